@@ -1,0 +1,52 @@
+"""A soft planar limb bent by shape-memory-alloy wires, as Drake systems."""
+
+from limb_systems.errors import LimbError
+from limb_systems.kinematics import (
+    BendAngle,
+    bend_angle,
+    bend_angle_from_tip_tangent,
+    joint_angles_from_bend_angle,
+    tip_position,
+)
+from limb_systems.limb import Limb, from_paper_state, split_state, to_paper_state
+from limb_systems.manipulator import add_manipulator, make_manipulator
+from limb_systems.parameters import (
+    LimbParameters,
+    SegmentParameters,
+    TemperatureLimits,
+    WireParameters,
+)
+from limb_systems.recording import Recording
+from limb_systems.simulation import simulate
+from limb_systems.thermal import InverseThermocoupleLag, JouleHeating, ThermocoupleLag
+from limb_systems.torque_map import TorqueMap, torque_matrix
+from limb_systems.trajectory import ActiveConstraint, PlanCheck, Trajectory
+
+__all__ = [
+    "ActiveConstraint",
+    "BendAngle",
+    "InverseThermocoupleLag",
+    "JouleHeating",
+    "Limb",
+    "LimbError",
+    "LimbParameters",
+    "PlanCheck",
+    "Recording",
+    "SegmentParameters",
+    "TemperatureLimits",
+    "ThermocoupleLag",
+    "TorqueMap",
+    "Trajectory",
+    "WireParameters",
+    "add_manipulator",
+    "bend_angle",
+    "bend_angle_from_tip_tangent",
+    "from_paper_state",
+    "joint_angles_from_bend_angle",
+    "make_manipulator",
+    "simulate",
+    "split_state",
+    "tip_position",
+    "to_paper_state",
+    "torque_matrix",
+]

@@ -1,0 +1,193 @@
+"""The file format that recordings and trajectories share.
+
+A file is a CSV table between a header and an end line, all of it text that
+spreadsheets and `numpy.loadtxt` read (comments start with ``#``):
+
+    # limb recording, format 1
+    # sample_rate_hz: 20.0
+    # ... more YAML, in comments ...
+    time_s,duty_left,duty_right,...
+    0.0,0.0,0.25,...
+    # end, 1 rows, sha256 1b4f0e98...
+
+The end line makes truncation visible at every byte, its digest any other
+change. Numbers are written so that they read back as the same doubles; angles
+are in degrees in the file and in radians in memory.
+"""
+
+import decimal
+import hashlib
+import os
+import re
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from limb_systems.errors import LimbError
+
+FORMAT_VERSION = 1
+_DECIMAL = decimal.Context(prec=40)
+_RADIAN = _DECIMAL.divide(
+    decimal.Decimal(180), decimal.Decimal("3.141592653589793238462643383279502884197169")
+)
+
+
+class FileFormatError(LimbError):
+    """A recording or trajectory file is damaged, foreign or of another version."""
+
+
+def write_atomically(path: str | Path, text: str) -> None:
+    """Writes a text file whole or not at all, also if the process dies."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def write_table(
+    path: str | Path, kind: str, header: str, columns: Mapping[str, np.ndarray]
+) -> None:
+    """Writes a table; see the module's docstring.
+
+    Args:
+        kind: "recording" or "trajectory".
+        header: YAML text that describes the table.
+        columns: name to values (K,). Names ending in ``_deg`` or ``_deg_s``
+            are converted from rad or rad/s.
+
+    Raises:
+        FileFormatError: if a value is not finite or time is not increasing.
+    """
+    _check_values(columns, [f"sample {index}" for index in range(len(columns["time_s"]))])
+    texts = [
+        map(_format_degrees if _is_angle(name) else repr, values.tolist())
+        for name, values in columns.items()
+    ]
+    rows = [",".join(row) for row in zip(*texts, strict=True)]
+    lines = [f"# limb {kind}, format {FORMAT_VERSION}"]
+    lines += [f"# {line}" for line in header.splitlines()]
+    lines += [",".join(columns), *rows]
+    body = "\n".join(lines) + "\n"
+    digest = hashlib.sha256(body.encode()).hexdigest()
+    write_atomically(path, f"{body}# end, {len(rows)} rows, sha256 {digest}\n")
+
+
+def read_table(path: str | Path, kind: str) -> tuple[str, dict[str, np.ndarray]]:
+    """Reads what `write_table` wrote.
+
+    Returns:
+        The header's YAML text, and the columns (K,) by name, angles in rad.
+
+    Raises:
+        FileFormatError: one sentence that says what is wrong and where.
+    """
+    try:
+        return _parse_table(Path(path).read_bytes(), kind)
+    except OSError as error:
+        raise FileFormatError(f"Cannot read the {kind}: {error}.") from error
+    except FileFormatError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+
+
+def _parse_table(data: bytes, kind: str) -> tuple[str, dict[str, np.ndarray]]:
+    try:
+        lines = data.decode("utf-8").split("\n")
+    except UnicodeDecodeError as error:
+        raise FileFormatError(f"byte {error.start} is not text; the file is damaged.") from error
+    first = re.fullmatch(r"# limb (\w+), format (\d+)", lines[0])
+    if not first or first[1] != kind:
+        raise FileFormatError(
+            f"this is not a limb {kind}: its first line is not "
+            f"'# limb {kind}, format {FORMAT_VERSION}'."
+        )
+    if int(first[2]) != FORMAT_VERSION:
+        raise FileFormatError(
+            f"this {kind} has format {first[2]}, but this program reads format {FORMAT_VERSION}."
+        )
+    end = (
+        re.fullmatch(r"# end, (\d+) rows, sha256 ([0-9a-f]{64})", lines[-2])
+        if (len(lines) > 2)
+        else None
+    )
+    if not end or lines[-1]:
+        raise FileFormatError(
+            f"the end line is missing after line {len(lines)}; the file is truncated."
+        )
+    header_size = next(i for i, line in enumerate(lines[1:], 1) if not line.startswith("# "))
+    columns = _parse_rows(lines[header_size:-2], header_size + 1)
+    num_rows = len(next(iter(columns.values())))
+    if num_rows != int(end[1]):
+        raise FileFormatError(f"there are {num_rows} rows, but the end line counts {end[1]}.")
+    body = data[: data.rindex(b"# end")]
+    if hashlib.sha256(body).hexdigest() != end[2]:
+        raise FileFormatError(
+            "the content does not match the checksum in the end line; "
+            "the file was changed or damaged after it was written."
+        )
+    header = "\n".join(line.removeprefix("# ") for line in lines[1:header_size])
+    return header, columns
+
+
+def _parse_rows(lines: list[str], first_line: int) -> dict[str, np.ndarray]:
+    """Parses the line of names and the rows below it; errors name the line."""
+    names = lines[0].split(",")
+    if len(set(names)) != len(names) or "time_s" not in names:
+        raise FileFormatError(f"line {first_line} is not a list of column names with time_s.")
+    parsers = [_parse_degrees if _is_angle(name) else float for name in names]
+    rows = []
+    for number, line in enumerate(lines[1:], first_line + 1):
+        cells = line.split(",")
+        if len(cells) != len(names):
+            raise FileFormatError(
+                f"line {number} has {len(cells)} values, but there are {len(names)} columns."
+            )
+        try:
+            rows.append([parse(cell) for parse, cell in zip(parsers, cells, strict=True)])
+        except (ValueError, decimal.InvalidOperation) as error:
+            raise FileFormatError(f"line {number} holds something that is no number.") from error
+    table = np.array(rows, float).reshape(len(rows), len(names)).T
+    columns = dict(zip(names, np.ascontiguousarray(table), strict=True))
+    _check_values(columns, [f"line {first_line + 1 + index}" for index in range(len(rows))])
+    return columns
+
+
+def _check_values(columns: Mapping[str, np.ndarray], where: list[str]) -> None:
+    for name, values in columns.items():
+        if not np.isfinite(values).all():
+            index = int(np.argmin(np.isfinite(values)))
+            raise FileFormatError(f"{name} is {values[index]} at {where[index]}.")
+    steps = np.diff(columns["time_s"])
+    if (steps <= 0).any():
+        index = int(np.argmax(steps <= 0))
+        before, after = columns["time_s"][index : index + 2]
+        raise FileFormatError(
+            f"time goes from {before:g} s to {after:g} s at {where[index + 1]}; it must increase."
+        )
+
+
+def _is_angle(name: str) -> bool:
+    return name.endswith(("_deg", "_deg_s"))
+
+
+def _format_degrees(radians: float) -> str:
+    """Degrees, as short as they can be to come back as the same double."""
+    if radians == 0:
+        return repr(radians)
+    degrees = _DECIMAL.multiply(decimal.Decimal(radians), _RADIAN)
+    text = f"{degrees:.17g}"
+    return text if _parse_degrees(text) == radians else f"{degrees:.21g}"
+
+
+def _parse_degrees(text: str) -> float:
+    return float(_DECIMAL.divide(decimal.Decimal(text), _RADIAN))

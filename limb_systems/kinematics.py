@@ -1,0 +1,121 @@
+"""Forward kinematics of the planar chain and the conversions of eqns (8), (11).
+
+Angles are in rad. E1 is the axis of the straight limb, E2 the lateral axis.
+A bend angle is that of the chord from a segment's base to its tip, in the
+frame of its base: φ = atan2(t·E2, t·E1).
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from limb_systems.parameters import LimbParameters
+
+
+def tip_position(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarray:
+    """Position of the limb's tip in (E1, E2), m.
+
+    Args:
+        joint_angles: θ, (joints,) or (joints, K).
+
+    Returns:
+        (2,) or (2, K).
+    """
+    lengths = [
+        segment.length / segment.links
+        for segment in parameters.segments
+        for _ in range(segment.links)
+    ]
+    link_angles = np.cumsum(np.asarray(joint_angles, float), axis=0)
+    return np.array([lengths @ np.cos(link_angles), lengths @ np.sin(link_angles)])
+
+
+def bend_angle(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarray:
+    """Bend angle φ of each segment in the frame of its own base.
+
+    Args:
+        joint_angles: θ, (joints,) or (joints, K).
+
+    Returns:
+        (segments,) or (segments, K), in (-π, π]; of AutoDiffXd or Expression
+        if the joint angles are.
+    """
+    return _chord_angle(_chord_matrices(parameters), np.asarray(joint_angles))
+
+
+def _chord_matrices(parameters: LimbParameters) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices that add joints up to link angles and links up to chords.
+
+    Returns:
+        (joints, joints): θ to link angles in the frame of the segment's base.
+        (segments, joints): directions of the links to that of the chord.
+    """
+    num_joints = parameters.num_joints
+    to_links = np.zeros((num_joints, num_joints))
+    to_chords = np.zeros((len(parameters.segments), num_joints))
+    for index, joints in enumerate(parameters.joint_slices):
+        to_links[joints, joints] = np.tri(joints.stop - joints.start)
+        to_chords[index, joints] = 1.0
+    return to_links, to_chords
+
+
+def _chord_angle(matrices, joint_angles: np.ndarray) -> np.ndarray:
+    to_links, to_chords = matrices
+    links = to_links @ joint_angles
+    return np.arctan2(to_chords @ np.sin(links), to_chords @ np.cos(links))
+
+
+def bend_angle_from_tip_tangent(tip_tangent: ArrayLike) -> np.ndarray:
+    """φ = α/2 for the sensor's tip tangent angle α, constant curvature (8)."""
+    return np.asarray(tip_tangent, float) / 2
+
+
+def joint_angles_from_bend_angle(parameters: LimbParameters, bend_angle: ArrayLike) -> np.ndarray:
+    """θ_i = 2 φ / (n + 1) for every joint of a segment, eqn (11).
+
+    The links of a segment are equally long, so this is exact for equal joint
+    angles: the chord of n unit vectors at θ, 2θ, ... nθ points to (n+1)/2 θ.
+
+    Args:
+        bend_angle: φ, (segments,) or (segments, K).
+
+    Returns:
+        (joints,) or (joints, K).
+    """
+    bend_angle = np.asarray(bend_angle, float)
+    links = [segment.links for segment in parameters.segments]
+    per_joint = [2 * angle / (n + 1) for angle, n in zip(bend_angle, links, strict=True)]
+    return np.repeat(per_joint, links, axis=0)
+
+
+@TemplateSystem.define("BendAngle_")
+def BendAngle_(T):  # noqa: N802 (Drake's name for a template)
+    """`BendAngle` for the scalar type T: float, AutoDiffXd or Expression."""
+
+    class Impl(LeafSystem_[T]):
+        """The bend angle of each segment, φ = atan2(t·E2, t·E1) (Sec. VI).
+
+        - input 0 ``joint_state``: [θ, θ̇] (2 * joints), rad and rad/s
+        - output 0 ``bend_angle``: φ (segments), rad
+        """
+
+        def _construct(self, parameters: LimbParameters, converter=None):
+            LeafSystem_[T].__init__(self, converter=converter)
+            self._parameters = parameters
+            self._chord_matrices = _chord_matrices(parameters)
+            self.set_name("bend_angle")
+            self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
+            self.DeclareVectorOutputPort("bend_angle", len(parameters.segments), self._calc)
+
+        def _construct_copy(self, other, converter=None):
+            Impl._construct(self, other._parameters, converter=converter)
+
+        def _calc(self, context, output):
+            joint_angles = self.get_input_port().Eval(context)[: self._parameters.num_joints]
+            output.SetFromVector(_chord_angle(self._chord_matrices, joint_angles))
+
+    return Impl
+
+
+BendAngle = BendAngle_[None]

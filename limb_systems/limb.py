@@ -1,0 +1,115 @@
+"""The whole limb, Fig. 3, as one Drake diagram."""
+
+import copy
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from limb_systems.kinematics import BendAngle
+from limb_systems.manipulator import make_manipulator
+from limb_systems.parameters import LimbParameters
+from limb_systems.thermal import JouleHeating, ThermocoupleLag
+from limb_systems.torque_map import TorqueMap
+
+
+class Limb(Diagram):
+    """The model of Fig. 3: duty in, measured temperature and bend angle out.
+
+              ┌──────────────┐    ┌───────────┐    ┌─────────────┐
+      duty ──▶│ JouleHeating ├─┬─▶│ TorqueMap ├───▶│ manipulator ├─┬──▶ joint_state
+              │     (6)      │ │  │    (4)    │    │   (1)-(2)   │ │
+              └──────────────┘ │  └───────────┘    └─────────────┘ │  ┌───────────┐
+                               ├──▶ wire_temperature               └─▶│ BendAngle ├──▶ bend_angle
+                               │  ┌─────────────────┐                 └───────────┘
+                               └─▶│ ThermocoupleLag ├──▶ measured_temperature
+                                  │       (7)       │
+                                  └─────────────────┘
+
+    For a limb of S segments, n joints in all and W = 2 S wires:
+
+    - input 0 ``duty``: D (W), in [0, 1]
+    - output 0 ``measured_temperature``: V (W), °C
+    - output 1 ``bend_angle``: φ (S), rad
+    - output 2 ``wire_temperature``: T (W), °C
+    - output 3 ``joint_state``: [θ, θ̇] (2n), rad and rad/s
+    - state, all continuous: [θ (n), θ̇ (n), T (W), V (W)], in rad, rad/s, °C
+      and °C; by default at rest, straight, at ambient temperature
+
+    Duty is not clipped here: what a plan or a controller asks for outside
+    [0, 1] is its mistake, and robots refuse it. The diagram converts to
+    AutoDiffXd and symbolic::Expression.
+    """
+
+    def __init__(self, parameters: LimbParameters | None = None):
+        """Args:
+            parameters: the nominal limb if None. The limb keeps a copy, its
+                attribute ``parameters``.
+
+        Raises:
+            ParameterError: if a parameter is out of its range.
+        """
+        super().__init__()
+        self.parameters = copy.deepcopy(parameters) if parameters else LimbParameters()
+        self.source = "model"
+        parameters = self.parameters
+        parameters.validate()
+        builder = DiagramBuilder()
+        manipulator = builder.AddSystem(make_manipulator(parameters))
+        heating = builder.AddSystem(JouleHeating(parameters))
+        lag = builder.AddSystem(ThermocoupleLag(parameters))
+        torque_map = builder.AddSystem(TorqueMap(parameters))
+        bend_angle = builder.AddSystem(BendAngle(parameters))
+        joint_state = manipulator.get_state_output_port()
+
+        builder.Connect(heating.get_output_port(), torque_map.get_input_port())
+        builder.Connect(heating.get_output_port(), lag.get_input_port())
+        builder.Connect(
+            torque_map.get_output_port(), manipulator.get_applied_generalized_force_input_port()
+        )
+        builder.Connect(joint_state, bend_angle.get_input_port())
+
+        builder.ExportInput(heating.get_input_port(), "duty")
+        builder.ExportOutput(lag.get_output_port(), "measured_temperature")
+        builder.ExportOutput(bend_angle.get_output_port(), "bend_angle")
+        builder.ExportOutput(heating.get_output_port(), "wire_temperature")
+        builder.ExportOutput(joint_state, "joint_state")
+        builder.BuildInto(self)
+        self.set_name("limb")
+
+
+def to_paper_state(parameters: LimbParameters, state: ArrayLike) -> np.ndarray:
+    """The paper's x = [θ, V, θ̇, V̇], eqn (14), from a state of `Limb`.
+
+    Args:
+        state: [θ, θ̇, T, V], (2n + 2W,) or (2n + 2W, K).
+
+    Returns:
+        same shape, in rad, °C, rad/s and °C/s.
+    """
+    angles, rates, wire, measured = split_state(parameters, state)
+    measured_rate = _a3(parameters, measured) * (measured - wire)
+    return np.concatenate([angles, measured, rates, measured_rate])
+
+
+def from_paper_state(parameters: LimbParameters, paper_state: ArrayLike) -> np.ndarray:
+    """The inverse of `to_paper_state`: T = V - V̇/a3, eqn (7) rearranged."""
+    n, num_wires = parameters.num_joints, len(parameters.wires)
+    angles, measured, rates, measured_rate = np.split(
+        np.asarray(paper_state, float), np.cumsum([n, num_wires, n])
+    )
+    wire = measured - measured_rate / _a3(parameters, measured)
+    return np.concatenate([angles, rates, wire, measured])
+
+
+def split_state(
+    parameters: LimbParameters, state: ArrayLike
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """θ (n), θ̇ (n), T (W) and V (W) of a state of `Limb`, each (.., K)."""
+    n, num_wires = parameters.num_joints, len(parameters.wires)
+    return tuple(np.split(np.asarray(state, float), np.cumsum([n, n, num_wires])))
+
+
+def _a3(parameters: LimbParameters, like: np.ndarray) -> np.ndarray:
+    a3 = np.array([wire.a3 for wire in parameters.wires])
+    return a3.reshape(-1, *[1] * (like.ndim - 1))

@@ -1,0 +1,43 @@
+"""The rigid manipulator of eqns (1)-(2) as a MultibodyPlant, and its statics."""
+
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteSpring
+
+from limb_systems.parameters import LimbParameters
+from urdf import limb_urdf
+
+
+def add_manipulator(plant: MultibodyPlant, parameters: LimbParameters) -> None:
+    """Parses the limb's URDF into a plant, clamps its base and adds the springs.
+
+    The plant is left unfinalized, so that bodies can be added to it. Joints
+    are named ``joint_1`` ... from the base to the tip, torsional springs have
+    their set point at the straight limb, and gravity is the parameters'.
+    The torques f(T) of eqn (2) enter at ``applied_generalized_force``.
+
+    Args:
+        plant: not finalized; with a SceneGraph if it shall be seen.
+        parameters: geometry, mass, stiffness and damping of the limb.
+    """
+    parameters.validate()
+    Parser(plant).AddModelsFromString(limb_urdf(parameters.segments), "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    for segment, joints in zip(parameters.segments, parameters.joint_slices, strict=True):
+        for index in range(joints.start, joints.stop):
+            joint = plant.GetJointByName(f"joint_{index + 1}")
+            plant.AddForceElement(RevoluteSpring(joint, 0.0, segment.stiffness))
+    plant.mutable_gravity_field().set_gravity_vector(parameters.gravity)
+
+
+def make_manipulator(parameters: LimbParameters) -> MultibodyPlant:
+    """The finalized continuous-time plant of eqns (1)-(2).
+
+    State [θ (n), θ̇ (n)] in rad and rad/s; input ``applied_generalized_force``
+    (n) in N·m.
+    """
+    plant = MultibodyPlant(time_step=0.0)
+    add_manipulator(plant, parameters)
+    plant.Finalize()
+    plant.set_name("manipulator")
+    return plant

@@ -1,0 +1,49 @@
+"""A line on the terminal for work that takes longer than a moment."""
+
+import sys
+import time
+
+
+class Progress:
+    """Shows how far a long task has come, on stderr, and then clears it.
+
+    Nothing is shown for work that ends within a second. On a terminal one
+    line is kept up to date; elsewhere a line is added every ten seconds.
+
+    Use as a context manager::
+
+        with Progress("simulating", 60.0, "s") as progress:
+            progress.update(12.5, "more to say")
+    """
+
+    def __init__(self, label: str, total: float | None, unit: str):
+        self._label, self._total, self._unit = label, total, unit
+        self._live = sys.stderr.isatty()
+        self._next = time.monotonic() + (1.0 if self._live else 10.0)
+        self._width = 0
+
+    def __enter__(self) -> "Progress":
+        return self
+
+    def __exit__(self, *_):
+        if self._width:
+            self._write("\r" + " " * self._width + "\r")
+
+    def update(self, done: float, remark: str = "") -> None:
+        """Tells how much of the total is done, in the unit of the total."""
+        now = time.monotonic()
+        if now < self._next:
+            return
+        self._next = now + (0.1 if self._live else 10.0)
+        of_total = f" of {self._total:g}" if self._total is not None else ""
+        line = f"{self._label}: {done:.4g}{of_total} {self._unit} {remark}".rstrip()
+        if self._live:
+            self._write("\r" + line.ljust(self._width))
+            self._width = len(line)
+        else:
+            self._write(line + "\n")
+
+    @staticmethod
+    def _write(text: str) -> None:
+        sys.stderr.write(text)
+        sys.stderr.flush()

@@ -1,0 +1,78 @@
+"""YAML into typed dataclasses, with errors that say which field and why."""
+
+import dataclasses
+import types
+import typing
+
+import yaml
+from pydrake.common.yaml import yaml_load_typed
+
+from limb_systems.errors import LimbError
+
+
+class SchemaError(LimbError):
+    """A YAML document does not have the fields it should have."""
+
+
+def load_typed(schema, text: str):
+    """Reads YAML text into a dataclass; every field must be there, none unknown.
+
+    `yaml_load_typed` refuses the same documents without saying where the
+    trouble is, so the structure is compared first.
+
+    Raises:
+        SchemaError: with one sentence naming the field.
+    """
+    try:
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise SchemaError(f"not valid YAML: {' '.join(str(error).split())}.") from error
+    _check_structure(data, schema, "")
+    return yaml_load_typed(schema=schema, data=text, allow_schema_with_no_yaml=False)
+
+
+def _check_structure(data, schema, path: str) -> None:
+    where = path or "the document"
+    if isinstance(schema, types.UnionType):  # the only unions in use are `X | None`
+        if data is not None:
+            _check_structure(data, typing.get_args(schema)[0], path)
+    elif typing.get_origin(schema) is list:
+        if not isinstance(data, list):
+            raise SchemaError(f"{where} must be a list, but is {data!r}.")
+        for index, item in enumerate(data):
+            _check_structure(item, typing.get_args(schema)[0], f"{path}[{index}]")
+    elif dataclasses.is_dataclass(schema):
+        _check_fields(data, schema, path, where)
+    elif schema is str:
+        if not isinstance(data, str):
+            raise SchemaError(f"{path} is {data!r}; it must be text.")
+    elif not _is_number(data, whole=schema is int):
+        kind = "a whole number" if schema is int else "a number"
+        raise SchemaError(f"{path} is {data!r}; it must be {kind}.")
+
+
+def _check_fields(data, schema, path: str, where: str) -> None:
+    fields = dataclasses.fields(schema)
+    names = [field.name for field in fields]
+    if not isinstance(data, dict):
+        raise SchemaError(f"{where} must have the fields {', '.join(names)}, but is {data!r}.")
+    prefix = f"{path}." if path else ""
+    for key in data:
+        if key not in names:
+            raise SchemaError(
+                f"{prefix}{key} is not a known field; {where} has the fields {', '.join(names)}."
+            )
+    for field in fields:
+        if field.name not in data:
+            raise SchemaError(f"{prefix}{field.name} is missing.")
+        _check_structure(data[field.name], field.type, f"{prefix}{field.name}")
+
+
+def _is_number(data, *, whole: bool) -> bool:
+    if isinstance(data, bool):
+        return False
+    try:
+        number = float(data)  # PyYAML reads 1e-3, without a dot, as text
+    except (TypeError, ValueError):
+        return False
+    return not whole or number.is_integer()

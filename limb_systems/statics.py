@@ -1,0 +1,55 @@
+"""Static equilibria of the limb: K θ = f(T) + gravity, eqn (2) at rest."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.multibody.plant import MultibodyPlant_
+from pydrake.multibody.tree import MultibodyForces_
+
+from limb_systems.errors import LimbError
+from limb_systems.manipulator import make_manipulator
+from limb_systems.parameters import LimbParameters
+from limb_systems.torque_map import torque_matrix
+
+
+def static_equilibrium(
+    parameters: LimbParameters, wire_temperature: ArrayLike | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Joint angles at rest, and how they give way to generalized forces.
+
+    Args:
+        wire_temperature: T (W,), °C; ambient if None.
+
+    Returns:
+        θ (n,), rad, and the compliance ∂θ/∂f (n, n), rad/(N·m).
+
+    Raises:
+        LimbError: if Newton's method finds no equilibrium, as for a limb that
+            gravity folds.
+    """
+    ambient = np.full(len(parameters.wires), parameters.ambient_temperature)
+    excess = (ambient if wire_temperature is None else np.asarray(wire_temperature)) - ambient
+    force = torque_matrix(parameters) @ excess
+    plant = make_manipulator(parameters).ToAutoDiffXd()
+    angles = np.zeros(parameters.num_joints)
+    for _ in range(50):
+        load, stiffness = _spring_and_gravity(plant, angles)
+        step = np.linalg.solve(stiffness, force - load)
+        # A step of one radian per joint at the most keeps within one fold.
+        angles = angles + step / max(1.0, np.abs(step).max())
+        if np.abs(step).max() < 1e-12:
+            return angles, np.linalg.inv(stiffness)
+    raise LimbError("The limb has no static equilibrium near the straight one; is it too soft?")
+
+
+def _spring_and_gravity(
+    plant: MultibodyPlant_[AutoDiffXd], angles: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The generalized force that holds the limb at rest (n,), and its Jacobian."""
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, InitializeAutoDiff(angles)[:, 0])
+    forces = MultibodyForces_[AutoDiffXd](plant)
+    plant.CalcForceElementsContribution(context, forces)
+    no_acceleration = np.full(len(angles), AutoDiffXd(0.0))
+    load = plant.CalcInverseDynamics(context, no_acceleration, forces)
+    return ExtractValue(load)[:, 0], ExtractGradient(load)

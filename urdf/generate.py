@@ -1,0 +1,103 @@
+"""Writes the URDF of a planar limb; ``python -m urdf.generate`` prints the default one."""
+
+import xml.etree.ElementTree as ElementTree
+
+WIRE_RADIUS = 0.0012  # m, what a coil looks like; it has no mass of its own
+SILICONE_COLOR = "0.82 0.84 0.88 1"
+WIRE_COLOR = "0.45 0.45 0.5 1"
+BRACKET_COLOR = "0.25 0.27 0.3 1"
+PI_2 = 1.5707963267948966
+
+
+def limb_urdf(segments, name: str = "limb") -> str:
+    """URDF text of a serial chain of box-shaped links in the plane E1-E2.
+
+    The base frame has E1 = +x, the axis of the straight limb, and E2 = +y.
+    Joint ``joint_i`` turns about +z, so that positive angles bend towards
+    +E2. Link ``link_i`` reaches from its joint along its own +x. Wires are
+    visuals named ``wire_left`` (-E2 side) and ``wire_right`` (+E2 side): a
+    wire that contracts bends the limb towards its own side. URDF has no
+    joint springs; the manipulator adds them.
+
+    Args:
+        segments: objects with the fields of `limb_systems.SegmentParameters`
+            (links, length, mass, width, thickness, damping), base first.
+        name: name of the model.
+    """
+    robot = ElementTree.Element("robot", name=name)
+    base = ElementTree.SubElement(robot, "link", name="base")
+    first = segments[0]
+    bracket = (0.4 * first.thickness, 1.6 * first.thickness, 1.2 * first.width)
+    _box(base, "bracket", bracket, (-0.5 * bracket[0], 0.0), BRACKET_COLOR)
+
+    parent, origin = "base", 0.0
+    number = 0
+    for segment in segments:
+        link_length = segment.length / segment.links
+        for _ in range(segment.links):
+            number += 1
+            link = ElementTree.SubElement(robot, "link", name=f"link_{number}")
+            _inertial(link, segment.mass / segment.links, link_length, segment)
+            _link_visuals(link, link_length, segment)
+            joint = ElementTree.SubElement(
+                robot, "joint", name=f"joint_{number}", type="continuous"
+            )
+            ElementTree.SubElement(joint, "parent", link=parent)
+            ElementTree.SubElement(joint, "child", link=f"link_{number}")
+            ElementTree.SubElement(joint, "origin", xyz=_text(origin, 0.0, 0.0))
+            ElementTree.SubElement(joint, "axis", xyz="0 0 1")
+            ElementTree.SubElement(joint, "dynamics", damping=_text(segment.damping))
+            parent, origin = f"link_{number}", link_length
+    ElementTree.indent(robot)
+    return f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
+
+
+def _inertial(link, mass: float, length: float, segment) -> None:
+    """A homogeneous box: its mass, centre and moments of inertia."""
+    inertial = ElementTree.SubElement(link, "inertial")
+    ElementTree.SubElement(inertial, "origin", xyz=_text(0.5 * length, 0.0, 0.0))
+    ElementTree.SubElement(inertial, "mass", value=_text(mass))
+    x2, y2, z2 = length**2, segment.thickness**2, segment.width**2
+    ElementTree.SubElement(
+        inertial,
+        "inertia",
+        ixx=_text(mass * (y2 + z2) / 12),
+        iyy=_text(mass * (x2 + z2) / 12),
+        izz=_text(mass * (x2 + y2) / 12),
+        ixy="0",
+        ixz="0",
+        iyz="0",
+    )
+
+
+def _link_visuals(link, length: float, segment) -> None:
+    box = (length, segment.thickness, segment.width)
+    _box(link, "silicone", box, (0.5 * length, 0.0), SILICONE_COLOR)
+    for side, sign in (("left", -1.0), ("right", 1.0)):
+        visual = ElementTree.SubElement(link, "visual", name=f"wire_{side}")
+        offset = sign * 0.5 * segment.thickness
+        ElementTree.SubElement(
+            visual, "origin", xyz=_text(0.5 * length, offset, 0.0), rpy=_text(0.0, PI_2, 0.0)
+        )
+        geometry = ElementTree.SubElement(visual, "geometry")
+        ElementTree.SubElement(
+            geometry, "cylinder", radius=_text(WIRE_RADIUS), length=_text(length)
+        )
+        _material(visual, f"wire_{side}", WIRE_COLOR)
+
+
+def _box(link, name: str, size, center, color: str) -> None:
+    visual = ElementTree.SubElement(link, "visual", name=name)
+    ElementTree.SubElement(visual, "origin", xyz=_text(center[0], center[1], 0.0))
+    geometry = ElementTree.SubElement(visual, "geometry")
+    ElementTree.SubElement(geometry, "box", size=_text(*size))
+    _material(visual, name, color)
+
+
+def _material(visual, name: str, color: str) -> None:
+    material = ElementTree.SubElement(visual, "material", name=name)
+    ElementTree.SubElement(material, "color", rgba=color)
+
+
+def _text(*numbers: float) -> str:
+    return " ".join(repr(float(number)) for number in numbers)
