@@ -1,0 +1,62 @@
+"""Reference bend angles: what the limb should do, feasible or not.
+
+A reference is a Drake trajectory of φ_ref in rad, a row for each segment,
+that starts at time zero. Any `pydrake.trajectories.Trajectory` will do; the
+functions here make the usual ones.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.trajectories import PiecewisePolynomial
+
+from limb_systems import LimbError, Recording
+
+
+def from_samples(times: ArrayLike, bend_angles: ArrayLike) -> PiecewisePolynomial:
+    """A reference through samples, linear between them.
+
+    Args:
+        times: (K,), s, increasing; shifted so that the first is zero.
+        bend_angles: φ_ref (K,) or (S, K), rad.
+
+    Raises:
+        LimbError: if shapes disagree or a value is not finite.
+    """
+    times = np.asarray(times, float)
+    angles = np.atleast_2d(np.asarray(bend_angles, float))
+    if times.ndim != 1 or angles.shape[1:] != times.shape or len(times) < 2:
+        raise LimbError(
+            f"A reference needs two samples or more and an angle for each time; "
+            f"there are times of shape {times.shape} and angles of shape {angles.shape}."
+        )
+    bad = ~np.isfinite(times) | ~np.isfinite(angles).all(axis=0)
+    if bad.any():
+        raise LimbError(f"The reference is not finite at its sample {int(np.argmax(bad))}.")
+    if (np.diff(times) <= 0).any():
+        index = int(np.argmax(np.diff(times) <= 0))
+        raise LimbError(
+            f"The reference goes from {times[index]:g} s to {times[index + 1]:g} s; "
+            "time must increase."
+        )
+    return PiecewisePolynomial.FirstOrderHold(times - times[0], angles)
+
+
+def from_recording(recording: Recording) -> PiecewisePolynomial:
+    """Teach and repeat: the bend angle of a recording as the reference."""
+    return from_samples(recording.time, recording.bend_angle)
+
+
+def step_and_decaying_sine() -> PiecewisePolynomial:
+    """The reference of the paper's Fig. 5: two steps and a decaying sinusoid, 60 s.
+
+    The paper gives no numbers; these are ours. The limb rests while the wires
+    warm up (20), steps to 25° at 22 s and to -20° at 30 s, and from 38 s swings
+    about zero with a period of 8 s and an amplitude that starts at 25° and
+    decays with a time constant of 10 s.
+    """
+    rate = 100.0  # samples per second that the curve is drawn with
+    times = np.arange(0.0, 60.0 + 0.5 / rate, 1 / rate)
+    swinging = times - 38.0
+    sine = 25.0 * np.exp(-swinging / 10.0) * np.sin(2 * np.pi * swinging / 8.0)
+    degrees = np.select([times < 22.0, times < 30.0, times < 38.0], [0.0, 25.0, -20.0], sine)
+    return from_samples(times, np.deg2rad(degrees))
