@@ -105,8 +105,13 @@ def BendAngle_(T):  # noqa: N802 (Drake's name for a template)
             self._parameters = parameters
             self._chord_matrices = _chord_matrices(parameters)
             self.set_name("bend_angle")
-            self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
-            self.DeclareVectorOutputPort("bend_angle", len(parameters.segments), self._calc)
+            joint_state = self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
+            self.DeclareVectorOutputPort(
+                "bend_angle",
+                len(parameters.segments),
+                self._calc,
+                {self.input_port_ticket(joint_state.get_index())},
+            )
 
         def _construct_copy(self, other, converter=None):
             Impl._construct(self, other._parameters, converter=converter)

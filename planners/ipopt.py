@@ -86,7 +86,7 @@ class Solution:
 
 
 class BindingBlock:
-    """Generic constraints of a program, evaluated by Drake's AutoDiff."""
+    """Constraints of a program, evaluated by Drake's AutoDiff."""
 
     def __init__(self, prog: MathematicalProgram, bindings: Sequence):
         self._bindings = [
@@ -122,19 +122,20 @@ def solve(
     nonlinear: ConstraintBlock | None = None,
     on_iteration: Callable[[int, float, float], None] | None = None,
 ) -> Solution:
-    """Solves a program of quadratic costs, bounds, linear and generic constraints.
+    """Solves a program of quadratic costs, bounds, linear and nonlinear constraints.
 
     Variables are scaled as `SetVariableScaling` of the program says.
 
     Args:
         initial_guess: for all decision variables.
-        nonlinear: evaluates all generic constraints of the program, up to
+        nonlinear: evaluates all nonlinear constraints of the program, up to
             their scaling; by default they evaluate themselves.
         on_iteration: is told the iteration, cost and constraint violation.
 
     Raises:
         ValueError: if the program has costs or constraints of other kinds.
     """
+    nonlinear_bindings = [*prog.generic_constraints(), *prog.quadratic_constraints()]
     num_supported = sum(
         len(bindings)
         for bindings in (
@@ -143,17 +144,17 @@ def solve(
             prog.bounding_box_constraints(),
             prog.linear_constraints(),
             prog.linear_equality_constraints(),
-            prog.generic_constraints(),
+            nonlinear_bindings,
         )
     )
     if num_supported != len(prog.GetAllCosts()) + len(prog.GetAllConstraints()):
         raise ValueError(
-            "This solver takes quadratic and linear costs, and bounds, linear and generic "
-            "constraints; the program has others."
+            "This solver takes quadratic and linear costs, and bounds, linear, quadratic and "
+            "generic constraints; the program has others."
         )
     cost = _QuadraticCost(prog)
     linear = [*prog.linear_constraints(), *prog.linear_equality_constraints()]
-    blocks = [nonlinear or BindingBlock(prog, prog.generic_constraints())]
+    blocks = [nonlinear or BindingBlock(prog, nonlinear_bindings)]
     blocks.append(BindingBlock(prog, linear))
 
     scale = np.ones(prog.num_vars())

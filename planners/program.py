@@ -1,5 +1,7 @@
 """The trajectory program, eqns (15)-(20), on Drake's DirectCollocation."""
 
+import warnings
+
 import numpy as np
 from pydrake.planning import DirectCollocation
 from pydrake.systems.analysis import BatchEvalTimeDerivatives
@@ -95,8 +97,15 @@ class TrajectoryProgram:
         manipulator = limb.GetSubsystemByName("manipulator")
         defects = LimbDefects(parameters, manipulator, num_knots, time_step)
         self._acceleration_to_angle = defects.acceleration_to_angle
-        agrees = defects.largest_disagreement(manipulator) < 1e-9
-        self.defects = DefectBlock(self, defects) if agrees else None
+        if defects.largest_disagreement(manipulator) < 1e-9:
+            self.defects = DefectBlock(self, defects)
+        else:
+            self.defects = None
+            warnings.warn(
+                "The limb's plant is not the planar chain of eqn (2) any more; planning with "
+                "Drake's own constraints, much slower than in closed form.",
+                stacklevel=2,
+            )
 
     def variables(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """All decision variables, from states (2n + 2W, N) and duty (W, N)."""

@@ -5,6 +5,9 @@ that starts at time zero. Any `pydrake.trajectories.Trajectory` will do; the
 functions here make the usual ones.
 """
 
+import warnings
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
@@ -44,6 +47,27 @@ def from_samples(times: ArrayLike, bend_angles: ArrayLike) -> PiecewisePolynomia
 def from_recording(recording: Recording) -> PiecewisePolynomial:
     """Teach and repeat: the bend angle of a recording as the reference."""
     return from_samples(recording.time, recording.bend_angle)
+
+
+def load(path: str | Path) -> PiecewisePolynomial:
+    """A reference from a CSV of numbers: time in s, then bend angles in degrees.
+
+    Lines that start with ``#`` are comments; there is a column of bend angles
+    for each segment.
+
+    Raises:
+        LimbError: if it cannot be read as such.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of an empty file, which is an error below
+            table = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise LimbError(f"Cannot read the reference {path}: {error}") from error
+    try:
+        return from_samples(table[:, 0], np.deg2rad(table[:, 1:].T))
+    except LimbError as error:
+        raise LimbError(f"{path}: {error}") from error
 
 
 def step_and_decaying_sine() -> PiecewisePolynomial:

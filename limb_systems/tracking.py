@@ -1,0 +1,45 @@
+"""How well a limb followed its plan: the numbers of Table I."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from limb_systems.errors import LimbError
+from limb_systems.recording import Recording
+from limb_systems.trajectory import Trajectory
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackingErrors:
+    """Statistics of |φ* - φ| over all samples of all rollouts, rad."""
+
+    mean: float
+    median: float
+    percentile_90: float
+
+
+def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> TrackingErrors:
+    """The tracking errors of Table I.
+
+    Args:
+        trajectory: the plan φ*.
+        recordings: of one or more rollouts; samples after the end of the
+            plan do not count.
+
+    Raises:
+        LimbError: if there is nothing to compare.
+    """
+    errors = []
+    for recording in recordings:
+        during = recording.time <= trajectory.duration
+        planned = trajectory.bend_angle_at(trajectory.time[0] + recording.time[during])
+        errors.append(np.abs(planned - recording.bend_angle[:, during]).ravel())
+    if not errors or not np.concatenate(errors).size:
+        raise LimbError("There are no recorded samples during the plan to compare it with.")
+    errors = np.concatenate(errors)
+    return TrackingErrors(
+        mean=float(errors.mean()),
+        median=float(np.median(errors)),
+        percentile_90=float(np.percentile(errors, 90)),
+    )

@@ -1,0 +1,74 @@
+"""``python -m planners``: plans a trajectory and writes it to a file."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from limb_systems import LimbError, LimbParameters, Recording
+from limb_systems.plots import plot_tracking, save_figure
+from planners import plan, references
+from planners.report import plan_summary
+
+
+def main(arguments: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m planners",
+        description="Plans the feasible trajectory of a limb that is nearest to a reference bend "
+        "angle, checks it by simulation, and writes it to a file that robots replay.",
+        epilog="exit status: 0 the plan was written, 1 there is no plan, 2 wrong usage",
+    )
+    parser.add_argument(
+        "reference",
+        help="'fig5' for the paper's two steps and decaying sinusoid; or a recording (teach and "
+        "repeat); or a CSV of numbers, time in s and bend angle in degrees, without a header",
+    )
+    parser.add_argument(
+        "-o", "--output", required=True, type=Path, help="trajectory file to write (.csv)"
+    )
+    parser.add_argument(
+        "-l", "--limb", type=Path, help="limb parameters (.yaml); the nominal limb if left out"
+    )
+    parser.add_argument("--plot", type=Path, help="picture of the plan to write (.png, .pdf, .svg)")
+    parser.add_argument(
+        "--knot-rate", type=float, default=10.0, help="knots per second (default %(default)g)"
+    )
+    parser.add_argument(
+        "--tolerance",
+        type=float,
+        default=0.1,
+        help="degrees that the plan may differ from its simulation (default %(default)g)",
+    )
+    options = parser.parse_args(arguments)
+    try:
+        parameters = LimbParameters.load(options.limb) if options.limb else LimbParameters()
+        trajectory = plan(
+            parameters,
+            _reference(options.reference),
+            knot_rate=options.knot_rate,
+            tolerance_deg=options.tolerance,
+        )
+        trajectory.save(options.output)
+        if options.plot:
+            save_figure(plot_tracking(trajectory), options.plot)
+    except (LimbError, OSError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("stopped; nothing was written", file=sys.stderr)
+        return 130
+    print(plan_summary(trajectory))
+    print(f"written     {options.output}" + (f", {options.plot}" if options.plot else ""))
+    return 0
+
+
+def _reference(name: str):
+    if name == "fig5":
+        return references.step_and_decaying_sine()
+    path = Path(name)
+    if path.is_file() and path.read_bytes().startswith(b"# limb recording"):
+        return references.from_recording(Recording.load(path))
+    return references.load(path)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

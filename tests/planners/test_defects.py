@@ -1,0 +1,144 @@
+"""Collocation in closed form against Drake's own constraints and dynamics."""
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.planning import DirectCollocationConstraint
+
+from limb_systems import Limb, LimbParameters, SegmentParameters, make_manipulator
+from planners.chain import PlanarChain
+from planners.defects import TEMPERATURE_SCALE, LimbDefects
+
+TIME_STEP = 5e-4  # s, short enough for the fixed point that closes the θ rows below
+
+
+def limbs():
+    soft_tip = SegmentParameters(links=1, length=0.05, mass=0.02, thickness=0.02, stiffness=0.05)
+    soft_tip.left.beta, soft_tip.right.a3 = 2e-4, -2.5
+    return {
+        "one link": LimbParameters(segments=[SegmentParameters(links=1)]),
+        "nominal": LimbParameters(),
+        "two segments": LimbParameters(segments=[SegmentParameters(links=3), soft_tip]),
+        "gravity": LimbParameters(gravity=[-4.0, -9.0, 1.0]),
+    }
+
+
+@pytest.fixture(params=limbs().items(), ids=lambda item: item[0])
+def parameters(request) -> LimbParameters:
+    return request.param[1]
+
+
+def random_interval(parameters, generator):
+    """Two knots and duties, and Drake's constraint for the interval between them."""
+    n, num_wires = parameters.num_joints, len(parameters.wires)
+    states = np.hstack(
+        [
+            generator.uniform(-1, 1, (2, n)),
+            generator.uniform(-5, 5, (2, n)),
+            generator.uniform(20, 100, (2, 2 * num_wires)),
+        ]
+    )
+    duty = generator.uniform(0, 1, (2, num_wires))
+    limb = Limb(parameters)
+    port = limb.GetInputPort("duty").get_index()
+    constraint = DirectCollocationConstraint(
+        limb, limb.CreateDefaultContext(), input_port_index=port
+    )
+    return states, duty, constraint
+
+
+def drake_variables(states, duty):
+    return np.r_[TIME_STEP, states[0], states[1], duty[0], duty[1]]
+
+
+def defects_for(parameters):
+    return LimbDefects(parameters, make_manipulator(parameters), 2, TIME_STEP)
+
+
+def unscaled(parameters, rows):
+    """Rows of LimbDefects (m, ...) in the units of Drake's constraint."""
+    n = parameters.num_joints
+    chain = PlanarChain(make_manipulator(parameters))
+    weight = np.linalg.inv(chain.straight_mass_matrix) @ np.diag(chain.stiffness)
+    return np.concatenate(
+        [
+            TIME_STEP / 8 * weight @ rows[:n],
+            weight @ rows[n : 2 * n],
+            rows[2 * n :] * TEMPERATURE_SCALE / TIME_STEP,
+        ]
+    )
+
+
+def close_angle_rows(parameters, states, duty, constraint):
+    """Moves θ1 until the θ rows of Drake's constraint vanish."""
+    n = parameters.num_joints
+    for _ in range(60):
+        residual = constraint.Eval(drake_variables(states, duty))[:n]
+        states[1, :n] -= residual * TIME_STEP / 1.5
+    assert np.abs(residual).max() < 1e-9
+    return states
+
+
+def test_angle_and_heat_rows_are_those_of_drake_at_any_point(parameters):
+    states, duty, constraint = random_interval(parameters, np.random.default_rng(1))
+    ours = unscaled(parameters, defects_for(parameters).evaluate(states, duty)[0])
+    theirs = constraint.Eval(drake_variables(states, duty))
+    n = parameters.num_joints
+    rows = np.r_[0:n, 2 * n : len(theirs)]
+    np.testing.assert_allclose(ours[rows], theirs[rows], rtol=1e-9, atol=1e-7)
+
+
+def test_rate_rows_are_those_of_drake_where_angle_rows_vanish(parameters):
+    states, duty, constraint = random_interval(parameters, np.random.default_rng(2))
+    states = close_angle_rows(parameters, states, duty, constraint)
+    ours = unscaled(parameters, defects_for(parameters).evaluate(states, duty)[0])
+    theirs = constraint.Eval(drake_variables(states, duty))
+    assert np.abs(theirs).max() > 1.0  # it is no feasible point
+    np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-5)
+
+
+def test_jacobian_differs_from_drake_by_multiples_of_the_angle_rows_only(parameters):
+    states, duty, constraint = random_interval(parameters, np.random.default_rng(3))
+    states = close_angle_rows(parameters, states, duty, constraint)
+    defects = defects_for(parameters)
+    ours = np.zeros((states.shape[1], 2 * states.shape[1] + 2 * duty.shape[1]))
+    ours[defects.rows, defects.columns] = defects.jacobian(states, duty)[0]
+    ours = unscaled(parameters, ours)
+    variables = drake_variables(states, duty)
+    theirs = ExtractGradient(constraint.Eval(InitializeAutoDiff(variables)[:, 0]))[:, 1:]
+
+    n = parameters.num_joints
+    same = np.r_[0:n, 2 * n : len(theirs)]
+    scale = np.abs(theirs).max()
+    np.testing.assert_allclose(ours[same], theirs[same], rtol=1e-8, atol=1e-9 * scale)
+    difference = ours[n : 2 * n] - theirs[n : 2 * n]
+    multiples = np.linalg.lstsq(theirs[:n].T, difference.T, rcond=None)[0]
+    np.testing.assert_allclose(multiples.T @ theirs[:n], difference, atol=1e-7 * scale)
+
+
+def test_accelerations_and_derivatives_are_the_plants(parameters):
+    plant = make_manipulator(parameters)
+    chain = PlanarChain(plant)
+    generator = np.random.default_rng(4)
+    n = parameters.num_joints
+    angles, rates, forces = (generator.uniform(-s, s, (1, n)) for s in (2.0, 20.0, 0.1))
+    ours = chain.derivatives(angles, rates, forces)
+
+    plant = plant.ToAutoDiffXd()
+    context = plant.CreateDefaultContext()
+    variables = InitializeAutoDiff(np.concatenate([angles[0], rates[0], forces[0]]))[:, 0]
+    plant.SetPositionsAndVelocities(context, variables[: 2 * n])
+    plant.get_applied_generalized_force_input_port().FixValue(context, variables[2 * n :])
+    accelerations = plant.EvalTimeDerivatives(context).CopyToVector()[n:]
+    theirs = np.split(ExtractGradient(accelerations), 3, axis=1)
+
+    np.testing.assert_allclose(ours[0][0], ExtractValue(accelerations)[:, 0], rtol=1e-9)
+    for our, their in zip(ours[1:], theirs, strict=True):
+        np.testing.assert_allclose(our[0], their, atol=1e-9 * np.abs(their).max())
+
+
+def test_a_plant_that_is_no_planar_chain_is_noticed():
+    parameters = LimbParameters()
+    chain = PlanarChain(make_manipulator(parameters))
+    parameters.segments[0].stiffness *= 1.001
+    assert chain.largest_disagreement(make_manipulator(parameters)) > 1e-6

@@ -1,0 +1,279 @@
+"""Plans against the paper's program (15)-(20), Drake's evaluators and simulation."""
+
+import numpy as np
+import pytest
+from pydrake.solvers import SnoptSolver
+from pydrake.trajectories import PiecewisePolynomial
+
+from limb_systems import (
+    Limb,
+    LimbError,
+    LimbParameters,
+    SegmentParameters,
+    joint_angles_from_bend_angle,
+    simulate,
+)
+from planners import InfeasibleError, PlanningError, ipopt, plan, planning, references
+from planners.defects import LimbDefects
+from planners.program import TrajectoryProgram
+
+
+def paper_cost(angles, duty, angles_ref):
+    """Eqn (15), term by term as the paper prints it; arrays are (size, N)."""
+    cost = 0.0
+    for k in range(angles.shape[1] - 1):
+        deviation = angles[:, k] - angles_ref[:, k]
+        cost += 0.5 * (deviation @ (100 * deviation) + duty[:, k] @ (2 * duty[:, k]))
+    deviation = angles[:, -1] - angles_ref[:, -1]
+    return cost + 0.5 * deviation @ (1000 * 100 * deviation)
+
+
+def cost_of(trajectory):
+    angles_ref = joint_angles_from_bend_angle(trajectory.parameters, trajectory.reference)
+    return paper_cost(trajectory.joint_angles, trajectory.duty, angles_ref)
+
+
+def short_reference(amplitude_deg=15.0, duration=6.0):
+    return references.from_samples(
+        [0.0, 1.0, 1.01, duration], np.deg2rad([0.0, 0.0, amplitude_deg, amplitude_deg])
+    )
+
+
+def cold_parameters(**changes):
+    """A limb without the warm-up (20), for short plans."""
+    parameters = LimbParameters(**changes)
+    parameters.temperature_limits.warm_up_time = 1000.0
+    return parameters
+
+
+def test_cost_is_eqn_15(fig5_plan):
+    assert fig5_plan.check.cost == pytest.approx(cost_of(fig5_plan), rel=1e-9)
+
+
+def test_starts_at_the_initial_state(fig5_plan):
+    np.testing.assert_array_equal(fig5_plan.state[:, 0], np.r_[np.zeros(10), np.full(4, 25.0)])
+
+
+def test_bounds_hold_at_every_knot(fig5_plan):
+    time, wire = fig5_plan.time, fig5_plan.wire_temperature
+    assert fig5_plan.duty.min() >= 0.0
+    assert fig5_plan.duty.max() <= 1.0
+    assert wire.max() <= 100.0 + 50 * 1e-6
+    assert wire[:, time > 20.0].min() >= 45.0 - 50 * 1e-6
+    assert wire[:, time <= 19.0].min() < 44.0  # (20) is a bound on the time after k_warm only
+
+
+def test_knots_are_those_asked_for(fig5_plan):
+    assert len(fig5_plan.time) == 601
+    np.testing.assert_allclose(fig5_plan.time, np.arange(601) / 10, atol=1e-12)
+
+
+def test_dynamics_hold_by_drakes_own_constraints(fig5_plan):
+    program = TrajectoryProgram(
+        fig5_plan.parameters, fig5_plan.time, fig5_plan.reference, fig5_plan.state[:, 0]
+    )
+    x = program.variables(fig5_plan.state, fig5_plan.duty)
+    prog = program.prog
+    defects = prog.EvalBindings(prog.generic_constraints(), x).reshape(600, 14)
+    plant = program.limb.GetSubsystemByName("manipulator")
+    straight = plant.CalcMassMatrix(plant.CreateDefaultContext())
+    stiffness, h = fig5_plan.parameters.segments[0].stiffness, 0.1
+    assert np.abs(defects[:, :5] * h).max() < 1e-6
+    assert np.abs(defects[:, 5:10] @ straight / stiffness).max() < 1e-6
+    assert np.abs(defects[:, 10:] * h / 50).max() < 1e-6
+    # Bounds, the initial state and the time steps, as Drake has them.
+    assert prog.CheckSatisfied(prog.bounding_box_constraints(), x, 1e-6)
+    # The record of the check is of the same size.
+    disturbed = x.copy()
+    disturbed[program.states[300, 0]] += 1e-3
+    assert program.largest_defect(x) == pytest.approx(fig5_plan.check.largest_defect, abs=1e-9)
+    assert program.largest_defect(disturbed) > 1e-4
+
+
+def test_an_accurate_simulation_of_the_duty_stays_within_a_tenth_of_a_degree(fig5_plan):
+    recording = simulate(Limb(), fig5_plan, sample_rate=50.0, accuracy=1e-6)
+    planned = fig5_plan.bend_angle_at(recording.time)
+    difference = np.rad2deg(np.abs(recording.bend_angle - planned)).max()
+    assert difference < 0.1
+    assert fig5_plan.check.largest_difference_deg < 0.1
+    at_knots = np.interp(recording.time, fig5_plan.time, fig5_plan.wire_temperature[1])
+    assert np.abs(recording.wire_temperature[1] - at_knots).max() < 0.2
+
+
+def test_cost_is_not_above_that_of_the_quasi_static_start(fig5_plan):
+    assert fig5_plan.check.cost <= fig5_plan.check.guess_cost
+
+
+def test_another_feasible_plan_costs_more(fig5_plan):
+    """Heat is linear in duty: blends of feasible duties obey (18)-(20) as well."""
+    quarter = references.from_samples(
+        fig5_plan.time, 0.25 * fig5_plan.reference
+    )  # feasible, but for another reference
+    other = plan(fig5_plan.parameters, quarter)
+    angles_ref = joint_angles_from_bend_angle(fig5_plan.parameters, fig5_plan.reference)
+    for blend in (0.02, 0.2):
+        duty = (1 - blend) * fig5_plan.duty + blend * other.duty
+        course = PiecewisePolynomial.FirstOrderHold(fig5_plan.time, duty)
+        rollout = simulate(Limb(), course, sample_rate=10.0, accuracy=1e-5)
+        assert rollout.wire_temperature[:, rollout.time > 20.0].min() > 45.0 - 0.01
+        cost = paper_cost(rollout.joint_state[:5], duty, angles_ref)
+        assert cost > fig5_plan.check.cost * (1 + 1e-4)
+
+
+def test_tighter_tolerances_find_the_same_cost(fig5_plan, monkeypatch):
+    monkeypatch.setitem(ipopt.OPTIONS, "tol", 1e-8)
+    tight = plan(fig5_plan.parameters, references.step_and_decaying_sine())
+    assert tight.check.cost == pytest.approx(fig5_plan.check.cost, rel=1e-6)
+
+
+def test_snopt_finds_the_same_optimum_of_the_same_program():
+    """From our start, without our evaluation, Hessian or scaling of rows."""
+    parameters = cold_parameters(segments=[SegmentParameters(links=1)])
+    trajectory = plan(parameters, short_reference(), knot_rate=10.0, tolerance_deg=1.0)
+    program = TrajectoryProgram(
+        parameters, trajectory.time, trajectory.reference, trajectory.state[:, 0]
+    )
+    guess = program.variables(trajectory.state, np.full_like(trajectory.duty, 0.1))
+    result = SnoptSolver().Solve(program.prog, guess, None)
+    assert result.is_success()
+    assert result.get_optimal_cost() == pytest.approx(trajectory.check.cost, rel=1e-5)
+
+
+def test_drakes_constraints_take_over_where_the_closed_form_disagrees(monkeypatch):
+    parameters = cold_parameters(segments=[SegmentParameters(links=1)])
+    usual = plan(parameters, short_reference(), tolerance_deg=1.0)
+    monkeypatch.setattr(LimbDefects, "largest_disagreement", lambda *_: 1.0)
+    with pytest.warns(UserWarning, match="closed form"):
+        fallback = plan(parameters, short_reference(), tolerance_deg=1.0)
+    assert fallback.check.cost == pytest.approx(usual.check.cost, rel=1e-5)
+
+
+@pytest.mark.parametrize("links", [2, 8])
+def test_limbs_of_other_lengths(links):
+    segment = SegmentParameters(links=links, stiffness=0.1246 * (links + 1) / 6)
+    trajectory = plan(cold_parameters(segments=[segment]), short_reference(), knot_rate=20.0)
+    assert np.rad2deg(trajectory.bend_angle[0, 60:]).mean() == pytest.approx(15.0, abs=3.0)
+
+
+def test_two_segments_follow_a_reference_each(two_segments):
+    two_segments.temperature_limits.warm_up_time = 1000.0
+    both = references.from_samples(
+        [0.0, 2.0, 6.0, 10.0], np.deg2rad([[0.0, 0.0, 10.0, 10.0], [0.0, 0.0, -6.0, -6.0]])
+    )
+    trajectory = plan(two_segments, both)
+    end = np.rad2deg(trajectory.bend_angle[:, -1])
+    np.testing.assert_allclose(end, [10.0, -6.0], atol=0.5)
+
+
+def test_gravity_is_planned_against():
+    """The limb starts where gravity holds it, and wires lift it from there."""
+    parameters = cold_parameters(gravity=[0.0, -9.81, 0.0])
+    level = references.from_samples([0.0, 1.0, 5.0, 12.0], np.deg2rad([-10.0, -10.0, 0.0, 0.0]))
+    trajectory = plan(parameters, level, knot_rate=20.0)
+    assert np.rad2deg(trajectory.bend_angle[0, 0]) == pytest.approx(-10.0, abs=0.2)
+    assert np.rad2deg(trajectory.bend_angle[0, -1]) == pytest.approx(0.0, abs=0.2)
+    assert trajectory.wire_temperature[1, -1] > trajectory.wire_temperature[0, -1] + 10
+
+
+def test_active_constraints_are_named_with_their_time(fig5_plan):
+    stretches = {(active.bound, active.start) for active in fig5_plan.check.active_constraints}
+    for active in fig5_plan.check.active_constraints:
+        assert active.start <= active.end
+    # Before the step to +25° at 22 s the right wire is heated at full duty.
+    assert any(bound == "duty right = 1" and 21 < start < 22 for bound, start in stretches)
+    assert any(bound == "wire left = T_warm" and 22 < start < 25 for bound, start in stretches)
+
+
+def hot_start():
+    return np.r_[np.zeros(10), [25.0, 130.0, 25.0, 25.0]]
+
+
+@pytest.mark.parametrize(
+    ("changes", "arguments", "message"),
+    [
+        ({"warm_up_time": 0.5}, {}, r"left wire cannot be at T_warm = 45 °C .* from 1\.0[45]"),
+        ({"a2": 1.0}, {}, r"right wire cannot .* it never gets above 39\.29 °C"),
+        ({}, {"initial_state": hot_start()}, r"right wire starts at 130 °C, above T_max = 100"),
+    ],
+)
+def test_unreachable_temperatures_are_named_before_ipopt_runs(
+    changes, arguments, message, monkeypatch
+):
+    monkeypatch.setattr(ipopt, "solve", lambda *_: pytest.fail("IPOPT ran"))
+    parameters = LimbParameters()
+    if "a2" in changes:
+        parameters.segments[0].right.a2 = changes["a2"]
+    else:
+        for name, value in changes.items():
+            setattr(parameters.temperature_limits, name, value)
+    with pytest.raises(InfeasibleError, match=message):
+        plan(parameters, references.step_and_decaying_sine(), **arguments)
+
+
+def test_the_named_time_is_the_one_from_which_it_works():
+    parameters = LimbParameters()
+    parameters.temperature_limits.warm_up_time = 0.5
+    reference = short_reference(5.0)
+    with pytest.raises(InfeasibleError, match=r"from 1\.0[45] s on"):
+        plan(parameters, reference)
+    parameters.temperature_limits.warm_up_time = 1.05
+    trajectory = plan(parameters, reference, tolerance_deg=2.0)
+    assert trajectory.wire_temperature[:, trajectory.time > 1.05].min() > 44.99
+
+
+@pytest.mark.parametrize(
+    ("reference", "arguments", "message"),
+    [
+        ([[0.0, np.nan]], {}, r"\[nan\]° at 0 s"),
+        ([[0.0, 4.0]], {}, r"from -180° to 180°"),
+        ([[0.0, 0.1], [0.0, 0.1]], {}, "2 x 1 angles; this limb has 1 segment"),
+        ([[0.0, 0.1]], {"knot_rate": 0.1}, "makes one knot"),
+        ([[0.0, 0.1]], {"knot_rate": -5.0}, "knot_rate is -5.0 Hz"),
+        ([[0.0, 0.1]], {"knot_rate": np.nan}, "knot_rate is nan Hz"),
+        ([[0.0, 0.1]], {"initial_state": [0.0]}, "initial_state must be 14 finite numbers"),
+    ],
+)
+def test_requests_that_make_no_sense_are_refused(reference, arguments, message):
+    course = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], reference)
+    with pytest.raises(PlanningError, match=message) as caught:
+        plan(LimbParameters(), course, **arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_reference_that_starts_late_is_refused():
+    late = PiecewisePolynomial.FirstOrderHold([1.0, 2.0], [[0.0, 0.1]])
+    with pytest.raises(PlanningError, match="must start at 0 s"):
+        plan(LimbParameters(), late)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda p: setattr(p.segments[0], "links", 0), r"segments\[0\]\.links is 0"),
+        (lambda p: setattr(p.temperature_limits, "maximum", 20.0), "must be above ambient"),
+    ],
+)
+def test_impossible_limbs_are_refused(change, message):
+    parameters = LimbParameters()
+    change(parameters)
+    with pytest.raises(LimbError, match=message):
+        plan(parameters, short_reference())
+
+
+def test_a_plan_that_fails_its_check_is_not_returned():
+    with pytest.raises(PlanningError, match="failed its check: simulating the planned duty"):
+        plan(cold_parameters(), short_reference(), tolerance_deg=1e-9)
+
+
+def test_a_simulation_that_goes_elsewhere_is_noticed(fig5_plan, monkeypatch):
+    """The check simulates the limb that the plan names, not the program's equations."""
+    other = LimbParameters()
+    other.segments[0].right.beta *= 1.02
+    monkeypatch.setattr(planning, "Limb", lambda _: Limb(other))
+    assert planning.simulated_difference_deg(fig5_plan) > 0.3
+
+
+def test_ipopt_that_does_not_converge_is_no_plan(monkeypatch):
+    monkeypatch.setitem(ipopt.OPTIONS, "max_iter", 2)
+    with pytest.raises(PlanningError, match="no plan in 2 iterations: maximum number"):
+        plan(LimbParameters(), references.step_and_decaying_sine())
