@@ -1,0 +1,1 @@
+"""Calibration of a limb's parameters from recordings (Sec. V)."""
