@@ -34,6 +34,7 @@ class PlanCheck:
     - ``solver``, ``status``: who solved the program, and what it said.
     - ``iterations``, ``solve_time``, ``total_time``: of the solver, s; from
       the request to the checked plan, s.
+    - ``refinements``: how often knots were added to meet the tolerance.
     - ``cost``, ``guess_cost``: value of eqn (15) at the plan and at the
       quasi-static guess.
     - ``largest_defect``: of the collocation constraints as Drake evaluates
@@ -47,6 +48,7 @@ class PlanCheck:
     solver: str = ""
     status: str = ""
     iterations: int = 0
+    refinements: int = 0
     solve_time: float = 0.0
     total_time: float = 0.0
     cost: float = 0.0

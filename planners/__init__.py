@@ -1,7 +1,22 @@
 """Feasible trajectories from references, by direct collocation (Sec. VI)."""
 
 from planners import references
-from planners.planning import PlanningError, plan
+from planners.ipopt import ExactHessianIpoptSolver
+from planners.planning import Planner, plan
+from planners.program import TrajectoryProgram
 from planners.quasi_static import InfeasibleError
+from planners.solving import PlanningError
+from planners.task import Phase, Task, TaskError
 
-__all__ = ["InfeasibleError", "PlanningError", "plan", "references"]
+__all__ = [
+    "ExactHessianIpoptSolver",
+    "InfeasibleError",
+    "Phase",
+    "Planner",
+    "PlanningError",
+    "Task",
+    "TaskError",
+    "TrajectoryProgram",
+    "plan",
+    "references",
+]

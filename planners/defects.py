@@ -27,18 +27,26 @@ from planners.chain import PlanarChain
 ANGLE_SCALE = 0.1  # rad
 TEMPERATURE_SCALE = 50.0  # °C
 
+_IMAGINARY_STEP = 1e-30
+
 
 class LimbDefects:
-    """Defects of a limb's trajectory at N evenly spaced knots, and their Jacobian.
+    """Defects of a limb's trajectory at N knots, and their derivatives.
 
-    A trajectory is states (N, 2n + 2W), ordered as those of `Limb`, and duty
-    (N, W). An interval has 2n + 2W rows in the order of the states, and its
-    variables are [x0, x1, u0, u1].
+    A trajectory is states (N, 2n + 2W), ordered as those of `Limb`, duty
+    (N, W) and time steps (N - 1). An interval has 2n + 2W rows in the order
+    of the states, and its variables are [x0, x1, u0, u1, h].
 
     - ``num_intervals``: N - 1.
     - ``acceleration_to_angle``: K⁻¹ M(0) (n, n), s².
     - ``rows``, ``columns``: for each nonzero of an interval's Jacobian its
       row, and its column among the interval's variables.
+    - ``hessian_rows``, ``hessian_columns``: for each nonzero of the lower
+      triangle of an interval's Hessian its two variables.
+
+    Args:
+        num_knots: N.
+        typical_time_step: s, for the scaling of rows.
     """
 
     def __init__(
@@ -46,33 +54,34 @@ class LimbDefects:
         parameters: LimbParameters,
         plant: MultibodyPlant,
         num_knots: int,
-        time_step: float,
+        typical_time_step: float,
     ):
-        self._chain = PlanarChain(plant)
-        self._h = time_step
+        self._chain = chain = PlanarChain(plant)
+        self._typical_h = typical_time_step
         self._ambient = parameters.ambient_temperature
         self._torques = torque_matrix(parameters)
         self._a1, self._a2, a3 = (
             np.array([getattr(wire, name) for wire in parameters.wires])
             for name in ("a1", "a2", "a3")
         )
-        chain = self._chain
         self.acceleration_to_angle = chain.straight_mass_matrix / chain.stiffness[:, None]
         self.num_intervals = num_knots - 1
 
         # Eqns (6)-(7) are linear: d/dt [T, V] = A [T, V] + B D above ambient.
-        A = np.block([[np.diag(self._a1), np.zeros_like(np.diag(a3))], [-np.diag(a3), np.diag(a3)]])
-        B = np.vstack([np.diag(self._a2), np.zeros_like(np.diag(a3))])
-        self._thermal = time_step / TEMPERATURE_SCALE * linear_defect_jacobian(A, B, time_step)
-        self._lay_out_jacobian()
+        none = np.zeros((len(a3), len(a3)))
+        A = np.block([[np.diag(self._a1), none], [-np.diag(a3), np.diag(a3)]])
+        B = np.vstack([np.diag(self._a2), none])
+        self._thermal = [
+            typical_time_step / TEMPERATURE_SCALE * term for term in linear_defect_terms(A, B)
+        ]
+        self._lay_out_derivatives()
 
-    def evaluate(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    def evaluate(self, states: np.ndarray, duty: np.ndarray, time_steps: np.ndarray) -> np.ndarray:
         """Scaled defects (N - 1, 2n + 2W), all zero for a feasible trajectory."""
-        h = self._h
-        angles, rates, wire, measured = self._split(states)
+        h = time_steps[:, None]
+        angles, rates, wire, _ = self._split(states)
         accelerations = self._chain.accelerations(angles, rates, self._forces(wire))
-        middle = self._chain.accelerations(*self._midpoints(angles, rates, wire, duty))
-
+        middle = self._chain.accelerations(*self._midpoints(angles, rates, wire, duty, h))
         angle_rows = (
             1.5 / h * np.diff(angles, axis=0)
             - 0.75 * (rates[:-1] + rates[1:])
@@ -83,23 +92,31 @@ class LimbDefects:
             - 0.25 * (accelerations[:-1] + accelerations[1:])
             - middle
         )
-        heat = np.hstack([wire, measured]) - self._ambient
-        thermal_rows = np.hstack([heat[:-1], heat[1:], duty[:-1], duty[1:]]) @ self._thermal.T
+        P, Q, R = (self._thermal_variables(states, duty) @ term.T for term in self._thermal)
         scale = self.acceleration_to_angle.T
-        return np.hstack([8 / h * angle_rows @ scale, rate_rows @ scale, thermal_rows])
+        return np.hstack(
+            [8 / self._typical_h * angle_rows @ scale, rate_rows @ scale, P / h + Q + R * h]
+        )
 
-    def jacobian(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    def jacobian(self, states: np.ndarray, duty: np.ndarray, time_steps: np.ndarray) -> np.ndarray:
         """Nonzeros (N - 1, len(rows)) of the derivative of `evaluate`."""
-        h, n = self._h, self._chain.num_joints
+        h, n = time_steps[:, None], self._chain.num_joints
         angles, rates, wire, _ = self._split(states)
-        _, by_angle, by_rate, by_force = self._chain.derivatives(angles, rates, self._forces(wire))
+        accelerations, by_angle, by_rate, by_force = self._chain.derivatives(
+            angles, rates, self._forces(wire)
+        )
         by_wire = by_force @ self._torques
         _, mid_angle, mid_rate, mid_force = self._chain.derivatives(
-            *self._midpoints(angles, rates, wire, duty)
+            *self._midpoints(angles, rates, wire, duty, h)
         )
         mid_wire = mid_force @ self._torques
-        one = np.eye(n)
+        angle_step, rate_step = np.diff(angles, axis=0), np.diff(rates, axis=0)
+        wire_rate_step = np.diff(self._wire_rates(wire, duty), axis=0)
 
+        def column(vectors):
+            return vectors[:, :, None]
+
+        h, one = column(h), np.eye(n)
         angle_rows = [
             -1.5 / h * one - h / 8 * by_angle[:-1],
             -0.75 * one - h / 8 * by_rate[:-1],
@@ -107,6 +124,7 @@ class LimbDefects:
             1.5 / h * one + h / 8 * by_angle[1:],
             -0.75 * one + h / 8 * by_rate[1:],
             h / 8 * by_wire[1:],
+            -1.5 / h**2 * column(angle_step) + column(np.diff(accelerations, axis=0)) / 8,
         ]
         rate_rows = [
             -0.25 * by_angle[:-1] - 0.5 * mid_angle + 1.5 / h * mid_rate,
@@ -117,69 +135,135 @@ class LimbDefects:
             -0.25 * by_wire[1:] - mid_wire * (0.5 - h / 8 * self._a1),
             -h / 8 * mid_wire * self._a2,
             h / 8 * mid_wire * self._a2,
+            -1.5 / h**2 * column(rate_step)
+            + mid_angle @ column(rate_step) / 8
+            + 1.5 / h**2 * mid_rate @ column(angle_step)
+            + mid_wire @ column(wire_rate_step) / 8,
         ]
-        thermal = np.broadcast_to(
-            self._thermal[self._thermal != 0], (self.num_intervals, np.sum(self._thermal != 0))
-        )
+        h = time_steps[:, None]
+        P, Q, R = (term[self._thermal_nonzeros] for term in self._thermal)
+        variables = self._thermal_variables(states, duty)
         blocks = [
-            8 / h * self.acceleration_to_angle @ np.concatenate(angle_rows, axis=2),
+            8 / self._typical_h * self.acceleration_to_angle @ np.concatenate(angle_rows, axis=2),
             self.acceleration_to_angle @ np.concatenate(rate_rows, axis=2),
-            thermal,
+            P / h + Q + R * h,
+            variables @ self._thermal[2].T - variables @ self._thermal[0].T / h**2,
         ]
         return np.hstack([block.reshape(self.num_intervals, -1) for block in blocks])
+
+    def hessian(
+        self,
+        states: np.ndarray,
+        duty: np.ndarray,
+        time_steps: np.ndarray,
+        multipliers: np.ndarray,
+    ) -> np.ndarray:
+        """Nonzeros (N - 1, len(hessian_rows)) of the Hessian of Σ multipliers · evaluate.
+
+        By complex steps in the Jacobian, which are exact to rounding. An
+        interval has one even and one odd knot, so all even knots move at
+        once, and then all odd ones.
+
+        Args:
+            multipliers: (N - 1, 2n + 2W).
+        """
+        num_states, num_wires = states.shape[1], duty.shape[1]
+        num_local = 2 * num_states + 2 * num_wires + 1
+        gather = np.zeros((len(self.columns), num_local))
+        gather[np.arange(len(self.columns)), self.columns] = 1.0
+        weights = multipliers[:, self.rows]
+
+        def derivative(states, duty, time_steps):
+            """Of the Lagrangian's gradient by the variables with imaginary parts."""
+            change = self.jacobian(states, duty, time_steps).imag / _IMAGINARY_STEP
+            return (weights * change) @ gather
+
+        hessian = np.empty((self.num_intervals, num_local, num_local))
+        is_odd = np.arange(self.num_intervals) % 2 == 1
+        for offset, size, moves_states in (
+            (0, num_states, True),
+            (2 * num_states, num_wires, False),
+        ):
+            for index in range(size):
+                for parity in (0, 1):
+                    moved_states, moved_duty = states.astype(complex), duty.astype(complex)
+                    moved = moved_states if moves_states else moved_duty
+                    moved[parity::2, index] += 1j * _IMAGINARY_STEP
+                    change = derivative(moved_states, moved_duty, time_steps)
+                    first = is_odd == bool(parity)  # the intervals whose first knot moved
+                    hessian[first, offset + index] = change[first]
+                    hessian[~first, offset + size + index] = change[~first]
+        hessian[:, -1] = derivative(states, duty, time_steps + 1j * _IMAGINARY_STEP)
+        return hessian[:, self.hessian_rows, self.hessian_columns]
 
     def largest_disagreement(self, plant: MultibodyPlant) -> float:
         """Largest relative difference of the accelerations from the plant's."""
         return self._chain.largest_disagreement(plant)
 
-    def _lay_out_jacobian(self) -> None:
+    def _lay_out_derivatives(self) -> None:
         n, num_wires = self._chain.num_joints, len(self._a1)
         num_states = 2 * n + 2 * num_wires
         moving = np.arange(2 * n + num_wires)  # θ, θ̇, T of a knot
+        moving = np.r_[moving, num_states + moving]
         heat = np.arange(2 * n, num_states)  # T, V of a knot
-        inputs = np.arange(2 * num_states, 2 * num_states + 2 * num_wires)
+        inputs = 2 * num_states + np.arange(2 * num_wires)
+        time_step = 2 * num_states + 2 * num_wires
         joints = np.arange(n)
-        angle_grid = np.meshgrid(joints, np.r_[moving, num_states + moving], indexing="ij")
-        rate_grid = np.meshgrid(
-            n + joints, np.r_[moving, num_states + moving, inputs], indexing="ij"
-        )
-        thermal_rows, thermal_columns = np.nonzero(self._thermal)
+        grids = [
+            np.meshgrid(joints, np.r_[moving, time_step], indexing="ij"),
+            np.meshgrid(n + joints, np.r_[moving, inputs, time_step], indexing="ij"),
+        ]
+        self._thermal_nonzeros = np.nonzero(sum(np.abs(term) for term in self._thermal))
+        thermal_rows, thermal_columns = self._thermal_nonzeros
         thermal_variables = np.r_[heat, num_states + heat, inputs]
         self.rows = np.concatenate(
-            [angle_grid[0].ravel(), rate_grid[0].ravel(), 2 * n + thermal_rows]
+            [grid[0].ravel() for grid in grids] + [2 * n + thermal_rows, heat]
         )
         self.columns = np.concatenate(
-            [angle_grid[1].ravel(), rate_grid[1].ravel(), thermal_variables[thermal_columns]]
+            [grid[1].ravel() for grid in grids]
+            + [thermal_variables[thermal_columns], np.full(len(heat), time_step)]
         )
 
-    def _midpoints(self, angles, rates, wire, duty):
+        # V enters linearly, but for its products with the time step.
+        bends = np.zeros((time_step + 1, time_step + 1), bool)
+        nonlinear = np.r_[moving, inputs, time_step]
+        bends[np.ix_(nonlinear, nonlinear)] = True
+        bends[time_step] = True
+        self.hessian_rows, self.hessian_columns = np.nonzero(np.tril(bends))
+
+    def _midpoints(self, angles, rates, wire, duty, h):
         """θ, θ̇ and f at the middle of each interval."""
-        h = self._h
-        wire_rates = self._a1 * (wire - self._ambient) + self._a2 * duty
-        mid_wire = 0.5 * (wire[:-1] + wire[1:]) - h / 8 * np.diff(wire_rates, axis=0)
+        wire_rate_step = np.diff(self._wire_rates(wire, duty), axis=0)
         return (
             0.5 * (angles[:-1] + angles[1:]) - h / 8 * np.diff(rates, axis=0),
             1.5 / h * np.diff(angles, axis=0) - 0.25 * (rates[:-1] + rates[1:]),
-            self._forces(mid_wire),
+            self._forces(0.5 * (wire[:-1] + wire[1:]) - h / 8 * wire_rate_step),
         )
 
-    def _forces(self, wire: np.ndarray) -> np.ndarray:
+    def _wire_rates(self, wire, duty):
+        return self._a1 * (wire - self._ambient) + self._a2 * duty
+
+    def _forces(self, wire):
         return (wire - self._ambient) @ self._torques.T
 
-    def _split(self, states: np.ndarray):
+    def _thermal_variables(self, states, duty):
+        """[T0, V0, T1, V1, D0, D1] above ambient of each interval."""
+        heat = states[:, 2 * self._chain.num_joints :] - self._ambient
+        return np.hstack([heat[:-1], heat[1:], duty[:-1], duty[1:]])
+
+    def _split(self, states):
         n, num_wires = self._chain.num_joints, len(self._a1)
         return np.split(states, np.cumsum([n, n, num_wires]), axis=1)
 
 
-def linear_defect_jacobian(A: np.ndarray, B: np.ndarray, time_step: float) -> np.ndarray:
-    """Direct collocation of ẏ = A y + B u over one interval.
+def linear_defect_terms(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Direct collocation of ẏ = A y + B u over one interval of length h.
 
     Returns:
-        The matrix J of the defect ẏ_c - f(y_c, u_c) = J [y0, y1, u0, u1].
+        P, Q, R of the defect ẏ_c - f(y_c, u_c) = (P/h + Q + R h) [y0, y1, u0, u1].
     """
-    h, one = time_step, np.eye(len(A))
-    # The derivatives of ẏ_c and of y_c, u_c by [y0, y1, u0, u1], one after the other.
-    rate = np.hstack([-1.5 / h * one - A / 4, 1.5 / h * one - A / 4, -B / 4, -B / 4])
-    state = np.hstack([one / 2 + h / 8 * A, one / 2 - h / 8 * A, h / 8 * B, -h / 8 * B])
-    inputs = np.hstack([np.zeros((B.shape[1], 2 * len(A))), *[np.eye(B.shape[1]) / 2] * 2])
-    return rate - A @ state - B @ inputs
+    one, nothing = np.eye(len(A)), np.zeros_like(B)
+    P = 1.5 * np.hstack([-one, one, nothing, nothing])
+    Q = -0.75 * np.hstack([A, A, B, B])
+    R = -A @ np.hstack([A, -A, B, -B]) / 8
+    return P, Q, R

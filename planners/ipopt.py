@@ -1,20 +1,23 @@
-"""IPOPT with the exact Hessian of a quadratic cost, for Drake programs.
+"""IPOPT with exact Hessians, for Drake programs.
 
 Drake's `IpoptSolver` gives IPOPT a limited-memory Hessian and ignores the
 program's variable scaling. Where the cost is quadratic its Hessian is known,
 and where constraints bend little the cost's Hessian alone (Gauss-Newton) is
-nearly that of the Lagrangian.
+nearly that of the Lagrangian; where they do not, the Lagrangian's is used.
 """
 
+import contextlib
 import dataclasses
+import signal
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 import ipyopt
 import numpy as np
-from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
-from pydrake.solvers import MathematicalProgram
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.solvers import IpoptSolver, MathematicalProgram, SolutionResult, SolverOptions
 
 OPTIONS = {
     "mu_strategy": "adaptive",
@@ -26,6 +29,7 @@ OPTIONS = {
     "nlp_scaling_method": "none",  # variables, rows and objective come scaled
     "mumps_permuting_scaling": 0,
     "mumps_scaling": 0,
+    "mumps_pivot_order": 2,  # approximate minimum fill: a quarter less time than the default
     "max_iter": 300,
     "print_level": 0,
     "sb": "yes",
@@ -47,18 +51,25 @@ STATUS = {
     -13: "invalid number detected",
 }
 
+# How far scaled constraints may be violated at a point that counts as feasible.
+FEASIBLE = 1e-7
+
 
 class ConstraintBlock(Protocol):
     """Constraints lower <= g(x) <= upper that are evaluated together.
 
     - ``lower``, ``upper``: (m,).
     - ``rows``, ``columns``: of the nonzeros of the Jacobian, in (m, len(x)).
+    - ``hessian_rows``, ``hessian_columns``: of nonzeros of the Hessian of
+      λᵀ g, in its lower triangle; those of the same place add up.
     """
 
     lower: np.ndarray
     upper: np.ndarray
     rows: np.ndarray
     columns: np.ndarray
+    hessian_rows: np.ndarray
+    hessian_columns: np.ndarray
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         """g(x) (m,)."""
@@ -66,23 +77,136 @@ class ConstraintBlock(Protocol):
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """The nonzeros of dg/dx, in the order of ``rows`` and ``columns``."""
 
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """The nonzeros of the Hessian of multipliers · g."""
+
 
 @dataclasses.dataclass
-class Solution:
-    """What IPOPT came back with.
+class IpoptDetails:
+    """What IPOPT said: its status in words, iterations, and time, s.
 
-    - ``x``: all decision variables of the program.
-    - ``cost``: at x, unscaled.
-    - ``success``, ``status``: whether it converged, and in words.
-    - ``iterations``, ``solve_time``: s.
+    - ``violation``: the largest of the scaled constraints at the solution.
+    - ``multipliers``: of the scaled constraints, of lower and of upper bounds.
     """
 
-    x: np.ndarray
-    cost: float
-    success: bool
     status: str
     iterations: int
     solve_time: float
+    violation: float
+    multipliers: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+class IpoptResult:
+    """The result of `ExactHessianIpoptSolver`, as Drake's MathematicalProgramResult."""
+
+    def __init__(
+        self,
+        prog: MathematicalProgram,
+        x: np.ndarray,
+        cost: float,
+        solution_result: SolutionResult,
+        details: IpoptDetails,
+    ):
+        self._prog, self._x, self._cost = prog, x, cost
+        self._solution_result, self._details = solution_result, details
+
+    def is_success(self) -> bool:
+        return self._solution_result == SolutionResult.kSolutionFound
+
+    def get_solution_result(self) -> SolutionResult:
+        return self._solution_result
+
+    def get_optimal_cost(self) -> float:
+        return self._cost
+
+    def get_x_val(self) -> np.ndarray:
+        return self._x
+
+    def get_solver_details(self) -> IpoptDetails:
+        return self._details
+
+    def GetSolution(self, variables: np.ndarray) -> np.ndarray:
+        """The values of an array of decision variables, in its shape."""
+        variables = np.asarray(variables)
+        return self._x[self._prog.FindDecisionVariableIndices(variables.ravel())].reshape(
+            variables.shape
+        )
+
+
+class ExactHessianIpoptSolver:
+    """Solves programs of any smooth costs and constraints with IPOPT.
+
+    It is used as Drake's own solvers are: ``Solve(prog, initial_guess)``.
+    Bounds, linear and quadratic terms are read from the program, all else is
+    evaluated with AutoDiff. Variables are scaled as the program's
+    `SetVariableScaling` says. Ctrl-C ends the solution and keeps the best
+    feasible point found so far.
+
+    Args:
+        exact: whether the Hessian of the constraints is added to that of the
+            cost. Without it (Gauss-Newton) no second derivatives of
+            constraints are calculated; programs whose cost is linear need it.
+        nonlinear: evaluates all nonlinear constraints of the program instead
+            of themselves, up to a scaling of their rows.
+        on_iteration: is told the iteration, cost and constraint violation.
+    """
+
+    def __init__(
+        self,
+        *,
+        exact: bool = False,
+        nonlinear: ConstraintBlock | None = None,
+        on_iteration: Callable[[int, float, float], None] | None = None,
+    ):
+        self._exact, self._nonlinear, self._on_iteration = exact, nonlinear, on_iteration
+
+    def Solve(
+        self,
+        prog: MathematicalProgram,
+        initial_guess: np.ndarray | None = None,
+        solver_options: SolverOptions | None = None,
+        *,
+        multipliers: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    ) -> IpoptResult:
+        """Solves a program.
+
+        Args:
+            initial_guess: for all decision variables, (num_vars,); by default
+                the program's.
+            solver_options: those for `IpoptSolver.id()` go over this
+                module's ``OPTIONS``.
+            multipliers: those of a neighbouring solution, for a warm start.
+
+        Raises:
+            ValueError: if the program has constraints that are not smooth,
+                such as cones.
+        """
+        guess = prog.initial_guess() if initial_guess is None else np.asarray(initial_guess)
+        guess = np.nan_to_num(guess)
+        problem = _ScaledProblem(prog, guess, self._exact, self._nonlinear, self._on_iteration)
+        options, arguments = dict(OPTIONS), {}
+        if solver_options is not None:
+            options |= solver_options.options.get(IpoptSolver.id().name(), {})
+        if multipliers is not None:
+            names = ("mult_g", "mult_x_L", "mult_x_U")
+            arguments = {name: value.copy() for name, value in zip(names, multipliers, strict=True)}
+            options |= {"warm_start_init_point": "yes", "warm_start_bound_push": 1e-9}
+            options |= {"warm_start_mult_bound_push": 1e-9, "mu_init": 1e-6}
+            options |= {"mu_strategy": "monotone"}
+        start = time.perf_counter()
+        with _interruptible(problem):
+            y, status, arguments = problem.solve(options, arguments)
+        if status == 5 and problem.best is not None:
+            y = problem.best
+        x = np.clip(problem.scale * y, problem.lower, problem.upper)  # scaling rounds
+        details = IpoptDetails(
+            status=STATUS.get(status, f"IPOPT status {status}"),
+            iterations=problem.iterations,
+            solve_time=time.perf_counter() - start,
+            violation=problem.violation(y),
+            multipliers=arguments,
+        )
+        return IpoptResult(prog, x, problem.cost.evaluate(x), _solution_result(status), details)
 
 
 class BindingBlock:
@@ -94,132 +218,226 @@ class BindingBlock:
             for binding in bindings
         ]
         sizes = [evaluator.num_constraints() for evaluator, _ in self._bindings]
-        starts = np.cumsum([0, *sizes])
+        self._starts = np.cumsum([0, *sizes])
         grids = [
             np.meshgrid(np.arange(start, start + size), indices, indexing="ij")
-            for start, size, (_, indices) in zip(starts, sizes, self._bindings, strict=False)
+            for start, size, (_, indices) in zip(self._starts, sizes, self._bindings, strict=False)
         ]
         self.rows = _concatenate([grid[0].ravel() for grid in grids], int)
         self.columns = _concatenate([grid[1].ravel() for grid in grids], int)
         self.lower = _concatenate([evaluator.lower_bound() for evaluator, _ in self._bindings])
         self.upper = _concatenate([evaluator.upper_bound() for evaluator, _ in self._bindings])
+        self.hessian_rows, self.hessian_columns = _lower_triangles(
+            [indices for _, indices in self._bindings]
+        )
 
     def evaluate(self, x):
         return _concatenate([evaluator.Eval(x[indices]) for evaluator, indices in self._bindings])
 
     def jacobian(self, x):
         return _concatenate(
+            [_gradient(evaluator, x[indices]).ravel() for evaluator, indices in self._bindings]
+        )
+
+    def hessian(self, x, multipliers):
+        return _concatenate(
             [
-                ExtractGradient(evaluator.Eval(InitializeAutoDiff(x[indices])[:, 0])).ravel()
-                for evaluator, indices in self._bindings
+                _weighted_hessian(evaluator, x[indices], multipliers[start:end])
+                for (evaluator, indices), start, end in zip(
+                    self._bindings, self._starts, self._starts[1:], strict=False
+                )
             ]
         )
 
 
-def solve(
-    prog: MathematicalProgram,
-    initial_guess: np.ndarray,
-    nonlinear: ConstraintBlock | None = None,
-    on_iteration: Callable[[int, float, float], None] | None = None,
-) -> Solution:
-    """Solves a program of quadratic costs, bounds, linear and nonlinear constraints.
+class _ScaledProblem:
+    """A program in IPOPT's form: y = x / scale, the objective of size 100."""
 
-    Variables are scaled as `SetVariableScaling` of the program says.
+    def __init__(self, prog, guess, exact, nonlinear, on_iteration):
+        linear = [*prog.linear_constraints(), *prog.linear_equality_constraints()]
+        others = [*prog.generic_constraints(), *prog.quadratic_constraints()]
+        num_bounds = len(prog.bounding_box_constraints())
+        if len(linear) + len(others) + num_bounds != len(prog.GetAllConstraints()):
+            raise ValueError(
+                "This solver takes bounds and linear, quadratic and generic constraints; "
+                "the program has others."
+            )
+        self.cost = _Cost(prog)
+        self._linear = BindingBlock(prog, linear)
+        self._nonlinear = nonlinear or BindingBlock(prog, others)
+        self._blocks = [self._nonlinear, self._linear]
+        self._linear_jacobian = self._linear.jacobian(guess)
+        self.lower, self.upper = _bounds(prog)
+        self.scale = np.ones(prog.num_vars())
+        for index, value in prog.GetVariableScaling().items():
+            self.scale[index] = value
+        guess = np.clip(guess, self.lower, self.upper)
+        self._cost_scale = min(1.0, 100.0 / max(abs(self.cost.evaluate(guess)), 1e-9))
+        self._guess = guess / self.scale
+        self._num_rows = len(self._nonlinear.lower)
+        self._columns = np.concatenate([block.columns for block in self._blocks])
+        self._g_lower = np.concatenate([block.lower for block in self._blocks])
+        self._g_upper = np.concatenate([block.upper for block in self._blocks])
+        self._exact, self._on_iteration = exact, on_iteration
+        self.iterations, self.stop = 0, False
+        self.best, self._best_cost = None, np.inf
 
-    Args:
-        initial_guess: for all decision variables.
-        nonlinear: evaluates all nonlinear constraints of the program, up to
-            their scaling; by default they evaluate themselves.
-        on_iteration: is told the iteration, cost and constraint violation.
+        rows, columns = [self.cost.rows], [self.cost.columns]
+        if exact:
+            rows.append(np.maximum(self._nonlinear.hessian_rows, self._nonlinear.hessian_columns))
+            columns.append(
+                np.minimum(self._nonlinear.hessian_rows, self._nonlinear.hessian_columns)
+            )
+        self._hessian_rows, self._hessian_columns = np.concatenate(rows), np.concatenate(columns)
+        self._hessian_scale = self.scale[self._hessian_rows] * self.scale[self._hessian_columns]
 
-    Raises:
-        ValueError: if the program has costs or constraints of other kinds.
+    def solve(self, options, multipliers):
+        num_vars, num_rows = len(self.scale), len(self._g_lower)
+        problem = ipyopt.Problem(
+            num_vars,
+            self.lower / self.scale,
+            self.upper / self.scale,
+            num_rows,
+            self._g_lower,
+            self._g_upper,
+            (
+                np.concatenate([self._nonlinear.rows, self._num_rows + self._linear.rows]),
+                self._columns,
+            ),
+            (self._hessian_rows, self._hessian_columns),
+            self._evaluate_cost,
+            self._evaluate_cost_gradient,
+            self._evaluate_constraints,
+            self._evaluate_jacobian,
+            self._evaluate_hessian,
+            self._after_iteration,
+            ipopt_options=options,
+        )
+        for name, size in (("mult_g", num_rows), ("mult_x_L", num_vars), ("mult_x_U", num_vars)):
+            multipliers.setdefault(name, np.zeros(size))
+        y, _, status = problem.solve(self._guess.copy(), **multipliers)
+        return y, status, tuple(multipliers.values())
+
+    def violation(self, y: np.ndarray) -> float:
+        return self._violation(self._all_constraints(y))
+
+    def _violation(self, values) -> float:
+        return float(np.maximum(self._g_lower - values, values - self._g_upper).max(initial=0.0))
+
+    def _all_constraints(self, y):
+        return np.concatenate([block.evaluate(self.scale * y) for block in self._blocks])
+
+    def _evaluate_cost(self, y):
+        return self._cost_scale * self.cost.evaluate(self.scale * y)
+
+    def _evaluate_cost_gradient(self, y, out):
+        out[:] = self._cost_scale * self.scale * self.cost.gradient(self.scale * y)
+
+    def _evaluate_constraints(self, y, out):
+        out[:] = self._all_constraints(y)
+        if self._violation(out) < FEASIBLE:
+            cost = self.cost.evaluate(self.scale * y)
+            if cost < self._best_cost:
+                self.best, self._best_cost = y.copy(), cost
+
+    def _evaluate_jacobian(self, y, out):
+        nonzeros = [self._nonlinear.jacobian(self.scale * y), self._linear_jacobian]
+        out[:] = np.concatenate(nonzeros) * self.scale[self._columns]
+
+    def _evaluate_hessian(self, y, multipliers, cost_factor, out):
+        x = self.scale * y
+        parts = [cost_factor * self._cost_scale * self.cost.hessian(x)]
+        if self._exact:
+            parts.append(self._nonlinear.hessian(x, multipliers[: self._num_rows]))
+        out[:] = np.concatenate(parts) * self._hessian_scale
+
+    def _after_iteration(self, _mode, iteration, scaled_cost, violation, *_):
+        self.iterations = iteration
+        if self._on_iteration:
+            self._on_iteration(iteration, scaled_cost / self._cost_scale, violation)
+        return not self.stop
+
+
+class _Cost:
+    """All costs of a program: ½ xᵀ Q x + bᵀ x + c, Q by its nonzeros, and generic ones.
+
+    - ``rows``, ``columns``: of the nonzeros of the Hessian's lower triangle.
     """
-    nonlinear_bindings = [*prog.generic_constraints(), *prog.quadratic_constraints()]
-    num_supported = sum(
-        len(bindings)
-        for bindings in (
-            prog.quadratic_costs(),
-            prog.linear_costs(),
-            prog.bounding_box_constraints(),
-            prog.linear_constraints(),
-            prog.linear_equality_constraints(),
-            nonlinear_bindings,
-        )
-    )
-    if num_supported != len(prog.GetAllCosts()) + len(prog.GetAllConstraints()):
-        raise ValueError(
-            "This solver takes quadratic and linear costs, and bounds, linear, quadratic and "
-            "generic constraints; the program has others."
-        )
-    cost = _QuadraticCost(prog)
-    linear = [*prog.linear_constraints(), *prog.linear_equality_constraints()]
-    blocks = [nonlinear or BindingBlock(prog, nonlinear_bindings)]
-    blocks.append(BindingBlock(prog, linear))
 
-    scale = np.ones(prog.num_vars())
-    for index, value in prog.GetVariableScaling().items():
-        scale[index] = value
-    lower, upper = _bounds(prog)
-    cost_scale = min(1.0, 100.0 / max(cost.evaluate(initial_guess), 1e-9))
-    row_starts = np.cumsum([0, *(len(block.lower) for block in blocks)])
-    rows = np.concatenate(
-        [start + block.rows for start, block in zip(row_starts, blocks, strict=False)]
-    )
-    columns = np.concatenate([block.columns for block in blocks])
-    hessian = cost_scale * cost.values * scale[cost.rows] * scale[cost.columns]
-    triangle = cost.rows >= cost.columns
+    def __init__(self, prog: MathematicalProgram):
+        self._b, self._c = np.zeros(prog.num_vars()), 0.0
+        rows, columns, values = [], [], []
+        for binding in [*prog.quadratic_costs(), *prog.linear_costs()]:
+            evaluator = binding.evaluator()
+            indices = np.array(prog.FindDecisionVariableIndices(binding.variables()))
+            is_quadratic = hasattr(evaluator, "Q")
+            np.add.at(self._b, indices, evaluator.b() if is_quadratic else evaluator.a())
+            self._c += evaluator.c() if is_quadratic else evaluator.b()
+            if is_quadratic:
+                Q = evaluator.Q()
+                row, column = np.nonzero(Q)
+                rows.append(indices[row])
+                columns.append(indices[column])
+                values.append(Q[row, column])
+        self._rows, self._columns = _concatenate(rows, int), _concatenate(columns, int)
+        self._values = _concatenate(values)
+        num_known = len(prog.quadratic_costs()) + len(prog.linear_costs())
+        self._others = [
+            (binding.evaluator(), np.array(prog.FindDecisionVariableIndices(binding.variables())))
+            for binding in (prog.GetAllCosts() if num_known < len(prog.GetAllCosts()) else [])
+            if not hasattr(binding.evaluator(), "Q") and not hasattr(binding.evaluator(), "a")
+        ]
+        self._triangle = self._rows >= self._columns
+        others = _lower_triangles([indices for _, indices in self._others])
+        self.rows = np.concatenate([self._rows[self._triangle], np.maximum(*others)])
+        self.columns = np.concatenate([self._columns[self._triangle], np.minimum(*others)])
 
-    def evaluate_cost_gradient(y, out):
-        out[:] = cost_scale * scale * cost.gradient(scale * y)
+    def evaluate(self, x: np.ndarray) -> float:
+        others = sum(evaluator.Eval(x[indices])[0] for evaluator, indices in self._others)
+        return float(0.5 * x @ self._times(x) + self._b @ x + self._c + others)
 
-    def evaluate_constraints(y, out):
-        out[:] = np.concatenate([block.evaluate(scale * y) for block in blocks])
+    def gradient(self, x: np.ndarray) -> np.ndarray:
+        gradient = self._times(x) + self._b
+        for evaluator, indices in self._others:
+            np.add.at(gradient, indices, _gradient(evaluator, x[indices])[0])
+        return gradient
 
-    def evaluate_jacobian(y, out):
-        nonzeros = np.concatenate([block.jacobian(scale * y) for block in blocks])
-        out[:] = nonzeros * scale[columns]
+    def hessian(self, x: np.ndarray) -> np.ndarray:
+        others = [
+            _weighted_hessian(evaluator, x[indices], np.ones(1))
+            for evaluator, indices in self._others
+        ]
+        return np.concatenate([self._values[self._triangle], *others])
 
-    def evaluate_hessian(_y, _multipliers, cost_factor, out):
-        out[:] = cost_factor * hessian[triangle]
+    def _times(self, x: np.ndarray) -> np.ndarray:
+        products = self._values * x[self._columns]
+        return np.bincount(self._rows, weights=products, minlength=len(x))
 
-    iterations = 0
 
-    def after_iteration(_mode, iteration, scaled_cost, violation, *_):
-        nonlocal iterations
-        iterations = iteration
-        if on_iteration:
-            on_iteration(iteration, scaled_cost / cost_scale, violation)
-        return True
+@contextlib.contextmanager
+def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
+    """Lets Ctrl-C stop IPOPT after the iteration under way."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
 
-    start = time.perf_counter()
-    problem = ipyopt.Problem(
-        prog.num_vars(),
-        lower / scale,
-        upper / scale,
-        int(row_starts[-1]),
-        np.concatenate([block.lower for block in blocks]),
-        np.concatenate([block.upper for block in blocks]),
-        (rows, columns),
-        (cost.rows[triangle], cost.columns[triangle]),
-        lambda y: cost_scale * cost.evaluate(scale * y),
-        evaluate_cost_gradient,
-        evaluate_constraints,
-        evaluate_jacobian,
-        evaluate_hessian,
-        after_iteration,
-        ipopt_options=OPTIONS,
-    )
-    y, _, status = problem.solve(initial_guess / scale)
-    x = np.clip(scale * y, lower, upper)  # scaling rounds, and bounds are bounds
-    return Solution(
-        x=x,
-        cost=cost.evaluate(x),
-        success=status == 0,
-        status=STATUS.get(status, f"IPOPT status {status}"),
-        iterations=iterations,
-        solve_time=time.perf_counter() - start,
-    )
+    def stop(*_):
+        problem.stop = True
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _solution_result(status: int) -> SolutionResult:
+    return {
+        0: SolutionResult.kSolutionFound,
+        2: SolutionResult.kInfeasibleConstraints,
+        -1: SolutionResult.kIterationLimit,
+        -11: SolutionResult.kInvalidInput,
+    }.get(status, SolutionResult.kSolverSpecificError)
 
 
 def _bounds(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:
@@ -231,36 +449,31 @@ def _bounds(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-class _QuadraticCost:
-    """½ xᵀ Q x + bᵀ x + c over all variables, Q by its nonzeros."""
+def _gradient(evaluator, x: np.ndarray) -> np.ndarray:
+    """(rows, variables); zero where the evaluator does not depend on them."""
+    values = evaluator.Eval(InitializeAutoDiff(x)[:, 0])
+    gradient = ExtractGradient(values)
+    return gradient if gradient.size else np.zeros((len(ExtractValue(values)), len(x)))
 
-    def __init__(self, prog: MathematicalProgram):
-        self._b, self._c = np.zeros(prog.num_vars()), 0.0
-        rows, columns, values = [], [], []
-        for binding in [*prog.quadratic_costs(), *prog.linear_costs()]:
-            evaluator = binding.evaluator()
-            indices = np.array(prog.FindDecisionVariableIndices(binding.variables()))
-            linear = evaluator.b() if hasattr(evaluator, "Q") else evaluator.a()
-            np.add.at(self._b, indices, linear)
-            self._c += evaluator.c() if hasattr(evaluator, "Q") else evaluator.b()
-            if hasattr(evaluator, "Q"):
-                Q = evaluator.Q()
-                row, column = np.nonzero(Q)
-                rows.append(indices[row])
-                columns.append(indices[column])
-                values.append(Q[row, column])
-        self.rows, self.columns = _concatenate(rows, int), _concatenate(columns, int)
-        self.values = _concatenate(values)
 
-    def evaluate(self, x: np.ndarray) -> float:
-        return float(0.5 * x @ self._times(x) + self._b @ x + self._c)
+def _weighted_hessian(evaluator, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Lower triangle of the Hessian of weights · evaluator, by differences of gradients."""
+    hessian = np.empty((len(x), len(x)))
+    for index, value in enumerate(x):
+        step = np.zeros(len(x))
+        step[index] = 1e-5 * max(1.0, abs(value))
+        change = _gradient(evaluator, x + step) - _gradient(evaluator, x - step)
+        hessian[index] = weights @ change / (2 * step[index])
+    return (0.5 * (hessian + hessian.T))[np.tril_indices(len(x))]
 
-    def gradient(self, x: np.ndarray) -> np.ndarray:
-        return self._times(x) + self._b
 
-    def _times(self, x: np.ndarray) -> np.ndarray:
-        products = self.values * x[self.columns]
-        return np.bincount(self.rows, weights=products, minlength=len(x))
+def _lower_triangles(groups: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the dense Hessians of groups of variables."""
+    triangles = [np.tril_indices(len(indices)) for indices in groups]
+    pairs = list(zip(groups, triangles, strict=True))
+    rows = _concatenate([indices[triangle[0]] for indices, triangle in pairs], int)
+    columns = _concatenate([indices[triangle[1]] for indices, triangle in pairs], int)
+    return rows, columns
 
 
 def _concatenate(arrays: Sequence[np.ndarray], dtype=float) -> np.ndarray:

@@ -9,7 +9,6 @@ from pydrake import trajectories
 from limb_systems import (
     ActiveConstraint,
     Limb,
-    LimbError,
     LimbParameters,
     PlanCheck,
     Trajectory,
@@ -17,38 +16,48 @@ from limb_systems import (
     split_state,
     torque_matrix,
 )
-from limb_systems.progress import Progress
 from limb_systems.statics import static_equilibrium
-from planners import ipopt
 from planners.defects import TEMPERATURE_SCALE
 from planners.program import TrajectoryProgram
 from planners.quasi_static import check_temperature_limits, solve_quasi_static
+from planners.solving import PlanningError, Solution, solve_program
+from planners.task import Task
 
 # Accuracy of the simulation that a plan is checked with: a hundred times finer
 # moves what it finds for the Fig. 5 reference by 0.003°.
 CHECK_ACCURACY = 1e-4
+CHECK_RATE = 20.0  # Hz, of the comparison, or that of the knots if it is higher
 
+MAX_REFINEMENTS = 4
+RINGING = 0.3  # s, in which the limb's first mode decays to a third
 
-class PlanningError(LimbError):
-    """There is no plan: the request is impossible, or the plan failed its check."""
+# Up to which change of the reference (rad) and of the state the previous plan
+# is a better start than the quasi-static one; benchmarks/replanning.py.
+SMALL_REFERENCE_CHANGE = np.deg2rad(0.2)
+SMALL_STATE_CHANGE = 0.02  # of the scales of the states
 
 
 def plan(
     parameters: LimbParameters,
     reference: trajectories.Trajectory,
     *,
+    task: Task | None = None,
     knot_rate: float = 10.0,
     initial_state: ArrayLike | None = None,
     tolerance_deg: float = 0.1,
 ) -> Trajectory:
     """Plans the feasible trajectory nearest to a reference, eqns (15)-(20).
 
+    Where the plan differs from its simulation by more than the tolerance,
+    knots are added and it is solved again.
+
     Args:
         parameters: of the limb.
         reference: φ_ref in rad, a row for each segment, from time 0 on; it
             need not be feasible, nor continuous. See `planners.references`.
-        knot_rate: knots per second, Hz. The duration of the reference is
-            rounded to whole intervals.
+        task: weights and limits; the paper's if None.
+        knot_rate: knots per second to begin with, Hz. The duration of the
+            reference is rounded to whole intervals.
         initial_state: x_init, a state of `Limb`; by default at rest in
             static equilibrium with wires at ambient temperature.
         tolerance_deg: how far the bend angle of the plan may be from that of
@@ -59,89 +68,211 @@ def plan(
 
     Raises:
         InfeasibleError: if the temperature constraints cannot be met.
-        PlanningError: if an argument makes no sense, IPOPT does not converge
-            or the plan fails its check.
+        PlanningError: if an argument makes no sense, no solver converges or
+            the plan fails its check.
     """
     started = time.perf_counter()
-    parameters.validate()
-    times = _knots(reference, knot_rate)
-    angles_ref = _sample_reference(reference, times, len(parameters.segments))
-    rest_angles, compliance = static_equilibrium(parameters)
-    state = _initial_state(parameters, initial_state, rest_angles)
-    wire_temperature = split_state(parameters, state)[2]
-
-    check_temperature_limits(parameters, times, wire_temperature)
-    guess_wire, guess_duty = solve_quasi_static(
-        parameters, times, angles_ref, wire_temperature, rest_angles, compliance
-    )
-    program = TrajectoryProgram(parameters, times, angles_ref, state)
-    guess = program.variables(
-        _fill_in(parameters, times, state, guess_wire, guess_duty, rest_angles, compliance),
-        guess_duty,
-    )
-    with Progress("planning", None, "iterations") as progress:
-        solution = ipopt.solve(
-            program.prog,
-            guess,
-            program.defects,
-            lambda iteration, cost, violation: progress.update(
-                iteration, f"(cost {cost:.6g}, violation {violation:.1e})"
-            ),
-        )
-    if not solution.success:
-        raise PlanningError(
-            f"IPOPT found no plan in {solution.iterations} iterations: {solution.status}."
-        )
-    joint_state, wire, measured, duty = program.signals(solution.x)
-    trajectory = Trajectory(
-        time=times,
-        reference=angles_ref,
-        duty=duty,
-        joint_state=joint_state,
-        wire_temperature=wire,
-        measured_temperature=measured,
-        parameters=parameters,
-        check=PlanCheck(
-            solver="IPOPT, Gauss-Newton",
-            status=solution.status,
-            iterations=solution.iterations,
-            solve_time=solution.solve_time,
-            cost=solution.cost,
-            guess_cost=program.cost(guess),
-            largest_defect=program.largest_defect(solution.x),
-            tolerance_deg=tolerance_deg,
-        ),
-    )
-    check = trajectory.check
-    check.active_constraints = active_constraints(trajectory)
-    check.largest_difference_deg = simulated_difference_deg(trajectory)
-    check.total_time = time.perf_counter() - started
-    if failure := check.failure():
+    times, tolerance, largest = _knots(reference, knot_rate), np.deg2rad(tolerance_deg), np.inf
+    for refinement in range(MAX_REFINEMENTS + 1):
+        planner = Planner(parameters, times, task=task, tolerance_deg=tolerance_deg)
+        trajectory, offsets, differences = planner.plan_unchecked(reference, initial_state)
+        trajectory.check.refinements = refinement
+        before, largest = largest, differences.max()
+        if largest <= tolerance or largest > 0.7 * before:  # met, or knots do not help
+            break
+        times = _refined(times, offsets, differences, tolerance)
+    trajectory.check.total_time = time.perf_counter() - started
+    if failure := trajectory.check.failure():
         raise PlanningError(f"The plan failed its check: {failure}")
     return trajectory
 
 
-def simulated_difference_deg(trajectory: Trajectory) -> float:
-    """Largest distance of the plan's bend angle from its simulation, degrees.
+class Planner:
+    """Plans for one limb, task and set of knots, again and again.
 
-    The duty of the plan is simulated with an accurate integrator from the
-    plan's first state, and compared at the knots.
+    The program is built once; each call of `plan` replaces the reference and
+    the initial state in it. This is what a loop wants: planning anew from the
+    state that was reached, with the reference as it is now.
+
+    Args:
+        parameters: of the limb.
+        times: of the knots (N,), s, increasing from 0.
+        task: weights and limits; the paper's if None.
+        tolerance_deg: how far a plan may be from its simulation, degrees.
     """
+
+    def __init__(
+        self,
+        parameters: LimbParameters,
+        times: ArrayLike,
+        *,
+        task: Task | None = None,
+        tolerance_deg: float = 0.1,
+    ):
+        parameters.validate()
+        self.parameters, self.task = parameters, task or Task()
+        self.times = np.asarray(times, float)
+        if self.times.ndim != 1 or len(self.times) < 2 or not (np.diff(self.times) > 0).all():
+            raise PlanningError("times must be two knots or more, increasing.")
+        if self.times[0] != 0:
+            raise PlanningError(f"times start at {self.times[0]:g} s; they must start at 0 s.")
+        self._tolerance_deg = tolerance_deg
+        self._rest_angles, self._compliance = static_equilibrium(parameters)
+        self._program: TrajectoryProgram | None = None
+        self._previous: tuple[np.ndarray, np.ndarray, Solution] | None = None
+
+    def plan(
+        self,
+        reference: trajectories.Trajectory,
+        initial_state: ArrayLike | None = None,
+        *,
+        elapsed: float = 0.0,
+    ) -> Trajectory:
+        """Plans from a state, as `planners.plan` does but for adding knots.
+
+        The solver starts from the plan before where reference and state are
+        nearly the same, and else from the quasi-static plan.
+
+        Args:
+            reference: φ_ref in rad from now on; after its end its last angle.
+            initial_state: x_init, a state of `Limb`.
+            elapsed: how much of the warm-up (20) is over, s.
+        """
+        started = time.perf_counter()
+        trajectory, _, _ = self.plan_unchecked(reference, initial_state, elapsed=elapsed)
+        trajectory.check.total_time = time.perf_counter() - started
+        if failure := trajectory.check.failure():
+            raise PlanningError(f"The plan failed its check: {failure}")
+        return trajectory
+
+    def plan_unchecked(
+        self,
+        reference: trajectories.Trajectory,
+        initial_state: ArrayLike | None = None,
+        *,
+        elapsed: float = 0.0,
+    ) -> tuple[Trajectory, np.ndarray, np.ndarray]:
+        """A plan that may fail its check, and where it differs from its simulation.
+
+        Returns:
+            The plan; times (M,), s; the largest difference of a bend angle at
+            these times (M,), rad.
+        """
+        parameters, times = self.parameters, self.times
+        angles_ref = _sample_reference(reference, times, len(parameters.segments))
+        state = _initial_state(parameters, initial_state, self._rest_angles)
+        wire_temperature = split_state(parameters, state)[2]
+        warm_up = max(0.0, parameters.temperature_limits.warm_up_time - elapsed)
+
+        check_temperature_limits(parameters, times, wire_temperature, warm_up)
+        guess_wire, guess_duty = solve_quasi_static(
+            parameters,
+            times,
+            angles_ref,
+            wire_temperature,
+            self._rest_angles,
+            self._compliance,
+            self.task,
+            warm_up,
+        )
+        if self._program is None:
+            self._program = TrajectoryProgram(parameters, times, self.task)
+        program = self._program
+        program.update(angles_ref, state, warm_up)
+        guess = program.variables(self._fill_in(state, guess_wire, guess_duty), guess_duty)
+        solution = self._solve(program, guess, angles_ref, state)
+        trajectory = self._trajectory(program, solution, angles_ref)
+        trajectory.check.guess_cost = program.cost(guess)
+        trajectory.check.active_constraints = active_constraints(trajectory, warm_up)
+        offsets, differences = simulated_differences(trajectory)
+        trajectory.check.largest_difference_deg = float(np.rad2deg(differences.max()))
+        return trajectory, offsets, differences
+
+    def _solve(self, program, guess, angles_ref, state) -> Solution:
+        """From the previous solution if little changed, else from the guess."""
+        if self._previous is not None:
+            previous_ref, previous_state, previous = self._previous
+            scales = program.state_scales
+            if (
+                np.abs(angles_ref - previous_ref).max() < SMALL_REFERENCE_CHANGE
+                and np.abs((state - previous_state) / scales).max() < SMALL_STATE_CHANGE
+            ):
+                solution = solve_program(program, previous.x, previous.multipliers)
+            else:
+                solution = solve_program(program, guess)
+        else:
+            solution = solve_program(program, guess)
+        self._previous = (angles_ref, state, solution)
+        return solution
+
+    def _trajectory(self, program, solution: Solution, angles_ref) -> Trajectory:
+        joint_state, wire, measured, duty = program.signals(solution.x)
+        return Trajectory(
+            time=program.knots(solution.x),
+            reference=angles_ref,
+            duty=duty,
+            joint_state=joint_state,
+            wire_temperature=wire,
+            measured_temperature=measured,
+            parameters=self.parameters,
+            check=PlanCheck(
+                solver=solution.solver,
+                status=solution.status,
+                iterations=solution.iterations,
+                solve_time=solution.solve_time,
+                cost=solution.cost,
+                largest_defect=program.largest_defect(solution.x),
+                tolerance_deg=self._tolerance_deg,
+            ),
+        )
+
+    def _fill_in(self, initial_state, wire: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """States (2n + 2W, N) that go with a quasi-static plan's T and D (W, N)."""
+        ambient = self.parameters.ambient_temperature
+        a1, a2, a3 = (
+            np.array([[getattr(wire, name)] for wire in self.parameters.wires])
+            for name in ("a1", "a2", "a3")
+        )
+        to_angles = self._compliance @ torque_matrix(self.parameters)
+        angles = self._rest_angles[:, None] + to_angles @ (wire - ambient)
+        rates = to_angles @ (a1 * (wire - ambient) + a2 * duty)
+        # V follows T by (7): the exact solution for T linear between knots.
+        measured, lag = np.empty_like(wire), a3[:, 0]
+        measured[:, 0] = split_state(self.parameters, initial_state)[3]
+        for k, step in enumerate(np.diff(self.times)):
+            behind = (wire[:, k + 1] - wire[:, k]) / step / lag
+            offset = measured[:, k] - wire[:, k] - behind
+            measured[:, k + 1] = wire[:, k + 1] + behind + np.exp(lag * step) * offset
+        states = np.vstack([angles, rates, wire, measured])
+        states[:, 0] = initial_state
+        return states
+
+
+def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of the plan's bend angle from that of its simulated duty.
+
+    The duty is simulated with an accurate integrator from the plan's first
+    state.
+
+    Returns:
+        Times (M,), s, and the largest difference of a segment (M,), rad.
+    """
+    steps = np.diff(trajectory.time)
     recording = simulate(
         Limb(trajectory.parameters),
         trajectory,
-        sample_rate=(len(trajectory.time) - 1) / trajectory.duration,
+        sample_rate=max(CHECK_RATE, 1 / steps.min()),
         accuracy=CHECK_ACCURACY,
         initial_state=trajectory.state[:, 0],
     )
     planned = trajectory.bend_angle_at(np.minimum(recording.time, trajectory.time[-1]))
-    return float(np.rad2deg(np.abs(recording.bend_angle - planned)).max())
+    return recording.time, np.abs(recording.bend_angle - planned).max(axis=0)
 
 
-def active_constraints(trajectory: Trajectory) -> list[ActiveConstraint]:
+def active_constraints(trajectory: Trajectory, warm_up_time: float) -> list[ActiveConstraint]:
     """Where the plan runs along a bound of (18)-(20), as stretches of time."""
     limits, names = trajectory.parameters.temperature_limits, trajectory.parameters.wire_names
-    warm = trajectory.time > limits.warm_up_time
+    warm = trajectory.time > warm_up_time
     near_duty, near_temperature = 1e-4, 1e-3 * TEMPERATURE_SCALE
     active = []
     for index, name in enumerate(names):
@@ -209,34 +340,16 @@ def _initial_state(parameters: LimbParameters, initial_state, rest_angles) -> np
     return state
 
 
-def _fill_in(
-    parameters: LimbParameters,
-    times: np.ndarray,
-    initial_state: np.ndarray,
-    wire: np.ndarray,
-    duty: np.ndarray,
-    rest_angles: np.ndarray,
-    compliance: np.ndarray,
+def _refined(
+    times: np.ndarray, offsets: np.ndarray, differences: np.ndarray, tolerance: float
 ) -> np.ndarray:
-    """States (2n + 2W, N) that go with a quasi-static plan's T and D."""
-    ambient = parameters.ambient_temperature
-    a1, a2, a3 = (
-        np.array([[getattr(wire, name)] for wire in parameters.wires])
-        for name in ("a1", "a2", "a3")
-    )
-    to_angles = compliance @ torque_matrix(parameters)
-    angles = rest_angles[:, None] + to_angles @ (wire - ambient)
-    rates = to_angles @ (a1 * (wire - ambient) + a2 * duty)
-    measured = np.empty_like(wire)
-    measured[:, 0] = split_state(parameters, initial_state)[3]
-    step, lag = times[1] - times[0], a3[:, 0]
-    # V follows T by (7); the exact solution for T linear in between.
-    decay = np.exp(lag * step)
-    for k in range(len(times) - 1):
-        slope = (wire[:, k + 1] - wire[:, k]) / step
-        delay = slope / lag
-        offset = measured[:, k] - wire[:, k] - delay
-        measured[:, k + 1] = wire[:, k + 1] + delay + decay * offset
-    states = np.vstack([angles, rates, wire, measured])
-    states[:, 0] = initial_state
-    return states
+    """Knots with a new one in the middle of each interval that caused a difference.
+
+    An interval is to blame for a difference in it and, as the limb rings, for
+    a moment after it.
+    """
+    starts, ends = times[:-1], times[1:]
+    bad = offsets[differences > tolerance / 2]
+    blamed = np.searchsorted(bad, ends + RINGING, side="right") > np.searchsorted(bad, starts)
+    middles = 0.5 * (starts + ends)[blamed]
+    return np.sort(np.concatenate([times, middles]))

@@ -4,115 +4,95 @@ import warnings
 
 import numpy as np
 from pydrake.planning import DirectCollocation
+from pydrake.solvers import Binding, MathematicalProgram
 from pydrake.systems.analysis import BatchEvalTimeDerivatives
 
 from limb_systems import Limb, LimbParameters, joint_angles_from_bend_angle, split_state
 from planners.defects import ANGLE_SCALE, TEMPERATURE_SCALE, LimbDefects
+from planners.task import Task
 
-# Weights of eqn (15), as Sec. VI gives them.
-ANGLE_WEIGHT = 100.0  # Q, on θ alone
-DUTY_WEIGHT = 2.0  # R
-TERMINAL_FACTOR = 1000.0  # Q_N = 1000 Q
+REST_RATE = np.deg2rad(0.5)  # rad/s, a bend rate that counts as rest
+REACH_TOLERANCE = np.deg2rad(0.1)  # rad
 
 
 class TrajectoryProgram:
-    """Eqns (15)-(20) for one limb and one reference.
+    """Eqns (15)-(20) for one limb, and what the task adds.
+
+    The reference and the initial state are those of the last `update`.
 
     - ``prog``: the `MathematicalProgram`.
     - ``collocation``: the `DirectCollocation` that built it.
     - ``limb``: the `Limb` whose dynamics are its constraints.
-    - ``states``, ``duty``: indices of x_k and u_k among the decision
-      variables, (N, 2n + 2W) and (N, W).
-    - ``defects``: eqn (17) in closed form, or None where it disagrees with
-      the limb's `MultibodyPlant`.
+    - ``times``: of the knots (N,), s, before they are stretched.
+    - ``states``, ``duty``, ``time_steps``: indices of x_k, u_k and h_k among
+      the decision variables, (N, 2n + 2W), (N, W) and (N - 1).
+    - ``state_scales``: changes of the states that matter (2n + 2W,).
+    - ``defects``: (17) in closed form, or None where it disagrees with the
+      limb's `MultibodyPlant`.
 
     Args:
         parameters: of the limb.
-        times: of the knots (N,), s, evenly spaced from 0.
-        reference: φ_ref at the knots (S, N), rad.
-        initial_state: x_init, a state of `Limb`.
+        times: of the knots (N,), s, from 0.
+        task: weights and limits; the paper's if None.
     """
 
-    def __init__(
-        self,
-        parameters: LimbParameters,
-        times: np.ndarray,
-        reference: np.ndarray,
-        initial_state: np.ndarray,
-    ):
-        self.parameters = parameters
-        self.limb = limb = Limb(parameters)
-        num_knots, time_step = len(times), float(times[1] - times[0])
-        n, num_wires = parameters.num_joints, len(parameters.wires)
-        # (17)
-        self.collocation = DirectCollocation(
-            limb,
-            limb.CreateDefaultContext(),
-            num_time_samples=num_knots,
-            minimum_time_step=time_step,
-            maximum_time_step=time_step,
-            input_port_index=limb.GetInputPort("duty").get_index(),
+    def __init__(self, parameters: LimbParameters, times: np.ndarray, task: Task | None = None):
+        self.parameters, self.times, self.task = parameters, times, task or Task()
+        self.limb = Limb(parameters)
+        self._add_dynamics()
+        self._add_cost()
+        self._initial_state = self.prog.AddBoundingBoxConstraint(0.0, 0.0, self._states[0])
+        self._warm_up = add_thermal_limits(
+            self.prog,
+            parameters,
+            times,
+            self._wire_temperatures,
+            self._duty,
+            self.task,
+            parameters.temperature_limits.warm_up_time,
         )
-        self.prog = prog = self.collocation.prog()
-        states = np.array([self.collocation.state(k) for k in range(num_knots)])
-        duty = np.array([self.collocation.input(k) for k in range(num_knots)])
-        self.time_step = time_step
-        self.time_steps = _indices(
-            prog, np.array([self.collocation.time_step(k) for k in range(num_knots - 1)])
-        )
-        self.states = _indices(prog, states)
-        self.duty = _indices(prog, duty)
+        self._add_limits_of_motion()
+        self._set_scaling()
+        self.defects = self._make_defects()
+        if self.task.customize:
+            self.task.customize(self)
 
-        # (15)
-        angles_ref = joint_angles_from_bend_angle(parameters, reference)
-        for k in range(num_knots):
-            last = k == num_knots - 1
-            angle_weight = ANGLE_WEIGHT * (TERMINAL_FACTOR if last else 1.0)
-            duty_weight = 0.0 if last else DUTY_WEIGHT
-            weights = np.repeat([angle_weight, duty_weight], [n, num_wires])
-            target = np.r_[angles_ref[:, k], np.zeros(num_wires)]
-            prog.AddQuadraticCost(
-                np.diag(weights),
-                -weights * target,
-                0.5 * target @ (weights * target),
-                np.r_[states[k, :n], duty[k]],
-                is_convex=True,
+    def update(self, reference: np.ndarray, initial_state: np.ndarray, warm_up_time: float) -> None:
+        """Sets what changes from plan to plan.
+
+        Args:
+            reference: φ_ref at the knots (S, N), rad.
+            initial_state: x_init, a state of `Limb`.
+            warm_up_time: k_warm, s from the first knot.
+        """
+        target = joint_angles_from_bend_angle(self.parameters, reference)
+        for (binding, weights), angles in zip(self._angle_costs, target.T, strict=True):
+            binding.evaluator().UpdateCoefficients(
+                np.diag(weights), -weights * angles, 0.5 * angles @ (weights * angles), True
             )
         # (16)
-        prog.AddBoundingBoxConstraint(initial_state, initial_state, states[0])
-        # (18)
-        prog.AddBoundingBoxConstraint(0.0, 1.0, duty.ravel())
-        # (19), (20)
-        limits = parameters.temperature_limits
-        wire = states[:, 2 * n : 2 * n + num_wires]
-        prog.AddBoundingBoxConstraint(-np.inf, limits.maximum, wire.ravel())
-        warm = wire[times > limits.warm_up_time]
-        if warm.size:
-            prog.AddBoundingBoxConstraint(limits.warm, np.inf, warm.ravel())
+        self._initial_state.evaluator().set_bounds(initial_state, initial_state)
+        # (20)
+        lower = warm_bounds(self.parameters, self.times, warm_up_time)
+        self._warm_up.evaluator().UpdateLowerBound(lower)
+        # The task's `reach`; without it there are no such bindings.
+        for binding, end in zip(self._ends, reference[:, -1], strict=False):
+            binding.evaluator().set_bounds([end - REACH_TOLERANCE], [end + REACH_TOLERANCE])
 
-        for variable in states[:, :n].ravel():
-            prog.SetVariableScaling(variable, ANGLE_SCALE)
-        for variable in states[:, 2 * n :].ravel():
-            prog.SetVariableScaling(variable, TEMPERATURE_SCALE)
-        manipulator = limb.GetSubsystemByName("manipulator")
-        defects = LimbDefects(parameters, manipulator, num_knots, time_step)
-        self._acceleration_to_angle = defects.acceleration_to_angle
-        if defects.largest_disagreement(manipulator) < 1e-9:
-            self.defects = DefectBlock(self, defects)
-        else:
-            self.defects = None
-            warnings.warn(
-                "The limb's plant is not the planar chain of eqn (2) any more; planning with "
-                "Drake's own constraints, much slower than in closed form.",
-                stacklevel=2,
-            )
-
-    def variables(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        """All decision variables, from states (2n + 2W, N) and duty (W, N)."""
-        x = np.empty(self.prog.num_vars())
-        x[self.time_steps] = self.time_step
+    def variables(
+        self, states: np.ndarray, duty: np.ndarray, times: np.ndarray | None = None
+    ) -> np.ndarray:
+        """All decision variables, from states (2n + 2W, N), duty (W, N) and knots (N,)."""
+        x = np.zeros(self.prog.num_vars())
+        x[self.time_steps] = np.diff(self.times if times is None else times)
         x[self.states], x[self.duty] = states.T, duty.T
         return x
+
+    def knots(self, x: np.ndarray) -> np.ndarray:
+        """Times of the knots (N,) of all decision variables, s."""
+        if self.task.stretch is None:
+            return self.times
+        return np.append(0.0, np.cumsum(x[self.time_steps]))
 
     def signals(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """[θ, θ̇] (2n, N), T, V and D (W, N) of all decision variables."""
@@ -120,8 +100,8 @@ class TrajectoryProgram:
         return np.vstack([angles, rates]), wire, measured, x[self.duty].T
 
     def cost(self, x: np.ndarray) -> float:
-        """Eqn (15)."""
-        return float(self.prog.EvalBindings(self.prog.quadratic_costs(), x).sum())
+        """Eqn (15), and what the task adds."""
+        return float(self.prog.EvalBindings(self.prog.GetAllCosts(), x).sum())
 
     def largest_defect(self, x: np.ndarray) -> float:
         """Largest violation of (17), with the dynamics of the limb's diagram.
@@ -130,7 +110,7 @@ class TrajectoryProgram:
         stand for, in rad; those of θ by the time step, in rad; those of T and
         V by the time step and 50 °C.
         """
-        h, states, duty = self.time_step, x[self.states].T, x[self.duty].T
+        h, states, duty = x[self.time_steps], x[self.states].T, x[self.duty].T
         rates = self._time_derivatives(states, duty)
         middle_states = (states[:, :-1] + states[:, 1:]) / 2 - h / 8 * np.diff(rates)
         middle_rates = 1.5 / h * np.diff(states) - (rates[:, :-1] + rates[:, 1:]) / 4
@@ -143,6 +123,107 @@ class TrajectoryProgram:
             defects[2 * n :] * h / TEMPERATURE_SCALE,
         )
         return max(float(np.abs(rows).max()) for rows in scaled)
+
+    def _add_dynamics(self) -> None:
+        """(17), and the decision variables."""
+        num_knots, steps = len(self.times), np.diff(self.times)
+        shortest, longest = self.task.stretch or (1.0, 1.0)
+        self.collocation = collocation = DirectCollocation(
+            self.limb,
+            self.limb.CreateDefaultContext(),
+            num_time_samples=num_knots,
+            minimum_time_step=shortest * steps.min(),
+            maximum_time_step=longest * steps.max(),
+            input_port_index=self.limb.GetInputPort("duty").get_index(),
+        )
+        self.prog = prog = collocation.prog()
+        self._states = np.array([collocation.state(k) for k in range(num_knots)])
+        self._duty = np.array([collocation.input(k) for k in range(num_knots)])
+        time_steps = np.array([collocation.time_step(k)[0] for k in range(num_knots - 1)])
+        self.states, self.duty, self.time_steps = (
+            np.array(prog.FindDecisionVariableIndices(variables.ravel())).reshape(variables.shape)
+            for variables in (self._states, self._duty, time_steps)
+        )
+        if self.task.stretch is None:
+            prog.AddBoundingBoxConstraint(steps, steps, time_steps)
+            return
+        if self.task.time_weight:
+            prog.AddLinearCost(np.full(num_knots - 1, self.task.time_weight), 0.0, time_steps)
+        for k in range(1, num_knots - 1):  # all steps stretch alike
+            prog.AddLinearEqualityConstraint(
+                np.array([[1 / steps[0], -1 / steps[k]]]), [0.0], [time_steps[0], time_steps[k]]
+            )
+
+    def _add_cost(self) -> None:
+        """(15); `update` fills in the reference."""
+        n, num_wires = self.parameters.num_joints, len(self.parameters.wires)
+        angle_weights, duty_weights = self.task.weights(self.times)
+        angle_weights[-1] *= self.task.terminal_factor
+        energy = self.task.energy_weight * self.task.shares(self.times)
+        self._angle_costs = []
+        for k, (angle_weight, duty_weight) in enumerate(
+            zip(angle_weights, duty_weights, strict=True)
+        ):
+            weights = np.full(n, angle_weight)
+            binding = self.prog.AddQuadraticCost(
+                np.diag(weights), np.zeros(n), self._states[k, :n], is_convex=True
+            )
+            self._angle_costs.append((binding, weights))
+            if k < len(self.times) - 1:
+                self.prog.AddQuadraticCost(
+                    duty_weight * np.eye(num_wires),
+                    np.full(num_wires, energy[k]),
+                    self._duty[k],
+                    is_convex=True,
+                )
+
+    def _add_limits_of_motion(self) -> None:
+        task, prog = self.task, self.prog
+        n = self.parameters.num_joints
+        self._ends = []
+        resting = self.times >= self.times[-1] - task.final_hold
+        resting[-1] &= task.reach or task.final_hold > 0
+        limits = np.full(
+            len(self.times), np.inf if task.max_bend_rate is None else task.max_bend_rate
+        )
+        limits[resting] = np.minimum(limits[resting], REST_RATE)
+        for joints in self.parameters.joint_slices:
+            links = joints.stop - joints.start
+            to_bend = np.full((1, links), (links + 1) / (2 * links))  # (11)
+            angles, rates = self._states[:, :n][:, joints], self._states[:, n : 2 * n][:, joints]
+            # The initial state is given, so its rate is nothing to plan.
+            for k in np.flatnonzero(np.isfinite(limits[1:])) + 1:
+                prog.AddLinearConstraint(to_bend, [-limits[k]], [limits[k]], rates[k])
+            if task.reach:
+                self._ends.append(prog.AddLinearConstraint(to_bend, [0.0], [0.0], angles[-1]))
+
+    def _set_scaling(self) -> None:
+        n = self.parameters.num_joints
+        self.state_scales = np.ones(self.states.shape[1])
+        self.state_scales[:n], self.state_scales[2 * n :] = ANGLE_SCALE, TEMPERATURE_SCALE
+        for variable in self._states[:, :n].ravel():
+            self.prog.SetVariableScaling(variable, ANGLE_SCALE)
+        for variable in self._states[:, 2 * n :].ravel():
+            self.prog.SetVariableScaling(variable, TEMPERATURE_SCALE)
+
+    def _make_defects(self) -> "DefectBlock | None":
+        manipulator = self.limb.GetSubsystemByName("manipulator")
+        time_step = float(np.median(np.diff(self.times)))
+        defects = LimbDefects(self.parameters, manipulator, len(self.times), time_step)
+        self._acceleration_to_angle = defects.acceleration_to_angle
+        if defects.largest_disagreement(manipulator) < 1e-9:
+            return DefectBlock(self, defects)
+        warnings.warn(
+            "The limb's plant is not the planar chain of eqn (2) any more; planning with "
+            "Drake's own constraints, much slower than in closed form.",
+            stacklevel=3,
+        )
+        return None
+
+    @property
+    def _wire_temperatures(self) -> np.ndarray:
+        n, num_wires = self.parameters.num_joints, len(self.parameters.wires)
+        return self._states[:, 2 * n : 2 * n + num_wires]
 
     def _time_derivatives(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         return BatchEvalTimeDerivatives(
@@ -161,21 +242,75 @@ class DefectBlock:
     def __init__(self, program: TrajectoryProgram, defects: LimbDefects):
         self._program, self._defects = program, defects
         num_states = program.states.shape[1]
-        variables = np.hstack(
-            [program.states[:-1], program.states[1:], program.duty[:-1], program.duty[1:]]
+        variables = np.column_stack(
+            [
+                program.states[:-1],
+                program.states[1:],
+                program.duty[:-1],
+                program.duty[1:],
+                program.time_steps,
+            ]
         )
         first_rows = num_states * np.arange(defects.num_intervals)
         self.rows = (first_rows[:, None] + defects.rows).ravel()
         self.columns = variables[:, defects.columns].ravel()
+        self.hessian_rows = variables[:, defects.hessian_rows].ravel()
+        self.hessian_columns = variables[:, defects.hessian_columns].ravel()
         self.lower = self.upper = np.zeros(defects.num_intervals * num_states)
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
-        return self._defects.evaluate(x[self._program.states], x[self._program.duty]).ravel()
+        return self._defects.evaluate(*self._arguments(x)).ravel()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        return self._defects.jacobian(x[self._program.states], x[self._program.duty]).ravel()
+        return self._defects.jacobian(*self._arguments(x)).ravel()
+
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        multipliers = multipliers.reshape(self._defects.num_intervals, -1)
+        return self._defects.hessian(*self._arguments(x), multipliers).ravel()
+
+    def _arguments(self, x):
+        program = self._program
+        return x[program.states], x[program.duty], x[program.time_steps]
 
 
-def _indices(prog, variables: np.ndarray) -> np.ndarray:
-    flat = prog.FindDecisionVariableIndices(variables.ravel())
-    return np.array(flat).reshape(variables.shape)
+def add_thermal_limits(
+    prog: MathematicalProgram,
+    parameters: LimbParameters,
+    times: np.ndarray,
+    wire_temperatures: np.ndarray,
+    duty: np.ndarray,
+    task: Task,
+    warm_up_time: float,
+) -> Binding:
+    """(18)-(20), and the task's limit of the temperature rate.
+
+    Args:
+        times: of the knots (N,), s.
+        wire_temperatures, duty: decision variables (N, W).
+        warm_up_time: k_warm, s from the first knot.
+
+    Returns:
+        The binding of (19)-(20), whose lower bounds are `warm_bounds`.
+    """
+    prog.AddBoundingBoxConstraint(0.0, 1.0, duty.ravel())  # (18)
+    temperatures = wire_temperatures.ravel()
+    warm = warm_bounds(parameters, times, warm_up_time)
+    hot = np.full(len(warm), parameters.temperature_limits.maximum)
+    binding = prog.AddBoundingBoxConstraint(warm, hot, temperatures)  # (19)-(20)
+    if task.max_temperature_rate is None:
+        return binding
+    a1 = np.array([wire.a1 for wire in parameters.wires])
+    a2 = np.array([wire.a2 for wire in parameters.wires])
+    rate = np.hstack([np.diag(a1), np.diag(a2)])  # (6)
+    at_zero, limit = -a1 * parameters.ambient_temperature, task.max_temperature_rate
+    for k in range(len(times)):
+        prog.AddLinearConstraint(
+            rate, -limit - at_zero, limit - at_zero, np.r_[wire_temperatures[k], duty[k]]
+        )
+    return binding
+
+
+def warm_bounds(parameters: LimbParameters, times: np.ndarray, warm_up_time: float) -> np.ndarray:
+    """Lower bounds of the wire temperatures (N * W,), knot by knot, eqn (20), °C."""
+    bounds = np.where(times > warm_up_time, parameters.temperature_limits.warm, -np.inf)
+    return np.repeat(bounds, len(parameters.wires))

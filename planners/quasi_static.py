@@ -16,8 +16,9 @@ from pydrake.solvers import (
 
 from limb_systems import LimbParameters, joint_angles_from_bend_angle, torque_matrix
 from limb_systems.errors import LimbError
-from planners.defects import linear_defect_jacobian
-from planners.program import ANGLE_WEIGHT, DUTY_WEIGHT, TERMINAL_FACTOR
+from planners.defects import linear_defect_terms
+from planners.program import add_thermal_limits
+from planners.task import Task
 
 
 class InfeasibleError(LimbError):
@@ -25,7 +26,10 @@ class InfeasibleError(LimbError):
 
 
 def check_temperature_limits(
-    parameters: LimbParameters, times: np.ndarray, initial_temperature: np.ndarray
+    parameters: LimbParameters,
+    times: np.ndarray,
+    initial_temperature: np.ndarray,
+    warm_up_time: float,
 ) -> None:
     """Tells whether (19)-(20) can be met at all, wire by wire.
 
@@ -33,15 +37,16 @@ def check_temperature_limits(
     and at zero duty enclose all others.
 
     Args:
-        times: of the knots (N,), s, evenly spaced.
+        times: of the knots (N,), s.
         initial_temperature: T of the wires at the start (W,), °C.
+        warm_up_time: k_warm, s from the first knot.
 
     Raises:
         InfeasibleError: with the wire, the constraint and from when it could
             be met.
     """
     limits = parameters.temperature_limits
-    warm_knots = times > limits.warm_up_time
+    warm_knots = times > warm_up_time
     for wire, name, start in zip(
         parameters.wires, parameters.wire_names, initial_temperature, strict=True
     ):
@@ -77,14 +82,17 @@ def solve_quasi_static(
     initial_temperature: np.ndarray,
     rest_angles: np.ndarray,
     compliance: np.ndarray,
+    task: Task,
+    warm_up_time: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Wire temperature and duty of the best quasi-static plan.
 
     Args:
-        times: of the knots (N,), s, evenly spaced.
+        times: of the knots (N,), s.
         reference: φ_ref at the knots (S, N), rad.
         initial_temperature: T of the wires at the start (W,), °C.
         rest_angles: θ with cold wires (n,), rad.
+        warm_up_time: k_warm, s from the first knot.
         compliance: joint deflection per generalized force (n, n), rad/(N·m).
 
     Returns:
@@ -94,44 +102,52 @@ def solve_quasi_static(
         InfeasibleError: if the convex program has no solution.
     """
     num_knots, num_wires = len(times), len(parameters.wires)
-    ambient, limits = parameters.ambient_temperature, parameters.temperature_limits
+    ambient = parameters.ambient_temperature
     a1 = np.array([wire.a1 for wire in parameters.wires])
     a2 = np.array([wire.a2 for wire in parameters.wires])
 
     prog = MathematicalProgram()
-    excess = prog.NewContinuousVariables(num_knots, num_wires, "T-T0")
+    wire = prog.NewContinuousVariables(num_knots, num_wires, "T")
     duty = prog.NewContinuousVariables(num_knots, num_wires, "D")
-    heating = linear_defect_jacobian(np.diag(a1), np.diag(a2), times[1] - times[0])  # (6)
-    dynamics = LinearEqualityConstraint(heating, np.zeros(num_wires))
-    for k in range(num_knots - 1):
-        prog.AddConstraint(
-            dynamics, np.concatenate([excess[k], excess[k + 1], duty[k], duty[k + 1]])
-        )
+    P, Q, R = linear_defect_terms(np.diag(a1), np.diag(a2))  # (6)
+    heating = {}
+    for k, h in enumerate(np.diff(times)):
+        if h not in heating:
+            defect = P / h + Q + R * h
+            at_ambient = defect @ np.repeat([ambient, 0.0], 2 * num_wires)
+            heating[h] = LinearEqualityConstraint(defect, at_ambient)
+        prog.AddConstraint(heating[h], np.r_[wire[k], wire[k + 1], duty[k], duty[k + 1]])
+
     to_angles = compliance @ torque_matrix(parameters)  # θ = K⁻¹ f(T), eqns (2), (4)
-    target = joint_angles_from_bend_angle(parameters, reference) - rest_angles[:, None]
-    Q = ANGLE_WEIGHT * to_angles.T @ to_angles
-    b = -ANGLE_WEIGHT * to_angles.T @ target
+    cold = rest_angles - to_angles @ np.full(num_wires, ambient)
+    target = joint_angles_from_bend_angle(parameters, reference) - cold[:, None]
+    angle_weights, duty_weights = task.weights(times)
+    angle_weights[-1] *= task.terminal_factor
+    energy = task.energy_weight * task.shares(times)
     for k in range(num_knots):
-        factor = TERMINAL_FACTOR if k == num_knots - 1 else 1.0
-        prog.AddQuadraticCost(factor * Q, factor * b[:, k], excess[k], is_convex=True)
-    R, no_slope = DUTY_WEIGHT * np.eye(num_wires), np.zeros(num_wires)
-    for k in range(num_knots - 1):
-        prog.AddQuadraticCost(R, no_slope, duty[k], is_convex=True)
-    start = initial_temperature - ambient
-    prog.AddBoundingBoxConstraint(start, start, excess[0])
-    prog.AddBoundingBoxConstraint(0.0, 1.0, duty.ravel())
-    prog.AddBoundingBoxConstraint(-np.inf, limits.maximum - ambient, excess[1:].ravel())
-    warm = excess[times > limits.warm_up_time]
-    if warm.size:
-        prog.AddBoundingBoxConstraint(limits.warm - ambient, np.inf, warm.ravel())
+        weighted = angle_weights[k] * to_angles.T
+        prog.AddQuadraticCost(
+            weighted @ to_angles, -weighted @ target[:, k], wire[k], is_convex=True
+        )
+        if k < num_knots - 1:
+            prog.AddQuadraticCost(
+                duty_weights[k] * np.eye(num_wires),
+                np.full(num_wires, energy[k]),
+                duty[k],
+                is_convex=True,
+            )
+    prog.AddBoundingBoxConstraint(initial_temperature, initial_temperature, wire[0])
+    add_thermal_limits(prog, parameters, times, wire, duty, task, warm_up_time)
 
     result = ClarabelSolver().Solve(prog, None, SolverOptions())
     if not result.is_success():
+        also = " and the task's max_temperature_rate" if task.max_temperature_rate else ""
         raise InfeasibleError(
-            "The temperature constraints (19)-(20) cannot all be met with duty between 0 and 1 "
-            f"(the quasi-static program: {result.get_solution_result().name})."
+            "The temperature constraints (19)-(20) cannot all be met with duty between 0 and 1"
+            f"{also} (the quasi-static program: "
+            f"{result.get_solution_result().name})."
         )
-    return ambient + result.GetSolution(excess).T, np.clip(result.GetSolution(duty).T, 0.0, 1.0)
+    return result.GetSolution(wire).T, np.clip(result.GetSolution(duty).T, 0.0, 1.0)
 
 
 def _temperature(wire, parameters: LimbParameters, start: float, time: float, duty: float) -> float:

@@ -65,7 +65,7 @@ def test_a_plan_for_another_kind_of_limb_is_refused(fig5_plan, two_segments):
 def test_a_plan_hotter_than_the_limb_allows_is_refused(fig5_plan):
     cooler = LimbParameters()
     cooler.temperature_limits.maximum = 80.0
-    with pytest.raises(ReplayError, match="heats a wire to 92.4 °C, .*maximum is 80 °C"):
+    with pytest.raises(ReplayError, match=r"heats a wire to 92\.4 °C, .*maximum is 80 °C"):
         replay(fig5_plan, LimbTwin(cooler))
 
 

@@ -51,8 +51,11 @@ def drake_variables(states, duty):
     return np.r_[TIME_STEP, states[0], states[1], duty[0], duty[1]]
 
 
-def defects_for(parameters):
-    return LimbDefects(parameters, make_manipulator(parameters), 2, TIME_STEP)
+STEP = np.array([TIME_STEP])
+
+
+def defects_for(parameters, num_knots=2):
+    return LimbDefects(parameters, make_manipulator(parameters), num_knots, TIME_STEP)
 
 
 def unscaled(parameters, rows):
@@ -81,7 +84,7 @@ def close_angle_rows(parameters, states, duty, constraint):
 
 def test_angle_and_heat_rows_are_those_of_drake_at_any_point(parameters):
     states, duty, constraint = random_interval(parameters, np.random.default_rng(1))
-    ours = unscaled(parameters, defects_for(parameters).evaluate(states, duty)[0])
+    ours = unscaled(parameters, defects_for(parameters).evaluate(states, duty, STEP)[0])
     theirs = constraint.Eval(drake_variables(states, duty))
     n = parameters.num_joints
     rows = np.r_[0:n, 2 * n : len(theirs)]
@@ -91,7 +94,7 @@ def test_angle_and_heat_rows_are_those_of_drake_at_any_point(parameters):
 def test_rate_rows_are_those_of_drake_where_angle_rows_vanish(parameters):
     states, duty, constraint = random_interval(parameters, np.random.default_rng(2))
     states = close_angle_rows(parameters, states, duty, constraint)
-    ours = unscaled(parameters, defects_for(parameters).evaluate(states, duty)[0])
+    ours = unscaled(parameters, defects_for(parameters).evaluate(states, duty, STEP)[0])
     theirs = constraint.Eval(drake_variables(states, duty))
     assert np.abs(theirs).max() > 1.0  # it is no feasible point
     np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-5)
@@ -101,19 +104,63 @@ def test_jacobian_differs_from_drake_by_multiples_of_the_angle_rows_only(paramet
     states, duty, constraint = random_interval(parameters, np.random.default_rng(3))
     states = close_angle_rows(parameters, states, duty, constraint)
     defects = defects_for(parameters)
-    ours = np.zeros((states.shape[1], 2 * states.shape[1] + 2 * duty.shape[1]))
-    ours[defects.rows, defects.columns] = defects.jacobian(states, duty)[0]
+    ours = np.zeros((states.shape[1], 2 * states.shape[1] + 2 * duty.shape[1] + 1))
+    ours[defects.rows, defects.columns] = defects.jacobian(states, duty, STEP)[0]
     ours = unscaled(parameters, ours)
     variables = drake_variables(states, duty)
-    theirs = ExtractGradient(constraint.Eval(InitializeAutoDiff(variables)[:, 0]))[:, 1:]
+    theirs = ExtractGradient(constraint.Eval(InitializeAutoDiff(variables)[:, 0]))
+    theirs = np.roll(theirs, -1, axis=1)  # the time step is Drake's first and our last variable
 
     n = parameters.num_joints
     same = np.r_[0:n, 2 * n : len(theirs)]
-    scale = np.abs(theirs).max()
-    np.testing.assert_allclose(ours[same], theirs[same], rtol=1e-8, atol=1e-9 * scale)
+    scale = np.abs(theirs).max(axis=0) + 1.0
+    ours, theirs = ours / scale, theirs / scale
+    np.testing.assert_allclose(ours[same], theirs[same], rtol=1e-8, atol=1e-8)
     difference = ours[n : 2 * n] - theirs[n : 2 * n]
     multiples = np.linalg.lstsq(theirs[:n].T, difference.T, rcond=None)[0]
-    np.testing.assert_allclose(multiples.T @ theirs[:n], difference, atol=1e-7 * scale)
+    np.testing.assert_allclose(multiples.T @ theirs[:n], difference, atol=1e-7)
+
+
+def test_intervals_of_a_long_trajectory_are_those_of_short_ones(parameters):
+    """Uneven time steps, seen at once and one by one."""
+    generator = np.random.default_rng(6)
+    pieces = [random_interval(parameters, generator)[:2] for _ in range(2)]
+    states, duty = (np.vstack(signals) for signals in zip(*pieces, strict=True))
+    steps = np.array([1.0, 0.5, 2.0]) * TIME_STEP
+    defects, short = defects_for(parameters, 4), defects_for(parameters)
+    values = defects.evaluate(states, duty, steps)
+    nonzeros = defects.jacobian(states, duty, steps)
+    for k in range(3):
+        part = states[k : k + 2], duty[k : k + 2], steps[k : k + 1]
+        np.testing.assert_allclose(values[k], short.evaluate(*part)[0], rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(nonzeros[k], short.jacobian(*part)[0], rtol=1e-10, atol=1e-10)
+
+
+def test_hessian_is_the_difference_quotient_of_the_jacobian(parameters):
+    states, duty, _ = random_interval(parameters, np.random.default_rng(7))
+    generator = np.random.default_rng(8)
+    h = 0.05
+    defects = LimbDefects(parameters, make_manipulator(parameters), 2, h)
+    multipliers = generator.normal(size=(1, states.shape[1]))
+    point = np.r_[states.ravel(), duty.ravel(), h]
+
+    def gradient(point):
+        parts = np.split(point, [states.size, states.size + duty.size])
+        parts = parts[0].reshape(states.shape), parts[1].reshape(duty.shape), parts[2]
+        nonzeros = defects.jacobian(*parts)[0] * multipliers[0, defects.rows]
+        return np.bincount(defects.columns, weights=nonzeros, minlength=len(point))
+
+    quotient = np.empty((len(point), len(point)))
+    for index in range(len(point)):
+        step = np.zeros(len(point))
+        step[index] = 1e-6 * max(1.0, abs(point[index])) if index < len(point) - 1 else 1e-7
+        quotient[index] = (gradient(point + step) - gradient(point - step)) / (2 * step[index])
+    hessian = np.zeros_like(quotient)
+    hessian[defects.hessian_rows, defects.hessian_columns] = defects.hessian(
+        states, duty, np.array([h]), multipliers
+    )[0]
+    hessian += np.tril(hessian, -1).T
+    np.testing.assert_allclose(hessian, quotient, atol=2e-6 * np.abs(quotient).max())
 
 
 def test_accelerations_and_derivatives_are_the_plants(parameters):

@@ -1,10 +1,19 @@
-"""The Gauss-Newton IPOPT front end on problems with known solutions."""
+"""The IPOPT front end on problems with known solutions."""
+
+import os
+import signal
 
 import numpy as np
 import pytest
-from pydrake.solvers import MathematicalProgram, SnoptSolver
+from pydrake.solvers import (
+    IpoptSolver,
+    MathematicalProgram,
+    SnoptSolver,
+    SolutionResult,
+    SolverOptions,
+)
 
-from planners import ipopt
+from planners import ExactHessianIpoptSolver
 
 
 def nearest_point_on_circle():
@@ -16,21 +25,23 @@ def nearest_point_on_circle():
     return prog, x
 
 
-def test_nonlinear_constraint_is_met_at_the_known_optimum():
+@pytest.mark.parametrize("exact", [False, True])
+def test_nonlinear_constraint_is_met_at_the_known_optimum(exact):
     prog, _ = nearest_point_on_circle()
-    solution = ipopt.solve(prog, np.array([0.5, 0.5]))
-    assert solution.success
-    np.testing.assert_allclose(solution.x, np.array([2.0, 1.0]) / np.sqrt(5), atol=1e-4)
-    assert solution.cost == pytest.approx((np.sqrt(5) - 1) ** 2, rel=1e-6)
+    solution = ExactHessianIpoptSolver(exact=exact).Solve(prog, np.array([0.5, 0.5]))
+    assert solution.is_success()
+    np.testing.assert_allclose(solution.get_x_val(), np.array([2.0, 1.0]) / np.sqrt(5), atol=1e-4)
+    assert solution.get_optimal_cost() == pytest.approx((np.sqrt(5) - 1) ** 2, rel=1e-6)
 
 
-def test_scaling_of_variables_does_not_move_the_optimum():
+@pytest.mark.parametrize("exact", [False, True])
+def test_scaling_of_variables_does_not_move_the_optimum(exact):
     prog, x = nearest_point_on_circle()
     prog.SetVariableScaling(x[0], 50.0)
     prog.SetVariableScaling(x[1], 0.01)
-    solution = ipopt.solve(prog, np.array([0.5, 0.5]))
-    assert solution.success
-    np.testing.assert_allclose(solution.x, np.array([2.0, 1.0]) / np.sqrt(5), atol=1e-4)
+    solution = ExactHessianIpoptSolver(exact=exact).Solve(prog, np.array([0.5, 0.5]))
+    assert solution.is_success()
+    np.testing.assert_allclose(solution.get_x_val(), np.array([2.0, 1.0]) / np.sqrt(5), atol=1e-4)
 
 
 def test_linear_constraints_bounds_and_linear_costs():
@@ -41,29 +52,90 @@ def test_linear_constraints_bounds_and_linear_costs():
     prog.AddLinearCost(-4 * x[0] + 3.0)
     prog.AddLinearConstraint(x[0] + x[1] == 1.0)
     prog.AddBoundingBoxConstraint(0.25, np.inf, x[1])
-    solution = ipopt.solve(prog, np.zeros(2))
-    assert solution.success
-    np.testing.assert_allclose(solution.x, [0.75, 0.25], atol=1e-4)
-    assert solution.cost == pytest.approx(0.75**2 + 0.25**2 - 3.0 + 3.0, abs=1e-4)
+    solution = ExactHessianIpoptSolver().Solve(prog, np.zeros(2))
+    assert solution.is_success()
+    np.testing.assert_allclose(solution.get_x_val(), [0.75, 0.25], atol=1e-4)
+    assert solution.get_optimal_cost() == pytest.approx(0.75**2 + 0.25**2 - 3.0 + 3.0, abs=1e-4)
 
 
 def test_infeasible_program_is_no_success():
     prog, x = nearest_point_on_circle()
     prog.AddBoundingBoxConstraint(2.0, 3.0, x)
-    solution = ipopt.solve(prog, np.array([2.5, 2.5]))
-    assert not solution.success
-    assert "infeasible" in solution.status or "failed" in solution.status
+    solution = ExactHessianIpoptSolver().Solve(prog, np.array([2.5, 2.5]))
+    assert not solution.is_success()
+    status = solution.get_solver_details().status
+    assert "infeasible" in status or "failed" in status
 
 
-def test_costs_of_other_kinds_are_refused():
+def test_any_smooth_cost_is_taken_with_its_hessian():
+    """Rosenbrock's valley, whose minimum is 0 at (1, 1)."""
     prog = MathematicalProgram()
-    x = prog.NewContinuousVariables(1)
-    prog.AddCost(lambda z: z[0] ** 4, vars=x)
-    with pytest.raises(ValueError, match="quadratic and linear costs"):
-        ipopt.solve(prog, np.zeros(1))
+    x = prog.NewContinuousVariables(2, "x")
+    prog.AddCost(lambda z: (1 - z[0]) ** 2 + 100 * (z[1] - z[0] ** 2) ** 2, vars=x)
+    result = ExactHessianIpoptSolver().Solve(prog, np.array([-1.2, 1.0]))
+    assert result.is_success()
+    np.testing.assert_allclose(result.GetSolution(x), [1.0, 1.0], atol=1e-3)
+    assert result.get_solver_details().iterations < 40  # Newton's method takes about 20
 
 
-def test_agrees_with_snopt_on_a_random_nonlinear_program():
+def test_the_exact_hessian_makes_newton_quick_where_gauss_newton_knows_nothing():
+    """max x + y on the unit circle: a linear cost, all curvature in the constraint."""
+    prog = MathematicalProgram()
+    x = prog.NewContinuousVariables(2)
+    prog.AddLinearCost(-x[0] - x[1])
+    prog.AddConstraint(x[0] ** 2 + x[1] ** 2 == 1.0)
+    result = ExactHessianIpoptSolver(exact=True).Solve(prog, np.array([0.9, 0.1]))
+    assert result.is_success()
+    np.testing.assert_allclose(result.get_x_val(), np.full(2, np.sqrt(0.5)), atol=1e-5)
+    assert result.get_solver_details().iterations < 15
+
+
+def test_warm_start_from_the_solution_takes_next_to_no_iterations():
+    prog, _ = nearest_point_on_circle()
+    solver = ExactHessianIpoptSolver(exact=True)
+    cold = solver.Solve(prog, np.array([-0.5, 0.8]))
+    multipliers = cold.get_solver_details().multipliers
+    warm = solver.Solve(prog, cold.get_x_val(), multipliers=multipliers)
+    assert warm.is_success()
+    assert warm.get_solver_details().iterations <= 2 < cold.get_solver_details().iterations
+
+
+def test_solver_options_are_drakes():
+    prog, _ = nearest_point_on_circle()
+    options = SolverOptions()
+    options.SetOption(IpoptSolver.id(), "max_iter", 1)
+    result = ExactHessianIpoptSolver().Solve(prog, np.array([-0.5, 0.8]), options)
+    assert not result.is_success()
+    assert result.get_solution_result() == SolutionResult.kIterationLimit
+    assert result.get_solver_details().iterations == 1
+
+
+def test_ctrl_c_keeps_the_best_feasible_point():
+    prog, _ = nearest_point_on_circle()
+
+    def interrupt(_iteration, _cost, violation):
+        if violation < 1e-9:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    solver = ExactHessianIpoptSolver(exact=True, on_iteration=interrupt)
+    result = solver.Solve(prog, np.array([-0.5, 0.8]))
+    details = result.get_solver_details()
+    assert details.status == "stopped by the user"
+    assert details.violation < 1e-6
+    np.testing.assert_allclose(np.linalg.norm(result.get_x_val()), 1.0, atol=1e-6)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_cones_are_refused():
+    prog = MathematicalProgram()
+    x = prog.NewContinuousVariables(3)
+    prog.AddLorentzConeConstraint(x)
+    with pytest.raises(ValueError, match="the program has others"):
+        ExactHessianIpoptSolver().Solve(prog, np.zeros(3))
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_agrees_with_snopt_on_a_random_nonlinear_program(exact):
     generator = np.random.default_rng(5)
     prog = MathematicalProgram()
     x = prog.NewContinuousVariables(6)
@@ -73,8 +145,8 @@ def test_agrees_with_snopt_on_a_random_nonlinear_program():
     prog.AddConstraint(x[3] ** 2 + x[4] * x[5] >= 1.0)
     prog.AddBoundingBoxConstraint(-2.0, 2.0, x)
     guess = np.full(6, 0.5)
-    solution = ipopt.solve(prog, guess)
+    solution = ExactHessianIpoptSolver(exact=exact).Solve(prog, guess)
     reference = SnoptSolver().Solve(prog, guess, None)
-    assert solution.success
+    assert solution.is_success()
     assert reference.is_success()
-    assert solution.cost == pytest.approx(reference.get_optimal_cost(), rel=1e-5)
+    assert solution.get_optimal_cost() == pytest.approx(reference.get_optimal_cost(), rel=1e-5)

@@ -1,8 +1,11 @@
 """Plans against the paper's program (15)-(20), Drake's evaluators and simulation."""
 
+import os
+import signal
+
 import numpy as np
 import pytest
-from pydrake.solvers import SnoptSolver
+from pydrake.solvers import MathematicalProgram, SnoptSolver
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
@@ -13,7 +16,7 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
-from planners import InfeasibleError, PlanningError, ipopt, plan, planning, references
+from planners import InfeasibleError, PlanningError, ipopt, plan, planning, references, solving
 from planners.defects import LimbDefects
 from planners.program import TrajectoryProgram
 
@@ -69,9 +72,8 @@ def test_knots_are_those_asked_for(fig5_plan):
 
 
 def test_dynamics_hold_by_drakes_own_constraints(fig5_plan):
-    program = TrajectoryProgram(
-        fig5_plan.parameters, fig5_plan.time, fig5_plan.reference, fig5_plan.state[:, 0]
-    )
+    program = TrajectoryProgram(fig5_plan.parameters, fig5_plan.time)
+    program.update(fig5_plan.reference, fig5_plan.state[:, 0], 20.0)
     x = program.variables(fig5_plan.state, fig5_plan.duty)
     prog = program.prog
     defects = prog.EvalBindings(prog.generic_constraints(), x).reshape(600, 14)
@@ -130,9 +132,8 @@ def test_snopt_finds_the_same_optimum_of_the_same_program():
     """From our start, without our evaluation, Hessian or scaling of rows."""
     parameters = cold_parameters(segments=[SegmentParameters(links=1)])
     trajectory = plan(parameters, short_reference(), knot_rate=10.0, tolerance_deg=1.0)
-    program = TrajectoryProgram(
-        parameters, trajectory.time, trajectory.reference, trajectory.state[:, 0]
-    )
+    program = TrajectoryProgram(parameters, trajectory.time)
+    program.update(trajectory.reference, trajectory.state[:, 0], 1000.0)
     guess = program.variables(trajectory.state, np.full_like(trajectory.duty, 0.1))
     result = SnoptSolver().Solve(program.prog, guess, None)
     assert result.is_success()
@@ -201,7 +202,7 @@ def hot_start():
 def test_unreachable_temperatures_are_named_before_ipopt_runs(
     changes, arguments, message, monkeypatch
 ):
-    monkeypatch.setattr(ipopt, "solve", lambda *_: pytest.fail("IPOPT ran"))
+    monkeypatch.setattr(planning, "solve_program", lambda *_: pytest.fail("IPOPT ran"))
     parameters = LimbParameters()
     if "a2" in changes:
         parameters.segments[0].right.a2 = changes["a2"]
@@ -272,10 +273,94 @@ def test_a_simulation_that_goes_elsewhere_is_noticed(fig5_plan, monkeypatch):
     other = LimbParameters()
     other.segments[0].right.beta *= 1.02
     monkeypatch.setattr(planning, "Limb", lambda _: Limb(other))
-    assert planning.simulated_difference_deg(fig5_plan) > 0.3
+    _, differences = planning.simulated_differences(fig5_plan)
+    assert np.rad2deg(differences.max()) > 0.3
 
 
-def test_ipopt_that_does_not_converge_is_no_plan(monkeypatch):
+def small_limb():
+    return cold_parameters(segments=[SegmentParameters(links=1)])
+
+
+def test_the_exact_hessian_takes_over_from_gauss_newton(monkeypatch):
+    usual = plan(small_limb(), short_reference())
+    monkeypatch.setattr(solving, "GAUSS_NEWTON_ITERATIONS", 2)
+    other = plan(small_limb(), short_reference())
+    assert usual.check.solver == "IPOPT, Gauss-Newton"
+    assert other.check.solver == (
+        "IPOPT, exact Hessian (after IPOPT, Gauss-Newton: maximum number of iterations exceeded)"
+    )
+    assert other.check.cost == pytest.approx(usual.check.cost, rel=1e-6)
+
+
+def test_snopt_takes_over_from_ipopt(monkeypatch):
+    usual = plan(small_limb(), short_reference())
+    monkeypatch.setattr(solving, "GAUSS_NEWTON_ITERATIONS", 2)
     monkeypatch.setitem(ipopt.OPTIONS, "max_iter", 2)
-    with pytest.raises(PlanningError, match="no plan in 2 iterations: maximum number"):
-        plan(LimbParameters(), references.step_and_decaying_sine())
+    other = plan(small_limb(), short_reference())
+    assert other.check.solver.startswith("SNOPT (after IPOPT, Gauss-Newton: maximum number")
+    assert other.check.cost == pytest.approx(usual.check.cost, rel=1e-4)
+
+
+def test_if_all_fail_there_is_no_plan_and_each_is_named(monkeypatch):
+    monkeypatch.setattr(solving, "GAUSS_NEWTON_ITERATIONS", 1)
+    monkeypatch.setitem(ipopt.OPTIONS, "max_iter", 1)
+    failed = SnoptSolver().Solve(_impossible(), np.zeros(1), None)
+    monkeypatch.setattr(solving.SnoptSolver, "Solve", lambda *_: failed)
+    with pytest.raises(PlanningError, match=r"No solver found a plan: .*Gauss-Newton: .*SNOPT: "):
+        plan(small_limb(), short_reference())
+
+
+def _impossible():
+    prog = MathematicalProgram()
+    x = prog.NewContinuousVariables(1)
+    prog.AddLinearConstraint(x[0] >= 1.0)
+    prog.AddLinearConstraint(x[0] <= 0.0)
+    return prog
+
+
+def interrupt_at(at_iteration):
+    """A progress line that presses Ctrl-C."""
+
+    class Interrupting(solving.Progress):
+        def update(self, iteration, _remark=""):
+            if iteration == at_iteration:
+                os.kill(os.getpid(), signal.SIGINT)
+
+    return Interrupting
+
+
+def test_ctrl_c_gives_the_best_feasible_plan_so_far(monkeypatch):
+    monkeypatch.setattr(solving, "Progress", interrupt_at(8))
+    trajectory = plan(LimbParameters(), references.step_and_decaying_sine(), knot_rate=5.0)
+    assert trajectory.check.status == "stopped by the user"
+    assert trajectory.check.failure() is None
+
+
+def test_ctrl_c_before_a_feasible_plan_is_an_error(monkeypatch):
+    monkeypatch.setattr(solving, "Progress", interrupt_at(1))
+    with pytest.raises(PlanningError, match="Stopped before there was a feasible plan"):
+        plan(LimbParameters(), references.step_and_decaying_sine(), knot_rate=5.0)
+
+
+def test_knots_are_added_where_the_limb_is_kicked():
+    """Full duty at once makes the limb ring at 4.6 Hz, which 10 knots a second do not see."""
+    parameters = cold_parameters()
+    at_once = references.from_samples([0.0, 0.01, 5.0], np.deg2rad([0.0, 30.0, 30.0]))
+    trajectory = plan(parameters, at_once, tolerance_deg=0.05)
+    assert trajectory.check.refinements > 0
+    assert trajectory.check.largest_difference_deg <= 0.05
+    steps = np.diff(trajectory.time)
+    assert steps.min() <= 0.05 + 1e-9
+    np.testing.assert_allclose(steps[(trajectory.time[:-1] > 2) & (trajectory.time[1:] < 4)], 0.1)
+
+
+def test_an_unreachable_reference_is_planned_as_well_as_the_limits_allow():
+    parameters = LimbParameters()
+    far = references.from_samples([0.0, 25.0, 25.01, 40.0], np.deg2rad([0.0, 0.0, 170.0, 170.0]))
+    trajectory = plan(parameters, far)
+    # (12): the right wire at T_max, the left one at T_warm.
+    limit = 3 * 4.7e-4 / 0.1246 * ((100 - 25) - (45 - 25))
+    held = (trajectory.time > 32.0) & (trajectory.time < 38.0)
+    np.testing.assert_allclose(trajectory.bend_angle[0, held], limit, rtol=0.01)
+    binding = {active.bound for active in trajectory.check.active_constraints}
+    assert {"wire right = T_max", "wire left = T_warm", "duty right = 1"} <= binding

@@ -1,0 +1,106 @@
+"""Solving a trajectory program: what is tried, in which order."""
+
+import dataclasses
+import time
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.solvers import IpoptSolver, SnoptSolver, SolverOptions
+
+from limb_systems import LimbError
+from limb_systems.progress import Progress
+from planners.ipopt import FEASIBLE, STATUS, ExactHessianIpoptSolver
+from planners.program import TrajectoryProgram
+
+GAUSS_NEWTON_ITERATIONS = 40  # most plans need 15, and those that need 40 do not converge
+
+
+class PlanningError(LimbError):
+    """There is no plan: the request is impossible, or the plan failed its check."""
+
+
+@dataclasses.dataclass
+class Solution:
+    """A point that solves a trajectory program.
+
+    - ``x``: all decision variables.
+    - ``cost``, ``iterations``, ``solve_time``: s, of all attempts together.
+    - ``solver``: who solved it, and who failed before.
+    - ``status``: what the solver said.
+    - ``multipliers``: for a warm start, or None.
+    """
+
+    x: np.ndarray
+    cost: float
+    iterations: int
+    solve_time: float
+    solver: str
+    status: str
+    multipliers: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+
+
+def solve_program(
+    program: TrajectoryProgram,
+    guess: np.ndarray,
+    multipliers: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+) -> Solution:
+    """Solves a trajectory program by the first of these that succeeds.
+
+    1. IPOPT with the Hessian of the cost alone (Gauss-Newton), unless the
+       duration is free, where the cost bends too little to tell anything;
+    2. IPOPT with the Hessian of the Lagrangian;
+    3. the same with a monotone barrier;
+    4. SNOPT.
+
+    Args:
+        guess: for all decision variables.
+        multipliers: those of a neighbouring solution, for a warm start.
+
+    Raises:
+        PlanningError: if all fail, or if Ctrl-C came before a feasible point.
+    """
+    failures, iterations, started = [], 0, time.perf_counter()
+    with Progress("planning", None, "iterations") as progress:
+
+        def report(iteration, cost, violation):
+            progress.update(iteration, f"(cost {cost:.6g}, violation {violation:.1e})")
+
+        for name, attempt in _attempts(program, guess, multipliers, report):
+            result = attempt()
+            details = result.get_solver_details()
+            iterations += getattr(details, "iterations", 0)
+            status = getattr(details, "status", result.get_solution_result().name)
+            stopped = status == STATUS[5]
+            if stopped and details.violation > FEASIBLE:
+                raise PlanningError("Stopped before there was a feasible plan.")
+            if result.is_success() or stopped:
+                after = f" (after {'; '.join(failures)})" if failures else ""
+                return Solution(
+                    x=result.get_x_val(),
+                    cost=result.get_optimal_cost(),
+                    iterations=iterations,
+                    solve_time=time.perf_counter() - started,
+                    solver=name + after,
+                    status=status,
+                    multipliers=getattr(details, "multipliers", None),
+                )
+            failures.append(f"{name}: {status}")
+    raise PlanningError(f"No solver found a plan: {'; '.join(failures)}.")
+
+
+def _attempts(program: TrajectoryProgram, guess, multipliers, report: Callable):
+    def ipopt(exact, options=None, multipliers=None):
+        solver_options = SolverOptions()
+        for option, value in (options or {}).items():
+            solver_options.SetOption(IpoptSolver.id(), option, value)
+        solver = ExactHessianIpoptSolver(
+            exact=exact, nonlinear=program.defects, on_iteration=report
+        )
+        return solver.Solve(program.prog, guess, solver_options, multipliers=multipliers)
+
+    if program.task.stretch is None:
+        limit = {"max_iter": GAUSS_NEWTON_ITERATIONS}
+        yield "IPOPT, Gauss-Newton", lambda: ipopt(False, limit, multipliers)
+    yield "IPOPT, exact Hessian", lambda: ipopt(True)
+    yield "IPOPT, exact Hessian, monotone barrier", lambda: ipopt(True, {"mu_strategy": "monotone"})
+    yield "SNOPT", lambda: SnoptSolver().Solve(program.prog, guess, None)

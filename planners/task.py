@@ -1,0 +1,123 @@
+"""What a plan shall do: the weights of (15), and what else it is asked for."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from limb_systems import LimbError
+
+if TYPE_CHECKING:
+    from planners.program import TrajectoryProgram
+
+
+class TaskError(LimbError):
+    """A task asks for something that makes no sense."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Phase:
+    """Other weights from a time on, until the next phase.
+
+    - ``start``: s.
+    - ``angle_weight``, ``duty_weight``: as in `Task`.
+    """
+
+    start: float
+    angle_weight: float
+    duty_weight: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """Weights and limits of a plan; the defaults are the paper's (15).
+
+    Cost:
+
+    - ``angle_weight``: Q, on each joint's deviation, 1/rad².
+    - ``duty_weight``: R, on each wire's duty squared.
+    - ``terminal_factor``: Q_N / Q.
+    - ``phases``: other Q and R from given times on.
+    - ``energy_weight``: on the sum of duty over wires and knots, which is
+      proportional to the energy that heats them; for minimum energy.
+    - ``time_weight``: on the duration, 1/s; for minimum time.
+
+    Limits beside (18)-(20), all linear; the bend rate is that of (11):
+
+    - ``max_bend_rate``: of each segment, rad/s.
+    - ``max_temperature_rate``: of each wire, °C/s.
+    - ``reach``: whether each segment ends at the reference's last angle, to
+      0.1°, and as good as at rest, to 0.5°/s.
+    - ``final_hold``: for how long before the end the limb is as good as at
+      rest, s.
+    - ``stretch``: the shortest and longest that the plan may take, as factors
+      of the reference's duration, whose time is stretched; None for 1. The
+      warm-up (20) stretches with it.
+
+    - ``customize``: is called with the `TrajectoryProgram` before it is
+      solved, to add costs and constraints of one's own to its ``prog``.
+    """
+
+    angle_weight: float = 100.0
+    duty_weight: float = 2.0
+    terminal_factor: float = 1000.0
+    phases: Sequence[Phase] = ()
+    energy_weight: float = 0.0
+    time_weight: float = 0.0
+    max_bend_rate: float | None = None
+    max_temperature_rate: float | None = None
+    reach: bool = False
+    final_hold: float = 0.0
+    stretch: tuple[float, float] | None = None
+    customize: "Callable[[TrajectoryProgram], None] | None" = None
+
+    def __post_init__(self):
+        for name in (
+            "angle_weight",
+            "duty_weight",
+            "terminal_factor",
+            "energy_weight",
+            "time_weight",
+            "final_hold",
+        ):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise TaskError(f"{name} is {value!r}; it must be a number, zero or more.")
+        for name in ("max_bend_rate", "max_temperature_rate"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise TaskError(f"{name} is {value!r}; it must be a positive number or None.")
+        if self.stretch is not None and not 0 < self.stretch[0] <= self.stretch[1] < np.inf:
+            raise TaskError(
+                f"stretch is {self.stretch!r}; it must be a shortest and a longest factor, "
+                "both positive."
+            )
+        if self.time_weight and self.stretch is None:
+            raise TaskError("time_weight needs a stretch, the factors that the time may take.")
+        starts = [phase.start for phase in self.phases]
+        if starts != sorted(starts):
+            raise TaskError("phases must come in the order of their start.")
+
+    def weights(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Q and R at the knots, each (N,), without the terminal factor.
+
+        (15) is a sum over knots. Where knots are closer than the widest
+        spacing they weigh accordingly less, so that the sum stays the same
+        sum when knots are added.
+        """
+        angle = np.full(len(times), self.angle_weight)
+        duty = np.full(len(times), self.duty_weight)
+        for phase in self.phases:
+            angle[times >= phase.start] = phase.angle_weight
+            duty[times >= phase.start] = phase.duty_weight
+        share = self.shares(times)
+        return angle * share, duty * share
+
+    @staticmethod
+    def shares(times: np.ndarray) -> np.ndarray:
+        """The weight of each knot (N,): 1 where knots are evenly spaced."""
+        steps = np.diff(times)
+        widest = steps.max()
+        # Spacings that are one but for rounding weigh exactly one.
+        return np.append(np.where(np.isclose(steps, widest, rtol=1e-9), 1.0, steps / widest), 1.0)
