@@ -41,8 +41,8 @@ class LimbDefects:
     - ``acceleration_to_angle``: K⁻¹ M(0) (n, n), s².
     - ``rows``, ``columns``: for each nonzero of an interval's Jacobian its
       row, and its column among the interval's variables.
-    - ``hessian_rows``, ``hessian_columns``: for each nonzero of the lower
-      triangle of an interval's Hessian its two variables.
+    - ``hessian_rows``, ``hessian_columns``: for each nonzero of an
+      interval's symmetric Hessian, once, its two variables.
 
     Args:
         num_knots: N.
@@ -160,40 +160,35 @@ class LimbDefects:
     ) -> np.ndarray:
         """Nonzeros (N - 1, len(hessian_rows)) of the Hessian of Σ multipliers · evaluate.
 
-        By complex steps in the Jacobian, which are exact to rounding. An
-        interval has one even and one odd knot, so all even knots move at
-        once, and then all odd ones.
+        By complex steps of θ, θ̇ and h in the Jacobian, which are exact to
+        rounding. An interval has one even and one odd knot, so all even knots
+        move at once, and then all odd ones.
 
         Args:
             multipliers: (N - 1, 2n + 2W).
         """
-        num_states, num_wires = states.shape[1], duty.shape[1]
-        num_local = 2 * num_states + 2 * num_wires + 1
+        n, num_states = self._chain.num_joints, states.shape[1]
+        num_local = self.hessian_rows.max() + 1
         gather = np.zeros((len(self.columns), num_local))
         gather[np.arange(len(self.columns)), self.columns] = 1.0
         weights = multipliers[:, self.rows]
 
-        def derivative(states, duty, time_steps):
+        def derivative(states, time_steps):
             """Of the Lagrangian's gradient by the variables with imaginary parts."""
             change = self.jacobian(states, duty, time_steps).imag / _IMAGINARY_STEP
             return (weights * change) @ gather
 
-        hessian = np.empty((self.num_intervals, num_local, num_local))
+        hessian = np.zeros((self.num_intervals, num_local, num_local))
         is_odd = np.arange(self.num_intervals) % 2 == 1
-        for offset, size, moves_states in (
-            (0, num_states, True),
-            (2 * num_states, num_wires, False),
-        ):
-            for index in range(size):
-                for parity in (0, 1):
-                    moved_states, moved_duty = states.astype(complex), duty.astype(complex)
-                    moved = moved_states if moves_states else moved_duty
-                    moved[parity::2, index] += 1j * _IMAGINARY_STEP
-                    change = derivative(moved_states, moved_duty, time_steps)
-                    first = is_odd == bool(parity)  # the intervals whose first knot moved
-                    hessian[first, offset + index] = change[first]
-                    hessian[~first, offset + size + index] = change[~first]
-        hessian[:, -1] = derivative(states, duty, time_steps + 1j * _IMAGINARY_STEP)
+        for index in range(2 * n):
+            for parity in (0, 1):
+                moved = states.astype(complex)
+                moved[parity::2, index] += 1j * _IMAGINARY_STEP
+                change = derivative(moved, time_steps)
+                first = is_odd == bool(parity)  # the intervals whose first knot moved
+                hessian[first, index] = change[first]
+                hessian[~first, num_states + index] = change[~first]
+        hessian[:, -1] = derivative(states, time_steps + 1j * _IMAGINARY_STEP)
         return hessian[:, self.hessian_rows, self.hessian_columns]
 
     def largest_disagreement(self, plant: MultibodyPlant) -> float:
@@ -224,12 +219,17 @@ class LimbDefects:
             + [thermal_variables[thermal_columns], np.full(len(heat), time_step)]
         )
 
-        # V enters linearly, but for its products with the time step.
+        # Products of θ, θ̇ and h with anything; T, V and D enter linearly. The
+        # rows of the former are those that `hessian` calculates.
         bends = np.zeros((time_step + 1, time_step + 1), bool)
-        nonlinear = np.r_[moving, inputs, time_step]
-        bends[np.ix_(nonlinear, nonlinear)] = True
+        curved = np.r_[np.arange(2 * n), num_states + np.arange(2 * n)]
+        bends[np.ix_(curved, np.r_[moving, inputs])] = True
         bends[time_step] = True
-        self.hessian_rows, self.hessian_columns = np.nonzero(np.tril(bends))
+        upper = np.triu(bends, 1).T
+        rows, columns = np.nonzero(np.tril(bends) | upper)
+        given = bends[rows, columns]
+        self.hessian_rows = np.where(given, rows, columns)
+        self.hessian_columns = np.where(given, columns, rows)
 
     def _midpoints(self, angles, rates, wire, duty, h):
         """θ, θ̇ and f at the middle of each interval."""

@@ -45,7 +45,7 @@ class Task:
 
     Limits beside (18)-(20), all linear; the bend rate is that of (11):
 
-    - ``max_bend_rate``: of each segment, rad/s.
+    - ``max_bend_rate``: of each segment at the knots, rad/s.
     - ``max_temperature_rate``: of each wire, °C/s.
     - ``reach``: whether each segment ends at the reference's last angle, to
       0.1°, and as good as at rest, to 0.5°/s.

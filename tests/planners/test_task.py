@@ -1,0 +1,213 @@
+"""Tasks beyond the paper's, and planning again and again."""
+
+import numpy as np
+import pytest
+
+from limb_systems import Limb, LimbParameters, bend_angle, joint_angles_from_bend_angle, simulate
+from planners import (
+    InfeasibleError,
+    Phase,
+    Planner,
+    PlanningError,
+    Task,
+    TaskError,
+    plan,
+    references,
+)
+
+
+def cold_parameters():
+    parameters = LimbParameters()
+    parameters.temperature_limits.warm_up_time = 1000.0
+    return parameters
+
+
+def step_to_20_degrees():
+    return references.from_samples([0.0, 1.0, 1.01, 8.0], np.deg2rad([0.0, 0.0, 20.0, 20.0]))
+
+
+def ramp_to_20_degrees():
+    return references.from_samples([0.0, 8.0], np.deg2rad([0.0, 20.0]))
+
+
+def test_bend_rate_is_limited_at_the_knots():
+    limit = np.deg2rad(6.0)
+    free = plan(cold_parameters(), step_to_20_degrees())
+    slow = plan(cold_parameters(), step_to_20_degrees(), task=Task(max_bend_rate=limit))
+
+    def largest_rates(trajectory):
+        """By (11), and of the chord along the joints' motion."""
+        by_11 = 3 * np.abs(trajectory.joint_rates.mean(axis=0)).max()
+        small = 1e-6
+        ahead = trajectory.joint_angles + small * trajectory.joint_rates
+        change = bend_angle(trajectory.parameters, ahead) - trajectory.bend_angle
+        return np.array([by_11, np.abs(change).max() / small])
+
+    assert (largest_rates(free) > 1.5 * limit).all()
+    assert largest_rates(slow)[0] == pytest.approx(limit, rel=1e-5)
+    assert largest_rates(slow)[1] < 1.2 * limit
+
+
+def test_temperature_rate_is_limited():
+    slow = plan(cold_parameters(), step_to_20_degrees(), task=Task(max_temperature_rate=8.0))
+    rate = -0.07 * (slow.wire_temperature - 25.0) + 20.0 * slow.duty  # (6)
+    assert np.abs(rate).max() <= 8.0 + 1e-6
+    assert np.abs(rate).max() > 7.9
+
+
+def test_temperature_rate_that_forbids_the_warm_up_is_named():
+    parameters = LimbParameters()
+    parameters.temperature_limits.warm_up_time = 3.0
+    with pytest.raises(InfeasibleError, match="max_temperature_rate"):
+        plan(parameters, step_to_20_degrees(), task=Task(max_temperature_rate=2.0))
+
+
+def test_reach_and_hold():
+    task = Task(reach=True, final_hold=2.0, terminal_factor=1.0, angle_weight=1.0)
+    trajectory = plan(cold_parameters(), step_to_20_degrees(), task=task)
+    end = np.rad2deg(trajectory.bend_angle[0])
+    assert end[-1] == pytest.approx(20.0, abs=0.15)
+    held = trajectory.time >= 6.0 - 1e-9
+    assert np.ptp(end[held]) < 2.0 * 0.5 + 0.05
+    loose = plan(cold_parameters(), step_to_20_degrees(), task=Task(angle_weight=1e-3))
+    assert np.rad2deg(loose.bend_angle[0, -1]) < 15.0
+
+
+def test_minimum_energy_heats_as_late_as_it_can():
+    """Heat leaks, so the least energy comes last: full duty at the very end."""
+    task = Task(
+        angle_weight=0.0, duty_weight=1e-3, energy_weight=1.0, terminal_factor=0.0, reach=True
+    )
+    least = plan(cold_parameters(), ramp_to_20_degrees(), task=task)
+    usual = plan(cold_parameters(), ramp_to_20_degrees(), task=Task(reach=True))
+    heat = [np.trapezoid(t.duty.sum(axis=0), t.time) for t in (least, usual)]
+    assert heat[0] < 0.9 * heat[1]
+    assert least.duty[0].max() < 1e-3
+    early = least.time < 5.0
+    assert least.duty[1, early].max() < 1e-2
+    assert least.duty[1].max() > 0.95
+
+
+def test_minimum_time_is_that_of_full_duty():
+    """(6), (12): from cold to 20° at full duty, but for the mechanics' swing."""
+    task = Task(
+        angle_weight=0.0,
+        duty_weight=1e-3,
+        terminal_factor=0.0,
+        time_weight=1.0,
+        reach=True,
+        stretch=(0.05, 1.0),
+    )
+    trajectory = plan(cold_parameters(), ramp_to_20_degrees(), task=task, knot_rate=4.0)
+    assert trajectory.check.solver == "IPOPT, exact Hessian"
+    excess = np.deg2rad(20.0) * 0.1246 / (3 * 4.7e-4)
+    quickest = np.log(1 - excess * 0.07 / 20.0) / -0.07
+    assert trajectory.duration == pytest.approx(quickest, abs=0.15)
+    assert trajectory.duty[1].mean() > 0.85
+    np.testing.assert_allclose(np.diff(trajectory.time), trajectory.duration / 32, rtol=1e-6)
+
+
+def test_phases_weigh_time_differently():
+    """What is not weighed is not followed."""
+    task = Task(phases=(Phase(0.0, 0.0, 2.0), Phase(5.0, 1000.0, 2.0)))
+    trajectory = plan(cold_parameters(), step_to_20_degrees(), task=task)
+    error = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference)[0])
+    assert error[(trajectory.time > 1.5) & (trajectory.time < 2.5)].min() > 5.0
+    assert error[trajectory.time > 6.0].max() < 0.2
+
+
+def test_costs_and_constraints_of_ones_own():
+    def rest_the_right_wire(program):
+        variables = program.prog.decision_variables()
+        program.prog.AddBoundingBoxConstraint(0.0, 0.0, variables[program.duty[20:30, 1]])
+        program.prog.AddCost(
+            lambda z: 1e3 * (z[0] - 0.3) ** 4, vars=variables[program.duty[40, :1]]
+        )
+
+    task = Task(customize=rest_the_right_wire)
+    trajectory = plan(cold_parameters(), step_to_20_degrees(), task=task)
+    assert trajectory.duty[1, 20:30].max() < 1e-9
+    assert trajectory.duty[0, 40] == pytest.approx(0.3, abs=0.1)
+    assert trajectory.duty[0, 38] < 0.1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"angle_weight": -1.0}, "angle_weight is -1.0"),
+        ({"duty_weight": np.nan}, "duty_weight is nan"),
+        ({"max_bend_rate": 0.0}, "max_bend_rate is 0.0"),
+        ({"stretch": (2.0, 1.0)}, "stretch is"),
+        ({"time_weight": 1.0}, "time_weight needs a stretch"),
+        ({"phases": (Phase(5, 1, 1), Phase(0, 1, 1))}, "in the order of their start"),
+    ],
+)
+def test_tasks_that_make_no_sense_are_refused(changes, message):
+    with pytest.raises(TaskError, match=message):
+        Task(**changes)
+
+
+def test_uneven_knots_weigh_as_much_as_the_time_they_stand_for():
+    weights, _ = Task().weights(np.array([0.0, 0.1, 0.15, 0.2, 0.3]))
+    np.testing.assert_allclose(weights, [100.0, 50.0, 50.0, 100.0, 100.0])
+    even, _ = Task().weights(np.linspace(0.0, 60.0, 601))
+    assert set(even) == {100.0}
+
+
+@pytest.fixture
+def planner():
+    return Planner(LimbParameters(), np.linspace(0.0, 10.0, 101))
+
+
+HOT = np.r_[np.zeros(10), np.full(4, 60.0)]
+
+
+def swing(amplitude_deg):
+    times = np.arange(0.0, 10.0, 0.05)
+    return references.from_samples(times, np.deg2rad(amplitude_deg) * np.sin(times))
+
+
+def test_planning_again_finds_what_planning_anew_finds(planner):
+    planner.plan(swing(10.0), HOT, elapsed=20.0)
+    for amplitude, angle in ((10.05, 0.0), (13.0, 0.02)):
+        state = HOT.copy()
+        state[:5] += joint_angles_from_bend_angle(LimbParameters(), [angle])
+        again = planner.plan(swing(amplitude), state, elapsed=20.0)
+        anew = Planner(LimbParameters(), planner.times).plan(swing(amplitude), state, elapsed=20.0)
+        assert again.check.cost == pytest.approx(anew.check.cost, rel=1e-5)
+        np.testing.assert_allclose(again.state[:, 0], state)
+
+
+def test_a_small_change_is_planned_from_the_plan_before(planner):
+    first = planner.plan(swing(10.0), HOT, elapsed=20.0)
+    again = planner.plan(swing(10.05), HOT, elapsed=20.0)
+    assert again.check.iterations < first.check.iterations / 2 + 1
+
+
+def test_replanning_from_a_state_that_was_reached(planner):
+    """Half a plan, then a new one from where a simulation of it ended."""
+    first = planner.plan(swing(10.0), HOT, elapsed=20.0)
+    limb = Limb()
+    rollout = simulate(limb, first, duration=5.0, initial_state=HOT, sample_rate=20.0)
+    state = np.r_[
+        rollout.joint_state[:, -1],
+        rollout.wire_temperature[:, -1],
+        rollout.measured_temperature[:, -1],
+    ]
+    rest = references.from_samples([0.0, 10.0], [0.0, 0.0])
+    second = planner.plan(rest, state, elapsed=25.0)
+    np.testing.assert_allclose(second.state[:, 0], state)
+    assert np.rad2deg(np.abs(second.bend_angle[0, -20:])).max() < 0.5
+
+
+def test_warm_up_is_over_when_it_has_elapsed(planner):
+    cold = np.r_[np.zeros(10), np.full(4, 30.0)]
+    with pytest.raises(InfeasibleError, match=r"by 0\.1 s"):
+        planner.plan(swing(10.0), cold, elapsed=20.0)
+    assert planner.plan(swing(10.0), cold, elapsed=0.0).wire_temperature.min() < 45.0
+
+
+@pytest.mark.parametrize("times", [[0.0], [0.0, 0.0], [1.0, 2.0], [0.0, np.nan]])
+def test_knots_that_make_no_sense_are_refused(times):
+    with pytest.raises(PlanningError, match="times"):
+        Planner(LimbParameters(), times)
