@@ -10,10 +10,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from limb_systems.visualization import write_meshcat_replay
 
 from hardware import LimbTwin, replay
-from limb_systems import LimbParameters
+from limb_systems import LimbParameters, write_meshcat_replay
 from limb_systems.plots import plot_tracking, save_figure
 from limb_systems.tracking import tracking_errors
 from planners import plan, references
@@ -43,7 +42,7 @@ def main(folder: Path) -> None:
 
     title = "Steps and decaying sinusoid: plan, and five rollouts on an emulated limb"
     save_figure(plot_tracking(trajectory, rollouts, title), folder / "fig5.png")
-    write_meshcat_replay(folder / "replay.html", trajectory)
+    write_meshcat_replay(folder / "replay.html", trajectory, title="Plan: steps, sinusoid")
     for path in sorted(folder.iterdir()):
         print(f"written     {path}")
 

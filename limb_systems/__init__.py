@@ -21,6 +21,7 @@ from limb_systems.simulation import simulate
 from limb_systems.thermal import InverseThermocoupleLag, JouleHeating, ThermocoupleLag
 from limb_systems.torque_map import TorqueMap, torque_matrix
 from limb_systems.trajectory import ActiveConstraint, PlanCheck, Trajectory
+from limb_systems.visualization import LimbVisualizer, wire_color, write_meshcat_replay
 
 __all__ = [
     "ActiveConstraint",
@@ -30,6 +31,7 @@ __all__ = [
     "Limb",
     "LimbError",
     "LimbParameters",
+    "LimbVisualizer",
     "PlanCheck",
     "Recording",
     "SegmentParameters",
@@ -49,4 +51,6 @@ __all__ = [
     "tip_position",
     "to_paper_state",
     "torque_matrix",
+    "wire_color",
+    "write_meshcat_replay",
 ]

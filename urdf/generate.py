@@ -1,9 +1,8 @@
-"""Writes the URDF of a planar limb; ``python -m urdf.generate`` prints the default one."""
+"""Writes the URDF of a planar limb; ``limb_5.urdf`` is that of the nominal one."""
 
 import xml.etree.ElementTree as ElementTree
 
-WIRE_RADIUS = 0.0012  # m, what a coil looks like; it has no mass of its own
-SILICONE_COLOR = "0.82 0.84 0.88 1"
+SILICONE_COLOR = "0.89 0.91 0.94 1"
 WIRE_COLOR = "0.45 0.45 0.5 1"
 BRACKET_COLOR = "0.25 0.27 0.3 1"
 PI_2 = 1.5707963267948966
@@ -27,7 +26,7 @@ def limb_urdf(segments, name: str = "limb") -> str:
     robot = ElementTree.Element("robot", name=name)
     base = ElementTree.SubElement(robot, "link", name="base")
     first = segments[0]
-    bracket = (0.4 * first.thickness, 1.6 * first.thickness, 1.2 * first.width)
+    bracket = (0.6 * first.thickness, 1.6 * first.thickness, 1.2 * first.width)
     _box(base, "bracket", bracket, (-0.5 * bracket[0], 0.0), BRACKET_COLOR)
 
     parent, origin = "base", 0.0
@@ -71,32 +70,40 @@ def _inertial(link, mass: float, length: float, segment) -> None:
 
 
 def _link_visuals(link, length: float, segment) -> None:
-    box = (length, segment.thickness, segment.width)
-    _box(link, "silicone", box, (0.5 * length, 0.0), SILICONE_COLOR)
+    """A box, a disc that closes the gap to the link before when bent, and the wires.
+
+    Wires run half sunk along the top, where a view from above shows both of
+    them however the limb bends. They overlap from link to link.
+    """
+    thickness, width = segment.thickness, segment.width
+    _box(link, "silicone", (length, thickness, width), (0.5 * length, 0.0), SILICONE_COLOR)
+    disc = (0.495 * thickness, 0.99 * width)
+    _cylinder(link, "joint", disc, (0.0, 0.0, 0.0), 0.0, SILICONE_COLOR)
+    radius = 0.12 * thickness
     for side, sign in (("left", -1.0), ("right", 1.0)):
-        visual = ElementTree.SubElement(link, "visual", name=f"wire_{side}")
-        offset = sign * 0.5 * segment.thickness
-        ElementTree.SubElement(
-            visual, "origin", xyz=_text(0.5 * length, offset, 0.0), rpy=_text(0.0, PI_2, 0.0)
-        )
-        geometry = ElementTree.SubElement(visual, "geometry")
-        ElementTree.SubElement(
-            geometry, "cylinder", radius=_text(WIRE_RADIUS), length=_text(length)
-        )
-        _material(visual, f"wire_{side}", WIRE_COLOR)
+        center = (0.5 * length, sign * 0.34 * thickness, 0.5 * width)
+        size = (radius, length + 1.5 * radius)
+        _cylinder(link, f"wire_{side}", size, center, PI_2, WIRE_COLOR)
 
 
 def _box(link, name: str, size, center, color: str) -> None:
+    visual = _visual(link, name, (*center, 0.0), 0.0, color)
+    ElementTree.SubElement(visual.find("geometry"), "box", size=_text(*size))
+
+
+def _cylinder(link, name: str, size, center, pitch: float, color: str) -> None:
+    radius, length = map(_text, size)
+    visual = _visual(link, name, center, pitch, color)
+    ElementTree.SubElement(visual.find("geometry"), "cylinder", radius=radius, length=length)
+
+
+def _visual(link, name: str, center, pitch: float, color: str):
     visual = ElementTree.SubElement(link, "visual", name=name)
-    ElementTree.SubElement(visual, "origin", xyz=_text(center[0], center[1], 0.0))
-    geometry = ElementTree.SubElement(visual, "geometry")
-    ElementTree.SubElement(geometry, "box", size=_text(*size))
-    _material(visual, name, color)
-
-
-def _material(visual, name: str, color: str) -> None:
+    ElementTree.SubElement(visual, "origin", xyz=_text(*center), rpy=_text(0.0, pitch, 0.0))
+    ElementTree.SubElement(visual, "geometry")
     material = ElementTree.SubElement(visual, "material", name=name)
     ElementTree.SubElement(material, "color", rgba=color)
+    return visual
 
 
 def _text(*numbers: float) -> str:
