@@ -12,7 +12,11 @@ test: $(VENV)/ready lint
 	$(BIN)/python -m pytest
 
 bench: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
 	$(BIN)/python benchmarks/simulation.py
+	$(BIN)/python benchmarks/replanning.py
+	$(BIN)/python benchmarks/sweep.py
+	$(BIN)/python benchmarks/planning.py
 
 lint: $(VENV)/ready
 	$(BIN)/ruff check .

@@ -7,7 +7,7 @@ from pathlib import Path
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.plots import plot_tracking, save_figure
 from planners import plan, references
-from planners.report import plan_summary
+from planners.report import plan_summary, plot_diagnostics
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -30,6 +30,11 @@ def main(arguments: list[str] | None = None) -> int:
     )
     parser.add_argument("--plot", type=Path, help="picture of the plan to write (.png, .pdf, .svg)")
     parser.add_argument(
+        "--diagnostics",
+        type=Path,
+        help="picture of constraint violations and the Jacobian's sparsity to write",
+    )
+    parser.add_argument(
         "--knot-rate", type=float, default=10.0, help="knots per second (default %(default)g)"
     )
     parser.add_argument(
@@ -50,6 +55,8 @@ def main(arguments: list[str] | None = None) -> int:
         trajectory.save(options.output)
         if options.plot:
             save_figure(plot_tracking(trajectory), options.plot)
+        if options.diagnostics:
+            save_figure(plot_diagnostics(trajectory), options.diagnostics)
     except (LimbError, OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
@@ -57,7 +64,8 @@ def main(arguments: list[str] | None = None) -> int:
         print("stopped; nothing was written", file=sys.stderr)
         return 130
     print(plan_summary(trajectory))
-    print(f"written     {options.output}" + (f", {options.plot}" if options.plot else ""))
+    written = filter(None, (options.output, options.plot, options.diagnostics))
+    print(f"written     {', '.join(map(str, written))}")
     return 0
 
 

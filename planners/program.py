@@ -103,8 +103,8 @@ class TrajectoryProgram:
         """Eqn (15), and what the task adds."""
         return float(self.prog.EvalBindings(self.prog.GetAllCosts(), x).sum())
 
-    def largest_defect(self, x: np.ndarray) -> float:
-        """Largest violation of (17), with the dynamics of the limb's diagram.
+    def defects_of(self, x: np.ndarray) -> np.ndarray:
+        """Violation of (17), with the dynamics of the limb's diagram, (2n + 2W, N - 1).
 
         Defects of θ̇ are scaled by K⁻¹ M(0) to the static deflections they
         stand for, in rad; those of θ by the time step, in rad; those of T and
@@ -117,12 +117,17 @@ class TrajectoryProgram:
         middle_duty = (duty[:, :-1] + duty[:, 1:]) / 2
         defects = middle_rates - self._time_derivatives(middle_states, middle_duty)
         n = self.parameters.num_joints
-        scaled = (
-            defects[:n] * h,
-            self._acceleration_to_angle @ defects[n : 2 * n],
-            defects[2 * n :] * h / TEMPERATURE_SCALE,
+        return np.vstack(
+            [
+                defects[:n] * h,
+                self._acceleration_to_angle @ defects[n : 2 * n],
+                defects[2 * n :] * h / TEMPERATURE_SCALE,
+            ]
         )
-        return max(float(np.abs(rows).max()) for rows in scaled)
+
+    def largest_defect(self, x: np.ndarray) -> float:
+        """The largest of `defects_of`."""
+        return float(np.abs(self.defects_of(x)).max())
 
     def _add_dynamics(self) -> None:
         """(17), and the decision variables."""

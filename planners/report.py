@@ -1,8 +1,13 @@
-"""What there is to say about a plan, in plain text."""
+"""What there is to say about a plan, in words and in a picture."""
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from limb_systems import Trajectory
+from planners.defects import TEMPERATURE_SCALE
+from planners.program import TrajectoryProgram
+
+SHOWN_INTERVALS = 4  # of the Jacobian; it repeats from interval to interval
 
 
 def plan_summary(trajectory: Trajectory) -> str:
@@ -32,3 +37,62 @@ def plan_summary(trajectory: Trajectory) -> str:
         for bound, when in stretches.items()
     ]
     return "\n".join(lines)
+
+
+def plot_diagnostics(trajectory: Trajectory) -> Figure:
+    """What the solver left: violation of dynamics, room to the bounds, and the Jacobian.
+
+    Everything is scaled as it is for the solver. The Jacobian is that of the
+    first intervals; all others look the same.
+    """
+    parameters, time = trajectory.parameters, trajectory.time
+    n, num_wires = parameters.num_joints, len(parameters.wires)
+    program = TrajectoryProgram(parameters, time)
+    x = program.variables(trajectory.state, trajectory.duty)
+    figure = Figure(figsize=(9, 9), layout="constrained")
+    defects_axis, room_axis, jacobian_axis = figure.subplots(3, 1, height_ratios=[1, 1, 1.3])
+
+    defects = np.abs(program.defects_of(x))
+    sizes = np.cumsum([n, n, num_wires])
+    for label, rows in zip(("θ", "θ̇", "T", "V"), np.split(defects, sizes), strict=True):
+        largest = np.maximum(rows.max(axis=0), 1e-17)
+        defects_axis.semilogy(time[:-1], largest, linewidth=1.0, label=f"largest of {label}")
+    defects_axis.set_ylabel("scaled defect")
+    defects_axis.set_title("Violation of the dynamics (17)", fontsize=10)
+
+    limits = parameters.temperature_limits
+    for index, name in enumerate(parameters.wire_names):
+        duty = trajectory.duty[index]
+        room = np.minimum(duty, 1 - duty)
+        color = f"C{index}"
+        room_axis.plot(time, room, color=color, linewidth=1.0, label=f"duty {name}")
+        wire = trajectory.wire_temperature[index]
+        low = np.where(time > limits.warm_up_time, wire - limits.warm, np.inf)
+        room = np.minimum(low, limits.maximum - wire) / TEMPERATURE_SCALE
+        room_axis.plot(time, room, "--", color=color, linewidth=1.0, label=f"T {name}")
+    room_axis.axhline(0.0, color="0.4", linewidth=0.8)
+    room_axis.set_ylabel("scaled distance")
+    room_axis.set_title("Distance to the nearer bound (18)-(20)", fontsize=10)
+    for axis in (defects_axis, room_axis):
+        axis.set_xlim(time[0], time[-1])
+        axis.set_xlabel("time (s)")
+        axis.grid(alpha=0.25)
+        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+
+    if program.defects is not None:
+        shown = program.defects.rows < SHOWN_INTERVALS * (2 * n + 2 * num_wires)
+        shown &= ~np.isin(program.defects.columns, program.time_steps)
+        rows, columns = program.defects.rows[shown], program.defects.columns[shown]
+        _, columns = np.unique(columns, return_inverse=True)
+        jacobian_axis.plot(columns, rows, "s", color="0.25", markersize=2.0)
+        share = len(program.defects.rows) / (len(program.defects.lower) * program.prog.num_vars())
+        jacobian_axis.set_title(
+            f"Jacobian of (17), first {SHOWN_INTERVALS} of {len(time) - 1} intervals "
+            f"({len(program.defects.rows)} nonzeros, {100 * share:.2g}% of it)",
+            fontsize=10,
+        )
+        jacobian_axis.invert_yaxis()
+        jacobian_axis.set_aspect("equal")
+    jacobian_axis.set_xlabel("variable")
+    jacobian_axis.set_ylabel("constraint")
+    return figure

@@ -21,10 +21,13 @@ def quick(tmp_path):
 
 def test_plans_and_writes_a_trajectory_and_a_picture(quick, tmp_path, capsys):
     output, picture = tmp_path / "deep" / "plan.csv", tmp_path / "plan.png"
-    assert main([*quick, "-o", str(output), "--plot", str(picture)]) == 0
+    diagnostics = tmp_path / "diagnostics.png"
+    pictures = ["--plot", str(picture), "--diagnostics", str(diagnostics)]
+    assert main([*quick, "-o", str(output), *pictures]) == 0
     trajectory = Trajectory.load(output)
     assert trajectory.duration == 6.0
     assert picture.read_bytes().startswith(b"\x89PNG")
+    assert diagnostics.read_bytes().startswith(b"\x89PNG")
     said = capsys.readouterr().out
     assert "simulated again" in said
     assert str(output) in said
