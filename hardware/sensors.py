@@ -3,6 +3,8 @@
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
+from limb_systems.ownership import weak_method
+
 
 class SampledSensor(LeafSystem):
     """Samples a vector signal and holds it, with noise and quantization.
@@ -19,6 +21,8 @@ class SampledSensor(LeafSystem):
     from one simulation to the next, as a sensor's noise does.
     """
 
+    __slots__ = ()  # see limb_systems.ownership
+
     def __init__(self, size: int, period: float, noise: float, step: float, seed: int):
         """Args:
         size: of the signal.
@@ -32,8 +36,8 @@ class SampledSensor(LeafSystem):
         self._generator = np.random.default_rng(seed)
         self.DeclareVectorInputPort("signal", size)
         state = self.DeclareDiscreteState(size)
-        self.DeclareInitializationDiscreteUpdateEvent(self._sample)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, period, self._sample)
+        self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._sample))
+        self.DeclarePeriodicDiscreteUpdateEvent(period, period, weak_method(self._sample))
         self.DeclareStateOutputPort("measurement", state)
 
     def _sample(self, context, discrete_state):

@@ -32,6 +32,8 @@ class LimbTwin(Diagram):
     - output 1 ``bend_angle``: φ (S), rad, as bend sensors read it
     """
 
+    __slots__ = ()  # see limb_systems.ownership
+
     def __init__(self, parameters: LimbParameters | None = None, *, seed: int = 0):
         """Args:
             parameters: the nominal limb if None.

@@ -105,7 +105,7 @@ def _parse_table(data: bytes, kind: str) -> tuple[str, dict[str, np.ndarray]]:
         lines = data.decode("utf-8").split("\n")
     except UnicodeDecodeError as error:
         raise FileFormatError(f"byte {error.start} is not text; the file is damaged.") from error
-    first = re.fullmatch(r"# limb (\w+), format (\d+)", lines[0])
+    first = re.fullmatch(r"# limb (\w+), format (\d{1,9})", lines[0])
     if not first or first[1] != kind:
         raise FileFormatError(
             f"this is not a limb {kind}: its first line is not "
@@ -116,7 +116,7 @@ def _parse_table(data: bytes, kind: str) -> tuple[str, dict[str, np.ndarray]]:
             f"this {kind} has format {first[2]}, but this program reads format {FORMAT_VERSION}."
         )
     end = (
-        re.fullmatch(r"# end, (\d+) rows, sha256 ([0-9a-f]{64})", lines[-2])
+        re.fullmatch(r"# end, (\d{1,15}) rows, sha256 ([0-9a-f]{64})", lines[-2])
         if (len(lines) > 2)
         else None
     )
@@ -125,6 +125,8 @@ def _parse_table(data: bytes, kind: str) -> tuple[str, dict[str, np.ndarray]]:
             f"the end line is missing after line {len(lines)}; the file is truncated."
         )
     header_size = next(i for i, line in enumerate(lines[1:], 1) if not line.startswith("# "))
+    if header_size >= len(lines) - 2:
+        raise FileFormatError("there is no line of column names; the file is damaged.")
     columns = _parse_rows(lines[header_size:-2], header_size + 1)
     num_rows = len(next(iter(columns.values())))
     if num_rows != int(end[1]):
@@ -154,7 +156,7 @@ def _parse_rows(lines: list[str], first_line: int) -> dict[str, np.ndarray]:
             )
         try:
             rows.append([parse(cell) for parse, cell in zip(parsers, cells, strict=True)])
-        except (ValueError, decimal.InvalidOperation) as error:
+        except (ValueError, ArithmeticError) as error:
             raise FileFormatError(f"line {number} holds something that is no number.") from error
     table = np.array(rows, float).reshape(len(rows), len(names)).T
     columns = dict(zip(names, np.ascontiguousarray(table), strict=True))
@@ -186,7 +188,7 @@ def _format_degrees(radians: float) -> str:
         return repr(radians)
     degrees = _DECIMAL.multiply(decimal.Decimal(radians), _RADIAN)
     text = f"{degrees:.17g}"
-    return text if _parse_degrees(text) == radians else f"{degrees:.21g}"
+    return text if _parse_degrees(text) == radians else f"{degrees:.19g}"
 
 
 def _parse_degrees(text: str) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from limb_systems.ownership import weak_method
 from limb_systems.parameters import LimbParameters
 
 
@@ -62,8 +63,9 @@ def _chord_matrices(parameters: LimbParameters) -> tuple[np.ndarray, np.ndarray]
 
 def _chord_angle(matrices, joint_angles: np.ndarray) -> np.ndarray:
     to_links, to_chords = matrices
-    links = to_links @ joint_angles
-    return np.arctan2(to_chords @ np.sin(links), to_chords @ np.cos(links))
+    with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
+        links = to_links @ joint_angles
+        return np.arctan2(to_chords @ np.sin(links), to_chords @ np.cos(links))
 
 
 def bend_angle_from_tip_tangent(tip_tangent: ArrayLike) -> np.ndarray:
@@ -90,7 +92,7 @@ def joint_angles_from_bend_angle(parameters: LimbParameters, bend_angle: ArrayLi
 
 
 @TemplateSystem.define("BendAngle_")
-def BendAngle_(T):  # noqa: N802 (Drake's name for a template)
+def BendAngle_(T):
     """`BendAngle` for the scalar type T: float, AutoDiffXd or Expression."""
 
     class Impl(LeafSystem_[T]):
@@ -99,6 +101,8 @@ def BendAngle_(T):  # noqa: N802 (Drake's name for a template)
         - input 0 ``joint_state``: [θ, θ̇] (2 * joints), rad and rad/s
         - output 0 ``bend_angle``: φ (segments), rad
         """
+
+        __slots__ = ()  # see limb_systems.ownership
 
         def _construct(self, parameters: LimbParameters, converter=None):
             LeafSystem_[T].__init__(self, converter=converter)
@@ -109,7 +113,7 @@ def BendAngle_(T):  # noqa: N802 (Drake's name for a template)
             self.DeclareVectorOutputPort(
                 "bend_angle",
                 len(parameters.segments),
-                self._calc,
+                weak_method(self._calc),
                 {self.input_port_ticket(joint_state.get_index())},
             )
 

@@ -38,8 +38,11 @@ class Limb(Diagram):
 
     Duty is not clipped here: what a plan or a controller asks for outside
     [0, 1] is its mistake, and robots refuse it. The diagram converts to
-    AutoDiffXd and symbolic::Expression.
+    AutoDiffXd and symbolic::Expression; accelerations of more than one link
+    are beyond what Drake's plant evaluates symbolically.
     """
+
+    __slots__ = ()  # see limb_systems.ownership
 
     def __init__(self, parameters: LimbParameters | None = None):
         """Args:

@@ -6,7 +6,6 @@ cannot drift apart.
 """
 
 import dataclasses
-import math
 from pathlib import Path
 
 import numpy as np
@@ -117,8 +116,10 @@ class LimbParameters:
         """
         try:
             text = Path(path).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
+        except OSError as error:
             raise ParameterError(f"Cannot read the limb parameters: {error}.") from error
+        except UnicodeDecodeError as error:
+            raise ParameterError(f"{path}: this is no text file, let alone YAML.") from error
         try:
             return cls.from_yaml(text)
         except ParameterError as error:
@@ -151,9 +152,10 @@ class LimbParameters:
         """Raises ParameterError for the first field that is out of its range."""
         if not isinstance(self.segments, list) or not self.segments:
             raise ParameterError("segments is empty; a limb has at least one segment.")
-        if np.shape(self.gravity) != (3,):
+        if not isinstance(self.gravity, list) or len(self.gravity) != 3:
             raise ParameterError(
-                f"gravity is {self.gravity!r}; it must be three numbers along E1, E2, E3 in m/s²."
+                f"gravity is {self.gravity!r}; it must be a list of three numbers from -100 to "
+                "100 m/s², along E1, E2 and E3."
             )
         _validate(self, "")
         limits = self.temperature_limits
@@ -205,7 +207,7 @@ def _validate(target, path: str) -> None:
     for field in dataclasses.fields(target):
         value, name = getattr(target, field.name), f"{path}{field.name}"
         if field.metadata:
-            items = value if isinstance(value, list) else [value]
+            items = value if field.type == list[float] else [value]
             expected = int if field.type is int else (int, float)
             for item in items:
                 _validate_number(item, name, expected, field.metadata)
@@ -222,8 +224,8 @@ def _validate(target, path: str) -> None:
 
 def _validate_number(value, name: str, expected, metadata) -> None:
     low, high = metadata["range"]
-    valid = isinstance(value, expected) and not isinstance(value, bool) and math.isfinite(value)
-    if not valid or not low <= value <= high:
+    valid = isinstance(value, expected) and not isinstance(value, bool)
+    if not (valid and low <= value <= high):  # NaN is not
         kind = "a whole number" if expected is int else "a number"
         raise ParameterError(
             f"{name} is {value!r}; it must be {kind} from {low:g} to {high:g} {metadata['unit']}."

@@ -59,6 +59,8 @@ class Recording:
     def __post_init__(self):
         self.parameters.validate()
         check_samples(self, optional=("wire_temperature", "joint_state"))
+        if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
+            raise LimbError(f"sample_rate is {self.sample_rate!r} Hz; it must be positive.")
 
     @classmethod
     def load(cls, path: str | Path) -> "Recording":

@@ -103,10 +103,10 @@ def ungroup_columns(samples, names: Mapping[str, list[str]]) -> dict[str, np.nda
 
 # Beyond these a value is a mistake, of units most often, in any recording.
 _RANGES = {
-    "duty": (0.0, 1.0, "1"),
-    "measured_temperature": (-60.0, 600.0, "°C"),
-    "wire_temperature": (-60.0, 600.0, "°C"),
-    "bend_angle": (-np.pi, np.pi, "rad"),
+    "duty": (0.0, 1.0, ""),
+    "measured_temperature": (-60.0, 600.0, " °C"),
+    "wire_temperature": (-60.0, 600.0, " °C"),
+    "bend_angle": (-np.pi, np.pi, " rad"),
 }
 
 
@@ -116,6 +116,6 @@ def _check_range(samples, name: str, value: np.ndarray) -> None:
     if outside.any():
         index = int(np.argmax(outside))
         raise LimbError(
-            f"{name} is {value[:, index].tolist()} {unit} at {samples.time[index]:g} s; "
-            f"it must stay from {low:g} to {high:g} {unit}."
+            f"{name} is {value[:, index].tolist()}{unit} at {samples.time[index]:g} s; "
+            f"it must stay from {low:g} to {high:g}{unit}."
         )

@@ -24,11 +24,26 @@ def load_typed(schema, text: str):
         SchemaError: with one sentence naming the field.
     """
     try:
-        data = yaml.safe_load(text)
+        data = yaml.load(text, Loader=_StrictLoader)
     except yaml.YAMLError as error:
         raise SchemaError(f"not valid YAML: {' '.join(str(error).split())}.") from error
+    except RecursionError as error:
+        raise SchemaError("not valid YAML: it is nested too deeply.") from error
     _check_structure(data, schema, "")
     return yaml_load_typed(schema=schema, data=text, allow_schema_with_no_yaml=False)
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """Refuses fields that are given twice, of which PyYAML takes the last."""
+
+    def construct_mapping(self, node, deep=False):
+        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        for index, key in enumerate(keys):
+            if key in keys[:index]:
+                raise yaml.MarkedYAMLError(
+                    problem=f"{key!r} is given twice", problem_mark=node.value[index][0].start_mark
+                )
+        return super().construct_mapping(node, deep)
 
 
 def _check_structure(data, schema, path: str) -> None:
@@ -46,7 +61,7 @@ def _check_structure(data, schema, path: str) -> None:
     elif schema is str:
         if not isinstance(data, str):
             raise SchemaError(f"{path} is {data!r}; it must be text.")
-    elif not _is_number(data, whole=schema is int):
+    elif not _is_number(data, schema):
         kind = "a whole number" if schema is int else "a number"
         raise SchemaError(f"{path} is {data!r}; it must be {kind}.")
 
@@ -59,8 +74,9 @@ def _check_fields(data, schema, path: str, where: str) -> None:
     prefix = f"{path}." if path else ""
     for key in data:
         if key not in names:
+            unknown = f"{prefix}{key}" if str(key).isprintable() else repr(key)
             raise SchemaError(
-                f"{prefix}{key} is not a known field; {where} has the fields {', '.join(names)}."
+                f"{unknown} is not a known field; {where} has the fields {', '.join(names)}."
             )
     for field in fields:
         if field.name not in data:
@@ -68,11 +84,16 @@ def _check_fields(data, schema, path: str, where: str) -> None:
         _check_structure(data[field.name], field.type, f"{prefix}{field.name}")
 
 
-def _is_number(data, *, whole: bool) -> bool:
+def _is_number(data, schema) -> bool:
+    """Whether pydrake converts it: numbers, and text that Python reads as such."""
     if isinstance(data, bool):
         return False
-    try:
-        number = float(data)  # PyYAML reads 1e-3, without a dot, as text
-    except (TypeError, ValueError):
-        return False
-    return not whole or number.is_integer()
+    if isinstance(data, str):  # what PyYAML makes of 1e-3, without a dot
+        try:
+            schema(data)
+        except ValueError:
+            return False
+        return True
+    if schema is int:
+        return isinstance(data, int) or (isinstance(data, float) and data.is_integer())
+    return isinstance(data, float) or (isinstance(data, int) and abs(data) < 10**300)

@@ -1,11 +1,13 @@
 """Simulating a limb, or anything with its ports, over a course of duty."""
 
+import copy
+
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake import trajectories
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder, System
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
+from pydrake.systems.framework import DiagramBuilder, System, TriggerType
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 
 from limb_systems.errors import LimbError
 from limb_systems.kinematics import bend_angle
@@ -39,7 +41,7 @@ def simulate(
 
     Args:
         system: a `Limb`, or any system with its ports and ``parameters``. It
-            becomes part of a diagram and cannot be used in another one.
+            becomes part of a diagram and cannot be simulated again.
         duty: a planned trajectory, a Drake trajectory of W rows, or constant
             duty (W,). A trajectory starts at its own start time.
         duration: s; for a trajectory by default all of it.
@@ -56,22 +58,27 @@ def simulate(
     Raises:
         SimulationError: if an argument makes no sense or the integrator fails.
     """
-    source, start, duration = _duty_source(duty, duration, len(system.parameters.wires))
     for name, value in (("sample_rate", sample_rate), ("accuracy", accuracy)):
-        if not (np.isfinite(value) and value > 0):
-            raise SimulationError(f"{name} is {value!r}; it must be a positive number.")
+        _check_positive(name, value, "")
+    course, duration = _duty_course(duty, duration, len(system.parameters.wires))
+    num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
+    times = np.minimum(np.arange(num_samples) / sample_rate, duration)
+    sampled_duty = _check_duty(course, times)
 
     builder = DiagramBuilder()
-    builder.AddSystem(source)
+    source = builder.AddSystem(TrajectorySource(course))
     builder.AddSystem(system)
     builder.Connect(source.get_output_port(), system.GetInputPort("duty"))
     sinks = {
-        name: LogVectorOutput(system.GetOutputPort(name), builder, 1 / sample_rate)
+        name: LogVectorOutput(system.GetOutputPort(name), builder, {TriggerType.kForced})
         for name in _logged_ports(system)
     }
-    duty_sink = LogVectorOutput(source.get_output_port(), builder, 1 / sample_rate)
-    diagram = builder.Build()
-
+    try:
+        diagram = builder.Build()
+    except RuntimeError as error:
+        raise SimulationError(
+            "This system is part of a diagram already; make a new one to simulate it."
+        ) from error
     simulator = Simulator(diagram)
     ApplySimulatorConfig(
         SimulatorConfig(
@@ -83,58 +90,90 @@ def simulate(
         simulator,
     )
     context = simulator.get_mutable_context()
-    context.SetTime(start)
+    context.SetTime(course.start_time())
     if initial_state is not None:
-        system_context = system.GetMyMutableContextFromRoot(context)
-        system_context.SetContinuousState(np.asarray(initial_state, float))
-    _advance(simulator, start, duration)
+        _set_state(system.GetMyMutableContextFromRoot(context), initial_state)
+    _run(simulator, course.start_time(), times, duration)
 
-    logs = {name: sink.FindLog(context) for name, sink in sinks.items()}
-    duty_log = duty_sink.FindLog(context)
-    signals = {name: log.data() for name, log in logs.items()}
+    signals = {name: sink.FindLog(context).data() for name, sink in sinks.items()}
     if isinstance(system, Limb):
         angles = signals["joint_state"][: system.parameters.num_joints]
         signals["bend_angle"] = bend_angle(system.parameters, angles)
     return Recording(
-        time=duty_log.sample_times() - start,
-        duty=_without_rounding(duty_log.data()),
+        time=times,
+        duty=sampled_duty,
         parameters=system.parameters,
-        source=system.source,
+        source=getattr(system, "source", type(system).__name__),
         sample_rate=sample_rate,
         **signals,
     )
 
 
-def _duty_source(duty, duration: float | None, num_wires: int):
-    """The source system, its start time and the time to simulate, s."""
+def _duty_course(
+    duty, duration: float | None, num_wires: int
+) -> tuple[trajectories.Trajectory, float]:
+    """Duty as a Drake trajectory of a row for each wire, and how long to simulate it, s."""
+    needed = f"duty must be a number or a trajectory's row for each of {num_wires} wires"
     if isinstance(duty, Trajectory):
         duty = duty.duty_trajectory()
     if isinstance(duty, trajectories.Trajectory):
-        source, size = TrajectorySource(duty), duty.rows() * duty.cols()
-        start = duty.start_time()
-        duration = duty.end_time() - start if duration is None else duration
-    else:
-        value = np.asarray(duty, float)
-        source, size, start = ConstantVectorSource(value), value.size, 0.0
-        if not ((value >= 0) & (value <= 1)).all():
-            raise SimulationError(f"duty is {value.tolist()}; it must stay within 0 and 1.")
+        try:
+            shape = (duty.rows(), duty.cols())
+        except RuntimeError as error:
+            raise SimulationError(f"{needed}, but it is empty.") from error
+        if shape != (num_wires, 1):
+            raise SimulationError(f"{needed}, but it has {shape[0]} x {shape[1]} values.")
+        if duty.start_time() != 0 and isinstance(duty, trajectories.PiecewisePolynomial):
+            duty = copy.deepcopy(duty)  # Drake's integrators know no time before zero
+            duty.shiftRight(-duty.start_time())
         if duration is None:
-            raise SimulationError("duration is missing; constant duty has no end of its own.")
-    if size != num_wires:
-        raise SimulationError(f"duty has {size} values, but this limb has {num_wires} wires.")
-    if not (np.isfinite(duration) and duration > 0):
-        raise SimulationError(f"duration is {duration!r} s; it must be a positive number.")
-    return source, start, duration
+            duration = duty.end_time() - duty.start_time()
+        _check_positive("duration", duration, " s")
+        return duty, duration
+    try:
+        values = np.asarray(duty, float)
+    except (TypeError, ValueError) as error:
+        raise SimulationError(f"{needed}, but it is {duty!r}.") from error
+    if values.ndim == 1 and len(values) != num_wires:
+        raise SimulationError(f"{needed}, but it has {len(values)} values.")
+    if values.ndim != 1:
+        raise SimulationError(f"{needed}, but it is an array of the shape {values.shape}.")
+    if duration is None:
+        raise SimulationError("duration is missing; constant duty has no end of its own.")
+    _check_positive("duration", duration, " s")
+    return trajectories.PiecewisePolynomial.ZeroOrderHold(
+        [0.0, duration], np.column_stack([values, values])
+    ), duration
 
 
-def _without_rounding(duty: np.ndarray) -> np.ndarray:
-    """Duty within [0, 1], where interpolation left it by a rounding error only."""
-    clipped = np.clip(duty, 0.0, 1.0)
-    if np.abs(duty - clipped).max() > 1e-9:
+def _check_duty(course: trajectories.Trajectory, times: np.ndarray) -> np.ndarray:
+    """Duty at the samples (W, K), if it stays within [0, 1] there and at all breaks."""
+    checked = course.start_time() + times
+    if isinstance(course, trajectories.PiecewiseTrajectory):
+        breaks = np.array(course.get_segment_times())
+        checked = np.concatenate([checked, breaks, (breaks[1:] + breaks[:-1]) / 2])
+    values = course.vector_values(checked)
+    clipped = np.clip(values, 0.0, 1.0)
+    if not np.abs(values - clipped).max() < 1e-9:  # NaN is not; rounding is
         raise SimulationError(
-            f"duty reaches from {duty.min():g} to {duty.max():g}; it must stay within 0 and 1."
+            f"duty reaches from {values.min():g} to {values.max():g}; it must stay within 0 and 1."
         )
-    return clipped
+    return clipped[:, : len(times)]
+
+
+def _check_positive(name: str, value, unit: str) -> None:
+    if not isinstance(value, (int, float)) or not (np.isfinite(value) and value > 0):
+        raise SimulationError(f"{name} is {value!r}{unit}; it must be a positive number.")
+
+
+def _set_state(context, state) -> None:
+    state = np.asarray(state, float)
+    if state.shape != (context.num_continuous_states(),) or not np.isfinite(state).all():
+        raise SimulationError(
+            f"initial_state must be {context.num_continuous_states()} finite numbers, but has "
+            f"the shape {state.shape} or holds others."
+        )
+    context.SetContinuousState(state)
 
 
 def _logged_ports(system: System) -> list[str]:
@@ -147,16 +186,20 @@ def _logged_ports(system: System) -> list[str]:
     return [name for name in names if name in ports]
 
 
-def _advance(simulator: Simulator, start: float, duration: float) -> None:
-    """Runs the simulator, second by second to show progress."""
+def _run(simulator: Simulator, start: float, times: np.ndarray, duration: float) -> None:
+    """Simulates from the start (s) for a duration (s), and logs at the given times."""
+    system, context = simulator.get_system(), simulator.get_mutable_context()
     try:
         simulator.Initialize()
         with Progress("simulating", duration, "s") as progress:
-            for end in np.append(np.arange(1.0, duration, 1.0), duration):
-                simulator.AdvanceTo(start + end)
-                progress.update(end)
+            for time in times:
+                simulator.AdvanceTo(start + time)
+                simulator.AdvancePendingEvents()
+                system.ForcedPublish(context)
+                progress.update(time)
+            simulator.AdvanceTo(start + duration)
     except RuntimeError as error:
         raise SimulationError(
-            f"The simulation stopped at {simulator.get_context().get_time() - start:.3g} s of "
+            f"The simulation stopped at {context.get_time() - start:.3g} s of "
             f"{duration:g} s: {' '.join(str(error).split())}"
         ) from error

@@ -28,7 +28,13 @@ def static_equilibrium(
             gravity folds.
     """
     ambient = np.full(len(parameters.wires), parameters.ambient_temperature)
-    excess = (ambient if wire_temperature is None else np.asarray(wire_temperature)) - ambient
+    wire = ambient if wire_temperature is None else np.asarray(wire_temperature, float)
+    if wire.shape != ambient.shape or not np.isfinite(wire).all():
+        raise LimbError(
+            f"wire_temperature is {wire.tolist()}; it must be {ambient.size} finite numbers, "
+            "one for each wire."
+        )
+    excess = wire - ambient
     force = torque_matrix(parameters) @ excess
     plant = make_manipulator(parameters).ToAutoDiffXd()
     angles = np.zeros(parameters.num_joints)
@@ -38,8 +44,12 @@ def static_equilibrium(
         # A step of one radian per joint at the most keeps within one fold.
         angles = angles + step / max(1.0, np.abs(step).max())
         if np.abs(step).max() < 1e-12:
-            return angles, np.linalg.inv(stiffness)
-    raise LimbError("The limb has no static equilibrium near the straight one; is it too soft?")
+            break
+    else:
+        raise LimbError("The limb has no static equilibrium that was found; is it too soft?")
+    if np.linalg.eigvalsh((stiffness + stiffness.T) / 2).min() <= 0:
+        raise LimbError("The limb's equilibrium is unstable: gravity folds it; is it too soft?")
+    return angles, np.linalg.inv(stiffness)
 
 
 def _spring_and_gravity(

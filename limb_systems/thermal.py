@@ -21,6 +21,8 @@ class JouleHeating(AffineSystem):
     - output 0: wire temperature T (wires), °C
     """
 
+    __slots__ = ()  # see limb_systems.ownership
+
     def __init__(self, parameters: LimbParameters):
         a1 = np.array([wire.a1 for wire in parameters.wires])
         a2 = np.array([wire.a2 for wire in parameters.wires])
@@ -47,6 +49,8 @@ class ThermocoupleLag(LinearSystem):
     - output 0: measured temperature V (wires), °C
     """
 
+    __slots__ = ()  # see limb_systems.ownership
+
     def __init__(self, parameters: LimbParameters):
         a3 = np.array([wire.a3 for wire in parameters.wires])
         num_wires = len(a3)
@@ -68,6 +72,8 @@ class InverseThermocoupleLag(AffineSystem):
     - input 0: [V, V̇] (2 * wires), °C and °C/s
     - output 0: wire temperature T (wires), °C
     """
+
+    __slots__ = ()  # see limb_systems.ownership
 
     def __init__(self, parameters: LimbParameters):
         a3 = np.array([wire.a3 for wire in parameters.wires])

@@ -29,6 +29,8 @@ class TorqueMap(AffineSystem):
     - output 0: generalized force f (joints), N·m
     """
 
+    __slots__ = ()  # see limb_systems.ownership
+
     def __init__(self, parameters: LimbParameters):
         matrix = torque_matrix(parameters)
         num_joints, num_wires = matrix.shape

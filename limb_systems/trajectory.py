@@ -153,6 +153,8 @@ class Trajectory:
 
     def bend_angle_at(self, times: ArrayLike) -> np.ndarray:
         """φ* at any times (M,) within the trajectory, (S, M), rad."""
+        if not np.isfinite(times).all():
+            raise LimbError("times must be finite.")
         joints = PiecewisePolynomial.CubicHermite(self.time, self.joint_angles, self.joint_rates)
         return bend_angle(self.parameters, joints.vector_values(np.asarray(times, float)))
 

@@ -31,6 +31,7 @@ from limb_systems.errors import LimbError
 from limb_systems.files import write_atomically
 from limb_systems.kinematics import joint_angles_from_bend_angle
 from limb_systems.manipulator import add_manipulator
+from limb_systems.ownership import weak_method
 from limb_systems.parameters import LimbParameters
 from limb_systems.recording import Recording
 from limb_systems.trajectory import Trajectory
@@ -74,6 +75,8 @@ class LimbVisualizer(Diagram):
     keep to real time with ``set_target_realtime_rate(1.0)``.
     """
 
+    __slots__ = ()  # see limb_systems.ownership
+
     def __init__(self, parameters: LimbParameters, meshcat: Meshcat):
         """Args:
         parameters: of the limb.
@@ -98,12 +101,14 @@ class _WireColors(LeafSystem):
     - input 0 ``wire_temperature``: T (W), °C
     """
 
+    __slots__ = ()  # see limb_systems.ownership
+
     def __init__(self, parameters: LimbParameters, meshcat: Meshcat):
         super().__init__()
         self._parameters, self._meshcat = parameters, meshcat
         self.DeclareVectorInputPort("wire_temperature", len(parameters.wires))
-        self.DeclarePeriodicPublishEvent(PUBLISH_PERIOD, 0.0, self._publish)
-        self.DeclareForcedPublishEvent(self._publish)
+        self.DeclarePeriodicPublishEvent(PUBLISH_PERIOD, 0.0, weak_method(self._publish))
+        self.DeclareForcedPublishEvent(weak_method(self._publish))
 
     def _publish(self, context: Context) -> None:
         colors = wire_color(self._parameters, self.get_input_port().Eval(context))

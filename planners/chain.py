@@ -1,7 +1,7 @@
 """The planar chain of eqn (2) in closed form, for many states at once.
 
 The `MultibodyPlant` stays the one truth: all constants are read from it, and
-`PlanarChain.largest_disagreement` compares accelerations with it.
+a program compares accelerations with those of its `Limb` before it uses them.
 
 In absolute link angles φ = L θ (L lower triangular, all ones) the kinetic
 energy of any serial chain in a plane depends on differences of angles only,
@@ -98,25 +98,6 @@ class PlanarChain:
             inverse @ by_rate @ self._L,
             inverse @ self._E.T,
         )
-
-    def largest_disagreement(self, plant: MultibodyPlant, num_states: int = 5) -> float:
-        """Largest difference of θ̈ from the plant's, relative, at random states."""
-        generator = np.random.default_rng(0)
-        shape = (num_states, self.num_joints)
-        angles = generator.uniform(-1.0, 1.0, shape)
-        rates = generator.uniform(-10.0, 10.0, shape)
-        forces = self.stiffness * generator.uniform(-1.0, 1.0, shape)
-        ours = self.accelerations(angles, rates, forces)
-        context = plant.CreateDefaultContext()
-        force_port = plant.get_applied_generalized_force_input_port()
-        theirs = np.empty(shape)
-        for index in range(num_states):
-            plant.SetPositions(context, angles[index])
-            plant.SetVelocities(context, rates[index])
-            force_port.FixValue(context, forces[index])
-            derivatives = plant.EvalTimeDerivatives(context)
-            theirs[index] = derivatives.get_generalized_velocity().CopyToVector()
-        return float(np.abs(ours - theirs).max() / np.abs(theirs).max())
 
     def _link_accelerations(self, angles, rates, forces):
         """φ̈, φ, φ̇ (K, n), M and H (K, n, n)."""

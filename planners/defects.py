@@ -18,9 +18,8 @@ sparse Jacobian, and differs in two ways that leave the solutions as they are:
 """
 
 import numpy as np
-from pydrake.multibody.plant import MultibodyPlant
 
-from limb_systems import LimbParameters, torque_matrix
+from limb_systems import LimbParameters, make_manipulator, torque_matrix
 from planners.chain import PlanarChain
 
 # Changes that matter, which scaling takes as one.
@@ -52,11 +51,10 @@ class LimbDefects:
     def __init__(
         self,
         parameters: LimbParameters,
-        plant: MultibodyPlant,
         num_knots: int,
         typical_time_step: float,
     ):
-        self._chain = chain = PlanarChain(plant)
+        self._chain = chain = PlanarChain(make_manipulator(parameters))
         self._typical_h = typical_time_step
         self._ambient = parameters.ambient_temperature
         self._torques = torque_matrix(parameters)
@@ -80,7 +78,7 @@ class LimbDefects:
         """Scaled defects (N - 1, 2n + 2W), all zero for a feasible trajectory."""
         h = time_steps[:, None]
         angles, rates, wire, _ = self._split(states)
-        accelerations = self._chain.accelerations(angles, rates, self._forces(wire))
+        accelerations = self.accelerations(states)
         middle = self._chain.accelerations(*self._midpoints(angles, rates, wire, duty, h))
         angle_rows = (
             1.5 / h * np.diff(angles, axis=0)
@@ -191,9 +189,10 @@ class LimbDefects:
         hessian[:, -1] = derivative(states, time_steps + 1j * _IMAGINARY_STEP)
         return hessian[:, self.hessian_rows, self.hessian_columns]
 
-    def largest_disagreement(self, plant: MultibodyPlant) -> float:
-        """Largest relative difference of the accelerations from the plant's."""
-        return self._chain.largest_disagreement(plant)
+    def accelerations(self, states: np.ndarray) -> np.ndarray:
+        """θ̈ (K, n) of states (K, 2n + 2W), rad/s²."""
+        angles, rates, wire, _ = self._split(states)
+        return self._chain.accelerations(angles, rates, self._forces(wire))
 
     def _lay_out_derivatives(self) -> None:
         n, num_wires = self._chain.num_joints, len(self._a1)

@@ -212,11 +212,10 @@ class TrajectoryProgram:
             self.prog.SetVariableScaling(variable, TEMPERATURE_SCALE)
 
     def _make_defects(self) -> "DefectBlock | None":
-        manipulator = self.limb.GetSubsystemByName("manipulator")
         time_step = float(np.median(np.diff(self.times)))
-        defects = LimbDefects(self.parameters, manipulator, len(self.times), time_step)
+        defects = LimbDefects(self.parameters, len(self.times), time_step)
         self._acceleration_to_angle = defects.acceleration_to_angle
-        if defects.largest_disagreement(manipulator) < 1e-9:
+        if self._largest_disagreement(defects) < 1e-9:
             return DefectBlock(self, defects)
         warnings.warn(
             "The limb's plant is not the planar chain of eqn (2) any more; planning with "
@@ -224,6 +223,22 @@ class TrajectoryProgram:
             stacklevel=3,
         )
         return None
+
+    def _largest_disagreement(self, defects: LimbDefects) -> float:
+        """Of the closed form's accelerations with the limb's, relative, at random states."""
+        generator, num_states = np.random.default_rng(0), 5
+        n, num_wires = self.parameters.num_joints, len(self.parameters.wires)
+        states = np.vstack(
+            [
+                generator.uniform(-1.0, 1.0, (n, num_states)),
+                generator.uniform(-10.0, 10.0, (n, num_states)),
+                generator.uniform(20.0, 100.0, (2 * num_wires, num_states)),
+            ]
+        )
+        duty = np.zeros((num_wires, num_states))
+        theirs = self._time_derivatives(states, duty)[n : 2 * n]
+        ours = defects.accelerations(states.T).T
+        return float(np.abs(ours - theirs).max() / np.abs(theirs).max())
 
     @property
     def _wire_temperatures(self) -> np.ndarray:

@@ -3,9 +3,19 @@
 import numpy as np
 import pytest
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia
 from pydrake.planning import DirectCollocationConstraint
 
-from limb_systems import Limb, LimbParameters, SegmentParameters, make_manipulator
+from limb_systems import (
+    Limb,
+    LimbParameters,
+    SegmentParameters,
+    add_manipulator,
+    limb,
+    make_manipulator,
+)
+from planners import TrajectoryProgram
 from planners.chain import PlanarChain
 from planners.defects import TEMPERATURE_SCALE, LimbDefects
 
@@ -55,7 +65,7 @@ STEP = np.array([TIME_STEP])
 
 
 def defects_for(parameters, num_knots=2):
-    return LimbDefects(parameters, make_manipulator(parameters), num_knots, TIME_STEP)
+    return LimbDefects(parameters, num_knots, TIME_STEP)
 
 
 def unscaled(parameters, rows):
@@ -140,7 +150,7 @@ def test_hessian_is_the_difference_quotient_of_the_jacobian(parameters):
     states, duty, _ = random_interval(parameters, np.random.default_rng(7))
     generator = np.random.default_rng(8)
     h = 0.05
-    defects = LimbDefects(parameters, make_manipulator(parameters), 2, h)
+    defects = LimbDefects(parameters, 2, h)
     multipliers = generator.normal(size=(1, states.shape[1]))
     point = np.r_[states.ravel(), duty.ravel(), h]
 
@@ -185,8 +195,24 @@ def test_accelerations_and_derivatives_are_the_plants(parameters):
         np.testing.assert_allclose(our[0], their, atol=1e-9 * np.abs(their).max())
 
 
-def test_a_plant_that_is_no_planar_chain_is_noticed():
-    parameters = LimbParameters()
-    chain = PlanarChain(make_manipulator(parameters))
-    parameters.segments[0].stiffness *= 1.001
-    assert chain.largest_disagreement(make_manipulator(parameters)) > 1e-6
+def test_a_limb_that_is_no_planar_chain_is_noticed(monkeypatch):
+    """Another body in the plant, of a gram, and the closed form is not used."""
+
+    def with_a_load(parameters):
+        plant = MultibodyPlant(time_step=0.0)
+        add_manipulator(plant, parameters)
+        link = plant.GetBodyByName("link_5")
+        load = plant.AddRigidBody(
+            "load", link.model_instance(), SpatialInertia.SolidSphereWithMass(0.001, 0.01)
+        )
+        plant.WeldFrames(link.body_frame(), load.body_frame())
+        plant.Finalize()
+        plant.set_name("manipulator")
+        return plant
+
+    times = np.linspace(0.0, 1.0, 3)
+    assert TrajectoryProgram(LimbParameters(), times).defects is not None
+    monkeypatch.setattr(limb, "make_manipulator", with_a_load)
+    with pytest.warns(UserWarning, match="not the planar chain"):
+        program = TrajectoryProgram(LimbParameters(), times)
+    assert program.defects is None

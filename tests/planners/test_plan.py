@@ -17,7 +17,6 @@ from limb_systems import (
     simulate,
 )
 from planners import InfeasibleError, PlanningError, ipopt, plan, planning, references, solving
-from planners.defects import LimbDefects
 from planners.program import TrajectoryProgram
 
 
@@ -143,7 +142,7 @@ def test_snopt_finds_the_same_optimum_of_the_same_program():
 def test_drakes_constraints_take_over_where_the_closed_form_disagrees(monkeypatch):
     parameters = cold_parameters(segments=[SegmentParameters(links=1)])
     usual = plan(parameters, short_reference(), tolerance_deg=1.0)
-    monkeypatch.setattr(LimbDefects, "largest_disagreement", lambda *_: 1.0)
+    monkeypatch.setattr(TrajectoryProgram, "_largest_disagreement", lambda *_: 1.0)
     with pytest.warns(UserWarning, match="closed form"):
         fallback = plan(parameters, short_reference(), tolerance_deg=1.0)
     assert fallback.check.cost == pytest.approx(usual.check.cost, rel=1e-5)

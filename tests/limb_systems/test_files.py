@@ -1,0 +1,667 @@
+"""Recording and trajectory files: what comes back, and what is refused.
+
+Damage is done to the bytes of good files. Where a check other than the
+checksum is meant, the end line is made to fit the changed content again.
+"""
+
+import csv
+import dataclasses
+import hashlib
+import os
+
+import numpy as np
+import pytest
+
+from limb_systems import (
+    ActiveConstraint,
+    LimbError,
+    LimbParameters,
+    PlanCheck,
+    Recording,
+    SegmentParameters,
+    Trajectory,
+)
+from limb_systems.files import FileFormatError
+
+PASSED = PlanCheck(
+    solver="IPOPT",
+    status='Solve_Succeeded: it\'s "fine", # 1; °C',
+    iterations=13,
+    solve_time=0.1 + 0.2,
+    total_time=1.25,
+    cost=17.3,
+    guess_cost=18.9,
+    largest_defect=3.2e-9,
+    largest_difference_deg=0.04,
+    tolerance_deg=0.5,
+    active_constraints=[ActiveConstraint("duty_left >= 0", 1.5, 3.0)],
+)
+SPECIAL = [5e-324, -5e-324, -0.0, 1e-300, np.pi, -np.pi, np.nextafter(np.pi, 0), 1 / 3]
+HUGE = [1.7976931348623157e308, -1e308, 1e22, 123456789.123456789]
+
+
+def make_recording(parameters=None, samples=4, **changes) -> Recording:
+    parameters = parameters or LimbParameters(segments=[SegmentParameters(links=2)])
+    rng = np.random.default_rng(0)
+    num_wires, num_segments = len(parameters.wires), len(parameters.segments)
+    signals = {
+        "time": np.cumsum(rng.uniform(0.01, 0.2, samples)),
+        "duty": rng.uniform(0, 1, (num_wires, samples)),
+        "measured_temperature": rng.uniform(20, 110, (num_wires, samples)),
+        "bend_angle": rng.uniform(-np.pi, np.pi, (num_segments, samples)),
+        "wire_temperature": rng.uniform(20, 110, (num_wires, samples)),
+        "joint_state": rng.normal(0, 10, (2 * parameters.num_joints, samples)),
+    }
+    return Recording(
+        **{**signals, **changes}, parameters=parameters, source="a test", sample_rate=10.0
+    )
+
+
+def make_trajectory(parameters=None, samples=4, check=PASSED, **changes) -> Trajectory:
+    recording = make_recording(parameters, samples)
+    reference = np.random.default_rng(1).uniform(-1, 1, recording.bend_angle.shape)
+    signals = {
+        "time": recording.time,
+        "reference": reference,
+        "duty": recording.duty,
+        "joint_state": recording.joint_state,
+        "wire_temperature": recording.wire_temperature,
+        "measured_temperature": recording.measured_temperature,
+    }
+    return Trajectory(**{**signals, **changes}, parameters=recording.parameters, check=check)
+
+
+MAKERS = {"recording": make_recording, "trajectory": make_trajectory}
+each_kind = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
+
+
+def assert_identical(actual, expected):
+    """Every field the same; arrays bit by bit, the sign of zero included."""
+    for field in dataclasses.fields(expected):
+        left, right = getattr(actual, field.name), getattr(expected, field.name)
+        if isinstance(right, np.ndarray):
+            assert left.shape == right.shape, field.name
+            assert left.tobytes() == right.tobytes(), field.name
+        else:
+            assert left == right, field.name
+
+
+def save_and_load(original, path):
+    original.save(path)
+    return type(original).load(path)
+
+
+# Round trip
+
+
+@each_kind
+@pytest.mark.parametrize("samples", [2, 3, 500])
+def test_round_trip_is_bit_identical(tmp_path, make, samples):
+    original = make(samples=samples)
+    assert_identical(save_and_load(original, tmp_path / "file.csv"), original)
+
+
+@each_kind
+def test_round_trip_of_two_segments(tmp_path, uneven_limb, make):
+    original = make(uneven_limb, samples=50)
+    assert_identical(save_and_load(original, tmp_path / "file.csv"), original)
+
+
+def test_round_trip_of_a_robots_recording_without_what_only_a_model_knows(tmp_path):
+    original = make_recording(wire_temperature=None, joint_state=None)
+    loaded = save_and_load(original, tmp_path / "file.csv")
+    assert_identical(loaded, original)
+    assert loaded.wire_temperature is None
+    assert loaded.joint_state is None
+
+
+@pytest.mark.parametrize("samples", [0, 1])
+def test_round_trip_of_a_recording_that_is_all_but_empty(tmp_path, samples):
+    original = make_recording(samples=samples)
+    assert_identical(save_and_load(original, tmp_path / "file.csv"), original)
+
+
+def test_extreme_values_come_back_exactly(tmp_path):
+    size = len(SPECIAL)
+    angles = np.tile(SPECIAL + HUGE + [0.0] * (size - len(HUGE)), (2, 1))
+    original = make_recording(
+        samples=size,
+        bend_angle=[SPECIAL],
+        joint_state=angles.reshape(4, size),
+        measured_temperature=[SPECIAL, [600.0, -60.0, 599.9999999999999] + [0.1] * (size - 3)],
+        duty=[[5e-324, -0.0, 0.0, 1.0, np.nextafter(1.0, 0), 1 / 3, 1e-300, 0.5]] * 2,
+    )
+    assert_identical(save_and_load(original, tmp_path / "file.csv"), original)
+
+
+def test_random_doubles_of_every_size_come_back_exactly(tmp_path):
+    """Any bit pattern of a finite double may be an angle or rate of a joint."""
+    patterns = np.random.default_rng(2).integers(0, 2**64, (4, 5000), dtype=np.uint64)
+    values = patterns.view(float)
+    values[~np.isfinite(values)] = 0.0
+    original = make_recording(samples=5000, joint_state=values)
+    assert_identical(save_and_load(original, tmp_path / "file.csv"), original)
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        *["", "two\nlines", "\r\n", "\u2028", "\x85", " spaces ", "a " * 200, "wörds °C"],
+        *["# end, 4 rows", "key: value", "- item", "007", "1e3", "null", "yes", "'\"", "{"],
+    ],
+)
+def test_any_source_text_comes_back(tmp_path, source):
+    original = make_recording()
+    original.source = source
+    assert save_and_load(original, tmp_path / "file.csv").source == source
+
+
+def test_check_comes_back_with_its_active_constraints(tmp_path):
+    loaded = save_and_load(make_trajectory(), tmp_path / "file.csv")
+    assert loaded.check == PASSED
+    assert loaded.check is not PASSED
+
+
+def test_saving_what_was_loaded_gives_the_same_bytes(tmp_path):
+    make_trajectory().save(tmp_path / "first.csv")
+    Trajectory.load(tmp_path / "first.csv").save(tmp_path / "second.csv")
+    assert (tmp_path / "first.csv").read_bytes() == (tmp_path / "second.csv").read_bytes()
+
+
+def test_columns_are_named_with_their_units_and_angles_are_in_degrees(tmp_path):
+    path = tmp_path / "file.csv"
+    original = make_recording(bend_angle=[[np.pi / 6, -np.pi / 2, 0.0, np.pi]])
+    original.save(path)
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    assert list(rows[0]) == [
+        "time_s",
+        "duty_left",
+        "duty_right",
+        "measured_temperature_left_c",
+        "measured_temperature_right_c",
+        "bend_angle_deg",
+        "wire_temperature_left_c",
+        "wire_temperature_right_c",
+        "joint_angle_1_deg",
+        "joint_angle_2_deg",
+        "joint_rate_1_deg_s",
+        "joint_rate_2_deg_s",
+    ]
+    bend = [float(row["bend_angle_deg"]) for row in rows]
+    np.testing.assert_allclose(bend, [30.0, -90.0, 0.0, 180.0], rtol=1e-15)
+    rate = [float(row["joint_rate_2_deg_s"]) for row in rows]
+    np.testing.assert_allclose(rate, np.degrees(original.joint_state[3]), rtol=1e-15)
+    measured = [float(row["measured_temperature_right_c"]) for row in rows]
+    assert measured == original.measured_temperature[1].tolist()
+
+
+# Damage
+
+
+@each_kind
+def test_every_truncation_is_refused(tmp_path, refused, make):
+    path = tmp_path / "file.csv"
+    original = make(samples=2)
+    original.save(path)
+    data = path.read_bytes()
+    assert len(data) > 1000
+    for size in range(len(data)):
+        path.write_bytes(data[:size])
+        with refused(FileFormatError, path):
+            type(original).load(path)
+
+
+@each_kind
+def test_changes_of_one_byte_are_refused(tmp_path, make):
+    """A flipped bit in every second; an exponent, a line break, no text in every tenth."""
+    path = tmp_path / "file.csv"
+    original = make(samples=2)
+    original.save(path)
+    data = path.read_bytes()
+    for position in range(0, len(data), 2):
+        others = b"e\n\x80" if position % 10 == 0 else b""
+        for byte in {data[position] ^ 1, *others} - {data[position]}:
+            path.write_bytes(data[:position] + bytes([byte]) + data[position + 1 :])
+            with pytest.raises(FileFormatError):
+                type(original).load(path)
+
+
+@each_kind
+def test_inserted_and_removed_bytes_are_refused(tmp_path, make):
+    path = tmp_path / "file.csv"
+    original = make(samples=2)
+    original.save(path)
+    data = path.read_bytes()
+    for position in range(0, len(data), 7):
+        for changed in (
+            data[:position] + data[position + 1 :],
+            data[:position] + b"7" + data[position:],
+        ):
+            path.write_bytes(changed)
+            with pytest.raises(FileFormatError):
+                type(original).load(path)
+
+
+@pytest.mark.parametrize("kind", ["recording", "trajectory"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\n",
+        b"\n\n\n\n",
+        b"time_s,duty_left\n0.0,0.5\n",
+        b"segments:\n- links: 5\n",
+        bytes(range(256)) * 10,
+        b"\x7fELF" + bytes(1000),
+        b"\xff\xfe#\x00 \x00",
+        b"# limb %s, format 1\n",
+        b"# limb %s, format 1\n# end, 0 rows, sha256 " + b"0" * 64 + b"\n",
+        b"# limb %s, format 1\ntime_s\n# end, 0 rows, sha256 " + b"0" * 64 + b"\n",
+        b"# limb %s, format " + b"1" * 5000 + b"\n",
+        b"# limb %s, format 1\ntime_s\n# end, "
+        + b"1" * 5000
+        + b" rows, sha256 "
+        + b"0" * 64
+        + b"\n",
+    ],
+    ids=lambda content: repr(content[:60]) if isinstance(content, bytes) else content,
+)
+def test_foreign_file_is_refused(tmp_path, refused, kind, content):
+    path = tmp_path / "file.csv"
+    path.write_bytes(content.replace(b"%s", kind.encode()))
+    with refused(FileFormatError, path):
+        {"recording": Recording, "trajectory": Trajectory}[kind].load(path)
+
+
+@each_kind
+def test_other_kind_of_file_is_refused(tmp_path, refused, make):
+    path = tmp_path / "file.csv"
+    make().save(path)
+    other, kind = {
+        make_recording: (Trajectory, "trajectory"),
+        make_trajectory: (Recording, "recording"),
+    }[make]
+    with refused(FileFormatError, path, f"not a limb {kind}"):
+        other.load(path)
+
+
+@pytest.mark.parametrize("kind", [Recording, Trajectory])
+def test_file_that_is_not_there_and_folder_are_refused(tmp_path, refused, kind):
+    for path in (tmp_path / "file.csv", tmp_path):
+        with refused(FileFormatError, "Cannot read", path):
+            kind.load(path)
+
+
+# Content that does not fit, under a checksum that does
+
+
+def saved_lines(original, path) -> list[str]:
+    """The lines of a file without its end line."""
+    original.save(path)
+    return path.read_text().splitlines()[:-1]
+
+
+def names_line(lines) -> int:
+    return next(index for index, line in enumerate(lines) if line.startswith("time_s"))
+
+
+def set_cell(lines, sample, name, text):
+    top = names_line(lines)
+    cells = lines[top + 1 + sample].split(",")
+    cells[lines[top].split(",").index(name)] = text
+    lines[top + 1 + sample] = ",".join(cells)
+
+
+def write_sealed(path, lines):
+    """Writes the lines with an end line that fits them."""
+    body = "\n".join(lines) + "\n"
+    rows = len(lines) - names_line(lines) - 1
+    digest = hashlib.sha256(body.encode()).hexdigest()
+    path.write_text(f"{body}# end, {rows} rows, sha256 {digest}\n")
+
+
+@pytest.fixture
+def lines(tmp_path) -> list[str]:
+    """Of a recording that is then changed; its first sample stands in line 30."""
+    return saved_lines(make_recording(), tmp_path / "file.csv")
+
+
+@pytest.fixture
+def refuse_sealed(tmp_path, refused):
+    """Seals the lines and expects that loading them is refused."""
+
+    def check(lines, *words, kind=Recording):
+        path = tmp_path / "file.csv"
+        write_sealed(path, lines)
+        with refused(FileFormatError, path, *words):
+            kind.load(path)
+
+    return check
+
+
+def test_sealing_an_unchanged_file_leaves_it_good(tmp_path, lines):
+    write_sealed(tmp_path / "file.csv", lines)
+    assert_identical(Recording.load(tmp_path / "file.csv"), make_recording())
+
+
+def test_the_lines_are_counted_as_in_an_editor(lines):
+    assert names_line(lines) == 28  # line 29, counted from 1
+
+
+def test_another_version_is_refused(lines, refuse_sealed):
+    lines[0] = lines[0].replace("format 1", "format 2")
+    refuse_sealed(lines, "format 2", "format 1")
+
+
+def test_shuffled_rows_are_refused(lines, refuse_sealed):
+    lines[30], lines[31] = lines[31], lines[30]
+    refuse_sealed(lines, "time", "line 32", "increas")
+
+
+def test_duplicate_rows_are_refused(lines, refuse_sealed):
+    lines.insert(30, lines[30])
+    refuse_sealed(lines, "time", "line 32", "increas")
+
+
+def test_wrong_count_of_rows_is_refused(tmp_path, refused):
+    path = tmp_path / "file.csv"
+    make_recording().save(path)
+    path.write_text(path.read_text().replace("# end, 4 rows", "# end, 5 rows"))
+    with refused(FileFormatError, path, "4 rows", "5"):
+        Recording.load(path)
+
+
+def test_changed_value_under_the_old_checksum_is_refused(tmp_path, refused, lines):
+    path = tmp_path / "file.csv"
+    end = path.read_text().splitlines()[-1]
+    set_cell(lines, 0, "duty_left", "0.5")
+    path.write_text("\n".join([*lines, end]) + "\n")
+    with refused(FileFormatError, path, "checksum"):
+        Recording.load(path)
+
+
+@pytest.mark.parametrize("text", ["nan", "inf", "-inf", "1e999"])
+@pytest.mark.parametrize("name", ["time_s", "duty_left", "bend_angle_deg", "joint_rate_2_deg_s"])
+def test_value_that_is_not_finite_is_refused_with_its_place(lines, refuse_sealed, name, text):
+    set_cell(lines, 2, name, text)
+    refuse_sealed(lines, name, "line 32")
+
+
+@pytest.mark.parametrize("text", ["", "abc", "0x1", "snan", "1.2.3", "--1"])
+@pytest.mark.parametrize("name", ["time_s", "duty_left", "bend_angle_deg"])
+def test_cell_that_is_no_number_is_refused_with_its_place(lines, refuse_sealed, name, text):
+    set_cell(lines, 2, name, text)
+    refuse_sealed(lines, "line 32")
+
+
+@pytest.mark.parametrize("exponent", ["400", "99999", "9999999", "9" * 20, "9" * 5000])
+@pytest.mark.parametrize("name", ["duty_left", "bend_angle_deg", "joint_angle_1_deg"])
+def test_number_beyond_any_double_is_refused_with_its_place(lines, refuse_sealed, name, exponent):
+    set_cell(lines, 2, name, f"-1e{exponent}")
+    refuse_sealed(lines, "line 32")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("duty_right", "1.0000000000000002", ["duty", "0 to 1"]),
+        ("duty_left", "-5e-324", ["duty", "0 to 1"]),
+        ("bend_angle_deg", "180.0000001", ["bend_angle"]),
+        ("bend_angle_deg", "-200.0", ["bend_angle"]),
+        ("measured_temperature_left_c", "600.1", ["measured_temperature", "600"]),
+        ("wire_temperature_right_c", "-273.15", ["wire_temperature", "-60"]),
+    ],
+)
+def test_value_out_of_range_is_refused_with_its_time(lines, refuse_sealed, name, text, words):
+    time = make_recording().time[2]
+    set_cell(lines, 2, name, text)
+    refuse_sealed(lines, *words, f"{time:g} s")
+
+
+def test_duty_out_of_range_in_a_trajectory_is_refused(tmp_path, refuse_sealed):
+    lines = saved_lines(make_trajectory(), tmp_path / "file.csv")
+    set_cell(lines, 3, "duty_left", "1.5")
+    refuse_sealed(lines, "duty", "1.5", "0 to 1", kind=Trajectory)
+
+
+def without_column(lines, name):
+    top = names_line(lines)
+    position = lines[top].split(",").index(name)
+    for index in range(top, len(lines)):
+        cells = lines[index].split(",")
+        del cells[position]
+        lines[index] = ",".join(cells)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "duty_right",
+        "measured_temperature_left_c",
+        "bend_angle_deg",
+        "wire_temperature_left_c",
+        "joint_rate_1_deg_s",
+    ],
+)
+def test_missing_column_is_refused_by_name(lines, refuse_sealed, name):
+    without_column(lines, name)
+    refuse_sealed(lines, name, "missing")
+
+
+def test_missing_time_is_refused(tmp_path, refused, lines):
+    path = tmp_path / "file.csv"
+    lines[28] = lines[28].replace("time_s", "time_ms")
+    body = "\n".join(lines) + "\n"
+    path.write_text(f"{body}# end, 4 rows, sha256 {hashlib.sha256(body.encode()).hexdigest()}\n")
+    with refused(FileFormatError, path, "line 29", "time_s"):
+        Recording.load(path)
+
+
+@pytest.mark.parametrize("name", ["reference_angle_deg", "duty_left_2", "note"])
+def test_extra_column_is_refused_by_name(lines, refuse_sealed, name):
+    for index in range(28, len(lines)):
+        lines[index] += f",{name}" if index == 28 else ",0.5"
+    refuse_sealed(lines, name, "does not belong")
+
+
+def test_column_given_twice_is_refused(lines, refuse_sealed):
+    lines[28] = lines[28].replace("duty_right", "duty_left")
+    refuse_sealed(lines, "line 29")
+
+
+@pytest.mark.parametrize("change", [lambda row: row + ",1.0", lambda row: row.rsplit(",", 1)[0]])
+def test_row_of_another_length_is_refused_with_its_place(lines, refuse_sealed, change):
+    lines[31] = change(lines[31])
+    refuse_sealed(lines, "line 32", "12 columns")
+
+
+@pytest.mark.parametrize("text", ["", "# a remark"])
+def test_row_that_is_none_is_refused_with_its_place(lines, refuse_sealed, text):
+    lines.insert(31, text)
+    refuse_sealed(lines, "line 32")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ("# source: a test", "# colour: red", ["colour"]),
+        ("# sample_rate_hz: 10.0", "# sample_rate_hz: fast", ["sample_rate_hz", "fast"]),
+        ("# sample_rate_hz: 10.0", "# sample_rate_hz: .nan", ["sample_rate"]),
+        ("# sample_rate_hz: 10.0", "# sample_rate_hz: -10.0", ["sample_rate"]),
+        ("# sample_rate_hz: 10.0", "# sample_rate_hz: [", ["YAML"]),
+        ("#   - links: 2", "#   - links: 0", ["segments[0].links"]),
+        ("#   - links: 2", "#   - links: 2.5", ["links", "whole number"]),
+        ("#   - links: 2", "#   - links: 3", ["joint_angle_3_deg", "missing"]),
+        ("#   - links: 2", "#   - links: 1", ["joint_angle_2_deg", "belong"]),
+        ("#     mass: 0.025", "#     mass: -1.0", ["segments[0].mass"]),
+        ("#     mass: 0.025", "#     weight: 0.025", ["parameters.segments[0].weight"]),
+    ],
+)
+def test_header_that_does_not_fit_is_refused(lines, refuse_sealed, before, after, words):
+    lines[lines.index(before)] = after
+    refuse_sealed(lines, *words)
+
+
+def test_header_without_a_field_is_refused(tmp_path, refuse_sealed):
+    lines = saved_lines(make_trajectory(), tmp_path / "file.csv")
+    del lines[next(i for i, line in enumerate(lines) if "tolerance_deg" in line)]
+    refuse_sealed(lines, "check.tolerance_deg", "missing", kind=Trajectory)
+
+
+def test_trajectory_of_one_knot_is_refused(tmp_path, refuse_sealed):
+    lines = saved_lines(make_trajectory(samples=2), tmp_path / "file.csv")
+    refuse_sealed(lines[:-1], "two knots", kind=Trajectory)
+
+
+# Objects that do not fit
+
+
+@each_kind
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"duty": np.full((2, 4), 1.1)}, ["duty", "0 to 1"]),
+        ({"duty": np.full((2, 4), np.nan)}, ["duty"]),
+        ({"duty": np.zeros((4, 2))}, ["duty", "(4, 2)", "(2, 4)"]),
+        ({"duty": np.zeros((2, 5))}, ["duty", "(2, 5)", "(2, 4)"]),
+        ({"duty": np.zeros((3, 4))}, ["duty", "(3, 4)", "(2, 4)"]),
+        ({"measured_temperature": np.full((2, 4), 1000.0)}, ["measured_temperature", "600"]),
+        ({"wire_temperature": np.full((2, 4), np.inf)}, ["wire_temperature"]),
+        ({"joint_state": np.zeros((3, 4))}, ["joint_state"]),
+        ({"time": np.array([0.0, 0.1, 0.1, 0.2])}, ["time", "increasing"]),
+        ({"time": np.array([0.0, 0.2, 0.1, 0.3])}, ["time", "increasing"]),
+        ({"time": np.array([0.0, 0.1, np.nan, 0.2])}, ["time"]),
+    ],
+    ids=lambda value: "" if isinstance(value, list) else next(iter(value)),
+)
+def test_signals_that_do_not_fit_are_refused(refused, make, changes, words):
+    with refused(LimbError, *words):
+        make(**changes)
+
+
+def test_bend_angle_in_degrees_by_mistake_is_refused(refused):
+    with refused(LimbError, "bend_angle", "rad"):
+        make_recording(bend_angle=np.full((1, 4), 30.0))
+
+
+@pytest.mark.parametrize("rate", [0.0, -10.0, np.nan, np.inf])
+def test_recording_without_a_sensible_sample_rate_is_refused(refused, rate):
+    with refused(LimbError, "sample_rate"):
+        dataclasses.replace(make_recording(), sample_rate=rate)
+
+
+def test_value_spoilt_after_construction_is_not_saved(tmp_path, refused):
+    recording = make_recording()
+    recording.duty[1, 2] = np.nan
+    with refused(FileFormatError, "duty_right", "sample 2"):
+        recording.save(tmp_path / "file.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+# Plans that failed their check
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"largest_defect": 2e-6}, ["dynamics"]),
+        ({"largest_defect": np.nan}, ["dynamics"]),
+        ({"largest_difference_deg": 0.51}, ["0.510", "0.5°", "knots"]),
+        ({"largest_difference_deg": np.nan}, ["simulating"]),
+        ({"tolerance_deg": np.nan}, ["simulating"]),
+    ],
+)
+def test_trajectory_whose_check_failed_is_not_saved(tmp_path, refused, change, words):
+    path = tmp_path / "plan.csv"
+    failed = make_trajectory(check=dataclasses.replace(PASSED, **change))
+    assert failed.check.failure() is not None
+    with refused(LimbError, "failed its check", *words):
+        failed.save(path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{}, {"largest_defect": 1e-6}, {"largest_difference_deg": 0.5}, {"tolerance_deg": 0.04}],
+)
+def test_check_passes_up_to_its_tolerances(change):
+    assert dataclasses.replace(PASSED, **change).failure() is None
+
+
+# Writing whole or not at all
+
+
+@pytest.mark.parametrize("function", ["replace", "fsync", "chmod"])
+@pytest.mark.parametrize("error", [OSError("disk full"), KeyboardInterrupt()], ids=repr)
+def test_interrupted_writing_leaves_the_old_file_and_nothing_else(
+    tmp_path, monkeypatch, function, error
+):
+    path = tmp_path / "file.csv"
+    original = make_recording()
+    original.save(path)
+    before = path.read_bytes()
+
+    def interrupt(*args, **kwargs):
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, function, interrupt)
+        with pytest.raises(type(error)):
+            make_recording(samples=10).save(path)
+        with pytest.raises(type(error)):
+            LimbParameters().save(tmp_path / "limb.yaml")
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_new_file_replaces_the_old_one_and_folders_are_made(tmp_path):
+    path = tmp_path / "new" / "folder" / "file.csv"
+    make_recording().save(path)
+    make_recording(samples=9).save(path)
+    assert_identical(Recording.load(path), make_recording(samples=9))
+    assert list(path.parent.iterdir()) == [path]
+
+
+# What a trajectory tells
+
+
+def cubic_trajectory() -> tuple[Trajectory, np.ndarray]:
+    """Joint angles that are cubics of time, one row of coefficients per joint."""
+    coefficients = np.array([[0.01, -0.05, 0.1, 0.02], [-0.02, 0.04, 0.0, 0.1]])
+    time = np.array([2.0, 2.5, 3.5, 4.0])
+    angles = np.array([np.polyval(row, time) for row in coefficients])
+    rates = np.array([np.polyval(np.polyder(row), time) for row in coefficients])
+    return make_trajectory(time=time, joint_state=np.vstack([angles, rates])), coefficients
+
+
+def test_joint_angles_between_knots_are_cubic():
+    trajectory, coefficients = cubic_trajectory()
+    times = np.linspace(2.0, 4.0, 17)
+    first, second = (np.polyval(row, times) for row in coefficients)
+    # Two links of equal length: the chord points between the two link angles.
+    expected = [first + second / 2]
+    np.testing.assert_allclose(trajectory.bend_angle_at(times), expected, atol=1e-14)
+    knots = trajectory.bend_angle_at(trajectory.time)
+    np.testing.assert_allclose(trajectory.bend_angle, knots, atol=1e-14)
+
+
+def test_duty_between_knots_is_linear():
+    trajectory, _ = cubic_trajectory()
+    duty = trajectory.duty_trajectory()
+    assert (duty.start_time(), duty.end_time()) == (2.0, 4.0)
+    assert trajectory.duration == 2.0
+    expected = trajectory.duty[:, 1] + 0.25 * (trajectory.duty[:, 2] - trajectory.duty[:, 1])
+    np.testing.assert_allclose(duty.value(2.75)[:, 0], expected, rtol=1e-14)
+
+
+def test_state_of_a_trajectory_is_that_of_the_limb_diagram(uneven_limb):
+    trajectory = make_trajectory(uneven_limb)
+    expected = [
+        *trajectory.joint_angles,
+        *trajectory.joint_rates,
+        *trajectory.wire_temperature,
+        *trajectory.measured_temperature,
+    ]
+    np.testing.assert_array_equal(trajectory.state, expected)
+    assert trajectory.joint_angles.shape == trajectory.joint_rates.shape == (5, 4)

@@ -1,0 +1,135 @@
+"""Forward kinematics against the plant's own body poses and eqns (8) and (11)."""
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
+
+from limb_systems import (
+    BendAngle,
+    LimbParameters,
+    SegmentParameters,
+    bend_angle,
+    bend_angle_from_tip_tangent,
+    joint_angles_from_bend_angle,
+    make_manipulator,
+    tip_position,
+)
+
+
+def plant_tip(parameters, joint_angles, segment=-1, base="base") -> np.ndarray:
+    """Tip of a segment in the frame of a body, from the poses of the plant's bodies."""
+    plant = make_manipulator(parameters)
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, joint_angles)
+    last = parameters.joint_slices[segment].stop
+    length = parameters.segments[segment].length / parameters.segments[segment].links
+    link = plant.GetFrameByName(f"link_{last}")
+    tip = plant.CalcPointsPositions(
+        context, link, np.array([length, 0.0, 0.0]), plant.GetFrameByName(base)
+    )[:, 0]
+    assert tip[2] == pytest.approx(0.0, abs=1e-12)
+    return tip[:2]
+
+
+@pytest.mark.parametrize("links", [1, 2, 5, 10])
+def test_tip_and_bend_angle_are_those_of_the_plants_bodies(links):
+    rng = np.random.default_rng(links)
+    parameters = LimbParameters(segments=[SegmentParameters(links=links)])
+    for _ in range(10):
+        angles = rng.uniform(-1, 1, links)
+        tip = plant_tip(parameters, angles)
+        np.testing.assert_allclose(tip_position(parameters, angles), tip, atol=1e-14)
+        expected = [np.arctan2(tip[1], tip[0])]
+        np.testing.assert_allclose(bend_angle(parameters, angles), expected, atol=1e-12)
+
+
+def test_bend_angle_of_each_segment_is_seen_from_its_own_base(uneven_limb):
+    """The tip of the first segment carries the frame of the second's base."""
+    rng = np.random.default_rng(3)
+    for _ in range(10):
+        angles = rng.uniform(-1, 1, 5)
+        x1, y1 = plant_tip(uneven_limb, angles, segment=0)
+        x2, y2 = plant_tip(uneven_limb, angles, segment=1, base="link_3")
+        x2 -= 0.03  # the second segment begins where link_3 ends
+        expected = [np.arctan2(y1, x1), np.arctan2(y2, x2)]
+        np.testing.assert_allclose(bend_angle(uneven_limb, angles), expected, atol=1e-12)
+        np.testing.assert_allclose(
+            tip_position(uneven_limb, angles), plant_tip(uneven_limb, angles), atol=1e-14
+        )
+
+
+def test_straight_limb_has_its_tip_on_e1_and_no_bend():
+    parameters = LimbParameters()
+    np.testing.assert_allclose(tip_position(parameters, np.zeros(5)), [0.10, 0.0], atol=1e-16)
+    np.testing.assert_array_equal(bend_angle(parameters, np.zeros(5)), [0.0])
+
+
+def test_positive_joint_angles_bend_towards_positive_e2():
+    parameters = LimbParameters()
+    assert tip_position(parameters, np.full(5, 0.1))[1] > 0
+    assert bend_angle(parameters, np.full(5, 0.1)) > 0
+
+
+def test_a_limb_bent_back_over_its_base_has_a_bend_beyond_a_right_angle():
+    parameters = LimbParameters(segments=[SegmentParameters(links=2)])
+    # First link along E2, the second half back: the chord points to 90° + 60°/2.
+    angles = np.radians([90.0, 60.0])
+    np.testing.assert_allclose(bend_angle(parameters, angles), np.radians([120.0]))
+
+
+@pytest.mark.parametrize("links", [1, 2, 5, 10])
+def test_equal_joint_angles_have_the_bend_of_eqn_11_exactly(links):
+    parameters = LimbParameters(segments=[SegmentParameters(links=links)])
+    for joint_angle in (-0.3, -0.01, 0.05, 0.3):
+        expected = [(links + 1) * joint_angle / 2]
+        actual = bend_angle(parameters, np.full(links, joint_angle))
+        np.testing.assert_allclose(actual, expected, atol=1e-13)
+        back = joint_angles_from_bend_angle(parameters, expected)
+        np.testing.assert_allclose(back, np.full(links, joint_angle), atol=1e-14)
+
+
+def test_joint_angles_of_two_segments_follow_their_own_bend(uneven_limb):
+    expected = [0.3 * 2 / 4] * 3 + [-0.6 * 2 / 3] * 2
+    actual = joint_angles_from_bend_angle(uneven_limb, [0.3, -0.6])
+    np.testing.assert_allclose(actual, expected, rtol=1e-14)
+    np.testing.assert_allclose(bend_angle(uneven_limb, actual), [0.3, -0.6], rtol=1e-13)
+
+
+def test_tip_tangent_of_a_circular_arc_is_twice_its_bend():
+    """Under constant curvature (8) is exact, and the fine chain is an arc."""
+    parameters = LimbParameters(segments=[SegmentParameters(links=100)])
+    joint_angles = np.full(100, np.radians(60.0) / 100)  # tip tangent 60°
+    measured = bend_angle_from_tip_tangent(np.radians(60.0))
+    assert measured == pytest.approx(np.radians(30.0), rel=1e-15)
+    assert bend_angle(parameters, joint_angles)[0] == pytest.approx(measured, rel=0.011)
+
+
+def test_many_samples_at_once_are_as_one_by_one(uneven_limb):
+    samples = np.random.default_rng(5).uniform(-1, 1, (5, 7))
+    bends = np.random.default_rng(6).uniform(-1, 1, (2, 7))
+    all_tips = tip_position(uneven_limb, samples)
+    all_bends = bend_angle(uneven_limb, samples)
+    all_joints = joint_angles_from_bend_angle(uneven_limb, bends)
+    for k in range(7):
+        np.testing.assert_allclose(all_tips[:, k], plant_tip(uneven_limb, samples[:, k]))
+        np.testing.assert_allclose(all_bends[:, k], bend_angle(uneven_limb, samples[:, k]))
+        np.testing.assert_allclose(bend_angle(uneven_limb, all_joints[:, k]), bends[:, k])
+
+
+def test_block_ignores_the_rates_and_gives_the_plants_bend(uneven_limb):
+    block = BendAngle(uneven_limb)
+    context = block.CreateDefaultContext()
+    angles = np.array([0.2, -0.3, 0.5, 0.1, 0.4])
+    block.get_input_port().FixValue(context, np.append(angles, [9.0, -8.0, 7.0, -6.0, 5.0]))
+    x1, y1 = plant_tip(uneven_limb, angles, segment=0)
+    x2, y2 = plant_tip(uneven_limb, angles, segment=1, base="link_3")
+    expected = [np.arctan2(y1, x1), np.arctan2(y2, x2 - 0.03)]
+    np.testing.assert_allclose(block.get_output_port().Eval(context), expected, atol=1e-12)
+
+
+def test_gradient_for_small_angles_is_that_of_the_chord():
+    """φ ≈ Σ_i (n - i + 1) θ_i / n: joint i turns that part of the equal links."""
+    parameters = LimbParameters()
+    value = bend_angle(parameters, InitializeAutoDiff(np.zeros(5))[:, 0])
+    assert isinstance(value[0], AutoDiffXd)
+    np.testing.assert_allclose(ExtractGradient(value), [[1.0, 0.8, 0.6, 0.4, 0.2]], rtol=1e-14)

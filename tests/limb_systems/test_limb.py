@@ -1,0 +1,279 @@
+"""The whole diagram: ports, sizes, signs, eqn (12), scalar types, and state (14)."""
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.symbolic import Expression, Variable
+
+from limb_systems import (
+    Limb,
+    LimbParameters,
+    SegmentParameters,
+    WireParameters,
+    from_paper_state,
+    simulate,
+    split_state,
+    to_paper_state,
+)
+from limb_systems.parameters import ParameterError
+
+OUTPUTS = ["measured_temperature", "bend_angle", "wire_temperature", "joint_state"]
+
+
+def fast_limb(**segment) -> LimbParameters:
+    """A limb whose wires settle within some seconds."""
+    left = WireParameters(a1=-1.0, a2=60.0, a3=-4.0, beta=4e-4)
+    right = WireParameters(a1=-2.0, a2=90.0, a3=-5.0, beta=6e-4)
+    return LimbParameters(segments=[SegmentParameters(left=left, right=right, **segment)])
+
+
+def random_state(rng, parameters) -> np.ndarray:
+    n, num_wires = parameters.num_joints, len(parameters.wires)
+    return np.concatenate(
+        [rng.uniform(-0.5, 0.5, n), rng.uniform(-5, 5, n), rng.uniform(20, 100, 2 * num_wires)]
+    )
+
+
+def evaluate(limb, state, duty) -> np.ndarray:
+    """Time derivatives and all outputs in one vector, of any scalar type."""
+    context = limb.CreateDefaultContext()
+    context.SetContinuousState(state)
+    limb.GetInputPort("duty").FixValue(context, duty)
+    derivatives = limb.EvalTimeDerivatives(context).CopyToVector()
+    outputs = [limb.GetOutputPort(name).Eval(context) for name in OUTPUTS]
+    return np.concatenate([derivatives, *outputs])
+
+
+def test_ports_have_the_names_order_and_sizes_of_the_convention():
+    limb = Limb()
+    assert limb.num_input_ports() == 1
+    assert limb.get_input_port(0).get_name() == "duty"
+    assert limb.get_input_port(0).size() == 2
+    ports = [limb.get_output_port(index) for index in range(limb.num_output_ports())]
+    assert [(port.get_name(), port.size()) for port in ports] == [
+        ("measured_temperature", 2),
+        ("bend_angle", 1),
+        ("wire_temperature", 2),
+        ("joint_state", 10),
+    ]
+    assert limb.num_continuous_states() == 14
+    assert limb.IsDifferentialEquationSystem()
+
+
+def test_two_segments_have_four_wires_and_two_bend_angles(uneven_limb):
+    limb = Limb(uneven_limb)
+    assert limb.GetInputPort("duty").size() == 4
+    assert [limb.GetOutputPort(name).size() for name in OUTPUTS] == [4, 2, 4, 10]
+    assert limb.num_continuous_states() == 5 + 5 + 4 + 4
+
+
+def test_state_order_is_angles_rates_wire_and_measured_temperature(uneven_limb):
+    limb, state = Limb(uneven_limb), np.arange(18.0) / 10
+    values = evaluate(limb, state, np.zeros(4))
+    measured, _, wire, joints = np.split(values[18:], np.cumsum([4, 2, 4]))
+    np.testing.assert_array_equal(joints, state[:10])
+    np.testing.assert_array_equal(wire, state[10:14])
+    np.testing.assert_array_equal(measured, state[14:])
+
+
+def test_default_state_is_straight_at_rest_and_at_ambient(uneven_limb):
+    limb = Limb(uneven_limb)
+    context = limb.CreateDefaultContext()
+    state = context.get_continuous_state_vector().CopyToVector()
+    np.testing.assert_array_equal(state, [0.0] * 10 + [22.0] * 8)
+    values = evaluate(limb, state, np.zeros(4))
+    np.testing.assert_allclose(values[:18], 0.0, atol=1e-12)  # and it stays there
+
+
+def test_duty_is_not_clipped():
+    limb = Limb()
+    state = np.append(np.zeros(10), [25.0] * 4)
+    rates = evaluate(limb, state, [-0.5, 1.5])[10:12]
+    np.testing.assert_allclose(rates, [-10.0, 30.0])
+
+
+@pytest.mark.parametrize(("duty", "sign"), [([0.0, 0.4], 1.0), ([0.4, 0.0], -1.0)])
+def test_the_right_wire_bends_to_positive_the_left_one_to_negative(duty, sign):
+    recording = simulate(Limb(), duty, 5.0)
+    bend = sign * recording.bend_angle[0]
+    joints = sign * recording.joint_state[:5]
+    assert bend[-1] > np.radians(3)
+    assert (bend[1:] > 0).all()
+    assert (joints[:, -1] > 0).all()
+
+
+@pytest.mark.parametrize("duty", [[0.0, 0.8], [0.9, 0.0], [0.5, 1.0]])
+@pytest.mark.parametrize("links", [1, 5])
+def test_heated_equilibrium_has_the_bend_of_eqn_12(duty, links):
+    recording = simulate(Limb(fast_limb(links=links)), duty, 20.0, sample_rate=1.0)
+    excess_left, excess_right = 60 / 1.0 * duty[0], 90 / 2.0 * duty[1]
+    bend = (links + 1) / (2 * 0.1246) * (6e-4 * excess_right - 4e-4 * excess_left)
+    assert abs(bend) > np.radians(2)
+    assert recording.bend_angle[0, -1] == pytest.approx(bend, rel=1e-4)
+    np.testing.assert_allclose(recording.joint_state[:links, -1], 2 * bend / (links + 1), rtol=1e-4)
+    expected = [25 + excess_left, 25 + excess_right]
+    np.testing.assert_allclose(recording.measured_temperature[:, -1], expected, rtol=1e-4)
+
+
+def test_each_segment_bends_by_its_own_wires(uneven_limb):
+    recording = simulate(Limb(uneven_limb), [0.0, 0.0, 0.0, 0.2], 5.0)
+    assert recording.bend_angle[1, -1] > np.radians(0.3)
+    assert abs(recording.bend_angle[0, -1]) < 0.1 * recording.bend_angle[1, -1]
+
+
+def test_limb_keeps_a_copy_of_its_parameters():
+    parameters = LimbParameters()
+    limb = Limb(parameters)
+    parameters.segments[0].left.beta = 1e-3
+    assert limb.parameters == LimbParameters()
+
+
+def test_bad_parameters_make_no_limb(refused):
+    parameters = LimbParameters()
+    parameters.segments[0].right.a1 = 0.07
+    with refused(ParameterError, "segments[0].right.a1", "0.07"):
+        Limb(parameters)
+
+
+def finite_differences(function, point, steps) -> np.ndarray:
+    columns = []
+    for index, step in enumerate(steps):
+        shift = np.zeros(len(point))
+        shift[index] = step
+        columns.append((function(point + shift) - function(point - shift)) / (2 * step))
+    return np.array(columns).T
+
+
+def assert_autodiff_agrees(parameters):
+    limb = Limb(parameters)
+    limb_ad = limb.ToAutoDiffXd()
+    rng = np.random.default_rng(11)
+    size = limb.num_continuous_states()
+    for _ in range(3):
+        state = random_state(rng, parameters)
+        point = np.append(state, rng.uniform(0, 1, len(parameters.wires)))
+        value = evaluate(limb_ad, *np.split(InitializeAutoDiff(point)[:, 0], [size]))
+        expected_value = evaluate(limb, *np.split(point, [size]))
+        np.testing.assert_allclose(ExtractValue(value)[:, 0], expected_value, rtol=1e-9)
+        differences = finite_differences(
+            lambda x: evaluate(limb, *np.split(x, [size])), point, np.full(len(point), 1e-5)
+        )
+        row_size = np.abs(differences).max(axis=1, keepdims=True)
+        assert (np.abs(ExtractGradient(value) - differences) <= 1e-6 * row_size).all()
+
+
+@pytest.mark.parametrize("links", [1, 3, 5])
+def test_autodiff_gradients_are_finite_differences(links):
+    assert_autodiff_agrees(fast_limb(links=links))
+
+
+def test_autodiff_gradients_of_two_segments_under_gravity(uneven_limb):
+    uneven_limb.gravity = [1.0, -9.0, 0.0]
+    assert_autodiff_agrees(uneven_limb)
+
+
+def symbols(name: str, size: int):
+    variables = [Variable(f"{name}_{index}") for index in range(size)]
+    return variables, np.array([Expression(variable) for variable in variables])
+
+
+def test_symbolic_derivatives_and_outputs_of_one_link_are_the_numeric_ones():
+    parameters = fast_limb(links=1)
+    limb, rng = Limb(parameters), np.random.default_rng(4)
+    state, duty = random_state(rng, parameters), rng.uniform(0, 1, 2)
+    state_names, state_symbols = symbols("x", len(state))
+    duty_names, duty_symbols = symbols("u", 2)
+    values = evaluate(limb.ToSymbolic(), state_symbols, duty_symbols)
+    where = dict(zip(state_names + duty_names, np.append(state, duty), strict=True))
+    evaluated = [value.Evaluate(where) for value in values]
+    np.testing.assert_allclose(evaluated, evaluate(limb, state, duty), rtol=1e-9)
+
+
+def test_symbolic_heat_and_torque_of_five_links_are_the_numeric_ones():
+    """Symbols for the heat; Drake cannot invert a symbolic mass matrix beyond one link."""
+    parameters = fast_limb(links=5)
+    limb, rng = Limb(parameters), np.random.default_rng(5)
+    state, duty = random_state(rng, parameters), rng.uniform(0, 1, 2)
+    heat_names, heat_symbols = symbols("T", 4)
+    duty_names, duty_symbols = symbols("u", 2)
+    joints = np.array([Expression(value) for value in state[:10]])
+    values = evaluate(limb.ToSymbolic(), np.append(joints, heat_symbols), duty_symbols)
+    where = dict(zip(heat_names + duty_names, np.append(state[10:], duty), strict=True))
+    evaluated = [value.Evaluate(where) for value in values]
+    np.testing.assert_allclose(evaluated, evaluate(limb, state, duty), rtol=1e-9)
+
+
+@pytest.mark.parametrize("links", [2, 3, 5])
+def test_symbolic_implicit_dynamics_vanish_at_the_numeric_derivatives(planar_chain, links):
+    """M θ̈ + ... - f in symbols: zero at θ̈ of the Lagrangian, not zero elsewhere."""
+    parameters = fast_limb(links=links)
+    limb, rng = Limb(parameters).ToSymbolic(), np.random.default_rng(6)
+    state, duty = random_state(rng, parameters), rng.uniform(0, 1, 2)
+    angles, rates, wire, measured = split_state(parameters, state)
+    force = 6e-4 * (wire[1] - 25.0) - 4e-4 * (wire[0] - 25.0)
+    acceleration = planar_chain(parameters).acceleration(angles, rates, np.full(links, force))
+    wire_rate = np.array([-1.0, -2.0]) * (wire - 25.0) + np.array([60.0, 90.0]) * duty
+    measured_rate = np.array([-4.0, -5.0]) * (measured - wire)
+    derivatives = np.concatenate([rates, acceleration, wire_rate, measured_rate])
+
+    names_x, symbols_x = symbols("x", len(state))
+    names_u, symbols_u = symbols("u", 2)
+    names_d, symbols_d = symbols("d", len(state))
+    context = limb.CreateDefaultContext()
+    context.SetContinuousState(symbols_x)
+    limb.GetInputPort("duty").FixValue(context, symbols_u)
+    proposed = limb.AllocateTimeDerivatives()
+    proposed.SetFromVector(symbols_d)
+    residual = limb.CalcImplicitTimeDerivativesResidual(context, proposed)
+
+    def evaluated(derivatives):
+        values = np.concatenate([state, duty, derivatives])
+        where = dict(zip(names_x + names_u + names_d, values, strict=True))
+        return np.array([expression.Evaluate(where) for expression in residual])
+
+    np.testing.assert_allclose(evaluated(derivatives), 0.0, atol=1e-9)
+    elsewhere = evaluated(derivatives + 0.01 * np.abs(derivatives).max())
+    assert np.abs(elsewhere).min() > 1e-9
+
+
+def test_paper_state_has_the_order_and_meaning_of_eqn_14(uneven_limb):
+    rng = np.random.default_rng(8)
+    state = random_state(rng, uneven_limb)
+    paper = to_paper_state(uneven_limb, state)
+    derivatives = evaluate(Limb(uneven_limb), state, rng.uniform(0, 1, 4))[:18]
+    angles, measured, rates, measured_rate = np.split(paper, [5, 9, 14])
+    np.testing.assert_array_equal(angles, state[:5])
+    np.testing.assert_array_equal(rates, state[5:10])
+    np.testing.assert_array_equal(measured, state[14:])
+    np.testing.assert_allclose(measured_rate, derivatives[14:], rtol=1e-12)
+
+
+def test_paper_state_of_the_nominal_limb_by_hand():
+    """a3 = -1: V̇ = -(V - T) = 80 - 50 left and 30 - 40 right."""
+    state = np.concatenate([np.full(5, 0.1), np.full(5, 0.2), [80.0, 30.0], [50.0, 40.0]])
+    expected = np.concatenate([np.full(5, 0.1), [50, 40], np.full(5, 0.2), [30.0, -10.0]])
+    np.testing.assert_allclose(to_paper_state(LimbParameters(), state), expected, atol=1e-13)
+    np.testing.assert_allclose(from_paper_state(LimbParameters(), expected), state, atol=1e-13)
+
+
+@pytest.mark.parametrize("shape", [(18,), (18, 1), (18, 6)])
+def test_the_two_conversions_of_eqn_14_invert_each_other(uneven_limb, shape):
+    values = np.random.default_rng(9).uniform(-50, 100, shape)
+    there = from_paper_state(uneven_limb, to_paper_state(uneven_limb, values))
+    back = to_paper_state(uneven_limb, from_paper_state(uneven_limb, values))
+    assert there.shape == back.shape == shape
+    np.testing.assert_allclose(there, values, atol=1e-11)
+    np.testing.assert_allclose(back, values, atol=1e-11)
+
+
+def test_conversions_of_many_states_are_those_of_each(uneven_limb):
+    states = np.random.default_rng(10).uniform(-50, 100, (18, 6))
+    converted = to_paper_state(uneven_limb, states)
+    for k in range(6):
+        np.testing.assert_array_equal(converted[:, k], to_paper_state(uneven_limb, states[:, k]))
+
+
+def test_split_state_names_the_parts(uneven_limb):
+    parts = split_state(uneven_limb, np.arange(18.0))
+    assert [len(part) for part in parts] == [5, 5, 4, 4]
+    np.testing.assert_array_equal(np.concatenate(parts), np.arange(18.0))

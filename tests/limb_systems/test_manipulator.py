@@ -1,0 +1,205 @@
+"""The MultibodyPlant against Lagrange's equations, energy, pendulum and beam theory."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.primitives import Linearize
+
+from limb_systems import LimbParameters, SegmentParameters, add_manipulator, make_manipulator
+from limb_systems.parameters import ParameterError
+
+
+def random_segment(rng, links: int) -> SegmentParameters:
+    return SegmentParameters(
+        links=links,
+        length=rng.uniform(0.05, 0.3),
+        mass=rng.uniform(0.01, 0.1),
+        thickness=rng.uniform(0.005, 0.03),
+        stiffness=rng.uniform(0.01, 1.0),
+        damping=rng.uniform(1e-4, 1e-2),
+    )
+
+
+def random_gravity(rng) -> list[float]:
+    angle = rng.uniform(-np.pi, np.pi)
+    return [9.81 * np.cos(angle), 9.81 * np.sin(angle), 0.0]
+
+
+def plant_acceleration(plant, angles, rates, force) -> np.ndarray:
+    context = plant.CreateDefaultContext()
+    context.SetContinuousState(np.concatenate([angles, rates]))
+    plant.get_applied_generalized_force_input_port().FixValue(context, force)
+    derivatives = plant.EvalTimeDerivatives(context).CopyToVector()
+    np.testing.assert_array_equal(derivatives[: len(angles)], rates)
+    return derivatives[len(angles) :]
+
+
+def random_state(rng, n: int):
+    """θ, θ̇ and a generalized force, large enough for every term to count."""
+    return rng.uniform(-2, 2, n), rng.uniform(-20, 20, n), rng.uniform(-1, 1, n)
+
+
+def assert_dynamics_agree(planar_chain, parameters, rng):
+    plant, chain = make_manipulator(parameters), planar_chain(parameters)
+    for _ in range(20):
+        angles, rates, force = random_state(rng, parameters.num_joints)
+        expected = chain.acceleration(angles, rates, force)
+        actual = plant_acceleration(plant, angles, rates, force)
+        assert np.abs(actual - expected).max() <= 1e-9 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("links", [1, 2, 5, 10])
+def test_forward_dynamics_are_those_of_the_lagrangian(planar_chain, links):
+    rng = np.random.default_rng(links)
+    for _ in range(3):
+        parameters = LimbParameters(
+            segments=[random_segment(rng, links)], gravity=random_gravity(rng)
+        )
+        assert_dynamics_agree(planar_chain, parameters, rng)
+
+
+@pytest.mark.parametrize("links", [(3, 2), (1, 4), (2, 1, 3)])
+def test_forward_dynamics_of_different_segments_in_series(planar_chain, links):
+    rng = np.random.default_rng(sum(links))
+    parameters = LimbParameters(
+        segments=[random_segment(rng, n) for n in links], gravity=random_gravity(rng)
+    )
+    assert_dynamics_agree(planar_chain, parameters, rng)
+
+
+def test_one_link_is_a_physical_pendulum():
+    segment = SegmentParameters(
+        links=1, length=0.2, mass=0.3, thickness=0.01, stiffness=0.5, damping=0.02
+    )
+    plant = make_manipulator(LimbParameters(segments=[segment], gravity=[0.0, -9.81, 0.0]))
+    angle, rate, torque = 0.4, -3.0, 0.7
+    about_joint = 0.3 * (0.2**2 / 3 + 0.01**2 / 12)
+    load = torque - 0.5 * angle - 0.02 * rate - 0.3 * 9.81 * 0.1 * np.cos(angle)
+    actual = plant_acceleration(plant, [angle], [rate], [torque])
+    np.testing.assert_allclose(actual, load / about_joint, rtol=1e-12)
+
+
+def test_power_of_forces_and_damping_is_the_change_of_energy(planar_chain):
+    rng = np.random.default_rng(7)
+    parameters = LimbParameters(segments=[random_segment(rng, 5)], gravity=random_gravity(rng))
+    plant, chain = make_manipulator(parameters), planar_chain(parameters)
+    for _ in range(20):
+        angles, rates, force = random_state(rng, 5)
+        acceleration = plant_acceleration(plant, angles, rates, force)
+        step = 1e-4 / np.abs(acceleration).max()
+        after = chain.energy(angles + step * rates, rates + step * acceleration)
+        before = chain.energy(angles - step * rates, rates - step * acceleration)
+        power = (force - chain.damping * rates) @ rates
+        gross = np.abs(force * rates).sum() + chain.damping @ rates**2
+        assert (after - before) / (2 * step) == pytest.approx(power, abs=1e-4 * gross)
+
+
+@pytest.mark.parametrize("gravity", [[0.0, 0.0, 9.81], [0.0, 0.0, -50.0]])
+def test_gravity_along_the_bending_axis_does_not_move_the_limb(gravity):
+    rng = np.random.default_rng(3)
+    angles, rates, force = random_state(rng, 5)
+    with_gravity = make_manipulator(LimbParameters(gravity=gravity))
+    without = make_manipulator(LimbParameters())
+    expected = plant_acceleration(without, angles, rates, force)
+    actual = plant_acceleration(with_gravity, angles, rates, force)
+    np.testing.assert_allclose(actual, expected, atol=1e-9 * np.abs(expected).max())
+
+
+def free_motion(planar_chain, parameters, duration: float):
+    """Energies and rates of a limb let go from a strong bend, every millisecond."""
+    plant, chain = make_manipulator(parameters), planar_chain(parameters)
+    n = parameters.num_joints
+    simulator = Simulator(plant)
+    ApplySimulatorConfig(
+        SimulatorConfig(integration_scheme="runge_kutta5", accuracy=1e-8, max_step_size=0.01),
+        simulator,
+    )
+    context = simulator.get_mutable_context()
+    plant.get_applied_generalized_force_input_port().FixValue(context, np.zeros(n))
+    context.SetContinuousState(np.append(np.full(n, 0.3), np.zeros(n)))
+    energies, rates = [], []
+    for time in np.arange(0.0, duration, 1e-3):
+        simulator.AdvanceTo(time)
+        state = context.get_continuous_state_vector().CopyToVector()
+        energies.append(chain.energy(state[:n], state[n:]))
+        rates.append(state[n:])
+    return np.array(energies), np.array(rates)
+
+
+@pytest.mark.parametrize("gravity", [[0.0, 0.0, 0.0], [3.0, -9.0, 0.0]])
+def test_energy_is_conserved_without_damping(planar_chain, gravity):
+    segment = SegmentParameters(links=3, damping=0.0)
+    parameters = LimbParameters(segments=[segment], gravity=gravity)
+    energies, rates = free_motion(planar_chain, parameters, duration=0.5)
+    assert np.abs(rates).max() > 5.0  # the limb did swing
+    assert np.ptp(energies) < 1e-6 * (3 * 0.1246 * 0.3**2 / 2)
+
+
+def test_energy_without_actuation_only_decays_and_goes_into_the_dampers(planar_chain):
+    parameters = LimbParameters(segments=[SegmentParameters(links=3)], gravity=[3.0, -9.0, 0.0])
+    energies, rates = free_motion(planar_chain, parameters, duration=0.5)
+    assert (np.diff(energies) < 1e-12).all()
+    power = 1.0e-3 * (rates**2).sum(axis=1)
+    dissipated = 1e-3 * (power[1:] + power[:-1]).sum() / 2
+    assert energies[0] - energies[-1] == pytest.approx(dissipated, rel=1e-3)
+
+
+def test_fine_chain_rings_like_an_euler_bernoulli_cantilever():
+    """ω = 1.8751² sqrt(EI / (m L³)) for a thin beam of mass m; k = n EI / L.
+
+    A chain with equal springs converges with 1/n, so two sizes extrapolate.
+    """
+    rigidity, length, mass = 2e-3, 0.1, 0.025
+
+    def lowest_frequency(n):
+        segment = SegmentParameters(
+            links=n,
+            length=length,
+            mass=mass,
+            thickness=1e-4,
+            stiffness=n * rigidity / length,
+            damping=0.0,
+        )
+        plant = make_manipulator(LimbParameters(segments=[segment]))
+        context = plant.CreateDefaultContext()
+        port = plant.get_applied_generalized_force_input_port()
+        port.FixValue(context, np.zeros(n))
+        output = plant.get_state_output_port()
+        linear = Linearize(plant, context, port.get_index(), output.get_index())
+        return np.abs(np.linalg.eigvals(linear.A())).min()
+
+    extrapolated = 2 * lowest_frequency(40) - lowest_frequency(20)
+    expected = 1.875104**2 * np.sqrt(rigidity / (mass * length**3))
+    assert extrapolated == pytest.approx(expected, rel=5e-3)
+
+
+def test_joints_are_named_and_ordered_from_base_to_tip(uneven_limb):
+    plant = make_manipulator(uneven_limb)
+    for index in range(5):
+        joint = plant.GetJointByName(f"joint_{index + 1}")
+        assert joint.position_start() == index
+        assert joint.velocity_start() == index
+        assert joint.child_body().name() == f"link_{index + 1}"
+    assert plant.num_positions() == plant.num_velocities() == 5
+
+
+def test_bodies_can_be_added_beside_the_manipulator():
+    plant = MultibodyPlant(time_step=0.0)
+    add_manipulator(plant, LimbParameters())
+    sphere = SpatialInertia.SolidSphereWithMass(0.01, 0.005)
+    payload = plant.AddRigidBody("payload", plant.AddModelInstance("payload"), sphere)
+    plant.WeldFrames(plant.GetFrameByName("link_5"), payload.body_frame())
+    plant.Finalize()
+    assert plant.num_positions() == 5
+    assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(0.025 + 0.01)
+
+
+@pytest.mark.parametrize("change", [{"links": 0}, {"mass": -1.0}, {"stiffness": float("nan")}])
+def test_parameters_out_of_range_make_no_manipulator(refused, change):
+    parameters = LimbParameters(segments=[dataclasses.replace(SegmentParameters(), **change)])
+    with refused(ParameterError, f"segments[0].{next(iter(change))}"):
+        make_manipulator(parameters)

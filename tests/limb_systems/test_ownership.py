@@ -1,0 +1,51 @@
+"""Systems are freed when nobody needs them: plans in a loop must not fill the memory."""
+
+import gc
+import weakref
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from hardware import LimbTwin
+from limb_systems import BendAngle, JouleHeating, Limb, LimbParameters, simulate
+from planners import TrajectoryProgram
+
+
+def limb_in_a_diagram():
+    builder = DiagramBuilder()
+    limb = builder.AddSystem(Limb())
+    builder.ExportInput(limb.GetInputPort("duty"))
+    builder.Build()
+    return limb
+
+
+def simulated_limb():
+    limb = Limb()
+    simulate(limb, [0.0, 0.1], 0.2)
+    return limb
+
+
+def limb_of_a_program():
+    return TrajectoryProgram(LimbParameters(), np.linspace(0.0, 1.0, 3)).limb
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        Limb,
+        LimbTwin,
+        lambda: BendAngle(LimbParameters()),
+        lambda: JouleHeating(LimbParameters()),
+        limb_in_a_diagram,
+        simulated_limb,
+        limb_of_a_program,
+        lambda: Limb().ToAutoDiffXd(),
+    ],
+)
+def test_system_is_freed(make):
+    system = make()
+    reference = weakref.ref(system)
+    del system
+    gc.collect()
+    assert reference() is None

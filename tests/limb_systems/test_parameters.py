@@ -1,0 +1,475 @@
+"""The limb's YAML file: exact round trip, and every way to get a field wrong.
+
+The fields are found by walking over the dataclasses, so that a new field is
+tested without a change here. What physics allows is listed by hand.
+"""
+
+import contextlib
+import copy
+import dataclasses
+import math
+import typing
+
+import numpy as np
+import pytest
+import yaml
+
+from limb_systems import LimbParameters, SegmentParameters, TemperatureLimits, WireParameters
+from limb_systems.parameters import ParameterError
+
+
+@dataclasses.dataclass
+class Leaf:
+    """A number in the document: where, of which type, unit and range."""
+
+    keys: tuple
+    type: type
+    unit: str
+    low: float
+    high: float
+
+    @property
+    def path(self) -> str:
+        return path_of(self.keys)
+
+
+def path_of(keys) -> str:
+    text = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)
+    return text.removeprefix(".")
+
+
+def walk(schema, keys=()):
+    """Leaves below a dataclass, and the keys of every field and every dataclass."""
+    leaves, fields, groups = [], [], [keys]
+    for field in dataclasses.fields(schema):
+        here, inner = (*keys, field.name), field.type
+        fields.append(here)
+        is_list = typing.get_origin(inner) is list
+        if is_list:
+            inner, here = typing.get_args(inner)[0], (*here, 0)
+        if dataclasses.is_dataclass(inner):
+            below = walk(inner, here)
+            leaves, fields, groups = leaves + below[0], fields + below[1], groups + below[2]
+        else:
+            places = [(*here[:-1], index) for index in range(3)] if is_list else [here]
+            unit, (low, high) = field.metadata["unit"], field.metadata["range"]
+            leaves += [Leaf(place, inner, unit, low, high) for place in places]
+    return leaves, fields, groups
+
+
+LEAVES, FIELDS, GROUPS = walk(LimbParameters)
+GRAVITY = [leaf for leaf in LEAVES if leaf.keys[0] == "gravity"]
+each_leaf = pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: leaf.path)
+
+
+def document() -> dict:
+    return yaml.safe_load(LimbParameters().to_yaml())
+
+
+def edited(keys, value) -> str:
+    """YAML text of the nominal limb with one value replaced."""
+    data = document()
+    parent(data, keys)[keys[-1]] = value
+    return yaml.safe_dump(data)
+
+
+def parent(data, keys):
+    for key in keys[:-1]:
+        data = data[key]
+    return data
+
+
+def value_at(parameters: LimbParameters, keys):
+    for key in keys:
+        parameters = parameters[key] if isinstance(key, int) else getattr(parameters, key)
+    return parameters
+
+
+def with_value(keys, value) -> LimbParameters:
+    """The nominal limb as an object, with one value replaced."""
+    parameters = LimbParameters()
+    owner = value_at(parameters, keys[:-1])
+    if isinstance(keys[-1], int):
+        owner[keys[-1]] = value
+    else:
+        setattr(owner, keys[-1], value)
+    return parameters
+
+
+def field_in_object(leaf: Leaf) -> str:
+    """How `validate` calls a leaf; it does not count the entries of gravity."""
+    return "gravity" if leaf in GRAVITY else leaf.path
+
+
+def test_the_walk_finds_the_fields_of_all_levels():
+    paths = {leaf.path for leaf in LEAVES}
+    assert {
+        "segments[0].links",
+        "segments[0].left.a1",
+        "segments[0].right.beta",
+        "ambient_temperature",
+        "gravity[2]",
+        "temperature_limits.warm_up_time",
+    } <= paths
+    assert [path_of(keys) for keys in GROUPS] == [
+        "",
+        "segments[0]",
+        "segments[0].left",
+        "segments[0].right",
+        "temperature_limits",
+    ]
+
+
+# Round trip
+
+
+def random_limb(rng) -> LimbParameters:
+    """Any allowed value in every field, with all the digits of a double."""
+    segments = []
+    for _ in range(rng.integers(1, 4)):
+        data = {}
+        for leaf in LEAVES:
+            if leaf.keys[0] != "segments":
+                continue
+            if leaf.type is int:
+                value = int(rng.integers(leaf.low, leaf.high + 1))
+            else:
+                value = float(leaf.low + rng.uniform() * (leaf.high - leaf.low))
+            *sides, name = leaf.keys[2:]
+            data.setdefault(tuple(sides), {})[name] = value
+        wires = {side: WireParameters(**data[(side,)]) for side in ("left", "right")}
+        segments.append(SegmentParameters(**data[()], **wires))
+    return LimbParameters(
+        segments=segments,
+        ambient_temperature=rng.uniform(-20, 40),
+        gravity=rng.uniform(-10, 10, 3).tolist(),
+        temperature_limits=TemperatureLimits(
+            rng.uniform(80, 120), rng.uniform(40, 79), rng.uniform(0, 60)
+        ),
+    )
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_round_trip_is_exact(tmp_path, seed):
+    parameters = random_limb(np.random.default_rng(seed))
+    parameters.save(tmp_path / "limb.yaml")
+    assert LimbParameters.load(tmp_path / "limb.yaml") == parameters
+
+
+@pytest.mark.parametrize("value", [0.1 + 0.2, 1e-6 * (1 + 2**-52), math.nextafter(1e4, 0), 7e-5])
+def test_every_digit_of_a_double_survives(value):
+    parameters = LimbParameters(segments=[SegmentParameters(stiffness=value)])
+    assert LimbParameters.from_yaml(parameters.to_yaml()).segments[0].stiffness == value
+
+
+def test_a_whole_number_may_stand_for_a_quantity():
+    loaded = LimbParameters.from_yaml(edited(("ambient_temperature",), 20))
+    assert loaded.ambient_temperature == 20.0
+
+
+def test_exponents_without_a_dot_are_numbers():
+    """YAML 1.1 reads 1e-3 as text, people write it nevertheless."""
+    text = LimbParameters().to_yaml().replace("damping: 0.001", "damping: 2e-3")
+    assert LimbParameters.from_yaml(text).segments[0].damping == 2e-3
+
+
+def test_number_of_links_with_an_exponent_is_read_or_refused():
+    text = LimbParameters().to_yaml().replace("links: 5", "links: 1e1")
+    with contextlib.suppress(ParameterError):
+        assert LimbParameters.from_yaml(text).segments[0].links == 10
+
+
+# Documents without the right fields
+
+
+@pytest.mark.parametrize("keys", FIELDS, ids=path_of)
+def test_missing_field_is_refused(refused, keys):
+    data = document()
+    del parent(data, keys)[keys[-1]]
+    with refused(ParameterError, f"{path_of(keys)} is missing"):
+        LimbParameters.from_yaml(yaml.safe_dump(data))
+
+
+@pytest.mark.parametrize("keys", GROUPS, ids=lambda keys: path_of(keys) or "document")
+def test_unknown_field_is_refused(refused, keys):
+    with refused(ParameterError, f"{path_of((*keys, 'colour'))} is not a known field"):
+        LimbParameters.from_yaml(edited((*keys, "colour"), 1.0))
+
+
+def test_unknown_field_with_line_breaks_in_its_name_is_one_sentence(refused):
+    with refused(ParameterError, "is not a known field"):
+        LimbParameters.from_yaml(edited(("colour\nand shape",), 1.0))
+
+
+def test_field_given_twice_is_refused(refused):
+    """PyYAML would silently take the last one."""
+    text = LimbParameters().to_yaml().replace("links: 5", "links: 5\n  links: 6")
+    with refused(ParameterError, "links"):
+        LimbParameters.from_yaml(text)
+
+
+@pytest.mark.parametrize("keys", GROUPS[1:], ids=path_of)
+@pytest.mark.parametrize("value", [None, 1.0, "text", [], True])
+def test_group_of_fields_that_is_none_is_refused(refused, keys, value):
+    with refused(ParameterError, path_of(keys), "must have the fields"):
+        LimbParameters.from_yaml(edited(keys, value))
+
+
+@pytest.mark.parametrize("name", ["segments", "gravity"])
+@pytest.mark.parametrize("value", [None, 1.0, "text", {}, True])
+def test_list_that_is_none_is_refused(refused, name, value):
+    with refused(ParameterError, name, "list"):
+        LimbParameters.from_yaml(edited((name,), value))
+
+
+# Values of the wrong type
+
+
+@each_leaf
+@pytest.mark.parametrize("value", ["text", [1.0], {"a": 1.0}, None, True, False, ""], ids=repr)
+def test_value_that_is_no_number_is_refused(refused, leaf, value):
+    with refused(ParameterError, f"{leaf.path} is {value!r}", "number"):
+        LimbParameters.from_yaml(edited(leaf.keys, value))
+
+
+@each_leaf
+@pytest.mark.parametrize("value", ["text", [1.0], {"a": 1.0}, None, True, 1j], ids=repr)
+def test_object_with_a_value_that_is_no_number_is_refused(refused, leaf, value):
+    with refused(ParameterError, field_in_object(leaf)):
+        with_value(leaf.keys, value).validate()
+
+
+@pytest.mark.parametrize("value", [2.5, "5.5", 1e-3])
+def test_number_of_links_that_is_not_whole_is_refused(refused, value):
+    with refused(ParameterError, "segments[0].links", "whole number"):
+        LimbParameters.from_yaml(edited(("segments", 0, "links"), value))
+
+
+@pytest.mark.parametrize("keys", GROUPS[1:], ids=path_of)
+def test_object_with_a_group_of_another_type_is_refused(refused, keys):
+    with refused(ParameterError, path_of(keys)):
+        with_value(keys, None).validate()
+
+
+# Values out of range
+
+
+def range_text(leaf: Leaf) -> str:
+    return f"from {leaf.low:g} to {leaf.high:g} {leaf.unit}"
+
+
+@each_leaf
+@pytest.mark.parametrize("value", [1e30, -1e30, 10**30], ids=repr)
+def test_absurd_value_is_refused_with_the_allowed_range(refused, leaf, value):
+    with refused(ParameterError, field_in_object(leaf), range_text(leaf)):
+        LimbParameters.from_yaml(edited(leaf.keys, value))
+    with refused(ParameterError, field_in_object(leaf), range_text(leaf)):
+        with_value(leaf.keys, value).validate()
+
+
+@each_leaf
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf], ids=repr)
+def test_value_that_is_not_finite_is_refused(refused, leaf, value):
+    with refused(ParameterError, field_in_object(leaf), "number", value):
+        LimbParameters.from_yaml(edited(leaf.keys, value))
+    with refused(ParameterError, field_in_object(leaf), range_text(leaf), value):
+        with_value(leaf.keys, value).validate()
+
+
+@each_leaf
+def test_number_too_large_for_a_double_is_refused(refused, leaf):
+    with refused(ParameterError, field_in_object(leaf)):
+        LimbParameters.from_yaml(edited(leaf.keys, 10**400))
+    with refused(ParameterError, field_in_object(leaf)):
+        with_value(leaf.keys, 10**400).validate()
+
+
+@each_leaf
+def test_range_is_closed_and_exact(refused, leaf):
+    whole = leaf.type is int
+    below = leaf.low - 1 if whole else math.nextafter(leaf.low, -math.inf)
+    above = leaf.high + 1 if whole else math.nextafter(leaf.high, math.inf)
+    for outside in (below, above):
+        with refused(ParameterError, field_in_object(leaf), range_text(leaf)):
+            with_value(leaf.keys, outside).validate()
+    for inside in (leaf.low, leaf.high):
+        try:
+            with_value(leaf.keys, inside).validate()
+        except ParameterError as error:  # for its relation to another field at most
+            assert " from " not in str(error)  # noqa: PT017
+
+
+NEGATIVE = {"a1", "a3"}
+POSITIVE = {"a2", "beta", "links", "length", "mass", "width", "thickness", "stiffness"}
+NOT_NEGATIVE = {"damping", "warm_up_time"}
+ANY_SIGN = {"ambient_temperature", "gravity", "maximum", "warm"}
+
+
+def name_of(leaf: Leaf) -> str:
+    return [key for key in leaf.keys if isinstance(key, str)][-1]
+
+
+def test_the_sign_of_every_quantity_is_known_to_this_test():
+    assert {name_of(leaf) for leaf in LEAVES} == NEGATIVE | POSITIVE | NOT_NEGATIVE | ANY_SIGN
+
+
+@pytest.mark.parametrize(
+    "leaf", [x for x in LEAVES if name_of(x) not in ANY_SIGN], ids=lambda x: x.path
+)
+def test_value_of_the_wrong_sign_is_refused(refused, leaf):
+    value = value_at(LimbParameters(), leaf.keys)
+    assert (value < 0) == (name_of(leaf) in NEGATIVE)
+    with refused(ParameterError, leaf.path, -value, range_text(leaf)):
+        LimbParameters.from_yaml(edited(leaf.keys, -value))
+
+
+@pytest.mark.parametrize(
+    "leaf", [x for x in LEAVES if name_of(x) in NEGATIVE | POSITIVE], ids=lambda x: x.path
+)
+def test_zero_is_refused_where_physics_needs_a_value(refused, leaf):
+    with refused(ParameterError, leaf.path, range_text(leaf)):
+        LimbParameters.from_yaml(edited(leaf.keys, 0))
+
+
+def test_no_damping_and_no_warm_up_are_allowed():
+    parameters = LimbParameters(segments=[SegmentParameters(damping=0.0)])
+    parameters.temperature_limits.warm_up_time = 0.0
+    assert LimbParameters.from_yaml(parameters.to_yaml()) == parameters
+
+
+@pytest.mark.parametrize("links", [0, -5])
+def test_limb_without_links_is_refused(refused, links):
+    with refused(ParameterError, f"segments[0].links is {links}", "from 1 to"):
+        LimbParameters.from_yaml(edited(("segments", 0, "links"), links))
+
+
+def test_limb_without_segments_is_refused(refused):
+    with refused(ParameterError, "segments", "at least one"):
+        LimbParameters.from_yaml(edited(("segments",), []))
+    with refused(ParameterError, "segments", "at least one"):
+        LimbParameters(segments=[]).validate()
+
+
+@pytest.mark.parametrize("gravity", [[], [0.0, -9.81], [0.0, -9.81, 0.0, 0.0]])
+def test_gravity_of_another_size_is_refused(refused, gravity):
+    with refused(ParameterError, "gravity", "three numbers"):
+        LimbParameters.from_yaml(edited(("gravity",), gravity))
+
+
+def test_second_segment_is_named_by_its_number(refused):
+    data = document()
+    data["segments"].append(copy.deepcopy(data["segments"][0]))
+    data["segments"][1]["right"]["a3"] = 1.0
+    with refused(ParameterError, "segments[1].right.a3"):
+        LimbParameters.from_yaml(yaml.safe_dump(data))
+
+
+@pytest.mark.parametrize("maximum", [24.0, 25.0])
+def test_maximum_temperature_not_above_ambient_is_refused(refused, maximum):
+    parameters = LimbParameters(temperature_limits=TemperatureLimits(maximum, 20.0, 20.0))
+    with refused(ParameterError, "temperature_limits.maximum", "ambient_temperature", "25"):
+        parameters.validate()
+
+
+@pytest.mark.parametrize("warm", [100.0, 120.0])
+def test_warm_temperature_not_below_the_maximum_is_refused(refused, warm):
+    with refused(ParameterError, "temperature_limits.warm", "temperature_limits.maximum", "100"):
+        LimbParameters.from_yaml(edited(("temperature_limits", "warm"), warm))
+
+
+# Files
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\n\n",
+        b"# a comment\n",
+        b"\x00\x01\x02",
+        bytes(range(256)),
+        b"\x7fELF\x02\x01\x01" + bytes(100),
+        b"segments: [",
+        b"segments: *nothing",
+        b"!!python/object/apply:os.getcwd []",
+        b"just text",
+        b"- 1\n- 2\n",
+        b"42",
+        b"time_s,duty_left\n0.0,0.5\n",
+        b"[" * 5000,
+    ],
+    ids=lambda content: repr(content[:30]),
+)
+def test_file_that_is_no_limb_is_refused_by_name(refused, tmp_path, content):
+    path = tmp_path / "limb.yaml"
+    path.write_bytes(content)
+    with refused(ParameterError, path):
+        LimbParameters.load(path)
+
+
+def test_file_out_of_range_is_refused_by_name_and_field(refused, tmp_path):
+    path = tmp_path / "limb.yaml"
+    path.write_text(edited(("segments", 0, "left", "a1"), 0.07))
+    with refused(ParameterError, path, "segments[0].left.a1 is 0.07", "from -10 to -0.0001 1/s"):
+        LimbParameters.load(path)
+
+
+def test_file_that_is_not_there_is_refused_by_name(refused, tmp_path):
+    with refused(ParameterError, tmp_path / "limb.yaml"):
+        LimbParameters.load(tmp_path / "limb.yaml")
+
+
+def test_folder_is_refused_by_name(refused, tmp_path):
+    with refused(ParameterError, tmp_path):
+        LimbParameters.load(tmp_path)
+
+
+@pytest.mark.parametrize("size", [10, 100, 300, 340])
+def test_truncated_file_is_refused(refused, tmp_path, size):
+    path = tmp_path / "limb.yaml"
+    path.write_text(LimbParameters().to_yaml()[:size])
+    with refused(ParameterError, path):
+        LimbParameters.load(path)
+
+
+def test_bad_parameters_are_not_written_over_good_ones(tmp_path):
+    path = tmp_path / "limb.yaml"
+    LimbParameters().save(path)
+    with pytest.raises(ParameterError, match="stiffness"):
+        LimbParameters(segments=[SegmentParameters(stiffness=-1.0)]).save(path)
+    assert LimbParameters.load(path) == LimbParameters()
+
+
+# What follows from the parameters
+
+
+def test_names_and_joints_of_one_segment():
+    parameters = LimbParameters()
+    assert parameters.num_joints == 5
+    assert parameters.wire_names == ["left", "right"]
+    assert parameters.segment_suffixes == [""]
+    assert parameters.joint_slices == [slice(0, 5)]
+
+
+def test_names_and_joints_of_two_segments(uneven_limb):
+    assert uneven_limb.num_joints == 5
+    assert uneven_limb.wire_names == ["left_1", "right_1", "left_2", "right_2"]
+    assert uneven_limb.segment_suffixes == ["_1", "_2"]
+    assert uneven_limb.joint_slices == [slice(0, 3), slice(3, 5)]
+    assert [wire.beta for wire in uneven_limb.wires] == [3.0e-4, 6.0e-4, 2.0e-4, 1.0e-4]
+
+
+def test_two_limbs_do_not_share_their_defaults():
+    first, second = LimbParameters(), LimbParameters()
+    first.segments[0].left.beta = 1e-3
+    first.gravity[1] = -9.81
+    assert second == LimbParameters()
+    assert first.segments[0].right.beta == second.segments[0].right.beta
+
+
+@pytest.mark.parametrize(
+    "schema", [LimbParameters, SegmentParameters, WireParameters, TemperatureLimits]
+)
+def test_every_field_is_documented(schema):
+    for field in dataclasses.fields(schema):
+        assert f"``{field.name}``" in schema.__doc__

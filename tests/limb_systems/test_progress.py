@@ -1,0 +1,66 @@
+"""What the progress line shows, with a clock that the test turns."""
+
+import io
+
+import pytest
+
+from limb_systems.progress import Progress
+
+
+class Terminal(io.StringIO):
+    def __init__(self, live: bool):
+        super().__init__()
+        self._live = live
+
+    def isatty(self) -> bool:
+        return self._live
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A list with the time in it, s."""
+    now = [100.0]
+    monkeypatch.setattr("time.monotonic", lambda: now[0])
+    return now
+
+
+def shown(monkeypatch, live: bool) -> Terminal:
+    terminal = Terminal(live)
+    monkeypatch.setattr("sys.stderr", terminal)
+    return terminal
+
+
+@pytest.mark.parametrize("live", [True, False])
+def test_nothing_is_shown_for_short_work(monkeypatch, clock, live):
+    terminal = shown(monkeypatch, live)
+    with Progress("simulating", 60.0, "s") as progress:
+        for done in range(10):
+            clock[0] += 0.09
+            progress.update(done)
+    assert terminal.getvalue() == ""
+
+
+def test_terminal_line_is_kept_up_to_date_and_cleared(monkeypatch, clock):
+    terminal = shown(monkeypatch, live=True)
+    with Progress("simulating", 60.0, "s") as progress:
+        clock[0] += 1.1
+        progress.update(12.0, "a long remark")
+        clock[0] += 0.2
+        progress.update(24.0)
+    text = terminal.getvalue()
+    assert "\n" not in text
+    _, first, second, blank, after = text.split("\r")
+    assert first == "simulating: 12 of 60 s a long remark"
+    assert second.rstrip() == "simulating: 24 of 60 s"
+    assert len(second) == len(first)  # nothing of the longer line is left
+    assert blank.strip() == after == ""
+
+
+def test_log_gets_a_line_every_ten_seconds(monkeypatch, clock):
+    terminal = shown(monkeypatch, live=False)
+    with Progress("solving", None, "iterations") as progress:
+        for done in range(1, 31):
+            clock[0] += 1.0
+            progress.update(done)
+    lines = ["solving: 10 iterations", "solving: 20 iterations", "solving: 30 iterations"]
+    assert terminal.getvalue().splitlines() == lines

@@ -1,0 +1,368 @@
+"""simulate(): when it samples, how accurate it is, what it refuses.
+
+Accuracy is judged by the closed form of the heat, eqns (6)-(7), and for the
+motion by an explicit integrator at tight accuracy.
+"""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.trajectories import PiecewisePolynomial
+
+from limb_systems import (
+    Limb,
+    LimbError,
+    LimbParameters,
+    PlanCheck,
+    SegmentParameters,
+    Trajectory,
+    simulate,
+)
+from limb_systems.simulation import SimulationError
+
+
+def small_limb(**segment) -> Limb:
+    return Limb(LimbParameters(segments=[SegmentParameters(**{"links": 1, **segment})]))
+
+
+def ramp(times, left, right) -> PiecewisePolynomial:
+    """Piecewise linear duty."""
+    return PiecewisePolynomial.FirstOrderHold(times, np.array([left, right], float))
+
+
+def planned(duty, time) -> Trajectory:
+    """A trajectory of one link that asks for this duty."""
+    knots = len(time)
+    ambient = np.full((2, knots), 25.0)
+    return Trajectory(
+        time=time,
+        reference=np.zeros((1, knots)),
+        duty=duty,
+        joint_state=np.zeros((2, knots)),
+        wire_temperature=ambient,
+        measured_temperature=ambient,
+        parameters=LimbParameters(segments=[SegmentParameters(links=1)]),
+        check=PlanCheck(),
+    )
+
+
+# Samples
+
+
+@pytest.mark.parametrize(
+    ("duration", "sample_rate"),
+    [
+        *[(1.0, 20.0), (2.0, 1.0), (0.25, 100.0), (1.0, 3.0), (60.0, 0.5), (3.0, 7.0)],
+        *[(0.3, 10.0), (0.7, 10.0), (2.3, 10.0), (0.57, 100.0), (1.1, 30.0)],
+    ],
+)
+def test_samples_reach_from_zero_to_the_duration(duration, sample_rate):
+    """Also where the duration is a multiple of the period but for rounding."""
+    recording = simulate(small_limb(), [0.1, 0.2], duration, sample_rate=sample_rate)
+    expected = np.arange(round(duration * sample_rate) + 1) / sample_rate
+    np.testing.assert_allclose(recording.time, expected, atol=1e-9)
+    assert recording.sample_rate == sample_rate
+
+
+def test_duration_that_the_rate_does_not_divide_ends_with_the_last_whole_period():
+    recording = simulate(small_limb(), [0.1, 0.2], 0.99, sample_rate=10.0)
+    np.testing.assert_allclose(recording.time, np.arange(10) / 10, atol=1e-9)
+
+
+@pytest.mark.parametrize("start", [0.0, 0.5, 0.03, 100.01, -0.02, -1.0])
+def test_samples_of_a_trajectory_count_from_its_own_start(start):
+    """D = t/2 after the start, wherever on the clock that is."""
+    duty = ramp([start, start + 1.0], [0.0, 0.5], [0.0, 0.25])
+    recording = simulate(small_limb(), duty, sample_rate=20.0)
+    np.testing.assert_allclose(recording.time, np.arange(21) / 20, atol=1e-9)
+    np.testing.assert_allclose(recording.duty, np.outer([0.5, 0.25], recording.time), atol=1e-9)
+    assert recording.measured_temperature[0, 0] == 25.0
+
+
+def test_planned_trajectory_runs_from_its_first_to_its_last_knot():
+    time = np.array([5.0, 5.5, 6.5])
+    duty = np.array([[0.0, 0.4, 0.2], [0.1, 0.1, 0.3]])
+    recording = simulate(small_limb(), planned(duty, time), sample_rate=4.0)
+    np.testing.assert_allclose(recording.time, [0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5], atol=1e-9)
+    np.testing.assert_allclose(recording.duty[0], [0.0, 0.2, 0.4, 0.35, 0.3, 0.25, 0.2], atol=1e-9)
+
+
+def test_duration_cuts_a_trajectory_short():
+    duty = ramp([0.0, 10.0], [0.0, 1.0], [0.0, 0.0])
+    recording = simulate(small_limb(), duty, 2.0, sample_rate=10.0)
+    assert recording.time[-1] == pytest.approx(2.0)
+    assert recording.duty[0, -1] == pytest.approx(0.2)
+
+
+def test_duty_at_its_limits_is_recorded_within_them():
+    """Interpolation between 1 and 1 may round to 1 + 2e-16, which no recording takes."""
+    times = np.linspace(0, 1, 8)
+    recording = simulate(small_limb(), ramp(times, np.ones(8), np.zeros(8)), sample_rate=97.0)
+    np.testing.assert_allclose(recording.duty[0], 1.0, atol=1e-15)
+    assert recording.duty.max() <= 1.0
+    assert recording.duty.min() >= 0.0
+
+
+def test_recording_tells_where_it_comes_from(uneven_limb):
+    recording = simulate(Limb(uneven_limb), [0.1, 0.2, 0.3, 0.4], 0.5)
+    assert recording.source == "model"
+    assert recording.parameters == uneven_limb
+    np.testing.assert_array_equal(recording.duty[:, -1], [0.1, 0.2, 0.3, 0.4])
+    assert recording.bend_angle.shape == (2, 11)
+    assert recording.joint_state.shape == (10, 11)
+
+
+def test_initial_state_is_where_it_starts():
+    state = np.array([0.1, -2.0, 40.0, 50.0, 60.0, 70.0])
+    recording = simulate(small_limb(), [0.0, 0.0], 0.5, initial_state=state)
+    np.testing.assert_array_equal(recording.joint_state[:, 0], [0.1, -2.0])
+    np.testing.assert_array_equal(recording.wire_temperature[:, 0], [40.0, 50.0])
+    np.testing.assert_array_equal(recording.measured_temperature[:, 0], [60.0, 70.0])
+    assert recording.bend_angle[0, 0] == pytest.approx(0.1, rel=1e-12)
+
+
+# Accuracy
+
+
+def heat_under_a_ramp(time, start, slope):
+    """T and V of the nominal wire for D = start + slope t, from ambient.
+
+    With e = T - T0: e = A + B t + C exp(a1 t), B = -a2 slope / a1,
+    A = (B - a2 start) / a1, C = -A. And V - T0 = p + B t + q exp(a1 t) +
+    r exp(a3 t) with p = A + B / a3, q = a3 C / (a3 - a1), r = -(p + q).
+    """
+    a1, a2, a3 = -0.07, 20.0, -1.0
+    B = -a2 * slope / a1
+    A = (B - a2 * start) / a1
+    C = -A
+    p, q = A + B / a3, a3 * C / (a3 - a1)
+    wire = A + B * time + C * np.exp(a1 * time)
+    measured = p + B * time + q * np.exp(a1 * time) - (p + q) * np.exp(a3 * time)
+    return 25.0 + wire, 25.0 + measured
+
+
+@pytest.mark.parametrize("links", [1, 5])
+def test_heat_at_default_accuracy_is_within_a_thousandth_of_a_degree(links):
+    limb = small_limb(links=links)
+    recording = simulate(limb, ramp([0.0, 30.0], [0.4, 0.1], [0.0, 0.3]))
+    for index, (start, slope) in enumerate([(0.4, -0.01), (0.0, 0.01)]):
+        wire, measured = heat_under_a_ramp(recording.time, start, slope)
+        np.testing.assert_allclose(recording.wire_temperature[index], wire, atol=1e-3)
+        np.testing.assert_allclose(recording.measured_temperature[index], measured, atol=1e-3)
+        assert np.ptp(wire) > 30
+
+
+def test_heat_at_tighter_accuracy_is_within_a_millionth_of_a_degree():
+    recording = simulate(small_limb(), [0.3, 0.0], 20.0, accuracy=1e-7)
+    wire, measured = heat_under_a_ramp(recording.time, 0.3, 0.0)
+    np.testing.assert_allclose(recording.wire_temperature[0], wire, atol=1e-6)
+    np.testing.assert_allclose(recording.measured_temperature[0], measured, atol=1e-6)
+    np.testing.assert_allclose(recording.wire_temperature[1], 25.0, atol=1e-9)
+
+
+def test_pulse_between_two_samples_is_not_stepped_over():
+    """A triangle of duty 0.2 s wide, seen through samples 10 s apart.
+
+    It is a sum of three ramps, and so is its response.
+    """
+    duty = ramp([0.0, 13.7, 13.8, 13.9, 40.0], [0.0, 0.0, 1.0, 0.0, 0.0], np.zeros(5))
+    recording = simulate(small_limb(), duty, sample_rate=0.1)
+    after = recording.time[2:]
+    ramps = [(13.7, 10.0), (13.8, -20.0), (13.9, 10.0)]
+    wire = 25 + sum(heat_under_a_ramp(after - start, 0, slope)[0] - 25 for start, slope in ramps)
+    assert wire[0] > 26
+    np.testing.assert_allclose(recording.wire_temperature[0, 2:], wire, atol=0.01)
+    np.testing.assert_allclose(recording.wire_temperature[0, :2], 25.0, atol=1e-9)
+
+
+def explicit_bend_angle(limb, duty, times, initial_state) -> np.ndarray:
+    simulator = Simulator(limb)
+    ApplySimulatorConfig(
+        SimulatorConfig(integration_scheme="runge_kutta3", accuracy=1e-9, max_step_size=0.01),
+        simulator,
+    )
+    context = simulator.get_mutable_context()
+    limb.GetInputPort("duty").FixValue(context, duty)
+    context.SetContinuousState(initial_state)
+    bends = []
+    for time in times:
+        simulator.AdvanceTo(time)
+        bends.append(limb.GetOutputPort("bend_angle").Eval(context)[0])
+    return np.array(bends)
+
+
+@pytest.mark.parametrize("links", [1, 2])
+def test_bend_angle_is_that_of_an_explicit_integrator(links):
+    """Let go from a strong bend and heated at the same time."""
+    state = np.concatenate([np.full(links, 0.4), np.zeros(links), np.full(4, 25.0)])
+    duty, times = [0.0, 1.0], np.arange(11) / 20
+    expected = np.degrees(explicit_bend_angle(small_limb(links=links), duty, times, state))
+    assert np.ptp(expected) > 20
+    for accuracy, tolerance_deg in [(1e-3, 0.01), (1e-6, 0.002)]:
+        limb = small_limb(links=links)
+        recording = simulate(limb, duty, 0.5, accuracy=accuracy, initial_state=state)
+        np.testing.assert_allclose(recording.time, times, atol=1e-9)
+        actual = np.degrees(recording.bend_angle[0])
+        np.testing.assert_allclose(actual, expected, atol=tolerance_deg)
+
+
+# Anything with the ports of a limb
+
+
+def noisy_limb(parameters):
+    """A diagram around a limb, whose bend angle is shown with an offset."""
+
+    class Offset(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            self.DeclareVectorInputPort("u", 1)
+            self.DeclareVectorOutputPort("y", 1, self._calc)
+
+        def _calc(self, context, output):
+            output.SetFromVector(self.get_input_port().Eval(context) + 0.01)
+
+    builder = DiagramBuilder()
+    limb, offset = builder.AddSystem(Limb(parameters)), builder.AddSystem(Offset())
+    builder.Connect(limb.GetOutputPort("bend_angle"), offset.get_input_port())
+    builder.ExportInput(limb.GetInputPort("duty"), "duty")
+    builder.ExportOutput(limb.GetOutputPort("measured_temperature"), "measured_temperature")
+    builder.ExportOutput(offset.get_output_port(), "bend_angle")
+    diagram = builder.Build()
+    diagram.parameters, diagram.source = limb.parameters, "a test"
+    return diagram
+
+
+def test_a_diagram_with_the_ports_of_a_limb_is_simulated_through_them():
+    wrapped = simulate(noisy_limb(LimbParameters()), [0.1, 0.5], 3.0, accuracy=1e-6)
+    limb = simulate(Limb(), [0.1, 0.5], 3.0, accuracy=1e-6)
+    assert wrapped.source == "a test"
+    assert wrapped.wire_temperature is None
+    assert wrapped.joint_state is None
+    np.testing.assert_array_equal(wrapped.time, limb.time)
+    np.testing.assert_allclose(wrapped.bend_angle, limb.bend_angle + 0.01, atol=1e-5)
+    np.testing.assert_allclose(wrapped.measured_temperature, limb.measured_temperature, atol=1e-3)
+
+
+class StatelessRobot(LeafSystem):
+    """Bends and warms in proportion to its duty, at once."""
+
+    def __init__(self):
+        super().__init__()
+        self.parameters, self.source = LimbParameters(), "a stand-in"
+        duty = self.DeclareVectorInputPort("duty", 2)
+        self.DeclareVectorOutputPort(
+            "measured_temperature",
+            2,
+            lambda context, output: output.SetFromVector(25 + 50 * duty.Eval(context)),
+        )
+        self.DeclareVectorOutputPort(
+            "bend_angle",
+            1,
+            lambda context, output: output.SetFromVector([[-0.5, 0.5] @ duty.Eval(context)]),
+        )
+
+
+def test_a_system_without_states_is_recorded_sample_by_sample():
+    duty = ramp([0.0, 1.0], [0.0, 1.0], [0.0, 0.5])
+    recording = simulate(StatelessRobot(), duty, sample_rate=10.0)
+    time = np.arange(11) / 10
+    np.testing.assert_allclose(recording.bend_angle, [-0.25 * time], atol=1e-12)
+    np.testing.assert_allclose(
+        recording.measured_temperature, 25 + np.outer([50, 25], time), atol=1e-10
+    )
+
+
+# Refusals
+
+
+@pytest.mark.parametrize("duration", [-1.0, 0.0, np.nan, np.inf, -np.inf])
+def test_duration_that_makes_no_sense_is_refused(refused, duration):
+    with refused(SimulationError, "duration", duration, "positive"):
+        simulate(small_limb(), [0.1, 0.2], duration)
+
+
+def test_missing_duration_of_constant_duty_is_refused(refused):
+    with refused(SimulationError, "duration is missing"):
+        simulate(small_limb(), [0.1, 0.2])
+
+
+@pytest.mark.parametrize("name", ["sample_rate", "accuracy"])
+@pytest.mark.parametrize("value", [0.0, -20.0, np.nan, np.inf])
+def test_setting_that_is_not_positive_is_refused_by_name(refused, name, value):
+    with refused(SimulationError, name, value, "positive"):
+        simulate(small_limb(), [0.1, 0.2], 1.0, **{name: value})
+
+
+@pytest.mark.parametrize("duty", [[], [0.1], [0.1, 0.2, 0.3], np.zeros(4)])
+def test_duty_of_the_wrong_size_is_refused(refused, duty):
+    with refused(SimulationError, "duty", f"{len(duty)} values", "2 wires"):
+        simulate(small_limb(), duty, 1.0)
+
+
+@pytest.mark.parametrize(
+    "duty", [0.1, None, "full", np.zeros((2, 5)), np.zeros((1, 2)), [[0.1], [0.2, 0.3]]], ids=repr
+)
+def test_duty_that_is_no_list_of_numbers_is_refused(refused, duty):
+    with refused(SimulationError, "duty"):
+        simulate(small_limb(), duty, 1.0)
+
+
+@pytest.mark.parametrize(
+    "duty", [[0.1, 1.5], [-0.1, 0.2], [0.1, np.nan], [np.inf, 0.2], [1.0000001, 0.0]]
+)
+def test_constant_duty_out_of_range_is_refused(refused, duty):
+    with refused(SimulationError, "duty", "within 0 and 1"):
+        simulate(small_limb(), duty, 1.0)
+
+
+@pytest.mark.parametrize("value", [1.5, -0.5, 1.001, -1e-6])
+def test_trajectory_of_duty_out_of_range_is_refused(refused, value):
+    with refused(SimulationError, "duty", "within 0 and 1"):
+        simulate(small_limb(), ramp([0.0, 0.5, 1.0], [0.0, value, 0.0], [0.5, 0.5, 0.5]))
+
+
+def test_duty_out_of_range_between_the_samples_is_refused(refused):
+    spike = ramp([0.0, 0.51, 0.52, 0.53, 1.0], [0.0, 0.0, 9.0, 0.0, 0.0], np.zeros(5))
+    with refused(SimulationError, "duty", "within 0 and 1"):
+        simulate(small_limb(), spike, sample_rate=20.0)
+
+
+def test_trajectory_of_duty_that_is_no_number_is_refused(refused):
+    with refused(SimulationError, "duty"):
+        simulate(small_limb(), ramp([0.0, 0.5, 1.0], [0.0, np.nan, 0.0], [0.5, 0.5, 0.5]))
+
+
+@pytest.mark.parametrize(
+    "duty",
+    [
+        PiecewisePolynomial.FirstOrderHold([0, 1], np.full((3, 2), 0.1)),
+        PiecewisePolynomial.FirstOrderHold([0, 1], [np.full((1, 2), 0.1)] * 2),
+        PiecewisePolynomial(),
+    ],
+    ids=["three wires", "a row", "empty"],
+)
+def test_trajectory_of_the_wrong_size_is_refused(refused, duty):
+    with refused(SimulationError, "duty"):
+        simulate(small_limb(), duty)
+
+
+@pytest.mark.parametrize(
+    "state", [[], [0.0, 0.0], np.zeros(7), np.zeros((2, 3)), [0, 0, np.nan, 25, 25, 25]], ids=repr
+)
+def test_initial_state_that_is_no_state_of_the_limb_is_refused(refused, state):
+    with refused(SimulationError, "initial_state"):
+        simulate(small_limb(), [0.1, 0.2], 1.0, initial_state=state)
+
+
+def test_wire_that_overheats_beyond_belief_is_refused_with_the_time(refused):
+    hot = [0.0, 0.0, 25.0, 2500.0, 25.0, 25.0]
+    with refused(LimbError, "temperature", "600", " s"):
+        simulate(small_limb(), [0.0, 0.0], 1.0, initial_state=hot)
+
+
+def test_a_limb_that_is_part_of_a_diagram_already_is_refused(refused):
+    limb = small_limb()
+    simulate(limb, [0.1, 0.2], 0.1)
+    with refused(SimulationError, "diagram"):
+        simulate(limb, [0.1, 0.2], 0.1)

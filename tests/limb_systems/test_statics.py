@@ -1,0 +1,214 @@
+"""Static equilibria against hand-written statics, beam theory and the paper's numbers."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from limb_systems import (
+    Limb,
+    LimbError,
+    LimbParameters,
+    SegmentParameters,
+    bend_angle,
+    joint_angles_from_bend_angle,
+    simulate,
+)
+from limb_systems.statics import static_equilibrium
+
+SIDEWAYS = [0.0, -9.81, 0.0]
+
+
+def cantilever(**segment) -> LimbParameters:
+    """The limb of Sec. V-A, with its bending axis parallel to the ground."""
+    return LimbParameters(segments=[SegmentParameters(**segment)], gravity=SIDEWAYS)
+
+
+def sag(parameters) -> float:
+    """Bend angle under gravity, rad."""
+    return bend_angle(parameters, static_equilibrium(parameters)[0])[0]
+
+
+def test_one_link_balances_its_weight_and_its_wires():
+    """k θ = f - m g l/2 cos θ, solved by bisection."""
+    parameters = cantilever(links=1, length=0.3, mass=0.2, stiffness=0.4)
+    torque = 4.7e-4 * (70.0 - 40.0)
+    low, high = -np.pi / 2, 0.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        load = torque - 0.2 * 9.81 * 0.15 * np.cos(middle) - 0.4 * middle
+        low, high = (middle, high) if load > 0 else (low, middle)
+    angles, _ = static_equilibrium(parameters, [40.0, 70.0])
+    assert np.degrees(low) < -20.0  # far from small angles
+    np.testing.assert_allclose(angles, [low], atol=1e-11)
+
+
+@pytest.mark.parametrize("links", [2, 5, 10])
+def test_forces_balance_at_equilibrium_and_energy_is_lowest(planar_chain, links):
+    parameters = LimbParameters(
+        segments=[SegmentParameters(links=links, mass=0.05)], gravity=[4.0, -8.0, 1.0]
+    )
+    angles, _ = static_equilibrium(parameters, [45.0, 60.0])
+    chain = planar_chain(parameters)
+    torque = np.full(links, 4.7e-4 * (60.0 - 45.0))
+    np.testing.assert_allclose(chain.holding_torque(angles), torque, atol=1e-12)
+
+    def potential(angles):
+        return chain.potential_energy(angles) - torque @ angles
+
+    for shift in np.random.default_rng(links).normal(0, 0.05, (50, links)):
+        assert potential(angles + shift) > potential(angles)
+
+
+def test_forces_balance_on_two_segments(planar_chain, uneven_limb):
+    uneven_limb.gravity = SIDEWAYS
+    angles, _ = static_equilibrium(uneven_limb, [40.0, 60.0, 80.0, 50.0])
+    first = 6.0e-4 * 38 - 3.0e-4 * 18
+    second = 1.0e-4 * 28 - 2.0e-4 * 58
+    actual = planar_chain(uneven_limb).holding_torque(angles)
+    np.testing.assert_allclose(actual, [first] * 3 + [second] * 2, atol=1e-12)
+
+
+def test_without_gravity_every_joint_turns_by_torque_over_stiffness():
+    """Eqn (12)."""
+    angles, compliance = static_equilibrium(LimbParameters(), [30.0, 90.0])
+    expected = 4.7e-4 * (90.0 - 30.0) / 0.1246
+    np.testing.assert_allclose(angles, np.full(5, expected), rtol=1e-12)
+    np.testing.assert_allclose(compliance, np.eye(5) / 0.1246, rtol=1e-12, atol=1e-12)
+
+
+def test_cold_limb_without_gravity_is_straight():
+    np.testing.assert_array_equal(static_equilibrium(LimbParameters())[0], np.zeros(5))
+
+
+def test_compliance_is_the_derivative_by_the_torque_of_each_joint():
+    """Segments of one link have wires of their own, which turn one joint each."""
+    segment = SegmentParameters(links=1, length=0.03, mass=0.01, stiffness=0.1)
+    parameters = LimbParameters(segments=[segment] * 3, gravity=SIDEWAYS)
+    temperatures = np.array([30.0, 60.0, 50.0, 40.0, 25.0, 70.0])
+    _, compliance = static_equilibrium(parameters, temperatures)
+    for joint in range(3):
+        shift = np.zeros(6)
+        shift[2 * joint + 1] = 0.1  # °C on the right wire
+        above, _ = static_equilibrium(parameters, temperatures + shift)
+        below, _ = static_equilibrium(parameters, temperatures - shift)
+        expected = (above - below) / (2 * 0.1 * 4.7e-4)
+        np.testing.assert_allclose(compliance[:, joint], expected, rtol=1e-6, atol=1e-8)
+
+
+def test_fine_chain_sags_like_an_euler_bernoulli_cantilever():
+    """Tip deflection w L⁴ / (8 EI), so the chord's angle is w L³ / (8 EI).
+
+    A chain with equal springs k = n EI / L converges with 1/n, so two sizes
+    extrapolate.
+    """
+    rigidity, length, weight = 2e-3, 0.1, 0.025 * 0.01
+
+    def small_sag(n):
+        segment = SegmentParameters(links=n, length=length, stiffness=n * rigidity / length)
+        return sag(LimbParameters(segments=[segment], gravity=[0.0, -0.01, 0.0]))
+
+    extrapolated = 2 * small_sag(100) - small_sag(50)
+    expected = -weight / length * length**3 / (8 * rigidity)
+    assert extrapolated == pytest.approx(expected, rel=1e-3)
+
+
+# The paper's numbers (Sec. V-A, V-B; design facts of the nominal limb)
+
+
+def test_nominal_limb_sags_by_ten_degrees():
+    assert np.degrees(sag(cantilever())) == pytest.approx(-10.0, abs=0.2)
+
+
+def test_nominal_limb_comes_to_rest_at_its_static_sag():
+    parameters = cantilever()
+    recording = simulate(Limb(parameters), [0.0, 0.0], 6.0)
+    assert recording.bend_angle[0, 0] == 0.0
+    assert np.degrees(recording.bend_angle[0, -1]) == pytest.approx(-10.0, abs=0.2)
+    assert recording.bend_angle[0, -1] == pytest.approx(sag(parameters), abs=1e-5)
+    assert np.abs(recording.joint_state[5:, -1]).max() < 1e-3
+
+
+def free_oscillation():
+    """Time and bend angle of the nominal limb, let go from a bend of 5 degrees."""
+    parameters = LimbParameters()
+    angles = joint_angles_from_bend_angle(parameters, np.radians([5.0]))
+    recording = simulate(
+        Limb(parameters),
+        [0.0, 0.0],
+        1.2,
+        sample_rate=500.0,
+        accuracy=1e-5,
+        initial_state=np.concatenate([angles, np.zeros(5), np.full(4, 25.0)]),
+    )
+    return recording.time, recording.bend_angle[0]
+
+
+def test_free_oscillation_has_the_first_mode_of_the_nominal_limb():
+    """4.6 Hz and ζ = 0.12, from zero crossings and the logarithmic decrement."""
+    time, bend = free_oscillation()
+    before = np.flatnonzero(bend[:-1] * bend[1:] < 0)
+    fraction = bend[before] / (bend[before] - bend[before + 1])
+    crossings = time[before] + fraction * (time[before + 1] - time[before])
+    half_periods = np.diff(crossings[2:])  # the higher modes have died out by then
+    assert len(half_periods) >= 6
+    damped = 1 / (2 * half_periods.mean())
+
+    swings = [np.abs(bend[a:b]).max() for a, b in itertools.pairwise(before[2:])]
+    decrement = np.log(swings[0] / swings[-1]) / (len(swings) - 1)  # per half period
+    damping_ratio = decrement / np.hypot(np.pi, decrement)
+    undamped = damped / np.sqrt(1 - damping_ratio**2)
+    assert damped == pytest.approx(4.6, rel=0.02)
+    assert undamped == pytest.approx(4.6, rel=0.02)
+    assert damping_ratio == pytest.approx(0.12, abs=0.005)
+
+
+def correction_factor(links: int) -> float:
+    """λ of θ_i = λ φ b_i, eqn (9) with Σ (N - j + 1)², least squares at 10° of sag."""
+    low, high = 0.01, 1.0
+    for _ in range(40):
+        stiffness = np.sqrt(low * high)
+        parameters = cantilever(links=links, stiffness=stiffness)
+        low, high = (stiffness, high) if sag(parameters) < -np.radians(10) else (low, stiffness)
+    angles, _ = static_equilibrium(parameters)
+    weights = np.arange(links, 0, -1.0) ** 2
+    model = bend_angle(parameters, angles)[0] * weights / weights.sum()
+    return (model @ angles) / (model @ model)
+
+
+@pytest.mark.parametrize(("links", "expected"), [(4, 1.20), (5, 1.22), (6, 1.23)])
+def test_correction_factor_of_the_sag_is_the_papers_for_five_links(links, expected):
+    assert correction_factor(links) == pytest.approx(expected, abs=0.01)
+
+
+def test_stiffness_for_ten_degrees_with_five_links_is_the_nominal_one(planar_chain):
+    """The force balance of Sec. V-A, k = θ \\ (-∇U), at the nominal limb's sag."""
+    parameters = cantilever()
+    angles, _ = static_equilibrium(parameters)
+    chain = planar_chain(parameters)
+    gravity_load = chain.holding_torque(angles) - chain.stiffness * angles
+    assert -(angles @ gravity_load) / (angles @ angles) == pytest.approx(0.1246, rel=1e-9)
+
+
+# No equilibrium
+
+
+def test_limb_wound_up_by_its_wires_is_refused(refused):
+    segment = SegmentParameters(stiffness=1e-6)
+    with refused(LimbError, "no static equilibrium"):
+        static_equilibrium(LimbParameters(segments=[segment]), [25.0, 100.0])
+
+
+@pytest.mark.parametrize("lean", [0.0, 1e-6])
+def test_unstable_equilibrium_of_a_limb_that_gravity_folds_is_refused(refused, lean):
+    """Upright and too soft: straight is a balance of forces, but nothing rests there."""
+    segment = SegmentParameters(stiffness=0.01)
+    parameters = LimbParameters(segments=[segment], gravity=[-9.81, lean, 0.0])
+    with refused(LimbError):
+        static_equilibrium(parameters)
+
+
+@pytest.mark.parametrize("temperature", [[25.0], [25.0, np.nan], [25.0, 25.0, 25.0]])
+def test_wire_temperature_that_makes_no_sense_is_refused(refused, temperature):
+    with refused(LimbError, "wire_temperature"):
+        static_equilibrium(LimbParameters(), temperature)

@@ -1,0 +1,139 @@
+"""The thermal blocks against the closed-form solutions of eqns (6) and (7).
+
+For constant duty D the wire approaches T∞ = T0 - a2/a1 D as exp(a1 t). The
+measured temperature is a sum of two exponentials: put V = T∞ + B exp(a1 t) +
+C exp(a3 t) into (7) and B = a3 (T(0) - T∞) / (a3 - a1), C = V(0) - T∞ - B.
+"""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from limb_systems import (
+    InverseThermocoupleLag,
+    JouleHeating,
+    LimbParameters,
+    ThermocoupleLag,
+    TorqueMap,
+    torque_matrix,
+)
+
+
+def wire_constants(parameters) -> np.ndarray:
+    """a1, a2 and a3 of each wire, three rows."""
+    return np.array([[wire.a1, wire.a2, wire.a3] for wire in parameters.wires]).T
+
+
+def exact_temperatures(parameters, duty, wire0, measured0, time):
+    """T, V and V̇ after some time of constant duty."""
+    a1, a2, a3 = wire_constants(parameters)
+    final = parameters.ambient_temperature - a2 / a1 * duty
+    slow = a3 * (wire0 - final) / (a3 - a1)
+    fast = measured0 - final - slow
+    wire = final + (wire0 - final) * np.exp(a1 * time)
+    measured = final + slow * np.exp(a1 * time) + fast * np.exp(a3 * time)
+    measured_rate = slow * a1 * np.exp(a1 * time) + fast * a3 * np.exp(a3 * time)
+    return wire, measured, measured_rate
+
+
+def thermal_simulator(parameters, duty, wire0=None, measured0=None):
+    """A tight simulator of heating and lag alone; its state is [T, V]."""
+    builder = DiagramBuilder()
+    heating = builder.AddSystem(JouleHeating(parameters))
+    lag = builder.AddSystem(ThermocoupleLag(parameters))
+    builder.Connect(heating.get_output_port(), lag.get_input_port())
+    builder.ExportInput(heating.get_input_port(), "duty")
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.get_mutable_integrator().set_target_accuracy(1e-9)
+    context = simulator.get_mutable_context()
+    diagram.get_input_port().FixValue(context, duty)
+    if wire0 is not None:
+        context.SetContinuousState(np.concatenate([wire0, measured0]))
+    return simulator
+
+
+def temperatures(simulator) -> tuple[np.ndarray, np.ndarray]:
+    state = simulator.get_context().get_continuous_state_vector().CopyToVector()
+    return tuple(np.split(state, 2))
+
+
+def test_wire_and_measured_temperature_are_the_exponentials(uneven_limb):
+    rng = np.random.default_rng(1)
+    duty = rng.uniform(0, 1, 4)
+    wire0, measured0 = rng.uniform(20, 120, (2, 4))
+    simulator = thermal_simulator(uneven_limb, duty, wire0, measured0)
+    for time in (0.1, 1.0, 7.0, 30.0):
+        simulator.AdvanceTo(time)
+        wire, measured = temperatures(simulator)
+        expected = exact_temperatures(uneven_limb, duty, wire0, measured0, time)
+        np.testing.assert_allclose(wire, expected[0], atol=1e-6)
+        np.testing.assert_allclose(measured, expected[1], atol=1e-6)
+
+
+def test_default_state_is_ambient_and_stays_so_without_duty(uneven_limb):
+    simulator = thermal_simulator(uneven_limb, np.zeros(4))
+    simulator.AdvanceTo(10.0)
+    for signal in temperatures(simulator):
+        np.testing.assert_allclose(signal, 22.0, atol=1e-9)
+
+
+def test_equilibrium_temperature_is_ambient_minus_a2_over_a1_duty(uneven_limb):
+    duty = np.array([0.1, 0.2, 0.3, 0.4])
+    simulator = thermal_simulator(uneven_limb, duty)
+    simulator.AdvanceTo(600.0)
+    expected = 22.0 + np.array([15 / 0.05, 25 / 0.09, 30 / 0.11, 18 / 0.06]) * duty
+    for signal in temperatures(simulator):
+        np.testing.assert_allclose(signal, expected, atol=1e-5)
+
+
+def test_signs_duty_heats_ambient_cools_and_measurement_lags():
+    simulator = thermal_simulator(LimbParameters(), [0.0, 1.0])
+    simulator.AdvanceTo(2.0)
+    wire, measured = temperatures(simulator)
+    assert wire[0] == measured[0] == pytest.approx(25.0)
+    assert wire[1] > measured[1] > 25.0  # warming: the thermocouple is behind
+    cooling = thermal_simulator(LimbParameters(), [0.0, 0.0], wire, measured)
+    cooling.AdvanceTo(6.0)
+    cooler, cooler_measured = temperatures(cooling)
+    assert 25.0 < cooler[1] < wire[1]
+    assert cooler_measured[1] > cooler[1]  # cooling: behind again, now above
+
+
+def test_inverse_of_the_lag_gives_the_wire_temperature_back(uneven_limb):
+    rng = np.random.default_rng(2)
+    inverse = InverseThermocoupleLag(uneven_limb)
+    context = inverse.CreateDefaultContext()
+    for time in (0.0, 0.5, 5.0, 50.0):
+        duty, (wire0, measured0) = rng.uniform(0, 1, 4), rng.uniform(20, 120, (2, 4))
+        wire, measured, rate = exact_temperatures(uneven_limb, duty, wire0, measured0, time)
+        inverse.get_input_port().FixValue(context, np.concatenate([measured, rate]))
+        np.testing.assert_allclose(inverse.get_output_port().Eval(context), wire, rtol=1e-12)
+
+
+def torque(parameters, wire_temperature) -> np.ndarray:
+    torque_map = TorqueMap(parameters)
+    context = torque_map.CreateDefaultContext()
+    torque_map.get_input_port().FixValue(context, wire_temperature)
+    return torque_map.get_output_port().Eval(context)
+
+
+def test_torque_is_the_same_on_every_joint_and_right_minus_left():
+    parameters = LimbParameters()
+    parameters.segments[0].left.beta, parameters.segments[0].right.beta = 2e-4, 5e-4
+    expected = 5e-4 * (85.0 - 25.0) - 2e-4 * (60.0 - 25.0)  # (4) by hand: 0.023 N·m
+    np.testing.assert_allclose(torque(parameters, [60.0, 85.0]), [expected] * 5, rtol=1e-12)
+
+
+def test_no_torque_at_ambient_temperature(uneven_limb):
+    np.testing.assert_allclose(torque(uneven_limb, [22.0] * 4), 0.0, atol=1e-15)
+
+
+def test_each_segment_is_bent_by_its_own_wires_only(uneven_limb):
+    excess = np.array([10.0, 20.0, 30.0, 40.0])
+    first = 6.0e-4 * 20 - 3.0e-4 * 10
+    second = 1.0e-4 * 40 - 2.0e-4 * 30
+    expected = [first] * 3 + [second] * 2
+    np.testing.assert_allclose(torque(uneven_limb, 22.0 + excess), expected, rtol=1e-12)
+    np.testing.assert_allclose(torque_matrix(uneven_limb) @ excess, expected, rtol=1e-12)

@@ -1,0 +1,164 @@
+"""The URDF generator and the checked-in file against Drake's parser and a solid beam."""
+
+import dataclasses
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import RevoluteJoint
+
+import urdf
+from limb_systems import LimbParameters, SegmentParameters
+from urdf import limb_urdf
+
+FOLDER = Path(urdf.__file__).parent
+
+
+def parse(segments) -> MultibodyPlant:
+    """The limb in a finalized plant, its base welded; warnings are errors."""
+    plant = MultibodyPlant(time_step=0.0)
+    parser = Parser(plant)
+    parser.SetStrictParsing()
+    parser.AddModelsFromString(limb_urdf(segments), "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    plant.Finalize()
+    return plant
+
+
+def links_inertia(plant, links):
+    """Mass, centre and inertia about the base of some links of the straight limb."""
+    bodies = [plant.GetBodyByName(f"link_{number}").index() for number in links]
+    context = plant.CreateDefaultContext()
+    inertia = plant.CalcSpatialInertia(context, plant.world_frame(), bodies)
+    return (
+        inertia.get_mass(),
+        inertia.get_com(),
+        inertia.CalcRotationalInertia().CopyToFullMatrix3(),
+    )
+
+
+def beam_inertia(mass, length, thickness, width, start=0.0):
+    """The same of one solid beam along x from `start`, from the textbook."""
+    center = start + length / 2
+    xx = mass * (thickness**2 + width**2) / 12
+    yy = mass * (length**2 + width**2) / 12 + mass * center**2
+    zz = mass * (length**2 + thickness**2) / 12 + mass * center**2
+    return mass, np.array([center, 0.0, 0.0]), np.diag([xx, yy, zz])
+
+
+def assert_same_inertia(actual, expected):
+    for left, right in zip(actual, expected, strict=True):
+        np.testing.assert_allclose(left, right, rtol=1e-12, atol=1e-15)
+
+
+def test_checked_in_file_is_what_the_generator_writes_for_the_nominal_limb():
+    text = (FOLDER / "limb_5.urdf").read_text(encoding="utf-8")
+    assert text == limb_urdf(LimbParameters().segments)
+
+
+def test_checked_in_file_is_found_through_its_package():
+    plant = MultibodyPlant(time_step=0.0)
+    parser = Parser(plant)
+    parser.SetStrictParsing()
+    parser.package_map().AddPackageXml(str(FOLDER / "package.xml"))
+    name = ElementTree.parse(FOLDER / "package.xml").findtext("name")
+    (model,) = parser.AddModelsFromUrl(f"package://{name}/limb_5.urdf")
+    plant.Finalize()
+    assert plant.GetModelInstanceName(model) == "limb"
+    assert plant.num_joints() == 5 + 1  # and the one that floats the base
+    assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(0.025, rel=1e-12)
+
+
+@pytest.mark.parametrize("links", [1, 2, 5, 10, 100])
+def test_links_of_any_number_have_the_inertia_of_one_beam(links):
+    segment = SegmentParameters(links=links, length=0.12, mass=0.04, thickness=0.011, width=0.023)
+    plant = parse([segment])
+    assert plant.num_positions() == links
+    actual = links_inertia(plant, range(1, links + 1))
+    assert_same_inertia(actual, beam_inertia(0.04, 0.12, 0.011, 0.023))
+
+
+def test_two_segments_are_two_beams_end_to_end():
+    first = SegmentParameters(links=3, length=0.09, mass=0.03, thickness=0.012, width=0.03)
+    second = SegmentParameters(links=2, length=0.05, mass=0.01, thickness=0.008, width=0.02)
+    plant = parse([first, second])
+    assert_same_inertia(links_inertia(plant, [1, 2, 3]), beam_inertia(0.03, 0.09, 0.012, 0.03))
+    assert_same_inertia(
+        links_inertia(plant, [4, 5]), beam_inertia(0.01, 0.05, 0.008, 0.02, start=0.09)
+    )
+    total = plant.CalcTotalMass(plant.CreateDefaultContext())
+    assert total == pytest.approx(0.04, rel=1e-12)
+
+
+def test_joints_turn_about_z_without_limits_and_with_the_damping_of_their_segment():
+    first = SegmentParameters(links=2, damping=1.5e-3)
+    second = SegmentParameters(links=1, damping=0.0)
+    plant = parse([first, second])
+    for number, damping in [(1, 1.5e-3), (2, 1.5e-3), (3, 0.0)]:
+        joint = plant.GetJointByName(f"joint_{number}")
+        assert isinstance(joint, RevoluteJoint)
+        np.testing.assert_array_equal(joint.revolute_axis(), [0.0, 0.0, 1.0])
+        assert joint.default_damping() == damping
+        assert joint.position_lower_limits() == [-np.inf]
+        assert joint.position_upper_limits() == [np.inf]
+
+
+def test_positive_angle_bends_towards_e2_and_links_follow_each_other():
+    plant = parse([SegmentParameters(links=4, length=0.2)])
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, [np.pi / 2, 0.0, np.pi / 2, 0.0])
+    origins = [
+        plant.EvalBodyPoseInWorld(context, plant.GetBodyByName(f"link_{n}")).translation()
+        for n in (1, 2, 3, 4)
+    ]
+    expected = [[0, 0, 0], [0, 0.05, 0], [0, 0.10, 0], [-0.05, 0.10, 0]]
+    np.testing.assert_allclose(origins, expected, atol=1e-15)
+
+
+def test_straight_base_frame_is_that_of_the_first_link():
+    plant = parse(LimbParameters().segments)
+    pose = plant.EvalBodyPoseInWorld(plant.CreateDefaultContext(), plant.GetBodyByName("link_1"))
+    assert pose.IsNearlyEqualTo(RigidTransform.Identity(), 1e-15)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_wires_lie_on_the_side_towards_which_they_bend(side):
+    """Right is +E2, where heating the right wire takes the limb."""
+    robot = ElementTree.fromstring(limb_urdf(LimbParameters().segments))
+    for number in range(1, 6):
+        visual = robot.find(f"link[@name='link_{number}']/visual[@name='wire_{side}']")
+        lateral = float(visual.find("origin").get("xyz").split()[1])
+        assert np.sign(lateral) == {"left": -1, "right": 1}[side]
+
+
+def test_limb_has_nothing_to_collide_with():
+    """Collision geometry would connect ports that direct collocation leaves open."""
+    robot = ElementTree.fromstring(limb_urdf(LimbParameters().segments))
+    assert robot.findall(".//visual")
+    assert not robot.findall(".//collision")
+    assert not robot.findall(".//transmission")  # effort limits would clamp silently
+
+
+@pytest.mark.parametrize("number", [1 / 3, 0.1 + 0.2, 1e-5, 123.456789012345678])
+def test_numbers_keep_all_their_digits(number):
+    segment = SegmentParameters(links=1, mass=number, damping=number, length=1.0)
+    robot = ElementTree.fromstring(limb_urdf([segment]))
+    assert float(robot.find("link[@name='link_1']/inertial/mass").get("value")) == number
+    assert float(robot.find("joint/dynamics").get("damping")) == number
+
+
+def test_model_has_the_given_name():
+    robot = ElementTree.fromstring(limb_urdf(LimbParameters().segments, name="left <arm> & co"))
+    assert robot.get("name") == "left <arm> & co"
+
+
+def test_generator_needs_only_the_named_fields_of_a_segment():
+    """urdf does not depend on limb_systems: any object with these fields will do."""
+    names = ["links", "length", "mass", "width", "thickness", "damping"]
+    segment = SegmentParameters(links=2)
+    plain = dataclasses.make_dataclass("Plain", names)(*[getattr(segment, name) for name in names])
+    assert limb_urdf([plain]) == limb_urdf([segment])
