@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake import trajectories
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder, System, TriggerType
+from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 
 from limb_systems.errors import LimbError
@@ -70,7 +70,7 @@ def simulate(
     builder.AddSystem(system)
     builder.Connect(source.get_output_port(), system.GetInputPort("duty"))
     sinks = {
-        name: LogVectorOutput(system.GetOutputPort(name), builder, {TriggerType.kForced})
+        name: LogVectorOutput(system.GetOutputPort(name), builder, 1 / sample_rate)
         for name in _logged_ports(system)
     }
     try:
@@ -90,10 +90,10 @@ def simulate(
         simulator,
     )
     context = simulator.get_mutable_context()
-    context.SetTime(course.start_time())
     if initial_state is not None:
         _set_state(system.GetMyMutableContextFromRoot(context), initial_state)
-    _run(simulator, course.start_time(), times, duration)
+    # Drake's clock ticks at multiples of the period, which round their own way.
+    _advance(simulator, max(duration, (num_samples - 1) * (1 / sample_rate)))
 
     signals = {name: sink.FindLog(context).data() for name, sink in sinks.items()}
     if isinstance(system, Limb):
@@ -112,7 +112,7 @@ def simulate(
 def _duty_course(
     duty, duration: float | None, num_wires: int
 ) -> tuple[trajectories.Trajectory, float]:
-    """Duty as a Drake trajectory of a row for each wire, and how long to simulate it, s."""
+    """Duty from time 0 on, a row for each wire, and how long to simulate it, s."""
     needed = f"duty must be a number or a trajectory's row for each of {num_wires} wires"
     if isinstance(duty, Trajectory):
         duty = duty.duty_trajectory()
@@ -123,8 +123,13 @@ def _duty_course(
             raise SimulationError(f"{needed}, but it is empty.") from error
         if shape != (num_wires, 1):
             raise SimulationError(f"{needed}, but it has {shape[0]} x {shape[1]} values.")
-        if duty.start_time() != 0 and isinstance(duty, trajectories.PiecewisePolynomial):
-            duty = copy.deepcopy(duty)  # Drake's integrators know no time before zero
+        if duty.start_time() != 0:
+            if not isinstance(duty, trajectories.PiecewisePolynomial):
+                raise SimulationError(
+                    f"duty starts at {duty.start_time():g} s; other than a piecewise polynomial "
+                    "it must start at 0 s."
+                )
+            duty = copy.deepcopy(duty)
             duty.shiftRight(-duty.start_time())
         if duration is None:
             duration = duty.end_time() - duty.start_time()
@@ -148,7 +153,7 @@ def _duty_course(
 
 def _check_duty(course: trajectories.Trajectory, times: np.ndarray) -> np.ndarray:
     """Duty at the samples (W, K), if it stays within [0, 1] there and at all breaks."""
-    checked = course.start_time() + times
+    checked = times
     if isinstance(course, trajectories.PiecewiseTrajectory):
         breaks = np.array(course.get_segment_times())
         checked = np.concatenate([checked, breaks, (breaks[1:] + breaks[:-1]) / 2])
@@ -186,20 +191,16 @@ def _logged_ports(system: System) -> list[str]:
     return [name for name in names if name in ports]
 
 
-def _run(simulator: Simulator, start: float, times: np.ndarray, duration: float) -> None:
-    """Simulates from the start (s) for a duration (s), and logs at the given times."""
-    system, context = simulator.get_system(), simulator.get_mutable_context()
+def _advance(simulator: Simulator, end: float) -> None:
+    """Simulates from time 0 to the end, s, second by second to show progress."""
     try:
         simulator.Initialize()
-        with Progress("simulating", duration, "s") as progress:
-            for time in times:
-                simulator.AdvanceTo(start + time)
-                simulator.AdvancePendingEvents()
-                system.ForcedPublish(context)
+        with Progress("simulating", end, "s") as progress:
+            for time in np.append(np.arange(1.0, end, 1.0), end):
+                simulator.AdvanceTo(time)
                 progress.update(time)
-            simulator.AdvanceTo(start + duration)
     except RuntimeError as error:
         raise SimulationError(
-            f"The simulation stopped at {context.get_time() - start:.3g} s of "
-            f"{duration:g} s: {' '.join(str(error).split())}"
+            f"The simulation stopped at {simulator.get_context().get_time():.3g} s of "
+            f"{end:g} s: {' '.join(str(error).split())}"
         ) from error
