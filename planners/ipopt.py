@@ -14,10 +14,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
-import ipyopt
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import IpoptSolver, MathematicalProgram, SolutionResult, SolverOptions
+
+try:
+    import ipyopt
+except ImportError:  # no wheel for this machine
+    ipyopt = None
 
 OPTIONS = {
     "mu_strategy": "adaptive",
@@ -161,6 +165,11 @@ class ExactHessianIpoptSolver:
         on_iteration: Callable[[int, float, float], None] | None = None,
     ):
         self._exact, self._nonlinear, self._on_iteration = exact, nonlinear, on_iteration
+
+    @staticmethod
+    def available() -> bool:
+        """Whether the package `ipyopt` is installed."""
+        return ipyopt is not None
 
     def Solve(
         self,

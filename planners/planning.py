@@ -5,6 +5,7 @@ import time
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake import trajectories
+from pydrake.solvers import SolverInterface
 
 from limb_systems import (
     ActiveConstraint,
@@ -45,6 +46,7 @@ def plan(
     knot_rate: float = 10.0,
     initial_state: ArrayLike | None = None,
     tolerance_deg: float = 0.1,
+    solver: SolverInterface | None = None,
 ) -> Trajectory:
     """Plans the feasible trajectory nearest to a reference, eqns (15)-(20).
 
@@ -62,6 +64,8 @@ def plan(
             static equilibrium with wires at ambient temperature.
         tolerance_deg: how far the bend angle of the plan may be from that of
             an accurate simulation of its duty, degrees.
+        solver: one of Drake's, such as `SnoptSolver()`, to be used instead of
+            those of `planners.solving`.
 
     Returns:
         The trajectory, with its check.
@@ -74,7 +78,7 @@ def plan(
     started = time.perf_counter()
     times, tolerance, largest = _knots(reference, knot_rate), np.deg2rad(tolerance_deg), np.inf
     for refinement in range(MAX_REFINEMENTS + 1):
-        planner = Planner(parameters, times, task=task, tolerance_deg=tolerance_deg)
+        planner = Planner(parameters, times, task=task, tolerance_deg=tolerance_deg, solver=solver)
         trajectory, offsets, differences = planner.plan_unchecked(reference, initial_state)
         trajectory.check.refinements = refinement
         before, largest = largest, differences.max()
@@ -99,6 +103,7 @@ class Planner:
         times: of the knots (N,), s, increasing from 0.
         task: weights and limits; the paper's if None.
         tolerance_deg: how far a plan may be from its simulation, degrees.
+        solver: as in `planners.plan`.
     """
 
     def __init__(
@@ -108,6 +113,7 @@ class Planner:
         *,
         task: Task | None = None,
         tolerance_deg: float = 0.1,
+        solver: SolverInterface | None = None,
     ):
         parameters.validate()
         self.parameters, self.task = parameters, task or Task()
@@ -116,7 +122,7 @@ class Planner:
             raise PlanningError("times must be two knots or more, increasing.")
         if self.times[0] != 0:
             raise PlanningError(f"times start at {self.times[0]:g} s; they must start at 0 s.")
-        self._tolerance_deg = tolerance_deg
+        self._tolerance_deg, self._solver = tolerance_deg, solver
         self._rest_angles, self._compliance = static_equilibrium(parameters)
         self._program: TrajectoryProgram | None = None
         self._previous: tuple[np.ndarray, np.ndarray, Solution] | None = None
@@ -190,18 +196,14 @@ class Planner:
 
     def _solve(self, program, guess, angles_ref, state) -> Solution:
         """From the previous solution if little changed, else from the guess."""
+        start, multipliers = guess, None
         if self._previous is not None:
             previous_ref, previous_state, previous = self._previous
-            scales = program.state_scales
-            if (
-                np.abs(angles_ref - previous_ref).max() < SMALL_REFERENCE_CHANGE
-                and np.abs((state - previous_state) / scales).max() < SMALL_STATE_CHANGE
-            ):
-                solution = solve_program(program, previous.x, previous.multipliers)
-            else:
-                solution = solve_program(program, guess)
-        else:
-            solution = solve_program(program, guess)
+            reference_change = np.abs(angles_ref - previous_ref).max()
+            state_change = np.abs((state - previous_state) / program.state_scales).max()
+            if reference_change < SMALL_REFERENCE_CHANGE and state_change < SMALL_STATE_CHANGE:
+                start, multipliers = previous.x, previous.multipliers
+        solution = solve_program(program, start, multipliers, self._solver)
         self._previous = (angles_ref, state, solution)
         return solution
 

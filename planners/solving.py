@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from pydrake.solvers import IpoptSolver, SnoptSolver, SolverOptions
+from pydrake.solvers import IpoptSolver, SnoptSolver, SolverInterface, SolverOptions
 
 from limb_systems import LimbError
 from limb_systems.progress import Progress
@@ -43,6 +43,7 @@ def solve_program(
     program: TrajectoryProgram,
     guess: np.ndarray,
     multipliers: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    solver: SolverInterface | None = None,
 ) -> Solution:
     """Solves a trajectory program by the first of these that succeeds.
 
@@ -52,9 +53,12 @@ def solve_program(
     3. the same with a monotone barrier;
     4. SNOPT.
 
+    Where `ipyopt` is not installed Drake's `IpoptSolver` stands in for 1 to 3.
+
     Args:
         guess: for all decision variables.
         multipliers: those of a neighbouring solution, for a warm start.
+        solver: one of Drake's, to be used instead of all these.
 
     Raises:
         PlanningError: if all fail, or if Ctrl-C came before a feasible point.
@@ -65,7 +69,7 @@ def solve_program(
         def report(iteration, cost, violation):
             progress.update(iteration, f"(cost {cost:.6g}, violation {violation:.1e})")
 
-        for name, attempt in _attempts(program, guess, multipliers, report):
+        for name, attempt in _attempts(program, guess, multipliers, solver, report):
             result = attempt()
             details = result.get_solver_details()
             iterations += getattr(details, "iterations", 0)
@@ -74,9 +78,12 @@ def solve_program(
             if stopped and details.violation > FEASIBLE:
                 raise PlanningError("Stopped before there was a feasible plan.")
             if result.is_success() or stopped:
+                x = np.array(result.get_x_val())
+                # Drake's solvers let bounds be exceeded by 1e-8.
+                x[program.duty] = np.clip(x[program.duty], 0.0, 1.0)
                 after = f" (after {'; '.join(failures)})" if failures else ""
                 return Solution(
-                    x=result.get_x_val(),
+                    x=x,
                     cost=result.get_optimal_cost(),
                     iterations=iterations,
                     solve_time=time.perf_counter() - started,
@@ -88,7 +95,11 @@ def solve_program(
     raise PlanningError(f"No solver found a plan: {'; '.join(failures)}.")
 
 
-def _attempts(program: TrajectoryProgram, guess, multipliers, report: Callable):
+def _attempts(program: TrajectoryProgram, guess, multipliers, solver, report: Callable):
+    if solver is not None:
+        yield solver.SolverName(), lambda: solver.Solve(program.prog, guess, None)
+        return
+
     def ipopt(exact, options=None, multipliers=None):
         solver_options = SolverOptions()
         for option, value in (options or {}).items():
@@ -98,6 +109,10 @@ def _attempts(program: TrajectoryProgram, guess, multipliers, report: Callable):
         )
         return solver.Solve(program.prog, guess, solver_options, multipliers=multipliers)
 
+    if not ExactHessianIpoptSolver.available():
+        yield "Drake's IPOPT", lambda: IpoptSolver().Solve(program.prog, guess, None)
+        yield "SNOPT", lambda: SnoptSolver().Solve(program.prog, guess, None)
+        return
     if program.task.stretch is None:
         limit = {"max_iter": GAUSS_NEWTON_ITERATIONS}
         yield "IPOPT, Gauss-Newton", lambda: ipopt(False, limit, multipliers)

@@ -300,6 +300,21 @@ def test_snopt_takes_over_from_ipopt(monkeypatch):
     assert other.check.cost == pytest.approx(usual.check.cost, rel=1e-4)
 
 
+def test_drakes_solvers_can_be_chosen():
+    usual = plan(small_limb(), short_reference())
+    chosen = plan(small_limb(), short_reference(), solver=SnoptSolver())
+    assert chosen.check.solver == "SNOPT"
+    assert chosen.check.cost == pytest.approx(usual.check.cost, rel=1e-4)
+
+
+def test_drakes_solvers_stand_in_where_the_wheel_is_missing(monkeypatch):
+    usual = plan(small_limb(), short_reference(duration=3.0))
+    monkeypatch.setattr(ipopt, "ipyopt", None)
+    standing_in = plan(small_limb(), short_reference(duration=3.0))
+    assert standing_in.check.solver.startswith(("Drake's IPOPT", "SNOPT (after Drake's IPOPT"))
+    assert standing_in.check.cost == pytest.approx(usual.check.cost, rel=1e-4)
+
+
 def test_if_all_fail_there_is_no_plan_and_each_is_named(monkeypatch):
     monkeypatch.setattr(solving, "GAUSS_NEWTON_ITERATIONS", 1)
     monkeypatch.setitem(ipopt.OPTIONS, "max_iter", 1)
