@@ -115,11 +115,8 @@ def _parse_table(data: bytes, kind: str) -> tuple[str, dict[str, np.ndarray]]:
         raise FileFormatError(
             f"this {kind} has format {first[2]}, but this program reads format {FORMAT_VERSION}."
         )
-    end = (
-        re.fullmatch(r"# end, (\d{1,15}) rows, sha256 ([0-9a-f]{64})", lines[-2])
-        if (len(lines) > 2)
-        else None
-    )
+    last = lines[-2] if len(lines) > 2 else ""
+    end = re.fullmatch(r"# end, (\d{1,15}) rows, sha256 ([0-9a-f]{64})", last)
     if not end or lines[-1]:
         raise FileFormatError(
             f"the end line is missing after line {len(lines)}; the file is truncated."

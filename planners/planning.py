@@ -1,5 +1,6 @@
 """From a reference to a feasible trajectory that was checked by simulation."""
 
+import copy
 import time
 
 import numpy as np
@@ -116,7 +117,7 @@ class Planner:
         solver: SolverInterface | None = None,
     ):
         parameters.validate()
-        self.parameters, self.task = parameters, task or Task()
+        self.parameters, self.task = copy.deepcopy(parameters), task or Task()
         self.times = np.asarray(times, float)
         if self.times.ndim != 1 or len(self.times) < 2 or not (np.diff(self.times) > 0).all():
             raise PlanningError("times must be two knots or more, increasing.")

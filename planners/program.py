@@ -316,6 +316,7 @@ def add_thermal_limits(
     temperatures = wire_temperatures.ravel()
     warm = warm_bounds(parameters, times, warm_up_time)
     hot = np.full(len(warm), parameters.temperature_limits.maximum)
+    hot[: len(parameters.wires)] = np.inf  # of the given initial state
     binding = prog.AddBoundingBoxConstraint(warm, hot, temperatures)  # (19)-(20)
     if task.max_temperature_rate is None:
         return binding

@@ -50,7 +50,7 @@ def check_temperature_limits(
     for wire, name, start in zip(
         parameters.wires, parameters.wire_names, initial_temperature, strict=True
     ):
-        if start > limits.maximum:
+        if _temperature(wire, parameters, start, times[1], duty=0.0) > limits.maximum:
             below = _time_to_reach(wire, parameters, start, limits.maximum, duty=0.0)
             raise InfeasibleError(
                 f"The {name} wire starts at {start:.4g} °C, above T_max = {limits.maximum:g} °C "

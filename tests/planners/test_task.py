@@ -212,3 +212,13 @@ def test_warm_up_is_over_when_it_has_elapsed(planner):
 def test_knots_that_make_no_sense_are_refused(times):
     with pytest.raises(PlanningError, match="times"):
         Planner(LimbParameters(), times)
+
+
+def test_a_wire_that_is_a_little_too_hot_is_planned_to_cool(planner):
+    """As a robot may be after a plan along T_max."""
+    hot = HOT.copy()
+    hot[10] = 100.5
+    hot[:5] = -4.7e-4 * (100.5 - 60.0) / 0.1246  # where the wires hold it
+    trajectory = planner.plan(swing(5.0), hot, elapsed=20.0)
+    assert trajectory.wire_temperature[0, 0] == 100.5
+    assert trajectory.wire_temperature[0, 1:].max() <= 100.0 + 1e-4
