@@ -1,5 +1,7 @@
 """Makes the pictures of this folder anew; needs Graphviz's `dot`.
 
+`replay.png` is a screenshot of the page that `make demo` writes.
+
 python docs/pictures.py
 """
 

@@ -2,14 +2,10 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from limb_systems import LimbError
-
-if TYPE_CHECKING:
-    from planners.program import TrajectoryProgram
 
 
 class TaskError(LimbError):
@@ -70,7 +66,7 @@ class Task:
     reach: bool = False
     final_hold: float = 0.0
     stretch: tuple[float, float] | None = None
-    customize: "Callable[[TrajectoryProgram], None] | None" = None
+    customize: Callable | None = None
 
     def __post_init__(self):
         for name in (
