@@ -405,7 +405,8 @@ class _Cost:
 
     def evaluate(self, x: np.ndarray) -> float:
         others = sum(evaluator.Eval(x[indices])[0] for evaluator, indices in self._others)
-        return float(0.5 * x @ self._times(x) + self._b @ x + self._c + others)
+        # No dot product of BLAS: its threads have been seen to stall on busy machines.
+        return float((x * (0.5 * self._times(x) + self._b)).sum() + self._c + others)
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         gradient = self._times(x) + self._b

@@ -1,0 +1,262 @@
+"""What the benchmark of the planner needs Drake for.
+
+The problem, our planner and its stages, Drake's own solvers on the program
+that our planner solves, and the judge of all solutions.
+"""
+
+import contextlib
+import logging
+import time
+from unittest import mock
+
+import ipyopt
+import numpy as np
+from pydrake.solvers import IpoptSolver, SnoptSolver, SolverOptions
+from pydrake.systems.analysis import BatchEvalTimeDerivatives
+
+import planners.planning
+from limb_systems import (
+    Limb,
+    LimbParameters,
+    SegmentParameters,
+    joint_angles_from_bend_angle,
+)
+from planners import Task, plan, references
+
+DURATION = 60.0  # s
+# No knots are added: a plan may differ by this from its simulation.
+TOLERANCE_DEG = 2.0
+SOLVERS = {"ipopt": IpoptSolver, "snopt": SnoptSolver}
+
+# What `planners.planning` calls one after the other, to be timed.
+STAGES = {
+    "guess": "solve_quasi_static",
+    "build": "TrajectoryProgram",
+    "solve": "solve_program",
+    "check": "simulated_differences",
+}
+
+
+def limb_parameters(links: int) -> LimbParameters:
+    """The nominal limb cut into another number of links, as stiff as a whole."""
+    segment = SegmentParameters(links=links, stiffness=0.1246 * (links + 1) / 6)
+    return LimbParameters(segments=[segment])
+
+
+def make_problem(links: int, knots: int) -> dict:
+    """The fields of `casadi_peer.Problem` for the Fig. 5 reference."""
+    program, guess = _program_and_guess(links, knots)
+    states, duty = _states_and_duty(program, guess)
+    parameters, task = limb_parameters(links), Task()
+    segment, limits = parameters.segments[0], parameters.temperature_limits
+    times = np.linspace(0.0, DURATION, knots)
+    reference = references.step_and_decaying_sine().vector_values(times)
+    of_wires = {
+        name: np.array([getattr(wire, name) for wire in parameters.wires])
+        for name in ("a1", "a2", "a3", "beta")
+    }
+    return of_wires | {
+        "links": links,
+        "length": segment.length,
+        "mass": segment.mass,
+        "thickness": segment.thickness,
+        "stiffness": segment.stiffness,
+        "damping": segment.damping,
+        "ambient": parameters.ambient_temperature,
+        "maximum": limits.maximum,
+        "warm": limits.warm,
+        "warm_up_time": limits.warm_up_time,
+        "angle_weight": task.angle_weight,
+        "duty_weight": task.duty_weight,
+        "terminal_factor": task.terminal_factor,
+        "times": times,
+        "angles_ref": joint_angles_from_bend_angle(parameters, reference),
+        "initial_state": states[:, 0],
+        "guess_states": states,
+        "guess_duty": duty,
+    }
+
+
+def run_ours(problem: dict, time_limit: float) -> dict:
+    """Our planner, from nothing to a plan that was checked, stage by stage.
+
+    Returns:
+        What `casadi_peer.run` returns, and ``guess``, ``check`` and ``whole``
+        (s), ``evaluation`` (s in our functions and derivatives) and
+        ``inside_ipopt`` (s in IPOPT outside of them).
+    """
+    del time_limit  # our planner has none
+    times = dict.fromkeys([*STAGES, "evaluation", "ipopt"], 0.0)
+    with contextlib.ExitStack() as stack:
+        for stage, name in STAGES.items():
+            original = getattr(planners.planning, name)
+            replacement = _timed(times, stage, original)
+            stack.enter_context(mock.patch.object(planners.planning, name, replacement))
+        stack.enter_context(mock.patch.object(ipyopt, "Problem", _timed_problem(times)))
+        started = time.perf_counter()
+        trajectory = plan(
+            limb_parameters(problem["links"]),
+            references.step_and_decaying_sine(),
+            knot_rate=(len(problem["times"]) - 1) / DURATION,
+            tolerance_deg=TOLERANCE_DEG,
+        )
+        whole = time.perf_counter() - started
+    check = trajectory.check
+    inside = times.pop("ipopt") - times["evaluation"]
+    return times | {
+        "whole": whole,
+        "inside_ipopt": inside,
+        "status": f"{check.solver}: {check.status}",
+        "success": True,
+        "iterations": check.iterations,
+        "states": trajectory.state,
+        "duty": trajectory.duty,
+        "difference_deg": check.largest_difference_deg,
+    }
+
+
+def run(problem: dict, time_limit: float, solver: str, options: dict) -> dict:
+    """Drake's "ipopt" or "snopt" on our `MathematicalProgram`, from our guess.
+
+    Args:
+        options: of the solver, beside the time limit.
+
+    Returns:
+        As `casadi_peer.run`; Drake does not tell the number of iterations.
+    """
+    logging.getLogger("drake").setLevel(logging.ERROR)  # IPOPT ignores the variables' scaling
+    times = {"build": 0.0}
+    original = planners.planning.TrajectoryProgram
+    timed = _timed(times, "build", original)
+    with mock.patch.object(planners.planning, "TrajectoryProgram", timed):
+        program, guess = _program_and_guess(problem["links"], len(problem["times"]))
+    solver_class = SOLVERS[solver]
+    solver_options = SolverOptions()
+    if solver == "ipopt":  # SNOPT heeds no limit; its process is killed
+        options = {**options, "max_wall_time": time_limit}
+    for name, value in options.items():
+        solver_options.SetOption(solver_class.id(), name, value)
+    started = time.perf_counter()
+    result = solver_class().Solve(program.prog, guess, solver_options)
+    solve_time = time.perf_counter() - started
+    states, duty = _states_and_duty(program, result.get_x_val())
+    details = result.get_solver_details()
+    reason = details.info if solver == "snopt" else details.ConvertStatusToString()
+    return {
+        "build": times["build"],
+        "solve": solve_time,
+        "status": f"{result.get_solution_result().name} ({reason})",
+        "success": result.is_success(),
+        "states": states,
+        "duty": duty,
+    }
+
+
+def judge(problem: dict, states: np.ndarray, duty: np.ndarray) -> dict:
+    """Cost, feasibility and bounds of a solution, the same for all solvers.
+
+    Returns:
+        ``cost`` (15); ``defect``, the largest violation of (17) with the
+        dynamics of `Limb`: those of θ times the time step, in rad, of θ̇ times
+        K⁻¹ M(0), in rad, of T and V times the time step, in units of 50 °C;
+        and ``violation``, the largest of (16) and (18)-(20), rad, rad/s, °C
+        or 1.
+    """
+    n, times = problem["links"], problem["times"]
+    deviation = states[:n] - problem["angles_ref"]
+    weights = np.full(len(times), problem["angle_weight"])
+    weights[-1] *= problem["terminal_factor"]
+    cost = 0.5 * np.sum(weights * deviation**2)
+    cost += 0.5 * problem["duty_weight"] * np.sum(duty[:, :-1] ** 2)
+
+    limb = Limb(limb_parameters(n))
+    context = limb.CreateDefaultContext()
+    port = limb.GetInputPort("duty").get_index()
+
+    def derivatives(x, u):
+        no_times = np.zeros((1, x.shape[1]))
+        x, u = np.asfortranarray(x), np.asfortranarray(u)
+        return BatchEvalTimeDerivatives(limb, context, no_times, x, u, port)
+
+    h, rates = np.diff(times), derivatives(states, duty)
+    middle_states = (states[:, :-1] + states[:, 1:]) / 2 - h / 8 * np.diff(rates)
+    middle_rates = 1.5 / h * np.diff(states) - (rates[:, :-1] + rates[:, 1:]) / 4
+    middle_duty = (duty[:, :-1] + duty[:, 1:]) / 2
+    defects = middle_rates - derivatives(middle_states, middle_duty)
+    plant = limb.GetSubsystemByName("manipulator")
+    straight = plant.CalcMassMatrixViaInverseDynamics(plant.CreateDefaultContext())
+    defects[:n] *= h
+    defects[n : 2 * n] = straight / problem["stiffness"] @ defects[n : 2 * n]
+    defects[2 * n :] *= h / 50.0
+
+    wire = states[2 * n : 2 * n + 2]
+    warm = wire[:, times > problem["warm_up_time"]]
+    violations = [
+        np.abs(states[:, 0] - problem["initial_state"]),
+        -duty,
+        duty - 1.0,
+        wire - problem["maximum"],
+        problem["warm"] - warm,
+    ]
+    return {
+        "cost": float(cost),
+        "defect": float(np.abs(defects).max()),
+        "violation": max(0.0, *(float(violation.max()) for violation in violations)),
+    }
+
+
+class _FoundError(Exception):
+    """Carries the program and the guess out of our planner."""
+
+
+def _program_and_guess(links: int, knots: int):
+    """The `TrajectoryProgram` of our planner and what its solver starts from."""
+
+    def instead_of_solving(program, guess, *_):
+        raise _FoundError(program, guess)
+
+    try:
+        with mock.patch.object(planners.planning, "solve_program", instead_of_solving):
+            plan(
+                limb_parameters(links),
+                references.step_and_decaying_sine(),
+                knot_rate=(knots - 1) / DURATION,
+            )
+    except _FoundError as found:
+        return found.args
+    raise RuntimeError("Our planner does not call solve_program any more.")
+
+
+def _states_and_duty(program, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """States (2n + 4, N) and duty (2, N) of all decision variables."""
+    joint_state, wire, measured, duty = program.signals(x)
+    return np.vstack([joint_state, wire, measured]), duty
+
+
+def _timed(times: dict, name: str, function):
+    """A function that adds to `times` how long it takes, s."""
+
+    def timed(*arguments, **options):
+        started = time.perf_counter()
+        try:
+            return function(*arguments, **options)
+        finally:
+            times[name] += time.perf_counter() - started
+
+    return timed
+
+
+def _timed_problem(times: dict):
+    """`ipyopt.Problem` with its callbacks and its ``solve`` timed."""
+    original = ipyopt.Problem
+
+    class TimedProblem:
+        def __init__(self, *arguments, **options):
+            timed = [_timed(times, "evaluation", a) if callable(a) else a for a in arguments]
+            self._problem = original(*timed, **options)
+            self.solve = _timed(times, "ipopt", self._problem.solve)
+
+        def __getattr__(self, name):
+            return getattr(self._problem, name)
+
+    return TimedProblem
