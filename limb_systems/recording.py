@@ -12,6 +12,8 @@ from limb_systems.parameters import LimbParameters
 from limb_systems.samples import check_samples, column_names, group_columns, ungroup_columns
 from limb_systems.schema import load_typed
 
+OPTIONAL = ("wire_temperature", "joint_state", "reference")
+
 
 @dataclasses.dataclass
 class RecordingHeader:
@@ -32,7 +34,8 @@ class Recording:
     """Samples from a limb with S segments, n joints and W = 2 S wires.
 
     - ``time``: (K,), s, increasing.
-    - ``duty``: (W, K), in [0, 1], what was commanded.
+    - ``duty``: (W, K), in [0, 1], in force when the sample was taken; a new
+      command at that very time is seen one sample later.
     - ``measured_temperature``: V (W, K), °C.
     - ``bend_angle``: φ (S, K), rad.
     - ``parameters``: of the limb as it is known.
@@ -40,6 +43,7 @@ class Recording:
     - ``sample_rate``: nominal, Hz.
     - ``wire_temperature``: T (W, K), °C; only a model can tell, else None.
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s; likewise.
+    - ``reference``: the bend angle that was asked for (S, K), rad, if any was.
 
     Raises:
         LimbError: at construction, if shapes disagree or values are not
@@ -55,10 +59,11 @@ class Recording:
     sample_rate: float
     wire_temperature: np.ndarray | None = None
     joint_state: np.ndarray | None = None
+    reference: np.ndarray | None = None
 
     def __post_init__(self):
         self.parameters.validate()
-        check_samples(self, optional=("wire_temperature", "joint_state"))
+        check_samples(self, optional=OPTIONAL)
         if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
             raise LimbError(f"sample_rate is {self.sample_rate!r} Hz; it must be positive.")
 
@@ -73,9 +78,9 @@ class Recording:
         try:
             header = load_typed(RecordingHeader, header_text)
             header.parameters.validate()
-            names = _names(header.parameters)
+            names = column_names(header.parameters)
             return cls(
-                **group_columns(columns, names, optional=("wire_temperature", "joint_state")),
+                **group_columns(columns, names, optional=OPTIONAL),
                 parameters=header.parameters,
                 source=header.source,
                 sample_rate=header.sample_rate_hz,
@@ -86,11 +91,5 @@ class Recording:
     def save(self, path: str | Path) -> None:
         """Writes the recording whole or not at all."""
         header = RecordingHeader(self.source, float(self.sample_rate), self.parameters)
-        columns = ungroup_columns(self, _names(self.parameters))
+        columns = ungroup_columns(self, column_names(self.parameters))
         write_table(path, "recording", yaml_dump_typed(header), columns)
-
-
-def _names(parameters: LimbParameters) -> dict[str, list[str]]:
-    names = column_names(parameters)
-    del names["reference"]
-    return names

@@ -1,12 +1,13 @@
 """Simulating a limb, or anything with its ports, over a course of duty."""
 
 import copy
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake import trajectories
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 
 from limb_systems.errors import LimbError
@@ -63,19 +64,59 @@ def simulate(
     course, duration = _duty_course(duty, duration, len(system.parameters.wires))
     num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
     times = np.minimum(np.arange(num_samples) / sample_rate, duration)
-    sampled_duty = _check_duty(course, times)
+    _check_duty(course, times)
 
     builder = DiagramBuilder()
     source = builder.AddSystem(TrajectorySource(course))
     builder.AddSystem(system)
-    builder.Connect(source.get_output_port(), system.GetInputPort("duty"))
-    sinks = {
-        name: LogVectorOutput(system.GetOutputPort(name), builder, 1 / sample_rate)
-        for name in _logged_ports(system)
-    }
+    return record(
+        builder,
+        system,
+        source.get_output_port(),
+        duration,
+        sample_rate=sample_rate,
+        accuracy=accuracy,
+        initial_state=initial_state,
+    )
+
+
+def record(
+    builder: DiagramBuilder,
+    system: System,
+    duty: OutputPort,
+    duration: float,
+    *,
+    reference: OutputPort | None = None,
+    until: Callable[[Context], bool] | None = None,
+    sample_rate: float = 20.0,
+    accuracy: float = 1e-3,
+    initial_state: ArrayLike | None = None,
+) -> Recording:
+    """Runs a diagram with a limb in it and records the limb.
+
+    This is `simulate` for duty from anywhere, a controller for example.
+
+    Args:
+        builder: of a diagram that holds the system and what drives it.
+        system: a `Limb`, or any system with its ports and ``parameters``.
+        duty: the port that drives the limb; it is connected here.
+        duration: s, at the most.
+        reference: the bend angle that is asked for (S), rad, to be recorded.
+        until: of the diagram's context; the recording ends when it holds.
+        sample_rate, accuracy, initial_state: as for `simulate`.
+
+    Raises:
+        SimulationError: if the integrator fails.
+    """
+    builder.Connect(duty, system.GetInputPort("duty"))
+    ports = {name: system.GetOutputPort(name) for name in _logged_ports(system)}
+    ports |= {"duty": duty} | ({"reference": reference} if reference else {})
+    sinks = {name: LogVectorOutput(port, builder, 1 / sample_rate) for name, port in ports.items()}
     try:
         diagram = builder.Build()
     except RuntimeError as error:
+        if "already been built" not in str(error):
+            raise
         raise SimulationError(
             "This system is part of a diagram already; make a new one to simulate it."
         ) from error
@@ -92,16 +133,18 @@ def simulate(
     context = simulator.get_mutable_context()
     if initial_state is not None:
         _set_state(system.GetMyMutableContextFromRoot(context), initial_state)
+    num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
     # Drake's clock ticks at multiples of the period, which round their own way.
-    _advance(simulator, max(duration, (num_samples - 1) * (1 / sample_rate)))
+    _advance(simulator, max(duration, (num_samples - 1) * (1 / sample_rate)), until)
 
     signals = {name: sink.FindLog(context).data() for name, sink in sinks.items()}
+    signals["duty"] = np.clip(signals["duty"], 0.0, 1.0)  # of rounding
     if isinstance(system, Limb):
         angles = signals["joint_state"][: system.parameters.num_joints]
         signals["bend_angle"] = bend_angle(system.parameters, angles)
+    times = np.minimum(np.arange(signals["duty"].shape[1]) / sample_rate, duration)
     return Recording(
         time=times,
-        duty=sampled_duty,
         parameters=system.parameters,
         source=getattr(system, "source", type(system).__name__),
         sample_rate=sample_rate,
@@ -151,19 +194,17 @@ def _duty_course(
     ), duration
 
 
-def _check_duty(course: trajectories.Trajectory, times: np.ndarray) -> np.ndarray:
-    """Duty at the samples (W, K), if it stays within [0, 1] there and at all breaks."""
+def _check_duty(course: trajectories.Trajectory, times: np.ndarray) -> None:
+    """Raises SimulationError if duty leaves [0, 1] at the samples or any break."""
     checked = times
     if isinstance(course, trajectories.PiecewiseTrajectory):
         breaks = np.array(course.get_segment_times())
         checked = np.concatenate([checked, breaks, (breaks[1:] + breaks[:-1]) / 2])
     values = course.vector_values(checked)
-    clipped = np.clip(values, 0.0, 1.0)
-    if not np.abs(values - clipped).max() < 1e-9:  # NaN is not; rounding is
+    if not np.abs(values - np.clip(values, 0.0, 1.0)).max() < 1e-9:  # NaN is not; rounding is
         raise SimulationError(
             f"duty reaches from {values.min():g} to {values.max():g}; it must stay within 0 and 1."
         )
-    return clipped[:, : len(times)]
 
 
 def _check_positive(name: str, value, unit: str) -> None:
@@ -191,7 +232,9 @@ def _logged_ports(system: System) -> list[str]:
     return [name for name in names if name in ports]
 
 
-def _advance(simulator: Simulator, end: float) -> None:
+def _advance(
+    simulator: Simulator, end: float, until: Callable[[Context], bool] | None = None
+) -> None:
     """Simulates from time 0 to the end, s, second by second to show progress."""
     try:
         simulator.Initialize()
@@ -199,6 +242,8 @@ def _advance(simulator: Simulator, end: float) -> None:
             for time in np.append(np.arange(1.0, end, 1.0), end):
                 simulator.AdvanceTo(time)
                 progress.update(time)
+                if until and until(simulator.get_context()):
+                    break
     except RuntimeError as error:
         raise SimulationError(
             f"The simulation stopped at {simulator.get_context().get_time():.3g} s of "

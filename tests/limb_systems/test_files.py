@@ -458,7 +458,7 @@ def test_missing_time_is_refused(tmp_path, refused, lines):
         Recording.load(path)
 
 
-@pytest.mark.parametrize("name", ["reference_angle_deg", "duty_left_2", "note"])
+@pytest.mark.parametrize("name", ["reference_angle_2_deg", "duty_left_2", "note"])
 def test_extra_column_is_refused_by_name(lines, refuse_sealed, name):
     for index in range(28, len(lines)):
         lines[index] += f",{name}" if index == 28 else ",0.5"
