@@ -1,72 +1,181 @@
 """The emulated limb: what scripts use where there is no robot."""
 
+import copy
+from collections.abc import Sequence
+
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake import trajectories
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Adder, Demultiplexer, FirstOrderLowPassFilter
 
-from hardware.sensors import SampledSensor
-from limb_systems import Limb, LimbParameters
+from hardware.hand import Hand
+from hardware.rubber import Rubber
+from hardware.sensors import add_sensors
+from hardware.specimen import SegmentPhysics, Specimen
+from hardware.wires import ShapeMemoryWires
+from limb_systems import BendAngle, LimbParameters, ThermocoupleLag, make_manipulator, simulate
+from limb_systems.ownership import weak_method
 
-# The paper's thermocouple amplifier, a MAX31855, converts within 100 ms and
-# reports steps of 0.25 °C (datasheet 19-5793); the noise of one step is ours.
-THERMOCOUPLE_PERIOD = 0.1  # s
-THERMOCOUPLE_STEP = 0.25  # °C
-THERMOCOUPLE_NOISE = 0.25  # °C
-# The paper saw "around 2° measurement error" of its bend sensor in use (Sec.
-# VII); here 95% of the readings are that close. The step is ours.
-BEND_PERIOD = 0.05  # s
-BEND_STEP = np.deg2rad(0.1)
-BEND_NOISE = np.deg2rad(1.0)
+SMOOTHING_TIME = 0.02  # s
 
 
 class LimbTwin(Diagram):
-    """An emulated limb with the sensors of the robot and the ports of `Limb`.
+    """An emulated limb, with the ports of `Limb` and more physics than the model.
 
-    It emulates; it is no measurement of a robot. Its mechanics and heat are
-    those of the model, with the given parameters; its sensors are sampled,
-    noisy and quantized.
+    It emulates; it is no measurement of a robot. The seed draws a `Specimen`,
+    whose wires are shape-memory alloy with hysteresis, heat silicone around
+    them and differ from each other (`ShapeMemoryWires`), whose rubber stiffens
+    and relaxes (`Rubber`), and whose sensors are sampled, noisy, drifting and
+    not quite linear (`SampledSensor`):
 
-    For a limb of S segments and W = 2 S wires:
+              ┌──────────────────┐    ┌─────────────┐
+      duty ──▶│ ShapeMemoryWires ├───▶│ manipulator ├─┬─▶ sensor ──▶ bend_angle
+              └─┬────────────▲───┘    └──▲──────────┘ │
+                │            │           └─ Rubber ◀──┤
+                │            └────────────────────────┘
+                └─▶ ThermocoupleLag ──▶ sensor ──▶ measured_temperature
+
+    For a limb of S segments, n joints in all and W = 2 S wires:
 
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
     - output 1 ``bend_angle``: φ (S), rad, as bend sensors read it
+
+    ``parameters`` is the limb as one would describe it before calibration:
+    geometry and mass are true, the rest are not. What was done to the limb
+    stays: a wire that was hot is warm, and hysteresis remembers. `again` is
+    the same limb, later.
     """
 
     __slots__ = ()  # see limb_systems.ownership
 
-    def __init__(self, parameters: LimbParameters | None = None, *, seed: int = 0):
+    def __init__(
+        self,
+        parameters: LimbParameters | None = None,
+        *,
+        seed: int = 0,
+        specimen: Specimen | None = None,
+        hand: trajectories.Trajectory | None = None,
+        bend_rate: float = 20.0,
+    ):
         """Args:
-            parameters: the nominal limb if None.
-            seed: of the sensors' noise.
+            parameters: the kind of limb; the nominal one if None. Geometry,
+                mass, gravity and limits are taken as they are, all else is
+                where the seed's draw is centred.
+            seed: of the particular limb and its sensors' noise.
+            specimen: the particular limb itself, in place of these two.
+            hand: bend angle over time, rad, to which somebody bends the limb
+                by hand until the end of the trajectory.
+            bend_rate: at which the bend sensors are read, Hz.
 
         Raises:
             ParameterError: if a parameter is out of its range.
         """
         super().__init__()
+        specimen = specimen or Specimen(parameters or LimbParameters(), seed)
+        self.specimen, self.parameters = specimen, copy.deepcopy(specimen.description)
+        self.source = f"emulated limb, seed {specimen.seed}"
+        mechanics, num_joints = specimen.mechanics(), self.parameters.num_joints
+
         builder = DiagramBuilder()
-        limb = builder.AddSystem(Limb(parameters))
-        self.parameters = limb.parameters
-        self.source = f"emulated limb (model with sensor noise, seed {seed})"
-        num_segments = len(self.parameters.segments)
-        seeds = np.random.SeedSequence(seed).spawn(2)
-        thermocouple = builder.AddNamedSystem(
-            "thermocouple",
-            SampledSensor(
-                2 * num_segments,
-                THERMOCOUPLE_PERIOD,
-                THERMOCOUPLE_NOISE,
-                THERMOCOUPLE_STEP,
-                seeds[0],
-            ),
+        wires = builder.AddSystem(ShapeMemoryWires(specimen))
+        rubber = builder.AddSystem(Rubber(specimen))
+        manipulator = builder.AddSystem(make_manipulator(mechanics))
+        lag = builder.AddSystem(ThermocoupleLag(mechanics))
+        bend_angle = builder.AddSystem(BendAngle(self.parameters))
+        split = builder.AddSystem(Demultiplexer([num_joints, num_joints]))
+        smooth = builder.AddSystem(FirstOrderLowPassFilter(SMOOTHING_TIME, num_joints))
+        builder.Connect(wires.GetOutputPort("generalized_force"), smooth.get_input_port())
+        forces = [smooth.get_output_port(), split.get_output_port(0)]
+        joint_state = manipulator.get_state_output_port()
+        if hand is not None:
+            forces.append(builder.AddSystem(Hand(self.parameters, hand)).get_output_port())
+            builder.Connect(joint_state, builder.GetSystems()[-1].get_input_port())
+        total = builder.AddSystem(Adder(len(forces), num_joints))
+
+        builder.ExportInput(wires.GetInputPort("duty"), "duty")
+        builder.Connect(joint_state, wires.GetInputPort("joint_state"))
+        builder.Connect(joint_state, rubber.get_input_port())
+        builder.Connect(joint_state, bend_angle.get_input_port())
+        builder.Connect(rubber.get_output_port(), split.get_input_port())
+        builder.Connect(wires.GetOutputPort("wire_temperature"), lag.get_input_port())
+        for index, force in enumerate(forces):
+            builder.Connect(force, total.get_input_port(index))
+        builder.Connect(
+            total.get_output_port(), manipulator.get_applied_generalized_force_input_port()
         )
-        bend_sensor = builder.AddNamedSystem(
-            "bend_sensor",
-            SampledSensor(num_segments, BEND_PERIOD, BEND_NOISE, BEND_STEP, seeds[1]),
+        add_sensors(
+            builder,
+            lag.get_output_port(),
+            bend_angle.get_output_port(),
+            specimen.generator,
+            bend_rate,
+            _bend_response(specimen.segments),
         )
-        builder.Connect(limb.GetOutputPort("measured_temperature"), thermocouple.get_input_port())
-        builder.Connect(limb.GetOutputPort("bend_angle"), bend_sensor.get_input_port())
-        builder.ExportInput(limb.GetInputPort("duty"), "duty")
-        builder.ExportOutput(thermocouple.get_output_port(), "measured_temperature")
-        builder.ExportOutput(bend_sensor.get_output_port(), "bend_angle")
+        parts = {
+            "joints": joint_state,
+            "wires": wires.GetOutputPort("state"),
+            "rubber": split.get_output_port(1),
+            "measured": lag.get_output_port(),
+        }
+        memory = builder.AddSystem(_Memory(specimen, {k: p.size() for k, p in parts.items()}))
+        for name, port in parts.items():
+            builder.Connect(port, memory.GetInputPort(name))
+
+        state = specimen.state
+        room = np.full(len(specimen.wires), specimen.ambient)
+        manipulator.SetDefaultPositions(state.get("joints", specimen.rest_angles())[:num_joints])
+        lag.configure_default_state(state.get("measured", room))
         builder.BuildInto(self)
         self.set_name("limb_twin")
+
+    def again(
+        self,
+        pause: float = 0.0,
+        *,
+        gravity: Sequence[float] | None = None,
+        hand: trajectories.Trajectory | None = None,
+        bend_rate: float = 20.0,
+    ) -> "LimbTwin":
+        """The same limb as it is now, or after a while without heat.
+
+        Args:
+            pause: s, to cool down.
+            gravity: m/s² along (E1, E2, E3) if the limb is mounted otherwise
+                from now on.
+            hand, bend_rate: as for the constructor.
+        """
+        if gravity is not None:
+            self.specimen.description.gravity = list(gravity)
+        if pause > 0:
+            off = np.zeros(len(self.specimen.wires))
+            simulate(LimbTwin(specimen=self.specimen, bend_rate=1.0), off, pause, sample_rate=1.0)
+        return LimbTwin(specimen=self.specimen, hand=hand, bend_rate=bend_rate)
+
+
+class _Memory(LeafSystem):
+    """Keeps the state of the parts in their specimen, for the time after this diagram.
+
+    An input port of the part's name for each of them.
+    """
+
+    __slots__ = ()  # see limb_systems.ownership
+
+    def __init__(self, specimen: Specimen, sizes: dict[str, int]):
+        super().__init__()
+        self._specimen, self._names = specimen, list(sizes)
+        for name, size in sizes.items():
+            self.DeclareVectorInputPort(name, size)
+        self.DeclarePerStepPublishEvent(weak_method(self._remember))
+        self.set_name("memory")
+
+    def _remember(self, context):
+        for index, name in enumerate(self._names):
+            self._specimen.state[name] = self.get_input_port(index).Eval(context).copy()
+
+
+def _bend_response(segments: Sequence[SegmentPhysics]):
+    """What the bend sensors read (S,), rad, for the bend angles (S,), rad."""
+    gain = np.array([segment.sensor_gain for segment in segments])
+    curvature = np.array([segment.sensor_curvature for segment in segments])
+    return lambda angle: gain * angle * (1 + curvature * angle / (np.pi / 4))

@@ -7,6 +7,7 @@ import pytest
 
 from hardware import LimbTwin, ReplayError, replay
 from hardware.__main__ import main
+from hardware.sensors import SensedLimb
 from limb_systems import Limb, LimbError, LimbParameters, Recording
 from limb_systems.tracking import tracking_errors
 
@@ -20,14 +21,19 @@ def test_replay_on_the_model_itself_follows_the_plan(fig5_plan):
     np.testing.assert_allclose(recording.duty, planned, atol=1e-9)
 
 
-def test_rollouts_on_the_twin_have_errors_of_the_size_of_its_noise(fig5_plan):
-    rollouts = [replay(fig5_plan, LimbTwin(fig5_plan.parameters, seed=s)) for s in range(5)]
+def test_rollouts_behind_sensors_have_errors_of_the_size_of_their_noise(fig5_plan):
+    rollouts = [
+        replay(fig5_plan, SensedLimb(Limb(fig5_plan.parameters), seed=s)) for s in range(20)
+    ]
     errors = tracking_errors(fig5_plan, rollouts)
-    # |w| of normal noise: mean √(2/π) σ, median 0.674 σ, 90th percentile 1.645 σ, here σ = 1°.
-    assert np.rad2deg(errors.mean) == pytest.approx(np.sqrt(2 / np.pi), rel=0.05)
-    assert np.rad2deg(errors.median) == pytest.approx(0.674, rel=0.07)
-    assert np.rad2deg(errors.percentile_90) == pytest.approx(1.645, rel=0.05)
-    assert "emulated" in rollouts[0].source
+    # Noise of 0.5° and drift of 1° are normal of σ = 1.12°: |w| has the mean √(2/π) σ and the
+    # median 0.674 σ. Few drifts are seen in 20 min, which is what the tolerance is for.
+    assert np.rad2deg(errors.mean) == pytest.approx(np.sqrt(2 / np.pi) * 1.12, rel=0.3)
+    assert np.rad2deg(errors.median) == pytest.approx(0.674 * 1.12, rel=0.3)
+
+
+def test_rollouts_on_the_twin_say_that_they_are_emulated(fig5_plan):
+    assert "emulated" in replay(fig5_plan, LimbTwin(seed=1)).source
 
 
 def shifted(trajectory, degrees):

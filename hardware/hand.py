@@ -1,0 +1,62 @@
+"""A hand that bends the emulated limb: to let it ring down, or to teach it."""
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+from pydrake.trajectories import Trajectory
+
+from limb_systems import LimbParameters, bend_angle
+from limb_systems.ownership import weak_method
+
+GRIP = 20.0  # bending stiffness of the limb, by which the hand is stiffer
+GRIP_TIME = 0.05  # s, of the hand's damping
+
+
+class Hand(LeafSystem):
+    """Pushes the limb's tip across its chord, towards a bend angle, then lets go.
+
+    As a hand it is stiffer than the limb, but not rigid. It touches the limb
+    until the end of its course.
+
+    - input 0 ``joint_state``: [θ, θ̇] (2n), rad and rad/s
+    - output 0 ``generalized_force``: f (n), N·m
+
+    For limbs of one segment.
+    """
+
+    __slots__ = ()  # see limb_systems.ownership
+
+    def __init__(self, parameters: LimbParameters, course: Trajectory):
+        """Args:
+        parameters: of the limb.
+        course: bend angle over time, rad, that the hand moves the limb to.
+        """
+        super().__init__()
+        self._parameters, self._course = parameters, course
+        (segment,) = parameters.segments
+        # A torque at the tip turns the chord by about (n + 1) / 2 joints' worth of angle.
+        self._stiffness = GRIP * segment.stiffness * 2 / (segment.links + 1)
+        self._length = segment.length
+        self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
+        self.DeclareVectorOutputPort(
+            "generalized_force", parameters.num_joints, weak_method(self._calc)
+        )
+        self.set_name("hand")
+
+    def _calc(self, context, output):
+        num_joints = self._parameters.num_joints
+        time = context.get_time()
+        if time >= self._course.end_time():
+            output.SetFromVector(np.zeros(num_joints))
+            return
+        angles, rates = np.split(self.get_input_port().Eval(context), 2)
+        # The tip as seen from each joint, and a force across the chord of the whole limb.
+        directions = np.cumsum(angles)
+        links = self._length / num_joints * np.array([np.cos(directions), np.sin(directions)])
+        lever = np.cumsum(links[:, ::-1], axis=1)[:, ::-1]
+        chord = lever[:, 0]
+        across = np.array([-chord[1], chord[0]]) / np.linalg.norm(chord)
+        jacobian = lever[0] * across[1] - lever[1] * across[0]  # of the tip, along `across`
+        error = self._course.value(time).item() - bend_angle(self._parameters, angles).item()
+        rate = jacobian @ rates / self._length
+        force = self._stiffness * (error - GRIP_TIME * rate) / self._length
+        output.SetFromVector(jacobian * force)

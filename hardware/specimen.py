@@ -1,0 +1,177 @@
+"""One particular limb, as nobody modelled it: what the emulation knows and calibration must not.
+
+A `Specimen` is drawn by a seed around a description of its kind. Each draw is
+uniform within a range that stands below with where it comes from; "ours"
+marks ranges without a published source, chosen for the effects that the paper
+reports. None was fitted to make the model look good or bad.
+
+Sources:
+
+- [paper] Wertz, Sabelhaus, Majidi: trajectory optimization for thermally
+  actuated soft planar robot limbs, Secs. III, VII and VIII.
+- [records] Published recordings of SMA limbs of this family: a1 from -0.04 to
+  -0.07 1/s, a lag or dead time of 0.8 to 2.5 s, cooling of two exponentials of
+  11-19 s and 78-134 s, loops of bend against measured temperature that are up
+  to 14-20° wide.
+- [Ikuta] Ikuta, Tsukamoto, Hirose: Mathematical model and experimental
+  verification of shape memory alloy for designing micro actuator, MEMS 1991:
+  martensite fraction as logistic curves with hysteresis.
+- [Cheng] Cheng, Kim, Desai: Modeling and characterization of shape memory
+  alloy springs with water cooling strategy in a neurosurgical robot, 2017, the
+  paper's [29]: eqn (3), whose Ω(ξ) is minus the recoverable strain times G(ξ).
+- [An] An, Ryu, Cho, Cho: Engineering design framework for a shape memory alloy
+  coil spring actuator using a static two-state model, 2012: shear moduli of
+  martensite and austenite.
+- [Flexinol] Dynalloy: Technical characteristics of Flexinol actuator wires:
+  hysteresis of 10 to 20 °C and more, latent heat 24 kJ/kg at 0.84 kJ/(kg °C).
+"""
+
+import copy
+import dataclasses
+
+import numpy as np
+
+from limb_systems import LimbParameters, joint_angles_from_bend_angle
+
+
+@dataclasses.dataclass(frozen=True)
+class WirePhysics:
+    """One wire, the silicone around it and its thermocouple.
+
+    - ``heating``: rate at full duty, °C/s.
+    - ``fast_time``, ``slow_time``: time constants of cooling, s.
+    - ``silicone_share``: of the temperature rise that the silicone takes part
+      in when the duty lasts.
+    - ``lag_rate``: of the thermocouple, 1/s, negative.
+    - ``latent_heat``: of the transformation, as °C of the wire.
+    - ``austenite``, ``martensite``: temperature at which half of the wire is
+      transformed on heating and on cooling, free of stress, °C.
+    - ``austenite_width``, ``martensite_width``: of the logistic curves, °C.
+    - ``stress_shift``: by which full stress moves both curves up, °C.
+    - ``torque``: on each joint of the fully transformed wire when the limb is
+      held straight, N·m.
+    - ``modulus_ratio``: G of martensite over G of austenite.
+    - ``strain_relief``: recoverable strain that bending by one radian towards
+      the wire uses up.
+    - ``expansion``: Θ of (3) over the stress of full transformation, 1/°C.
+    """
+
+    heating: float
+    fast_time: float
+    slow_time: float
+    silicone_share: float
+    lag_rate: float
+    latent_heat: float
+    austenite: float
+    martensite: float
+    austenite_width: float
+    martensite_width: float
+    stress_shift: float
+    torque: float
+    modulus_ratio: float
+    strain_relief: float
+    expansion: float
+
+
+@dataclasses.dataclass(frozen=True)
+class SegmentPhysics:
+    """The rubber of one segment and its bend sensor.
+
+    - ``stiffness``: k of each joint when bent slowly, N·m/rad.
+    - ``damping``: σ of each joint, N·m·s/rad.
+    - ``stiffening``: share that is added to k where the segment bends by 45°.
+    - ``viscous_share``: share of k that a fast motion feels in addition.
+    - ``relaxation_time``: with which that addition fades, s.
+    - ``rest_angle``: bend angle at rest, rad.
+    - ``sensor_gain``: slope of the bend sensor at zero.
+    - ``sensor_curvature``: share of the reading that is lost or gained at 45°.
+    """
+
+    stiffness: float
+    damping: float
+    stiffening: float
+    viscous_share: float
+    relaxation_time: float
+    rest_angle: float
+    sensor_gain: float
+    sensor_curvature: float
+
+
+class Specimen:
+    """A particular limb: its physics, and the state in which it was left.
+
+    - ``description``: `LimbParameters` as a lab would know them beforehand.
+    - ``seed``: that drew the rest.
+    - ``wires``: `WirePhysics` (W), in the order of the description.
+    - ``segments``: `SegmentPhysics` (S).
+    - ``ambient``: the temperature of the room, °C.
+    - ``state``: of each part of the emulation when it ran last, by name;
+      empty for a limb that was never used.
+    - ``generator``: of the sensors' noise, which runs on.
+    """
+
+    def __init__(self, description: LimbParameters, seed: int):
+        description.validate()
+        draw_seed, noise_seed = np.random.SeedSequence(seed).spawn(2)
+        generator = np.random.default_rng(draw_seed)
+        self.description = copy.deepcopy(description)
+        self.seed = seed
+        self.generator = np.random.default_rng(noise_seed)
+        self.state: dict[str, np.ndarray] = {}
+        self.segments = [_draw_segment(generator.uniform, s) for s in description.segments]
+        limits = description.temperature_limits
+        rise = limits.maximum - description.ambient_temperature
+        self.wires = [_draw_wire(generator.uniform, wire, rise) for wire in description.wires]
+        self.ambient = description.ambient_temperature + generator.uniform(-3.0, 3.0)  # °C, ours
+
+    def rest_angles(self) -> np.ndarray:
+        """Joint angles of the limb when it was never used (n,), rad, by eqn (11)."""
+        rest = [segment.rest_angle for segment in self.segments]
+        return joint_angles_from_bend_angle(self.description, rest)
+
+    def mechanics(self) -> LimbParameters:
+        """Parameters of the linear part: true k, σ, ambient and lag; gravity as described."""
+        parameters = copy.deepcopy(self.description)
+        parameters.ambient_temperature = self.ambient
+        for segment, physics in zip(parameters.segments, self.segments, strict=True):
+            segment.stiffness, segment.damping = physics.stiffness, physics.damping
+        for wire, physics in zip(parameters.wires, self.wires, strict=True):
+            wire.a3 = physics.lag_rate
+        return parameters
+
+
+def _draw_wire(uniform, wire, rise: float) -> WirePhysics:
+    """A wire around `WireParameters`; ``rise``: °C from ambient to T_max."""
+    time = -1 / wire.a1
+    austenite = uniform(58.0, 66.0)  # °C, ours: motion begins below T_warm [paper, VIII-B]
+    return WirePhysics(
+        heating=wire.a2 * uniform(0.85, 1.15),  # ours: supply, resistance, coil
+        fast_time=time * uniform(0.8, 1.35),  # 11-19 s for the nominal 14 s [records]
+        slow_time=time * uniform(5.5, 9.4),  # 79-134 s [records]
+        silicone_share=uniform(0.20, 0.35),  # ours
+        lag_rate=wire.a3 * uniform(0.5, 1.2),  # 0.8 to 2 s [records]
+        latent_heat=uniform(8.0, 20.0),  # below [Flexinol]'s 29 °C: epoxy and silicone share heat
+        austenite=austenite,
+        martensite=austenite - uniform(8.0, 14.0),  # hysteresis [Flexinol], [records]
+        austenite_width=uniform(9.0, 13.0),  # ours: saturates towards T_max
+        martensite_width=uniform(6.0, 9.0),  # ours
+        stress_shift=uniform(5.0, 12.0),  # 70-170 MPa at 7-14 MPa/°C [Flexinol], [Cheng]
+        torque=wire.beta * rise * uniform(0.9, 1.1),  # ours: sides are not made alike
+        modulus_ratio=uniform(0.35, 0.5),  # 7.5 of 18 GPa [An]
+        strain_relief=uniform(0.10, 0.20),  # ours: 3.4 mm off axis, stretched by 50 mm
+        expansion=-uniform(2e-4, 6e-4),  # small, as the paper assumes [Cheng]
+    )
+
+
+def _draw_segment(uniform, segment) -> SegmentPhysics:
+    """The rubber around `SegmentParameters`."""
+    return SegmentPhysics(
+        stiffness=segment.stiffness * uniform(0.9, 1.1),  # 2° of 10° between trials [paper, VIII-B]
+        damping=segment.damping * uniform(0.8, 1.25),  # ours
+        stiffening=uniform(0.03, 0.15),  # ours, silicone at strains below 15%
+        viscous_share=uniform(0.05, 0.15),  # ours
+        relaxation_time=uniform(0.5, 4.0),  # s, ours
+        rest_angle=np.deg2rad(uniform(-2.0, 2.0)),  # ours
+        sensor_gain=uniform(0.97, 1.03),  # with the sensors' noise and drift the
+        sensor_curvature=uniform(-0.03, 0.03),  # 2° that the paper saw in use [paper, VII]
+    )

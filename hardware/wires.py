@@ -1,0 +1,159 @@
+"""The emulated wires: heat in two masses, and the shape-memory law of eqn (3)."""
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from hardware.specimen import Specimen
+from limb_systems.ownership import weak_method
+
+# The wires' fastest rates are those of heating, some °C in a tenth of a second,
+# and far below the limb's 4.6 Hz mode, which does not feel steps at 50 Hz.
+PERIOD = 0.02  # s
+PWM_STEP = 1 / 255  # of a timer of eight bits
+
+
+class ShapeMemoryWires(LeafSystem):
+    """Wires that the model's eqns (4) and (6) are approximations of.
+
+    Heat flows from the wire, T, to the silicone around it, S, and from there
+    to the room:
+
+        Ṫ = -c (T - S) + h D + L ξ̇
+        Ṡ = d (T - S) - e (S - T_room)
+
+    with the duty D in the steps of the PWM.
+
+    The martensite fraction ξ follows the logistic curves of Ikuta, one for
+    heating and one for cooling, in Duhem's form, which remembers where a
+    motion turned back. With the temperature less what stress shifts,
+    T' = T - s τ,
+
+        ξ̇ = -ξ (1 - ξ_A(T')) / w_A Ṫ'   where T' rises
+        ξ̇ = -(1 - ξ) ξ_M(T') / w_M Ṫ'   where it falls
+
+    and ξ_A, ξ_M = 1 / (1 + exp((T' - T_A,M) / w_A,M)). The stress is eqn (3),
+    in units of the stress of full transformation at constant strain:
+
+        τ = G(ξ) (ε + 1 - ξ) + Θ (T - T_room),  G(ξ) = 1 - ξ (1 - G_M/G_A)
+
+    with the strain ε = -r φ_own relieved by bending towards the wire's own
+    side. The torque on each joint of the segment is proportional to it. A
+    straight limb at the temperature of the room is free of torque. All this is
+    stepped by Euler's method at 50 Hz.
+
+    - input 0 ``duty``: D (W), in [0, 1]
+    - input 1 ``joint_state``: [θ, θ̇] (2n), rad and rad/s; its angles count
+    - output 0 ``generalized_force``: f (n), N·m
+    - output 1 ``wire_temperature``: T (W), °C
+    - output 2 ``state``: as below
+    - state, discrete: [T (W), S (W), ξ (W), ε (W)], °C, °C, 1 and 1
+    """
+
+    __slots__ = ()  # see limb_systems.ownership
+
+    def __init__(self, specimen: Specimen):
+        super().__init__()
+        parameters, wires = specimen.description, specimen.wires
+        num_wires, num_joints = len(wires), parameters.num_joints
+        self._room, self._num_wires, self._num_joints = specimen.ambient, num_wires, num_joints
+
+        def gather(name: str) -> np.ndarray:
+            return np.array([getattr(wire, name) for wire in wires])
+
+        rates = [_heat_rates(w.fast_time, w.slow_time, w.silicone_share) for w in wires]
+        self._to_silicone, self._from_wire, self._to_room = np.array(rates).T
+        self._heating, self._latent_heat = gather("heating"), gather("latent_heat")
+        # A row for heating and one for cooling.
+        self._middle = np.array([gather("austenite"), gather("martensite")])
+        self._width = np.array([gather("austenite_width"), gather("martensite_width")])
+        self._shift, self._softness = gather("stress_shift"), 1 - gather("modulus_ratio")
+        self._expansion = gather("expansion")
+        # φ towards the wire's own side is the mean joint angle times (n + 1) / 2, eqn (11).
+        self._strain = np.zeros((num_wires, num_joints))
+        self._torque = np.zeros((num_joints, num_wires))
+        for index, joints in enumerate(parameters.joint_slices):
+            links = joints.stop - joints.start
+            for wire, side in ((2 * index, -1.0), (2 * index + 1, 1.0)):
+                relief = wires[wire].strain_relief
+                self._strain[wire, joints] = -side * relief * (links + 1) / (2 * links)
+                self._torque[joints, wire] = side * wires[wire].torque
+
+        room = np.full(num_wires, specimen.ambient)
+        rest = np.concatenate([room, room, np.ones(num_wires), np.zeros(num_wires)])
+        index = self.DeclareDiscreteState(specimen.state.get("wires", rest))
+        self.DeclareVectorInputPort("duty", num_wires)
+        self.DeclareVectorInputPort("joint_state", 2 * num_joints)
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._step))
+        tickets = {self.discrete_state_ticket(index)}
+        self.DeclareVectorOutputPort(
+            "generalized_force", num_joints, weak_method(self._calc_force), tickets
+        )
+        self.DeclareVectorOutputPort(
+            "wire_temperature", num_wires, weak_method(self._calc_temperature), tickets
+        )
+        self.DeclareStateOutputPort("state", index)
+        self.set_name("shape_memory_wires")
+
+    def _step(self, context, discrete_state):
+        wire, silicone, martensite, strain_before = self._state(context)
+        duty = PWM_STEP * np.round(self.get_input_port(0).Eval(context) / PWM_STEP)
+        strain = self._strain @ self.get_input_port(1).Eval(context)[: self._num_joints]
+        strain_rate = (strain - strain_before) / PERIOD
+
+        # Without transformation T' would change at this rate, and its sign is that of Ṫ'.
+        heating = self._heating * duty - self._to_silicone * (wire - silicone)
+        modulus = 1 - martensite * self._softness
+        shifted = wire - self._shift * self._stress(wire, martensite, strain)
+        free_share = 1 - self._shift * self._expansion
+        free_rate = free_share * heating - self._shift * modulus * strain_rate
+        # ξ̇ = -κ Ṫ', and Ṫ' depends on ξ̇ in turn: by latent heat, and by stress.
+        curve = 1 / (1 + np.exp((shifted - self._middle) / self._width))
+        kappa = np.where(
+            free_rate > 0,
+            martensite * (1 - curve[0]) / self._width[0],
+            (1 - martensite) * curve[1] / self._width[1],
+        )
+        stress_by_martensite = -self._softness * (strain + 1 - martensite) - modulus
+        feedback = free_share * self._latent_heat - self._shift * stress_by_martensite
+        martensite_rate = -kappa * free_rate / (1 + kappa * feedback)
+        wire_rate = heating + self._latent_heat * martensite_rate
+        silicone_rate = self._from_wire * (wire - silicone) - self._to_room * (
+            silicone - self._room
+        )
+        discrete_state.set_value(
+            np.concatenate(
+                [
+                    wire + PERIOD * wire_rate,
+                    silicone + PERIOD * silicone_rate,
+                    martensite + PERIOD * martensite_rate,
+                    strain,
+                ]
+            )
+        )
+
+    def _state(self, context) -> np.ndarray:
+        return context.get_discrete_state_vector().value().reshape(4, self._num_wires)
+
+    def _stress(self, wire, martensite, strain) -> np.ndarray:
+        modulus = 1 - martensite * self._softness
+        return modulus * (strain + 1 - martensite) + self._expansion * (wire - self._room)
+
+    def _calc_force(self, context, output):
+        wire, _, martensite, strain = self._state(context)
+        output.SetFromVector(self._torque @ self._stress(wire, martensite, strain))
+
+    def _calc_temperature(self, context, output):
+        output.SetFromVector(self._state(context)[0])
+
+
+def _heat_rates(fast_time: float, slow_time: float, share: float) -> tuple[float, float, float]:
+    """c, d and e, 1/s, of a wire that cools with two time constants.
+
+    In a lasting heat the silicone warms by ``share`` = d / (d + e) of the
+    wire. The characteristic polynomial has c + d + e = p + q and
+    c e = p q, where p, q are the rates 1/time.
+    """
+    rate_sum = 1 / fast_time + 1 / slow_time
+    product = 1 / (fast_time * slow_time * (1 - share))
+    silicone = (rate_sum - np.sqrt(rate_sum**2 - 4 * product)) / 2  # d + e, the slower root
+    return rate_sum - silicone, share * silicone, (1 - share) * silicone

@@ -1,0 +1,201 @@
+"""The physics of the emulated limb, against closed forms."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from hardware.hand import GRIP, Hand
+from hardware.rubber import Rubber
+from hardware.specimen import Specimen
+from hardware.wires import ShapeMemoryWires
+from limb_systems import LimbParameters, bend_angle, tip_position
+
+
+def specimen_with(**physics) -> Specimen:
+    """A nominal limb of the seed 3 whose wires have some physics replaced, without latent heat."""
+    specimen = Specimen(LimbParameters(), 3)
+    plain = {"latent_heat": 0.0, "stress_shift": 0.0}
+    specimen.wires = [dataclasses.replace(wire, **plain | physics) for wire in specimen.wires]
+    return specimen
+
+
+def run_wires(specimen, duty, duration, joint_state=(0.0,) * 10):
+    """Time, and T, S, ξ of both wires over time, for the joints held still."""
+    builder = DiagramBuilder()
+    wires = builder.AddSystem(ShapeMemoryWires(specimen))
+    source = builder.AddSystem(TrajectorySource(duty))
+    still = builder.AddSystem(ConstantVectorSource(joint_state))
+    builder.Connect(source.get_output_port(), wires.GetInputPort("duty"))
+    builder.Connect(still.get_output_port(), wires.GetInputPort("joint_state"))
+    state = LogVectorOutput(wires.GetOutputPort("state"), builder, 0.1)
+    force = LogVectorOutput(wires.GetOutputPort("generalized_force"), builder, 0.1)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(duration)
+    log = state.FindLog(simulator.get_context())
+    return (
+        log.sample_times(),
+        log.data().reshape(4, 2, -1)[:3],
+        force.FindLog(simulator.get_context()).data(),
+    )
+
+
+def steps(times, duties):
+    return PiecewisePolynomial.ZeroOrderHold([*times, 1e6], np.array([*duties, duties[-1]]).T)
+
+
+def test_every_draw_is_within_its_range_and_seeds_differ():
+    a, again, b = (Specimen(LimbParameters(), seed) for seed in (1, 1, 2))
+    assert a.wires == again.wires
+    assert a.wires != b.wires
+    assert a.wires[0] != a.wires[1]
+    for specimen in (Specimen(LimbParameters(), seed) for seed in range(50)):
+        assert abs(specimen.ambient - 25.0) <= 3.0
+        for wire in specimen.wires:
+            assert 11.0 < wire.fast_time < 19.5  # published: 11-19 s
+            assert 78.0 < wire.slow_time < 135.0  # published: 78-134 s
+            assert 0.8 < -1 / wire.lag_rate < 2.5  # published: 0.8-2.5 s
+            assert 40.0 < wire.martensite < wire.austenite < 70.0
+
+
+def test_cooling_is_the_sum_of_two_exponentials():
+    specimen = specimen_with(fast_time=15.0, slow_time=100.0, silicone_share=0.3)
+    time, (wire, silicone, _), _ = run_wires(specimen, steps([0, 1500], [[0.1, 0.1], [0, 0]]), 1800)
+    hot = wire[:, time == 1500.0] - specimen.ambient
+    assert silicone[:, time == 1500.0] - specimen.ambient == pytest.approx(0.3 * hot, rel=1e-3)
+    cooling = time >= 1500.0
+    since = time[cooling] - 1500.0
+    basis = np.column_stack([np.exp(-since / 15.0), np.exp(-since / 100.0)])
+    excess = (wire[0, cooling] - specimen.ambient)[:, np.newaxis]
+    shares, residual, *_ = np.linalg.lstsq(basis, excess, rcond=None)
+    assert np.sqrt(residual / len(since)) < 0.005 * excess[0]
+    assert (shares > 0.1 * excess[0]).all()
+
+
+def test_steady_heat_is_that_of_the_heating_rate():
+    """c (T - S) = h D and S - T_room = share (T - T_room): T by hand."""
+    specimen = specimen_with(fast_time=15.0, slow_time=100.0, silicone_share=0.3, heating=20.0)
+    _, (wire, _, _), _ = run_wires(specimen, steps([0], [[51 / 255, 0]]), 1500)
+    # c + (d + e) = 1/15 + 1/100 and c (d + e) (1 - 0.3) = 1/1500.
+    silicone = np.roots([1.0, -(1 / 15 + 1 / 100), 1 / 1500 / 0.7]).min()
+    c = 1 / 15 + 1 / 100 - silicone
+    assert wire[0, -1] - specimen.ambient == pytest.approx(20.0 * 0.2 / c / 0.7, rel=2e-3)
+    assert wire[1, -1] == pytest.approx(specimen.ambient)
+
+
+def logistic(temperature, middle, width):
+    return 1 / (1 + np.exp((temperature - middle) / width))
+
+
+def test_heating_and_cooling_follow_their_logistic_curves():
+    specimen = specimen_with(austenite=60.0, martensite=50.0, austenite_width=9, martensite_width=6)
+    time, (wire, _, martensite), _ = run_wires(
+        specimen, steps([0, 300], [[0.1, 0.0], [0.0, 0.0]]), 900
+    )
+    up, down = time <= 300.0, time > 300.5
+    heated = wire[0, up], martensite[0, up]
+    start = logistic(specimen.ambient, 60.0, 9)
+    assert heated[1] == pytest.approx(logistic(heated[0], 60.0, 9) / start, abs=3e-3)
+    # Cooling begins at the fraction that was left: 1 - ξ shrinks by the ratio of its curve.
+    temperature, left = wire[0, time == 300.0], martensite[0, time == 300.0]
+    shrinking = (1 - logistic(wire[0, down], 50.0, 6)) / (1 - logistic(temperature, 50.0, 6))
+    assert martensite[0, down] == pytest.approx(1 - (1 - left) * shrinking, abs=3e-3)
+    assert heated[1].min() < 0.2
+    assert martensite[0, down].max() > 0.95
+
+
+def test_hysteresis_closes_no_loop_where_a_motion_turns_back():
+    """Inside the band one temperature goes with several fractions."""
+    specimen = specimen_with()
+    duty = steps([0, 200, 260, 320, 380], [[0.08, 0], [0.03, 0], [0.08, 0], [0.03, 0], [0.08, 0]])
+    time, (wire, _, martensite), _ = run_wires(specimen, duty, 440)
+    window = time > 260
+    at = np.abs(wire[0, window] - np.median(wire[0, window])) < 0.3
+    values = martensite[0, window][at]
+    assert np.ptp(values) > 0.05  # not one value for one temperature
+    assert (values > 0).all()
+    assert (values < 1).all()
+
+
+def test_torque_of_a_hot_wire_held_straight_is_its_full_torque():
+    specimen = specimen_with(torque=0.03, expansion=-5e-4)
+    _, (wire, _, martensite), force = run_wires(specimen, steps([0], [[0.0, 0.3]]), 1000)
+    fraction = martensite[1, -1]
+    modulus = 1 - fraction * (1 - specimen.wires[1].modulus_ratio)
+    stress = modulus * (1 - fraction) - 5e-4 * (wire[1, -1] - specimen.ambient)
+    assert stress > 0.8
+    assert force[:, -1] == pytest.approx(np.full(5, 0.03 * stress))
+    assert force[:, 0] == pytest.approx(np.zeros(5), abs=1e-12)
+
+
+def test_bending_towards_a_hot_wire_relieves_it_and_stretches_the_other():
+    specimen = specimen_with(torque=0.03, strain_relief=0.15, modulus_ratio=0.4)
+    duty = steps([0], [[0.0, 0.3]])
+    bent = np.concatenate([np.full(5, 2 * 0.6 / 6), np.zeros(5)])  # φ = 0.6 rad, eqn (11)
+    *_, straight = run_wires(specimen, duty, 600)
+    *_, relieved = run_wires(specimen, duty, 600, bent)
+    # The hot wire loses 0.15 * 0.6 of its stress (G = 1), the cold one pulls back with 0.4 of it.
+    assert straight[0, -1] - relieved[0, -1] == pytest.approx(0.03 * 0.09 * 1.4, rel=0.05)
+
+
+def test_full_stress_shifts_the_transformation():
+    free, shifted = specimen_with(), specimen_with(stress_shift=10.0)
+    duty = steps([0], [[0.1, 0.0]])
+    _, (wire, _, fraction), _ = run_wires(free, duty, 400)
+    _, (also, _, later), _ = run_wires(shifted, duty, 400)
+    half = wire[0][np.argmax(fraction[0] < 0.5)]
+    half_later = also[0][np.argmax(later[0] < 0.5)]
+    middle = 1 - 0.5 * (1 - free.wires[0].modulus_ratio)  # G at ξ = 1/2, of which half is stress
+    assert half_later - half == pytest.approx(10.0 * middle * 0.5, rel=0.1)
+
+
+def test_latent_heat_is_taken_up_and_given_back():
+    plain, latent = specimen_with(), specimen_with(latent_heat=15.0)
+    duty = steps([0], [[0.15, 0.0]])
+    _, (wire, _, fraction), _ = run_wires(plain, duty, 20)
+    _, (cooler, _, _), _ = run_wires(latent, duty, 20)
+    transformed = 1 - fraction[0, -1]
+    assert transformed > 0.2
+    assert 0.4 * 15 * transformed < wire[0, -1] - cooler[0, -1] < 15 * transformed
+
+
+def test_rubber_stiffens_and_relaxes_as_stated():
+    specimen = Specimen(LimbParameters(), 0)
+    (physics,) = specimen.segments
+    rest, at_45 = 2 * physics.rest_angle / 6, 2 * np.deg2rad(45.0) / 6
+    rubber = Rubber(specimen)
+    context = rubber.CreateDefaultContext()
+    bent = np.concatenate([np.full(5, at_45), np.zeros(5)])
+    rubber.get_input_port().FixValue(context, bent)
+    force = rubber.get_output_port().Eval(context)[:5]
+    k = physics.stiffness
+    at_once = k * (rest - physics.stiffening * at_45 - physics.viscous_share * (at_45 - rest))
+    assert force == pytest.approx(np.full(5, at_once))
+    simulator = Simulator(rubber, context)
+    simulator.AdvanceTo(physics.relaxation_time)
+    left = np.exp(-1) * physics.viscous_share * (at_45 - rest)
+    assert rubber.get_output_port().Eval(context)[:5] == pytest.approx(
+        np.full(5, k * (rest - physics.stiffening * at_45 - left)), rel=1e-3
+    )
+
+
+def test_hand_does_virtual_work_across_the_chord():
+    parameters = LimbParameters()
+    hand = Hand(parameters, PiecewisePolynomial.FirstOrderHold([0.0, 2.0], [[0.5, 0.5]]))
+    context = hand.CreateDefaultContext()
+    angles = np.array([0.05, 0.02, 0.1, -0.03, 0.08])
+    hand.get_input_port().FixValue(context, np.concatenate([angles, np.zeros(5)]))
+    torque = hand.get_output_port().Eval(context)
+    stiffness = GRIP * parameters.segments[0].stiffness / 3
+    tip, error = tip_position(parameters, angles), 0.5 - bend_angle(parameters, angles)[0]
+    across = np.array([-tip[1], tip[0]]) / np.linalg.norm(tip)
+    for joint in range(5):
+        step = 1e-6 * np.eye(5)[joint]
+        moved = (tip_position(parameters, angles + step) - tip) / 1e-6
+        assert torque[joint] == pytest.approx(stiffness * error / 0.1 * across @ moved, rel=1e-4)
+    context.SetTime(2.0)
+    assert (hand.get_output_port().Eval(context) == 0).all()
