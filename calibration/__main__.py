@@ -1,0 +1,149 @@
+"""``python -m calibration``: collects recordings, fits a limb to them, validates it."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from calibration import (
+    calibrate,
+    calibration_summary,
+    collect_from_twin,
+    plot_validation,
+    save_parameters,
+    save_recordings,
+    validate,
+    write_report,
+)
+from calibration.calibrate import HEAT_METHODS
+from calibration.checks import check_recording
+from calibration.report import validation_summary
+from hardware import LimbTwin
+from limb_systems import LimbError, LimbParameters, Recording
+from limb_systems.plots import save_figure
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = _parser().parse_args(arguments)
+    try:
+        return {"collect": _collect, "fit": _fit, "validate": _validate}[options.command](options)
+    except (LimbError, OSError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("stopped; nothing more was written", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m calibration",
+        description="Calibrates a limb from recordings of its sag, its ring-down and heated "
+        "equilibria.",
+        epilog="exit status: 0 done, 1 it could not be done, 2 wrong usage",
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+
+    collect = commands.add_parser(
+        "collect",
+        help="record all that calibration needs, on an emulated limb",
+        description="Records ten trials of the sag under gravity, three ring-downs from 45°, and "
+        "equilibria held with the right wire, with the left one and with both, on an emulated limb "
+        "in simulated time.",
+    )
+    collect.add_argument(
+        "-o", "--output", required=True, type=Path, help="folder to write the recordings to"
+    )
+    collect.add_argument(
+        "-l",
+        "--limb",
+        type=Path,
+        help="description of the limb (.yaml); the nominal one if left out",
+    )
+    collect.add_argument(
+        "--twin",
+        type=int,
+        default=0,
+        help="seed that draws the emulated limb (default %(default)s)",
+    )
+    collect.add_argument(
+        "--angles", type=int, default=8, help="equilibria in each recording (default %(default)s)"
+    )
+    collect.add_argument(
+        "--seed", type=int, default=0, help="of the random equilibria (default %(default)s)"
+    )
+
+    fit = commands.add_parser(
+        "fit",
+        help="fit a limb to a folder of recordings",
+        description="Fits stiffness, damping, heat transfer and force to recordings. Files named "
+        "sag*, ring_down*, right*, left* and both* must show that; others go by what they show.",
+    )
+    fit.add_argument("recordings", type=Path, help="folder of recordings (.csv)")
+    fit.add_argument(
+        "-o", "--output", required=True, type=Path, help="limb parameters to write (.yaml)"
+    )
+    fit.add_argument(
+        "--report", type=Path, help="page with every fit over its data to write (.html)"
+    )
+    fit.add_argument(
+        "-l",
+        "--limb",
+        type=Path,
+        help="the limb's description (.yaml), whose geometry and mass are kept; that in the "
+        "recordings if left out",
+    )
+    fit.add_argument(
+        "--heat",
+        choices=HEAT_METHODS,
+        default="bend",
+        help="what tells wire temperature: the bend, as in the paper, or the measured temperature "
+        "alone (default %(default)s)",
+    )
+
+    check = commands.add_parser(
+        "validate",
+        help="compare a calibrated limb with a recording, open loop",
+        description="Simulates the duty of a recording open loop and compares bend angle and "
+        "temperature.",
+    )
+    check.add_argument("limb", type=Path, help="limb parameters (.yaml)")
+    check.add_argument("recording", type=Path, help="recording with heated wires (.csv)")
+    check.add_argument("--plot", type=Path, help="picture of both to write (.png, .pdf, .svg)")
+    return parser
+
+
+def _collect(options) -> int:
+    limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
+    recordings = collect_from_twin(
+        LimbTwin(limb, seed=options.twin), seed=options.seed, num_angles=options.angles
+    )
+    for path in save_recordings(recordings, options.output):
+        print(f"written     {path}")
+    return 0
+
+
+def _fit(options) -> int:
+    limb = LimbParameters.load(options.limb) if options.limb else None
+    calibration = calibrate(options.recordings, limb, heat=options.heat)
+    print(calibration_summary(calibration))
+    save_parameters(calibration, options.output)
+    print(f"written     {options.output}")
+    if options.report:
+        write_report(calibration, options.report)
+        print(f"written     {options.report}")
+    return 0
+
+
+def _validate(options) -> int:
+    limb, recording = LimbParameters.load(options.limb), Recording.load(options.recording)
+    check_recording(recording)
+    validation = validate(limb, recording)
+    print(validation_summary(validation))
+    if options.plot:
+        save_figure(plot_validation(validation), options.plot)
+        print(f"written     {options.plot}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,143 @@
+"""What is wrong with a recording, said before anything is fitted to it."""
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from limb_systems import Recording
+
+HEATED = 2.0  # s of full duty, after which a wire must have warmed
+RISE = 3.0  # °C
+BENT = np.deg2rad(2.0)
+
+
+def kind_of(recording: Recording) -> str:
+    """What a recording shows: sag, ring_down, right, left or both."""
+    gravity = np.array(recording.parameters.gravity)
+    heated = recording.duty.any(axis=1)
+    if not heated.any():
+        return "sag" if np.hypot(*gravity[:2]) > 1.0 else "ring_down"
+    return "both" if heated.all() else ("left" if heated[0] else "right")
+
+
+def check_recording(recording: Recording, expected: str | None = None) -> str:
+    """Refuses recordings that calibration must not use.
+
+    Args:
+        expected: what the recording is meant to show, as in `kind_of`; any
+            if None.
+
+    Returns:
+        what it shows.
+
+    Raises:
+        CalibrationError: one sentence that names the trouble: gaps, times in
+            another unit, a dead thermocouple, swapped wires, thermocouples or
+            bend sensor, other units, or another kind than expected.
+    """
+    _check_time(recording)
+    _check_units(recording)
+    kind = kind_of(recording)
+    if expected and kind != expected:
+        raise CalibrationError(_KINDS[expected].format(_SHOWN[kind]))
+    if kind in ("right", "left", "both"):
+        _check_wires(recording)
+    return kind
+
+
+_SHOWN = {
+    "sag": "no wire is heated and gravity bends the limb",
+    "ring_down": "no wire is heated",
+    "right": "only the right wire is heated",
+    "left": "only the left wire is heated",
+    "both": "both wires are heated",
+}
+_KINDS = {
+    "sag": "this should show the limb's sag under gravity, unheated, but {}; does its header's "
+    "gravity say how the limb was mounted?",
+    "ring_down": "this should show an unheated limb ringing down without gravity, but {}.",
+    "right": "this should show the right wire heated and the left one off, but {}.",
+    "left": "this should show the left wire heated and the right one off, but {}.",
+    "both": "this should show both wires heated, but {}.",
+}
+
+
+def _check_time(recording: Recording) -> None:
+    steps, period = np.diff(recording.time), 1 / recording.sample_rate
+    if len(steps) < 20:
+        raise CalibrationError(f"there are only {len(recording.time)} samples.")
+    typical = float(np.median(steps))
+    if not 0.9 < typical / period < 1.1:
+        hint = " Is time in milliseconds?" if 900 < typical / period < 1100 else ""
+        raise CalibrationError(
+            f"samples come every {typical:g} s, but the sample rate in the header is "
+            f"{recording.sample_rate:g} Hz.{hint}"
+        )
+    worst = int(np.argmax(steps))
+    if steps[worst] > 1.5 * period:
+        gaps = int((steps > 1.5 * period).sum())
+        raise CalibrationError(
+            f"there {'is a gap' if gaps == 1 else f'are {gaps} gaps'} in the samples, the longest "
+            f"of {steps[worst]:.2f} s after {recording.time[worst]:.2f} s; what happened meanwhile "
+            "is not known, so record it again."
+        )
+
+
+def _check_units(recording: Recording) -> None:
+    ambient = recording.parameters.ambient_temperature
+    first = recording.measured_temperature[:, :20].mean(axis=1)
+    for name, value in zip(recording.parameters.wire_names, first, strict=True):
+        if abs(value - (ambient + 273.15)) < 25.0:
+            raise CalibrationError(
+                f"the {name} thermocouple reads {value:.0f} at the start; it seems to be in "
+                "kelvin, but must be in °C."
+            )
+        if ambient > 10.0 and abs(value - (1.8 * ambient + 32.0)) < 15.0:
+            raise CalibrationError(
+                f"the {name} thermocouple reads {value:.0f} at the start, where ambient is "
+                f"{ambient:g} °C; is it in degrees Fahrenheit, or still hot?"
+            )
+    largest = np.abs(recording.bend_angle).max()
+    heated = recording.duty.sum(axis=1).max() / recording.sample_rate
+    warmed = np.ptp(recording.measured_temperature, axis=1).max()
+    if heated > HEATED and warmed > 20.0 and 1e-3 < largest < np.deg2rad(1.6):
+        raise CalibrationError(
+            f"the bend angle is {np.rad2deg(largest):.2f}° at the most while a wire warms by "
+            f"{warmed:.0f} °C; is it in radians? Files want degrees."
+        )
+
+
+def _check_wires(recording: Recording) -> None:
+    """Whether each wire warms its own thermocouple and bends the limb to its side."""
+    names = recording.parameters.wire_names
+    measured = recording.measured_temperature
+    dose = recording.duty.sum(axis=1) / recording.sample_rate
+    smooth = np.array([np.convolve(v, np.ones(20) / 20, "valid") for v in measured])
+    rise = smooth.max(axis=1) - smooth[:, :20].mean(axis=1)
+    for index, name in enumerate(names):
+        other = 1 - index
+        if dose[index] < HEATED or rise[index] >= RISE:
+            continue
+        if dose[other] < HEATED and rise[other] >= RISE:
+            bent = recording.bend_angle[0][np.argmax(smooth[other])]
+            towards = bent if index else -bent
+            if towards < -BENT:
+                raise CalibrationError(
+                    f"duty for the {name} wire warms the {names[other]} thermocouple and bends the "
+                    f"limb to the {names[other]}: the wires' outputs are swapped."
+                )
+            raise CalibrationError(
+                f"duty for the {name} wire warms the {names[other]} thermocouple: the "
+                "thermocouples are swapped."
+            )
+        raise CalibrationError(
+            f"the {name} thermocouple is dead: it moves by {max(rise[index], 0.0):.1f} °C while "
+            f"its wire gets {dose[index]:.1f} s of full duty in all."
+        )
+    excess = smooth - smooth[:, :20].mean(axis=1, keepdims=True)
+    signal = np.convolve(recording.bend_angle[0], np.ones(20) / 20, "valid")
+    drive = excess[1] - excess[0]
+    if np.ptp(signal) > 2 * BENT and np.corrcoef(drive, signal)[0, 1] < -0.5:
+        raise CalibrationError(
+            "the limb bends away from the wire that is heated: the bend sensor is reversed, or "
+            "both wires and thermocouples are swapped."
+        )

@@ -1,0 +1,153 @@
+"""Collecting the recordings of Sec. V: sag, ring-down, and heated equilibria."""
+
+from pathlib import Path
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.trajectories import PiecewisePolynomial
+
+from calibration.controller import (
+    ACTUATED,
+    BendAngleController,
+    EquilibriumSchedule,
+    check_actuated,
+    only_segment,
+)
+from hardware import LimbTwin
+from limb_systems import LimbError, Recording, simulate
+from limb_systems.simulation import record
+
+CO_CONTRACTION = 0.08  # duty of both wires where both are actuated
+SAG_TRIALS, RING_DOWNS = 10, 3
+GRAVITY = 9.81  # m/s²
+RING_DOWN_RATE = 100.0  # Hz
+
+
+def collect_equilibria(
+    limb: System,
+    actuated: str,
+    *,
+    num_angles: int = 8,
+    largest_deg: float = 45.0,
+    seed: int = 0,
+    longest: float = 60.0,
+) -> Recording:
+    """The datasets C^r, C^l and C^m of Sec. V-C: random equilibria, held by PI control.
+
+    The angles are uniform between zero and the largest towards the actuated
+    wire, or to both sides.
+
+    Args:
+        limb: a `LimbTwin`, or a system with its ports and ``parameters``, of
+            one segment; it cannot be used again.
+        actuated: "right", "left" or "both".
+        num_angles: how many equilibria.
+        largest_deg: bend angle, degrees.
+        seed: of the random angles.
+        longest: s that one of them is held.
+
+    Returns:
+        A recording with the set points φ_eq as its ``reference``.
+
+    Raises:
+        LimbError: if an argument makes no sense.
+    """
+    check_actuated(actuated)
+    if not num_angles >= 1 or not 0 < largest_deg < 90:
+        raise LimbError(
+            f"num_angles is {num_angles!r} and largest_deg {largest_deg!r}; there must be an angle "
+            "at least, and the largest within 0° and 90°."
+        )
+    low, high = {"right": (0, 1), "left": (-1, 0), "both": (-1, 1)}[actuated]
+    random = np.random.default_rng(seed)
+    angles = np.deg2rad(largest_deg) * random.uniform(low, high, num_angles)
+
+    builder = DiagramBuilder()
+    builder.AddSystem(limb)
+    schedule = builder.AddSystem(EquilibriumSchedule(angles, longest))
+    controller = builder.AddSystem(
+        BendAngleController(
+            limb.parameters,
+            actuated,
+            co_contraction=CO_CONTRACTION if actuated == "both" else 0.0,
+        )
+    )
+    for name in ("bend_angle", "measured_temperature"):
+        for system in (schedule, controller):
+            builder.Connect(limb.GetOutputPort(name), system.GetInputPort(name))
+    builder.Connect(schedule.get_output_port(), controller.GetInputPort("set_point"))
+    return record(
+        builder,
+        limb,
+        controller.get_output_port(),
+        num_angles * longest,
+        reference=schedule.get_output_port(),
+        until=lambda context: schedule.is_finished(schedule.GetMyContextFromRoot(context)),
+    )
+
+
+def collect_sag(limb: System) -> Recording:
+    """Sec. V-A: the unheated limb, mounted so that gravity bends it, until it rests (15 s)."""
+    return simulate(limb, np.zeros(2), 15.0)
+
+
+def collect_ring_down(limb: System) -> Recording:
+    """Sec. V-B: somebody holds the limb at 45° and lets it go within the next 6 s; 100 Hz."""
+    return simulate(limb, np.zeros(2), 6.0, sample_rate=RING_DOWN_RATE)
+
+
+def hand_for_ring_down() -> PiecewisePolynomial:
+    """A hand's course for `LimbTwin`: to 45° within 1 s, let go after 2 s, in rad."""
+    return PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], [[0.0, np.pi / 4, np.pi / 4]])
+
+
+def collect_from_twin(
+    twin: LimbTwin,
+    *,
+    seed: int = 0,
+    num_angles: int = 8,
+    longest: float = 60.0,
+    cooling_time: float = 300.0,
+) -> dict[str, list[Recording]]:
+    """All recordings of Sec. V from an emulated limb, one after the other.
+
+    Ten trials of the sag, three ring-downs, then equilibria with the right
+    wire, with the left one and with both.
+
+    Args:
+        twin: of one segment; `again` is called on it.
+        seed, num_angles, longest: as for `collect_equilibria`.
+        cooling_time: s without heat before each recording of equilibria.
+
+    Returns:
+        recordings by kind, as `calibrate` takes them.
+    """
+    only_segment(twin.parameters)
+    sags, ring_downs, heated = [], [], {}
+    for _ in range(SAG_TRIALS):
+        twin = twin.again(gravity=(0.0, -GRAVITY, 0.0))
+        sags.append(collect_sag(twin))
+    for _ in range(RING_DOWNS):
+        twin = twin.again(
+            gravity=(0.0, 0.0, 0.0), hand=hand_for_ring_down(), bend_rate=RING_DOWN_RATE
+        )
+        ring_downs.append(collect_ring_down(twin))
+    for number, actuated in enumerate(ACTUATED):
+        twin = twin.again(cooling_time)
+        heated[actuated] = [
+            collect_equilibria(
+                twin, actuated, num_angles=num_angles, seed=seed + number, longest=longest
+            )
+        ]
+    return {"sag": sags, "ring_down": ring_downs, **heated}
+
+
+def save_recordings(recordings: dict[str, list[Recording]], folder: str | Path) -> list[Path]:
+    """Writes recordings to files named after their kinds; returns their paths."""
+    paths = []
+    for kind, group in recordings.items():
+        for number, recording in enumerate(group, 1):
+            name = kind if len(group) == 1 else f"{kind}_{number}"
+            paths.append(Path(folder) / f"{name}.csv")
+            recording.save(paths[-1])
+    return paths

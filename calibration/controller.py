@@ -1,0 +1,187 @@
+"""Holding a limb at bend angles: the PI controller and the schedule of Sec. V-C."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from limb_systems import LimbError, LimbParameters
+from limb_systems.ownership import weak_method
+
+ACTUATED = ("right", "left", "both")
+PERIOD = 0.05  # s
+TAPER = 15.0  # °C
+
+
+class BendAngleController(LeafSystem):
+    """PI control of the bend angle of one segment, by one wire or by both.
+
+        u = k_p e + k_i ∫ e dt,   e = φ_eq - φ
+        D_r = D_c + u,  D_l = D_c - u
+
+    limited to [0, D_max]; a wire that is not actuated stays off. Over the last
+    15 °C before the cut-out the limit falls to zero, and a wire whose measured
+    temperature reaches it stays off until it has cooled by 5 °C. The integral
+    stands still while u is beyond what the wires may do (anti-windup).
+
+    The gains follow from the limb's description: the loop's gain is 1.5, and
+    the controller's zero cancels the pole of (6).
+
+    - input 0 ``bend_angle``: φ (1), rad
+    - input 1 ``measured_temperature``: V (2), °C
+    - input 2 ``set_point``: φ_eq (1), rad
+    - output 0 ``duty``: D (2), in [0, D_max]
+    - state, discrete, at 20 Hz: [∫ e dt (1), is cut out (2), D (2)], rad s, 0 or 1, 1
+    """
+
+    __slots__ = ()  # see limb_systems.ownership
+
+    def __init__(
+        self,
+        parameters: LimbParameters,
+        actuated: str,
+        *,
+        co_contraction: float = 0.0,
+        maximum_duty: float = 0.5,
+        cut_out: float | None = None,
+    ):
+        """Args:
+            parameters: the limb as far as it is known, of one segment.
+            actuated: "right", "left" or "both".
+            co_contraction: D_c, duty of both wires at u = 0.
+            maximum_duty: D_max.
+            cut_out: measured temperature at which a wire is switched off, °C;
+                5 °C below T_max if None.
+
+        Raises:
+            LimbError: if the limb has several segments or an argument is out
+                of its range.
+        """
+        super().__init__()
+        segment = only_segment(parameters)
+        check_actuated(actuated)
+        if not (0 < maximum_duty <= 1 and 0 <= co_contraction <= maximum_duty):
+            raise LimbError(
+                f"maximum_duty is {maximum_duty!r} and co_contraction {co_contraction!r}; they "
+                "must be within [0, 1], and co_contraction not above maximum_duty."
+            )
+        # Bend angle per duty in the end, by (6), (12), in rad.
+        wire = segment.right
+        gain = (segment.links + 1) / 2 * wire.beta / segment.stiffness * wire.a2 / -wire.a1
+        self._proportional, self._integral = 1.5 / gain, 1.5 / gain * -wire.a1
+        direction = {"right": [0.0, 1.0], "left": [-1.0, 0.0], "both": [-1.0, 1.0]}[actuated]
+        self._direction = np.array(direction)
+        self._co_contraction, self._maximum_duty = co_contraction, maximum_duty
+        maximum = parameters.temperature_limits.maximum
+        self._cut_out = maximum - 5.0 if cut_out is None else cut_out
+        if not self._cut_out < maximum:
+            raise LimbError(f"cut_out is {cut_out!r} °C; it must be below T_max, {maximum:g} °C.")
+        self.DeclareVectorInputPort("bend_angle", 1)
+        self.DeclareVectorInputPort("measured_temperature", 2)
+        self.DeclareVectorInputPort("set_point", 1)
+        state = self.DeclareDiscreteState(5)
+        self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._update))
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
+        self.DeclareVectorOutputPort(
+            "duty", 2, weak_method(self._calc_duty), {self.discrete_state_ticket(state)}
+        )
+        self.set_name("bend_angle_controller")
+
+    def _update(self, context, discrete_state):
+        state = context.get_discrete_state_vector().value()
+        integral, was_cut_out = state[0], state[1:3] > 0.5
+        bend_angle, measured, set_point = (self.get_input_port(i).Eval(context) for i in range(3))
+        error = set_point[0] - bend_angle[0]
+        cut_out = measured >= self._cut_out - 5.0 * was_cut_out
+        taper = np.clip((self._cut_out - measured) / TAPER, 0.0, 1.0)
+        limit = np.where(cut_out, 0.0, self._maximum_duty * taper) * np.abs(self._direction)
+        command = self._proportional * error + self._integral * integral
+        if not (command > limit[1] and error > 0) and not (-command > limit[0] and error < 0):
+            integral += PERIOD * error
+        duty = np.clip(self._co_contraction + self._direction * command, 0.0, limit)
+        discrete_state.set_value(np.concatenate([[integral], cut_out, duty]))
+
+    def _calc_duty(self, context, output):
+        output.SetFromVector(context.get_discrete_state_vector().value()[3:])
+
+
+class EquilibriumSchedule(LeafSystem):
+    """Bend angles one after the other, each held until the limb has settled.
+
+    The limb has settled when the measured temperature moves by less than
+    0.1 °C/s and the bend angle is within 3° of the set point, both averaged
+    over some seconds, for 5 s. Nothing is held longer than the limit.
+
+    - input 0 ``bend_angle``: φ (1), rad
+    - input 1 ``measured_temperature``: V (2), °C
+    - output 0 ``set_point``: φ_eq (1), rad
+    - state, discrete, at 20 Hz: [index of the angle, time in it, time settled,
+      averaged φ, averaged V (2)], 1, s, s, rad and °C
+    """
+
+    __slots__ = ()  # see limb_systems.ownership
+
+    AVERAGING_TIME = 4.0  # s
+    SLOW = 0.1  # °C/s
+    NEAR = np.deg2rad(3.0)
+    SETTLED_TIME = 5.0  # s
+
+    def __init__(self, angles: Sequence[float], longest: float = 60.0):
+        """Args:
+        angles: φ_eq one after the other, rad.
+        longest: time limit for each of them, s.
+        """
+        super().__init__()
+        self._angles, self._longest = np.asarray(angles, float), longest
+        self.DeclareVectorInputPort("bend_angle", 1)
+        self.DeclareVectorInputPort("measured_temperature", 2)
+        state = self.DeclareDiscreteState(6)
+        self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
+        self.DeclareVectorOutputPort(
+            "set_point", 1, weak_method(self._calc), {self.discrete_state_ticket(state)}
+        )
+        self.set_name("equilibrium_schedule")
+
+    def is_finished(self, context) -> bool:
+        """Whether the last angle was held, in the system's own context."""
+        return context.get_discrete_state_vector()[0] >= len(self._angles)
+
+    def _start(self, context, discrete_state):
+        inputs = [self.get_input_port(i).Eval(context) for i in range(2)]
+        discrete_state.set_value(np.concatenate([np.zeros(3), *inputs]))
+
+    def _update(self, context, discrete_state):
+        state = context.get_discrete_state_vector().value()
+        (index, held, settled), average = state[:3], state[3:]
+        now = np.concatenate([self.get_input_port(i).Eval(context) for i in range(2)])
+        average = average + PERIOD / self.AVERAGING_TIME * (now - average)
+        slope = (now[1:] - average[1:]) / self.AVERAGING_TIME  # of a ramp, in the end
+        near = np.abs(average[0] - self._angle(index)) < self.NEAR
+        quiet = near and (np.abs(slope) < self.SLOW).all()
+        held, settled = held + PERIOD, (settled + PERIOD if quiet else 0.0)
+        if settled >= self.SETTLED_TIME or held >= self._longest:
+            index, held, settled = index + 1, 0.0, 0.0
+        discrete_state.set_value(np.concatenate([[index, held, settled], average]))
+
+    def _angle(self, index: float) -> float:
+        return self._angles[min(int(index), len(self._angles) - 1)]
+
+    def _calc(self, context, output):
+        output.SetFromVector([self._angle(context.get_discrete_state_vector()[0])])
+
+
+def only_segment(parameters: LimbParameters):
+    """The limb's one segment; segments are calibrated one by one."""
+    if len(parameters.segments) != 1:
+        raise LimbError(
+            f"This limb has {len(parameters.segments)} segments; calibrate each of them alone, as "
+            "a limb of one segment."
+        )
+    return parameters.segments[0]
+
+
+def check_actuated(actuated: str) -> None:
+    """Raises LimbError unless it is one of `ACTUATED`."""
+    if actuated not in ACTUATED:
+        raise LimbError(f"actuated is {actuated!r}; it must be one of {', '.join(ACTUATED)}.")

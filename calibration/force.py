@@ -1,0 +1,119 @@
+"""Force coefficients of the wires (Sec. V-C2, eqn (13))."""
+
+import dataclasses
+
+import numpy as np
+
+from calibration.controller import only_segment
+from calibration.errors import CalibrationError
+from calibration.estimate import Estimate, mean_estimate
+from calibration.heat import HeatFit
+from limb_systems import LimbParameters, Recording, joint_angles_from_bend_angle
+
+WINDOW = 2.0  # s, that an equilibrium lasts at the least
+STILL = np.deg2rad(0.5)  # rad/s, that counts as φ̇ ≈ 0
+STEADY = 0.5  # °C/s, that counts as Ṫ ≈ 0
+LUKEWARM = 10.0  # °C above ambient, below which a torque is hidden by noise
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ForceFit:
+    """Joint torque of one wire per degree, (4).
+
+    - ``wire``: its name.
+    - ``beta``: β, N·m/°C.
+    - ``times``: of the equilibria that it was taken from (M,), s.
+    - ``wire_temperature``: T^eq (M,), °C.
+    - ``bend_angle``: φ^eq (M,), rad.
+    - ``ratios``: Γ of (13), a β for each equilibrium (M,), N·m/°C.
+    - ``remarks``: sentences on what the data lack.
+    """
+
+    wire: str
+    beta: Estimate
+    times: np.ndarray
+    wire_temperature: np.ndarray
+    bend_angle: np.ndarray
+    ratios: np.ndarray
+    remarks: list[str]
+
+
+def fit_force(
+    parameters: LimbParameters,
+    recording: Recording,
+    index: int,
+    heat: HeatFit,
+    stiffness: Estimate,
+) -> ForceFit:
+    """β of one wire: the mean of Γ = k θ^eq / (T^eq - T0) over equilibria, (13).
+
+    Equilibria are where the bend angle and the simulated wire temperature
+    rest, each averaged over as long as it rests. Where there are three or more
+    above T_warm, only these count, as the model fits better there (Sec. VI).
+
+    Args:
+        parameters: of the limb; its number of links counts.
+        recording: C^r or C^l, in which this wire alone is heated.
+        index: of the wire.
+        heat: its heat transfer, whose simulated T is used.
+        stiffness: k, N·m/rad.
+
+    Raises:
+        CalibrationError: if there are no equilibria in it.
+    """
+    only_segment(parameters)
+    starts, ends = _equilibria(recording, heat, parameters.temperature_limits.warm)
+    if len(starts) < 3:
+        starts, ends = _equilibria(recording, heat, heat.ambient + LUKEWARM)
+    if len(starts) == 0:
+        raise CalibrationError(
+            f"The limb never rests while the {heat.wire} wire is warm; hold it longer at each "
+            "bend angle."
+        )
+    spans = list(zip(starts, ends, strict=True))
+    wire = np.array([heat.wire_temperature[a:b].mean() for a, b in spans])
+    angle = np.array([recording.bend_angle[0, a:b].mean() for a, b in spans])
+    times = np.array([recording.time[a:b].mean() for a, b in spans])
+    side = 1.0 if index % 2 else -1.0
+    theta = joint_angles_from_bend_angle(parameters, angle[np.newaxis])[0]
+    ratios = side * stiffness.value * theta / (wire - heat.ambient)
+    if not ratios.mean() > 0:
+        raise CalibrationError(
+            f"The {heat.wire} wire bends the limb away from its own side; are the wires swapped or "
+            "is the bend sensor reversed?"
+        )
+    relative = stiffness.standard_error / stiffness.value
+    remarks = []
+    if len(ratios) < 3:
+        remarks.append(
+            f"Only {len(ratios)} equilibri{'um' if len(ratios) == 1 else 'a'} of the {heat.wire} "
+            "wire; record at least five."
+        )
+        beta = Estimate(float(ratios.mean()), float(ratios.mean() * max(relative, 0.1)), "N·m/°C")
+    else:
+        beta = mean_estimate(ratios, "N·m/°C", relative)
+        if ratios.std(ddof=1) > 0.15 * ratios.mean():
+            remarks.append(
+                f"The {heat.wire} wire's torque is not proportional to its temperature: β scatters "
+                f"by {100 * ratios.std(ddof=1) / ratios.mean():.0f}% between equilibria."
+            )
+    return ForceFit(heat.wire, beta, times, wire, angle, ratios, remarks)
+
+
+def _equilibria(recording: Recording, heat: HeatFit, warm: float) -> tuple[np.ndarray, np.ndarray]:
+    """First and last sample of each stretch of rest with the wire above ``warm``, °C."""
+    period = 1 / recording.sample_rate
+    width = max(3, int(WINDOW / period))
+    kernel = np.ones(width) / width
+    angle = np.convolve(recording.bend_angle[0], kernel, "same")
+    # The slope between averages over a window each, in which noise hardly counts.
+    moving = np.full_like(angle, np.inf)
+    half = width // 2
+    moving[half:-half] = np.abs(angle[2 * half :] - angle[: -2 * half]) / (2 * half * period)
+    heating = np.abs(np.gradient(heat.wire_temperature, period))
+    rest = (moving < STILL) & (heating < STEADY) & (heat.wire_temperature > warm)
+    rest[:width] = rest[-width:] = False
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]]).astype(int)))
+    starts, ends = edges[::2], edges[1::2]
+    long = ends - starts >= width
+    return starts[long], ends[long]

@@ -1,0 +1,375 @@
+"""Heat transfer of a wire: {a1, a2, a3} of eqns (6)-(7), by Sec. V-C1 and without bend."""
+
+import dataclasses
+
+import numpy as np
+from scipy.linalg import expm
+from scipy.optimize import least_squares
+from scipy.signal import lfilter, savgol_filter
+
+from calibration.errors import CalibrationError
+from calibration.estimate import Estimate, clustered_covariance
+from limb_systems import Recording
+
+WINDOW = 2.0  # s, over which a state counts as equilibrium
+BLOCK = 30.0  # s, after which residuals count as independent
+READOUT_DELAY = 0.05, 0.03  # s, mean and deviation where anything up to 0.1 s is as likely
+REWEIGHTINGS = 2
+LONGEST_DELAY = 5.0  # s
+ANGLE_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 1.0  # rad and °C that weigh alike at first
+
+# Logarithms of -a1, a2 and -a3 that a fit may reach, and from where it starts at the most.
+_LOWEST, _HIGHEST = np.log([[1e-3, 0.1, 0.02], [2.0, 1000.0, 10.0]])
+_INNER_LOWEST, _INNER_HIGHEST = np.log([[2e-3, 0.2, 0.05], [1.0, 500.0, 5.0]])
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class HeatFit:
+    """Heat transfer of one wire, (6)-(7), and what the fit looks like.
+
+    - ``wire``: its name.
+    - ``method``: "bend", the paper's, or "temperature", which does without.
+    - ``a1``, ``a2``, ``a3``: 1/s, °C/s and 1/s.
+    - ``delay``: by which sensors are read after the duty took effect, s; None
+      where it is not fitted. The model has none.
+    - ``ambient``: T0 that was used, °C.
+    - ``angle_per_degree``: 1/b, bend per °C of the wire, rad/°C; None without bend.
+    - ``equilibrium``: (φ, V) from which b was started, rad and °C, likewise.
+    - ``time``: (K,), s.
+    - ``recorded_temperature``, ``recorded_angle``: V, φ (K,), °C, rad.
+    - ``wire_temperature``, ``measured_temperature``: simulated T, V (K,), °C.
+    - ``bend_angle``: simulated φ (K,), rad, or None.
+    - ``temperature_residual``, ``angle_residual``: root mean squares, °C, rad.
+    - ``remarks``: sentences on what the data lack.
+    """
+
+    wire: str
+    method: str
+    a1: Estimate
+    a2: Estimate
+    a3: Estimate
+    delay: Estimate | None
+    ambient: float
+    angle_per_degree: Estimate | None
+    equilibrium: tuple[float, float] | None
+    time: np.ndarray
+    recorded_temperature: np.ndarray
+    recorded_angle: np.ndarray
+    wire_temperature: np.ndarray
+    measured_temperature: np.ndarray
+    bend_angle: np.ndarray | None
+    temperature_residual: float
+    angle_residual: float | None
+    remarks: list[str]
+
+
+def simulate_heat(
+    a1: float,
+    a2: float,
+    a3: float,
+    duty: np.ndarray,
+    period: float,
+    ambient: float,
+    initial: tuple[float, float],
+    delay: float = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """T and V of eqns (6)-(7) at the samples (K,), °C, exactly for duty held between them.
+
+    Args:
+        duty: D (K,), in force at each sample and since the one before.
+        period: s between samples.
+        initial: T and V at the first sample, °C.
+        delay: s by which duty takes effect later; there was none before the first sample.
+    """
+    if delay:
+        # Its mean over each interval.
+        total = np.cumsum(duty) - duty[0]
+        ends = np.arange(-1, len(duty)) - delay / period
+        duty = np.diff(np.interp(ends, np.arange(len(duty)), total))
+    # [T - T0, V - T0, D] over one interval.
+    step = expm(np.array([[a1, 0, a2], [-a3, a3, 0], [0, 0, 0]]) * period)
+    wire = _first_order(step[0, 0], step[0, 2] * duty[1:], initial[0] - ambient)
+    drive = step[1, 0] * wire[:-1] + step[1, 2] * duty[1:]
+    measured = _first_order(step[1, 1], drive, initial[1] - ambient)
+    return ambient + wire, ambient + measured
+
+
+def _first_order(pole: float, drive: np.ndarray, initial: float) -> np.ndarray:
+    """x_{k+1} = pole x_k + drive_k from the initial value on."""
+    return lfilter([1.0], [1.0, -pole], np.concatenate([[initial], drive]))
+
+
+def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatFit:
+    """a1, a2, a3 of one wire by Sec. V-C1, with wire temperature from the bend.
+
+    At the most promising equilibrium b = (V^eq - T0) / φ^eq, and T = b φ + T0
+    throughout. A two-stage collocation gives a start: the smoothed records in
+    the integrated (6), (7), which are linear in a1, a2, a3. The refinement
+    simulates (6)-(7) and fits them to V and to φ = (T - T0) / b, with b and a
+    pure delay of the readings free as well. Sensors that are read in turn are
+    late by up to 0.1 s, which is what is assumed of it beforehand, and which
+    would count as lag otherwise.
+
+    Args:
+        recording: C^r or C^l, in which this wire alone is heated.
+        index: of the wire.
+        ambient: T0, °C.
+
+    Raises:
+        CalibrationError: if the wire was never warm or the limb never bent.
+    """
+    duty, measured = recording.duty[index], recording.measured_temperature[index]
+    angle = recording.bend_angle[0]
+    period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
+    _check_excitation(name, duty, measured, ambient, period)
+    angle_eq, measured_eq = _most_promising_equilibrium(recording, index, ambient)
+    b = (measured_eq - ambient) / angle_eq
+    if abs(angle_eq) < np.deg2rad(3.0):
+        raise CalibrationError(
+            f"The {name} wire bends the limb by {np.rad2deg(angle_eq):.1f}° where it is "
+            f"{measured_eq:.0f} °C; that is too little to tell its temperature from."
+        )
+    wire_start = b * angle + ambient
+    start = _two_stage(duty, wire_start, measured, period, ambient)
+
+    def simulated(x: np.ndarray):
+        rates = (-np.exp(x[0]), np.exp(x[1]), -np.exp(x[2]))
+        wire, sensed = simulate_heat(*rates, duty, period, ambient, (x[4], x[5]), x[6])
+        return wire, sensed, (wire - ambient) * x[3]
+
+    weights = [1 / TEMPERATURE_SCALE, 1 / ANGLE_SCALE]
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        _, sensed, bent = simulated(x)
+        late = (x[6] - READOUT_DELAY[0]) / READOUT_DELAY[1]
+        return np.concatenate(
+            [weights[0] * (sensed - measured), weights[1] * (bent - angle), [late]]
+        )
+
+    first = [measured[:20].mean()] * 2
+    guess = [*np.clip(np.log(np.abs(start)), _INNER_LOWEST, _INNER_HIGHEST), 1 / b, *first, 0.05]
+    scale = [0.1, 0.1, 0.1, 0.1 / abs(b), 1.0, 1.0, 0.1]
+    bounds = (
+        [*_LOWEST, -np.inf, -np.inf, -np.inf, 0.0],
+        [*_HIGHEST, np.inf, np.inf, np.inf, LONGEST_DELAY],
+    )
+    fit = least_squares(residuals, guess, bounds=bounds, x_scale=scale)
+    # Each record then weighs by what it is found to be worth: a sensor that drifts says less
+    # than one with as much noise that does not.
+    blocks = (recording.time / BLOCK).astype(int)
+    for _ in range(REWEIGHTINGS):
+        _, sensed, bent = simulated(fit.x)
+        weights = [1 / _worth(sensed - measured, blocks), 1 / _worth(bent - angle, blocks)]
+        fit = least_squares(residuals, fit.x, bounds=bounds, x_scale=scale)
+    wire, sensed, bent = simulated(fit.x)
+    clusters = np.tile(blocks, 2)
+    covariance = clustered_covariance(fit.jac[:-1], fit.fun[:-1], clusters, fit.jac[-1])
+    return HeatFit(
+        wire=name,
+        method="bend",
+        **_rates(fit.x, covariance),
+        delay=_delay(fit.x[6], covariance[6, 6]),
+        ambient=ambient,
+        angle_per_degree=Estimate(fit.x[3], float(np.sqrt(covariance[3, 3])), "rad/°C"),
+        equilibrium=(angle_eq, measured_eq),
+        time=recording.time,
+        recorded_temperature=measured,
+        recorded_angle=recording.bend_angle[0],
+        wire_temperature=wire,
+        measured_temperature=sensed,
+        bend_angle=bent,
+        temperature_residual=_rms(sensed - measured),
+        angle_residual=_rms(bent - angle),
+        remarks=_remarks(name, duty, measured, ambient, fit.x, covariance)
+        + _proportionality_remark(name, wire, angle),
+    )
+
+
+def fit_heat_transfer_from_temperature(
+    recording: Recording, index: int, ambient: float, *, delay: bool = True
+) -> HeatFit:
+    """a1, a2, a3 of one wire from duty and measured temperature alone.
+
+    The records of (6)-(7) from D to V, with a pure delay if wanted: for limbs
+    whose bend is not proportional to temperature. The slower of the two rates
+    is a1, as duty and V alone cannot tell them apart.
+
+    Args:
+        recording: in which this wire is heated.
+        index: of the wire.
+        ambient: T0, °C.
+        delay: whether to fit a pure delay of the duty, up to 5 s.
+
+    Raises:
+        CalibrationError: if the wire was never warm.
+    """
+    duty, measured = recording.duty[index], recording.measured_temperature[index]
+    period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
+    _check_excitation(name, duty, measured, ambient, period)
+
+    def simulated(x: np.ndarray):
+        rates = (-np.exp(x[0]), np.exp(x[1]), -np.exp(x[2]))
+        return simulate_heat(*rates, duty, period, ambient, (x[3], x[4]), x[5] if delay else 0.0)
+
+    def residuals(x: np.ndarray) -> np.ndarray:
+        return (simulated(x)[1] - measured) / TEMPERATURE_SCALE
+
+    first = [measured[:20].mean()] * 2
+    a1, a2, _ = _two_stage(duty, measured, measured, period, ambient)
+    guess = [*np.log([-a1, a2, 1.0]), *first] + [0.1] * delay
+    guess[:3] = np.clip(guess[:3], _INNER_LOWEST, _INNER_HIGHEST)
+    bounds = (
+        [*_LOWEST, -np.inf, -np.inf] + [0.0] * delay,
+        [*_HIGHEST, np.inf, np.inf] + [LONGEST_DELAY] * delay,
+    )
+    scale = [0.1, 0.1, 0.1, 1.0, 1.0] + [0.1] * delay
+    fit = least_squares(residuals, guess, bounds=bounds, x_scale=scale)
+    if fit.x[2] < fit.x[0]:
+        # a1 and a3 have changed places. V is the same with the slower one first and a2 for it.
+        x = fit.x + (fit.x[2] - fit.x[0]) * np.array([1, 1, -1] + [0] * (len(guess) - 3))
+        fit = least_squares(residuals, x, bounds=bounds, x_scale=scale)
+    x = fit.x
+    wire, sensed = simulated(x)
+    clusters = (recording.time / BLOCK).astype(int)
+    covariance = clustered_covariance(fit.jac, fit.fun, clusters)
+    return HeatFit(
+        wire=name,
+        method="temperature",
+        **_rates(x, covariance),
+        delay=_delay(x[5], covariance[5, 5]) if delay else None,
+        ambient=ambient,
+        angle_per_degree=None,
+        equilibrium=None,
+        time=recording.time,
+        recorded_temperature=measured,
+        recorded_angle=recording.bend_angle[0],
+        wire_temperature=wire,
+        measured_temperature=sensed,
+        bend_angle=None,
+        temperature_residual=_rms(sensed - measured),
+        angle_residual=None,
+        remarks=_remarks(name, duty, measured, ambient, x, covariance),
+    )
+
+
+def ambient_temperature(recordings) -> Estimate:
+    """T0 as the thermocouples of unheated wires read it in recordings that start cold.
+
+    The median over wires that stay unheated; its standard error is that of
+    the recordings' scatter.
+    """
+    medians = [
+        float(np.median(recording.measured_temperature[index]))
+        for recording in recordings
+        for index in range(len(recording.duty))
+        if not recording.duty[index].any()
+    ]
+    if not medians:
+        raise CalibrationError("No recording has an unheated wire, which would tell T0.")
+    spread = np.std(medians, ddof=1) / np.sqrt(len(medians)) if len(medians) > 1 else 0.25
+    return Estimate(float(np.mean(medians)), float(spread), "°C")
+
+
+def _worth(residual: np.ndarray, blocks: np.ndarray) -> float:
+    """Standard deviation of independent noise that would blur block means as much."""
+    means = np.array([residual[blocks == block].mean() for block in np.unique(blocks)])
+    return max(_rms(residual), _rms(means) * np.sqrt(len(residual) / len(means)))
+
+
+def _check_excitation(name: str, duty, measured, ambient: float, period: float) -> None:
+    if not duty.any():
+        raise CalibrationError(f"The {name} wire was never heated in this recording.")
+    rise = np.percentile(measured, 99) - ambient
+    if rise < 10.0:
+        raise CalibrationError(
+            f"The {name} wire was never warm: at most {rise:.1f} °C above ambient after "
+            f"{duty.sum() * period:.1f} s of full duty in all."
+        )
+
+
+def _most_promising_equilibrium(recording, index: int, ambient: float) -> tuple[float, float]:
+    """(φ^eq, V^eq): where V has rested, the warmer the better."""
+    period = 1 / recording.sample_rate
+    width = max(3, int(WINDOW / period))
+    kernel = np.ones(width) / width
+    measured = np.convolve(recording.measured_temperature[index], kernel, "valid")
+    angle = np.convolve(recording.bend_angle[0], kernel, "valid")
+    slope = np.abs(np.gradient(measured, period))
+    quality = np.maximum(measured - ambient, 0.0) / (0.1 + slope)
+    best = int(np.argmax(np.convolve(quality, kernel, "same")))
+    return float(angle[best]), float(measured[best])
+
+
+def _two_stage(duty, wire, measured, period: float, ambient: float) -> tuple[float, float, float]:
+    """a1, a2, a3 by two-stage collocation: smooth, then least squares in (6), (7).
+
+    The equations are integrated over a second each, which spares the
+    differentiation of noise.
+    """
+    window = 2 * int(1.0 / period) + 1
+    wire = savgol_filter(wire - ambient, window, 2)
+    measured = savgol_filter(measured - ambient, window, 2)
+    stride = max(1, int(1.0 / period))
+
+    def integrate(values: np.ndarray) -> np.ndarray:
+        return np.diff(np.cumsum(values)[::stride]) * period
+
+    heat = np.column_stack([integrate(wire), integrate(duty)])
+    a1, a2 = np.linalg.lstsq(heat, np.diff(wire[::stride]), rcond=None)[0]
+    lag = integrate(measured - wire)
+    a3 = float(lag @ np.diff(measured[::stride]) / (lag @ lag)) if lag.any() else -1.0
+    return min(a1, -1e-3), max(a2, 0.1), min(a3, -0.05)
+
+
+def _rates(x: np.ndarray, covariance: np.ndarray) -> dict[str, Estimate]:
+    """a1, a2, a3 from their logarithms and the covariance of these."""
+    values = (-np.exp(x[0]), np.exp(x[1]), -np.exp(x[2]))
+    return {
+        name: Estimate(float(v), float(abs(v) * np.sqrt(covariance[i, i])), unit)
+        for i, (name, v, unit) in enumerate(
+            zip(("a1", "a2", "a3"), values, ("1/s", "°C/s", "1/s"), strict=True)
+        )
+    }
+
+
+def _delay(value: float, variance: float) -> Estimate:
+    return Estimate(round(value, 6), float(np.sqrt(variance)), "s")  # it ends just inside its bound
+
+
+def _remarks(name: str, duty, measured, ambient: float, x, covariance) -> list[str]:
+    remarks = []
+    if (duty >= 0.99).mean() > 0.2:
+        remarks.append(
+            f"The duty of the {name} wire is at its limit in {100 * (duty >= 0.99).mean():.0f}% of "
+            "the recording: it says little about how heat depends on duty."
+        )
+    if np.percentile(measured, 99) - ambient < 30.0:
+        remarks.append(
+            f"The {name} wire is never more than {np.percentile(measured, 99) - ambient:.0f} °C "
+            "above ambient; its parameters hold for that range."
+        )
+    for i, rate in enumerate(("a1", "a2", "a3")):
+        if np.sqrt(covariance[i, i]) > 0.3:
+            remarks.append(f"The recording hardly tells {rate} of the {name} wire.")
+    if x[2] > _HIGHEST[2] - 0.01:
+        remarks.append(
+            f"No lag of the {name} thermocouple is seen against the bend: a3 is at the fit's limit."
+        )
+    if np.exp(x[2] - x[0]) < 3:
+        remarks.append(f"The {name} wire's a1 and a3 are close together and hard to tell apart.")
+    return remarks
+
+
+def _proportionality_remark(name: str, wire: np.ndarray, angle: np.ndarray) -> list[str]:
+    warm = wire - wire.min() > 0.05 * np.ptp(wire)
+    explained = np.corrcoef(wire[warm], angle[warm])[0, 1] ** 2
+    if explained > 0.97:
+        return []
+    return [
+        f"Bend and temperature of the {name} wire are not proportional: a line explains "
+        f"{100 * explained:.0f}% of the bend; the fit from temperature alone may be truer to heat."
+    ]
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,148 @@
+"""The spring constant from the sag under gravity (Sec. V-A)."""
+
+import copy
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.controller import only_segment
+from calibration.errors import CalibrationError
+from calibration.estimate import Estimate, standard_error
+from limb_systems import LimbError, LimbParameters, Recording, bend_angle, make_manipulator
+from limb_systems.statics import static_equilibrium
+
+RESTING_TIME = 5.0  # s at the end of a recording that count as equilibrium
+STILL = np.deg2rad(1.0)  # by which the bend angle may move in that time
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StiffnessFit:
+    """The spring constant of each joint, from a limb that sags.
+
+    - ``stiffness``: k, N·m/rad.
+    - ``correction_factor``: λ of eqn (9), without unit.
+    - ``sags``: φ^eq of each trial (K,), rad, signed as gravity.
+    - ``simulated_sag``: of the fitted limb, rad.
+    - ``remarks``: sentences on what the data lack.
+    """
+
+    stiffness: Estimate
+    correction_factor: float
+    sags: np.ndarray
+    simulated_sag: float
+    remarks: list[str]
+
+
+def shape_factors(links: int) -> np.ndarray:
+    """b_i of eqn (9), (links,): how a sag shares itself among the joints.
+
+    The denominator is Σ (N - j + 1)², not Σ (N - j)² as it is printed.
+    """
+    squares = np.arange(links, 0, -1.0) ** 2
+    return squares / squares.sum()
+
+
+def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -> StiffnessFit:
+    """k by the iteration of Sec. V-A, eqn (9).
+
+    In turn k is fitted to θ^eq = λ φ^eq b, as -θ^eq \\ f_g(θ^eq) by least squares,
+    and λ to a simulated equilibrium of the limb with this k.
+
+    Args:
+        parameters: geometry and mass of the limb; of one segment.
+        recordings: of the limb at rest, unheated, with E2 along the vertical
+            as their parameters' ``gravity`` says. At rest the last 5 s count.
+
+    Raises:
+        CalibrationError: if the limb does not rest, or sags against gravity.
+    """
+    if not recordings:
+        raise CalibrationError("There is no recording of the limb's sag under gravity.")
+    sags = np.array([_resting_angle(recording) for recording in recordings])
+    gravity = np.array(recordings[0].parameters.gravity)
+    for recording in recordings[1:]:
+        if not np.allclose(recording.parameters.gravity, gravity):
+            raise CalibrationError(
+                f"The sag was recorded with gravity {list(gravity)} and with "
+                f"{recording.parameters.gravity} m/s²; mount the limb the same way each time."
+            )
+    if not np.mean(sags) * gravity[1] > 0:
+        raise CalibrationError(
+            f"The limb sags by {np.rad2deg(np.mean(sags)):.1f}° where gravity along E2 is "
+            f"{gravity[1]:g} m/s²: it bends upwards. Is the bend sensor reversed?"
+        )
+    stiffness, correction = _iterate(parameters, gravity, sags)
+    spread = standard_error(sags) if len(sags) > 1 else 0.0
+    step = 1e-3
+    shifted, _ = _iterate(parameters, gravity, sags * (1 + step))
+    slope = (shifted - stiffness) / (step * np.mean(sags))
+    remarks = []
+    if len(sags) < 3:
+        remarks.append(
+            f"Only {len(sags)} trial{'s' if len(sags) > 1 else ''} of the sag: mounting and sensor "
+            "differ by about 2° from trial to trial, so record ten."
+        )
+    elif np.ptp(sags) > 0.5 * abs(np.mean(sags)):
+        remarks.append(
+            f"The sag differs by {np.rad2deg(np.ptp(sags)):.1f}° between trials, of "
+            f"{np.rad2deg(abs(np.mean(sags))):.1f}°."
+        )
+    fitted = _with_stiffness(parameters, gravity, stiffness)
+    return StiffnessFit(
+        Estimate(stiffness, abs(slope * spread), "N·m/rad"),
+        correction,
+        sags,
+        float(bend_angle(fitted, static_equilibrium(fitted)[0])[0]),
+        remarks,
+    )
+
+
+def _iterate(parameters, gravity: np.ndarray, sags: np.ndarray) -> tuple[float, float]:
+    """k and λ (9) for the bend angles of a sag (K,), rad."""
+    segment = only_segment(parameters)
+    shape = shape_factors(segment.links)
+    plant = make_manipulator(_with_stiffness(parameters, gravity, segment.stiffness))
+    context = plant.CreateDefaultContext()
+    correction, stiffness = 1.0, None
+    for _ in range(100):
+        angles = correction * np.outer(sags, shape)  # θ^eq of all trials, eqn (9)
+        forces = []
+        for trial in angles:
+            plant.SetPositions(context, trial)
+            forces.append(plant.CalcGravityGeneralizedForces(context))
+        before = stiffness
+        stiffness = float(np.sum(angles * forces) / np.sum(angles**2))
+        if before is not None and abs(stiffness - before) < 1e-10 * stiffness:
+            return stiffness, correction
+        fitted = _with_stiffness(parameters, gravity, stiffness)
+        try:
+            simulated, _ = static_equilibrium(fitted)
+        except LimbError as error:
+            raise CalibrationError(
+                f"No spring constant explains a sag of {np.rad2deg(np.mean(sags)):.1f}° with this "
+                f"mass and length: {error}"
+            ) from error
+        expected = bend_angle(fitted, simulated)[0] * shape
+        correction = float(expected @ simulated / (expected @ expected))
+    raise CalibrationError("The iteration for the spring constant does not converge.")
+
+
+def _with_stiffness(parameters, gravity: np.ndarray, stiffness: float) -> LimbParameters:
+    mounted = copy.deepcopy(parameters)
+    mounted.gravity = [float(g) for g in gravity]
+    mounted.segments[0].stiffness = stiffness
+    return mounted
+
+
+def _resting_angle(recording: Recording) -> float:
+    """Mean bend angle over the end of a recording, rad."""
+    last = recording.time >= recording.time[-1] - RESTING_TIME
+    angle = recording.bend_angle[0, last]
+    first, second = np.array_split(angle, 2)
+    if abs(first.mean() - second.mean()) > STILL:
+        raise CalibrationError(
+            f"The limb does not rest at the end of the recording of {recording.source}: its bend "
+            f"angle still moves by {np.rad2deg(abs(first.mean() - second.mean())):.1f}°."
+        )
+    return float(angle.mean())

@@ -1,0 +1,56 @@
+"""Validation of a calibrated limb (Sec. V-D, Fig. 4)."""
+
+import dataclasses
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+
+from limb_systems import Limb, LimbParameters, Recording, simulate
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Validation:
+    """The calibrated model, open loop, against a recording with both wires.
+
+    - ``recording``, ``simulation``: of the limb and of its model for the same
+      duty, at the same times.
+    - ``mean``, ``median``, ``percentile_90``: of |φ - φ_sim|, rad.
+    - ``temperature_mean``: of |V - V_sim|, °C.
+    """
+
+    recording: Recording
+    simulation: Recording
+    mean: float
+    median: float
+    percentile_90: float
+    temperature_mean: float
+
+
+def validate(parameters: LimbParameters, recording: Recording) -> Validation:
+    """Simulates the duty of a recording, open loop, and compares.
+
+    The model starts at rest with its wires at the first measured temperatures.
+    """
+    times = recording.time - recording.time[0]
+    # The duty at a sample was in force since the sample before.
+    held = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
+    duty = PiecewisePolynomial.ZeroOrderHold(times, held)
+    first = recording.measured_temperature[:, :20].mean(axis=1)
+    state = np.concatenate([np.zeros(2 * parameters.num_joints), first, first])
+    simulation = simulate(
+        Limb(parameters),
+        duty,
+        times[-1],
+        sample_rate=recording.sample_rate,
+        initial_state=state,
+    )
+    error = np.abs(simulation.bend_angle - recording.bend_angle)
+    heat = np.abs(simulation.measured_temperature - recording.measured_temperature)
+    return Validation(
+        recording,
+        simulation,
+        mean=float(error.mean()),
+        median=float(np.median(error)),
+        percentile_90=float(np.percentile(error, 90)),
+        temperature_mean=float(heat.mean()),
+    )

@@ -1,0 +1,35 @@
+"""Recordings of the model itself, whose truth is known."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from calibration import collect_equilibria, collect_sag
+from limb_systems import Limb, LimbParameters, joint_angles_from_bend_angle, simulate
+
+
+@pytest.fixture(scope="session")
+def true_limb() -> LimbParameters:
+    """A limb that is not the nominal one."""
+    limb = LimbParameters(ambient_temperature=23.0)
+    segment = limb.segments[0]
+    segment.stiffness, segment.damping = 0.115, 8e-4
+    left, right = segment.left, segment.right
+    left.a1, left.a2, left.a3, left.beta = -0.06, 24.0, -1.3, 4.2e-4
+    right.a3 = -0.8
+    return limb
+
+
+@pytest.fixture(scope="session")
+def model_recordings(true_limb):
+    """By kind, from the model, without noise. Not to be changed."""
+    mounted = copy.deepcopy(true_limb)
+    mounted.gravity = [0.0, -9.81, 0.0]
+    bent = joint_angles_from_bend_angle(true_limb, [np.pi / 4])
+    state = np.concatenate([bent, 0 * bent, np.full(4, true_limb.ambient_temperature)])
+    ring_down = simulate(Limb(true_limb), [0.0, 0.0], 4.0, sample_rate=100.0, initial_state=state)
+    recordings = {"sag": [collect_sag(Limb(mounted))], "ring_down": [ring_down]}
+    for seed, kind in enumerate(("right", "left", "both")):
+        recordings[kind] = [collect_equilibria(Limb(true_limb), kind, num_angles=6, seed=seed)]
+    return recordings

@@ -1,0 +1,121 @@
+"""The whole of Sec. V: on the model, whose truth is known, and on an emulated limb."""
+
+import copy
+import re
+
+import numpy as np
+import pytest
+
+from calibration import CalibrationError, calibrate, collect_from_twin, save_recordings, validate
+from calibration.__main__ import main
+from hardware import LimbTwin
+from limb_systems import Limb, LimbParameters, simulate
+
+
+@pytest.fixture(scope="module")
+def twin_folder(tmp_path_factory):
+    """Recordings of an emulated limb, with few equilibria."""
+    folder = tmp_path_factory.mktemp("twin")
+    recordings = collect_from_twin(LimbTwin(seed=5), num_angles=3, longest=35.0, cooling_time=60.0)
+    save_recordings(recordings, folder)
+    return folder
+
+
+def test_the_model_is_calibrated_to_its_own_parameters(true_limb, model_recordings):
+    """k within 1%, σ, a1, a2, a3 within 3%, β within 2%."""
+    calibration = calibrate(model_recordings, LimbParameters())
+    found, true = calibration.parameters.segments[0], true_limb.segments[0]
+    assert found.stiffness == pytest.approx(true.stiffness, rel=0.01)
+    assert found.damping == pytest.approx(true.damping, rel=0.03)
+    for side in ("left", "right"):
+        for name, tolerance in (("a1", 0.03), ("a2", 0.03), ("a3", 0.03), ("beta", 0.02)):
+            value = getattr(getattr(found, side), name)
+            assert value == pytest.approx(getattr(getattr(true, side), name), rel=tolerance)
+    assert calibration.parameters.ambient_temperature == pytest.approx(23.0, abs=0.01)
+    assert calibration.stiffness.correction_factor == pytest.approx(1.22, abs=0.01)
+    assert np.rad2deg(calibration.validation.percentile_90) < 0.2
+    assert [remark for remark in calibration.remarks if "sag" not in remark] == []
+
+
+def test_description_keeps_what_is_not_calibrated(model_recordings):
+    description = LimbParameters()
+    description.temperature_limits.maximum = 90.0
+    recordings = {kind: model_recordings[kind] for kind in ("left", "right")}
+    calibration = calibrate(recordings, description)
+    assert calibration.parameters.temperature_limits.maximum == 90.0
+    assert calibration.parameters.segments[0].stiffness == description.segments[0].stiffness
+    assert calibration.validation is None
+    assert len([remark for remark in calibration.remarks if "There is no recording" in remark]) == 3
+    assert description == LimbParameters(temperature_limits=description.temperature_limits)
+
+
+def test_missing_and_unknown_recordings_are_named(model_recordings, tmp_path):
+    with pytest.raises(CalibrationError, match="only the left wire heated"):
+        calibrate({"right": model_recordings["right"]})
+    with pytest.raises(CalibrationError, match="'up' is no kind of recording"):
+        calibrate({"up": model_recordings["right"]})
+    with pytest.raises(CalibrationError, match="There is no folder"):
+        calibrate(tmp_path / "nothing")
+    with pytest.raises(CalibrationError, match="heat is 'guess'; it must be one of bend"):
+        calibrate(model_recordings, heat="guess")
+
+
+def test_validation_of_the_truth_has_no_error_and_of_another_limb_has(true_limb, model_recordings):
+    (both,) = model_recordings["both"]
+    assert np.rad2deg(validate(true_limb, both).mean) < 0.1
+    wrong = copy.deepcopy(true_limb)
+    wrong.segments[0].right.beta *= 1.2
+    assert np.rad2deg(validate(wrong, both).mean) > 1.0
+
+
+def test_command_fits_and_validates_an_emulated_limb(twin_folder, tmp_path, capsys):
+    limb, report, plot = (tmp_path / name for name in ("limb.yaml", "report.html", "fig4.png"))
+    assert main(["fit", str(twin_folder), "-o", str(limb), "--report", str(report)]) == 0
+    said = capsys.readouterr().out
+    assert "correction factor λ   1.2" in said
+    calibrated = LimbParameters.load(limb)
+    assert 0.1 < calibrated.segments[0].stiffness < 0.16  # the draw is 0.112 to 0.137
+    assert "# " in limb.read_text(encoding="utf-8")
+    page = report.read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") == 5
+    assert "http" not in page.split("</style>")[1].replace("base64", "")[:2000]
+
+    both = twin_folder / "both.csv"
+    assert main(["validate", str(limb), str(both), "--plot", str(plot)]) == 0
+    mean = float(re.search(r"mean ([\d.]+)°", capsys.readouterr().out)[1])
+    assert 0.5 < mean < 12.0
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_heat_from_temperature_alone_is_an_option(model_recordings):
+    recordings = {kind: model_recordings[kind] for kind in ("left", "right")}
+    calibration = calibrate(recordings, heat="temperature")
+    assert [fit.method for fit in calibration.heat] == ["temperature"] * 2
+    assert [fit.method for fit in calibration.heat_compared] == ["bend"] * 2
+
+
+def test_command_collects(tmp_path, capsys, monkeypatch):
+    recording = simulate(Limb(), [0.0, 0.0], 1.0)
+    monkeypatch.setattr(
+        "calibration.__main__.collect_from_twin",
+        lambda twin, **_: {"sag": [recording] * 2, "both": [recording]},
+    )
+    assert main(["collect", "-o", str(tmp_path / "new"), "--twin", "3"]) == 0
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
+        "both.csv",
+        "sag_1.csv",
+        "sag_2.csv",
+    ]
+    assert "written" in capsys.readouterr().out
+
+
+def test_command_names_the_file_that_is_wrong_and_writes_nothing(twin_folder, tmp_path, capsys):
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    for path in twin_folder.iterdir():
+        (folder / path.name).write_bytes(path.read_bytes())
+    (folder / "both.csv").write_bytes((twin_folder / "right.csv").read_bytes())
+    assert main(["fit", str(folder), "-o", str(tmp_path / "limb.yaml")]) == 1
+    error = capsys.readouterr().err
+    assert "both.csv: this should show both wires heated, but only the right wire" in error
+    assert not (tmp_path / "limb.yaml").exists()

@@ -1,0 +1,104 @@
+"""Every trouble that a recording may have is recognized and named."""
+
+import copy
+import dataclasses
+
+import numpy as np
+import pytest
+
+from calibration import CalibrationError, check_recording, kind_of
+from calibration.calibrate import KINDS
+from limb_systems import Recording
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_good_recordings_are_what_they_are(model_recordings, kind):
+    (recording,) = model_recordings[kind]
+    assert kind_of(recording) == kind
+    assert check_recording(recording, kind) == kind
+
+
+@pytest.fixture
+def right(model_recordings) -> Recording:
+    return model_recordings["right"][0]
+
+
+def changed(recording, **signals):
+    """A recording with some of its signals made from its own."""
+    return dataclasses.replace(recording, **{k: f(recording) for k, f in signals.items()})
+
+
+def swap(name):
+    return {name: lambda r: getattr(r, name)[::-1].copy()}
+
+
+TROUBLES = {
+    "gap": (
+        {"time": lambda r: r.time + 3.2 * (r.time > 41.0)},
+        r"a gap .* of 3\.25 s after 41\.00 s",
+    ),
+    "milliseconds": ({"time": lambda r: 1000 * r.time}, "Is time in milliseconds"),
+    "dead": (
+        {"measured_temperature": lambda r: np.full_like(r.measured_temperature, 23.0)},
+        r"right thermocouple is dead: it moves by 0\.0 °C",
+    ),
+    "swapped thermocouples": (swap("measured_temperature"), "the thermocouples are swapped"),
+    "swapped outputs": (swap("duty"), "the wires' outputs are swapped"),
+    "reversed bend": ({"bend_angle": lambda r: -r.bend_angle}, "bend sensor is reversed"),
+    "radians": ({"bend_angle": lambda r: np.deg2rad(r.bend_angle)}, "is it in radians"),
+    "kelvin": (
+        {"measured_temperature": lambda r: r.measured_temperature + 273.15},
+        "seems to be in kelvin",
+    ),
+    "fahrenheit": (
+        {"measured_temperature": lambda r: 1.8 * r.measured_temperature + 32},
+        "degrees Fahrenheit",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", TROUBLES)
+def test_trouble_is_named(right, name):
+    signals, message = TROUBLES[name]
+    with pytest.raises(CalibrationError, match=message) as caught:
+        check_recording(changed(right, **signals))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("shown", "expected", "message"),
+    [
+        ("right", "both", "should show both wires heated, but only the right wire is heated"),
+        ("left", "right", "should show the right wire heated .* but only the left wire is heated"),
+        ("ring_down", "sag", "does its header's gravity say how the limb was mounted"),
+        ("both", "ring_down", "should show an unheated limb .* but both wires are heated"),
+    ],
+)
+def test_another_kind_than_expected_is_named(model_recordings, shown, expected, message):
+    with pytest.raises(CalibrationError, match=message):
+        check_recording(model_recordings[shown][0], expected)
+
+
+def test_a_wire_that_is_dead_while_both_are_heated_is_named(model_recordings):
+    both = model_recordings["both"][0]
+    measured = both.measured_temperature.copy()
+    measured[0] = 23.0
+    with pytest.raises(CalibrationError, match="left thermocouple is dead"):
+        check_recording(dataclasses.replace(both, measured_temperature=measured))
+
+
+def test_too_few_samples_are_named(right):
+    few = {
+        name: getattr(right, name)[..., :10]
+        for name in ("time", "duty", "measured_temperature", "bend_angle", "reference")
+    }
+    short = dataclasses.replace(right, **few, wire_temperature=None, joint_state=None)
+    with pytest.raises(CalibrationError, match="only 10 samples"):
+        check_recording(short)
+
+
+def test_gravity_along_the_axis_of_bending_is_no_sag(model_recordings):
+    recording = copy.copy(model_recordings["ring_down"][0])
+    recording.parameters = copy.deepcopy(recording.parameters)
+    recording.parameters.gravity = [0.0, 0.0, -9.81]
+    assert kind_of(recording) == "ring_down"

@@ -1,0 +1,153 @@
+"""The controller, the schedule, and recordings collected with them."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from calibration import BendAngleController, EquilibriumSchedule, collect_equilibria
+from hardware import LimbTwin
+from limb_systems import Limb, LimbError, LimbParameters, Recording
+
+
+def duty_after(actuated, error_deg, measured=(25.0, 25.0), duration=0.0, **options):
+    """Duty for a constant error after some time."""
+    controller = BendAngleController(LimbParameters(), actuated, **options)
+    context = controller.CreateDefaultContext()
+    controller.GetInputPort("bend_angle").FixValue(context, [0.0])
+    controller.GetInputPort("measured_temperature").FixValue(context, measured)
+    controller.GetInputPort("set_point").FixValue(context, [np.deg2rad(error_deg)])
+    simulator = Simulator(controller, context)
+    simulator.AdvanceTo(duration)
+    return controller.get_output_port().Eval(context)
+
+
+# Bend per duty is 3 * 4.7e-4 / 0.1246 * 20 / 0.07 = 3.233 rad, and the loop's gain is 1.5.
+GAIN = 1.5 / (3 * 4.7e-4 / 0.1246 * 20 / 0.07)
+
+
+def test_proportional_part_heats_the_wire_on_the_side_of_the_error():
+    duty = GAIN * np.deg2rad(10.0)
+    np.testing.assert_allclose(duty_after("right", 10), [0, duty], rtol=0.05)
+    np.testing.assert_allclose(duty_after("left", -10), [duty, 0], rtol=0.05)
+    np.testing.assert_allclose(duty_after("right", -10), [0, 0])
+    np.testing.assert_allclose(duty_after("left", 10), [0, 0])
+    both = duty_after("both", 10, co_contraction=0.2)
+    np.testing.assert_allclose(both, [0.2 - duty, 0.2 + duty], rtol=0.05)
+
+
+def test_integral_part_grows_at_the_pole_of_the_wire():
+    rise = duty_after("right", 5, duration=10.0)[1] - duty_after("right", 5)[1]
+    assert rise == pytest.approx(GAIN * 0.07 * np.deg2rad(5.0) * 10.0, rel=0.02)
+
+
+def test_duty_is_limited_and_the_integral_does_not_wind_up():
+    assert duty_after("right", 60, maximum_duty=0.3)[1] == pytest.approx(0.3)
+    controller = BendAngleController(LimbParameters(), "right", maximum_duty=0.3)
+    context = controller.CreateDefaultContext()
+    controller.GetInputPort("bend_angle").FixValue(context, [0.0])
+    controller.GetInputPort("measured_temperature").FixValue(context, [25.0, 25.0])
+    set_point = controller.GetInputPort("set_point").FixValue(context, [1.0])
+    simulator = Simulator(controller, context)
+    simulator.AdvanceTo(100.0)
+    set_point.GetMutableData().set_value(np.array([-0.02]))
+    simulator.AdvanceTo(100.2)
+    assert controller.get_output_port().Eval(context)[1] < 0.05
+
+
+def test_a_hot_wire_gets_less_and_then_nothing():
+    free = duty_after("right", 40, (25.0, 25.0))[1]
+    assert duty_after("right", 40, (25.0, 88.0))[1] < 0.8 * free
+    assert duty_after("right", 40, (25.0, 95.0))[1] == 0.0
+    assert duty_after("both", 40, (95.0, 25.0), co_contraction=0.1)[0] == 0.0
+
+
+def test_a_wire_that_was_cut_out_stays_off_until_it_has_cooled():
+    controller = BendAngleController(LimbParameters(), "right")
+    context = controller.CreateDefaultContext()
+    controller.GetInputPort("bend_angle").FixValue(context, [0.0])
+    controller.GetInputPort("set_point").FixValue(context, [0.6])
+    measured = controller.GetInputPort("measured_temperature").FixValue(context, [25.0, 96.0])
+    simulator = Simulator(controller, context)
+    for temperature, is_on in ((96.0, False), (92.0, False), (89.0, True)):
+        measured.GetMutableData().set_value(np.array([25.0, temperature]))
+        simulator.AdvanceTo(context.get_time() + 0.1)
+        assert (controller.get_output_port().Eval(context)[1] > 0) == is_on
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"actuated": "up"}, "actuated is 'up'; it must be one of right, left, both"),
+        ({"actuated": "right", "maximum_duty": 1.2}, "within"),
+        ({"actuated": "both", "co_contraction": 0.7}, "not above maximum_duty"),
+        ({"actuated": "right", "cut_out": 120.0}, "must be below T_max, 100 °C"),
+    ],
+)
+def test_controllers_that_make_no_sense_are_refused(arguments, message):
+    with pytest.raises(LimbError, match=message):
+        BendAngleController(LimbParameters(), **arguments)
+
+
+def test_controller_is_for_one_segment(two_segments):
+    with pytest.raises(LimbError, match="has 2 segments; calibrate each of them alone"):
+        BendAngleController(two_segments, "right")
+
+
+def schedule_times(measured_slope, angle_error_deg, longest=60.0):
+    """When the set point of a schedule changes, with inputs that ramp."""
+    schedule = EquilibriumSchedule([0.1, 0.2], longest)
+    context = schedule.CreateDefaultContext()
+    bend = schedule.GetInputPort("bend_angle").FixValue(context, [0.0])
+    measured = schedule.GetInputPort("measured_temperature").FixValue(context, [25.0, 25.0])
+    simulator = Simulator(schedule, context)
+    changes, before = [], 0.1
+    for time in np.arange(0.0, 2 * longest + 1, 0.05):
+        now = schedule.get_output_port().Eval(context)[0]
+        bend.GetMutableData().set_value(np.array([now + np.deg2rad(angle_error_deg)]))
+        measured.GetMutableData().set_value(np.array([25.0, 25.0 + measured_slope * time]))
+        simulator.AdvanceTo(time)
+        if schedule.get_output_port().Eval(context)[0] != before or schedule.is_finished(context):
+            changes.append(time)
+            before = schedule.get_output_port().Eval(context)[0]
+        if schedule.is_finished(context):
+            break
+    return changes
+
+
+def test_schedule_goes_on_when_settled_and_not_before():
+    quick = schedule_times(0.0, 0.0)
+    assert 5.0 <= quick[0] < 15.0
+    assert schedule_times(0.3, 0.0)[0] == pytest.approx(60.0, abs=0.2)  # temperature moves
+    assert schedule_times(0.0, 8.0)[0] == pytest.approx(60.0, abs=0.2)  # too far from the set point
+    assert len(quick) == 2
+
+
+def test_equilibria_are_reached_and_recorded_with_their_set_points(model_recordings):
+    for kind, sides in (("right", (0, 1)), ("left", (-1, 0)), ("both", (-1, 1))):
+        (recording,) = model_recordings[kind]
+        assert recording.duty.max() <= 0.5
+        angles = np.unique(recording.reference)
+        assert len(angles) == 6
+        assert (np.deg2rad(45) * sides[0] <= angles).all()
+        assert (angles <= np.deg2rad(45) * sides[1]).all()
+        ends = np.flatnonzero(np.diff(recording.reference[0]))
+        error = (recording.bend_angle - recording.reference)[0, ends]
+        assert np.rad2deg(np.abs(error)).max() < 3.5
+    assert not model_recordings["right"][0].duty[0].any()
+    assert not model_recordings["left"][0].duty[1].any()
+
+
+def test_a_twin_is_never_hotter_than_its_limit(tmp_path):
+    recording = collect_equilibria(LimbTwin(seed=3), "both", num_angles=3, longest=40.0)
+    assert recording.measured_temperature.max() < 100.0
+    recording.save(tmp_path / "both.csv")
+    again = Recording.load(tmp_path / "both.csv")
+    np.testing.assert_array_equal(again.reference, recording.reference)
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"num_angles": 0}, {"largest_deg": 120.0}, {"largest_deg": 0.0}]
+)
+def test_schedules_that_make_no_sense_are_refused(arguments):
+    with pytest.raises(LimbError, match="there must be an angle at least"):
+        collect_equilibria(Limb(), "right", **arguments)

@@ -1,0 +1,191 @@
+"""Heat transfer and force, against Drake's simulation of the model that they are fitted to."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from calibration import (
+    CalibrationError,
+    Estimate,
+    fit_force,
+    fit_heat_transfer,
+    fit_heat_transfer_from_temperature,
+)
+from calibration.heat import ambient_temperature, simulate_heat
+from limb_systems import JouleHeating, LimbParameters, ThermocoupleLag
+
+SIDES = [(0, "left"), (1, "right")]
+
+
+def test_simulated_heat_is_drakes(true_limb):
+    wire = true_limb.segments[0].left
+    generator = np.random.default_rng(0)
+    duty = np.repeat(generator.uniform(0, 0.5, 20), 40)
+    times = np.arange(800) / 20
+    builder = DiagramBuilder()
+    # The duty at a sample is in force since the sample before.
+    held = PiecewisePolynomial.ZeroOrderHold(times, [[*duty[1:], 0.0], [0.0] * 800])
+    source = builder.AddSystem(TrajectorySource(held))
+    heating = builder.AddSystem(JouleHeating(true_limb))
+    lag = builder.AddSystem(ThermocoupleLag(true_limb))
+    builder.Connect(source.get_output_port(), heating.get_input_port())
+    builder.Connect(heating.get_output_port(), lag.get_input_port())
+    sinks = [LogVectorOutput(system.get_output_port(), builder, 0.05) for system in (heating, lag)]
+    simulator = Simulator(builder.Build())
+    simulator.get_mutable_integrator().set_maximum_step_size(0.01)
+    simulator.AdvanceTo(times[-1])
+    expected = [sink.FindLog(simulator.get_context()).data()[0, :800] for sink in sinks]
+    simulated = simulate_heat(wire.a1, wire.a2, wire.a3, duty, 0.05, 23.0, (23.0, 23.0))
+    np.testing.assert_allclose(simulated, expected, atol=1e-3)
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.73, 2.0])
+def test_delay_shifts_the_response(delay):
+    duty = np.repeat([0.0, 0.3, 0.1, 0.4], 100)
+    late = simulate_heat(-0.07, 20.0, -1.0, duty, 0.05, 25.0, (25.0, 25.0), delay)[1]
+    fine = np.repeat(duty, 10)  # at 200 Hz every delay above is a whole number of samples
+    exact = simulate_heat(-0.07, 20.0, -1.0, fine, 0.005, 25.0, (25.0, 25.0))[1]
+    times = np.arange(400) * 0.05 + 0.045  # a held value reaches back by a whole sample
+    expected = np.interp(times - delay, np.arange(4000) * 0.005, exact, left=25.0)
+    np.testing.assert_allclose(late, expected, atol=0.02)
+
+
+@pytest.mark.parametrize(("index", "side"), SIDES)
+def test_heat_transfer_is_the_one_that_generated_the_data(true_limb, model_recordings, index, side):
+    wire = getattr(true_limb.segments[0], side)
+    for fit in (
+        fit_heat_transfer(model_recordings[side][0], index, 23.0),
+        fit_heat_transfer_from_temperature(model_recordings[side][0], index, 23.0),
+    ):
+        assert fit.a1.value == pytest.approx(wire.a1, rel=0.03)
+        assert fit.a2.value == pytest.approx(wire.a2, rel=0.03)
+        assert fit.a3.value == pytest.approx(wire.a3, rel=0.03)
+        assert fit.remarks == []
+        assert fit.temperature_residual < 0.1
+
+
+def test_bend_per_degree_is_that_of_the_equilibrium(true_limb, model_recordings):
+    """(11), (12): φ = (n + 1)/2 β (T - T0) / k."""
+    fit = fit_heat_transfer(model_recordings["right"][0], 1, 23.0)
+    assert fit.angle_per_degree.value == pytest.approx(3 * 4.7e-4 / 0.115, rel=0.01)
+
+
+def test_a_dead_time_is_found_without_bend(model_recordings):
+    (recording,) = model_recordings["left"]
+    late = np.roll(recording.measured_temperature, 30, axis=1)  # 1.5 s
+    late[:, :30] = recording.measured_temperature[:, :1]
+    delayed = dataclasses.replace(recording, measured_temperature=late)
+    fit = fit_heat_transfer_from_temperature(delayed, 0, 23.0)
+    assert fit.delay.value == pytest.approx(1.5, abs=0.05)
+    assert fit.a1.value == pytest.approx(-0.06, rel=0.03)
+    assert fit.a3.value == pytest.approx(-1.3, rel=0.1)
+
+
+@pytest.mark.parametrize(("index", "side"), SIDES)
+def test_force_is_the_one_that_generated_the_data(true_limb, model_recordings, index, side):
+    (recording,) = model_recordings[side]
+    heat = fit_heat_transfer(recording, index, 23.0)
+    fit = fit_force(true_limb, recording, index, heat, Estimate(0.115, 0.0, "N·m/rad"))
+    assert fit.beta.value == pytest.approx(getattr(true_limb.segments[0], side).beta, rel=0.02)
+    assert len(fit.ratios) >= 3
+    softer = fit_force(true_limb, recording, index, heat, Estimate(0.0575, 0.00575, "N·m/rad"))
+    assert softer.beta.value == pytest.approx(fit.beta.value / 2)
+    assert softer.beta.standard_error >= 0.1 * softer.beta.value  # k's own uncertainty is in it
+
+
+def noisy(recording, seed):
+    """White noise of 0.3 °C and 0.5°, and a drift of the bend of 1° over minutes."""
+    generator = np.random.default_rng(seed)
+    drift, memory = np.empty(len(recording.time)), np.exp(-0.05 / 120.0)
+    drift[0] = generator.normal()
+    for k in range(1, len(drift)):
+        drift[k] = memory * drift[k - 1] + np.sqrt(1 - memory**2) * generator.normal()
+    angle = drift + 0.5 * generator.normal(size=len(drift))
+    return dataclasses.replace(
+        recording,
+        bend_angle=recording.bend_angle + np.deg2rad(angle),
+        measured_temperature=recording.measured_temperature
+        + 0.3 * generator.normal(size=recording.measured_temperature.shape),
+    )
+
+
+def test_standard_errors_cover_the_truth(true_limb, model_recordings):
+    """A short version of benchmarks/calibration_accuracy.py."""
+    wire = true_limb.segments[0].right
+    covered = dict.fromkeys(("a1", "a2", "a3"), 0)
+    for seed in range(15):
+        fit = fit_heat_transfer(noisy(model_recordings["right"][0], seed), 1, 23.0)
+        for name in covered:
+            estimate, truth = getattr(fit, name), getattr(wire, name)
+            assert estimate.value == pytest.approx(truth, rel=0.1)
+            covered[name] += abs(estimate.value - truth) < 1.96 * estimate.standard_error
+    # 95% of 15 are 14.25; the readings here are not late, unlike what a3's fit expects.
+    assert min(covered["a1"], covered["a2"]) >= 11
+    assert covered["a3"] >= 7
+
+
+def test_a_wire_that_was_never_warm_is_refused(model_recordings):
+    (recording,) = model_recordings["right"]
+    cold = dataclasses.replace(
+        recording, measured_temperature=np.full_like(recording.measured_temperature, 23.0)
+    )
+    for fit in (fit_heat_transfer, fit_heat_transfer_from_temperature):
+        with pytest.raises(CalibrationError, match="right wire was never warm"):
+            fit(cold, 1, 23.0)
+        with pytest.raises(CalibrationError, match="left wire was never heated"):
+            fit(recording, 0, 23.0)
+
+
+def test_a_limb_that_never_bends_is_refused(model_recordings):
+    (recording,) = model_recordings["right"]
+    straight = dataclasses.replace(recording, bend_angle=0.01 * recording.bend_angle)
+    with pytest.raises(CalibrationError, match="too little to tell its temperature from"):
+        fit_heat_transfer(straight, 1, 23.0)
+
+
+def test_bend_that_is_not_proportional_is_remarked(model_recordings):
+    (recording,) = model_recordings["right"]
+    bent = np.deg2rad(45.0) * (recording.bend_angle / np.deg2rad(45.0)).clip(0) ** 3
+    fit = fit_heat_transfer(dataclasses.replace(recording, bend_angle=bent), 1, 23.0)
+    assert any("not proportional" in remark for remark in fit.remarks)
+
+
+def test_clipped_duty_is_remarked(model_recordings):
+    (recording,) = model_recordings["right"]
+    duty = recording.duty.copy()
+    duty[1] = np.where(duty[1] > 0.1, 1.0, 0.0)
+    fit = fit_heat_transfer_from_temperature(dataclasses.replace(recording, duty=duty), 1, 23.0)
+    assert any("at its limit" in remark for remark in fit.remarks)
+
+
+def test_a_limb_that_never_rests_is_refused(true_limb, model_recordings):
+    (recording,) = model_recordings["right"]
+    heat = fit_heat_transfer(recording, 1, 23.0)
+    shaken = recording.bend_angle + np.deg2rad(5.0) * np.sin(0.9 * recording.time)
+    restless = dataclasses.replace(recording, bend_angle=shaken)
+    with pytest.raises(CalibrationError, match="never rests while the right wire is warm"):
+        fit_force(true_limb, restless, 1, heat, Estimate(0.115, 0.0, "N·m/rad"))
+
+
+def test_ambient_is_what_unheated_wires_read(model_recordings):
+    recordings = [model_recordings[side][0] for side in ("left", "right")]
+    assert ambient_temperature(recordings).value == pytest.approx(23.0, abs=0.01)
+    with pytest.raises(CalibrationError, match="unheated wire"):
+        ambient_temperature(model_recordings["both"])
+
+
+def test_two_segments_are_calibrated_one_by_one(two_segments, model_recordings):
+    heat = fit_heat_transfer(model_recordings["right"][0], 1, 23.0)
+    with pytest.raises(Exception, match="calibrate each of them alone"):
+        fit_force(
+            two_segments, model_recordings["right"][0], 1, heat, Estimate(0.1, 0.0, "N·m/rad")
+        )
+
+
+def test_parameters_of_the_nominal_limb_are_where_fits_may_go():
+    assert LimbParameters().wires[0].a3 == -1.0  # inside the bounds of heat.py, 0.02 to 10 1/s

@@ -1,0 +1,183 @@
+"""Stiffness and damping, against what generated the data, closed forms and a real beam."""
+
+import copy
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from calibration import CalibrationError, fit_damped_sinusoid, fit_damping, fit_stiffness
+from calibration.stiffness import shape_factors
+from limb_systems import LimbParameters, Recording, bend_angle
+from limb_systems.statics import static_equilibrium
+
+RING_DOWNS = Path(__file__).parents[1] / "data" / "silicone_ring_down"
+
+
+def sagging(parameters, angle, trials=1, spread=0.0):
+    """Recordings of a limb at rest at a bend angle, rad, with gravity along -E2."""
+    mounted = copy.deepcopy(parameters)
+    mounted.gravity = [0.0, -9.81, 0.0]
+    time = np.arange(120) / 20
+    return [
+        Recording(
+            time=time,
+            duty=np.zeros((2, 120)),
+            measured_temperature=np.full((2, 120), 25.0),
+            bend_angle=np.full((1, 120), angle + spread * deviation),
+            parameters=mounted,
+            source="made up",
+            sample_rate=20.0,
+        )
+        for deviation in np.linspace(-1, 1, trials)
+    ]
+
+
+def limb_with_ten_degrees_of_sag(links):
+    """Its stiffness by bisection on the plant's statics."""
+    limb = LimbParameters(gravity=[0.0, -9.81, 0.0])
+    limb.segments[0].links = links
+    low, high = 0.02, 0.5
+    for _ in range(60):
+        limb.segments[0].stiffness = (low + high) / 2
+        sag = -bend_angle(limb, static_equilibrium(limb)[0])[0]
+        low, high = (
+            (limb.segments[0].stiffness, high)
+            if sag > np.deg2rad(10)
+            else (
+                low,
+                limb.segments[0].stiffness,
+            )
+        )
+    return limb
+
+
+@pytest.mark.parametrize(("links", "factor"), [(4, 1.20), (5, 1.22), (6, 1.23)])
+def test_correction_factor_is_the_papers_and_stiffness_the_one_that_sags(links, factor):
+    limb = limb_with_ten_degrees_of_sag(links)
+    start = LimbParameters()
+    start.segments[0].links = links
+    fit = fit_stiffness(start, sagging(start, -np.deg2rad(10.0)))
+    assert fit.correction_factor == pytest.approx(factor, abs=0.01)
+    assert fit.stiffness.value == pytest.approx(limb.segments[0].stiffness, rel=0.01)
+    assert fit.simulated_sag == pytest.approx(-np.deg2rad(10.0), rel=0.01)
+
+
+def test_shape_factors_are_those_of_the_corrected_denominator():
+    np.testing.assert_allclose(shape_factors(5), np.array([25, 16, 9, 4, 1]) / 55)
+
+
+def test_stiffness_is_as_uncertain_as_its_trials_scatter():
+    """k is about inversely proportional to the sag, so relative errors are the same."""
+    limb = LimbParameters()
+    fit = fit_stiffness(limb, sagging(limb, -np.deg2rad(10.0), trials=5, spread=np.deg2rad(2.0)))
+    # Student's t with 4 degrees of freedom holds 95% within 2.776, a normal variable within 1.96.
+    scatter = np.std(np.linspace(-2, 2, 5), ddof=1) / np.sqrt(5) / 10 * 2.776 / 1.96
+    assert fit.stiffness.standard_error / fit.stiffness.value == pytest.approx(scatter, rel=0.05)
+    assert fit.remarks == []
+
+
+def test_few_or_scattered_trials_are_remarked():
+    limb = LimbParameters()
+    assert "Only 1 trial" in fit_stiffness(limb, sagging(limb, -0.17)).remarks[0]
+    wide = fit_stiffness(limb, sagging(limb, -0.17, trials=4, spread=0.06))
+    assert "differs by 6.9° between trials" in wide.remarks[0]
+
+
+def test_a_sag_upwards_or_a_limb_in_motion_is_refused():
+    limb = LimbParameters()
+    with pytest.raises(CalibrationError, match="bends upwards"):
+        fit_stiffness(limb, sagging(limb, 0.17))
+    (moving,) = sagging(limb, -0.17)
+    moving.bend_angle[0] = np.linspace(-0.1, -0.3, 120)
+    with pytest.raises(CalibrationError, match="does not rest"):
+        fit_stiffness(limb, [moving])
+
+
+def test_two_ways_of_mounting_are_refused():
+    limb = LimbParameters()
+    recordings = sagging(limb, -0.17, trials=2)
+    recordings[1].parameters = copy.deepcopy(limb)
+    recordings[1].parameters.gravity = [0.0, 9.81, 0.0]
+    with pytest.raises(CalibrationError, match="mount the limb the same way"):
+        fit_stiffness(limb, recordings)
+
+
+def ring_down(time, frequency=4.6, damping_ratio=0.1, offset=0.0, phase=0.4, release=0.0):
+    """A held signal, released into a damped sinusoid, by its closed form."""
+    natural = 2 * np.pi * frequency / np.sqrt(1 - damping_ratio**2)
+    since = np.maximum(time - release, 0.0)
+    wave = np.sin(2 * np.pi * frequency * since + phase) / np.sin(phase)
+    return offset + 45.0 * np.exp(-damping_ratio * natural * since) * wave
+
+
+@pytest.mark.parametrize("offset", [0.0, -12.0])
+@pytest.mark.parametrize("release", [0.0, 1.3])
+@pytest.mark.parametrize("phase", [np.pi / 2, 0.6])  # with and without velocity at the release
+@pytest.mark.parametrize(("frequency", "damping_ratio"), [(4.6, 0.12), (7.7, 0.05), (2.0, 0.3)])
+def test_damped_sinusoid_is_found(frequency, damping_ratio, phase, release, offset):
+    time = np.arange(500) / 100
+    signal = ring_down(time, frequency, damping_ratio, offset, phase, release)
+    fit = fit_damped_sinusoid(time, signal)
+    assert fit.frequency == pytest.approx(frequency, rel=5e-3)
+    assert fit.damping_ratio == pytest.approx(damping_ratio, rel=2e-2)
+    assert fit.offset == pytest.approx(offset, abs=0.3)
+    assert release - 0.02 <= fit.start < release + 0.5
+    np.testing.assert_allclose(fit(time[-300:]), signal[-300:], atol=0.5)
+
+
+def test_standard_error_of_the_decay_covers_the_truth():
+    time, generator, inside = np.arange(400) / 100, np.random.default_rng(0), 0
+    decay = 0.1 * 2 * np.pi * 4.6 / np.sqrt(1 - 0.1**2)
+    clean = ring_down(time, phase=np.pi / 2)
+    for _ in range(100):
+        fit = fit_damped_sinusoid(time, clean + generator.normal(0.0, 1.0, 400))
+        inside += abs(fit.decay_rate.value - decay) < 1.96 * fit.decay_rate.standard_error
+    assert 88 <= inside <= 100
+
+
+def test_noise_is_no_ring_down():
+    time = np.arange(300) / 100
+    with pytest.raises(CalibrationError, match="No oscillation stands out"):
+        fit_damped_sinusoid(time, np.random.default_rng(0).normal(size=300))
+
+
+@pytest.mark.parametrize(
+    ("name", "frequency", "damping_ratio"),
+    [("gravity", 7.7, 0.05), ("load52", 4.3, 0.055), ("load101", 3.3, 0.07)],
+)
+def test_real_silicone_beam(name, frequency, damping_ratio):
+    """Raw motion capture, hold included, against careful fits that are known to two digits.
+
+    The beam hangs along x; the tip marker's path is projected on its main direction.
+    """
+    table = np.loadtxt(RING_DOWNS / f"{name}.csv", delimiter=",", skiprows=1)
+    tip = table[:, 1:4] - table[:, 1:4].mean(axis=0)
+    main = np.linalg.svd(tip, full_matrices=False)[2][0]
+    fit = fit_damped_sinusoid(table[:, 0], tip @ main)
+    # "About 3.3" and "4.3" Hz are rounded by up to 1.5%.
+    assert fit.frequency == pytest.approx(frequency, rel=0.02 + 0.05 / frequency)
+    assert fit.damping_ratio == pytest.approx(damping_ratio, rel=0.15)
+
+
+def test_damping_is_the_one_that_generated_the_ring_down(true_limb, model_recordings):
+    start = copy.deepcopy(true_limb)
+    start.segments[0].damping = 2e-3
+    fit = fit_damping(start, model_recordings["ring_down"])
+    assert fit.damping.value == pytest.approx(8e-4, rel=0.01)
+    assert fit.remarks == []
+
+
+def test_a_limb_that_rings_faster_than_its_model_is_remarked(true_limb, model_recordings):
+    soft = copy.deepcopy(true_limb)
+    soft.segments[0].stiffness *= 0.8
+    (remark,) = fit_damping(soft, model_recordings["ring_down"]).remarks
+    assert "rubber is stiffer in fast motion" in remark
+
+
+def test_a_limb_at_rest_does_not_ring_down(true_limb, model_recordings):
+    (recording,) = model_recordings["ring_down"]
+    still = dataclasses.replace(recording, bend_angle=0 * recording.bend_angle)
+    with pytest.raises(CalibrationError, match="does not move"):
+        fit_damping(true_limb, [still])
