@@ -16,6 +16,7 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/simulation.py
 	$(BIN)/python benchmarks/replanning.py
 	$(BIN)/python benchmarks/sweep.py
+	$(BIN)/python benchmarks/calibration_accuracy.py
 	$(BIN)/python benchmarks/planning.py
 
 lint: $(VENV)/ready

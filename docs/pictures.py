@@ -1,18 +1,20 @@
 """Makes the pictures of this folder anew; needs Graphviz's `dot`.
 
-`replay.png` is a screenshot of the page that `make demo` writes.
+`fig4.png` and `fig5.png` are those of the demo; `replay.png` is a screenshot of
+the page that it writes.
 
 python docs/pictures.py
 """
 
+import shutil
+import subprocess
+import sys
+import tempfile
 from pathlib import Path
 
 import pydot
 
-from hardware import LimbTwin, replay
-from limb_systems import Limb, LimbParameters
-from limb_systems.plots import plot_tracking, save_figure
-from planners import plan, references
+from limb_systems import Limb
 
 FOLDER = Path(__file__).parent
 
@@ -20,10 +22,10 @@ FOLDER = Path(__file__).parent
 def main() -> None:
     (graph,) = pydot.graph_from_dot_data(Limb().GetGraphvizString())
     graph.write_svg(FOLDER / "limb.svg")
-    trajectory = plan(LimbParameters(), references.step_and_decaying_sine())
-    rollouts = [replay(trajectory, LimbTwin(seed=seed)) for seed in range(5)]
-    title = "Steps and decaying sinusoid: plan, and five rollouts on an emulated limb"
-    save_figure(plot_tracking(trajectory, rollouts, title), FOLDER / "fig5.png")
+    with tempfile.TemporaryDirectory() as out:
+        subprocess.run([sys.executable, FOLDER.parent / "examples" / "demo.py", out], check=True)
+        for name in ("fig4.png", "fig5.png"):
+            shutil.copy(Path(out) / name, FOLDER / name)
 
 
 if __name__ == "__main__":

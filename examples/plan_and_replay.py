@@ -24,6 +24,7 @@ trajectory = plan(parameters, references.from_samples(times, wave))
 trajectory.save(folder / "my_trajectory.csv")
 print(plan_summary(trajectory))
 
+# The emulated limb is not quite as the nominal parameters say; examples/demo.py calibrates first.
 recording = replay(trajectory, LimbTwin(parameters, seed=1))
 recording.save(folder / "my_recording.csv")
 errors = tracking_errors(trajectory, [recording])

@@ -36,15 +36,20 @@ def test_plan_and_replay(tmp_path):
 
 def test_demo_leaves_what_it_promises(tmp_path):
     done = run([ROOT / "examples/demo.py", tmp_path / "out"], tmp_path)
-    assert done.stderr == ""
+    assert all(line.startswith("simulating: ") for line in done.stderr.splitlines())
     assert "emulated" in done.stdout
     out = tmp_path / "out"
-    assert LimbParameters.load(out / "limb.yaml") == LimbParameters()
+    limb = LimbParameters.load(out / "limb.yaml")
+    assert limb != LimbParameters()
     trajectory = Trajectory.load(out / "trajectory.csv")
+    assert trajectory.parameters == limb
+    assert len(list((out / "recordings").iterdir())) == 16
+    assert b"</html>" in (out / "calibration.html").read_bytes()
     assert trajectory.check.failure() is None
     for number in range(1, 6):
         assert Recording.load(out / f"rollout_{number}.csv").time[-1] == pytest.approx(60.0)
-    assert (out / "fig5.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("fig4.png", "fig5.png"):
+        assert (out / name).read_bytes().startswith(b"\x89PNG")
     assert b"</html>" in (out / "replay.html").read_bytes()
 
 
