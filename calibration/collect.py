@@ -91,9 +91,9 @@ def collect_sag(limb: System) -> Recording:
     return simulate(limb, np.zeros(2), 15.0)
 
 
-def collect_ring_down(limb: System) -> Recording:
-    """Sec. V-B: somebody holds the limb at 45° and lets it go within the next 6 s; 100 Hz."""
-    return simulate(limb, np.zeros(2), 6.0, sample_rate=RING_DOWN_RATE)
+def collect_ring_down(limb: System, sample_rate: float = RING_DOWN_RATE) -> Recording:
+    """Sec. V-B: somebody holds the limb at 45° and lets it go within the next 6 s."""
+    return simulate(limb, np.zeros(2), 6.0, sample_rate=sample_rate)
 
 
 def hand_for_ring_down() -> PiecewisePolynomial:

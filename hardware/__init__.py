@@ -1,6 +1,20 @@
-"""The robot: its emulated twin, and the replay of trajectories on it."""
+"""The robot, its emulated twin, and the replay of trajectories on them."""
 
-from hardware.replay import ReplayError, replay
+from hardware.link import BoardInfo, BoardLink, HardwareError, Sample
+from hardware.replay import ReplayError, replay, watch
+from hardware.sensors import SensedLimb
+from hardware.serial_limb import SerialLimb
 from hardware.twin import LimbTwin
 
-__all__ = ["LimbTwin", "ReplayError", "replay"]
+__all__ = [
+    "BoardInfo",
+    "BoardLink",
+    "HardwareError",
+    "LimbTwin",
+    "ReplayError",
+    "Sample",
+    "SensedLimb",
+    "SerialLimb",
+    "replay",
+    "watch",
+]

@@ -1,45 +1,196 @@
-"""``python -m hardware``: replays a trajectory and records what happens."""
+"""``python -m hardware``: the robot, and its emulation, from the shell."""
 
 import argparse
+import contextlib
+import json
+import signal
 import sys
 from pathlib import Path
 
 import numpy as np
+from serial.tools import list_ports
 
-from hardware import LimbTwin, replay
-from limb_systems import LimbError, Trajectory
+from hardware import BoardLink, LimbTwin, SerialLimb, replay, watch
+from hardware.emulate import emulate
+from hardware.emulated_board import ORDERS
+from hardware.firmware import guard
+from hardware.self_test import self_test
+from limb_systems import LimbError, LimbParameters, Recording, Trajectory
 from limb_systems.tracking import tracking_errors
 
 
 def main(arguments: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m hardware",
-        description="Replays planned trajectories on an emulated limb, in simulated time.",
-        epilog="exit status: 0 done, 1 it could not be done, 2 wrong usage",
-    )
-    commands = parser.add_subparsers(dest="command", required=True)
-    replay_parser = commands.add_parser(
-        "replay", help="replay a trajectory open loop and write the recording"
-    )
-    replay_parser.add_argument("trajectory", type=Path, help="trajectory file (.csv)")
-    replay_parser.add_argument(
-        "-o", "--output", required=True, type=Path, help="recording file to write (.csv)"
-    )
-    replay_parser.add_argument(
-        "--seed", type=int, default=0, help="of the emulated limb's noise (default %(default)s)"
-    )
-    options = parser.parse_args(arguments)
+    if arguments is None and sys.argv[1:2] == ["collect"]:
+        # Collecting needs the controller of the package that is built on this one.
+        from calibration.__main__ import main as calibration_main
+
+        return calibration_main(sys.argv[1:])
+    options = _parser().parse_args(arguments)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _stop)
     try:
-        trajectory = Trajectory.load(options.trajectory)
-        recording = replay(trajectory, LimbTwin(trajectory.parameters, seed=options.seed))
-        recording.save(options.output)
-        errors = tracking_errors(trajectory, [recording])
+        return _COMMANDS[options.command](options)
     except (LimbError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("stopped; nothing was written", file=sys.stderr)
+        print("stopped; wires are off", file=sys.stderr)
         return 130
+
+
+def _stop(*_) -> None:
+    raise KeyboardInterrupt
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m hardware",
+        description="Replays plans on a limb, records motions that are taught, and checks the "
+        "board. A PORT is the name of a serial port or any URL of pyserial's.",
+        epilog="exit status: 0 done, 1 it could not be done, 2 wrong usage, 130 stopped by Ctrl-C "
+        "or a signal, with the wires off",
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    commands.add_parser("ports", help="list the serial ports of this computer")
+
+    status = commands.add_parser("status", help="say how a board is")
+    status.add_argument("port", help="of the board")
+    status.add_argument("--clear", action="store_true", help="clear a fault that is latched")
+    status.add_argument("--json", action="store_true", help="print JSON")
+
+    check = commands.add_parser(
+        "arm-check",
+        help="test sensors and wires one by one; heats each wire a little",
+        description="Looks whether sensors are alive, and whether each wire warms its own "
+        "thermocouple and bends the limb to its own side. Heats each wire for 6 s.",
+    )
+    check.add_argument("port", help="of the board")
+
+    run = commands.add_parser(
+        "replay",
+        help="replay a trajectory open loop and record it",
+        description="Drives a limb with a trajectory's duty: a robot in real time, or without a "
+        "port an emulated limb in simulated time. On a robot every sample is in the recording as "
+        "soon as it comes.",
+    )
+    run.add_argument("trajectory", type=Path, help="trajectory file (.csv)")
+    run.add_argument(
+        "-o", "--output", required=True, type=Path, help="recording file to write (.csv)"
+    )
+    run.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
+    run.add_argument(
+        "--seed", type=int, default=0, help="of the emulated limb (default %(default)s)"
+    )
+
+    teach = commands.add_parser(
+        "teach",
+        help="record the bend while the limb is moved by hand, wires off",
+        description="Records while the limb is moved by hand. The recording is a reference: "
+        "python -m planners RECORDING -o plan.csv plans it.",
+    )
+    teach.add_argument("port", help="of the robot")
+    teach.add_argument(
+        "-o", "--output", required=True, type=Path, help="recording file to write (.csv)"
+    )
+    teach.add_argument(
+        "-t", "--time", type=float, default=60.0, help="to record, s (default %(default)g)"
+    )
+    teach.add_argument("-l", "--limb", type=Path, help="parameters of the limb (.yaml)")
+
+    recover = commands.add_parser(
+        "recover", help="finish the recording of a program that was killed"
+    )
+    recover.add_argument("recording", type=Path, help="recording without its end (.csv)")
+    recover.add_argument(
+        "-o", "--output", required=True, type=Path, help="recording file to write (.csv)"
+    )
+
+    commands.add_parser(
+        "collect",
+        add_help=False,
+        help="record what calibration needs; the same as python -m calibration collect",
+    )
+
+    emulation = commands.add_parser(
+        "emulate",
+        help="emulate a board and a limb on a pseudo-terminal",
+        description="Runs the board's firmware on an emulated board with an emulated limb, in real "
+        "time, and prints the port to connect to. Misbehaves on orders, a line each on standard "
+        f"input: {ORDERS}.",
+    )
+    emulation.add_argument(
+        "--seed", type=int, default=0, help="of the emulated limb (default %(default)s)"
+    )
+    emulation.add_argument(
+        "--do", action="append", default=[], metavar="ORDER", help="an order to begin with"
+    )
+    emulation.add_argument(
+        "--log", type=Path, help="file for changes of duty and orders, a line of JSON each"
+    )
+    return parser
+
+
+def _ports(_) -> int:
+    ports = list_ports.comports()
+    for port in ports:
+        print(f"{port.device:<20}{port.description}")
+    if not ports:
+        print("no serial ports; is the board plugged in?")
+    return 0
+
+
+def _status(options) -> int:
+    with BoardLink(options.port) as link:
+        info = link.info()
+        if options.clear:
+            link.clear()
+        sample = link.sample()
+    if options.json:
+        print(
+            json.dumps(
+                {
+                    "serial_number": info.serial_number,
+                    "firmware_version": info.firmware_version,
+                    "temperature_limit_c": info.temperature_limit,
+                    "armed": sample.armed,
+                    "reason": guard.TEXTS[sample.reason],
+                    "measured_temperature_c": sample.temperature.tolist(),
+                    "bend_angle_deg": np.rad2deg(sample.bend_angle),
+                    "duty": sample.duty.tolist(),
+                }
+            )
+        )
+        return 0
+    print(f"board       {info.serial_number}, firmware {info.firmware_version}")
+    print(f"state       {'armed' if sample.armed else 'off: ' + guard.TEXTS[sample.reason]}")
+    left, right = sample.temperature
+    print(
+        f"wires       left {left:.2f} °C, right {right:.2f} °C; off at "
+        f"{info.temperature_limit:g} °C"
+    )
+    print(f"bend angle  {np.rad2deg(sample.bend_angle):.1f}°")
+    return 0
+
+
+def _arm_check(options) -> int:
+    with BoardLink(options.port) as link:
+        return 0 if self_test(link, lambda line: print(line, flush=True)) else 1
+
+
+def _replay(options) -> int:
+    trajectory = Trajectory.load(options.trajectory)
+    if options.port:
+        limb = SerialLimb(options.port, trajectory.parameters)
+        recording = replay(trajectory, limb, journal=options.output)
+        late = 1000 * np.array(limb.timing_errors)
+        print(
+            f"timing      commands were late by {np.median(late):.1f} ms (median), "
+            f"{np.percentile(late, 99):.1f} ms (99%); {limb.link.lost_samples} samples were lost"
+        )
+    else:
+        recording = replay(trajectory, LimbTwin(trajectory.parameters, seed=options.seed))
+        recording.save(options.output)
+    errors = tracking_errors(trajectory, [recording])
     mean, median, percentile_90 = np.rad2deg([errors.mean, errors.median, errors.percentile_90])
     print(f"source      {recording.source}")
     print(
@@ -49,6 +200,42 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"written     {options.output}")
     return 0
 
+
+def _teach(options) -> int:
+    limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
+    robot = SerialLimb(options.port, limb, heated=False)
+    print("Move the limb by hand; Ctrl-C ends the recording.", flush=True)
+    with contextlib.suppress(KeyboardInterrupt):  # the journal has it all
+        watch(robot, options.time, journal=options.output)
+    recording = Recording.load(options.output)
+    low, high = np.rad2deg([recording.bend_angle.min(), recording.bend_angle.max()])
+    print(f"taught      {recording.time[-1]:.1f} s, from {low:.1f}° to {high:.1f}°")
+    print(f"written     {options.output}")
+    return 0
+
+
+def _recover(options) -> int:
+    recording = Recording.load(options.recording, unfinished=True)
+    recording.save(options.output)
+    print(f"recovered   {len(recording.time)} samples, {recording.time[-1]:.2f} s")
+    print(f"written     {options.output}")
+    return 0
+
+
+def _emulate(options) -> int:
+    emulate(LimbTwin(seed=options.seed), options.do, options.log)
+    return 0
+
+
+_COMMANDS = {
+    "ports": _ports,
+    "status": _status,
+    "arm-check": _arm_check,
+    "replay": _replay,
+    "teach": _teach,
+    "recover": _recover,
+    "emulate": _emulate,
+}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,29 +1,73 @@
-"""Replaying a planned trajectory, open loop."""
+"""Replaying a planned trajectory, open loop, and recording a limb that is moved by hand."""
 
-from pydrake.systems.framework import System
+import contextlib
+from pathlib import Path
 
+import numpy as np
+from pydrake.systems.framework import Context, DiagramBuilder, System
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from hardware.journal import add_journal
 from limb_systems import LimbError, Recording, Trajectory, simulate
+from limb_systems.simulation import record
+
+AMBIENT_TOLERANCE = 10.0  # °C, by which a wire may differ from where the plan starts
 
 
 class ReplayError(LimbError):
     """A trajectory must not be replayed on this limb."""
 
 
-def replay(trajectory: Trajectory, limb: System, *, sample_rate: float = 20.0) -> Recording:
-    """Drives a limb with a trajectory's duty and records it, in simulated time.
+def replay(
+    trajectory: Trajectory,
+    limb: System,
+    *,
+    sample_rate: float = 20.0,
+    journal: str | Path | None = None,
+) -> Recording:
+    """Drives a limb with a trajectory's duty and records it.
+
+    A `SerialLimb` is driven in real time and closed at the end, whatever the
+    end is: the wires are off then. All else is simulated.
 
     Args:
         trajectory: a plan that passed its check.
-        limb: a `LimbTwin`, a `Limb` or a system with their ports; it becomes
-            part of a diagram and cannot be replayed on twice.
+        limb: a `SerialLimb`, a `LimbTwin`, a `Limb` or a system with their
+            ports; it becomes part of a diagram and cannot be replayed on twice.
         sample_rate: of the recording, Hz.
+        journal: file to which each sample goes as it comes.
 
     Raises:
-        ReplayError: if the trajectory failed its check, or if it was planned
-            for another kind of limb or hotter than this one allows.
+        ReplayError: if the trajectory failed its check, if it was planned for
+            another limb, hotter than this one allows or from another
+            temperature than its wires have.
+        HardwareError: if the robot fails on the way.
     """
-    check_replayable(trajectory, limb)
-    return simulate(limb, trajectory, sample_rate=sample_rate)
+    with contextlib.closing(limb) if _is_robot(limb) else contextlib.nullcontext():
+        check_replayable(trajectory, limb)
+        if not _is_robot(limb) and journal is None:
+            return simulate(limb, trajectory, sample_rate=sample_rate)
+        duty = trajectory.duty_trajectory()
+        duty.shiftRight(-trajectory.time[0])
+        return _run(limb, duty, trajectory.duration, sample_rate, journal)
+
+
+def watch(
+    limb: System, duration: float, *, sample_rate: float = 20.0, journal: str | Path | None = None
+) -> Recording:
+    """Records a limb with its wires off, while it hangs, swings or is moved by hand.
+
+    Args:
+        duration: s.
+        limb, sample_rate, journal: as for `replay`.
+
+    Raises:
+        HardwareError: if the robot fails on the way.
+    """
+    off = PiecewisePolynomial.ZeroOrderHold([0.0, duration], np.zeros((2, 2)))
+    with contextlib.closing(limb) if _is_robot(limb) else contextlib.nullcontext():
+        return _run(limb, off, duration, sample_rate, journal)
 
 
 def check_replayable(trajectory: Trajectory, limb: System) -> None:
@@ -42,3 +86,72 @@ def check_replayable(trajectory: Trajectory, limb: System) -> None:
             f"This trajectory heats a wire to {hottest:.1f} °C, but this limb's "
             f"temperature_limits.maximum is {limit:g} °C; plan it again for this limb."
         )
+    if _is_robot(limb):
+        _check_robot(trajectory, limb)
+
+
+def _check_robot(trajectory: Trajectory, limb) -> None:
+    """What only a robot can tell: who it is, and how warm."""
+    board, planned = limb.info.serial_number, trajectory.parameters
+    if planned.board and planned.board != board:
+        raise ReplayError(
+            f"This trajectory was planned with the calibration of the limb {planned.board}, but "
+            f"the limb on {limb.link.port} is {board}; calibrate that one."
+        )
+    limit = planned.temperature_limits.maximum
+    if limit > limb.info.temperature_limit:
+        raise ReplayError(
+            f"This trajectory may heat wires to {limit:g} °C, but the board switches off at "
+            f"{limb.info.temperature_limit:g} °C; plan it again with a lower "
+            "temperature_limits.maximum."
+        )
+    measured = limb.link.sample().temperature
+    for name, now, start in zip(
+        planned.wire_names, measured, trajectory.measured_temperature[:, 0], strict=True
+    ):
+        if abs(now - start) > AMBIENT_TOLERANCE:
+            raise ReplayError(
+                f"The {name} wire is at {now:.1f} °C, but the trajectory starts at {start:.1f} °C; "
+                "wait until it has cooled, or plan from where it is."
+            )
+
+
+def _run(limb: System, duty, duration: float, sample_rate: float, journal) -> Recording:
+    builder = DiagramBuilder()
+    source = builder.AddSystem(TrajectorySource(duty))
+    builder.AddSystem(limb)
+    writer = None
+    if journal is not None:
+        writer = add_journal(builder, journal, limb, source.get_output_port(), sample_rate)
+    try:
+        return record(
+            builder,
+            limb,
+            source.get_output_port(),
+            duration,
+            sample_rate=sample_rate,
+            remark=_remark(limb) if _is_robot(limb) else None,
+        )
+    finally:
+        if writer:
+            writer.close()
+
+
+def _remark(limb: System):
+    """Angle, temperatures and duty for the progress line."""
+
+    def remark(root: Context) -> str:
+        context = limb.GetMyContextFromRoot(root)
+        values = [port.Eval(context) for port in map(limb.get_output_port, range(2))]
+        (left, right), (angle,) = values
+        duty = limb.get_input_port().Eval(context)
+        return (
+            f"φ {np.rad2deg(angle):+5.1f}°, left {left:.1f} °C at {duty[0]:.2f}, "
+            f"right {right:.1f} °C at {duty[1]:.2f}"
+        )
+
+    return remark
+
+
+def _is_robot(limb: System) -> bool:
+    return getattr(limb, "real_time", False)

@@ -20,7 +20,7 @@ import hashlib
 import os
 import re
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -70,21 +70,70 @@ def write_table(
         FileFormatError: if a value is not finite or time is not increasing.
     """
     _check_values(columns, [f"sample {index}" for index in range(len(columns["time_s"]))])
-    texts = [
-        map(_format_degrees if _is_angle(name) else repr, values.tolist())
-        for name, values in columns.items()
-    ]
-    rows = [",".join(row) for row in zip(*texts, strict=True)]
-    lines = [f"# limb {kind}, format {FORMAT_VERSION}"]
-    lines += [f"# {line}" for line in header.splitlines()]
-    lines += [",".join(columns), *rows]
-    body = "\n".join(lines) + "\n"
+    rows = list(_format_rows(columns))
+    body = f"{_format_head(kind, header, columns)}{''.join(rows)}"
     digest = hashlib.sha256(body.encode()).hexdigest()
     write_atomically(path, f"{body}# end, {len(rows)} rows, sha256 {digest}\n")
 
 
-def read_table(path: str | Path, kind: str) -> tuple[str, dict[str, np.ndarray]]:
-    """Reads what `write_table` wrote.
+class TableWriter:
+    """Writes a table row by row, each on disk before the next; `close` ends it.
+
+    Until then the file lacks its end line; `read_table` reads it when asked to.
+    """
+
+    def __init__(self, path: str | Path, kind: str, header: str, names: Sequence[str]):
+        """Args:
+        path, kind, header: as for `write_table`.
+        names: of the columns.
+        """
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        self._names = list(names)
+        self._digest, self._num_rows = hashlib.sha256(), 0
+        self._file = open(path, "w", encoding="utf-8", newline="\n")  # noqa: SIM115
+        self._write(_format_head(kind, header, self._names))
+
+    def append(self, values: Sequence[float]) -> None:
+        """Adds a row of values, angles in rad."""
+        (row,) = _format_rows({n: np.array([v]) for n, v in zip(self._names, values, strict=True)})
+        self._write(row)
+        self._num_rows += 1
+
+    def close(self) -> None:
+        """Writes the end line; more than once does nothing."""
+        if not self._file.closed:
+            self._file.write(f"# end, {self._num_rows} rows, sha256 {self._digest.hexdigest()}\n")
+            self._file.close()
+
+    def _write(self, text: str) -> None:
+        self._digest.update(text.encode())
+        self._file.write(text)
+        self._file.flush()  # to the kernel, where it outlives this process
+
+
+def _format_head(kind: str, header: str, names: Iterable[str]) -> str:
+    lines = [f"# limb {kind}, format {FORMAT_VERSION}"]
+    lines += [f"# {line}" for line in header.splitlines()]
+    return "\n".join([*lines, ",".join(names)]) + "\n"
+
+
+def _format_rows(columns: Mapping[str, np.ndarray]) -> Iterator[str]:
+    texts = [
+        map(_format_degrees if _is_angle(name) else repr, values.tolist())
+        for name, values in columns.items()
+    ]
+    return (",".join(row) + "\n" for row in zip(*texts, strict=True))
+
+
+def read_table(
+    path: str | Path, kind: str, *, unfinished: bool = False
+) -> tuple[str, dict[str, np.ndarray]]:
+    """Reads what `write_table` or `TableWriter` wrote.
+
+    Args:
+        unfinished: whether the end line may be missing, because the program
+            that wrote the table died; what comes after the last whole line is
+            left out then.
 
     Returns:
         The header's YAML text, and the columns (K,) by name, angles in rad.
@@ -93,11 +142,21 @@ def read_table(path: str | Path, kind: str) -> tuple[str, dict[str, np.ndarray]]
         FileFormatError: one sentence that says what is wrong and where.
     """
     try:
-        return _parse_table(Path(path).read_bytes(), kind)
+        data = Path(path).read_bytes()
+        if unfinished and not re.search(rb"\n# end, .*\n$", data):
+            data = _finish(data)
+        return _parse_table(data, kind)
     except OSError as error:
         raise FileFormatError(f"Cannot read the {kind}: {error}.") from error
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
+
+
+def _finish(data: bytes) -> bytes:
+    """Adds the end line to what there is of a table."""
+    body = data[: data.rfind(b"\n") + 1]
+    rows = [line for line in body.splitlines()[1:] if not line.startswith(b"# ")][1:]
+    return body + f"# end, {len(rows)} rows, sha256 {hashlib.sha256(body).hexdigest()}\n".encode()
 
 
 def _parse_table(data: bytes, kind: str) -> tuple[str, dict[str, np.ndarray]]:

@@ -93,6 +93,8 @@ class LimbParameters:
       default, is the paper's mounting, with the bending axis vertical and
       stiff against gravity; (0, -9.81, 0) is the cantilever of Sec. V-A.
     - ``temperature_limits``: eqns (19)-(20).
+    - ``board``: serial number of the board on the limb that these parameters
+      were calibrated on; empty if of none.
 
     The order of wires is [left, right] of the first segment, then of the
     second, and so on; the order of joints is from the base to the tip.
@@ -106,6 +108,7 @@ class LimbParameters:
         default_factory=lambda: [0.0, 0.0, 0.0], metadata={"unit": "m/s²", "range": (-100.0, 100.0)}
     )
     temperature_limits: TemperatureLimits = dataclasses.field(default_factory=TemperatureLimits)
+    board: str = ""
 
     @classmethod
     def load(cls, path: str | Path) -> "LimbParameters":
@@ -216,6 +219,9 @@ def _validate(target, path: str) -> None:
                 if not isinstance(item, SegmentParameters):
                     raise ParameterError(f"{name}[{index}] is not a SegmentParameters.")
                 _validate(item, f"{name}[{index}].")
+        elif field.type is str:
+            if not isinstance(value, str):
+                raise ParameterError(f"{name} is {value!r}; it must be text.")
         elif isinstance(value, field.type):
             _validate(value, f"{name}.")
         else:

@@ -68,13 +68,17 @@ class Recording:
             raise LimbError(f"sample_rate is {self.sample_rate!r} Hz; it must be positive.")
 
     @classmethod
-    def load(cls, path: str | Path) -> "Recording":
+    def load(cls, path: str | Path, *, unfinished: bool = False) -> "Recording":
         """Reads a recording's file.
+
+        Args:
+            unfinished: whether the file may lack its end, because the program
+                that recorded was killed.
 
         Raises:
             FileFormatError: one sentence that says what is wrong and where.
         """
-        header_text, columns = read_table(path, "recording")
+        header_text, columns = read_table(path, "recording", unfinished=unfinished)
         try:
             header = load_typed(RecordingHeader, header_text)
             header.parameters.validate()

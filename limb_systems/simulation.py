@@ -1,6 +1,7 @@
 """Simulating a limb, or anything with its ports, over a course of duty."""
 
 import copy
+import time
 from collections.abc import Callable
 
 import numpy as np
@@ -27,6 +28,7 @@ class SimulationError(LimbError):
 # of those of implicit_euler at accuracy 1e-3 (benchmarks/simulation.py).
 INTEGRATION_SCHEME = "radau3"
 MAX_STEP_SIZE = 0.1
+REAL_TIME_STEP = 0.05  # s, the period of everything that a robot does
 
 
 def simulate(
@@ -88,13 +90,15 @@ def record(
     *,
     reference: OutputPort | None = None,
     until: Callable[[Context], bool] | None = None,
+    remark: Callable[[Context], str] | None = None,
     sample_rate: float = 20.0,
     accuracy: float = 1e-3,
     initial_state: ArrayLike | None = None,
 ) -> Recording:
     """Runs a diagram with a limb in it and records the limb.
 
-    This is `simulate` for duty from anywhere, a controller for example.
+    This is `simulate` for duty from anywhere, a controller for example. A
+    system whose ``real_time`` is true, as that of a robot, is run in real time.
 
     Args:
         builder: of a diagram that holds the system and what drives it.
@@ -102,6 +106,7 @@ def record(
         duty: the port that drives the limb; it is connected here.
         duration: s, at the most.
         reference: the bend angle that is asked for (S), rad, to be recorded.
+        remark: what to show of the diagram's context while it runs.
         until: of the diagram's context; the recording ends when it holds.
         sample_rate, accuracy, initial_state: as for `simulate`.
 
@@ -135,7 +140,8 @@ def record(
         _set_state(system.GetMyMutableContextFromRoot(context), initial_state)
     num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
     # Drake's clock ticks at multiples of the period, which round their own way.
-    _advance(simulator, max(duration, (num_samples - 1) * (1 / sample_rate)), until)
+    end = max(duration, (num_samples - 1) * (1 / sample_rate))
+    _advance(simulator, end, until, remark, getattr(system, "real_time", False))
 
     signals = {name: sink.FindLog(context).data() for name, sink in sinks.items()}
     signals["duty"] = np.clip(signals["duty"], 0.0, 1.0)  # of rounding
@@ -233,19 +239,31 @@ def _logged_ports(system: System) -> list[str]:
 
 
 def _advance(
-    simulator: Simulator, end: float, until: Callable[[Context], bool] | None = None
+    simulator: Simulator,
+    end: float,
+    until: Callable[[Context], bool] | None,
+    remark: Callable[[Context], str] | None,
+    real_time: bool,
 ) -> None:
-    """Simulates from time 0 to the end, s, second by second to show progress."""
+    """Simulates from time 0 to the end, s, bit by bit to show progress."""
+    context = simulator.get_context()
     try:
         simulator.Initialize()
-        with Progress("simulating", end, "s") as progress:
-            for time in np.append(np.arange(1.0, end, 1.0), end):
-                simulator.AdvanceTo(time)
-                progress.update(time)
-                if until and until(simulator.get_context()):
+        start = time.monotonic()
+        with Progress("recording" if real_time else "simulating", end, "s") as progress:
+            # In real time each step begins when its events are due, and ends halfway to the next.
+            # Waiting here and not in the Simulator lets other threads and signals come through.
+            step = REAL_TIME_STEP if real_time else 1.0
+            offset = step / 2 if real_time else 0.0
+            for due in np.append(np.arange(step, end, step) - offset, end):
+                if real_time:
+                    time.sleep(max(0.0, start + due - offset - time.monotonic()))
+                simulator.AdvanceTo(due)
+                progress.update(due, remark(context) if remark else "")
+                if until and until(context):
                     break
     except RuntimeError as error:
         raise SimulationError(
-            f"The simulation stopped at {simulator.get_context().get_time():.3g} s of "
+            f"The simulation stopped at {context.get_time():.3g} s of "
             f"{end:g} s: {' '.join(str(error).split())}"
         ) from error

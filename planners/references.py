@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
+from scipy.signal import savgol_filter
 
 from limb_systems import LimbError, Recording
 
@@ -44,9 +45,27 @@ def from_samples(times: ArrayLike, bend_angles: ArrayLike) -> PiecewisePolynomia
     return PiecewisePolynomial.FirstOrderHold(times - times[0], angles)
 
 
-def from_recording(recording: Recording) -> PiecewisePolynomial:
-    """Teach and repeat: the bend angle of a recording as the reference."""
-    return from_samples(recording.time, recording.bend_angle)
+def from_recording(recording: Recording, smoothing_time: float = 0.0) -> PiecewisePolynomial:
+    """Teach and repeat: the bend angle of a recording as the reference.
+
+    Args:
+        smoothing_time: s; longer than zero, quadratic polynomials are fitted
+            to as much of the recording around each sample (Savitzky-Golay),
+            which takes the sensor's noise away and leaves the motion.
+
+    Raises:
+        LimbError: if the recording is shorter than that.
+    """
+    angles = recording.bend_angle
+    window = 2 * round(smoothing_time * recording.sample_rate / 2) + 1
+    if window > angles.shape[1] or not smoothing_time >= 0:
+        raise LimbError(
+            f"smoothing_time is {smoothing_time!r} s; it must be from 0 to the recording's "
+            f"{recording.time[-1] - recording.time[0]:g} s."
+        )
+    if window > 3:
+        angles = savgol_filter(angles, window, 2)
+    return from_samples(recording.time, angles)
 
 
 def load(path: str | Path) -> PiecewisePolynomial:

@@ -323,7 +323,7 @@ def write_sealed(path, lines):
 
 @pytest.fixture
 def lines(tmp_path) -> list[str]:
-    """Of a recording that is then changed; its first sample stands in line 30."""
+    """Of a recording that is then changed; its first sample stands in line 31."""
     return saved_lines(make_recording(), tmp_path / "file.csv")
 
 
@@ -346,7 +346,7 @@ def test_sealing_an_unchanged_file_leaves_it_good(tmp_path, lines):
 
 
 def test_the_lines_are_counted_as_in_an_editor(lines):
-    assert names_line(lines) == 28  # line 29, counted from 1
+    assert names_line(lines) == 29  # line 30, counted from 1
 
 
 def test_another_version_is_refused(lines, refuse_sealed):
@@ -355,13 +355,13 @@ def test_another_version_is_refused(lines, refuse_sealed):
 
 
 def test_shuffled_rows_are_refused(lines, refuse_sealed):
-    lines[30], lines[31] = lines[31], lines[30]
-    refuse_sealed(lines, "time", "line 32", "increas")
+    lines[31], lines[32] = lines[32], lines[31]
+    refuse_sealed(lines, "time", "line 33", "increas")
 
 
 def test_duplicate_rows_are_refused(lines, refuse_sealed):
-    lines.insert(30, lines[30])
-    refuse_sealed(lines, "time", "line 32", "increas")
+    lines.insert(31, lines[31])
+    refuse_sealed(lines, "time", "line 33", "increas")
 
 
 def test_wrong_count_of_rows_is_refused(tmp_path, refused):
@@ -385,21 +385,21 @@ def test_changed_value_under_the_old_checksum_is_refused(tmp_path, refused, line
 @pytest.mark.parametrize("name", ["time_s", "duty_left", "bend_angle_deg", "joint_rate_2_deg_s"])
 def test_value_that_is_not_finite_is_refused_with_its_place(lines, refuse_sealed, name, text):
     set_cell(lines, 2, name, text)
-    refuse_sealed(lines, name, "line 32")
+    refuse_sealed(lines, name, "line 33")
 
 
 @pytest.mark.parametrize("text", ["", "abc", "0x1", "snan", "1.2.3", "--1"])
 @pytest.mark.parametrize("name", ["time_s", "duty_left", "bend_angle_deg"])
 def test_cell_that_is_no_number_is_refused_with_its_place(lines, refuse_sealed, name, text):
     set_cell(lines, 2, name, text)
-    refuse_sealed(lines, "line 32")
+    refuse_sealed(lines, "line 33")
 
 
 @pytest.mark.parametrize("exponent", ["400", "99999", "9999999", "9" * 20, "9" * 5000])
 @pytest.mark.parametrize("name", ["duty_left", "bend_angle_deg", "joint_angle_1_deg"])
 def test_number_beyond_any_double_is_refused_with_its_place(lines, refuse_sealed, name, exponent):
     set_cell(lines, 2, name, f"-1e{exponent}")
-    refuse_sealed(lines, "line 32")
+    refuse_sealed(lines, "line 33")
 
 
 @pytest.mark.parametrize(
@@ -451,35 +451,35 @@ def test_missing_column_is_refused_by_name(lines, refuse_sealed, name):
 
 def test_missing_time_is_refused(tmp_path, refused, lines):
     path = tmp_path / "file.csv"
-    lines[28] = lines[28].replace("time_s", "time_ms")
+    lines[29] = lines[29].replace("time_s", "time_ms")
     body = "\n".join(lines) + "\n"
     path.write_text(f"{body}# end, 4 rows, sha256 {hashlib.sha256(body.encode()).hexdigest()}\n")
-    with refused(FileFormatError, path, "line 29", "time_s"):
+    with refused(FileFormatError, path, "line 30", "time_s"):
         Recording.load(path)
 
 
 @pytest.mark.parametrize("name", ["reference_angle_2_deg", "duty_left_2", "note"])
 def test_extra_column_is_refused_by_name(lines, refuse_sealed, name):
-    for index in range(28, len(lines)):
-        lines[index] += f",{name}" if index == 28 else ",0.5"
+    for index in range(29, len(lines)):
+        lines[index] += f",{name}" if index == 29 else ",0.5"
     refuse_sealed(lines, name, "does not belong")
 
 
 def test_column_given_twice_is_refused(lines, refuse_sealed):
-    lines[28] = lines[28].replace("duty_right", "duty_left")
-    refuse_sealed(lines, "line 29")
+    lines[29] = lines[29].replace("duty_right", "duty_left")
+    refuse_sealed(lines, "line 30")
 
 
 @pytest.mark.parametrize("change", [lambda row: row + ",1.0", lambda row: row.rsplit(",", 1)[0]])
 def test_row_of_another_length_is_refused_with_its_place(lines, refuse_sealed, change):
-    lines[31] = change(lines[31])
-    refuse_sealed(lines, "line 32", "12 columns")
+    lines[32] = change(lines[32])
+    refuse_sealed(lines, "line 33", "12 columns")
 
 
 @pytest.mark.parametrize("text", ["", "# a remark"])
 def test_row_that_is_none_is_refused_with_its_place(lines, refuse_sealed, text):
-    lines.insert(31, text)
-    refuse_sealed(lines, "line 32")
+    lines.insert(32, text)
+    refuse_sealed(lines, "line 33")
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,7 @@ def walk(schema, keys=()):
         if dataclasses.is_dataclass(inner):
             below = walk(inner, here)
             leaves, fields, groups = leaves + below[0], fields + below[1], groups + below[2]
-        else:
+        elif inner is not str:
             places = [(*here[:-1], index) for index in range(3)] if is_list else [here]
             unit, (low, high) = field.metadata["unit"], field.metadata["range"]
             leaves += [Leaf(place, inner, unit, low, high) for place in places]

@@ -1,0 +1,249 @@
+"""An emulated board with an emulated limb on it, for the firmware to run on.
+
+The sensors answer with the bytes of the real ones, the limb is a `LimbTwin`
+that is simulated in real time. The board can be told to misbehave.
+"""
+
+import contextlib
+import os
+import random
+import struct
+import sys
+import time
+import tty
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder
+
+from hardware.twin import LimbTwin
+from limb_systems import LimbError
+from limb_systems.simulation import INTEGRATION_SCHEME, MAX_STEP_SIZE
+
+# The firmware's files import each other as they do on the board.
+sys.path.insert(0, str(Path(__file__).parent / "firmware"))
+from firmware import Firmware
+
+LIMB_PERIOD = 0.02  # s, in which the limb is simulated at a time
+THERMOCOUPLE_FAULTS = {"open": 1, "ground": 2, "supply": 4}
+SIDES = {"left": 0, "right": 1}
+
+
+class EmulatedBoard:
+    """A board for `firmware.Firmware`; see there for its methods.
+
+    ``on_duty(left, right)`` is called whenever the duty at the wires changes.
+    """
+
+    def __init__(self, twin: LimbTwin, on_duty: Callable[[float, float], None]):
+        self._start = time.monotonic()
+        self._on_duty = on_duty
+        self._duty = [0.0, 0.0]
+        builder = DiagramBuilder()
+        self._twin = builder.AddSystem(twin)
+        for port in ("measured_temperature", "bend_angle"):
+            builder.ExportOutput(twin.GetOutputPort(port), port)
+        builder.ExportInput(twin.GetInputPort("duty"), "duty")
+        self._simulator = Simulator(builder.Build())
+        ApplySimulatorConfig(
+            SimulatorConfig(
+                integration_scheme=INTEGRATION_SCHEME,
+                accuracy=1e-2,
+                max_step_size=MAX_STEP_SIZE,
+                use_error_control=True,
+            ),
+            self._simulator,
+        )
+        self._root = self._simulator.get_mutable_context()
+        self._input = self._simulator.get_system().get_input_port().FixValue(self._root, [0, 0])
+        self._simulator.Initialize()
+        self.to_host, self.from_host = bytearray(), bytearray()
+        self.serial_number = f"twin{twin.specimen.seed:04d}".encode()[:8]
+        self.random = random.SystemRandom().getrandbits(16)
+        self.thermocouple_faults = [0, 0]
+        self.frozen_temperature: list[float | None] = [None, None]
+        self.frozen_bend: bytes | None = None
+        self.bend_is_silent = False
+
+    def advance(self) -> None:
+        """Simulates the limb up to now."""
+        now = time.monotonic() - self._start
+        if now >= self._root.get_time() + LIMB_PERIOD:
+            self._simulator.AdvanceTo(now)
+
+    def ticks(self) -> int:
+        return int(1000 * (time.monotonic() - self._start))
+
+    def receive(self) -> bytes:
+        data = bytes(self.from_host)
+        self.from_host.clear()
+        return data
+
+    def send(self, data: bytes) -> None:
+        self.to_host += data
+
+    def read_thermocouple(self, wire: int) -> bytes:
+        temperature = self._output("measured_temperature")[wire]
+        if self.frozen_temperature[wire] is not None:
+            temperature = self.frozen_temperature[wire]
+        faults = self.thermocouple_faults[wire]
+        internal = 22 * 16  # of the amplifier, in 1/16 °C
+        word = (round(4 * temperature) & 0x3FFF) << 18 | internal << 4 | faults
+        return struct.pack(">I", word | (0x10000 if faults else 0))
+
+    def read_bend(self) -> bytes:
+        if self.bend_is_silent:
+            return b""
+        tangent = 2 * np.rad2deg(self._output("bend_angle")[0])  # eqn (8)
+        noise = random.gauss(0.0, 0.05)  # below the twin's steps, as every converter has it
+        data = struct.pack("<bh", 0, round(64 * (tangent + noise)))
+        return data if self.frozen_bend is None else self.frozen_bend
+
+    def set_duty(self, wire: int, duty: float) -> None:
+        self._duty[wire] = duty
+        self._input.GetMutableData().set_value(np.array(self._duty))
+        self._on_duty(*self._duty)
+
+    def feed(self) -> None:
+        pass  # there is no watchdog to feed, nor a program that could hang by itself
+
+    def _output(self, name: str) -> np.ndarray:
+        return self._simulator.get_system().GetOutputPort(name).Eval(self._root)
+
+
+class BadLine:
+    """A line that loses, corrupts, doubles, delays and reorders what goes over it."""
+
+    def __init__(self):
+        self.rates = dict.fromkeys(("drop", "corrupt", "duplicate", "reorder"), 0.0)
+        self.delay = 0.0  # s
+        self._waiting: list[tuple[float, bytes]] = []
+
+    def pass_on(self, data: bytes) -> bytes:
+        """What comes out at the other end now, after ``data`` went in."""
+        damaged = bytearray()
+        for byte in data:
+            if random.random() < self.rates["drop"]:
+                continue
+            if random.random() < self.rates["corrupt"]:
+                byte = random.getrandbits(8)
+            damaged.append(byte)
+            if random.random() < self.rates["duplicate"]:
+                damaged.append(byte)
+            if len(damaged) > 1 and random.random() < self.rates["reorder"]:
+                damaged[-2:] = damaged[-1:-3:-1]
+        if damaged:
+            self._waiting.append((time.monotonic() + self.delay, bytes(damaged)))
+        now, arrived = time.monotonic(), b""
+        while self._waiting and self._waiting[0][0] <= now:
+            arrived += self._waiting.pop(0)[1]
+        return arrived
+
+
+class Emulation:
+    """The firmware on an emulated board behind a pseudo-terminal."""
+
+    def __init__(self, twin: LimbTwin, on_event: Callable[..., None] = lambda **_: None):
+        """Args:
+        twin: the limb.
+        on_event: called with what happens, as keyword arguments: ``event``,
+            ``time`` (s, of the monotonic clock) and more.
+        """
+        self._on_event = on_event
+        self._master, self._slave = os.openpty()
+        os.set_blocking(self._master, False)
+        tty.setraw(self._slave)
+        self.port = os.ttyname(self._slave)
+        self.board = EmulatedBoard(twin, self._report_duty)
+        self._lines = BadLine(), BadLine()  # from and to the host
+        self._plugged, self._stalled_until = True, 0.0
+        self._recorded, self._record = b"", False
+        self.firmware = Firmware(self.board)
+
+    def step(self) -> None:
+        """One turn: bytes in, firmware, bytes out, limb."""
+        self.board.advance()
+        if time.monotonic() < self._stalled_until:
+            return
+        inwards, outwards = self._lines
+        if self._plugged:
+            self.board.from_host += inwards.pass_on(self._read())
+        self.firmware.step()
+        data = bytes(self.board.to_host)
+        self.board.to_host.clear()
+        if self._plugged and (data := outwards.pass_on(data)):
+            with contextlib.suppress(OSError):  # nobody reads, and a serial port forgets
+                os.write(self._master, data)
+
+    def misbehave(self, order: str) -> None:
+        """Does as it is told by a line such as "corrupt 0.01" or "open right".
+
+        Raises:
+            LimbError: if the order is not understood.
+        """
+        words = order.split()
+        try:
+            self._obey(words)
+        except (IndexError, KeyError, ValueError) as error:
+            raise LimbError(f"'{order}' is not understood; orders are: {ORDERS}") from error
+        self._on_event(event="order", order=order, time=time.monotonic())
+
+    def _obey(self, words: list[str]) -> None:
+        name = words[0]
+        if name in self._lines[0].rates:
+            for line in self._lines:
+                line.rates[name] = float(words[1])
+        elif name == "delay":
+            for line in self._lines:
+                line.delay = float(words[1])
+        elif name == "noise":
+            self.board.from_host += random.randbytes(int(words[1]))
+        elif name in THERMOCOUPLE_FAULTS:
+            self.board.thermocouple_faults[SIDES[words[1]]] = THERMOCOUPLE_FAULTS[name]
+        elif name == "freeze" and words[1] == "bend":
+            self.board.frozen_bend = self.board.read_bend()
+        elif name in ("freeze", "hot"):
+            side = SIDES[words[1]]
+            now = self.board._output("measured_temperature")[side]
+            self.board.frozen_temperature[side] = 115.0 if name == "hot" else now
+        elif name == "silence":
+            self.board.bend_is_silent = True
+        elif name == "mend":
+            self.board.thermocouple_faults = [0, 0]
+            self.board.frozen_temperature = [None, None]
+            self.board.frozen_bend, self.board.bend_is_silent = None, False
+        elif name == "stall":
+            self._stalled_until = time.monotonic() + float(words[1])
+        elif name == "reset":
+            for wire in (0, 1):
+                self.board.set_duty(wire, 0.0)  # as pins of a board in reset
+            self.board.random = random.SystemRandom().getrandbits(16)
+            self.firmware = Firmware(self.board)
+        elif name == "unplug":
+            self._plugged = False
+            os.close(self._slave)
+            os.close(self._master)
+        elif name == "replay":
+            self.board.from_host += self._recorded
+        else:
+            raise KeyError(name)
+
+    def _read(self) -> bytes:
+        try:
+            data = os.read(self._master, 4096)
+        except (BlockingIOError, OSError):
+            return b""
+        self._recorded = (self._recorded + data)[-4096:]
+        return data
+
+    def _report_duty(self, left: float, right: float) -> None:
+        self._on_event(event="duty", left=left, right=right, time=time.monotonic())
+
+
+ORDERS = (
+    "drop RATE, corrupt RATE, duplicate RATE, reorder RATE, delay SECONDS, noise BYTES, "
+    "open SIDE, ground SIDE, supply SIDE, hot SIDE, freeze SIDE, freeze bend, silence, mend, "
+    "stall SECONDS, reset, unplug, replay; SIDE is left or right"
+)

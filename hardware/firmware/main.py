@@ -1,0 +1,8 @@
+"""What the board runs when it is switched on."""
+
+from board_nrf52dk import Board
+from firmware import Firmware
+
+firmware = Firmware(Board())
+while True:
+    firmware.step()  # an exception ends the loop, and then the watchdog resets the board

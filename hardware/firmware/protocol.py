@@ -1,0 +1,129 @@
+"""Frames between host and board: docs/protocol.md in code, for both sides.
+
+Runs under MicroPython and CPython alike, hence the plain style.
+"""
+
+import struct
+
+VERSION = 1
+MAX_PAYLOAD = 24  # bytes; with its CRC and every byte escaped a frame stays below 64
+FULL_DUTY = 10000  # a duty of 1 in a frame
+
+# From the host to the board.
+HELLO, ARM, COMMAND, DISARM, CLEAR = 0x01, 0x02, 0x03, 0x04, 0x05
+# From the board to the host.
+INFO, SAMPLE = 0x81, 0x82
+
+_FORMATS = {
+    HELLO: "<",  # nothing
+    ARM: "<H",  # challenge
+    COMMAND: "<HIHH",  # session, sequence, duty of left and right in 1/10000
+    DISARM: "<",  # nothing
+    CLEAR: "<H",  # challenge
+    INFO: "<HHh8s",  # firmware version, sample period in ms, limit in 1/4 °C, serial number
+    # sequence, time in ms, challenge, state, fault, acknowledged sequence, temperatures of left
+    # and right in 1/4 °C, tip tangent in 1/64 degrees, applied duty of left and right in 1/10000
+    SAMPLE: "<HIHBBHhhhHH",
+}
+
+_FLAG, _ESCAPE, _FLIP = 0x7E, 0x7D, 0x20
+_ESCAPED = (_FLAG, _ESCAPE, 0x03)  # 0x03 interrupts a MicroPython that is at its prompt
+_MAX_BODY = 2 + MAX_PAYLOAD + 4
+
+
+def _crc_table():
+    table = []
+    for value in range(16):
+        for _ in range(4):
+            value = (value >> 1) ^ (0xEDB88320 if value & 1 else 0)
+        table.append(value)
+    return tuple(table)
+
+
+_TABLE = _crc_table()
+
+
+def crc32(data):
+    """CRC-32 (ISO-HDLC), by half bytes: small enough for the board."""
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc ^= byte
+        crc = (crc >> 4) ^ _TABLE[crc & 15]
+        crc = (crc >> 4) ^ _TABLE[crc & 15]
+    return crc ^ 0xFFFFFFFF
+
+
+def encode(kind, *values):
+    """The bytes of one frame."""
+    body = bytes((VERSION, kind)) + struct.pack(_FORMATS[kind], *values)
+    body += struct.pack("<I", crc32(body))
+    frame = bytearray((_FLAG,))
+    for byte in body:
+        if byte in _ESCAPED:
+            frame.append(_ESCAPE)
+            byte ^= _FLIP
+        frame.append(byte)
+    frame.append(_FLAG)
+    return bytes(frame)
+
+
+class Parser:
+    """Finds frames in a stream of bytes, whatever else is in it.
+
+    ``rejected`` counts what looked like frames and were none, and
+    ``other_version`` those that were of another version of the protocol.
+    """
+
+    def __init__(self, kinds):
+        """kinds: of the frames that are accepted."""
+        self._kinds = kinds
+        self._body = bytearray()
+        self._escaping = False
+        self._lost = True  # until the first flag
+        self.rejected = 0
+        self.other_version = 0
+
+    def feed(self, data):
+        """Frames that end in these bytes, as a list of (kind, values)."""
+        frames = []
+        for byte in data:
+            if byte == _FLAG:
+                if not self._lost and not self._escaping and self._body:
+                    self._finish(frames)
+                elif self._body or self._escaping:
+                    self.rejected += 1
+                self._body = bytearray()
+                self._escaping = self._lost = False
+            elif self._lost:
+                pass
+            elif byte == _ESCAPE:
+                if self._escaping:  # never sent twice in a row
+                    self._lose()
+                self._escaping = True
+            else:
+                if self._escaping:
+                    byte ^= _FLIP
+                    self._escaping = False
+                if len(self._body) >= _MAX_BODY:
+                    self._lose()
+                else:
+                    self._body.append(byte)
+        return frames
+
+    def _lose(self):
+        """Skips everything up to the next flag."""
+        self.rejected += 1
+        self._body = bytearray()
+        self._escaping = False
+        self._lost = True
+
+    def _finish(self, frames):
+        body = bytes(self._body)
+        if len(body) < 6 or struct.unpack("<I", body[-4:])[0] != crc32(body[:-4]):
+            self.rejected += 1
+        elif body[0] != VERSION:
+            self.other_version += 1
+        elif body[1] not in self._kinds or struct.calcsize(_FORMATS[body[1]]) != len(body) - 6:
+            self.rejected += 1
+        else:
+            frames.append((body[1], struct.unpack(_FORMATS[body[1]], body[2:-4])))

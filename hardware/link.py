@@ -1,0 +1,306 @@
+"""The host's end of the cable: frames in and out, on threads of their own."""
+
+import contextlib
+import dataclasses
+import queue
+import threading
+import time
+
+import numpy as np
+import serial
+
+from hardware.firmware import guard, protocol
+from limb_systems import LimbError
+
+FIRMWARE_VERSIONS = (1,)
+BAUD_RATE = 115200
+STALE = 0.25  # s, after which a sample is too old to go on
+ANSWER_TIME = 1.0  # s, in which a board that is there answers
+WAITING_FRAMES = 8
+
+
+class HardwareError(LimbError):
+    """The board, its cable or its sensors do not do what they should; wires are off."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Sample:
+    """What the board measured.
+
+    - ``received``: s, of this computer's monotonic clock.
+    - ``sequence``: number of the sample, which counts on modulo 65536.
+    - ``board_time``: s since the board was started.
+    - ``challenge``: what the next arming must repeat.
+    - ``armed``: whether the wires may be heated.
+    - ``reason``: why not, one of `hardware.firmware.guard`'s.
+    - ``acknowledged``: sequence of the last command, modulo 65536.
+    - ``temperature``: V (2), °C.
+    - ``bend_angle``: φ = α/2, eqn (8), rad.
+    - ``duty``: applied (2).
+    """
+
+    received: float
+    sequence: int
+    board_time: float
+    challenge: int
+    armed: bool
+    reason: int
+    acknowledged: int
+    temperature: np.ndarray
+    bend_angle: float
+    duty: np.ndarray
+
+    @property
+    def age(self) -> float:
+        """s since it was received."""
+        return time.monotonic() - self.received
+
+
+@dataclasses.dataclass(frozen=True)
+class BoardInfo:
+    """What the board says of itself.
+
+    - ``firmware_version``.
+    - ``sample_period``: s.
+    - ``temperature_limit``: °C, measured, at which it switches off.
+    - ``serial_number``.
+    """
+
+    firmware_version: int
+    sample_period: float
+    temperature_limit: float
+    serial_number: str
+
+
+class BoardLink:
+    """A connection to a board, which it never arms by itself.
+
+    Reading and writing happen on threads; no method waits for the cable, but
+    for `info`, `arm` and `clear`, which wait for an answer and no longer than
+    a second. Use as a context manager, or `close` it: both disarm the board.
+    """
+
+    def __init__(self, port: str):
+        """Args:
+            port: name of a serial port, or any URL of pyserial's.
+
+        Raises:
+            HardwareError: if it cannot be opened, or another program has it.
+        """
+        self.port = port
+        try:
+            self._serial = serial.serial_for_url(
+                port, BAUD_RATE, timeout=0.01, write_timeout=0.2, do_not_open=True
+            )
+            with contextlib.suppress(AttributeError, ValueError):
+                self._serial.exclusive = True  # ports only; URLs of sockets have no such thing
+            self._serial.open()
+        except (serial.SerialException, ValueError, OSError) as error:
+            if "exclusively lock" in str(error):
+                raise HardwareError(f"{port} is in use by another program.") from error
+            raise HardwareError(f"Cannot open {port}: {error}.") from error
+        self.parser = protocol.Parser((protocol.INFO, protocol.SAMPLE))
+        self.lost_samples = 0
+        self._sample: Sample | None = None
+        self._info: BoardInfo | None = None
+        self._session, self._sequence = 0, 0
+        self._failure: str | None = None
+        self._arrived = threading.Condition()
+        self._outgoing: queue.Queue[bytes | None] = queue.Queue(WAITING_FRAMES)
+        self._closing = False
+        self._threads = [
+            threading.Thread(target=work, name=f"{port} {work.__name__}", daemon=True)
+            for work in (self._read, self._write)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def __enter__(self) -> "BoardLink":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+    def info(self) -> BoardInfo:
+        """Asks the board what it is.
+
+        Raises:
+            HardwareError: if it does not answer, or speaks another protocol.
+        """
+        self._ask(protocol.encode(protocol.HELLO), lambda: self._info is not None, "a greeting")
+        if self._info.firmware_version not in FIRMWARE_VERSIONS:
+            raise HardwareError(
+                f"The board on {self.port} has firmware {self._info.firmware_version}; this "
+                f"program needs {' or '.join(map(str, FIRMWARE_VERSIONS))}."
+            )
+        return self._info
+
+    def sample(self) -> Sample:
+        """The newest sample.
+
+        Raises:
+            HardwareError: if it is older than 0.25 s, or the cable is gone.
+        """
+        self._check()
+        if self._sample is None:
+            self._wait(lambda: self._sample is not None, "being opened")
+        sample = self._sample
+        if sample.age > STALE:
+            raise HardwareError(
+                f"Nothing came from the board on {self.port} for {sample.age:.2f} s."
+            )
+        return sample
+
+    def arm(self) -> None:
+        """Arms the board: from here on commands heat.
+
+        Raises:
+            HardwareError: if it does not let itself be armed, with its reason.
+        """
+        sample = self.sample()
+        if sample.reason >= guard.LATCHING:
+            raise HardwareError(
+                f"The board on {self.port} refuses to be armed: {guard.TEXTS[sample.reason]}. "
+                "Mend it, then clear the fault: python -m hardware status PORT --clear."
+            )
+        self._session, self._sequence = sample.challenge, 0
+        self._ask(
+            protocol.encode(protocol.ARM, sample.challenge), lambda: self._sample.armed, "arming"
+        )
+
+    def command(self, duty: np.ndarray) -> None:
+        """Sends a duty (2), in [0, 1]; it holds for 250 ms.
+
+        Raises:
+            HardwareError: if it is out of range or not a number, if the board
+                is not armed, or if samples no longer come.
+        """
+        duty = np.asarray(duty, float)
+        if duty.shape != (2,) or not ((duty >= 0) & (duty <= 1)).all():  # NaN is not
+            raise HardwareError(f"duty is {duty.tolist()}; it must be two numbers from 0 to 1.")
+        sample = self.sample()
+        if not sample.armed:
+            raise HardwareError(
+                f"The board on {self.port} switched off: {guard.TEXTS[sample.reason]}."
+            )
+        self._sequence += 1
+        ticks = np.round(protocol.FULL_DUTY * duty).astype(int).tolist()
+        self._send(protocol.encode(protocol.COMMAND, self._session, self._sequence, *ticks))
+
+    def disarm(self) -> None:
+        """Switches the wires off. Does not wait, and never raises."""
+        with contextlib.suppress(HardwareError):
+            self._send(protocol.encode(protocol.DISARM))
+
+    def clear(self) -> None:
+        """Clears a latched fault; the board stays off until it is armed.
+
+        Raises:
+            HardwareError: if the fault is still there.
+        """
+        sample = self.sample()
+        if sample.reason < guard.LATCHING:
+            return
+        self._ask(
+            protocol.encode(protocol.CLEAR, sample.challenge),
+            lambda: self._sample.reason < guard.LATCHING,
+            f"clearing, as {guard.TEXTS[sample.reason]}",
+        )
+
+    def close(self) -> None:
+        """Disarms the board and lets the port go; more than once does nothing."""
+        if self._closing:
+            return
+        for _ in range(3):  # a frame may get lost
+            self.disarm()
+        with contextlib.suppress(queue.Full):
+            self._outgoing.put(None, timeout=0.2)
+        self._threads[1].join(1.0)
+        self._closing = True
+        self._threads[0].join(1.0)
+        with contextlib.suppress(serial.SerialException, OSError):
+            self._serial.close()
+
+    def _ask(self, frame: bytes, answered, what: str) -> None:
+        """Sends a frame until it is answered, as it may get lost."""
+        end = time.monotonic() + ANSWER_TIME
+        while time.monotonic() < end:
+            self._send(frame)
+            with self._arrived:
+                if self._arrived.wait_for(lambda: answered() or self._failure, 0.1):
+                    break
+        self._check()
+        if not answered():
+            self._complain(what)
+
+    def _wait(self, answered, what: str) -> None:
+        with self._arrived:
+            self._arrived.wait_for(lambda: answered() or self._failure, ANSWER_TIME)
+        self._check()
+        if not answered():
+            self._complain(what)
+
+    def _complain(self, what: str) -> None:
+        if self.parser.other_version:
+            raise HardwareError(
+                f"The board on {self.port} speaks another version of the protocol; this program "
+                f"speaks version {protocol.VERSION}."
+            )
+        raise HardwareError(f"The board on {self.port} does not answer {what}.")
+
+    def _check(self) -> None:
+        if self._failure:
+            raise HardwareError(self._failure)
+
+    def _send(self, frame: bytes) -> None:
+        try:
+            self._outgoing.put_nowait(frame)
+        except queue.Full as error:
+            raise HardwareError(f"{self.port} takes no more data; is the board hung?") from error
+
+    def _fail(self, error: Exception) -> None:
+        with self._arrived:
+            self._failure = self._failure or f"The cable to {self.port} is gone: {error}."
+            self._arrived.notify_all()
+
+    def _write(self) -> None:
+        while (frame := self._outgoing.get()) is not None:
+            try:
+                self._serial.write(frame)
+            except (serial.SerialException, OSError) as error:
+                self._fail(error)
+
+    def _read(self) -> None:
+        while not self._closing:
+            try:
+                data = self._serial.read(max(1, self._serial.in_waiting))
+            except (serial.SerialException, OSError, TypeError) as error:
+                self._fail(error)
+                return
+            for kind, values in self.parser.feed(data):
+                with self._arrived:
+                    self._take(kind, values)
+                    self._arrived.notify_all()
+
+    def _take(self, kind: int, values: tuple) -> None:
+        if kind == protocol.INFO:
+            version, period, limit, number = values
+            text = number.rstrip(b"\0")
+            name = text.decode() if text.isalnum() else number.hex()
+            self._info = BoardInfo(version, period / 1000, limit / 4, name)
+            return
+        sequence, ticks, challenge, state, reason, acknowledged, left, right, bend, *duty = values
+        if self._sample is not None:
+            self.lost_samples += (sequence - self._sample.sequence - 1) & 0xFFFF
+        self._sample = Sample(
+            received=time.monotonic(),
+            sequence=sequence,
+            board_time=ticks / 1000,
+            challenge=challenge,
+            armed=state == guard.ARMED,
+            reason=reason,
+            acknowledged=acknowledged,
+            temperature=np.array([left, right]) / 4,
+            bend_angle=float(np.deg2rad(bend / 64) / 2),
+            duty=np.array(duty) / protocol.FULL_DUTY,
+        )

@@ -1,0 +1,84 @@
+"""The guided self test of a robot, before it is trusted with a plan."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from hardware.link import BoardLink
+
+DUTY = 0.3
+HEATING_TIME = 6.0  # s for each wire
+PERIOD = 0.05  # s between commands
+ROOM = (5.0, 45.0)  # °C, that cold wires may have
+RISE = 3.0  # °C
+BEND = np.deg2rad(1.0)
+SIDES = ("left", "right")
+
+
+def self_test(link: BoardLink, say: Callable[[str], None]) -> bool:
+    """Whether sensors are alive and each wire does what it should.
+
+    Heats each wire a little: it must warm its own thermocouple, more than the
+    other, and bend the limb to its own side. The board is disarmed at the end.
+
+    Args:
+        link: to the board.
+        say: takes a line for each thing that was looked at.
+
+    Raises:
+        HardwareError: if the board fails on the way.
+    """
+    passed = True
+
+    def judge(good: bool, what: str) -> None:
+        nonlocal passed
+        passed = passed and good
+        say(f"{'ok    ' if good else 'FAILED'}  {what}")
+
+    info = link.info()
+    judge(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
+    cold = _average(link)
+    for side, temperature in zip(SIDES, cold[:2], strict=True):
+        good = ROOM[0] < temperature < ROOM[1]
+        judge(good, f"{side} thermocouple reads {temperature:.1f} °C, as in a room")
+    judge(abs(cold[2]) < np.deg2rad(30.0), f"bend sensor reads {np.rad2deg(cold[2]):+.1f}° at rest")
+    if not passed:
+        return False
+    try:
+        for wire, side in enumerate(SIDES):
+            before = _average(link)
+            link.arm()
+            end = time.monotonic() + HEATING_TIME
+            while time.monotonic() < end:
+                link.command(DUTY * np.eye(2)[wire])
+                time.sleep(PERIOD)
+            change = _average(link) - before
+            link.disarm()
+            own, other = change[wire], change[1 - wire]
+            judge(
+                own > RISE and own > 2 * other,
+                f"{side} wire warms its own thermocouple by {own:.1f} °C, the other by "
+                f"{other:.1f} °C",
+            )
+            towards = change[2] if wire else -change[2]
+            judge(
+                towards > BEND,
+                f"{side} wire bends the limb by {np.rad2deg(towards):.1f}° to the {side}",
+            )
+    finally:
+        link.disarm()
+    return passed
+
+
+def _average(link: BoardLink) -> np.ndarray:
+    """[V (2), φ] over ten samples, °C and rad."""
+    samples = []
+    while len(samples) < 10:
+        sample = link.sample()
+        if not samples or sample.sequence != samples[-1].sequence:
+            samples.append(sample)
+        if sample.armed:
+            link.command(sample.duty)  # as before, or the heartbeat would end it
+        time.sleep(PERIOD / 2)
+    return np.mean([[*sample.temperature, sample.bend_angle] for sample in samples], axis=0)

@@ -1,0 +1,121 @@
+"""A limb on a serial cable, as a system with the ports of `Limb`."""
+
+import copy
+import time
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from hardware.link import BoardLink, HardwareError
+from limb_systems import LimbError, LimbParameters
+from limb_systems.ownership import weak_method
+
+PERIOD = 0.05  # s
+LATEST = 0.1  # s, that a command may be late
+
+
+class SerialLimb(LeafSystem):
+    """The robot: a board with two wires, two thermocouples and a bend sensor.
+
+    - input 0 ``duty``: D (2), in [0, 1]
+    - output 0 ``measured_temperature``: V (2), °C
+    - output 1 ``bend_angle``: φ (1), rad
+    - output 2 ``sample_age``: s since the sample was received
+    - state, discrete, at 20 Hz: [V (2), φ, age]
+
+    The outputs hold the last sample. The board is armed at initialization, and
+    at each period gets a new duty, in the thread of the Simulator, but without
+    waiting for the cable.
+
+    Simulate it in real time (`limb_systems.simulation.record` does). A board
+    that switches off, samples older than 0.25 s, a duty that is out of range
+    and a simulation that is more than 0.1 s late end the simulation with a
+    `HardwareError`. Call `close`, or use it as a context manager: the wires are
+    off then. If this process dies, the board switches off after 250 ms.
+
+    ``timing_errors`` holds, for each command, by how much it was late, s.
+    """
+
+    __slots__ = ()  # see limb_systems.ownership
+
+    real_time = True
+
+    def __init__(self, port: str, parameters: LimbParameters | None = None, *, heated: bool = True):
+        """Args:
+            port: name of a serial port, or any URL of pyserial's.
+            parameters: the limb as far as it is known; the nominal one if None.
+            heated: whether the board is armed; else the limb is only watched,
+                whatever its ``duty``, as when somebody teaches it.
+
+        Raises:
+            HardwareError: if there is no board there, or it is none of ours.
+            LimbError: if the limb has several segments; a board drives one.
+        """
+        super().__init__()
+        self.parameters = copy.deepcopy(parameters) if parameters else LimbParameters()
+        self.parameters.validate()
+        if len(self.parameters.segments) != 1:
+            raise LimbError("A board drives a limb of one segment.")
+        self.link = BoardLink(port)
+        try:
+            self.info = self.link.info()
+            self.link.sample()
+        except HardwareError:
+            self.link.close()
+            raise
+        self.parameters.board = self.parameters.board or self.info.serial_number
+        self.source = f"limb {self.info.serial_number} on {port}"
+        self.timing_errors: list[float] = []
+        self._heated, self._start = heated, 0.0
+        self.DeclareVectorInputPort("duty", 2)
+        state = self.DeclareDiscreteState(4)
+        self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._begin))
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._command))
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
+        tickets = {self.discrete_state_ticket(state)}
+        for name, part in (
+            ("measured_temperature", slice(0, 2)),
+            ("bend_angle", slice(2, 3)),
+            ("sample_age", slice(3, 4)),
+        ):
+            self.DeclareVectorOutputPort(name, part.stop - part.start, _show(part), tickets)
+        self.set_name("serial_limb")
+
+    def __enter__(self) -> "SerialLimb":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Switches the wires off and lets the port go."""
+        self.link.close()
+
+    def _begin(self, context, discrete_state):
+        if self._heated:
+            self.link.arm()
+        self.timing_errors.clear()
+        self._start = time.monotonic() - context.get_time()
+        self._update(context, discrete_state)
+
+    def _command(self, context):
+        if not self._heated:
+            return
+        late = time.monotonic() - self._start - context.get_time()
+        self.timing_errors.append(late)
+        if late > LATEST:
+            raise HardwareError(
+                f"The simulation fell behind by {late:.2f} s at {context.get_time():.2f} s; the "
+                "computer is too busy to drive the limb."
+            )
+        self.link.command(self.get_input_port().Eval(context))
+
+    def _update(self, context, discrete_state):
+        sample = self.link.sample()
+        discrete_state.set_value(np.append(sample.temperature, [sample.bend_angle, sample.age]))
+
+
+def _show(part: slice):
+    return lambda context, output: output.SetFromVector(
+        context.get_discrete_state_vector().value()[part]
+    )
