@@ -4,6 +4,7 @@ from calibration.calibrate import Calibration, calibrate, load_recordings
 from calibration.checks import check_recording, kind_of
 from calibration.collect import (
     collect_equilibria,
+    collect_from_robot,
     collect_from_twin,
     collect_ring_down,
     collect_sag,
@@ -40,6 +41,7 @@ __all__ = [
     "calibration_summary",
     "check_recording",
     "collect_equilibria",
+    "collect_from_robot",
     "collect_from_twin",
     "collect_ring_down",
     "collect_sag",

@@ -7,6 +7,7 @@ from pathlib import Path
 from calibration import (
     calibrate,
     calibration_summary,
+    collect_from_robot,
     collect_from_twin,
     plot_validation,
     save_parameters,
@@ -17,7 +18,7 @@ from calibration import (
 from calibration.calibrate import HEAT_METHODS
 from calibration.checks import check_recording
 from calibration.report import validation_summary
-from hardware import LimbTwin
+from hardware import LimbTwin, SerialLimb
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.plots import save_figure
 
@@ -45,10 +46,11 @@ def _parser() -> argparse.ArgumentParser:
 
     collect = commands.add_parser(
         "collect",
-        help="record all that calibration needs, on an emulated limb",
-        description="Records ten trials of the sag under gravity, three ring-downs from 45°, and "
-        "equilibria held with the right wire, with the left one and with both, on an emulated limb "
-        "in simulated time.",
+        help="record all that calibration needs, on a robot or an emulated limb",
+        description="Records trials of the sag under gravity, ring-downs from 45°, and equilibria "
+        "held with the right wire, with the left one and with both. A robot is recorded in real "
+        "time, some 40 minutes, and says when it must be remounted or held; what is recorded "
+        "already is not recorded again. An emulated limb takes half a minute.",
     )
     collect.add_argument(
         "-o", "--output", required=True, type=Path, help="folder to write the recordings to"
@@ -60,10 +62,14 @@ def _parser() -> argparse.ArgumentParser:
         help="description of the limb (.yaml); the nominal one if left out",
     )
     collect.add_argument(
+        "-p", "--port", help="of the robot: a serial port or any URL of pyserial's"
+    )
+    collect.add_argument(
         "--twin",
         type=int,
         default=0,
-        help="seed that draws the emulated limb (default %(default)s)",
+        help="seed of the emulated limb that stands in where there is no port (default "
+        "%(default)s)",
     )
     collect.add_argument(
         "--angles", type=int, default=8, help="equilibria in each recording (default %(default)s)"
@@ -114,6 +120,16 @@ def _parser() -> argparse.ArgumentParser:
 
 def _collect(options) -> int:
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
+    if options.port:
+        collect_from_robot(
+            lambda parameters: SerialLimb(options.port, parameters),
+            limb,
+            options.output,
+            lambda what: input(f"{what}\nPress Enter when it is so. "),
+            seed=options.seed,
+            num_angles=options.angles,
+        )
+        return 0
     recordings = collect_from_twin(
         LimbTwin(limb, seed=options.twin), seed=options.seed, num_angles=options.angles
     )

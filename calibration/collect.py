@@ -1,5 +1,8 @@
 """Collecting the recordings of Sec. V: sag, ring-down, and heated equilibria."""
 
+import copy
+import functools
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,13 +11,14 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.controller import (
     ACTUATED,
+    PERIOD,
     BendAngleController,
     EquilibriumSchedule,
     check_actuated,
     only_segment,
 )
-from hardware import LimbTwin
-from limb_systems import LimbError, Recording, simulate
+from hardware import LimbTwin, SerialLimb
+from limb_systems import LimbError, LimbParameters, Recording, simulate
 from limb_systems.simulation import record
 
 CO_CONTRACTION = 0.08  # duty of both wires where both are actuated
@@ -140,6 +144,55 @@ def collect_from_twin(
             )
         ]
     return {"sag": sags, "ring_down": ring_downs, **heated}
+
+
+def collect_from_robot(
+    connect: Callable[[LimbParameters], SerialLimb],
+    parameters: LimbParameters,
+    folder: str | Path,
+    ask: Callable[[str], object],
+    *,
+    seed: int = 0,
+    num_angles: int = 8,
+    longest: float = 60.0,
+) -> None:
+    """All recordings of Sec. V from a robot, in real time, one file after the other.
+
+    Files that are there already are kept, so that it can be interrupted.
+
+    Args:
+        connect: makes a `SerialLimb` with the given description.
+        parameters: the limb's description, of one segment.
+        folder: for the recordings, named after their kinds.
+        ask: tells the operator what to do, and returns when it is done.
+        seed, num_angles, longest: as for `collect_equilibria`.
+
+    Raises:
+        HardwareError: if the robot fails on the way; it is off then.
+    """
+    only_segment(parameters)
+    mounted, level = copy.deepcopy(parameters), copy.deepcopy(parameters)
+    mounted.gravity, level.gravity = [0.0, -GRAVITY, 0.0], [0.0, 0.0, 0.0]
+    sag = "Mount the limb so that gravity bends it to the left, and let it hang still."
+    ring = "Mount the limb level. Bend it to 45° by hand, and let it go 2 s after Enter."
+    cool = "Leave the limb level and alone until its wires are cold."
+    rate = 1 / PERIOD
+    tasks = [(f"sag_{n}", mounted, sag, collect_sag) for n in range(1, SAG_TRIALS + 1)]
+    tasks += [
+        (f"ring_down_{n}", level, ring, lambda limb: collect_ring_down(limb, rate))
+        for n in range(1, RING_DOWNS + 1)
+    ]
+    for number, actuated in enumerate(ACTUATED):
+        options = {"num_angles": num_angles, "seed": seed + number, "longest": longest}
+        collect = functools.partial(collect_equilibria, actuated=actuated, **options)
+        tasks.append((actuated, level, cool, collect))
+    for name, description, instruction, collect in tasks:
+        path = Path(folder) / f"{name}.csv"
+        if path.exists():
+            continue
+        ask(f"{name}: {instruction}")
+        with connect(description) as limb:
+            collect(limb).save(path)
 
 
 def save_recordings(recordings: dict[str, list[Recording]], folder: str | Path) -> list[Path]:

@@ -253,12 +253,11 @@ def _advance(
         with Progress("recording" if real_time else "simulating", end, "s") as progress:
             # In real time each step begins when its events are due, and ends halfway to the next.
             # Waiting here and not in the Simulator lets other threads and signals come through.
-            step = REAL_TIME_STEP if real_time else 1.0
-            offset = step / 2 if real_time else 0.0
-            for due in np.append(np.arange(step, end, step) - offset, end):
+            step, ahead = (REAL_TIME_STEP, REAL_TIME_STEP / 2) if real_time else (1.0, 0.0)
+            for due in np.append(np.arange(0.0, end - 1e-9, step), end):
                 if real_time:
-                    time.sleep(max(0.0, start + due - offset - time.monotonic()))
-                simulator.AdvanceTo(due)
+                    time.sleep(max(0.0, start + due - time.monotonic()))
+                simulator.AdvanceTo(min(due + ahead, end))
                 progress.update(due, remark(context) if remark else "")
                 if until and until(context):
                     break

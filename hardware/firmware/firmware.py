@@ -18,7 +18,7 @@ import sensors
 
 FIRMWARE_VERSION = 1
 SAMPLE_PERIOD = 50  # ms
-THERMOCOUPLE_PERIOD = 100  # ms, as long as a MAX31855 may take to convert
+THERMOCOUPLE_TURN = 2  # samples: a MAX31855 that is read within 100 ms does not convert
 
 
 class Firmware:
@@ -32,7 +32,6 @@ class Firmware:
         now = board.ticks()
         self.guard = guard.Guard(now, board.random)
         self._next = now
-        self._next_thermocouples = now
         self._sequence = 0
         self._quarters = [0, 0]
         self._faults = [0, 0]
@@ -48,7 +47,7 @@ class Firmware:
             self._handle(kind, values, now)
         self.guard.tick(now)
         if now >= self._next:
-            self._next = max(self._next + SAMPLE_PERIOD, now)
+            self._next = max(self._next + SAMPLE_PERIOD, now + SAMPLE_PERIOD // 2)
             self._read(now)
             self._apply()
             self._send_sample(now)
@@ -80,8 +79,7 @@ class Firmware:
 
     def _read(self, now):
         board = self._board
-        if now >= self._next_thermocouples:
-            self._next_thermocouples = now + THERMOCOUPLE_PERIOD
+        if self._sequence % THERMOCOUPLE_TURN == 0:
             for wire in (0, 1):
                 self._quarters[wire], self._faults[wire] = sensors.thermocouple(
                     board.read_thermocouple(wire)

@@ -1,0 +1,226 @@
+"""The fault table: what happens while a wire is hot at full duty, in real time.
+
+Each fault is injected into an emulated board in another process, which runs the
+firmware's own files; times are from the fault to duty zero at its pins.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from hardware import BoardLink, HardwareError, SerialLimb
+from limb_systems import simulate
+
+from .conftest import Heating, wait_for
+
+HEARTBEAT = 0.3  # s
+SAMPLE = 0.13  # s: thermocouples are read every 100 ms, and the machine may be busy
+
+HOST = """
+import numpy as np
+from hardware import SerialLimb
+from limb_systems import simulate
+simulate(SerialLimb({port!r}), [0.0, 1.0], 4.0)
+"""
+
+
+def host(port):
+    return subprocess.Popen(
+        [sys.executable, "-c", HOST.format(port=port)], stderr=subprocess.PIPE, text=True
+    )
+
+
+def report(record_property, fault, seconds):
+    record_property(fault, f"{1000 * seconds:.0f} ms")
+    print(f"\n{fault}: {1000 * seconds:.0f} ms")
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_host_that_dies_or_freezes(emulator, number, record_property):
+    process = host(emulator.port)
+    assert wait_for(lambda: emulator.events("duty") and emulator.duty()[1] == 1.0, 10.0)
+    time.sleep(1.0)
+    since = time.monotonic()
+    os.kill(process.pid, number)
+    off = emulator.off_after(since)
+    report(record_property, f"host gets {number.name}", off)
+    assert off < HEARTBEAT
+    if number == signal.SIGSTOP:
+        # It wakes up and goes on sending, but nothing restarts by itself.
+        os.kill(process.pid, signal.SIGCONT)
+        said = process.communicate(timeout=20)[1]
+        assert "no valid command came for 250 ms" in said or "fell behind" in said
+        assert emulator.duty() == [0.0, 0.0]
+    process.kill()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_host_that_is_told_to_stop(emulator, fig5_plan, number, tmp_path, record_property):
+    fig5_plan.save(tmp_path / "plan.csv")
+    output = tmp_path / "out.csv"
+    command = [sys.executable, "-m", "hardware", "replay", tmp_path / "plan.csv", "-o", output]
+    process = subprocess.Popen(
+        [*command, "--port", emulator.port], stderr=subprocess.PIPE, text=True
+    )
+    assert wait_for(lambda: emulator.events("duty") and emulator.duty()[1] > 0.0, 10.0)
+    time.sleep(0.5)
+    since = time.monotonic()
+    process.send_signal(number)
+    off = emulator.off_after(since)
+    report(record_property, f"host gets {number.name}", off)
+    assert off < HEARTBEAT
+    assert "stopped; wires are off" in process.communicate(timeout=10)[1]
+    assert process.returncode == 130
+
+
+def test_cable_that_is_unplugged(emulator, heating, record_property):
+    off = emulator.off_after(emulator.order("unplug"))
+    report(record_property, "cable unplugged", off)
+    assert off < HEARTBEAT
+    assert "The cable to" in heating.failure() or "Nothing came" in heating.failure()
+
+
+def test_bytes_that_are_corrupted_now_and_then(emulator, link, heating):
+    """1%: some commands get lost, and either the next ones arrive, or it is off."""
+    emulator.order("corrupt 0.01")
+    time.sleep(1.0)
+    duties = {(event["left"], event["right"]) for event in emulator.events("duty")}
+    assert duties <= {(0.0, 0.0), (0.0, 1.0)}
+    assert link.parser.rejected > 0
+
+
+def test_bytes_that_are_mostly_corrupted(emulator, heating, record_property):
+    off = emulator.off_after(emulator.order("corrupt 0.2"))
+    report(record_property, "20% of bytes corrupted", off)
+    duties = {(event["left"], event["right"]) for event in emulator.events("duty")}
+    assert duties <= {(0.0, 0.0), (0.0, 1.0)}
+    assert off < 1.0  # as long as a command in some comes through it is not to blame
+
+
+def test_stream_of_random_bytes(emulator, heating, record_property):
+    heating.stop()  # the host babbles instead of commanding
+    since = time.monotonic()
+    for _ in range(8):
+        emulator.order("noise 4000")
+    off = emulator.off_after(since)
+    report(record_property, "random bytes in place of commands", off)
+    assert off < HEARTBEAT + 0.05  # the host's last command came up to 50 ms after `since`
+    assert emulator.duty() == [0.0, 0.0]
+
+
+def test_stale_frames_do_not_heat_again(emulator, link, heating, record_property):
+    heating.stop()
+    emulator.off_after(time.monotonic())
+    count = len(emulator.events("duty"))
+    emulator.order("replay")  # everything that the host sent, arming included
+    time.sleep(0.5)
+    assert all(e["left"] == e["right"] == 0.0 for e in emulator.events("duty")[count:])
+    assert not link.sample().armed
+
+
+@pytest.mark.parametrize(
+    ("order", "reason"),
+    [
+        ("open right", "a thermocouple is open"),
+        ("ground right", "shorted to ground"),
+        ("supply left", "shorted to supply"),
+        ("hot right", "a wire is too hot"),
+        ("silence", "bend sensor does not answer"),
+    ],
+)
+def test_sensor_faults_latch_until_cleared(emulator, link, heating, order, reason, record_property):
+    off = emulator.off_after(emulator.order(order))
+    report(record_property, order, off)
+    assert off < SAMPLE
+    assert reason in heating.failure()
+    with pytest.raises(HardwareError, match=r"refuses to be armed.*Mend it"):
+        link.arm()
+    emulator.order("mend")
+    time.sleep(0.3)
+    with pytest.raises(HardwareError, match="refuses to be armed"):
+        link.arm()  # mended is not cleared
+    link.clear()
+    assert emulator.duty() == [0.0, 0.0]
+    Heating(link, (0.0, 0.2)).stop()  # and now it heats again
+
+
+def test_stuck_bend_sensor(emulator, heating, record_property):
+    off = emulator.off_after(emulator.order("freeze bend"))
+    report(record_property, "bend sensor stuck", off)
+    assert off < 0.65  # ten samples alike
+    assert "stuck" in heating.failure()
+
+
+def test_thermocouple_that_is_stuck(emulator, heating, record_property):
+    off = emulator.off_after(emulator.order("freeze right"))
+    report(record_property, "thermocouple stuck, at full duty", off)
+    assert off < 1.8  # 1 s of full duty beyond the holding duty of 0.3
+    assert "does not warm" in heating.failure()
+
+
+def test_board_that_resets(emulator, heating, record_property):
+    off = emulator.off_after(emulator.order("reset"))
+    report(record_property, "board reset", off)
+    assert off < 0.05
+    assert "just switched on" in heating.failure()
+    time.sleep(0.3)
+    assert emulator.duty() == [0.0, 0.0]
+
+
+def test_board_that_hangs_is_noticed_by_the_host(emulator, heating):
+    emulator.order("stall 1.0")
+    assert "Nothing came from the board" in heating.failure()
+
+
+@pytest.mark.parametrize("duty", [(0.0, 1.01), (-0.1, 0.0), (np.nan, 0.0), (0.0, np.inf)])
+def test_duty_out_of_range_is_not_sent(emulator, link, duty):
+    link.arm()
+    with pytest.raises(HardwareError, match="must be two numbers from 0 to 1"):
+        link.command(np.array(duty))
+    assert emulator.duty() == [0.0, 0.0]
+
+
+def test_simulation_that_falls_behind(emulator, record_property):
+    class Slow(SerialLimb):
+        """Thinks for a while at 1 s."""
+
+        __slots__ = ()
+
+        def _update(self, context, state):
+            if context.get_time() == pytest.approx(1.0):
+                time.sleep(0.4)
+            super()._update(context, state)
+
+    with (
+        Slow(emulator.port) as limb,
+        pytest.raises(HardwareError, match=r"fell behind|switched off"),
+    ):
+        simulate(limb, [0.0, 1.0], 3.0)
+    on = next(e["time"] for e in emulator.events("duty") if e["right"] == 1.0)
+    off = emulator.off_after(on)
+    assert off < 1.0 + 2 * HEARTBEAT
+    assert emulator.duty() == [0.0, 0.0]
+
+
+def test_second_program_on_a_port_is_refused(emulator, link):
+    with pytest.raises(HardwareError, match="is in use by another program"):
+        BoardLink(emulator.port)
+    said = subprocess.run(
+        [sys.executable, "-m", "hardware", "status", emulator.port], capture_output=True, text=True
+    )
+    assert said.returncode == 1
+    assert said.stderr == f"error: {emulator.port} is in use by another program.\n"
+
+
+def test_port_without_a_board_is_named(tmp_path):
+    with pytest.raises(HardwareError, match="Cannot open /dev/nothing"):
+        BoardLink("/dev/nothing")
+    master, slave = os.openpty()
+    with BoardLink(os.ttyname(slave)) as silent, pytest.raises(HardwareError, match="not answer"):
+        silent.info()
+    os.close(master)

@@ -1,0 +1,67 @@
+"""The parser under fire; benchmarks/fuzz.py is the longer version."""
+
+import random
+import sys
+from pathlib import Path
+
+import pytest
+
+from hardware.firmware import protocol
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import fuzz
+
+KINDS = (protocol.COMMAND, protocol.ARM, protocol.SAMPLE, protocol.HELLO)
+
+
+def test_random_and_mutated_frames_change_nothing():
+    counts = fuzz.fuzz(30_000, seed=1)
+    assert counts["accepted by chance"] == 0
+    assert counts["accepted as sent"] > 100  # what is not damaged gets through
+
+
+def test_frames_come_through_whatever_is_between_them():
+    rng = random.Random(0)
+    stream, sent = b"", []
+    for number in range(500):
+        frame = (protocol.COMMAND, (7, number, rng.randrange(10001), rng.randrange(10001)))
+        sent.append(frame)
+        garbage = bytes(b for b in rng.randbytes(rng.randrange(20)) if b != 0x7D)
+        stream += garbage + b"\x7e" + protocol.encode(frame[0], *frame[1])
+    for size in (1, 3, 64, 1000):  # however the bytes are split
+        parser, received = protocol.Parser(KINDS), []
+        for start in range(0, len(stream), size):
+            received += parser.feed(stream[start : start + size])
+        assert received == sent
+
+
+def test_two_frames_may_share_a_flag():
+    first, second = (protocol.encode(protocol.ARM, n) for n in (1, 2))
+    frames = protocol.Parser(KINDS).feed(first + second[1:])
+    assert frames == [(protocol.ARM, (1,)), (protocol.ARM, (2,))]
+
+
+@pytest.mark.parametrize("length", [27, 1000])
+def test_frames_that_never_end_are_given_up(length):
+    parser = protocol.Parser(KINDS)
+    assert parser.feed(b"\x7e" + b"x" * 5000 * length) == []
+    assert parser.rejected == 1
+    assert parser.feed(protocol.encode(protocol.HELLO)) == [(protocol.HELLO, ())]
+
+
+def test_frames_of_other_kinds_and_versions_are_refused():
+    parser = protocol.Parser((protocol.SAMPLE,))
+    assert parser.feed(protocol.encode(protocol.ARM, 1)) == []
+    assert parser.rejected == 1
+    body = bytes((protocol.VERSION + 1, protocol.SAMPLE)) + b"0123"
+    body += protocol.crc32(body).to_bytes(4, "little")
+    assert parser.feed(b"\x7e" + body + b"\x7e") == []
+    assert parser.other_version == 1
+
+
+def test_every_single_bit_error_is_found():
+    frame = protocol.encode(protocol.COMMAND, 0x1234, 99, 5000, 10000)
+    for bit in range(8, 8 * (len(frame) - 1)):
+        broken = bytearray(frame)
+        broken[bit // 8] ^= 1 << bit % 8
+        assert protocol.Parser(KINDS).feed(bytes(broken)) == []

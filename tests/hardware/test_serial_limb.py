@@ -1,0 +1,238 @@
+"""A limb on a serial port: the firmware on an emulated board, over a pseudo-terminal."""
+
+import copy
+import dataclasses
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from calibration import calibrate, collect_equilibria, collect_from_robot
+from hardware import LimbTwin, ReplayError, SerialLimb, replay, watch
+from hardware.__main__ import main
+from limb_systems import Limb, LimbError, LimbParameters, Recording, simulate
+from planners import plan, references
+
+from .conftest import wait_for
+
+
+@pytest.fixture(scope="module")
+def short_plan():
+    """Four seconds of warming up."""
+    parameters = LimbParameters()
+    parameters.temperature_limits.warm_up_time = 100.0
+    return plan(parameters, references.from_samples([0.0, 4.0], [0.0, 0.15]), knot_rate=10.0)
+
+
+def test_has_the_ports_of_the_limb(emulator):
+    with SerialLimb(emulator.port) as robot:
+        limb = Limb()
+        for name in ("measured_temperature", "bend_angle"):
+            assert robot.GetOutputPort(name).size() == limb.GetOutputPort(name).size()
+        assert robot.GetInputPort("duty").size() == 2
+        assert robot.GetOutputPort("sample_age").size() == 1
+        assert robot.parameters.board == "twin0000"
+        builder = DiagramBuilder()
+        builder.AddSystem(robot)
+
+
+def test_replay_sends_the_plan_and_records_all_of_it(emulator, short_plan, tmp_path):
+    limb = SerialLimb(emulator.port, short_plan.parameters)
+    start = time.monotonic()
+    recording = replay(short_plan, limb, journal=tmp_path / "journal.csv")
+    assert time.monotonic() - start < 6.0
+    assert len(recording.time) == 81
+    assert limb.link.lost_samples == 0
+    planned = short_plan.duty_trajectory().vector_values(recording.time)
+    np.testing.assert_allclose(recording.duty, planned, atol=1e-9)
+    # The board applied each of them, in steps of 1/10000.
+    applied = np.array([(e["left"], e["right"]) for e in emulator.events("duty")]).T
+    missing = np.abs(applied[1][:, np.newaxis] - planned[1, :-1]).min(axis=0)
+    assert missing.max() < 1e-4
+    assert emulator.duty() == [0.0, 0.0]  # off at the end
+    assert recording.measured_temperature[1, -1] > recording.measured_temperature[1, 0] + 3.0
+    journal = Recording.load(tmp_path / "journal.csv")
+    np.testing.assert_array_equal(journal.bend_angle, recording.bend_angle)
+    np.testing.assert_array_equal(journal.time, recording.time)
+
+
+def test_emulated_limb_is_the_same_in_real_and_in_simulated_time(emulator):
+    """Over the cable the twin does what it does in a simulation, but for the sensors' noise."""
+    with SerialLimb(emulator.port) as limb:
+        real = simulate(limb, [0.0, 0.3], 4.0)
+    model = simulate(LimbTwin(seed=0), [0.0, 0.3], 4.0)
+    difference = real.measured_temperature - model.measured_temperature
+    assert np.abs(difference[:, 10:]).mean() < 1.5
+    assert np.abs(difference).max() < 4.0
+    assert np.rad2deg(np.abs(real.bend_angle - model.bend_angle)).mean() < 4.0
+
+
+def test_plans_for_another_limb_or_temperature_are_refused(emulator, short_plan):
+    other = dataclasses.replace(short_plan, parameters=copy.deepcopy(short_plan.parameters))
+    other.parameters.board = "twin0007"
+    with pytest.raises(ReplayError, match=r"limb twin0007, but the limb on .* is twin0000"):
+        replay(other, SerialLimb(emulator.port))
+    hot = dataclasses.replace(
+        short_plan, measured_temperature=short_plan.measured_temperature + 30.0
+    )
+    with pytest.raises(ReplayError, match=r"left wire is at .* but the trajectory starts at 55\.0"):
+        replay(hot, SerialLimb(emulator.port))
+    hotter = dataclasses.replace(short_plan, parameters=copy.deepcopy(short_plan.parameters))
+    hotter.parameters.temperature_limits.maximum = 120.0
+    with pytest.raises(ReplayError, match="board switches off at 110 °C"):
+        replay(hotter, SerialLimb(emulator.port, hotter.parameters))
+    assert emulator.duty() == [0.0, 0.0]
+
+
+def test_a_limb_of_two_segments_has_no_board(emulator, two_segments):
+    with pytest.raises(LimbError, match="A board drives a limb of one segment"):
+        SerialLimb(emulator.port, two_segments)
+
+
+def test_recording_survives_sigkill(emulator, fig5_plan, tmp_path):
+    fig5_plan.save(tmp_path / "plan.csv")
+    output = tmp_path / "recording.csv"
+    command = [sys.executable, "-m", "hardware", "replay", tmp_path / "plan.csv", "-o", output]
+    process = subprocess.Popen([*command, "-p", emulator.port])
+    assert wait_for(lambda: emulator.events("duty") and max(emulator.duty()) > 0.0, 10.0)
+    start = next(e["time"] for e in emulator.events("duty") if e["right"] > 0)
+    time.sleep(2.0)
+    process.send_signal(signal.SIGKILL)
+    lasted = time.monotonic() - start
+    process.wait()
+    with pytest.raises(LimbError, match="truncated"):
+        Recording.load(output)
+    recording = Recording.load(output, unfinished=True)
+    assert recording.time[-1] > lasted - 0.1 - 0.05  # the board's first duty came one sample late
+    assert recording.duty[1, -1] > 0.0
+    assert main(["recover", str(output), "-o", str(tmp_path / "whole.csv")]) == 0
+    assert len(Recording.load(tmp_path / "whole.csv").time) == len(recording.time)
+
+
+def test_watching_does_not_arm(emulator):
+    recording = watch(SerialLimb(emulator.port, heated=False), 1.0)
+    assert len(recording.time) == 21
+    assert emulator.duty() == [0.0, 0.0]
+    assert np.ptp(recording.bend_angle) > 0.0
+
+
+def test_taught_motion_becomes_a_reference(emulator, tmp_path, capsys):
+    output = tmp_path / "taught.csv"
+    assert main(["teach", emulator.port, "-o", str(output), "-t", "2"]) == 0
+    assert "taught      2.0 s" in capsys.readouterr().out
+    reference = references.from_recording(Recording.load(output), smoothing_time=0.5)
+    assert reference.end_time() == pytest.approx(2.0)
+
+
+def test_smoothing_takes_noise_away_and_leaves_the_motion(model_like_recording):
+    clean = model_like_recording.bend_angle[0]
+    noisy = copy.copy(model_like_recording)
+    noisy.bend_angle = clean + np.random.default_rng(0).normal(0, 0.02, (1, len(clean)))
+    smooth = references.from_recording(noisy, smoothing_time=1.0).vector_values(noisy.time)[0]
+    assert np.std(smooth - clean) < 0.4 * 0.02
+    with pytest.raises(LimbError, match="it must be from 0 to the recording's 10 s"):
+        references.from_recording(noisy, smoothing_time=60.0)
+
+
+@pytest.fixture
+def model_like_recording():
+    time = np.arange(201) / 20
+    return Recording(
+        time=time,
+        duty=np.zeros((2, 201)),
+        measured_temperature=np.full((2, 201), 25.0),
+        bend_angle=0.4 * np.sin(time)[np.newaxis],
+        parameters=LimbParameters(),
+        source="made up",
+        sample_rate=20.0,
+    )
+
+
+def test_status_says_how_the_board_is(emulator, capsys):
+    assert main(["status", emulator.port]) == 0
+    said = capsys.readouterr().out
+    assert "board       twin0000, firmware 1" in said
+    assert "off: it was just switched on" in said
+    assert main(["status", emulator.port, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["armed"] is False
+    emulator.order("open left")
+    time.sleep(0.2)
+    assert main(["status", emulator.port]) == 0
+    assert "a thermocouple is open" in capsys.readouterr().out
+    emulator.order("mend")
+    time.sleep(0.2)
+    assert main(["status", emulator.port, "--clear"]) == 0
+    assert "thermocouple" not in capsys.readouterr().out.split("wires")[0]
+
+
+def test_self_test_passes_a_good_limb_and_fails_a_bad_one(emulator, capsys, monkeypatch):
+    monkeypatch.setattr("hardware.self_test.HEATING_TIME", 3.5)
+    assert main(["arm-check", emulator.port]) == 0
+    said = capsys.readouterr().out
+    assert said.count("ok") == 8
+    assert "right wire bends the limb by" in said
+    emulator.order("hot left")
+    time.sleep(0.2)
+    assert main(["arm-check", emulator.port]) == 1
+    assert "FAILED  left thermocouple reads 115.0 °C" in capsys.readouterr().out
+
+
+def test_ports_are_listed(capsys):
+    assert main(["ports"]) == 0
+    assert capsys.readouterr().out
+
+
+def test_orders_that_make_no_sense_are_named(emulator):
+    command = [sys.executable, "-m", "hardware", "emulate", "--do", "explode"]
+    said = subprocess.run(command, capture_output=True, text=True, timeout=20)
+    assert said.returncode == 1
+    assert "'explode' is not understood; orders are: drop RATE" in said.stderr
+
+
+def test_equilibria_are_collected_from_a_robot(emulator):
+    with SerialLimb(emulator.port) as limb:
+        recording = collect_equilibria(limb, "right", num_angles=1, longest=5.0)
+    assert recording.duty[1].max() > 0.05
+    assert not recording.duty[0].any()
+    assert recording.reference is not None
+    assert "limb twin0000 on /dev/" in recording.source
+    assert emulator.duty() == [0.0, 0.0]
+
+
+def test_collecting_goes_on_where_it_was_interrupted(tmp_path):
+    """With simulated limbs in place of robots, which a context manager closes alike."""
+
+    class Closing(LimbTwin):
+        __slots__ = ()
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    asked = []
+    options = {"num_angles": 2, "longest": 20.0}
+    connect = lambda parameters: Closing(parameters, seed=2)  # noqa: E731
+    (tmp_path / "sag_1.csv").write_text("kept")
+    collect_from_robot(connect, LimbParameters(), tmp_path, asked.append, **options)
+    assert len(asked) == 15
+    assert asked[0].startswith("sag_2: Mount the limb so that gravity bends it to the left")
+    assert (tmp_path / "sag_1.csv").read_text() == "kept"
+    assert len(list(tmp_path.iterdir())) == 16
+    collect_from_robot(connect, LimbParameters(), tmp_path, asked.append, **options)
+    assert len(asked) == 15
+
+
+def test_calibration_remembers_the_board(tmp_path):
+    limb = LimbParameters(board="twin0003")
+    recordings = {
+        side: [collect_equilibria(Limb(limb), side, num_angles=3, seed=1)]
+        for side in ("left", "right")
+    }
+    assert calibrate(recordings).parameters.board == "twin0003"
