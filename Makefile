@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test bench lint clean
+.PHONY: demo test bench lint micropython clean
 
 demo: $(VENV)/ready
 	$(BIN)/python examples/demo.py out
@@ -17,7 +17,15 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/replanning.py
 	$(BIN)/python benchmarks/sweep.py
 	$(BIN)/python benchmarks/calibration_accuracy.py
+	$(BIN)/python benchmarks/fuzz.py
+	$(BIN)/python benchmarks/serial_replay.py
 	$(BIN)/python benchmarks/planning.py
+
+# Needs Node.js and npm.
+micropython: $(VENV)/ready
+	npm install --silent --no-save --prefix $(VENV)/micropython @micropython/micropython-webassembly-pyscript@1.27.0
+	MICROPYTHON=$(VENV)/micropython/node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs \
+	    $(BIN)/python -m pytest tests/hardware/test_firmware.py -rs
 
 lint: $(VENV)/ready
 	$(BIN)/ruff check .

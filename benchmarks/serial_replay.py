@@ -8,12 +8,10 @@ machine is 99% within 5 ms, and none.
 """
 
 import argparse
-import subprocess
-import sys
 
 import numpy as np
 
-from hardware import SerialLimb, replay
+from hardware import SerialLimb, emulated_port, replay
 from limb_systems import LimbParameters
 from planners import plan, references
 
@@ -27,13 +25,9 @@ def main() -> None:
     trajectory = plan(limb, references.from_samples(times, 0.3 * np.sin(times / 3)))
     print("commands   late: median       99%    largest   samples lost")
     for _ in range(options.repetitions):
-        command = [sys.executable, "-m", "hardware", "emulate"]
-        with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as board:
-            try:
-                robot = SerialLimb(board.stdout.readline().decode().strip(), limb)
-                replay(trajectory, robot)
-            finally:
-                board.kill()
+        with emulated_port() as port:
+            robot = SerialLimb(port, limb)
+            replay(trajectory, robot)
         late = 1000 * np.array(robot.timing_errors)
         median, most, largest = *np.percentile(late, [50, 99]), late.max()
         print(

@@ -1,5 +1,6 @@
 """The robot, its emulated twin, and the replay of trajectories on them."""
 
+from hardware.emulate import emulated_port
 from hardware.link import BoardInfo, BoardLink, HardwareError, Sample
 from hardware.replay import ReplayError, replay, watch
 from hardware.sensors import SensedLimb
@@ -15,6 +16,7 @@ __all__ = [
     "Sample",
     "SensedLimb",
     "SerialLimb",
+    "emulated_port",
     "replay",
     "watch",
 ]

@@ -1,9 +1,12 @@
 """``python -m hardware emulate``: a board and a limb that are not there, on a port that is."""
 
+import contextlib
 import json
 import select
+import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from hardware.emulated_board import Emulation
@@ -49,3 +52,18 @@ def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
                 except LimbError as error:
                     print(f"error: {error}", file=sys.stderr)
             time.sleep(TURN)
+
+
+@contextlib.contextmanager
+def emulated_port(seed: int = 0) -> Iterator[str]:
+    """A port with an emulated board and limb on it, in a process of their own.
+
+    Args:
+        seed: of the limb.
+    """
+    command = [sys.executable, "-m", "hardware", "emulate", "--seed", str(seed)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as board:
+        try:
+            yield board.stdout.readline().decode().strip()
+        finally:
+            board.kill()

@@ -12,11 +12,11 @@ from hardware.hand import Hand
 from hardware.rubber import Rubber
 from hardware.sensors import add_sensors
 from hardware.specimen import SegmentPhysics, Specimen
-from hardware.wires import ShapeMemoryWires
+from hardware.wires import PERIOD, ShapeMemoryWires
 from limb_systems import BendAngle, LimbParameters, ThermocoupleLag, make_manipulator, simulate
 from limb_systems.ownership import weak_method
 
-SMOOTHING_TIME = 0.02  # s
+SMOOTHING_TIME = 0.05  # s, of the wires' torque, which comes in steps
 
 
 class LimbTwin(Diagram):
@@ -57,6 +57,7 @@ class LimbTwin(Diagram):
         specimen: Specimen | None = None,
         hand: trajectories.Trajectory | None = None,
         bend_rate: float = 20.0,
+        wire_period: float = PERIOD,
     ):
         """Args:
             parameters: the kind of limb; the nominal one if None. Geometry,
@@ -67,6 +68,7 @@ class LimbTwin(Diagram):
             hand: bend angle over time, rad, to which somebody bends the limb
                 by hand until the end of the trajectory.
             bend_rate: at which the bend sensors are read, Hz.
+            wire_period: s, of the steps of `ShapeMemoryWires`.
 
         Raises:
             ParameterError: if a parameter is out of its range.
@@ -78,7 +80,7 @@ class LimbTwin(Diagram):
         mechanics, num_joints = specimen.mechanics(), self.parameters.num_joints
 
         builder = DiagramBuilder()
-        wires = builder.AddSystem(ShapeMemoryWires(specimen))
+        wires = builder.AddSystem(ShapeMemoryWires(specimen, wire_period))
         rubber = builder.AddSystem(Rubber(specimen))
         manipulator = builder.AddSystem(make_manipulator(mechanics))
         lag = builder.AddSystem(ThermocoupleLag(mechanics))
@@ -149,7 +151,9 @@ class LimbTwin(Diagram):
             self.specimen.description.gravity = list(gravity)
         if pause > 0:
             off = np.zeros(len(self.specimen.wires))
-            simulate(LimbTwin(specimen=self.specimen, bend_rate=1.0), off, pause, sample_rate=1.0)
+            # Nothing is fast where nothing is heated, but the first swing; coarse steps will do.
+            resting = LimbTwin(specimen=self.specimen, bend_rate=1.0, wire_period=0.1)
+            simulate(resting, off, pause, sample_rate=1.0)
         return LimbTwin(specimen=self.specimen, hand=hand, bend_rate=bend_rate)
 
 

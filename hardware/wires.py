@@ -7,8 +7,8 @@ from hardware.specimen import Specimen
 from limb_systems.ownership import weak_method
 
 # The wires' fastest rates are those of heating, some °C in a tenth of a second,
-# and far below the limb's 4.6 Hz mode, which does not feel steps at 50 Hz.
-PERIOD = 0.02  # s
+# and far below the limb's 4.6 Hz mode, which hardly feels smoothed steps at 20 Hz.
+PERIOD = 0.05  # s
 PWM_STEP = 1 / 255  # of a timer of eight bits
 
 
@@ -39,7 +39,7 @@ class ShapeMemoryWires(LeafSystem):
     with the strain ε = -r φ_own relieved by bending towards the wire's own
     side. The torque on each joint of the segment is proportional to it. A
     straight limb at the temperature of the room is free of torque. All this is
-    stepped by Euler's method at 50 Hz.
+    stepped by Euler's method, at 20 Hz by default.
 
     - input 0 ``duty``: D (W), in [0, 1]
     - input 1 ``joint_state``: [θ, θ̇] (2n), rad and rad/s; its angles count
@@ -51,8 +51,13 @@ class ShapeMemoryWires(LeafSystem):
 
     __slots__ = ()  # see limb_systems.ownership
 
-    def __init__(self, specimen: Specimen):
+    def __init__(self, specimen: Specimen, period: float = PERIOD):
+        """Args:
+        specimen: the limb, and the state in which it was left.
+        period: s, of the steps.
+        """
         super().__init__()
+        self._period = period
         parameters, wires = specimen.description, specimen.wires
         num_wires, num_joints = len(wires), parameters.num_joints
         self._room, self._num_wires, self._num_joints = specimen.ambient, num_wires, num_joints
@@ -83,7 +88,7 @@ class ShapeMemoryWires(LeafSystem):
         index = self.DeclareDiscreteState(specimen.state.get("wires", rest))
         self.DeclareVectorInputPort("duty", num_wires)
         self.DeclareVectorInputPort("joint_state", 2 * num_joints)
-        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._step))
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weak_method(self._step))
         tickets = {self.discrete_state_ticket(index)}
         self.DeclareVectorOutputPort(
             "generalized_force", num_joints, weak_method(self._calc_force), tickets
@@ -98,7 +103,7 @@ class ShapeMemoryWires(LeafSystem):
         wire, silicone, martensite, strain_before = self._state(context)
         duty = PWM_STEP * np.round(self.get_input_port(0).Eval(context) / PWM_STEP)
         strain = self._strain @ self.get_input_port(1).Eval(context)[: self._num_joints]
-        strain_rate = (strain - strain_before) / PERIOD
+        strain_rate = (strain - strain_before) / self._period
 
         # Without transformation T' would change at this rate, and its sign is that of Ṫ'.
         heating = self._heating * duty - self._to_silicone * (wire - silicone)
@@ -123,9 +128,9 @@ class ShapeMemoryWires(LeafSystem):
         discrete_state.set_value(
             np.concatenate(
                 [
-                    wire + PERIOD * wire_rate,
-                    silicone + PERIOD * silicone_rate,
-                    martensite + PERIOD * martensite_rate,
+                    wire + self._period * wire_rate,
+                    silicone + self._period * silicone_rate,
+                    martensite + self._period * martensite_rate,
                     strain,
                 ]
             )

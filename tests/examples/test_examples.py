@@ -48,6 +48,7 @@ def test_demo_leaves_what_it_promises(tmp_path):
     assert trajectory.check.failure() is None
     for number in range(1, 6):
         assert Recording.load(out / f"rollout_{number}.csv").time[-1] == pytest.approx(60.0)
+    assert Recording.load(out / "serial.csv").time[-1] == pytest.approx(5.0)
     for name in ("fig4.png", "fig5.png"):
         assert (out / name).read_bytes().startswith(b"\x89PNG")
     assert b"</html>" in (out / "replay.html").read_bytes()
