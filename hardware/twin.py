@@ -49,6 +49,8 @@ class LimbTwin(Diagram):
 
     __slots__ = ()  # see limb_systems.ownership
 
+    accuracy = 1e-2  # of simulations; 1e-4 changes no reading by more than one step of its sensor
+
     def __init__(
         self,
         parameters: LimbParameters | None = None,

@@ -28,6 +28,7 @@ class SimulationError(LimbError):
 # of those of implicit_euler at accuracy 1e-3 (benchmarks/simulation.py).
 INTEGRATION_SCHEME = "radau3"
 MAX_STEP_SIZE = 0.1
+ACCURACY = 1e-3
 REAL_TIME_STEP = 0.05  # s, the period of everything that a robot does
 
 
@@ -37,7 +38,7 @@ def simulate(
     duration: float | None = None,
     *,
     sample_rate: float = 20.0,
-    accuracy: float = 1e-3,
+    accuracy: float | None = None,
     initial_state: ArrayLike | None = None,
 ) -> Recording:
     """Simulates a limb with Drake's Simulator and records its outputs.
@@ -49,7 +50,8 @@ def simulate(
             duty (W,). A trajectory starts at its own start time.
         duration: s; for a trajectory by default all of it.
         sample_rate: of the recording, Hz.
-        accuracy: relative accuracy of the implicit integrator.
+        accuracy: relative accuracy of the implicit integrator; if None the
+            system's own attribute ``accuracy``, or 1e-3.
         initial_state: all continuous states of the system, by default those
             of its default context: for a `Limb` at rest and at ambient.
 
@@ -61,8 +63,9 @@ def simulate(
     Raises:
         SimulationError: if an argument makes no sense or the integrator fails.
     """
-    for name, value in (("sample_rate", sample_rate), ("accuracy", accuracy)):
-        _check_positive(name, value, "")
+    _check_positive("sample_rate", sample_rate, "")
+    if accuracy is not None:
+        _check_positive("accuracy", accuracy, "")
     course, duration = _duty_course(duty, duration, len(system.parameters.wires))
     num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
     times = np.minimum(np.arange(num_samples) / sample_rate, duration)
@@ -92,7 +95,7 @@ def record(
     until: Callable[[Context], bool] | None = None,
     remark: Callable[[Context], str] | None = None,
     sample_rate: float = 20.0,
-    accuracy: float = 1e-3,
+    accuracy: float | None = None,
     initial_state: ArrayLike | None = None,
 ) -> Recording:
     """Runs a diagram with a limb in it and records the limb.
@@ -129,7 +132,7 @@ def record(
     ApplySimulatorConfig(
         SimulatorConfig(
             integration_scheme=INTEGRATION_SCHEME,
-            accuracy=accuracy,
+            accuracy=accuracy if accuracy is not None else getattr(system, "accuracy", ACCURACY),
             max_step_size=MAX_STEP_SIZE,
             use_error_control=True,
         ),
