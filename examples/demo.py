@@ -35,7 +35,7 @@ PAUSE = 300.0  # s between rollouts, to cool down
 
 def main(folder: Path) -> None:
     twin = LimbTwin(seed=0)
-    print("Recording an emulated limb (some half a minute) ...", flush=True)
+    print("Recording an emulated limb, for half an hour of its time ...", flush=True)
     save_recordings(collect_from_twin(twin, num_angles=6), folder / "recordings")
     calibration = calibrate(folder / "recordings")
     save_parameters(calibration, folder / "limb.yaml")

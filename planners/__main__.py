@@ -43,12 +43,18 @@ def main(arguments: list[str] | None = None) -> int:
         default=0.1,
         help="degrees that the plan may differ from its simulation (default %(default)g)",
     )
+    parser.add_argument(
+        "--smooth",
+        type=float,
+        default=0.5,
+        help="s over which a recording's bend angle is smoothed (default %(default)g)",
+    )
     options = parser.parse_args(arguments)
     try:
         parameters = LimbParameters.load(options.limb) if options.limb else LimbParameters()
         trajectory = plan(
             parameters,
-            _reference(options.reference),
+            _reference(options.reference, options.smooth),
             knot_rate=options.knot_rate,
             tolerance_deg=options.tolerance,
         )
@@ -69,12 +75,12 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _reference(name: str):
+def _reference(name: str, smoothing_time: float):
     if name == "fig5":
         return references.step_and_decaying_sine()
     path = Path(name)
     if path.is_file() and path.read_bytes().startswith(b"# limb recording"):
-        return references.from_recording(Recording.load(path))
+        return references.from_recording(Recording.load(path), smoothing_time)
     return references.load(path)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from hardware import BoardLink, HardwareError, SerialLimb
+from hardware.firmware import guard, protocol
 from limb_systems import simulate
 
 from .conftest import Heating, wait_for
@@ -185,6 +186,19 @@ def test_duty_out_of_range_is_not_sent(emulator, link, duty):
     assert emulator.duty() == [0.0, 0.0]
 
 
+def test_command_out_of_range_switches_off(emulator, link, heating, record_property):
+    """Sent past the host's own check, as a faulty host would."""
+    heating.stop()
+    frame = protocol.encode(protocol.COMMAND, link._session, link._sequence + 1, 10001, 0)
+    since = time.monotonic()
+    link._send(frame)
+    off = emulator.off_after(since)
+    report(record_property, "command out of range", off)
+    assert off < 0.05
+    time.sleep(0.1)
+    assert link.sample().reason == guard.OUT_OF_RANGE
+
+
 def test_simulation_that_falls_behind(emulator, record_property):
     class Slow(SerialLimb):
         """Thinks for a while at 1 s."""
@@ -202,8 +216,9 @@ def test_simulation_that_falls_behind(emulator, record_property):
     ):
         simulate(limb, [0.0, 1.0], 3.0)
     on = next(e["time"] for e in emulator.events("duty") if e["right"] == 1.0)
-    off = emulator.off_after(on)
-    assert off < 1.0 + 2 * HEARTBEAT
+    off = emulator.off_after(on) - 1.0  # the simulation stops at 1 s
+    report(record_property, "simulation falls behind", off)
+    assert off < HEARTBEAT
     assert emulator.duty() == [0.0, 0.0]
 
 
