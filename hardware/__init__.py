@@ -1,6 +1,6 @@
 """The robot, its emulated twin, and the replay of trajectories on them."""
 
-from hardware.emulate import emulated_port
+from hardware.emulated_port import emulated_port
 from hardware.link import BoardInfo, BoardLink, HardwareError, Sample
 from hardware.replay import ReplayError, replay, watch
 from hardware.sensors import SensedLimb

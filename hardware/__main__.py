@@ -11,8 +11,7 @@ import numpy as np
 from serial.tools import list_ports
 
 from hardware import BoardLink, LimbTwin, SerialLimb, replay, watch
-from hardware.emulate import emulate
-from hardware.emulated_board import ORDERS
+from hardware.emulated_board import ORDERS, emulate
 from hardware.firmware import guard
 from hardware.self_test import self_test
 from limb_systems import LimbError, LimbParameters, Recording, Trajectory

@@ -5,8 +5,10 @@ that is simulated in real time. The board can be told to misbehave.
 """
 
 import contextlib
+import json
 import os
 import random
+import select
 import struct
 import sys
 import time
@@ -15,17 +17,16 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder
 
 from hardware.twin import LimbTwin
 from limb_systems import LimbError
-from limb_systems.simulation import INTEGRATION_SCHEME, MAX_STEP_SIZE
+from limb_systems.simulation import make_simulator
 
 # The firmware's files import each other as they do on the board.
 sys.path.insert(0, str(Path(__file__).parent / "firmware"))
 from firmware import Firmware
 
+TURN = 0.001  # s, between two turns of the firmware's loop
 LIMB_PERIOD = 0.02  # s, in which the limb is simulated at a time
 THERMOCOUPLE_FAULTS = {"open": 1, "ground": 2, "supply": 4}
 SIDES = {"left": 0, "right": 1}
@@ -41,23 +42,10 @@ class EmulatedBoard:
         self._start = time.monotonic()
         self._on_duty = on_duty
         self._duty = [0.0, 0.0]
-        builder = DiagramBuilder()
-        self._twin = builder.AddSystem(twin)
-        for port in ("measured_temperature", "bend_angle"):
-            builder.ExportOutput(twin.GetOutputPort(port), port)
-        builder.ExportInput(twin.GetInputPort("duty"), "duty")
-        self._simulator = Simulator(builder.Build())
-        ApplySimulatorConfig(
-            SimulatorConfig(
-                integration_scheme=INTEGRATION_SCHEME,
-                accuracy=1e-2,
-                max_step_size=MAX_STEP_SIZE,
-                use_error_control=True,
-            ),
-            self._simulator,
-        )
-        self._root = self._simulator.get_mutable_context()
-        self._input = self._simulator.get_system().get_input_port().FixValue(self._root, [0, 0])
+        self._twin = twin
+        self._simulator = make_simulator(twin, twin.accuracy)
+        self._context = self._simulator.get_mutable_context()
+        self._input = twin.GetInputPort("duty").FixValue(self._context, [0, 0])
         self._simulator.Initialize()
         self.to_host, self.from_host = bytearray(), bytearray()
         self.serial_number = f"twin{twin.specimen.seed:04d}".encode()[:8]
@@ -70,7 +58,7 @@ class EmulatedBoard:
     def advance(self) -> None:
         """Simulates the limb up to now."""
         now = time.monotonic() - self._start
-        if now >= self._root.get_time() + LIMB_PERIOD:
+        if now >= self._context.get_time() + LIMB_PERIOD:
             self._simulator.AdvanceTo(now)
 
     def ticks(self) -> int:
@@ -110,7 +98,7 @@ class EmulatedBoard:
         pass  # there is no watchdog to feed, nor a program that could hang by itself
 
     def _output(self, name: str) -> np.ndarray:
-        return self._simulator.get_system().GetOutputPort(name).Eval(self._root)
+        return self._twin.GetOutputPort(name).Eval(self._context)
 
 
 class BadLine:
@@ -247,3 +235,41 @@ ORDERS = (
     "open SIDE, ground SIDE, supply SIDE, hot SIDE, freeze SIDE, freeze bend, silence, mend, "
     "stall SECONDS, reset, unplug, replay; SIDE is left or right"
 )
+
+
+def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
+    """Runs the firmware on an emulated board until the process is stopped.
+
+    Prints the port to connect to, then obeys orders from standard input.
+
+    Args:
+        twin: the limb on the board.
+        orders: obeyed at once, as of `Emulation.misbehave`.
+        log: file for what happens, a line of JSON for each change of duty
+            and each order.
+
+    Raises:
+        LimbError: if an order at the start is not understood.
+    """
+    with open(log or os.devnull, "w", encoding="utf-8") as file:
+
+        def note(**event) -> None:
+            file.write(json.dumps(event) + "\n")
+            file.flush()
+
+        emulation = Emulation(twin, note)
+        for order in orders:
+            emulation.misbehave(order)
+        print(emulation.port, flush=True)
+        listening = True
+        while True:
+            emulation.step()
+            if listening and select.select([sys.stdin], [], [], 0)[0]:
+                line = sys.stdin.readline()
+                listening = bool(line)
+                try:
+                    if line.strip():
+                        emulation.misbehave(line)
+                except LimbError as error:
+                    print(f"error: {error}", file=sys.stderr)
+            time.sleep(TURN)

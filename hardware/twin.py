@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake import trajectories
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Adder, Demultiplexer, FirstOrderLowPassFilter
+from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem
 
 from hardware.hand import Hand
 from hardware.rubber import Rubber
@@ -88,13 +88,17 @@ class LimbTwin(Diagram):
         lag = builder.AddSystem(ThermocoupleLag(mechanics))
         bend_angle = builder.AddSystem(BendAngle(self.parameters))
         split = builder.AddSystem(Demultiplexer([num_joints, num_joints]))
-        smooth = builder.AddSystem(FirstOrderLowPassFilter(SMOOTHING_TIME, num_joints))
+        one = np.eye(num_joints)
+        smooth = builder.AddSystem(
+            LinearSystem(-one / SMOOTHING_TIME, one / SMOOTHING_TIME, one, 0 * one)
+        )
         builder.Connect(wires.GetOutputPort("generalized_force"), smooth.get_input_port())
         forces = [smooth.get_output_port(), split.get_output_port(0)]
         joint_state = manipulator.get_state_output_port()
         if hand is not None:
-            forces.append(builder.AddSystem(Hand(self.parameters, hand)).get_output_port())
-            builder.Connect(joint_state, builder.GetSystems()[-1].get_input_port())
+            holding = builder.AddSystem(Hand(self.parameters, hand))
+            builder.Connect(joint_state, holding.get_input_port())
+            forces.append(holding.get_output_port())
         total = builder.AddSystem(Adder(len(forces), num_joints))
 
         builder.ExportInput(wires.GetInputPort("duty"), "duty")
@@ -121,6 +125,7 @@ class LimbTwin(Diagram):
             "wires": wires.GetOutputPort("state"),
             "rubber": split.get_output_port(1),
             "measured": lag.get_output_port(),
+            "smooth": smooth.get_output_port(),
         }
         memory = builder.AddSystem(_Memory(specimen, {k: p.size() for k, p in parts.items()}))
         for name, port in parts.items():
@@ -130,6 +135,7 @@ class LimbTwin(Diagram):
         room = np.full(len(specimen.wires), specimen.ambient)
         manipulator.SetDefaultPositions(state.get("joints", specimen.rest_angles())[:num_joints])
         lag.configure_default_state(state.get("measured", room))
+        smooth.configure_default_state(state.get("smooth", np.zeros(num_joints)))
         builder.BuildInto(self)
         self.set_name("limb_twin")
 

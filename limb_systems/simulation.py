@@ -128,16 +128,9 @@ def record(
         raise SimulationError(
             "This system is part of a diagram already; make a new one to simulate it."
         ) from error
-    simulator = Simulator(diagram)
-    ApplySimulatorConfig(
-        SimulatorConfig(
-            integration_scheme=INTEGRATION_SCHEME,
-            accuracy=accuracy if accuracy is not None else getattr(system, "accuracy", ACCURACY),
-            max_step_size=MAX_STEP_SIZE,
-            use_error_control=True,
-        ),
-        simulator,
-    )
+    if accuracy is None:
+        accuracy = getattr(system, "accuracy", ACCURACY)
+    simulator = make_simulator(diagram, accuracy)
     context = simulator.get_mutable_context()
     if initial_state is not None:
         _set_state(system.GetMyMutableContextFromRoot(context), initial_state)
@@ -159,6 +152,21 @@ def record(
         sample_rate=sample_rate,
         **signals,
     )
+
+
+def make_simulator(system: System, accuracy: float = ACCURACY) -> Simulator:
+    """Drake's Simulator with the integrator that a limb needs."""
+    simulator = Simulator(system)
+    ApplySimulatorConfig(
+        SimulatorConfig(
+            integration_scheme=INTEGRATION_SCHEME,
+            accuracy=accuracy,
+            max_step_size=MAX_STEP_SIZE,
+            use_error_control=True,
+        ),
+        simulator,
+    )
+    return simulator
 
 
 def _duty_course(

@@ -83,6 +83,9 @@ def test_a_limb_that_was_hot_is_still_warm():
     end, start = cold.measured_temperature[1, -1], now.measured_temperature[1, 0]
     assert abs(start - end) < 2.0
     assert abs(now.bend_angle[0, 0] - cold.bend_angle[0, -1]) < np.deg2rad(5.0)
+    first = np.rad2deg(now.bend_angle[0, :20])  # it goes on bending back, and does not swing
+    assert np.abs(np.diff(first)).max() < 4.0
+    assert np.ptp(first) < 6.0
     room = cold.measured_temperature[1, 0]
     assert room + 0.5 < later.measured_temperature[1].mean() < room + 10.0
     # Another limb of the same kind has not been heated.
