@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import os
 import queue
 import threading
 import time
@@ -98,7 +99,9 @@ class BoardLink:
         except (serial.SerialException, ValueError, OSError) as error:
             if "exclusively lock" in str(error):
                 raise HardwareError(f"{port} is in use by another program.") from error
-            raise HardwareError(f"Cannot open {port}: {error}.") from error
+            number = getattr(error, "errno", None)
+            reason = os.strerror(number) if number else str(error)
+            raise HardwareError(f"Cannot open {port}: {reason}.") from error
         self.parser = protocol.Parser((protocol.INFO, protocol.SAMPLE))
         self.lost_samples = 0
         self._sample: Sample | None = None
