@@ -19,7 +19,9 @@ class Estimate:
     unit: str
 
     def __str__(self) -> str:
-        return f"{self.value:.4g} ± {self.standard_error:.2g} {self.unit}".rstrip()
+        if self.standard_error > abs(self.value):
+            return f"{self.value:.4g} {self.unit} (the data do not tell)"
+        return f"{self.value:.4g} ± {self.standard_error:.2g} {self.unit}"
 
 
 def mean_estimate(values, unit: str, relative_error: float = 0.0) -> Estimate:

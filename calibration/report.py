@@ -20,12 +20,15 @@ from limb_systems.plots import LEFT_RIGHT_COLORS, PLAN_COLOR, REFERENCE_COLOR, R
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 60rem; margin: 0 auto;
        padding: 1rem; }
-img { width: 100%; height: auto; }
+figure { margin: 1rem 0; overflow-x: auto; }
+img { width: 100%; min-width: 40rem; height: auto; }
+.table { overflow-x: auto; }
 table { border-collapse: collapse; width: 100%; }
 td, th { text-align: left; padding: .25rem .75rem .25rem 0; border-bottom: 1px solid #ddd; }
 td.number { font-variant-numeric: tabular-nums; white-space: nowrap; }
-h2 { margin-top: 2.5rem; } figure { margin: 1rem 0; } li { margin: .3rem 0; }
-@media print { h2 { break-after: avoid; } figure { break-inside: avoid; } }
+h2 { margin-top: 2.5rem; } li { margin: .3rem 0; }
+@media (max-width: 40rem) { table { font-size: .85rem; } td.number { white-space: normal; } }
+@media print { h2 { break-after: avoid; } figure { break-inside: avoid; } img { min-width: 0; } }
 """
 
 _MEANING = {
@@ -301,7 +304,8 @@ def _table(calibration: Calibration) -> str:
         for name, estimate in calibration.estimates.items()
     )
     return (
-        f"<table><tr><th>parameter</th><th>value ± standard error</th><th></th></tr>{rows}</table>"
+        '<div class="table"><table><tr><th>parameter</th><th>value ± standard error</th>'
+        f"<th>meaning</th></tr>{rows}</table></div>"
     )
 
 
