@@ -233,6 +233,16 @@ def test_silent_bend_sensor_latches():
     check_latches(silence, speak, guard.BEND_SILENT, 51)
 
 
+def test_the_first_fault_that_latches_is_the_one_reported():
+    host = Host()
+    host.heat()
+    host.board.faults[1] = 1
+    host.time_to_off(101)
+    host.board.silent = True
+    host.run(200)
+    assert host.guard.reason == guard.THERMOCOUPLE_OPEN
+
+
 def test_stuck_bend_sensor_is_noticed():
     host = Host()
     host.heat()
