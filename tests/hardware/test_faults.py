@@ -60,7 +60,7 @@ def test_host_that_dies_or_freezes(emulator, number, record_property):
     process.kill()
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_host_that_is_told_to_stop(emulator, fig5_plan, number, tmp_path, record_property):
     fig5_plan.save(tmp_path / "plan.csv")
     output = tmp_path / "out.csv"
