@@ -115,6 +115,7 @@ def record(
 
     Raises:
         SimulationError: if the integrator fails.
+        LimbError: if the duty left [0, 1].
     """
     builder.Connect(duty, system.GetInputPort("duty"))
     ports = {name: system.GetOutputPort(name) for name in _logged_ports(system)}
@@ -140,7 +141,9 @@ def record(
     _advance(simulator, end, until, remark, getattr(system, "real_time", False))
 
     signals = {name: sink.FindLog(context).data() for name, sink in sinks.items()}
-    signals["duty"] = np.clip(signals["duty"], 0.0, 1.0)  # of rounding
+    clipped = np.clip(signals["duty"], 0.0, 1.0)
+    if np.abs(clipped - signals["duty"]).max() < 1e-9:  # rounding; more is a mistake, and is named
+        signals["duty"] = clipped
     if isinstance(system, Limb):
         angles = signals["joint_state"][: system.parameters.num_joints]
         signals["bend_angle"] = bend_angle(system.parameters, angles)

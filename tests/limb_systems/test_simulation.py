@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
@@ -19,7 +20,7 @@ from limb_systems import (
     Trajectory,
     simulate,
 )
-from limb_systems.simulation import SimulationError
+from limb_systems.simulation import SimulationError, record
 
 
 def small_limb(**segment) -> Limb:
@@ -366,3 +367,11 @@ def test_a_limb_that_is_part_of_a_diagram_already_is_refused(refused):
     simulate(limb, [0.1, 0.2], 0.1)
     with refused(SimulationError, "diagram"):
         simulate(limb, [0.1, 0.2], 0.1)
+
+
+def test_duty_of_a_controller_beyond_its_range_is_named_and_not_hidden():
+    builder = DiagramBuilder()
+    limb = builder.AddSystem(Limb())
+    duty = builder.AddSystem(ConstantVectorSource([0.0, 1.2]))
+    with pytest.raises(LimbError, match=r"duty is \[0\.0, 1\.2\] at 0 s"):
+        record(builder, limb, duty.get_output_port(), 0.2)
