@@ -27,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).parent / "firmware"))
 from firmware import Firmware
 
 TURN = 0.001  # s, between two turns of the firmware's loop
+WATCHDOG = 0.2  # s, as that of board_nrf52dk.py
 LIMB_PERIOD = 0.02  # s, in which the limb is simulated at a time
 THERMOCOUPLE_FAULTS = {"open": 1, "ground": 2, "supply": 4}
 SIDES = {"left": 0, "right": 1}
@@ -54,6 +55,7 @@ class EmulatedBoard:
         self.frozen_temperature: list[float | None] = [None, None]
         self.frozen_bend: bytes | None = None
         self.bend_is_silent = False
+        self.fed = time.monotonic()
 
     def advance(self) -> None:
         """Simulates the limb up to now."""
@@ -73,7 +75,7 @@ class EmulatedBoard:
         self.to_host += data
 
     def read_thermocouple(self, wire: int) -> bytes:
-        temperature = self._output("measured_temperature")[wire]
+        temperature = self.reading("measured_temperature")[wire]
         if self.frozen_temperature[wire] is not None:
             temperature = self.frozen_temperature[wire]
         faults = self.thermocouple_faults[wire]
@@ -84,7 +86,7 @@ class EmulatedBoard:
     def read_bend(self) -> bytes:
         if self.bend_is_silent:
             return b""
-        tangent = 2 * np.rad2deg(self._output("bend_angle")[0])  # eqn (8)
+        tangent = 2 * np.rad2deg(self.reading("bend_angle")[0])  # eqn (8)
         noise = random.gauss(0.0, 0.05)  # below the twin's steps, as every converter has it
         data = struct.pack("<bh", 0, round(64 * (tangent + noise)))
         return data if self.frozen_bend is None else self.frozen_bend
@@ -95,9 +97,10 @@ class EmulatedBoard:
         self._on_duty(*self._duty)
 
     def feed(self) -> None:
-        pass  # there is no watchdog to feed, nor a program that could hang by itself
+        self.fed = time.monotonic()
 
-    def _output(self, name: str) -> np.ndarray:
+    def reading(self, name: str) -> np.ndarray:
+        """What the sensors of the limb read, by the name of the twin's port."""
         return self._twin.GetOutputPort(name).Eval(self._context)
 
 
@@ -147,14 +150,16 @@ class Emulation:
         self.board = EmulatedBoard(twin, self._report_duty)
         self._lines = BadLine(), BadLine()  # from and to the host
         self._plugged, self._stalled_until = True, 0.0
-        self._recorded, self._record = b"", False
+        self._recorded = b""
         self.firmware = Firmware(self.board)
 
     def step(self) -> None:
         """One turn: bytes in, firmware, bytes out, limb."""
         self.board.advance()
         if time.monotonic() < self._stalled_until:
-            return
+            if time.monotonic() - self.board.fed < WATCHDOG:
+                return
+            self._reset()
         inwards, outwards = self._lines
         if self._plugged:
             self.board.from_host += inwards.pass_on(self._read())
@@ -194,7 +199,7 @@ class Emulation:
             self.board.frozen_bend = self.board.read_bend()
         elif name in ("freeze", "hot"):
             side = SIDES[words[1]]
-            now = self.board._output("measured_temperature")[side]
+            now = self.board.reading("measured_temperature")[side]
             self.board.frozen_temperature[side] = 115.0 if name == "hot" else now
         elif name == "silence":
             self.board.bend_is_silent = True
@@ -205,10 +210,7 @@ class Emulation:
         elif name == "stall":
             self._stalled_until = time.monotonic() + float(words[1])
         elif name == "reset":
-            for wire in (0, 1):
-                self.board.set_duty(wire, 0.0)  # as pins of a board in reset
-            self.board.random = random.SystemRandom().getrandbits(16)
-            self.firmware = Firmware(self.board)
+            self._reset()
         elif name == "unplug":
             self._plugged = False
             os.close(self._slave)
@@ -217,6 +219,13 @@ class Emulation:
             self.board.from_host += self._recorded
         else:
             raise KeyError(name)
+
+    def _reset(self) -> None:
+        for wire in (0, 1):
+            self.board.set_duty(wire, 0.0)  # as pins of a board in reset
+        self.board.random = random.SystemRandom().getrandbits(16)
+        self._stalled_until = 0.0
+        self.firmware = Firmware(self.board)
 
     def _read(self) -> bytes:
         try:

@@ -129,7 +129,7 @@ def test_heartbeat_ends_after_a_quarter_second_and_stays_off():
     host.time_to_off(260, None)
     assert 200 <= host.board.now - start <= 251
     assert host.last_sample()[4] == guard.NO_COMMAND or host.guard.reason == guard.NO_COMMAND
-    host.run(500, (0.0, 1.0))  # commands of the session that is over
+    host.run(500, (0.0, 1.0))  # commands of before it switched off
     assert host.board.duty == [0.0, 0.0]
     host.arm()
     host.run(100, (0.0, 0.5), 20.0)

@@ -173,8 +173,16 @@ def test_board_that_resets(emulator, heating, record_property):
     assert emulator.duty() == [0.0, 0.0]
 
 
-def test_board_that_hangs_is_noticed_by_the_host(emulator, heating):
-    emulator.order("stall 1.0")
+def test_board_that_hangs_is_reset_by_its_watchdog(emulator, heating, record_property):
+    off = emulator.off_after(emulator.order("stall 5.0"))
+    report(record_property, "board hangs", off)
+    assert off < 0.25
+    assert "just switched on" in heating.failure()
+    assert emulator.duty() == [0.0, 0.0]
+
+
+def test_board_that_is_no_longer_heard_is_noticed_by_the_host(emulator, heating):
+    emulator.order("drop 1.0")
     assert "Nothing came from the board" in heating.failure()
 
 
