@@ -21,7 +21,7 @@ table { border-collapse: collapse; width: 100%; }
 td, th { text-align: left; vertical-align: top; padding: .25rem .75rem .25rem 0;
          border-bottom: 1px solid #ddd; }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
-td.number { white-space: nowrap; }
+td.number, th.number { white-space: nowrap; }
 caption { text-align: left; color: #555; caption-side: bottom; padding-top: .3rem; }
 code { font-size: .9em; overflow-wrap: anywhere; }
 @media (max-width: 40rem) {
