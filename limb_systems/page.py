@@ -99,7 +99,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "
 
     def line(cells: Sequence[str], tag: str) -> str:
         marked = (
-            f"<{tag}{' class=number' * number}>{html.escape(cell)}</{tag}>"
+            f"<{tag}{' class=number' * number}>{html.escape(cell).replace('± ', '±&nbsp;')}</{tag}>"
             for cell, number in zip(cells, numeric, strict=True)
         )
         return f"<tr>{''.join(marked)}</tr>"

@@ -179,10 +179,10 @@ def plot_limbs(summaries: Sequence[Summary]) -> Figure:
             range(len(PAPER_TABLE_1)), [name.replace(" ", "\n") for name in PAPER_TABLE_1]
         )
         axis.set_xlim(-0.5, len(PAPER_TABLE_1) - 0.5)
-        axis.set_ylim(0, None)
         axis.grid(alpha=0.25)
         axis.spines[["top", "right"]].set_visible(False)
         axis.set_xlabel(statistic)
+    axes[0].set_ylim(bottom=0)
     axes[0].set_ylabel("|φ* − φ| (°)")
     figure.legend(loc="outside upper left", ncols=3, frameon=False, fontsize=8.5)
     return figure

@@ -53,7 +53,7 @@ def test_page_holds_its_parts_as_text(tmp_path):
     assert texts["p"] == ["φ & <b>"]
     assert texts["li"] == ["<i>", "2"]
     assert texts["th"] == ["name", "°"]
-    assert texts["td"] == ["<k>", "-1.5", "b", "± 2"]
+    assert texts["td"] == ["<k>", "-1.5", "b", "±\u00a02"]  # no line break within
     assert texts["caption"] == ["measured & counted"]
 
 
