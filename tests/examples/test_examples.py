@@ -1,15 +1,21 @@
 """The examples and the README's script run as a newcomer runs them."""
 
+import ast
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from limb_systems import LimbParameters, Recording, Trajectory
 
 ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+LONGER = {"demo.py", "reproduce_paper.py"}  # the paper's procedure, end to end
+SHORT = sorted(path for path in EXAMPLES.glob("*.py") if path.name not in LONGER)
+PNG = b"\x89PNG"
 
 
 def run(arguments, folder):
@@ -18,20 +24,48 @@ def run(arguments, folder):
     )
 
 
+@pytest.mark.parametrize("path", SHORT, ids=lambda path: path.name)
+def test_example_is_short_and_says_how_to_run_it(path):
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 60
+    assert f"python examples/{path.name}" in ast.get_docstring(ast.parse(text))
+
+
 def test_compose_diagram(tmp_path):
     """(12): the bend of the equilibrium temperature, T0 - a2/a1 D = 82 °C."""
-    said = run([ROOT / "examples/compose_diagram.py"], tmp_path).stdout
+    said = run([EXAMPLES / "compose_diagram.py"], tmp_path).stdout
     angle = float(re.search(r"60 s: (.*)°", said)[1])
     assert angle == pytest.approx(3 * 4.7e-4 / 0.1246 * 57.14 * 57.296, rel=0.02)
 
 
-def test_plan_and_replay(tmp_path):
-    done = run([ROOT / "examples/plan_and_replay.py", tmp_path], tmp_path)
-    assert "mean tracking error on the emulated limb" in done.stdout
-    assert done.stderr == ""
-    Trajectory.load(tmp_path / "my_trajectory.csv")
-    Recording.load(tmp_path / "my_recording.csv")
-    assert (tmp_path / "my_plan.png").stat().st_size > 10_000
+def test_own_limb(tmp_path):
+    """Sag and first mode of small angles, and (12) with one wire at T_max."""
+    said = run([EXAMPLES / "own_limb.py", "-o", tmp_path], tmp_path).stdout
+    sag, left, right, mode = map(float, re.findall(r"(-?\d+\.\d)(?:°| Hz)", said))
+    limb = LimbParameters.load(EXAMPLES / "own_limb.yaml")
+    (segment,) = limb.segments
+    heat = limb.temperature_limits.maximum - limb.ambient_temperature
+    for angle, beta in ((left, -segment.left.beta), (right, segment.right.beta)):
+        bend = (segment.links + 1) / 2 * beta * heat / segment.stiffness
+        assert angle == pytest.approx(np.rad2deg(bend), abs=0.06)
+
+    n = segment.links
+    weight = segment.mass * 9.81 * segment.length
+    joints = weight * np.arange(n, 0, -1) ** 2 / (2 * n**2 * segment.stiffness)
+    ends = np.append(0.0, np.cumsum(np.cumsum(joints)) * segment.length / n)
+    assert -sag == pytest.approx(np.rad2deg(ends[-1] / segment.length), rel=0.05)
+    centres = (ends[1:] + ends[:-1]) / 2
+    rayleigh = np.sqrt(9.81 * centres.sum() / (centres**2).sum()) / (2 * np.pi)
+    assert mode == pytest.approx(rayleigh, rel=0.05)
+    assert (tmp_path / "own_limb.png").read_bytes().startswith(PNG)
+
+
+def test_own_limb_answers_a_mistake_with_one_sentence(tmp_path):
+    text = (EXAMPLES / "own_limb.yaml").read_text(encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(text.replace("stiffness", "stifness"), encoding="utf-8")
+    with pytest.raises(subprocess.CalledProcessError) as caught:
+        run([EXAMPLES / "own_limb.py", "mine.yaml"], tmp_path)
+    assert re.fullmatch(r"error: mine.yaml: segments\[0\].stifness is .*\.\n", caught.value.stderr)
 
 
 def test_demo_leaves_what_it_promises(tmp_path):
