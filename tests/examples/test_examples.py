@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
 from limb_systems import LimbParameters, Recording, Trajectory
 
@@ -22,6 +23,22 @@ def run(arguments, folder):
     return subprocess.run(
         [sys.executable, *arguments], cwd=folder, capture_output=True, text=True, check=True
     )
+
+
+def wire_temperature(trajectory):
+    """(6), integrated without the planner, from ambient temperature: T (W, K), °C."""
+    excess = [
+        lsim(([wire.a2], [1.0, -wire.a1]), duty, trajectory.time)[1]
+        for wire, duty in zip(trajectory.parameters.wires, trajectory.duty, strict=True)
+    ]
+    return trajectory.parameters.ambient_temperature + np.array(excess)
+
+
+def equilibrium_angle(segment, temperature):
+    """φ (K,) in degrees, at which the springs of a segment hold the torque of its wires (12)."""
+    left, right = temperature - LimbParameters().ambient_temperature
+    torque = segment.right.beta * right - segment.left.beta * left
+    return np.rad2deg((segment.links + 1) / 2 * torque / segment.stiffness)
 
 
 @pytest.mark.parametrize("path", SHORT, ids=lambda path: path.name)
@@ -66,6 +83,30 @@ def test_own_limb_answers_a_mistake_with_one_sentence(tmp_path):
     with pytest.raises(subprocess.CalledProcessError) as caught:
         run([EXAMPLES / "own_limb.py", "mine.yaml"], tmp_path)
     assert re.fullmatch(r"error: mine.yaml: segments\[0\].stifness is .*\.\n", caught.value.stderr)
+
+
+def test_own_reference(tmp_path):
+    """The plan keeps (6) and is near the equilibria of (12), as it is slow."""
+    said = run([EXAMPLES / "own_reference.py"], tmp_path).stdout
+    assert "written" in said
+    trajectory = Trajectory.load(tmp_path / "out/own_plan.csv")
+    heated = wire_temperature(trajectory)
+    np.testing.assert_allclose(trajectory.wire_temperature, heated, atol=0.05)
+    bend = equilibrium_angle(trajectory.parameters.segments[0], heated)
+    np.testing.assert_allclose(np.rad2deg(trajectory.bend_angle[0]), bend, atol=0.5)
+    drawn = np.loadtxt(tmp_path / "out/own_reference.csv", delimiter=",")
+    assert np.abs(drawn[:, 1]).max() == pytest.approx(20.0, abs=0.1)
+    assert (tmp_path / "out/own_plan.png").read_bytes().startswith(PNG)
+
+
+def test_own_reference_of_a_file_and_for_a_limb(tmp_path):
+    (tmp_path / "mine.csv").write_text("0, 0\n20, 0\n30, 12\n40, 12\n", encoding="utf-8")
+    limb = EXAMPLES / "own_limb.yaml"
+    run([EXAMPLES / "own_reference.py", "mine.csv", "-l", limb, "-o", "mine"], tmp_path)
+    trajectory = Trajectory.load(tmp_path / "mine/own_plan.csv")
+    assert trajectory.parameters == LimbParameters.load(limb)
+    resting = trajectory.time > 34.0
+    np.testing.assert_allclose(np.rad2deg(trajectory.bend_angle[0, resting]), 12.0, atol=0.5)
 
 
 def test_demo_leaves_what_it_promises(tmp_path):
