@@ -109,6 +109,22 @@ def test_own_reference_of_a_file_and_for_a_limb(tmp_path):
     np.testing.assert_allclose(np.rad2deg(trajectory.bend_angle[0, resting]), 12.0, atol=0.5)
 
 
+def test_plan_export_replay(tmp_path):
+    """The heated wire alone gets hot, about as (6) says, and bends the limb to its side."""
+    said = run([EXAMPLES / "plan_export_replay.py", "-o", tmp_path], tmp_path).stdout
+    assert re.search(r"recorded +limb twin0000 on .*, emulated: 121 samples", said)
+    trajectory = Trajectory.load(tmp_path / "plan.csv")
+    recording = Recording.load(tmp_path / "replay.csv")
+    asked = [np.interp(recording.time, trajectory.time, duty) for duty in trajectory.duty]
+    np.testing.assert_allclose(recording.duty, asked, atol=0.01)
+    left, right = recording.measured_temperature
+    assert np.ptp(left) < 3.0
+    expected = np.ptp(wire_temperature(trajectory)[1])
+    assert 0.5 * expected < np.ptp(right) < expected
+    assert np.rad2deg(recording.bend_angle[0, -20:].mean()) > 8.0
+    assert (tmp_path / "replay.png").read_bytes().startswith(PNG)
+
+
 def test_demo_leaves_what_it_promises(tmp_path):
     done = run([ROOT / "examples/demo.py", tmp_path / "out"], tmp_path)
     assert all(line.startswith("simulating: ") for line in done.stderr.splitlines())
