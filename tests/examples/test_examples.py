@@ -125,6 +125,28 @@ def test_plan_export_replay(tmp_path):
     assert (tmp_path / "replay.png").read_bytes().startswith(PNG)
 
 
+def test_calibrate_from_csv(tmp_path):
+    """k holds the limb at its sag, by the statics of small angles."""
+    said = run([EXAMPLES / "calibrate_from_csv.py", "-o", tmp_path], tmp_path).stdout
+    limb = LimbParameters.load(tmp_path / "limb.yaml")
+    (segment,) = limb.segments
+    logs = [
+        np.genfromtxt(path, delimiter=",", names=True)
+        for path in (tmp_path / "emulated_log").glob("sag*.csv")
+    ]
+    sag = -np.deg2rad(np.mean([log["degrees"][-100:] for log in logs]))
+    cubes = (np.arange(segment.links) + 1.0) ** 3
+    weight = segment.mass * 9.81 * segment.length
+    stiffness = weight * cubes.sum() / (2 * segment.links**3 * sag)
+    assert segment.stiffness == pytest.approx(stiffness, rel=0.05)
+    assert limb.ambient_temperature == pytest.approx(
+        np.mean([log["temp_l"] for log in logs]), abs=2
+    )
+    assert float(re.search(r"φ_sim\|: mean (.*?)°", said)[1]) < 10.0
+    assert "emulated_log" in said
+    assert b"</html>" in (tmp_path / "calibration.html").read_bytes()
+
+
 def test_demo_leaves_what_it_promises(tmp_path):
     done = run([ROOT / "examples/demo.py", tmp_path / "out"], tmp_path)
     assert all(line.startswith("simulating: ") for line in done.stderr.splitlines())
