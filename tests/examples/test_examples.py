@@ -147,6 +147,14 @@ def test_calibrate_from_csv(tmp_path):
     assert b"</html>" in (tmp_path / "calibration.html").read_bytes()
 
 
+def test_custom_controller(tmp_path):
+    said = run([EXAMPLES / "custom_controller.py", "-o", tmp_path], tmp_path).stdout
+    open_loop, closed_loop = map(float, re.findall(r"emulated limbs (.*)°", said))
+    assert closed_loop < 0.75 * open_loop
+    for name in ("open_loop", "closed_loop"):
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
+
+
 def test_demo_leaves_what_it_promises(tmp_path):
     done = run([ROOT / "examples/demo.py", tmp_path / "out"], tmp_path)
     assert all(line.startswith("simulating: ") for line in done.stderr.splitlines())
