@@ -155,6 +155,25 @@ def test_custom_controller(tmp_path):
         assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
 
 
+def test_two_segments(tmp_path):
+    """Without gravity the springs of each segment hold the torque of its own wires (12)."""
+    said = run([EXAMPLES / "two_segments.py", "-o", tmp_path], tmp_path).stdout
+    errors = [float(error) for error in re.findall(r"simulated within (.*)° of the plan\n", said)]
+    assert len(errors) == 2
+    assert max(errors) < 0.1
+    recording = Recording.load(tmp_path / "two_segments.csv")
+    for time, angles in ((28.0, (15.0, -15.0)), (38.0, (15.0, 20.0))):
+        now = np.searchsorted(recording.time, time)
+        np.testing.assert_allclose(np.rad2deg(recording.bend_angle[:, now]), angles, atol=1.0)
+    wires = np.split(recording.wire_temperature, 2)
+    for segment, wire, angle in zip(
+        recording.parameters.segments, wires, recording.bend_angle, strict=True
+    ):
+        np.testing.assert_allclose(np.rad2deg(angle), equilibrium_angle(segment, wire), atol=0.5)
+    assert (tmp_path / "two_segments.png").read_bytes().startswith(PNG)
+    assert b"</html>" in (tmp_path / "two_segments.html").read_bytes()
+
+
 def test_demo_leaves_what_it_promises(tmp_path):
     done = run([ROOT / "examples/demo.py", tmp_path / "out"], tmp_path)
     assert all(line.startswith("simulating: ") for line in done.stderr.splitlines())
