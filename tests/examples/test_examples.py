@@ -48,6 +48,14 @@ def test_example_is_short_and_says_how_to_run_it(path):
     assert f"python examples/{path.name}" in ast.get_docstring(ast.parse(text))
 
 
+def test_readme_lists_every_example():
+    readme = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| \[(\w+\.py)\]\(\1\)", readme, re.MULTILINE)
+    assert sorted(listed) == sorted(path.name for path in EXAMPLES.glob("*.py"))
+    commands = re.findall(r"`python examples/(\w+\.py)", readme)
+    assert set(listed) <= set(commands)
+
+
 def test_compose_diagram(tmp_path):
     """(12): the bend of the equilibrium temperature, T0 - a2/a1 D = 82 °C."""
     said = run([EXAMPLES / "compose_diagram.py"], tmp_path).stdout
