@@ -55,3 +55,5 @@ if __name__ == "__main__":
         main(parser.parse_args())
     except LimbError as error:
         sys.exit(f"error: {error}")
+    except KeyboardInterrupt:
+        sys.exit("stopped; wires are off")
