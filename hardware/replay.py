@@ -65,7 +65,9 @@ def watch(
     Raises:
         HardwareError: if the robot fails on the way.
     """
-    off = PiecewisePolynomial.ZeroOrderHold([0.0, duration], np.zeros((2, 2)))
+    off = PiecewisePolynomial.ZeroOrderHold(
+        [0.0, duration], np.zeros((len(limb.parameters.wires), 2))
+    )
     with contextlib.closing(limb) if _is_robot(limb) else contextlib.nullcontext():
         return _run(limb, off, duration, sample_rate, journal)
 
