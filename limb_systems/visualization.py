@@ -198,7 +198,7 @@ def write_meshcat_replay(
             where it is.
         title: of the page.
         frames_per_second: about how many poses to store, Hz; the browser
-            interpolates. 20 Hz and five links take 27 kB per second, and as
+            interpolates. 20 Hz and five links take 30 kB per second, and nearly as
             much again for two ghosts.
 
     Raises:
