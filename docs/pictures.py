@@ -109,34 +109,37 @@ def diagram_dot(
         hidden: names of systems that are left out.
         direction: in which signals run, "LR" or "TB".
     """
-    lines = []
+    lines, nodes = [], {}  # the names of systems that were given none change from run to run
     for system in diagram.GetSystems():
         name = system.get_name()
+        nodes[name] = f"s{len(nodes)}"
         if name not in hidden:
             label = type(system).__name__.partition("_𝓣")[0]
             note = f"<br/>{notes[name][0]}" if name in notes else ""
-            lines.append(f'"{name}" [label=<<b>{label}</b>{note}>];')
+            lines.append(f"{nodes[name]} [label=<<b>{label}</b>{note}>];")
 
     def signal(system, port) -> str:
         signals = notes.get(system.get_name(), ("", []))[1]
         return signals[int(port)] if int(port) < len(signals) else ""
 
-    for (target, _), (source, port) in diagram.connection_map().items():
+    edges = []  # Drake has them in another order each time
+    for (target, index), (source, port) in diagram.connection_map().items():
         if target.get_name() not in hidden:
-            label = f'[label=" {signal(source, port)} "]'
-            lines.append(f'"{source.get_name()}" -> "{target.get_name()}" {label};')
+            edge = f"{nodes[source.get_name()]} -> {nodes[target.get_name()]}"
+            edges.append((edge, int(index), f'[label=" {signal(source, port)} "];'))
+    lines += [f"{edge} {label}" for edge, _, label in sorted(edges)]
     plain = 'shape=plain, style="", fontsize=13, fontcolor='
     for index in range(diagram.num_input_ports()):
         name = diagram.get_input_port(index).get_name()
         lines.append(f'"in_{name}" [label="{name}", {plain}"#1f4fd8"];')
         for system, _ in diagram.GetInputPortLocators(InputPortIndex(index)):
-            lines.append(f'"in_{name}" -> "{system.get_name()}" [color="#1f4fd8"];')
+            lines.append(f'"in_{name}" -> {nodes[system.get_name()]} [color="#1f4fd8"];')
     for index in range(diagram.num_output_ports()):
         name = diagram.get_output_port(index).get_name()
         source, port = diagram.get_output_port_locator(OutputPortIndex(index))
         lines.append(f'"out_{name}" [label="{name}", {plain}"#1a7f37"];')
         label = f'label=" {signal(source, port)} "'
-        lines.append(f'"{source.get_name()}" -> "out_{name}" [{label}, color="#1a7f37"];')
+        lines.append(f'{nodes[source.get_name()]} -> "out_{name}" [{label}, color="#1a7f37"];')
     return f"digraph {{ rankdir={direction}; {STYLE} {' '.join(lines)} }}"
 
 
