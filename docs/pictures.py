@@ -40,8 +40,8 @@ def main() -> None:
     parser.add_argument("--demo", type=Path, help="folder of `make demo` to copy pictures from")
     folder = parser.parse_args().demo
     if folder:
-        for path in sorted(folder.glob("fig*.png")):
-            shutil.copy(path, FOLDER)
+        for name in ("fig4.png", "fig5.png"):
+            shutil.copy(folder / name, FOLDER)
         return
     save_dot(diagram_dot(Limb(), LIMB), FOLDER / "limb.svg")
     twin = diagram_dot(LimbTwin(), LIMB | TWIN, hidden=["memory"], direction="TB")
