@@ -19,25 +19,28 @@ WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
 def plot_tracking(
     trajectory: Trajectory, recordings: Sequence[Recording] = (), title: str = ""
 ) -> Figure:
-    """Fig. 5: bend angle, temperatures and duty of a plan and of its rollouts.
+    """Fig. 5: bend angle, temperatures and duty of a plan and of what was recorded of it.
 
-    Rollouts are drawn as their mean and the band of 95%, mean ± 1.96 standard
-    deviations, on the sample times of the first. For several segments there
-    is a panel of bend angles for each.
+    Plans are dashed. Several recordings are drawn as their mean and the band of
+    95%, mean ± 1.96 standard deviations, on the sample times of the first. Each
+    segment has its own three panels.
 
     Args:
         trajectory: the plan.
         recordings: of rollouts of this plan, all with the same sample rate.
     """
     num_segments = len(trajectory.parameters.segments)
-    figure = Figure(figsize=(WIDTH, 3.6 + 2.4 * num_segments), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 6.0 * num_segments), layout="constrained")
     axes = figure.subplots(
-        num_segments + 2, 1, sharex=True, height_ratios=[1.6] * num_segments + [1.4, 1.0]
+        3 * num_segments, 1, sharex=True, height_ratios=[1.6, 1.4, 1.0] * num_segments
     )
-    for segment in range(num_segments):
-        _plot_bend_angle(axes[segment], trajectory, recordings, segment)
-    _plot_temperatures(axes[-2], trajectory, recordings)
-    _plot_duty(axes[-1], trajectory)
+    for segment, suffix in enumerate(trajectory.parameters.segment_suffixes):
+        bend_angle, temperature, duty = axes[3 * segment : 3 * segment + 3]
+        _plot_bend_angle(bend_angle, trajectory, recordings, segment)
+        bend_angle.set_ylabel(f"bend angle{suffix.replace('_', ' of segment ')} (°)")
+        wires = [(2 * segment, "left"), (2 * segment + 1, "right")]
+        _plot_temperatures(temperature, trajectory, recordings, wires)
+        _plot_duty(duty, trajectory, recordings, wires)
     for axis in axes:
         dress(axis)
     axes[-1].set_xlabel("time (s)")
@@ -72,46 +75,40 @@ def save_figure(figure: Figure, path: str | Path) -> None:
 
 
 def _plot_bend_angle(axis, trajectory, recordings, segment: int) -> None:
-    time = trajectory.time
     axis.plot(
-        time,
+        trajectory.time,
         np.rad2deg(trajectory.reference[segment]),
         color=REFERENCE_COLOR,
         linewidth=1.2,
         label=r"reference $\varphi_{REF}$",
     )
-    if recordings:
-        angles = [np.rad2deg(recording.bend_angle[segment]) for recording in recordings]
-        _plot_band(axis, recordings[0].time, angles, ROLLOUT_COLOR, r"rollouts $\varphi$")
+    angles = [np.rad2deg(recording.bend_angle[segment]) for recording in recordings]
+    what = "rollouts" if len(recordings) > 1 else "recorded"
+    _plot_band(axis, recordings, angles, ROLLOUT_COLOR, rf"{what} $\varphi$")
     axis.plot(
-        time,
+        trajectory.time,
         np.rad2deg(trajectory.bend_angle[segment]),
         color=PLAN_COLOR,
         linewidth=1.4,
         linestyle="--",
         label=r"plan $\varphi^*$",
     )
-    suffix = trajectory.parameters.segment_suffixes[segment].replace("_", " of segment ")
-    axis.set_ylabel(f"bend angle{suffix} (°)")
 
 
-def _plot_temperatures(axis, trajectory, recordings) -> None:
+def _plot_temperatures(axis, trajectory, recordings, wires) -> None:
     limits = trajectory.parameters.temperature_limits
-    wires = list(enumerate(trajectory.parameters.wire_names))
-    if recordings:
-        for index, name in wires:
-            measured = [recording.measured_temperature[index] for recording in recordings]
-            color = LEFT_RIGHT_COLORS[index % 2]
-            _plot_band(axis, recordings[0].time, measured, color, f"{name}, V measured")
+    for (index, name), color in zip(wires, LEFT_RIGHT_COLORS, strict=True):
+        measured = [recording.measured_temperature[index] for recording in recordings]
+        _plot_band(axis, recordings, measured, color, f"{name}, V measured")
     for what, course, style, width in (
         ("V* planned", trajectory.measured_temperature, "--", 1.4),
         ("T* planned", trajectory.wire_temperature, ":", 0.8),
     ):
-        for index, name in wires:
+        for (index, name), color in zip(wires, LEFT_RIGHT_COLORS, strict=True):
             axis.plot(
                 trajectory.time,
                 course[index],
-                color=LEFT_RIGHT_COLORS[index % 2],
+                color=color,
                 linewidth=width,
                 linestyle=style,
                 label=f"{name}, {what}",
@@ -129,25 +126,32 @@ def _plot_temperatures(axis, trajectory, recordings) -> None:
     axis.set_ylabel("temperature (°C)")
 
 
-def _plot_duty(axis, trajectory) -> None:
-    for index, name in enumerate(trajectory.parameters.wire_names):
+def _plot_duty(axis, trajectory, recordings, wires) -> None:
+    for (index, name), color in zip(wires, LEFT_RIGHT_COLORS, strict=True):
+        duty = [recording.duty[index] for recording in recordings]
+        _plot_band(axis, recordings, duty, color, f"{name}, D")
+    for (index, name), color in zip(wires, LEFT_RIGHT_COLORS, strict=True):
         axis.plot(
             trajectory.time,
             trajectory.duty[index],
-            color=LEFT_RIGHT_COLORS[index % 2],
+            color=color,
             linewidth=1.2,
-            label=f"{name}, D*",
+            linestyle="--" if recordings else "-",
+            label=f"{name}, D* planned",
         )
     axis.set_ylabel("duty")
     axis.set_ylim(-0.04, 1.04)
 
 
-def _plot_band(axis, time, samples, color: str, label: str) -> None:
-    """Mean and 95% band of rollouts, on the times of the first."""
+def _plot_band(axis, recordings, samples, color: str, label: str) -> None:
+    """Mean and 95% band of samples of recordings, if any, on the times of the first."""
+    if not recordings:
+        return
     length = min(len(sample) for sample in samples)
+    time = recordings[0].time[:length]
     stacked = np.array([sample[:length] for sample in samples])
     mean, spread = stacked.mean(axis=0), stacked.std(axis=0, ddof=min(1, len(samples) - 1))
-    axis.plot(time[:length], mean, color=color, linewidth=1.1, label=label)
+    axis.plot(time, mean, color=color, linewidth=1.1, label=label)
     axis.fill_between(
-        time[:length], mean - BAND * spread, mean + BAND * spread, color=color, alpha=0.2, lw=0
+        time, mean - BAND * spread, mean + BAND * spread, color=color, alpha=0.2, lw=0
     )
