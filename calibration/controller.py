@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
-from limb_systems import LimbError, LimbParameters
+from limb_systems import LimbError, LimbParameters, SegmentParameters
 from limb_systems.ownership import weak_method
 
 ACTUATED = ("right", "left", "both")
@@ -143,7 +143,7 @@ class EquilibriumSchedule(LeafSystem):
         )
         self.set_name("equilibrium_schedule")
 
-    def is_finished(self, context) -> bool:
+    def is_finished(self, context: Context) -> bool:
         """Whether the last angle was held, in the system's own context."""
         return context.get_discrete_state_vector()[0] >= len(self._angles)
 
@@ -171,7 +171,7 @@ class EquilibriumSchedule(LeafSystem):
         output.SetFromVector([self._angle(context.get_discrete_state_vector()[0])])
 
 
-def only_segment(parameters: LimbParameters):
+def only_segment(parameters: LimbParameters) -> SegmentParameters:
     """The limb's one segment; segments are calibrated one by one."""
     if len(parameters.segments) != 1:
         raise LimbError(

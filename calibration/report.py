@@ -226,7 +226,7 @@ def plot_damping(fit: DampingFit) -> Figure:
 def plot_wire(heat: HeatFit, compared: HeatFit, force: ForceFit, color: str) -> Figure:
     """Heat transfer over time by both methods, and bend against wire temperature."""
     figure = Figure(figsize=(9, 7.5), layout="constrained")
-    figure_top, figure_bottom = figure.subfigures(2, 1, height_ratios=[2, 1.2])
+    (figure_top,), (figure_bottom,) = figure.subfigures(2, 1, squeeze=False, height_ratios=[2, 1.2])
     temperature, bend = figure_top.subplots(2, 1, sharex=True)
     temperature.plot(heat.time, heat.recorded_temperature, color=color, lw=0.8, label="limb, V")
     for fit, style in ((heat, "--"), (compared, ":")):
@@ -243,6 +243,7 @@ def plot_wire(heat: HeatFit, compared: HeatFit, force: ForceFit, color: str) -> 
     temperature.set_ylabel("temperature (°C)")
     bend.plot(heat.time, np.rad2deg(heat.recorded_angle), color=ROLLOUT_COLOR, lw=0.8, label="limb")
     by_bend = heat if heat.method == "bend" else compared
+    assert by_bend.bend_angle is not None
     bend.plot(
         by_bend.time,
         np.rad2deg(by_bend.bend_angle),
@@ -288,6 +289,7 @@ def _dress(figure: Figure) -> Figure:
 def _compare(heat: HeatFit, compared: HeatFit) -> str:
     by_method = {fit.method: fit for fit in (heat, compared)}
     bend, temperature = by_method["bend"], by_method["temperature"]
+    assert bend.angle_residual is not None
     return (
         f"Used: the fit from {heat.method}. From bend: a1 = {bend.a1}, a2 = {bend.a2}, a3 = "
         f"{bend.a3}, V within {bend.temperature_residual:.1f} °C and φ within "

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hardware.link import BoardLink
+from hardware.link import BoardLink, Sample
 
 DUTY = 0.3
 HEATING_TIME = 6.0  # s for each wire
@@ -73,7 +73,7 @@ def self_test(link: BoardLink, say: Callable[[str], None]) -> bool:
 
 def _average(link: BoardLink) -> np.ndarray:
     """[V (2), φ] over ten samples, °C and rad."""
-    samples = []
+    samples: list[Sample] = []
     while len(samples) < 10:
         sample = link.sample()
         if not samples or sample.sequence != samples[-1].sequence:

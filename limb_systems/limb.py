@@ -110,7 +110,8 @@ def split_state(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """θ (n), θ̇ (n), T (W) and V (W) of a state of `Limb`, each (.., K)."""
     n, num_wires = parameters.num_joints, len(parameters.wires)
-    return tuple(np.split(np.asarray(state, float), np.cumsum([n, n, num_wires])))
+    angles, rates, wire, measured = np.split(np.asarray(state, float), np.cumsum([n, n, num_wires]))
+    return angles, rates, wire, measured
 
 
 def _a3(parameters: LimbParameters, like: np.ndarray) -> np.ndarray:

@@ -9,12 +9,14 @@ from pydrake.common.yaml import yaml_load_typed
 
 from limb_systems.errors import LimbError
 
+T = typing.TypeVar("T")
+
 
 class SchemaError(LimbError):
     """A YAML document does not have the fields it should have."""
 
 
-def load_typed(schema, text: str):
+def load_typed(schema: type[T], text: str) -> T:
     """Reads YAML text into a dataclass; every field must be there, none unknown.
 
     `yaml_load_typed` refuses the same documents without saying where the

@@ -27,7 +27,7 @@ def plan_summary(trajectory: Trajectory) -> str:
         f"reference   missed by {missed.mean():.2f}° on average, {missed.max():.2f}° at most",
         "limits      " + ("the plan runs along" if check.active_constraints else "none is active"),
     ]
-    stretches = {}
+    stretches: dict[str, list[str]] = {}
     for active in check.active_constraints:
         stretch = f"{active.start:.1f}-{active.end:.1f}"
         stretches.setdefault(active.bound, []).append(stretch)

@@ -63,7 +63,8 @@ def solve_program(
     Raises:
         PlanningError: if all fail, or if Ctrl-C came before a feasible point.
     """
-    failures, iterations, started = [], 0, time.perf_counter()
+    failures: list[str] = []
+    iterations, started = 0, time.perf_counter()
     with Progress("planning", None, "iterations") as progress:
 
         def report(iteration, cost, violation):
