@@ -17,6 +17,7 @@ from limb_systems import (
     simulate,
 )
 from planners import InfeasibleError, PlanningError, ipopt, plan, planning, references, solving
+from planners.__main__ import main
 from planners.program import TrajectoryProgram
 
 
@@ -350,10 +351,11 @@ def test_ctrl_c_gives_the_best_feasible_plan_so_far(monkeypatch):
     assert trajectory.check.failure() is None
 
 
-def test_ctrl_c_before_a_feasible_plan_is_an_error(monkeypatch):
+def test_ctrl_c_before_a_feasible_plan_is_status_130_and_no_file(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(solving, "Progress", interrupt_at(1))
-    with pytest.raises(PlanningError, match="Stopped before there was a feasible plan"):
-        plan(LimbParameters(), references.step_and_decaying_sine(), knot_rate=5.0)
+    assert main(["fig5", "-o", str(tmp_path / "plan.csv"), "--knot-rate", "5"]) == 130
+    assert capsys.readouterr().err == "stopped; nothing was written\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_knots_are_added_where_the_limb_is_kicked():
