@@ -1,9 +1,12 @@
 """A calibration to look at: every fit drawn over its data, in one HTML page."""
 
 import base64
+import dataclasses
 import html
 import io
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -59,6 +62,29 @@ def validation_summary(validation: Validation) -> str:
         "|φ - φ_sim|: mean {:.2f}°, median {:.2f}°, 90th percentile {:.2f}°; ".format(*degrees)
         + f"|V - V_sim|: mean {validation.temperature_mean:.1f} °C"
     )
+
+
+def calibration_facts(calibration: Calibration) -> dict[str, Any]:
+    """What `calibration_summary` says, for programs."""
+    stiffness, validation = calibration.stiffness, calibration.validation
+    return {
+        "estimates": {
+            name: dataclasses.asdict(estimate) for name, estimate in calibration.estimates.items()
+        },
+        "correction_factor": stiffness.correction_factor if stiffness else None,
+        "validation": validation_facts(validation) if validation else None,
+        "remarks": calibration.remarks,
+    }
+
+
+def validation_facts(validation: Validation) -> dict[str, float]:
+    """What `validation_summary` says, for programs: numbers by names that carry the unit."""
+    return {
+        "bend_angle_mean_deg": math.degrees(validation.mean),
+        "bend_angle_median_deg": math.degrees(validation.median),
+        "bend_angle_percentile_90_deg": math.degrees(validation.percentile_90),
+        "temperature_mean_c": validation.temperature_mean,
+    }
 
 
 def save_parameters(calibration: Calibration, path: str | Path) -> None:

@@ -1,6 +1,8 @@
 """The whole of Sec. V: on the model, whose truth is known, and on an emulated limb."""
 
 import copy
+import html
+import json
 import re
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 from calibration import CalibrationError, calibrate, collect_from_twin, save_recordings, validate
 from calibration.__main__ import main
 from hardware import LimbTwin
-from limb_systems import Limb, LimbParameters, simulate
+from limb_systems import Limb, LimbParameters, Recording, simulate
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +87,39 @@ def test_command_fits_and_validates_an_emulated_limb(twin_folder, tmp_path, caps
     mean = float(re.search(r"mean ([\d.]+)°", capsys.readouterr().out)[1])
     assert 0.5 < mean < 12.0
     assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+def test_json_says_what_is_in_the_files(twin_folder, tmp_path, capsys):
+    limb, report, plot = (tmp_path / name for name in ("limb.yaml", "report.html", "fig4.png"))
+    fit = ["fit", str(twin_folder), "-o", str(limb), "--report", str(report), "--json"]
+    assert main(fit) == 0
+    said = json.loads(capsys.readouterr().out)
+    found = LimbParameters.load(limb)
+    (segment,) = found.segments
+    values = {name: estimate["value"] for name, estimate in said["estimates"].items()}
+    assert values.pop("ambient_temperature") == found.ambient_temperature
+    assert values.pop("stiffness") == segment.stiffness
+    assert values.pop("damping") == segment.damping
+    assert values == {
+        f"{side}.{name}": getattr(getattr(segment, side), name)
+        for side in ("left", "right")
+        for name in ("a1", "a2", "a3", "beta")
+    }
+    assert all(estimate["standard_error"] > 0 for estimate in said["estimates"].values())
+    assert said["estimates"]["stiffness"]["unit"] == "N·m/rad"
+    assert said["correction_factor"] == pytest.approx(1.22, abs=0.02)
+    assert said["written"] == [str(limb), str(report)]
+    page = report.read_text(encoding="utf-8")
+    assert all(html.escape(remark) in page for remark in said["remarks"])
+
+    check = ["validate", str(limb), str(twin_folder / "both.csv"), "--plot", str(plot), "--json"]
+    assert main(check) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again.pop("written") == [str(plot)]
+    assert again == pytest.approx(said["validation"])
+    errors = validate(found, Recording.load(twin_folder / "both.csv"))
+    assert again["bend_angle_mean_deg"] == pytest.approx(np.rad2deg(errors.mean))
+    assert again["temperature_mean_c"] == pytest.approx(errors.temperature_mean)
 
 
 def test_heat_from_temperature_alone_is_an_option(model_recordings):

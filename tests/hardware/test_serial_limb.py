@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
+from serial.tools.list_ports_common import ListPortInfo
 
 from calibration import calibrate, collect_equilibria, collect_from_robot
 from hardware import LimbTwin, ReplayError, SerialLimb, replay, watch
@@ -170,6 +171,18 @@ def test_status_says_how_the_board_is(emulator, capsys):
     assert "thermocouple" not in capsys.readouterr().out.split("wires")[0]
 
 
+def test_json_of_a_replay_tells_its_timing(emulator, short_plan, tmp_path, capsys):
+    short_plan.save(tmp_path / "plan.csv")
+    output = tmp_path / "recording.csv"
+    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output), "-p", emulator.port]
+    assert main([*arguments, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["source"] == Recording.load(output).source
+    assert said["timing"]["lost_samples"] == 0
+    assert 0.0 < said["timing"]["late_median_ms"] <= said["timing"]["late_percentile_99_ms"] < 100.0
+    assert said["tracking"]["mean_deg"] > 0.0
+
+
 def test_self_test_passes_a_good_limb_and_fails_a_bad_one(emulator, capsys, monkeypatch):
     monkeypatch.setattr("hardware.self_test.HEATING_TIME", 3.5)
     assert main(["arm-check", emulator.port]) == 0
@@ -180,11 +193,24 @@ def test_self_test_passes_a_good_limb_and_fails_a_bad_one(emulator, capsys, monk
     time.sleep(0.2)
     assert main(["arm-check", emulator.port]) == 1
     assert "FAILED  left thermocouple reads 115.0 °C" in capsys.readouterr().out
+    assert main(["arm-check", emulator.port, "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert said["passed"] is False
+    assert [check["passed"] for check in said["checks"]] == [True, False, True, True]
+    assert "left thermocouple reads 115.0 °C" in said["checks"][1]["what"]
 
 
-def test_ports_are_listed(capsys):
+def test_ports_are_listed(capsys, monkeypatch):
     assert main(["ports"]) == 0
     assert capsys.readouterr().out
+    port = ListPortInfo("/dev/ttyACM7")
+    port.description = "J-Link"
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [port])
+    assert main(["ports"]) == 0
+    assert capsys.readouterr().out == "/dev/ttyACM7        J-Link\n"
+    assert main(["ports", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said == {"ports": [{"port": "/dev/ttyACM7", "description": "J-Link"}]}
 
 
 def test_orders_that_make_no_sense_are_named(emulator):
