@@ -45,7 +45,8 @@ class BendAngleController(LeafSystem):
         maximum_duty: float = 0.5,
         cut_out: float | None = None,
     ):
-        """Args:
+        """
+        Args:
             parameters: the limb as far as it is known, of one segment.
             actuated: "right", "left" or "both".
             co_contraction: D_c, duty of both wires at u = 0.
@@ -127,9 +128,10 @@ class EquilibriumSchedule(LeafSystem):
     SETTLED_TIME = 5.0  # s
 
     def __init__(self, angles: Sequence[float], longest: float = 60.0):
-        """Args:
-        angles: φ_eq one after the other, rad.
-        longest: time limit for each of them, s.
+        """
+        Args:
+            angles: φ_eq one after the other, rad.
+            longest: time limit for each of them, s.
         """
         super().__init__()
         self._angles, self._longest = np.asarray(angles, float), longest

@@ -137,10 +137,11 @@ class Emulation:
     """The firmware on an emulated board behind a pseudo-terminal."""
 
     def __init__(self, twin: LimbTwin, on_event: Callable[..., None] = lambda **_: None):
-        """Args:
-        twin: the limb.
-        on_event: called with what happens, as keyword arguments: ``event``,
-            ``time`` (s, of the monotonic clock) and more.
+        """
+        Args:
+            twin: the limb.
+            on_event: called with what happens, as keyword arguments: ``event``,
+                ``time`` (s, of the monotonic clock) and more.
         """
         self._on_event = on_event
         self._master, self._slave = os.openpty()

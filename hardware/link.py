@@ -86,7 +86,8 @@ class BoardLink:
     """
 
     def __init__(self, port: str):
-        """Args:
+        """
+        Args:
             port: name of a serial port, or any URL of pyserial's.
 
         Raises:

@@ -1,8 +1,10 @@
 """What the packages show to the outside says what it is: types and docstrings."""
 
+import dataclasses
 import importlib
 import inspect
 import pkgutil
+import re
 from types import FunctionType
 
 import pytest
@@ -20,6 +22,25 @@ def test_public_names_have_docstrings(package):
         for name, part in [(owner, value), *public_parts(value, owner)]
         if not has_docstring(part)
     ]
+    assert bare == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_public_constructors_list_their_arguments(package):
+    """Indented below "Args:", or else the API's pages run them together."""
+    module = importlib.import_module(package)
+    bare = []
+    for name in module.__all__:
+        value = getattr(module, name)
+        # Dataclasses generate theirs, and list the fields in the docstring of the class.
+        if not inspect.isclass(value) or dataclasses.is_dataclass(value):
+            continue
+        if isinstance(value.__init__, FunctionType) and value.__init__.__module__.startswith(
+            package
+        ):
+            described = inspect.cleandoc(value.__init__.__doc__ or value.__doc__)
+            if not re.search(r"^Args:\n    \w", described, re.MULTILINE):
+                bare.append(name)
     assert bare == []
 
 
