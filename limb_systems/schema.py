@@ -1,7 +1,6 @@
 """YAML into typed dataclasses, with errors that say which field and why."""
 
 import dataclasses
-import types
 import typing
 
 import yaml
@@ -50,10 +49,7 @@ class _StrictLoader(yaml.SafeLoader):
 
 def _check_structure(data, schema, path: str) -> None:
     where = path or "the document"
-    if isinstance(schema, types.UnionType):  # the only unions in use are `X | None`
-        if data is not None:
-            _check_structure(data, typing.get_args(schema)[0], path)
-    elif typing.get_origin(schema) is list:
+    if typing.get_origin(schema) is list:
         if not isinstance(data, list):
             raise SchemaError(f"{where} must be a list, but is {data!r}.")
         for index, item in enumerate(data):
