@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test bench lint micropython api clean
+.PHONY: demo test bench lint micropython api coverage clean
 
 demo: $(VENV)/ready
 	$(BIN)/python examples/demo.py out
@@ -26,6 +26,14 @@ micropython: $(VENV)/ready
 	npm install --silent --no-save --prefix $(VENV)/micropython @micropython/micropython-webassembly-pyscript@1.27.0
 	MICROPYTHON=$(VENV)/micropython/node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs \
 	    $(BIN)/python -m pytest tests/hardware/test_firmware.py -rs
+
+# Which lines no test runs.
+coverage: $(VENV)/ready
+	mkdir -p build/coverage
+	rm -f build/coverage/*
+	$(BIN)/coverage run -m pytest
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage report
 
 # Pages of all docstrings, from build/api/index.html on. Modules that are named like a function in
 # them are left out, as is what runs under MicroPython.
