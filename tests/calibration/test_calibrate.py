@@ -154,3 +154,30 @@ def test_command_names_the_file_that_is_wrong_and_writes_nothing(twin_folder, tm
     error = capsys.readouterr().err
     assert "both.csv: this should show both wires heated, but only the right wire" in error
     assert not (tmp_path / "limb.yaml").exists()
+
+
+def test_command_that_is_stopped_says_so(tmp_path, capsys, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("calibration.__main__.collect_from_twin", stop)
+    assert main(["collect", "-o", str(tmp_path / "new")]) == 130
+    assert capsys.readouterr().err == "stopped; nothing more was written\n"
+
+
+def test_command_collects_from_a_robot(tmp_path, monkeypatch):
+    called = []
+    monkeypatch.setattr("calibration.__main__.SerialLimb", lambda *arguments: arguments)
+    monkeypatch.setattr("builtins.input", called.append)
+
+    def collect(connect, limb, folder, ask, *, seed, num_angles):
+        ask("Mount the limb.")
+        called.append((connect(limb), folder, seed, num_angles))
+
+    monkeypatch.setattr("calibration.__main__.collect_from_robot", collect)
+    arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path), "--seed", "3"]
+    assert main([*arguments, "--angles", "4"]) == 0
+    assert called == [
+        "Mount the limb.\nPress Enter when it is so. ",
+        (("/dev/robot", LimbParameters()), tmp_path, 3, 4),
+    ]

@@ -2,6 +2,7 @@
 
 import os
 import signal
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -151,3 +152,10 @@ def test_agrees_with_snopt_on_a_random_nonlinear_program(exact):
     assert solution.is_success()
     assert reference.is_success()
     assert solution.get_optimal_cost() == pytest.approx(reference.get_optimal_cost(), rel=1e-5)
+
+
+def test_solves_on_a_thread_where_there_are_no_signals():
+    prog, _ = nearest_point_on_circle()
+    with ThreadPoolExecutor() as pool:
+        solve = pool.submit(ExactHessianIpoptSolver(exact=True).Solve, prog, np.array([-0.5, 0.8]))
+        assert solve.result().is_success()

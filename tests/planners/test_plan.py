@@ -380,3 +380,10 @@ def test_an_unreachable_reference_is_planned_as_well_as_the_limits_allow():
     np.testing.assert_allclose(trajectory.bend_angle[0, held], limit, rtol=0.01)
     binding = {active.bound for active in trajectory.check.active_constraints}
     assert {"wire right = T_max", "wire left = T_warm", "duty right = 1"} <= binding
+
+
+def test_a_planner_whose_knots_are_too_few_says_so():
+    at_once = references.from_samples([0.0, 0.01, 2.0], np.deg2rad([0.0, 30.0, 30.0]))
+    planner = planning.Planner(cold_parameters(), np.linspace(0.0, 2.0, 21), tolerance_deg=1e-3)
+    with pytest.raises(PlanningError, match="failed its check: simulating the planned duty"):
+        planner.plan(at_once)
