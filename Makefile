@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 .PHONY: demo test bench lint micropython api coverage clean
 
 demo: $(VENV)/ready
-	$(BIN)/python examples/demo.py out
+	$(BIN)/python examples/reproduce_paper.py out --quick
 
 test: $(VENV)/ready lint
 	$(BIN)/python -m pytest

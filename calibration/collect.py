@@ -112,30 +112,33 @@ def collect_from_twin(
     num_angles: int = 8,
     longest: float = 60.0,
     cooling_time: float = 300.0,
+    sag_trials: int = SAG_TRIALS,
+    ring_downs: int = RING_DOWNS,
 ) -> dict[str, list[Recording]]:
     """All recordings of Sec. V from an emulated limb, one after the other.
 
-    Ten trials of the sag, three ring-downs, then equilibria with the right
-    wire, with the left one and with both.
+    Trials of the sag, ring-downs, then equilibria with the right wire, with the
+    left one and with both.
 
     Args:
         twin: of one segment; `again` is called on it.
         seed, num_angles, longest: as for `collect_equilibria`.
         cooling_time: s without heat before each recording of equilibria.
+        sag_trials, ring_downs: how many of them.
 
     Returns:
         recordings by kind, as `calibrate` takes them.
     """
     only_segment(twin.parameters)
-    sags, ring_downs, heated = [], [], {}
-    for _ in range(SAG_TRIALS):
+    sags, swings, heated = [], [], {}
+    for _ in range(sag_trials):
         twin = twin.again(gravity=(0.0, -GRAVITY, 0.0))
         sags.append(collect_sag(twin))
-    for _ in range(RING_DOWNS):
+    for _ in range(ring_downs):
         twin = twin.again(
             gravity=(0.0, 0.0, 0.0), hand=hand_for_ring_down(), bend_rate=RING_DOWN_RATE
         )
-        ring_downs.append(collect_ring_down(twin))
+        swings.append(collect_ring_down(twin))
     for number, actuated in enumerate(ACTUATED):
         twin = twin.again(cooling_time)
         heated[actuated] = [
@@ -143,7 +146,7 @@ def collect_from_twin(
                 twin, actuated, num_angles=num_angles, seed=seed + number, longest=longest
             )
         ]
-    return {"sag": sags, "ring_down": ring_downs, **heated}
+    return {"sag": sags, "ring_down": swings, **heated}
 
 
 def collect_from_robot(

@@ -1,9 +1,6 @@
 """A calibration to look at: every fit drawn over its data, in one HTML page."""
 
-import base64
 import dataclasses
-import html
-import io
 import math
 from pathlib import Path
 from typing import Any
@@ -17,22 +14,16 @@ from calibration.force import ForceFit
 from calibration.heat import HeatFit
 from calibration.stiffness import StiffnessFit
 from calibration.validation import Validation
+from limb_systems import page
 from limb_systems.files import write_atomically
-from limb_systems.plots import LEFT_RIGHT_COLORS, PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR
-
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 60rem; margin: 0 auto;
-       padding: 1rem; }
-figure { margin: 1rem 0; overflow-x: auto; }
-img { width: 100%; min-width: 40rem; height: auto; }
-.table { overflow-x: auto; }
-table { border-collapse: collapse; width: 100%; }
-td, th { text-align: left; padding: .25rem .75rem .25rem 0; border-bottom: 1px solid #ddd; }
-td.number { font-variant-numeric: tabular-nums; white-space: nowrap; }
-h2 { margin-top: 2.5rem; } li { margin: .3rem 0; }
-@media (max-width: 40rem) { table { font-size: .85rem; } td.number { white-space: normal; } }
-@media print { h2 { break-after: avoid; } figure { break-inside: avoid; } img { min-width: 0; } }
-"""
+from limb_systems.plots import (
+    LEFT_RIGHT_COLORS,
+    PLAN_COLOR,
+    REFERENCE_COLOR,
+    ROLLOUT_COLOR,
+    WIDTH,
+    dress,
+)
 
 _MEANING = {
     "ambient_temperature": "T0",
@@ -101,15 +92,13 @@ def save_parameters(calibration: Calibration, path: str | Path) -> None:
 
 def write_report(calibration: Calibration, path: str | Path) -> None:
     """Writes one HTML page, with all pictures in it."""
-    title = "Calibration of a limb"
     sources = sorted({source for group in calibration.sources.values() for source in group})
-    parts = [f"<h1>{title}</h1>", f"<p>From recordings of: {html.escape(', '.join(sources))}.</p>"]
+    parts = [page.paragraph(f"From recordings of: {', '.join(sources)}.")]
     if calibration.validation:
-        parts.append(f"<p>{html.escape(validation_summary(calibration.validation))}.</p>")
-    parts.append(_table(calibration))
+        parts.append(page.paragraph(f"{validation_summary(calibration.validation)}."))
+    parts.append(parameter_table(calibration))
     if calibration.remarks:
-        items = "".join(f"<li>{html.escape(remark)}</li>" for remark in calibration.remarks)
-        parts.append(f"<h2>What the recordings lack</h2><ul>{items}</ul>")
+        parts.append(page.section("What the recordings lack", page.items(calibration.remarks)))
     if calibration.validation:
         parts.append(
             _section(
@@ -132,8 +121,7 @@ def write_report(calibration: Calibration, path: str | Path) -> None:
             _section(
                 "Damping, Sec. V-B and Algorithm 1",
                 plot_damping(calibration.damping),
-                "Damped sinusoids fitted to the limb and to its model, whose damping constant "
-                "makes both decay alike.",
+                _compare_decay(calibration.damping),
             )
         )
     for index, fits in enumerate(
@@ -147,19 +135,22 @@ def write_report(calibration: Calibration, path: str | Path) -> None:
                 _compare(heat, compared),
             )
         )
-    body = "\n".join(parts)
-    write_atomically(
-        path,
-        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title><style>{_STYLE}</style></head><body>{body}</body></html>\n",
-    )
+    page.write_page(path, "Calibration of a limb", parts)
+
+
+def parameter_table(calibration: Calibration) -> str:
+    """The calibrated quantities with their standard errors, as part of a page."""
+    rows = [
+        [name, str(estimate), _MEANING[name.split(".")[-1]]]
+        for name, estimate in calibration.estimates.items()
+    ]
+    return page.table(["parameter", "value ± standard error", "meaning"], rows)
 
 
 def plot_validation(validation: Validation) -> Figure:
     """Fig. 4: the calibrated model against the limb, for the same duty."""
     recording, simulation = validation.recording, validation.simulation
-    figure = Figure(figsize=(9, 7), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 6.5), layout="constrained")
     bend, heat, duty = figure.subplots(3, 1, sharex=True, height_ratios=[1.6, 1.3, 0.8])
     if recording.reference is not None:
         bend.plot(
@@ -184,17 +175,15 @@ def plot_validation(validation: Validation) -> Figure:
         label="model",
     )
     bend.set_ylabel("bend angle (°)")
-    for index, color in enumerate(LEFT_RIGHT_COLORS):
-        name = recording.parameters.wire_names[index]
-        measured = recording.measured_temperature[index]
-        heat.plot(recording.time, measured, color=color, lw=0.8, label=f"{name}, limb")
-        heat.plot(
-            simulation.time,
-            simulation.measured_temperature[index],
-            color=color,
-            linestyle="--",
-            label=f"{name}, model",
-        )
+    wires = list(zip(LEFT_RIGHT_COLORS, recording.parameters.wire_names, strict=True))
+    for what, source, style, width in (
+        ("limb", recording, "-", 0.8),
+        ("model", simulation, "--", None),
+    ):
+        for index, (color, name) in enumerate(wires):
+            measured = source.measured_temperature[index]
+            heat.plot(source.time, measured, style, color=color, lw=width, label=f"{name}, {what}")
+    for index, (color, name) in enumerate(wires):
         duty.plot(recording.time, recording.duty[index], color=color, lw=0.8, label=name)
     heat.set_ylabel("measured\ntemperature (°C)")
     duty.set_ylabel("duty")
@@ -204,7 +193,7 @@ def plot_validation(validation: Validation) -> Figure:
 
 def plot_stiffness(fit: StiffnessFit) -> Figure:
     """The sag of each trial, and that of the fitted limb."""
-    figure = Figure(figsize=(9, 2.6), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 2.6), layout="constrained")
     axis = figure.subplots()
     sags = np.rad2deg(np.abs(fit.sags))
     axis.plot(np.arange(1, len(sags) + 1), sags, "o", color=ROLLOUT_COLOR, label="limb, each trial")
@@ -223,7 +212,7 @@ def plot_stiffness(fit: StiffnessFit) -> Figure:
 
 def plot_damping(fit: DampingFit) -> Figure:
     """The first ring-down's sinusoid, and that of the model; recordings in its offset."""
-    figure = Figure(figsize=(9, 3), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
     axis = figure.subplots()
     measured, simulated = fit.measured[0], fit.simulated[0]
     axis.plot(fit.time, np.rad2deg(fit.bend_angle), ".", color=ROLLOUT_COLOR, ms=3, label="limb")
@@ -241,17 +230,12 @@ def plot_damping(fit: DampingFit) -> Figure:
     axis.set_xlim(max(0.0, measured.start - 1.5), span[-1])
     axis.set_xlabel("time (s)")
     axis.set_ylabel("bend angle (°)")
-    axis.set_title(
-        f"limb {measured.frequency:.2f} Hz, ζ {measured.damping_ratio:.3f}; "
-        f"model {simulated.frequency:.2f} Hz, ζ {simulated.damping_ratio:.3f}",
-        fontsize=10,
-    )
     return _dress(figure)
 
 
 def plot_wire(heat: HeatFit, compared: HeatFit, force: ForceFit, color: str) -> Figure:
     """Heat transfer over time by both methods, and bend against wire temperature."""
-    figure = Figure(figsize=(9, 7.5), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 7.5), layout="constrained")
     (figure_top,), (figure_bottom,) = figure.subfigures(2, 1, squeeze=False, height_ratios=[2, 1.2])
     temperature, bend = figure_top.subplots(2, 1, sharex=True)
     temperature.plot(heat.time, heat.recorded_temperature, color=color, lw=0.8, label="limb, V")
@@ -306,10 +290,17 @@ def plot_wire(heat: HeatFit, compared: HeatFit, force: ForceFit, color: str) -> 
 
 def _dress(figure: Figure) -> Figure:
     for axis in figure.axes:
-        axis.grid(alpha=0.25)
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+        dress(axis)
     return figure
+
+
+def _compare_decay(fit: DampingFit) -> str:
+    limb, model = fit.measured[0], fit.simulated[0]
+    return (
+        "Damped sinusoids fitted to the limb and to its model, whose damping constant makes both "
+        f"decay alike: the limb at {limb.frequency:.2f} Hz with ζ = {limb.damping_ratio:.3f}, the "
+        f"model at {model.frequency:.2f} Hz with ζ = {model.damping_ratio:.3f}."
+    )
 
 
 def _compare(heat: HeatFit, compared: HeatFit) -> str:
@@ -325,23 +316,5 @@ def _compare(heat: HeatFit, compared: HeatFit) -> str:
     )
 
 
-def _table(calibration: Calibration) -> str:
-    rows = "".join(
-        f"<tr><td>{name}</td><td class=number>{html.escape(str(estimate))}</td>"
-        f"<td>{_MEANING[name.split('.')[-1]]}</td></tr>"
-        for name, estimate in calibration.estimates.items()
-    )
-    return (
-        '<div class="table"><table><tr><th>parameter</th><th>value ± standard error</th>'
-        f"<th>meaning</th></tr>{rows}</table></div>"
-    )
-
-
 def _section(title: str, figure: Figure, text: str) -> str:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=130)
-    picture = base64.b64encode(buffer.getvalue()).decode()
-    return (
-        f"<h2>{html.escape(title)}</h2><p>{html.escape(text)}</p><figure>"
-        f'<img alt="{html.escape(title)}" src="data:image/png;base64,{picture}"></figure>'
-    )
+    return page.section(title, page.paragraph(text), page.picture(figure, title))

@@ -1,31 +1,287 @@
 """Makes the pictures of this folder anew; needs Graphviz's `dot`.
 
-`fig4.png` and `fig5.png` are those of the demo; `replay.png` is a screenshot of
-the page that it writes.
+python docs/pictures.py              diagrams, flows and the drawing of the links
+python docs/pictures.py --demo out   copies of those that `make demo` left in a folder
 
-python docs/pictures.py
+`replay.png` is a screenshot of the page that the demo writes.
 """
 
+import argparse
 import shutil
 import subprocess
-import sys
-import tempfile
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import pydot
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPortIndex
 
-from limb_systems import Limb
+from calibration import BendAngleController, EquilibriumSchedule
+from hardware import LimbTwin
+from limb_systems import Limb, LimbParameters
+from limb_systems.plots import LEFT_RIGHT_COLORS, save_figure
+from planners import plan, references
+from planners.report import plot_diagnostics
+from urdf import limb_urdf
 
 FOLDER = Path(__file__).parent
+STYLE = """
+bgcolor=white; nodesep=0.25; ranksep=0.35; fontname="Arial"; fontsize=13;
+node [shape=box, style="rounded,filled", fillcolor="#eef2fb", color="#3b4a6b",
+      fontname="Arial", fontsize=13, margin="0.1,0.06"];
+edge [color="#3b4a6b", fontname="Arial", fontsize=12, arrowsize=0.7];
+"""
 
 
 def main() -> None:
-    (graph,) = pydot.graph_from_dot_data(Limb().GetGraphvizString())
-    graph.write_svg(FOLDER / "limb.svg")
-    with tempfile.TemporaryDirectory() as out:
-        subprocess.run([sys.executable, FOLDER.parent / "examples" / "demo.py", out], check=True)
+    parser = argparse.ArgumentParser(description="Makes the pictures of the documentation.")
+    parser.add_argument("--demo", type=Path, help="folder of `make demo` to copy pictures from")
+    folder = parser.parse_args().demo
+    if folder:
         for name in ("fig4.png", "fig5.png"):
-            shutil.copy(Path(out) / name, FOLDER / name)
+            shutil.copy(folder / name, FOLDER)
+        return
+    save_dot(diagram_dot(Limb(), LIMB), FOLDER / "limb.svg")
+    twin = diagram_dot(LimbTwin(), LIMB | TWIN, hidden=["memory"], direction="TB")
+    save_dot(twin, FOLDER / "limb_twin.svg")
+    save_dot(diagram_dot(collecting_diagram(), COLLECTING), FOLDER / "collecting.svg")
+    for name, dot in (("planning", PLANNING), ("calibration", CALIBRATION), ("robot", ROBOT)):
+        save_dot(f"digraph {{ rankdir=LR; {STYLE} {dot} }}", FOLDER / f"{name}.svg")
+    save_figure(draw_links(LimbParameters()), FOLDER / "links.png")
+    trajectory = plan(LimbParameters(), references.step_and_decaying_sine())
+    save_figure(plot_diagnostics(trajectory), FOLDER / "diagnostics.png")
+
+
+def save_dot(dot: str, path: Path) -> None:
+    subprocess.run(["dot", "-Tsvg", "-o", path], input=dot, text=True, check=True)
+
+
+# For each system: what is written below its type, and the signal at each output.
+LIMB = {
+    "joule_heating": ("(6)", ["T"]),
+    "thermocouple_lag": ("(7)", ["V"]),
+    "torque_map": ("(4)", ["f(T)"]),
+    "manipulator": ("(2)", ["", "", "θ, θ̇ "]),
+    "bend_angle": ("Sec. VI", ["φ"]),
+}
+TWIN = {
+    "shape_memory_wires": ("(3), two thermal masses", ["torque", "T"]),
+    "rubber": ("stiffens, relaxes", ["f, q"]),
+    "thermocouple": ("noise, 0.25 °C steps", ["V"]),
+    "bend_sensor": ("noise, drift, 0.1° steps", ["φ"]),
+}
+COLLECTING = {
+    "limb_twin": ("or SerialLimb", ["V", "φ"]),
+    "equilibrium_schedule": ("next angle when settled", ["φ_eq"]),
+    "bend_angle_controller": ("PI", ["D"]),
+}
+
+
+def collecting_diagram() -> Diagram:
+    """What `calibration.collect_equilibria` simulates, but for the recording."""
+    builder = DiagramBuilder()
+    limb = builder.AddSystem(LimbTwin())
+    schedule = builder.AddSystem(EquilibriumSchedule([0.5]))
+    controller = builder.AddSystem(BendAngleController(limb.parameters, "right"))
+    for name in ("bend_angle", "measured_temperature"):
+        for system in (schedule, controller):
+            builder.Connect(limb.GetOutputPort(name), system.GetInputPort(name))
+    builder.Connect(schedule.get_output_port(), controller.GetInputPort("set_point"))
+    builder.Connect(controller.get_output_port(), limb.GetInputPort("duty"))
+    return builder.Build()
+
+
+def diagram_dot(
+    diagram: Diagram,
+    notes: Mapping[str, tuple[str, Sequence[str]]],
+    hidden: Sequence[str] = (),
+    direction: str = "LR",
+) -> str:
+    """A diagram as Drake knows it, without the ports that are not connected.
+
+    Drake's own drawing has all ports of the plant, most of them unused, and is
+    three times as wide as a page.
+
+    Args:
+        notes: for systems by name, what is said of them and of their outputs.
+        hidden: names of systems that are left out.
+        direction: in which signals run, "LR" or "TB".
+    """
+    lines, nodes = [], {}  # the names of systems that were given none change from run to run
+    for system in diagram.GetSystems():
+        name = system.get_name()
+        nodes[name] = f"s{len(nodes)}"
+        if name not in hidden:
+            label = type(system).__name__.partition("_𝓣")[0]
+            note = f"<br/>{notes[name][0]}" if name in notes else ""
+            lines.append(f"{nodes[name]} [label=<<b>{label}</b>{note}>];")
+
+    def signal(system, port) -> str:
+        signals = notes.get(system.get_name(), ("", []))[1]
+        return signals[int(port)] if int(port) < len(signals) else ""
+
+    edges = []  # Drake has them in another order each time
+    for (target, index), (source, port) in diagram.connection_map().items():
+        if target.get_name() not in hidden:
+            edge = f"{nodes[source.get_name()]} -> {nodes[target.get_name()]}"
+            edges.append((edge, int(index), f'[label=" {signal(source, port)} "];'))
+    lines += [f"{edge} {label}" for edge, _, label in sorted(edges)]
+    plain = 'shape=plain, style="", fontsize=13, fontcolor='
+    for index in range(diagram.num_input_ports()):
+        name = diagram.get_input_port(index).get_name()
+        lines.append(f'"in_{name}" [label="{name}", {plain}"#1f4fd8"];')
+        for system, _ in diagram.GetInputPortLocators(InputPortIndex(index)):
+            lines.append(f'"in_{name}" -> {nodes[system.get_name()]} [color="#1f4fd8"];')
+    for index in range(diagram.num_output_ports()):
+        name = diagram.get_output_port(index).get_name()
+        source, port = diagram.get_output_port_locator(OutputPortIndex(index))
+        lines.append(f'"out_{name}" [label="{name}", {plain}"#1a7f37"];')
+        label = f'label=" {signal(source, port)} "'
+        lines.append(f'{nodes[source.get_name()]} -> "out_{name}" [{label}, color="#1a7f37"];')
+    return f"digraph {{ rankdir={direction}; {STYLE} {' '.join(lines)} }}"
+
+
+PLANNING = """
+reference [label="reference φ_ref\\nneed not be feasible", fillcolor=white];
+feasible [label="check_temperature_limits\\nfull and zero duty:\\ncan (19), (20) be met?"];
+guess [label="solve_quasi_static\\nconvex QP of T and D,\\nK θ = f(T); Clarabel"];
+program [label="TrajectoryProgram\\n(15)-(20) by\\nDirectCollocation"];
+solve [label="solve_program\\nIPOPT, Gauss-Newton;\\nthen its fallbacks"];
+check [label="simulated_differences\\nthe duty again, radau3"];
+trajectory [label="Trajectory\\nwith its PlanCheck", fillcolor=white];
+refused [label="InfeasibleError:\\nwire, bound, from when", fillcolor="#fdecea"];
+failed [label="PlanningError:\\nno file", fillcolor="#fdecea"];
+reference -> feasible -> guess -> program;
+program -> solve -> check [constraint=false];
+{rank=same; feasible; refused} {rank=same; program; solve} {rank=same; guess; check}
+{rank=same; reference; trajectory; }
+feasible -> refused [label=" no"];
+trajectory -> failed [style=invis];
+trajectory -> check [dir=back, label="within\\ntolerance"];
+program -> check [style=invis, constraint=false];
+check -> program [label="add knots", constraint=false, style=dashed];
+failed -> check [dir=back, label="not after\\n4 times"];
+"""
+
+CALIBRATION = """
+node [fillcolor="#eef2fb"];
+subgraph recordings { node [fillcolor=white];
+  sag [label="sag under gravity\\n10 trials"]; ring [label="ring-down from 45°\\n3 times"];
+  heated [label="one wire heated\\nC^l, C^r"]; both [label="both wires heated\\nC^m"]; }
+k [label="fit_stiffness\\nλ iteration, (9)"];
+sigma [label="fit_damping\\nAlgorithm 1, (10)"];
+heat [label="fit_heat_transfer\\nSec. V-C1, (6), (7), (12)"];
+force [label="fit_force\\n(13)"];
+limb [label="LimbParameters\\nlimb.yaml", fillcolor=white];
+validation [label="validate\\nopen loop, Fig. 4"];
+report [label="report\\ncalibration.html", fillcolor=white];
+sag -> k; ring -> sigma; heated -> heat; both -> validation;
+k -> sigma [label=" k"]; k -> force [label=" k"]; heat -> force [label=" T"];
+k -> limb [label=" k"]; sigma -> limb [label=" σ"];
+heat -> limb [label=" a1, a2, a3, T0"]; force -> limb [label=" β"];
+limb -> validation -> report;
+{rank=same; k; heat} {rank=same; sigma; force}
+"""
+
+ROBOT = """
+rankdir=TB;
+subgraph cluster_host { label="host"; labeljust=l; color="#999999"; style=rounded;
+  source [label="TrajectorySource\\nduty of the plan"];
+  serial [label="SerialLimb\\na LeafSystem at 20 Hz"];
+  journal [label="Journal\\neach sample to disk"];
+  link [label="BoardLink\\nthreads read and write"];
+  {rank=same; source -> serial [label=" D "]; serial -> journal [label=" V, φ "];}
+  serial -> link [dir=both]; }
+subgraph cluster_board { label="board: hardware/firmware"; labeljust=l; color="#999999";
+  style=rounded;
+  protocol [label="protocol.py\\nframes, CRC-32"];
+  guard [label="guard.py\\nmay wires be heated?"];
+  sensors [label="sensors.py\\nMAX31855, bend"];
+  {rank=same; protocol -> guard [dir=both, label=" COMMAND, SAMPLE "];
+   guard -> sensors [dir=back, label=" V, α "];} }
+limb [label="limb: MOSFETs, wires, sensors", fillcolor=white];
+link -> protocol [dir=both, label=" serial port, 115200 baud"];
+guard -> limb [label=" PWM "]; sensors -> limb [dir=back];
+"""
+
+
+def draw_links(parameters: LimbParameters) -> Figure:
+    """Fig. 2 with the lengths, boxes and wires of the generated URDF."""
+    robot = ElementTree.fromstring(limb_urdf(parameters.segments))
+    theta = np.deg2rad(14.0)
+    figure = Figure(figsize=(8, 6), layout="constrained")
+    axis = figure.subplots()
+    position, angle, bends = np.zeros(2), 0.0, []
+    joints = robot.findall("joint")
+    for number, joint in enumerate(joints, 1):
+        link = robot.find(f"link[@name='{joint.find('child').get('link')}']")
+        step = 1000 * _numbers(joint.find("origin"), "xyz")[:2]
+        position = position + _turned(step, angle)
+        angle += theta
+        for visual in link.findall("visual"):
+            name, shape = visual.get("name"), visual.find("geometry")[0]
+            if name == "joint":
+                continue
+            center = 1000 * _numbers(visual.find("origin"), "xyz")[:2]
+            if shape.tag == "box":
+                size, color = 1000 * _numbers(shape, "size")[:2], "#e6e9f0"
+            else:
+                size = 1000 * np.array([float(shape.get("length")), 2 * float(shape.get("radius"))])
+                color = LEFT_RIGHT_COLORS[name == "wire_right"]
+            corners = [center + size / 2 * s for s in ([-1, -1], [1, -1], [1, 1], [-1, 1])]
+            outline = [position + _turned(corner, angle) for corner in corners]
+            axis.add_patch(Polygon(outline, facecolor=color, edgecolor="0.55", linewidth=0.6))
+        axis.plot(*position, "o", color="black", markersize=6, zorder=3)
+        axis.annotate(
+            f"joint_{number}", position + _turned(np.array([4.0, -10.5]), angle), ha="center"
+        )
+        mass = position + _turned(1000 * _numbers(link.find("inertial/origin"), "xyz")[:2], angle)
+        axis.plot(*mass, "x", color="0.25", markersize=7, zorder=3)
+        axis.annotate(f"$r_{number}$", mass + _turned(np.array([0.0, 6.5]), angle), ha="center")
+        bends.append(position)
+    length = 1000 * parameters.segments[0].length / parameters.segments[0].links
+    tip = position + _turned(np.array([length, 0.0]), angle)
+
+    base = robot.find("link[@name='base']/visual")
+    center = 1000 * _numbers(base.find("origin"), "xyz")[:2]
+    size = 1000 * _numbers(base.find("geometry/box"), "size")[:2]
+    corners = [center + size / 2 * s for s in np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])]
+    axis.add_patch(Polygon(corners, facecolor="0.3"))
+    arrow = {"arrowstyle": "-|>", "linewidth": 1.8, "color": "#1f4fd8"}
+    for label, end, shift in (("E1", (32, 0), (3, -2)), ("E2", (0, 32), (-2, 3))):
+        axis.annotate("", end, (0, 0), arrowprops=arrow)
+        axis.annotate(label, np.add(end, shift), color="#1f4fd8", fontsize=13, weight="bold")
+    axis.plot([0, 100], [0, 0], ":", color="0.5", linewidth=1)
+    axis.plot(*np.transpose([[0, 0], tip]), "--", color="#c2268f", linewidth=1.4)
+    axis.plot(*tip, "o", color="#c2268f", markersize=6)
+    axis.annotate("tip t", tip + np.array([2.0, 2.0]), color="#c2268f", fontsize=13)
+    phi = np.arctan2(tip[1], tip[0])
+    arc = np.linspace(0, phi, 50)
+    axis.plot(62 * np.cos(arc), 62 * np.sin(arc), color="#c2268f", linewidth=1.4)
+    axis.annotate("φ", (66 * np.cos(phi / 3), 66 * np.sin(phi / 3)), color="#c2268f", fontsize=15)
+    tangent = tip + _turned(np.array([22.0, 0.0]), angle)
+    axis.plot(*np.transpose([tip, tangent]), color="0.35", linewidth=1.2)
+    axis.plot([tip[0], tip[0] + 22], [tip[1], tip[1]], ":", color="0.5", linewidth=1)
+    arc = np.linspace(0, angle, 50)
+    axis.plot(tip[0] + 14 * np.cos(arc), tip[1] + 14 * np.sin(arc), color="0.35", linewidth=1.2)
+    axis.annotate("α", tip + np.array([15.0, 8.0]), fontsize=15, color="0.35")
+    for side, x in (("left", 0.60), ("right", 0.80)):
+        color = LEFT_RIGHT_COLORS[side == "right"]
+        axis.text(x, 0.02, f"wire_{side}", color=color, transform=axis.transAxes, fontsize=13)
+    axis.set(xlim=(-14, 106), xlabel="along E1 (mm)", ylabel="along E2 (mm)", aspect="equal")
+    axis.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _numbers(element, attribute: str) -> np.ndarray:
+    return np.array(element.get(attribute).split(), float)
+
+
+def _turned(vector: np.ndarray, angle: float) -> np.ndarray:
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([[cosine, -sine], [sine, cosine]]) @ vector
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""A limb in a diagram of one's own: heat the right wire, and see where it bends."""
+"""A limb in a diagram of one's own: heat the right wire, and see where it bends.
+
+python examples/compose_diagram.py
+"""
 
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig

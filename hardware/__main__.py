@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from pydrake.geometry import Meshcat
 from serial.tools import list_ports
 
 from hardware import BoardLink, LimbTwin, SerialLimb, replay, watch
@@ -72,7 +73,9 @@ def _parser() -> argparse.ArgumentParser:
         help="replay a trajectory open loop and record it",
         description="Drives a limb with a trajectory's duty: a robot in real time, or without a "
         "port an emulated limb in simulated time. On a robot every sample is in the recording as "
-        "soon as it comes.",
+        "soon as it comes. With --meshcat a browser shows the limb as it is measured, the plan as "
+        "a blue ghost, its reference as a grey one, and the duty of the left and the right wire "
+        "as bars.",
     )
     run.add_argument("trajectory", type=Path, help="trajectory file (.csv)")
     run.add_argument("--json", action="store_true", help="print JSON")
@@ -83,6 +86,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--seed", type=int, default=0, help="of the emulated limb (default %(default)s)"
     )
+    _add_meshcat_option(run)
 
     teach = commands.add_parser(
         "teach",
@@ -98,6 +102,7 @@ def _parser() -> argparse.ArgumentParser:
         "-t", "--time", type=float, default=60.0, help="to record, s (default %(default)g)"
     )
     teach.add_argument("-l", "--limb", type=Path, help="parameters of the limb (.yaml)")
+    _add_meshcat_option(teach)
 
     recover = commands.add_parser(
         "recover", help="finish the recording of a program that was killed"
@@ -130,6 +135,23 @@ def _parser() -> argparse.ArgumentParser:
         "--log", type=Path, help="file for changes of duty and orders, a line of JSON each"
     )
     return parser
+
+
+def _add_meshcat_option(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--meshcat",
+        action="store_true",
+        help="show the limb in a browser meanwhile, an emulated one in real time",
+    )
+
+
+def _start_meshcat(options) -> Meshcat | None:
+    if not options.meshcat:
+        return None
+    meshcat = Meshcat()
+    stream = sys.stderr if vars(options).get("json") else sys.stdout
+    print(f"meshcat     {meshcat.web_url()}", file=stream, flush=True)
+    return meshcat
 
 
 def _ports(options) -> int:
@@ -195,10 +217,11 @@ def _arm_check(options) -> int:
 
 def _replay(options) -> int:
     trajectory = Trajectory.load(options.trajectory)
+    meshcat = _start_meshcat(options)
     timing = None
     if options.port:
         limb = SerialLimb(options.port, trajectory.parameters)
-        recording = replay(trajectory, limb, journal=options.output)
+        recording = replay(trajectory, limb, journal=options.output, meshcat=meshcat)
         late = 1000 * np.array(limb.timing_errors)
         timing = {
             "late_median_ms": float(np.median(late)),
@@ -206,7 +229,8 @@ def _replay(options) -> int:
             "lost_samples": limb.link.lost_samples,
         }
     else:
-        recording = replay(trajectory, LimbTwin(trajectory.parameters, seed=options.seed))
+        twin = LimbTwin(trajectory.parameters, seed=options.seed)
+        recording = replay(trajectory, twin, meshcat=meshcat)
         recording.save(options.output)
     errors = tracking_errors(trajectory, [recording])
     mean, median, percentile_90 = np.rad2deg(
@@ -234,10 +258,11 @@ def _replay(options) -> int:
 
 def _teach(options) -> int:
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
+    meshcat = _start_meshcat(options)
     robot = SerialLimb(options.port, limb, heated=False)
     print("Move the limb by hand; Ctrl-C ends the recording.", flush=True)
     with contextlib.suppress(KeyboardInterrupt):  # the journal has it all
-        watch(robot, options.time, journal=options.output)
+        watch(robot, options.time, journal=options.output, meshcat=meshcat)
     recording = Recording.load(options.output)
     low, high = np.rad2deg([recording.bend_angle.min(), recording.bend_angle.max()])
     print(f"taught      {recording.time[-1]:.1f} s, from {low:.1f}° to {high:.1f}°")

@@ -4,13 +4,21 @@ import contextlib
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.framework import Context, DiagramBuilder, System
-from pydrake.systems.primitives import TrajectorySource
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import MatrixGain, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from hardware.journal import add_journal
-from limb_systems import LimbError, Recording, Trajectory, simulate
-from limb_systems.simulation import record
+from limb_systems import (
+    LimbError,
+    LimbVisualizer,
+    Recording,
+    Trajectory,
+    joint_angles_from_bend_angle,
+    simulate,
+)
+from limb_systems.simulation import REAL_TIME_STEP, record
 
 AMBIENT_TOLERANCE = 10.0  # °C, by which a wire may differ from where the plan starts
 
@@ -25,11 +33,13 @@ def replay(
     *,
     sample_rate: float = 20.0,
     journal: str | Path | None = None,
+    meshcat: Meshcat | None = None,
 ) -> Recording:
     """Drives a limb with a trajectory's duty and records it.
 
     A `SerialLimb` is driven in real time and closed at the end, whatever the
-    end is: the wires are off then. All else is simulated.
+    end is: the wires are off then. All else is simulated, in real time if it
+    is shown.
 
     Args:
         trajectory: a plan that passed its check.
@@ -37,37 +47,47 @@ def replay(
             ports; it becomes part of a diagram and cannot be replayed on twice.
         sample_rate: of the recording, Hz.
         journal: file to which each sample goes as it comes.
+        meshcat: where to show the limb meanwhile, by its bend angle, measured
+            temperatures and duty, with ghosts of the plan and its reference.
 
     Raises:
         ReplayError: if the trajectory failed its check, if it was planned for
             another limb, hotter than this one allows or from another
             temperature than its wires have.
         HardwareError: if the robot fails on the way.
+        LimbError: if it is to be shown, and is of another shape than the plan's.
     """
     with contextlib.closing(limb) if _is_robot(limb) else contextlib.nullcontext():
         check_replayable(trajectory, limb)
-        if not _is_robot(limb) and journal is None:
+        if not _is_robot(limb) and journal is None and meshcat is None:
             return simulate(limb, trajectory, sample_rate=sample_rate)
         duty = trajectory.duty_trajectory()
         duty.shiftRight(-trajectory.time[0])
-        return _run(limb, duty, trajectory.duration, sample_rate, journal)
+        return _run(limb, duty, trajectory.duration, sample_rate, journal, meshcat, trajectory)
 
 
 def watch(
-    limb: System, duration: float, *, sample_rate: float = 20.0, journal: str | Path | None = None
+    limb: System,
+    duration: float,
+    *,
+    sample_rate: float = 20.0,
+    journal: str | Path | None = None,
+    meshcat: Meshcat | None = None,
 ) -> Recording:
     """Records a limb with its wires off, while it hangs, swings or is moved by hand.
 
     Args:
         duration: s.
-        limb, sample_rate, journal: as for `replay`.
+        limb, sample_rate, journal, meshcat: as for `replay`.
 
     Raises:
         HardwareError: if the robot fails on the way.
     """
-    off = PiecewisePolynomial.ZeroOrderHold([0.0, duration], np.zeros((2, 2)))
+    off = PiecewisePolynomial.ZeroOrderHold(
+        [0.0, duration], np.zeros((len(limb.parameters.wires), 2))
+    )
     with contextlib.closing(limb) if _is_robot(limb) else contextlib.nullcontext():
-        return _run(limb, off, duration, sample_rate, journal)
+        return _run(limb, off, duration, sample_rate, journal, meshcat)
 
 
 def check_replayable(trajectory: Trajectory, limb: System) -> None:
@@ -116,7 +136,15 @@ def _check_robot(trajectory: Trajectory, limb) -> None:
             )
 
 
-def _run(limb: System, duty, duration: float, sample_rate: float, journal) -> Recording:
+def _run(
+    limb: System,
+    duty,
+    duration: float,
+    sample_rate: float,
+    journal,
+    meshcat: Meshcat | None,
+    plan: Trajectory | None = None,
+) -> Recording:
     builder = DiagramBuilder()
     source = builder.AddSystem(TrajectorySource(duty))
     builder.AddSystem(limb)
@@ -124,17 +152,43 @@ def _run(limb: System, duty, duration: float, sample_rate: float, journal) -> Re
     if journal is not None:
         writer = add_journal(builder, journal, limb, source.get_output_port(), sample_rate)
     try:
+        if meshcat is not None:
+            _add_view(builder, limb, source.get_output_port(), meshcat, plan)
         return record(
             builder,
             limb,
             source.get_output_port(),
             duration,
+            real_time=meshcat is not None,
             sample_rate=sample_rate,
             remark=_remark(limb) if _is_robot(limb) else None,
         )
     finally:
         if writer:
             writer.close()
+
+
+def _add_view(
+    builder: DiagramBuilder,
+    limb: System,
+    duty: OutputPort,
+    meshcat: Meshcat,
+    plan: Trajectory | None,
+) -> None:
+    """Shows a limb as it is measured; its joint angles follow from the bend angle by eqn (11)."""
+    angles = joint_angles_from_bend_angle(
+        limb.parameters, np.eye(limb.GetOutputPort("bend_angle").size())
+    )
+    joint_state = builder.AddSystem(MatrixGain(np.vstack([angles, np.zeros_like(angles)])))
+    # At the period of the robot, which was added before: its command leaves first.
+    view = builder.AddSystem(
+        LimbVisualizer(limb.parameters, meshcat, plan, publish_period=REAL_TIME_STEP)
+    )
+    builder.Connect(limb.GetOutputPort("bend_angle"), joint_state.get_input_port())
+    builder.Connect(joint_state.get_output_port(), view.GetInputPort("joint_state"))
+    measured = limb.GetOutputPort("measured_temperature")
+    builder.Connect(measured, view.GetInputPort("wire_temperature"))
+    builder.Connect(duty, view.GetInputPort("duty"))
 
 
 def _remark(limb: System):

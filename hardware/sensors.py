@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort, System
 
 from limb_systems.ownership import weak_method
@@ -44,8 +45,8 @@ class SampledSensor(LeafSystem):
         period: float,
         step: float,
         *,
-        noise: float = 0.0,
-        drift: float = 0.0,
+        noise: ArrayLike = 0.0,
+        drift: ArrayLike = 0.0,
         drift_time: float = 1.0,
         response: Callable[[np.ndarray], np.ndarray] = np.asarray,
         generator: np.random.Generator | None = None,
@@ -55,14 +56,15 @@ class SampledSensor(LeafSystem):
             size: of the signal.
             period: s between samples.
             step: quantization q, in the unit of the signal.
-            noise: standard deviation σ of each sample, in the unit of the signal.
-            drift: standard deviation δ of the drift, in the unit of the signal.
+            noise: standard deviation σ of each sample, for all or for each (size),
+                in the unit of the signal.
+            drift: standard deviation δ of the drift, likewise.
             drift_time: correlation time τ of the drift, s.
             response: what the sensor reads for a signal, r; exact by default.
             generator: of noise and drift; the seed 0 if None.
         """
         super().__init__()
-        self._noise, self._drift, self._step = noise, drift, step
+        self._noise, self._drift, self._step = np.asarray(noise), np.asarray(drift), step
         self._memory = np.exp(-period / drift_time)
         self._response = response
         self._generator = generator or np.random.default_rng(0)
@@ -93,7 +95,10 @@ def add_sensors(
     bend_angle: OutputPort,
     generator: np.random.Generator,
     bend_rate: float,
+    *,
     bend_response: Callable[[np.ndarray], np.ndarray] = np.asarray,
+    bend_noise: ArrayLike = BEND_NOISE,
+    bend_drift: ArrayLike = BEND_DRIFT,
 ) -> None:
     """Adds the robot's sensors and exports what they read.
 
@@ -107,6 +112,7 @@ def add_sensors(
         generator: of noise and drift.
         bend_rate: at which bend sensors are read, Hz.
         bend_response: what they read for φ, rad.
+        bend_noise, bend_drift: their standard deviations, rad.
     """
     thermocouple = builder.AddNamedSystem(
         "thermocouple",
@@ -124,8 +130,8 @@ def add_sensors(
             bend_angle.size(),
             1 / bend_rate,
             BEND_STEP,
-            noise=BEND_NOISE,
-            drift=BEND_DRIFT,
+            noise=bend_noise,
+            drift=bend_drift,
             drift_time=BEND_DRIFT_TIME,
             response=bend_response,
             generator=generator,

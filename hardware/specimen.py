@@ -31,7 +31,10 @@ import dataclasses
 
 import numpy as np
 
-from limb_systems import LimbParameters, joint_angles_from_bend_angle
+from hardware.sensors import BEND_DRIFT, BEND_NOISE
+from limb_systems import LimbError, LimbParameters, joint_angles_from_bend_angle
+
+EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -85,6 +88,7 @@ class SegmentPhysics:
     - ``rest_angle``: bend angle at rest, rad.
     - ``sensor_gain``: slope of the bend sensor at zero.
     - ``sensor_curvature``: share of the reading that is lost or gained at 45°.
+    - ``sensor_noise``, ``sensor_drift``: standard deviations, rad.
     """
 
     stiffness: float
@@ -95,6 +99,8 @@ class SegmentPhysics:
     rest_angle: float
     sensor_gain: float
     sensor_curvature: float
+    sensor_noise: float
+    sensor_drift: float
 
 
 class Specimen:
@@ -108,6 +114,7 @@ class Specimen:
     - ``state``: of each part of the emulation when it ran last, by name;
       empty for a limb that was never used.
     - ``generator``: of the sensors' noise, which runs on.
+    - ``absent``: the effects that were taken out, see `without`.
     """
 
     def __init__(self, description: LimbParameters, seed: int):
@@ -116,6 +123,7 @@ class Specimen:
         generator = np.random.default_rng(draw_seed)
         self.description = copy.deepcopy(description)
         self.seed = seed
+        self.absent: tuple[str, ...] = ()
         self.generator = np.random.default_rng(noise_seed)
         self.state: dict[str, np.ndarray] = {}
         self.segments = [_draw_segment(generator.uniform, s) for s in description.segments]
@@ -123,6 +131,33 @@ class Specimen:
         rise = limits.maximum - description.ambient_temperature
         self.wires = [_draw_wire(generator.uniform, wire, rise) for wire in description.wires]
         self.ambient = description.ambient_temperature + generator.uniform(-3.0, 3.0)  # °C, ours
+
+    def without(self, *effects: str) -> "Specimen":
+        """This limb as it is now, its noise to come included, but for some of its effects.
+
+        Args:
+            effects: any of
+
+                - "hysteresis": heating and cooling follow one curve, midway;
+                - "silicone": the second thermal mass stays at the temperature
+                  of the room;
+                - "stress": no latent heat, nor does stress or strain change
+                  the transformation; torque is an S-curve of temperature;
+                - "rubber": it is linear and rests straight;
+                - "bend sensor": it reads the bend angle but for its steps.
+
+        Raises:
+            LimbError: if there is no such effect.
+        """
+        specimen = copy.deepcopy(self)
+        for effect in effects:
+            if effect not in EFFECTS:
+                raise LimbError(f"{effect!r} is none of the effects {', '.join(EFFECTS)}.")
+            specimen.wires = [_wire_without(effect, wire) for wire in specimen.wires]
+            changes = _SEGMENT_WITHOUT.get(effect, {})
+            specimen.segments = [dataclasses.replace(s, **changes) for s in specimen.segments]
+        specimen.absent += effects
+        return specimen
 
     def rest_angles(self) -> np.ndarray:
         """Joint angles of the limb when it was never used (n,), rad, by eqn (11)."""
@@ -174,4 +209,39 @@ def _draw_segment(uniform, segment) -> SegmentPhysics:
         rest_angle=np.deg2rad(uniform(-2.0, 2.0)),  # ours
         sensor_gain=uniform(0.97, 1.03),  # with the sensors' noise and drift the
         sensor_curvature=uniform(-0.03, 0.03),  # 2° that the paper saw in use [paper, VII]
+        sensor_noise=BEND_NOISE,
+        sensor_drift=BEND_DRIFT,
     )
+
+
+def _wire_without(effect: str, wire: WirePhysics) -> WirePhysics:
+    middle = (wire.austenite + wire.martensite) / 2
+    width = (wire.austenite_width + wire.martensite_width) / 2
+    changes = {
+        "hysteresis": {
+            "austenite": middle,
+            "martensite": middle,
+            "austenite_width": width,
+            "martensite_width": width,
+        },
+        "silicone": {"silicone_share": 0.0},
+        "stress": {
+            "latent_heat": 0.0,
+            "stress_shift": 0.0,
+            "modulus_ratio": 1.0,
+            "strain_relief": 0.0,
+            "expansion": 0.0,
+        },
+    }
+    return dataclasses.replace(wire, **changes.get(effect, {}))
+
+
+_SEGMENT_WITHOUT = {
+    "rubber": {"stiffening": 0.0, "viscous_share": 0.0, "rest_angle": 0.0},
+    "bend sensor": {
+        "sensor_gain": 1.0,
+        "sensor_curvature": 0.0,
+        "sensor_noise": 0.0,
+        "sensor_drift": 0.0,
+    },
+}

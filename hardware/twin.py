@@ -79,7 +79,7 @@ class LimbTwin(Diagram):
         super().__init__()
         specimen = specimen or Specimen(parameters or LimbParameters(), seed)
         self.specimen, self.parameters = specimen, copy.deepcopy(specimen.description)
-        self.source = f"emulated limb, seed {specimen.seed}"
+        self.source = ", without ".join([f"emulated limb, seed {specimen.seed}", *specimen.absent])
         mechanics, num_joints = specimen.mechanics(), self.parameters.num_joints
 
         builder = DiagramBuilder()
@@ -119,7 +119,9 @@ class LimbTwin(Diagram):
             bend_angle.get_output_port(),
             specimen.generator,
             bend_rate,
-            _bend_response(specimen.segments),
+            bend_response=_bend_response(specimen.segments),
+            bend_noise=[segment.sensor_noise for segment in specimen.segments],
+            bend_drift=[segment.sensor_drift for segment in specimen.segments],
         )
         parts = {
             "joints": joint_state,

@@ -1,9 +1,10 @@
-"""Pictures of plans and rollouts, as in the paper's Figs. 5 and 6."""
+"""Pictures of plans and rollouts, as in the paper's Figs. 5 and 6, and how all pictures look."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from limb_systems.recording import Recording
@@ -12,6 +13,7 @@ from limb_systems.trajectory import Trajectory
 LEFT_RIGHT_COLORS = ("#1f9bb4", "#e07b1f")  # cyan and orange, as in the paper
 REFERENCE_COLOR, PLAN_COLOR, ROLLOUT_COLOR = "0.6", "#1f4fd8", "#c2268f"
 BAND = 1.96  # standard deviations that hold 95% of the rollouts
+WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
 
 
 def plot_tracking(
@@ -28,23 +30,39 @@ def plot_tracking(
         recordings: of rollouts of this plan, all with the same sample rate.
     """
     num_segments = len(trajectory.parameters.segments)
-    figure = Figure(figsize=(9, 3.2 + 2.4 * (num_segments + 1)), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 3.6 + 2.4 * num_segments), layout="constrained")
     axes = figure.subplots(
-        num_segments + 2, 1, sharex=True, height_ratios=[1.6] * num_segments + [1.3, 1.0]
+        num_segments + 2, 1, sharex=True, height_ratios=[1.6] * num_segments + [1.4, 1.0]
     )
     for segment in range(num_segments):
         _plot_bend_angle(axes[segment], trajectory, recordings, segment)
     _plot_temperatures(axes[-2], trajectory, recordings)
     _plot_duty(axes[-1], trajectory)
     for axis in axes:
-        axis.grid(alpha=0.25)
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+        dress(axis)
     axes[-1].set_xlabel("time (s)")
     axes[-1].set_xlim(trajectory.time[0], trajectory.time[-1])
     if title:
         figure.suptitle(title, fontsize=11)
     return figure
+
+
+def dress(axis: Axes) -> None:
+    """Gives a panel the look of all others: a light grid, and its legend above it."""
+    axis.grid(alpha=0.25)
+    axis.spines[["top", "right"]].set_visible(False)
+    num_entries = len(axis.get_legend_handles_labels()[1])
+    if not num_entries:
+        return
+    axis.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=num_entries if num_entries <= 3 else (num_entries + 1) // 2,
+        frameon=False,
+        fontsize=8.5,
+        borderaxespad=0.2,
+        columnspacing=1.5,
+    )
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
@@ -79,35 +97,35 @@ def _plot_bend_angle(axis, trajectory, recordings, segment: int) -> None:
 
 def _plot_temperatures(axis, trajectory, recordings) -> None:
     limits = trajectory.parameters.temperature_limits
-    for index, name in enumerate(trajectory.parameters.wire_names):
-        color = LEFT_RIGHT_COLORS[index % 2]
-        if recordings:
+    wires = list(enumerate(trajectory.parameters.wire_names))
+    if recordings:
+        for index, name in wires:
             measured = [recording.measured_temperature[index] for recording in recordings]
+            color = LEFT_RIGHT_COLORS[index % 2]
             _plot_band(axis, recordings[0].time, measured, color, f"{name}, V measured")
-        axis.plot(
-            trajectory.time,
-            trajectory.measured_temperature[index],
-            color=color,
-            linewidth=1.4,
-            linestyle="--",
-            label=f"{name}, V* planned",
-        )
-        axis.plot(
-            trajectory.time,
-            trajectory.wire_temperature[index],
-            color=color,
-            linewidth=0.8,
-            linestyle=":",
-            label=f"{name}, T* planned",
-        )
+    for what, course, style, width in (
+        ("V* planned", trajectory.measured_temperature, "--", 1.4),
+        ("T* planned", trajectory.wire_temperature, ":", 0.8),
+    ):
+        for index, name in wires:
+            axis.plot(
+                trajectory.time,
+                course[index],
+                color=LEFT_RIGHT_COLORS[index % 2],
+                linewidth=width,
+                linestyle=style,
+                label=f"{name}, {what}",
+            )
     end = trajectory.time[-1]
-    for name, limit, start in (
-        (r"$T_{max}$", limits.maximum, trajectory.time[0]),
-        (r"$T_{warm}$", limits.warm, limits.warm_up_time),
+    for name, limit, start, offset in (
+        (r"$T_{max}$", limits.maximum, trajectory.time[0], -12),
+        (r"$T_{warm}$", limits.warm, limits.warm_up_time, 4),
     ):
         if start < end:
             axis.plot([start, end], [limit, limit], color="0.4", linewidth=0.8)
-            axis.annotate(name, (end, limit), (-30, -11), textcoords="offset points")
+            axis.annotate(
+                name, (trajectory.time[0], limit), (3, offset), textcoords="offset points"
+            )
     axis.set_ylabel("temperature (°C)")
 
 

@@ -94,6 +94,7 @@ def record(
     reference: OutputPort | None = None,
     until: Callable[[Context], bool] | None = None,
     remark: Callable[[Context], str] | None = None,
+    real_time: bool = False,
     sample_rate: float = 20.0,
     accuracy: float | None = None,
     initial_state: ArrayLike | None = None,
@@ -111,6 +112,7 @@ def record(
         reference: the bend angle that is asked for (S), rad, to be recorded.
         remark: what to show of the diagram's context while it runs.
         until: of the diagram's context; the recording ends when it holds.
+        real_time: whether any other system is, too, as when somebody watches.
         sample_rate, accuracy, initial_state: as for `simulate`.
 
     Raises:
@@ -138,7 +140,8 @@ def record(
     num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
     # Drake's clock ticks at multiples of the period, which round their own way.
     end = max(duration, (num_samples - 1) * (1 / sample_rate))
-    _advance(simulator, end, until, remark, getattr(system, "real_time", False))
+    real_time = real_time or getattr(system, "real_time", False)
+    _advance(simulator, end, until, remark, real_time)
 
     signals = {name: sink.FindLog(context).data() for name, sink in sinks.items()}
     clipped = np.clip(signals["duty"], 0.0, 1.0)

@@ -164,26 +164,16 @@ class TrajectoryProgram:
 
     def _add_cost(self) -> None:
         """(15); `update` fills in the reference."""
-        n, num_wires = self.parameters.num_joints, len(self.parameters.wires)
-        angle_weights, duty_weights = self.task.weights(self.times)
-        angle_weights[-1] *= self.task.terminal_factor
-        energy = self.task.energy_weight * self.task.shares(self.times)
+        n = self.parameters.num_joints
         self._angle_costs = []
-        for k, (angle_weight, duty_weight) in enumerate(
-            zip(angle_weights, duty_weights, strict=True)
-        ):
+        angle_weights, _ = self.task.weights(self.times)
+        for angles, angle_weight in zip(self._states[:, :n], angle_weights, strict=True):
             weights = np.full(n, angle_weight)
             binding = self.prog.AddQuadraticCost(
-                np.diag(weights), np.zeros(n), self._states[k, :n], is_convex=True
+                np.diag(weights), np.zeros(n), angles, is_convex=True
             )
             self._angle_costs.append((binding, weights))
-            if k < len(self.times) - 1:
-                self.prog.AddQuadraticCost(
-                    duty_weight * np.eye(num_wires),
-                    np.full(num_wires, energy[k]),
-                    self._duty[k],
-                    is_convex=True,
-                )
+        add_duty_cost(self.prog, self.times, self._duty, self.task)
 
     def _add_limits_of_motion(self) -> None:
         task, prog = self.task, self.prog
@@ -294,6 +284,23 @@ class DefectBlock:
     def _arguments(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         program = self._program
         return x[program.states], x[program.duty], x[program.time_steps]
+
+
+def add_duty_cost(
+    prog: MathematicalProgram, times: np.ndarray, duty: np.ndarray, task: Task
+) -> None:
+    """The terms of (15) in the duty, and the task's energy.
+
+    Args:
+        times: of the knots (N,), s.
+        duty: decision variables (N, W).
+    """
+    _, weights = task.weights(times)
+    energy = task.energy_weight * task.shares(times)
+    num_wires = duty.shape[1]
+    for k in range(len(times) - 1):
+        quadratic, linear = weights[k] * np.eye(num_wires), np.full(num_wires, energy[k])
+        prog.AddQuadraticCost(quadratic, linear, duty[k], is_convex=True)
 
 
 def add_thermal_limits(

@@ -17,7 +17,7 @@ from pydrake.solvers import (
 from limb_systems import LimbParameters, joint_angles_from_bend_angle, torque_matrix
 from limb_systems.errors import LimbError
 from planners.defects import linear_defect_terms
-from planners.program import add_thermal_limits
+from planners.program import add_duty_cost, add_thermal_limits
 from planners.task import Task
 
 
@@ -121,21 +121,13 @@ def solve_quasi_static(
     to_angles = compliance @ torque_matrix(parameters)  # θ = K⁻¹ f(T), eqns (2), (4)
     cold = rest_angles - to_angles @ np.full(num_wires, ambient)
     target = joint_angles_from_bend_angle(parameters, reference) - cold[:, None]
-    angle_weights, duty_weights = task.weights(times)
-    angle_weights[-1] *= task.terminal_factor
-    energy = task.energy_weight * task.shares(times)
+    angle_weights, _ = task.weights(times)
     for k in range(num_knots):
         weighted = angle_weights[k] * to_angles.T
         prog.AddQuadraticCost(
             weighted @ to_angles, -weighted @ target[:, k], wire[k], is_convex=True
         )
-        if k < num_knots - 1:
-            prog.AddQuadraticCost(
-                duty_weights[k] * np.eye(num_wires),
-                np.full(num_wires, energy[k]),
-                duty[k],
-                is_convex=True,
-            )
+    add_duty_cost(prog, times, duty, task)
     prog.AddBoundingBoxConstraint(initial_temperature, initial_temperature, wire[0])
     add_thermal_limits(prog, parameters, times, wire, duty, task, warm_up_time)
 

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from limb_systems import Trajectory
+from limb_systems.plots import WIDTH, dress
 from planners.defects import TEMPERATURE_SCALE
 from planners.program import TrajectoryProgram
 
@@ -78,7 +79,7 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
     n, num_wires = parameters.num_joints, len(parameters.wires)
     program = TrajectoryProgram(parameters, time)
     x = program.variables(trajectory.state, trajectory.duty)
-    figure = Figure(figsize=(9, 9), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 8.5), layout="constrained")
     defects_axis, room_axis, jacobian_axis = figure.subplots(3, 1, height_ratios=[1, 1, 1.3])
 
     defects = np.abs(program.defects_of(x))
@@ -86,8 +87,7 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
     for label, rows in zip(("θ", "θ̇", "T", "V"), np.split(defects, sizes), strict=True):
         largest = np.maximum(rows.max(axis=0), 1e-17)
         defects_axis.semilogy(time[:-1], largest, linewidth=1.0, label=f"largest of {label}")
-    defects_axis.set_ylabel("scaled defect")
-    defects_axis.set_title("Violation of the dynamics (17)", fontsize=10)
+    defects_axis.set_ylabel("violation of the\ndynamics (17), scaled")
 
     limits = parameters.temperature_limits
     for index, name in enumerate(parameters.wire_names):
@@ -100,13 +100,11 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
         room = np.minimum(low, limits.maximum - wire) / TEMPERATURE_SCALE
         room_axis.plot(time, room, "--", color=color, linewidth=1.0, label=f"T {name}")
     room_axis.axhline(0.0, color="0.4", linewidth=0.8)
-    room_axis.set_ylabel("scaled distance")
-    room_axis.set_title("Distance to the nearer bound (18)-(20)", fontsize=10)
+    room_axis.set_ylabel("distance to bounds\n(18)-(20), scaled")
     for axis in (defects_axis, room_axis):
         axis.set_xlim(time[0], time[-1])
         axis.set_xlabel("time (s)")
-        axis.grid(alpha=0.25)
-        axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+        dress(axis)
 
     if program.defects is not None:
         shown = program.defects.rows < SHOWN_INTERVALS * (2 * n + 2 * num_wires)

@@ -96,7 +96,7 @@ class Task:
             raise TaskError("phases must come in the order of their start.")
 
     def weights(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Q and R at the knots, each (N,), without the terminal factor.
+        """Q and R at the knots, each (N,); the last Q is Q_N, and the last R counts for nothing.
 
         (15) is a sum over knots. Where knots are closer than the widest
         spacing they weigh accordingly less, so that the sum stays the same
@@ -107,6 +107,7 @@ class Task:
         for phase in self.phases:
             angle[times >= phase.start] = phase.angle_weight
             duty[times >= phase.start] = phase.duty_weight
+        angle[-1] *= self.terminal_factor
         share = self.shares(times)
         return angle * share, duty * share
 

@@ -1,15 +1,22 @@
 """The examples and the README's script run as a newcomer runs them."""
 
+import ast
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.signal import lsim
 
 from limb_systems import LimbParameters, Recording, Trajectory
 
 ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+LONGER = {"reproduce_paper.py"}  # the paper's evaluation, end to end
+SHORT = sorted(path for path in EXAMPLES.glob("*.py") if path.name not in LONGER)
+PNG = b"\x89PNG"
 
 
 def run(arguments, folder):
@@ -18,40 +25,161 @@ def run(arguments, folder):
     )
 
 
+def wire_temperature(trajectory):
+    """(6), integrated without the planner, from ambient temperature: T (W, K), °C."""
+    excess = [
+        lsim(([wire.a2], [1.0, -wire.a1]), duty, trajectory.time)[1]
+        for wire, duty in zip(trajectory.parameters.wires, trajectory.duty, strict=True)
+    ]
+    return trajectory.parameters.ambient_temperature + np.array(excess)
+
+
+def equilibrium_angle(segment, temperature):
+    """φ (K,) in degrees, at which the springs of a segment hold the torque of its wires (12)."""
+    left, right = temperature - LimbParameters().ambient_temperature
+    torque = segment.right.beta * right - segment.left.beta * left
+    return np.rad2deg((segment.links + 1) / 2 * torque / segment.stiffness)
+
+
+@pytest.mark.parametrize("path", SHORT, ids=lambda path: path.name)
+def test_example_is_short_and_says_how_to_run_it(path):
+    text = path.read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 60
+    assert f"python examples/{path.name}" in ast.get_docstring(ast.parse(text))
+
+
+def test_readme_lists_every_example():
+    readme = (EXAMPLES / "README.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| \[(\w+\.py)\]\(\1\)", readme, re.MULTILINE)
+    assert sorted(listed) == sorted(path.name for path in EXAMPLES.glob("*.py"))
+    commands = re.findall(r"`python examples/(\w+\.py)", readme)
+    assert set(listed) <= set(commands)
+
+
 def test_compose_diagram(tmp_path):
     """(12): the bend of the equilibrium temperature, T0 - a2/a1 D = 82 °C."""
-    said = run([ROOT / "examples/compose_diagram.py"], tmp_path).stdout
+    said = run([EXAMPLES / "compose_diagram.py"], tmp_path).stdout
     angle = float(re.search(r"60 s: (.*)°", said)[1])
     assert angle == pytest.approx(3 * 4.7e-4 / 0.1246 * 57.14 * 57.296, rel=0.02)
 
 
-def test_plan_and_replay(tmp_path):
-    done = run([ROOT / "examples/plan_and_replay.py", tmp_path], tmp_path)
-    assert "mean tracking error on the emulated limb" in done.stdout
-    assert done.stderr == ""
-    Trajectory.load(tmp_path / "my_trajectory.csv")
-    Recording.load(tmp_path / "my_recording.csv")
-    assert (tmp_path / "my_plan.png").stat().st_size > 10_000
+def test_own_limb(tmp_path):
+    """Sag and first mode of small angles, and (12) with one wire at T_max."""
+    said = run([EXAMPLES / "own_limb.py", "-o", tmp_path], tmp_path).stdout
+    sag, left, right, mode = map(float, re.findall(r"(-?\d+\.\d)(?:°| Hz)", said))
+    limb = LimbParameters.load(EXAMPLES / "own_limb.yaml")
+    (segment,) = limb.segments
+    heat = limb.temperature_limits.maximum - limb.ambient_temperature
+    for angle, beta in ((left, -segment.left.beta), (right, segment.right.beta)):
+        bend = (segment.links + 1) / 2 * beta * heat / segment.stiffness
+        assert angle == pytest.approx(np.rad2deg(bend), abs=0.06)
+
+    n = segment.links
+    weight = segment.mass * 9.81 * segment.length
+    joints = weight * np.arange(n, 0, -1) ** 2 / (2 * n**2 * segment.stiffness)
+    ends = np.append(0.0, np.cumsum(np.cumsum(joints)) * segment.length / n)
+    assert -sag == pytest.approx(np.rad2deg(ends[-1] / segment.length), rel=0.05)
+    centres = (ends[1:] + ends[:-1]) / 2
+    rayleigh = np.sqrt(9.81 * centres.sum() / (centres**2).sum()) / (2 * np.pi)
+    assert mode == pytest.approx(rayleigh, rel=0.05)
+    assert (tmp_path / "own_limb.png").read_bytes().startswith(PNG)
 
 
-def test_demo_leaves_what_it_promises(tmp_path):
-    done = run([ROOT / "examples/demo.py", tmp_path / "out"], tmp_path)
-    assert all(line.startswith("simulating: ") for line in done.stderr.splitlines())
-    assert "emulated" in done.stdout
-    out = tmp_path / "out"
-    limb = LimbParameters.load(out / "limb.yaml")
-    assert limb != LimbParameters()
-    trajectory = Trajectory.load(out / "trajectory.csv")
-    assert trajectory.parameters == limb
-    assert len(list((out / "recordings").iterdir())) == 16
-    assert b"</html>" in (out / "calibration.html").read_bytes()
-    assert trajectory.check.failure() is None
-    for number in range(1, 6):
-        assert Recording.load(out / f"rollout_{number}.csv").time[-1] == pytest.approx(60.0)
-    assert Recording.load(out / "serial.csv").time[-1] == pytest.approx(5.0)
-    for name in ("fig4.png", "fig5.png"):
-        assert (out / name).read_bytes().startswith(b"\x89PNG")
-    assert b"</html>" in (out / "replay.html").read_bytes()
+def test_own_limb_answers_a_mistake_with_one_sentence(tmp_path):
+    text = (EXAMPLES / "own_limb.yaml").read_text(encoding="utf-8")
+    (tmp_path / "mine.yaml").write_text(text.replace("stiffness", "stifness"), encoding="utf-8")
+    with pytest.raises(subprocess.CalledProcessError) as caught:
+        run([EXAMPLES / "own_limb.py", "mine.yaml"], tmp_path)
+    assert re.fullmatch(r"error: mine.yaml: segments\[0\].stifness is .*\.\n", caught.value.stderr)
+
+
+def test_own_reference(tmp_path):
+    """The plan keeps (6) and is near the equilibria of (12), as it is slow."""
+    said = run([EXAMPLES / "own_reference.py"], tmp_path).stdout
+    assert "written" in said
+    trajectory = Trajectory.load(tmp_path / "out/own_plan.csv")
+    heated = wire_temperature(trajectory)
+    np.testing.assert_allclose(trajectory.wire_temperature, heated, atol=0.05)
+    bend = equilibrium_angle(trajectory.parameters.segments[0], heated)
+    np.testing.assert_allclose(np.rad2deg(trajectory.bend_angle[0]), bend, atol=0.5)
+    drawn = np.loadtxt(tmp_path / "out/own_reference.csv", delimiter=",")
+    assert np.abs(drawn[:, 1]).max() == pytest.approx(20.0, abs=0.1)
+    assert (tmp_path / "out/own_plan.png").read_bytes().startswith(PNG)
+
+
+def test_own_reference_of_a_file_and_for_a_limb(tmp_path):
+    (tmp_path / "mine.csv").write_text("0, 0\n20, 0\n30, 12\n40, 12\n", encoding="utf-8")
+    limb = EXAMPLES / "own_limb.yaml"
+    run([EXAMPLES / "own_reference.py", "mine.csv", "-l", limb, "-o", "mine"], tmp_path)
+    trajectory = Trajectory.load(tmp_path / "mine/own_plan.csv")
+    assert trajectory.parameters == LimbParameters.load(limb)
+    resting = trajectory.time > 34.0
+    np.testing.assert_allclose(np.rad2deg(trajectory.bend_angle[0, resting]), 12.0, atol=0.5)
+
+
+def test_plan_export_replay(tmp_path):
+    """The heated wire alone gets hot, about as (6) says, and bends the limb to its side."""
+    said = run([EXAMPLES / "plan_export_replay.py", "-o", tmp_path], tmp_path).stdout
+    assert re.search(r"recorded +limb twin0000 on .*, emulated: 121 samples", said)
+    trajectory = Trajectory.load(tmp_path / "plan.csv")
+    recording = Recording.load(tmp_path / "replay.csv")
+    asked = [np.interp(recording.time, trajectory.time, duty) for duty in trajectory.duty]
+    np.testing.assert_allclose(recording.duty, asked, atol=0.01)
+    left, right = recording.measured_temperature
+    assert np.ptp(left) < 3.0
+    expected = np.ptp(wire_temperature(trajectory)[1])
+    assert 0.5 * expected < np.ptp(right) < expected
+    assert np.rad2deg(recording.bend_angle[0, -20:].mean()) > 8.0
+    assert (tmp_path / "replay.png").read_bytes().startswith(PNG)
+
+
+def test_calibrate_from_csv(tmp_path):
+    """k holds the limb at its sag, by the statics of small angles."""
+    said = run([EXAMPLES / "calibrate_from_csv.py", "-o", tmp_path], tmp_path).stdout
+    limb = LimbParameters.load(tmp_path / "limb.yaml")
+    (segment,) = limb.segments
+    logs = [
+        np.genfromtxt(path, delimiter=",", names=True)
+        for path in (tmp_path / "emulated_log").glob("sag*.csv")
+    ]
+    sag = -np.deg2rad(np.mean([log["degrees"][-100:] for log in logs]))
+    cubes = (np.arange(segment.links) + 1.0) ** 3
+    weight = segment.mass * 9.81 * segment.length
+    stiffness = weight * cubes.sum() / (2 * segment.links**3 * sag)
+    assert segment.stiffness == pytest.approx(stiffness, rel=0.05)
+    assert limb.ambient_temperature == pytest.approx(
+        np.mean([log["temp_l"] for log in logs]), abs=2
+    )
+    assert float(re.search(r"φ_sim\|: mean (.*?)°", said)[1]) < 10.0
+    assert "emulated_log" in said
+    assert b"</html>" in (tmp_path / "calibration.html").read_bytes()
+
+
+def test_custom_controller(tmp_path):
+    said = run([EXAMPLES / "custom_controller.py", "-o", tmp_path], tmp_path).stdout
+    open_loop, closed_loop = map(float, re.findall(r"emulated limbs (.*)°", said))
+    assert closed_loop < 0.75 * open_loop
+    for name in ("open_loop", "closed_loop"):
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
+
+
+def test_two_segments(tmp_path):
+    """Without gravity the springs of each segment hold the torque of its own wires (12)."""
+    said = run([EXAMPLES / "two_segments.py", "-o", tmp_path], tmp_path).stdout
+    errors = [float(error) for error in re.findall(r"simulated within (.*)° of the plan\n", said)]
+    assert len(errors) == 2
+    assert max(errors) < 0.1
+    recording = Recording.load(tmp_path / "two_segments.csv")
+    for time, angles in ((28.0, (15.0, -15.0)), (38.0, (15.0, 20.0))):
+        now = np.searchsorted(recording.time, time)
+        np.testing.assert_allclose(np.rad2deg(recording.bend_angle[:, now]), angles, atol=1.0)
+    wires = np.split(recording.wire_temperature, 2)
+    for segment, wire, angle in zip(
+        recording.parameters.segments, wires, recording.bend_angle, strict=True
+    ):
+        np.testing.assert_allclose(np.rad2deg(angle), equilibrium_angle(segment, wire), atol=0.5)
+    assert (tmp_path / "two_segments.png").read_bytes().startswith(PNG)
+    assert b"</html>" in (tmp_path / "two_segments.html").read_bytes()
 
 
 def test_readme_script_is_the_example():

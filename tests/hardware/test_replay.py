@@ -2,11 +2,13 @@
 
 import dataclasses
 import json
+import time
 
 import numpy as np
 import pytest
+from pydrake.geometry import Meshcat, MeshcatParams
 
-from hardware import LimbTwin, ReplayError, replay
+from hardware import LimbTwin, ReplayError, replay, watch
 from hardware.__main__ import main
 from hardware.sensors import SensedLimb
 from limb_systems import Limb, LimbError, LimbParameters, Recording
@@ -80,6 +82,59 @@ def test_a_plan_that_failed_its_check_is_refused(fig5_plan):
     check = dataclasses.replace(fig5_plan.check, largest_difference_deg=0.5)
     with pytest.raises(ReplayError, match="failed its check"):
         replay(dataclasses.replace(fig5_plan, check=check), LimbTwin())
+
+
+@pytest.fixture
+def meshcat():
+    return Meshcat(MeshcatParams(host="localhost", port=0))
+
+
+def last_numbers(message: bytes, count: int) -> np.ndarray:
+    """With which a message to the browser ends: MessagePack, a tag and eight bytes for each."""
+    return np.frombuffer(message[-9 * count :], [("tag", "u1"), ("value", ">f8")])["value"]
+
+
+def beginning(trajectory, num_knots):
+    """The first knots of a trajectory."""
+    signals = ("time", "reference", "duty", "joint_state", "wire_temperature")
+    signals = {name: getattr(trajectory, name) for name in (*signals, "measured_temperature")}
+    parts = {name: signal[..., :num_knots] for name, signal in signals.items()}
+    return dataclasses.replace(trajectory, **parts)
+
+
+def test_replay_that_is_shown_is_in_real_time_and_the_same(fig5_plan, meshcat):
+    trajectory = beginning(fig5_plan, 11)
+    start = time.monotonic()
+    recording = replay(trajectory, LimbTwin(seed=1), meshcat=meshcat)
+    assert 1.0 <= time.monotonic() - start < 3.0
+    unseen = replay(trajectory, LimbTwin(seed=1))
+    np.testing.assert_allclose(recording.duty, unseen.duty, atol=1e-9)
+    np.testing.assert_allclose(recording.bend_angle, unseen.bend_angle, atol=np.deg2rad(0.2))
+    # Each joint turns by 2 φ / (n + 1), eqn (11): the last link by 10/6 φ.
+    matrix = last_numbers(meshcat._GetPackedTransform("visualizer/limb/link_5"), 16)
+    turned = np.arctan2(matrix[1], matrix[0])  # column by column
+    assert turned == pytest.approx(10 / 6 * recording.bend_angle[0, -1], abs=1e-9)
+    # The bar of a wire is a fraction of duty high.
+    scale = last_numbers(meshcat._GetPackedProperty("duty/right/fill", "scale"), 3)
+    assert scale[1] == pytest.approx(fig5_plan.duty[1, 10])
+    assert meshcat.HasPath("ghosts/plan/link_1")
+
+
+def test_two_segments_are_watched_and_shown(two_segments, meshcat):
+    recording = watch(LimbTwin(two_segments), 0.2, meshcat=meshcat)
+    assert recording.bend_angle.shape == (2, 5)
+    assert meshcat.HasPath("visualizer/limb/link_5")
+    assert meshcat.HasPath("duty/right_2")
+    assert not meshcat.HasPath("ghosts/plan")
+
+
+def test_command_shows_the_limb_and_says_where(fig5_plan, tmp_path, capsys):
+    beginning(fig5_plan, 6).save(tmp_path / "plan.csv")
+    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
+    assert main([*arguments, "--meshcat"]) == 0
+    assert "meshcat     http://localhost:" in capsys.readouterr().out
+    assert main(arguments) == 0
+    assert "meshcat" not in capsys.readouterr().out
 
 
 def test_command_replays_and_writes_a_recording(fig5_plan, tmp_path, capsys):

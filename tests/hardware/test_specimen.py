@@ -12,8 +12,9 @@ from pydrake.trajectories import PiecewisePolynomial
 from hardware.hand import GRIP, Hand
 from hardware.rubber import Rubber
 from hardware.specimen import Specimen
+from hardware.twin import LimbTwin
 from hardware.wires import ShapeMemoryWires
-from limb_systems import LimbParameters, bend_angle, tip_position
+from limb_systems import LimbError, LimbParameters, bend_angle, simulate, tip_position
 
 
 def specimen_with(**physics) -> Specimen:
@@ -199,3 +200,56 @@ def test_hand_does_virtual_work_across_the_chord():
         assert torque[joint] == pytest.approx(stiffness * error / 0.1 * across @ moved, rel=1e-4)
     context.SetTime(2.0)
     assert (hand.get_output_port().Eval(context) == 0).all()
+
+
+def test_without_hysteresis_heating_and_cooling_follow_one_curve():
+    def width_of_loop(specimen):
+        duty = steps([0, 300], [[0.1, 0.0], [0.0, 0.0]])
+        time, (wire, _, martensite), _ = run_wires(specimen, duty, 900)
+        heating, cooling = time <= 300.0, time > 300.5
+        on_heating = np.interp(wire[0, cooling], wire[0, heating], martensite[0, heating])
+        return np.abs(martensite[0, cooling] - on_heating).max()
+
+    specimen = Specimen(LimbParameters(), 3).without("stress")
+    assert width_of_loop(specimen) > 0.2
+    assert width_of_loop(specimen.without("hysteresis")) < 0.03
+
+
+def test_without_silicone_cooling_is_one_exponential():
+    specimen = Specimen(LimbParameters(), 3).without("silicone", "stress")
+    time, (wire, silicone, _), _ = run_wires(specimen, steps([0, 50], [[0.1, 0], [0, 0]]), 100)
+    cooling = time >= 50.0
+    rise = wire[0, cooling] - specimen.ambient
+    expected = np.exp(-(time[cooling] - 50.0) / specimen.wires[0].fast_time)
+    assert rise / rise[0] == pytest.approx(expected, abs=0.005)
+    assert silicone == pytest.approx(np.full_like(silicone, specimen.ambient))
+
+
+def test_without_stress_torque_is_the_share_that_is_transformed():
+    specimen = Specimen(LimbParameters(), 3).without("stress")
+    bent = np.concatenate([np.full(5, 0.2), np.zeros(5)])
+    _, (_, _, martensite), force = run_wires(specimen, steps([0], [[0.0, 0.1]]), 60, bent)
+    assert 0.1 < martensite[1, -1] < 0.9
+    assert force[:, -1] == pytest.approx(
+        np.full(5, specimen.wires[1].torque * (1 - martensite[1, -1]))
+    )
+
+
+def test_without_rubber_and_bend_sensor_a_cold_limb_reads_zero():
+    specimen = Specimen(LimbParameters(), 3)
+    exact = specimen.without("stress", "bend sensor")
+    crooked = simulate(LimbTwin(specimen=exact), [0.0, 0.0], 2.0)
+    rest = specimen.segments[0].rest_angle
+    assert crooked.bend_angle == pytest.approx(np.full((1, 41), rest), abs=np.deg2rad(0.051))
+    straight = simulate(LimbTwin(specimen=specimen.without("rubber", "bend sensor")), [0, 0], 2.0)
+    assert straight.bend_angle == pytest.approx(np.zeros((1, 41)), abs=1e-6)
+    assert straight.source == "emulated limb, seed 3, without rubber, without bend sensor"
+
+
+def test_without_is_a_copy_and_names_what_it_does_not_know():
+    specimen = Specimen(LimbParameters(), 3)
+    wires = list(specimen.wires)
+    assert specimen.without("hysteresis").wires != wires
+    assert specimen.wires == wires
+    with pytest.raises(LimbError, match="'friction' is none of the effects hysteresis, silicone"):
+        specimen.without("friction")

@@ -1,13 +1,16 @@
 """What a replay's page and a live view hold, read back as the browser reads it."""
 
 import base64
+import gc
 import html.parser
 import itertools
 import logging
 import re
 import socket
 import struct
+import weakref
 
+import matplotlib.colors
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, MeshcatParams
@@ -23,6 +26,7 @@ from limb_systems import (
     Recording,
     Trajectory,
     joint_angles_from_bend_angle,
+    plots,
     visualization,
 )
 from limb_systems.visualization import LimbVisualizer, wire_color, write_meshcat_replay
@@ -77,6 +81,26 @@ def properties(page: str) -> dict:
     }
 
 
+def transforms(page: str) -> dict:
+    """The last pose (4, 4) of each path relative to the path above."""
+    return {
+        command["path"]: np.array(command["matrix"]).reshape(4, 4).T
+        for command in commands(page)
+        if command["type"] == "set_transform"
+    }
+
+
+def boxes(page: str) -> dict:
+    """The sides (3,) along E1, E2 and E3 of each box, by path."""
+    return {
+        command["path"]: np.array([shape[side] for side in ("width", "height", "depth")])
+        for command in commands(page)
+        if command["type"] == "set_object"
+        for shape in command["object"]["geometries"]
+        if shape["type"] == "BoxGeometry"
+    }
+
+
 def animation(page: str) -> tuple[dict, dict, float]:
     """Tracks (frames, size) by path and property, the options, and the frame rate."""
     (command,) = (c for c in commands(page) if c["type"] == "set_animation")
@@ -115,6 +139,50 @@ def check_link_poses(tracks: dict, frame: int, parameters: LimbParameters, joint
         assert (x, y) == pytest.approx((0, 0), abs=1e-12)
         turned = np.exp(1j * direction)
         assert complex(w, z) ** 2 == pytest.approx(turned, abs=1e-9)
+
+
+def pose(tracks: dict, frame: int, path: str) -> np.ndarray:
+    """A planar pose (3, 3) in (E1, E2) that an animation gives a path."""
+    x, y, z, w = tracks[path, "quaternion"][frame]
+    assert (x, y) == pytest.approx((0, 0), abs=1e-12)
+    turn = complex(w, z) ** 2
+    matrix = np.array([[turn.real, -turn.imag, 0], [turn.imag, turn.real, 0], [0, 0, 1.0]])
+    matrix[:, 2] += [*tracks[path, "position"][frame][:2], 0]
+    return matrix
+
+
+def check_ghost(name: str, tracks: dict, frame: int, parameters: LimbParameters, joint_angles):
+    """Each link hangs on the one before, so that poses multiply along the chain."""
+    path, matrix = f"/drake/ghosts/{name}", np.eye(3)
+    for number, (origin, direction) in enumerate(link_poses(parameters, joint_angles)[:-1], 1):
+        path += f"/link_{number}"
+        matrix = matrix @ pose(tracks, frame, path)
+        np.testing.assert_allclose(matrix[:2, 2], origin[:2], atol=1e-7)
+        np.testing.assert_allclose(matrix[:2, 0], [np.cos(direction), np.sin(direction)], atol=1e-6)
+
+
+def by_equation_11(parameters: LimbParameters, bend_angle) -> np.ndarray:
+    """θ_i = 2 φ / (n + 1) of each joint."""
+    segments = zip(parameters.segments, bend_angle, strict=True)
+    return np.concatenate([np.full(s.links, 2 * angle / (s.links + 1)) for s, angle in segments])
+
+
+def make_plan(parameters: LimbParameters) -> Trajectory:
+    """A motion from 7 s to 11 s in which no joint bends like another."""
+    time = np.linspace(7.0, 11.0, 9)
+    num_joints, num_wires = parameters.num_joints, len(parameters.wires)
+    rng = np.random.default_rng(11)
+    heat = np.full((num_wires, 9), 25.0)
+    return Trajectory(
+        time=time,
+        reference=rng.uniform(-0.5, 0.5, (len(parameters.segments), 9)),
+        duty=rng.random((num_wires, 9)),
+        joint_state=rng.uniform(-0.2, 0.2, (2 * num_joints, 9)),
+        wire_temperature=heat,
+        measured_temperature=heat,
+        parameters=parameters,
+        check=PlanCheck(),
+    )
 
 
 def make_recording(parameters: LimbParameters, num_samples: int = 41, **signals) -> Recording:
@@ -241,6 +309,129 @@ def test_a_trajectory_is_cubic_between_its_knots(tmp_path):
     assert "wire temperature" in page.split('id="caption"')[1]
 
 
+def test_ghosts_of_plan_and_reference_keep_to_the_time_of_the_plan(tmp_path, two_segments):
+    plan, recording = make_plan(two_segments), make_recording(two_segments)
+    tracks, _, _ = animation(replay(tmp_path, recording, plan=plan))
+    # The recording begins 3 s after the plan, which ends 1 s later; both go on for another 1 s.
+    for frame, knot in ((0, 6), (10, 7), (20, 8), (33, 8), (40, 8)):
+        check_ghost("plan", tracks, frame, two_segments, plan.joint_angles[:, knot])
+        reference = by_equation_11(two_segments, plan.reference[:, knot])
+        check_ghost("reference", tracks, frame, two_segments, reference)
+    halfway = plan.reference[:, 6:8].mean(axis=1)
+    check_ghost("reference", tracks, 5, two_segments, by_equation_11(two_segments, halfway))
+    # Cubic between the knots: the mean, and h/8 times the difference of the rates.
+    angles, rates = plan.joint_angles[:, 6:8], plan.joint_rates[:, 6:8]
+    halfway = angles.mean(axis=1) + 0.5 / 8 * (rates[:, 0] - rates[:, 1])
+    check_ghost("plan", tracks, 5, two_segments, halfway)
+    # What was measured stays where it was measured.
+    measured = by_equation_11(two_segments, recording.bend_angle[:, 10])
+    check_link_poses(tracks, 10, two_segments, measured)
+
+
+def test_beside_a_planned_motion_a_plan_starts_with_it(tmp_path, two_segments):
+    motion, plan = make_plan(two_segments), make_plan(two_segments)
+    plan.time += 2.0
+    plan.joint_state *= 0.5
+    tracks, _, _ = animation(replay(tmp_path, motion, plan=plan))
+    for frame, knot in ((0, 0), (50, 5), (80, 8)):
+        check_ghost("plan", tracks, frame, two_segments, plan.joint_angles[:, knot])
+        check_link_poses(tracks, frame, two_segments, motion.joint_angles[:, knot])
+
+
+@pytest.mark.parametrize("make", [make_plan, make_recording])
+def test_without_a_plan_the_ghost_is_the_motion_s_own_reference(tmp_path, two_segments, make):
+    motion = make(two_segments)
+    motion.reference = np.outer([0.4, -0.3], np.sin(motion.time))
+    page = replay(tmp_path, motion, frames_per_second=20.0)
+    tracks, _, _ = animation(page)
+    step = round(20.0 * (motion.time[1] - motion.time[0]))
+    for sample in (0, 3, len(motion.time) - 1):
+        angles = by_equation_11(two_segments, motion.reference[:, sample])
+        check_ghost("reference", tracks, sample * step, two_segments, angles)
+    assert not any("ghosts/plan" in path for path, _ in tracks)
+
+
+def test_without_a_reference_there_are_no_ghosts(tmp_path, two_segments):
+    page = replay(tmp_path, make_recording(two_segments))
+    assert not any("ghosts" in path for path in boxes(page))
+    assert "reference" not in page.split('id="caption"')[1]
+
+
+def test_ghosts_coincide_with_no_face_of_the_limb_nor_of_each_other(tmp_path, two_segments):
+    """Faces in one plane flicker."""
+    page = replay(tmp_path, make_recording(two_segments), plan=make_plan(two_segments))
+    shapes, poses, heights = boxes(page), transforms(page), []
+    for path, (_, thickness, height) in shapes.items():
+        if "ghosts" in path and path.endswith(("link_1/strip", "link_1/line")):
+            top = poses[path][2, 3] + height / 2
+            heights += [top, top - height]
+            assert thickness < 0.01
+    distances = np.diff(np.sort([*heights, 0.02 / 2]))  # the limb's top
+    assert len(distances) == 8
+    assert distances.min() > 1e-4
+
+
+def test_ghosts_have_the_colours_of_the_plots_and_the_strip_is_translucent(tmp_path):
+    parameters = LimbParameters()
+    page = replay(tmp_path, make_recording(parameters), plan=make_plan(parameters))
+    found = {
+        command["path"]: command["object"]["materials"][0]
+        for command in commands(page)
+        if command["type"] == "set_object" and "ghosts" in command["path"]
+    }
+    assert len(found) == 2 * 2 * 5
+    for path, material in found.items():
+        color = plots.PLAN_COLOR if "ghosts/plan" in path else plots.REFERENCE_COLOR
+        assert f"#{material['color']:06x}" == matplotlib.colors.to_hex(color)
+        assert material["opacity"] == pytest.approx(0.5 if path.endswith("strip") else 1.0)
+        assert material["transparent"] == path.endswith("strip")
+
+
+def test_caption_names_what_is_shown_and_what_was_measured(tmp_path, two_segments, modelled):
+    plan = make_plan(two_segments)
+    both = replay(tmp_path, make_recording(two_segments), plan=plan).split('id="caption"')[1]
+    assert "measured bend angle (a test)" in both
+    assert re.search(r"--rgb: 31 79 216[^>]*></i>plan<", both)  # #1f4fd8
+    assert re.search(r"--rgb: 153 153 153[^>]*></i>reference<", both)
+    assert "duty from 0 to 1: left 1, right 1, left 2, right 2" in both
+    for motion in (plan, modelled):
+        assert "nothing measured" in replay(tmp_path, motion).split('id="caption"')[1]
+    one = replay(tmp_path, make_recording(LimbParameters())).split('id="caption"')[1]
+    assert "duty from 0 to 1: left, right<" in one
+
+
+def test_bars_are_filled_by_duty(tmp_path, two_segments):
+    rng = np.random.default_rng(3)
+    recording = make_recording(two_segments)
+    recording.duty = rng.random((4, 41))
+    recording.duty[:, :2] = [0.0, 1.0]
+    page = replay(tmp_path, recording)
+    tracks, _, _ = animation(page)
+    shapes, poses = boxes(page), transforms(page)
+    lefts = []
+    for wire, name in enumerate(["left_1", "right_1", "left_2", "right_2"]):
+        path = f"/drake/duty/{name}"
+        bar, track = shapes[f"{path}/fill/bar"], shapes[f"{path}/track"]
+        scale = tracks[f"{path}/fill", "scale"]
+        center = scale * (poses[f"{path}/fill/bar"] @ [0, 0, 0, 1])[:3]  # pushed along
+        low, high = center[:, 1] - scale[:, 1] * bar[1] / 2, center[:, 1] + scale[:, 1] * bar[1] / 2
+        np.testing.assert_allclose(high - low, recording.duty[wire] * bar[1], atol=1e-12)
+        np.testing.assert_allclose(low, 0.0, atol=1e-12)
+        # Full, the track is seen all around; it is wider by one margin.
+        middle = poses[f"{path}/track"][1, 3]
+        assert middle == pytest.approx(bar[1] / 2)
+        assert track[1] - bar[1] == pytest.approx(track[0] - bar[0])
+        assert 0 < track[1] - bar[1] < 0.1 * bar[1]
+        outline = shapes[f"{path}/outline"]
+        assert (outline[:2] > track[:2]).all()
+        x = poses[path][0, 3]
+        lefts += [x - outline[0] / 2, x + outline[0] / 2]
+    # Beside each other, and all of them left of the base, which is 6 mm deep.
+    assert (np.diff(lefts) > 0).all()
+    assert lefts[-1] < -0.006
+    assert properties(page)["/drake/duty", "visible"]
+
+
 @pytest.mark.parametrize("num_samples", [2, 15, 41, 64])
 @pytest.mark.parametrize("frames_per_second", [0.1, 7.3, 20.0, 49.0])
 def test_the_replay_lasts_as_long_as_the_recording(tmp_path, num_samples, frames_per_second):
@@ -258,14 +449,23 @@ def test_the_camera_sees_the_whole_motion_and_little_else(tmp_path, bend_angle):
     parameters = LimbParameters()
     recording = make_recording(parameters)
     recording.bend_angle *= bend_angle / recording.bend_angle.max()
-    page = replay(tmp_path, recording)
+    plan = make_plan(parameters)
+    plan.joint_state *= abs(bend_angle)
+    page = replay(tmp_path, recording, plan=plan)
     scene = properties(page)
     camera = "/Cameras/default/rotated/<object>"
     (target,) = (np.array(c["value"]) for c in commands(page) if c["type"] == "set_target")
     eye = scene[camera, "position"]
     angles = joint_angles_from_bend_angle(parameters, recording.bend_angle)
     ends = np.array([end for column in angles.T for end, _ in link_poses(parameters, column)])
+    ghosts = plan.joint_angles.T
+    ends = np.vstack([ends, *([e for e, _ in link_poses(parameters, column)] for column in ghosts)])
     points = np.vstack([ends + np.array([0, 0, height]) for height in (-0.01, 0.01)])
+    for name in ("left", "right"):
+        path = f"/drake/duty/{name}"
+        center = (transforms(page)[path] @ transforms(page)[f"{path}/outline"])[:3, 3]
+        half = boxes(page)[f"{path}/outline"] / 2
+        points = np.vstack([points, center + half, center - half])
     points = points[:, [0, 2, 1]] * [1, 1, -1]  # as three.js counts: E1, E3, -E2
     forward = (target - eye) / np.linalg.norm(target - eye)
     right = np.cross(forward, [0, 1, 0])
@@ -354,6 +554,10 @@ def test_refuses_what_cannot_be_replayed(tmp_path):
     sample = make_recording(LimbParameters(), 1)
     with pytest.raises(LimbError, match="two samples"):
         write_meshcat_replay(tmp_path / "replay.html", sample)
+    other = LimbParameters()
+    other.segments[0].links = 4
+    with pytest.raises(LimbError, match=r"plan is for a limb of 4 links, 100 mm .* of one of 5 li"):
+        replay(tmp_path, make_recording(LimbParameters()), plan=make_plan(other))
     for rate in (0.0, -20.0, np.nan, np.inf):
         with pytest.raises(LimbError, match="frames_per_second"):
             write_meshcat_replay(
@@ -395,15 +599,81 @@ def test_live_view_follows_the_limb_in_a_simulation(two_segments):
             assert opacity == 1.0
             expected = wire_color(two_segments, temperature)
             np.testing.assert_allclose(srgb(np.array(color)), expected, atol=1e-9)
-        transforms = {
-            c["path"]: np.array(c["matrix"]).reshape(4, 4).T
-            for c in commands(page)
-            if c["type"] == "set_transform"
-        }
+        poses = transforms(page)
         for number, (origin, direction) in enumerate(link_poses(two_segments, joint_angles)[:-1]):
-            matrix = transforms[f"{LIMB}/link_{number + 1}"]
+            matrix = poses[f"{LIMB}/link_{number + 1}"]
             np.testing.assert_allclose(matrix[:3, 3], origin, atol=1e-9)
             axis = [np.cos(direction), np.sin(direction), 0.0]
             np.testing.assert_allclose(matrix[:3, 0], axis, atol=1e-9)
+        assert not scene["/drake/duty", "visible"]  # it is not connected
         shown.append(heat)
     assert (shown[1] - shown[0])[[1, 2]].min() > 5.0
+
+
+def chain(poses: dict, name: str, parameters: LimbParameters) -> list[np.ndarray]:
+    """Poses (4, 4) of a live ghost's links."""
+    path, matrix, found = f"/drake/ghosts/{name}", np.eye(4), []
+    for number in range(1, parameters.num_joints + 1):
+        path += f"/link_{number}"
+        matrix = matrix @ poses[path]
+        found.append(matrix)
+    return found
+
+
+def test_live_view_shows_duty_and_ghosts_at_the_context_s_time(two_segments):
+    plan = make_plan(two_segments)
+    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    visualizer = LimbVisualizer(two_segments, meshcat, plan)
+    context = visualizer.CreateDefaultContext()
+    duty = np.array([0.1, 0.0, 1.0, 0.6])
+    visualizer.GetInputPort("joint_state").FixValue(context, np.zeros(10))
+    visualizer.GetInputPort("wire_temperature").FixValue(context, np.full(4, 25.0))
+    visualizer.GetInputPort("duty").FixValue(context, duty)
+    for time, knot in ((0.0, 0), (2.5, 5), (4.0, 8), (30.0, 8)):
+        context.SetTime(time)
+        visualizer.ForcedPublish(context)
+        page = meshcat.StaticHtml()
+        for name, angles in (
+            ("plan", plan.joint_angles[:, knot]),
+            ("reference", by_equation_11(two_segments, plan.reference[:, knot])),
+        ):
+            expected = link_poses(two_segments, angles)[:-1]
+            found = chain(transforms(page), name, two_segments)
+            for matrix, (origin, direction) in zip(found, expected, strict=True):
+                np.testing.assert_allclose(matrix[:3, 3], origin, atol=1e-9)
+                axis = [np.cos(direction), np.sin(direction), 0.0]
+                np.testing.assert_allclose(matrix[:3, 0], axis, atol=1e-9)
+        scene = properties(page)
+        assert scene["/drake/duty", "visible"]
+        for wire, name in enumerate(["left_1", "right_1", "left_2", "right_2"]):
+            assert scene[f"/drake/duty/{name}/fill", "scale"].tolist() == [1.0, duty[wire], 1.0]
+
+
+def test_a_view_replaces_the_ghosts_of_the_view_before(two_segments):
+    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    LimbVisualizer(two_segments, meshcat, make_plan(two_segments))
+    assert any("ghosts" in path for path in boxes(meshcat.StaticHtml()))
+    LimbVisualizer(two_segments, meshcat)
+    assert not any("ghosts" in path for path in boxes(meshcat.StaticHtml()))
+
+
+def test_a_live_view_of_another_limb_than_the_plan_s_is_refused(two_segments):
+    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    with pytest.raises(LimbError, match=r"2 links, .* and 3 links, .* of one of 5 links"):
+        LimbVisualizer(LimbParameters(), meshcat, make_plan(two_segments))
+
+
+def test_a_live_view_is_freed_and_its_meshcat_with_it():
+    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    builder = DiagramBuilder()
+    visualizer = builder.AddSystem(
+        LimbVisualizer(LimbParameters(), meshcat, make_plan(LimbParameters()))
+    )
+    builder.ExportInput(visualizer.GetInputPort("joint_state"))
+    diagram = builder.Build()
+    diagram.CreateDefaultContext()
+    systems = [visualizer, *visualizer.GetSystems()]
+    references = [weakref.ref(thing) for thing in (*systems, meshcat)]
+    del builder, diagram, visualizer, systems, meshcat
+    gc.collect()
+    assert [reference() for reference in references] == [None] * len(references)

@@ -1,0 +1,84 @@
+"""One limb through the whole paper: recordings, calibration, plans, rollouts."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+
+from calibration import Calibration, calibrate, collect_from_twin
+from hardware import LimbTwin, replay, watch
+from hardware.specimen import Specimen
+from limb_systems import Recording, Trajectory
+from planners import plan, references
+
+NUM_ROLLOUTS = 5
+NUM_ANGLES = 6  # equilibria of each calibration recording
+PAUSE = 300.0  # s without heat before each rollout
+SMOOTHING_TIME = 0.5  # s, of taught bend angles
+
+# What the hand moves through for the two taught motions, time in s and bend angle in degrees.
+HANDS = {"T&R 1": "hand_1.csv", "T&R 2": "hand_2.csv"}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Motion:
+    """One of the paper's three experiments.
+
+    - ``name``: as in Table I.
+    - ``taught``: what the hand did, with the wires off; None if drawn.
+    - ``trajectory``: the plan.
+    - ``rollouts``: open loop, as the sensors saw them.
+    - ``exact``: the first rollout as a sensor without errors sees it.
+    """
+
+    name: str
+    taught: Recording | None
+    trajectory: Trajectory
+    rollouts: list[Recording]
+    exact: Recording
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Experiment:
+    """A limb, its calibration and its motions.
+
+    - ``specimen``: the emulation's truth, which nothing but `error_split` looks into.
+    """
+
+    specimen: Specimen
+    recordings: dict[str, list[Recording]]
+    calibration: Calibration
+    motions: list[Motion]
+
+
+def run_experiment(specimen: Specimen, num_rollouts: int = NUM_ROLLOUTS) -> Experiment:
+    """Takes a new limb through Secs. V to VII.
+
+    Args:
+        specimen: the limb; it is used from then on.
+        num_rollouts: of each plan.
+    """
+    recordings = collect_from_twin(
+        LimbTwin(specimen=specimen), seed=specimen.seed, num_angles=NUM_ANGLES
+    )
+    calibration = calibrate(recordings)
+    motions = []
+    for name in ("Validation", *HANDS):
+        taught, reference = None, references.step_and_decaying_sine()
+        if name in HANDS:
+            times, angles = np.loadtxt(Path(__file__).with_name(HANDS[name]), delimiter=",").T
+            hand = PiecewisePolynomial.CubicShapePreserving(
+                times, np.deg2rad([angles]), zero_end_point_derivatives=True
+            )
+            taught = watch(LimbTwin(specimen=specimen).again(PAUSE, hand=hand), times[-1])
+            reference = references.from_recording(taught, SMOOTHING_TIME)
+        trajectory = plan(calibration.parameters, reference)
+        rollouts, exact = [], None
+        for _ in range(num_rollouts):
+            rested = LimbTwin(specimen=specimen).again(PAUSE)
+            if exact is None:
+                exact = replay(trajectory, LimbTwin(specimen=specimen.without("bend sensor")))
+            rollouts.append(replay(trajectory, rested))
+        motions.append(Motion(name, taught, trajectory, rollouts, exact))
+    return Experiment(specimen, recordings, calibration, motions)

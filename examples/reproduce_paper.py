@@ -1,0 +1,154 @@
+"""The paper's evaluation, end to end, on emulated limbs.
+
+Records limbs whose physics is richer than the model, calibrates the model to
+the recordings, plans the motion of Fig. 5 and two that are taught by hand,
+replays each plan five times open loop, and writes Table I, Figs. 4 to 7, where
+the error comes from, and all the data to a folder. Nothing but the split of the
+error knows what an emulated limb is made of.
+
+    python examples/reproduce_paper.py [FOLDER] [--quick] [--limbs N]
+"""
+
+import argparse
+import concurrent.futures
+import dataclasses
+import json
+import multiprocessing
+import os
+import sys
+import time
+from pathlib import Path
+
+from calibration import save_parameters, save_recordings
+from calibration.report import calibration_summary
+from calibration.report import write_report as write_calibration_report
+from evaluation.experiment import Experiment, run_experiment
+from evaluation.report import (
+    EMULATED,
+    STATISTICS,
+    Summary,
+    figures,
+    findings,
+    summarize,
+    table_1,
+    write_report,
+)
+from hardware.specimen import EFFECTS, Specimen
+from limb_systems import LimbError, LimbParameters, write_meshcat_replay
+from limb_systems.files import write_atomically
+from limb_systems.plots import save_figure
+
+# What limbs are without, to see what each effect costs; all of them at last.
+ABSENCES = [(effect,) for effect in EFFECTS if effect != "stress"] + [EFFECTS]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0],
+        epilog="exit status: 0 done, 1 it could not be done, 2 wrong usage, 130 stopped by Ctrl-C",
+    )
+    parser.add_argument("folder", nargs="?", default="out", type=Path, help="for all results")
+    parser.add_argument("--limbs", type=int, default=10, help="how many (default %(default)s)")
+    parser.add_argument(
+        "--quick", action="store_true", help="one limb, and none that is without an effect"
+    )
+    options = parser.parse_args()
+    if options.limbs < 1:
+        parser.error("--limbs must be one or more")
+    try:
+        _reproduce(options)
+    except (LimbError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(f"stopped; limbs that were finished are in {options.folder}", file=sys.stderr)
+        return 130
+    return 0
+
+
+def _reproduce(options) -> None:
+    folder, started = options.folder, time.perf_counter()
+    seeds = range(1 if options.quick else options.limbs)
+    jobs = [(seed, ()) for seed in seeds]
+    if not options.quick:
+        jobs += [(seed, absent) for seed in seeds for absent in ABSENCES]
+    if len(jobs) == 1:
+        print("An emulated limb: recorded, calibrated, planned for and driven ...", flush=True)
+        results = [_run(0, (), folder)]
+    else:
+        results = _run_all(jobs, folder)
+    summaries = [summary for summary, _ in results]
+    shown = results[0][1]
+
+    pictures = figures(shown)
+    for name, (figure, _) in pictures.items():
+        save_figure(figure, folder / f"{name}.png")
+    command = f"python examples/reproduce_paper.py {' '.join(sys.argv[1:])}".strip()
+    write_report(folder / "report.html", summaries, shown, pictures, command)
+    data = [dataclasses.asdict(summary) for summary in summaries]
+    write_atomically(folder / "results.json", json.dumps(data, indent=1, ensure_ascii=False))
+    motion = shown.motions[0]
+    write_meshcat_replay(folder / "replay.html", motion.trajectory, title="Steps and sinusoid")
+
+    print(f"\n{calibration_summary(shown.calibration)}\n")
+    print("Table I: tracking error |φ* - φ| of five open-loop rollouts, in degrees")
+    line = "{:<12}{:<20}{:>16}{:>16}{:>18}"
+    print(line.format("", "", *STATISTICS))
+    for row in table_1(summaries):
+        print(line.format(*row))
+    print(EMULATED, *findings(summaries), sep="\n")
+    print(f"\nwritten in {time.perf_counter() - started:.0f} s:")
+    for path in sorted(folder.iterdir()):
+        print(f"  {path}")
+
+
+def _run_all(jobs: list, folder: Path) -> list[tuple[Summary, Experiment | None]]:
+    """All jobs on all cores, in their order."""
+    context = multiprocessing.get_context("spawn")
+    results = {}
+    with concurrent.futures.ProcessPoolExecutor(mp_context=context, initializer=_hush) as pool:
+        futures = {pool.submit(_run, *job, folder): job for job in jobs}
+        try:
+            for future in concurrent.futures.as_completed(futures):
+                seed, absent = job = futures[future]
+                results[job] = future.result()
+                errors = ", ".join(f"{e:.1f}°" for e in results[job][0].first.values())
+                without = f" without {', '.join(absent)}" if absent else ""
+                print(
+                    f"{len(results):>3} of {len(jobs)}: limb {seed}{without}: {errors}", flush=True
+                )
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return [results[job] for job in jobs]
+
+
+def _hush() -> None:
+    """Keeps the progress of several processes off one terminal."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+
+
+def _run(seed: int, absent: tuple[str, ...], folder: Path) -> tuple[Summary, Experiment | None]:
+    """One limb; its files are written, and the first limb is returned as well."""
+    specimen = Specimen(LimbParameters(), seed).without(*absent)
+    experiment = run_experiment(specimen, num_rollouts=1 if absent else 5)
+    if not absent:
+        _save(experiment, folder / f"limb_{seed}")
+    return summarize(experiment), None if seed or absent else experiment
+
+
+def _save(experiment: Experiment, folder: Path) -> None:
+    save_recordings(experiment.recordings, folder / "recordings")
+    save_parameters(experiment.calibration, folder / "limb.yaml")
+    write_calibration_report(experiment.calibration, folder / "calibration.html")
+    for motion in experiment.motions:
+        name = motion.name.replace("&", "_and_").replace(" ", "_").lower()
+        if motion.taught:
+            motion.taught.save(folder / name / "taught.csv")
+        motion.trajectory.save(folder / name / "trajectory.csv")
+        for number, rollout in enumerate(motion.rollouts, 1):
+            rollout.save(folder / name / f"rollout_{number}.csv")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

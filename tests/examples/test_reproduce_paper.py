@@ -1,0 +1,176 @@
+"""The paper's evaluation: its numbers, counted again by hand, and the split of the error."""
+
+import copy
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pydrake.trajectories import PiecewisePolynomial
+
+from hardware.specimen import Specimen
+from limb_systems import Limb, LimbParameters, Recording, Trajectory, simulate
+from planners import plan, references
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture(scope="module")
+def evaluation():
+    """The modules beside the script, which are no package of the distribution."""
+    sys.path.insert(0, str(EXAMPLES))
+    try:
+        from evaluation import error_split, experiment, report
+
+        yield SimpleNamespace(error_split=error_split, experiment=experiment, report=report)
+    finally:
+        sys.path.remove(str(EXAMPLES))
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    """The folder that the demo leaves, and what it said."""
+    folder = tmp_path_factory.mktemp("demo") / "out"
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / "reproduce_paper.py", folder, "--quick"],
+        cwd=folder.parent,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert all(re.match("simulating|calibrating", line) for line in done.stderr.splitlines())
+    return folder, done.stdout
+
+
+def test_demo_leaves_what_it_promises(quick):
+    folder, said = quick
+    assert "These limbs are emulated." in said
+    limb = LimbParameters.load(folder / "limb_0" / "limb.yaml")
+    assert limb != LimbParameters()
+    assert len(list((folder / "limb_0" / "recordings").iterdir())) == 16
+    assert b"</html>" in (folder / "limb_0" / "calibration.html").read_bytes()
+    for name in ("fig4", "fig5", "fig6a", "fig6b", "fig7"):
+        assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("replay", "report"):
+        assert b"</html>" in (folder / f"{name}.html").read_bytes()
+
+
+def test_table_1_is_that_of_the_files(quick):
+    folder, said = quick
+    (summary,) = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    assert summary["seed"] == 0
+    for motion, name in (("Validation", "validation"), ("T&R 1", "t_and_r_1")):
+        trajectory = Trajectory.load(folder / "limb_0" / name / "trajectory.csv")
+        assert trajectory.check.failure() is None
+        errors = []
+        for number in range(1, 6):
+            rollout = Recording.load(folder / "limb_0" / name / f"rollout_{number}.csv")
+            assert rollout.time[-1] == pytest.approx(trajectory.duration)
+            planned = np.interp(rollout.time, trajectory.time, trajectory.bend_angle[0])
+            errors.append(np.rad2deg(np.abs(planned - rollout.bend_angle[0])))
+        expected = [np.mean(errors), np.median(errors), np.percentile(errors, 90)]
+        assert summary["tracking"][motion] == pytest.approx(expected, abs=0.01)
+        assert " ".join(f"{value:.2f}" for value in summary["tracking"][motion]) in re.sub(
+            " +", " ", said
+        )
+
+
+def test_taught_motions_are_what_the_paper_says(quick):
+    """The first is faster and within a smaller range, the second has holds."""
+    folder, _ = quick
+    first, second = (
+        Recording.load(folder / "limb_0" / f"t_and_r_{number}" / "taught.csv") for number in (1, 2)
+    )
+    for taught in (first, second):
+        assert (taught.duty == 0).all()
+    assert np.ptp(first.bend_angle) < 0.7 * np.ptp(second.bend_angle)
+    assert np.ptp(np.rad2deg(second.bend_angle)) == pytest.approx(50.0, rel=0.15)  # Sec. VIII
+
+    def speed(taught):
+        smooth = references.from_recording(taught, 1.0)
+        return np.rad2deg(np.abs(smooth.MakeDerivative().vector_values(taught.time[20:-20])))
+
+    assert np.median(speed(first)) > 2 * np.median(speed(second))
+
+
+def test_interval_of_the_mean_is_students(evaluation):
+    """Of 1, 2, 3, 4, 5: standard error sqrt(2.5 / 5), and t(97.5%, 4) = 2.776 in any table."""
+    mean, margin = evaluation.report.mean_and_margin([1.0, 2.0, 3.0, 4.0, 5.0])
+    assert mean == 3.0
+    assert margin == pytest.approx(2.776 * np.sqrt(0.5), rel=1e-3)
+
+
+def test_split_of_a_limb_that_is_a_model_finds_its_parameters(evaluation):
+    """The limb is the model with other a1 and a2, so that its form makes no difference."""
+    calibrated = LimbParameters()
+    times = np.linspace(0.0, 40.0, 401)
+    swing = np.deg2rad(15.0) * np.sin(2 * np.pi * times / 15.0) * (times > 15.0)
+    trajectory = plan(calibrated, references.from_samples(times, swing))
+    truth = copy.deepcopy(calibrated)
+    truth.segments[0].left.a1, truth.segments[0].right.a2 = -0.05, 23.0
+    exact = simulate(Limb(truth), trajectory)
+    read = copy.deepcopy(exact)
+    read.bend_angle = exact.bend_angle + np.deg2rad(0.5)
+    specimen = Specimen(calibrated, 0)
+    specimen.mechanics = lambda: copy.deepcopy(calibrated)  # as truth, but for a1 and a2
+    motion = evaluation.experiment.Motion("swing", None, trajectory, [read], exact)
+    experiment = evaluation.experiment.Experiment(
+        specimen, {}, SimpleNamespace(parameters=calibrated), [motion]
+    )
+    best = evaluation.error_split.best_parameters(experiment)
+    for wire, true in zip(best.wires, truth.wires, strict=True):
+        assert wire.a1 == pytest.approx(true.a1, rel=0.04)
+        assert wire.a2 == pytest.approx(true.a2, rel=0.04)
+    steps = evaluation.error_split.error_split(experiment)["swing"]
+    assert steps["collocation"][0] < 0.1
+    assert steps["form of the model"][0] < 0.1
+    assert steps["bend sensor"][0] == pytest.approx(0.5)
+    difference = np.rad2deg(
+        np.abs(exact.bend_angle - simulate(Limb(calibrated), trajectory).bend_angle)
+    )
+    assert difference.mean() > 1.0
+    assert steps["parameters"][0] == pytest.approx(difference.mean(), abs=0.1)
+    # Without the errors of calibration the sensor's half a degree would be left.
+    assert steps["parameters"][1] == pytest.approx(0.5, abs=0.1)
+
+
+def test_absences_are_compared_limb_by_limb(evaluation):
+    def summary(seed, absent, error):
+        motions = ("Validation", "T&R 1", "T&R 2")
+        split = {m: dict.fromkeys(evaluation.error_split.STEPS, (1.0, 1.0)) for m in motions}
+        first = dict.fromkeys(motions, error)
+        return evaluation.report.Summary(seed, absent, {}, first, split)
+
+    summaries = [summary(0, (), 2.0), summary(1, (), 6.0)]
+    summaries += [summary(0, ("silicone",), 3.0), summary(1, ("silicone",), 7.2)]
+    rows = evaluation.report.absence_table(summaries)
+    assert rows[0] == ["with all effects", "4.00", "4.00", "4.00"]
+    # Changes of 1 and 1.2: mean 1.1, standard error 0.1, and t(97.5%, 1) = 12.706.
+    assert rows[1] == ["without silicone"] + ["5.10 (+1.10 ± 1.27)"] * 3
+    assert (
+        "changes by +1.10 ± 1.27°, which may be chance" in evaluation.report.findings(summaries)[1]
+    )
+
+
+def test_command_refuses_no_limbs():
+    done = subprocess.run(
+        [sys.executable, EXAMPLES / "reproduce_paper.py", "--limbs", "0"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "--limbs must be one or more" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_hands_move_through_their_points(evaluation):
+    for name in evaluation.experiment.HANDS.values():
+        times, degrees = np.loadtxt(EXAMPLES / "evaluation" / name, delimiter=",").T
+        assert (times[0], times[-1]) == (0.0, 60.0)
+        course = PiecewisePolynomial.CubicShapePreserving(times, degrees[None], True)
+        assert np.abs(course.vector_values(np.linspace(0, 60, 601))).max() <= np.abs(degrees).max()

@@ -1,0 +1,78 @@
+"""Reports: what is in them is text, and they need nothing but themselves."""
+
+import base64
+import re
+from html.parser import HTMLParser
+
+from matplotlib.figure import Figure
+
+from limb_systems import page
+
+
+class Reader(HTMLParser):
+    """Collects text by tag, and complains of tags that are closed in the wrong order."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.texts, self.attributes = [], {}, []
+
+    def handle_starttag(self, tag, attrs):
+        self.attributes.append((tag, dict(attrs)))
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and data.strip():
+            self.texts.setdefault(self.open[-1], []).append(data)
+
+
+def read(text: str) -> Reader:
+    reader = Reader()
+    reader.feed(text)
+    reader.close()
+    assert reader.open == []
+    return reader
+
+
+def test_page_holds_its_parts_as_text(tmp_path):
+    path = tmp_path / "report.html"
+    page.write_page(
+        path,
+        "a < b & c",
+        [
+            page.section("Q = <Q>", page.paragraph("φ & <b>"), page.items(["<i>", "2"])),
+            page.table(["name", "°"], [["<k>", "-1.5"], ["b", "± 2"]], "measured & counted"),
+        ],
+    )
+    texts = read(path.read_text(encoding="utf-8")).texts
+    assert texts["title"] == texts["h1"] == ["a < b & c"]
+    assert texts["h2"] == ["Q = <Q>"]
+    assert texts["p"] == ["φ & <b>"]
+    assert texts["li"] == ["<i>", "2"]
+    assert texts["th"] == ["name", "°"]
+    assert texts["td"] == ["<k>", "-1.5", "b", "±\u00a02"]  # no line break within
+    assert texts["caption"] == ["measured & counted"]
+
+
+def test_columns_of_numbers_are_set_as_numbers():
+    cells = read(page.table(["name", "°", "mixed"], [["k", "-1", "1"], ["b", "2", "none"]]))
+    marked = [attributes.get("class") for tag, attributes in cells.attributes if tag == "td"]
+    assert marked == [None, "number", None] * 2
+
+
+def test_picture_is_inside_the_page_and_the_same_each_time():
+    def draw():
+        figure = Figure()
+        figure.subplots().plot([0, 1], [0, 1], label="line")
+        return page.picture(figure, 'bend "angle"')
+
+    first = draw()
+    ((_, image),) = [a for a in read(first).attributes if a[0] == "img"]
+    assert image["alt"] == 'bend "angle"'
+    svg = base64.b64decode(image["src"].removeprefix("data:image/svg+xml;base64,")).decode()
+    assert re.search(r"<svg .*</svg>", svg, re.DOTALL)
+    assert not re.search(r'href="http', svg)
+    assert draw() == first

@@ -1,0 +1,342 @@
+"""The documentation says what is there: links, snippets, commands, ports, names and files."""
+
+import argparse
+import importlib
+import inspect
+import itertools
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import System
+from pydrake.trajectories import PiecewisePolynomial
+
+import hardware.serial_limb
+from calibration import BendAngleController, EquilibriumSchedule
+from hardware import LimbTwin, SensedLimb, SerialLimb
+from hardware.hand import Hand
+from hardware.journal import Journal
+from hardware.rubber import Rubber
+from hardware.sensors import SampledSensor
+from hardware.specimen import Specimen
+from hardware.wires import ShapeMemoryWires
+from limb_systems import (
+    BendAngle,
+    InverseThermocoupleLag,
+    JouleHeating,
+    Limb,
+    LimbParameters,
+    LimbVisualizer,
+    SegmentParameters,
+    TemperatureLimits,
+    ThermocoupleLag,
+    TorqueMap,
+    WireParameters,
+)
+from limb_systems.files import FORMAT_VERSION
+from limb_systems.samples import column_names
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("limb_systems", "urdf", "planners", "calibration", "hardware")
+COMMANDS = ("planners", "calibration", "hardware")
+PAGES = {name: ROOT / "docs" / f"{name}.md" for name in PACKAGES}
+DOCUMENTS = [
+    path
+    for path in (
+        ROOT / "README.md",
+        ROOT / "CONTRIBUTING.md",
+        ROOT / "examples" / "README.md",
+        ROOT / "hardware" / "firmware" / "README.md",
+        *sorted((ROOT / "docs").glob("*.md")),
+    )
+    if path.exists()
+]
+TEXTS = {path: path.read_text(encoding="utf-8") for path in DOCUMENTS}
+RUN = "<!-- run by tests/test_docs.py -->"
+NOT_RUN = re.compile(r"<!-- not run: .+ -->\n$")
+
+
+def name_of(path):
+    return str(path.relative_to(ROOT))
+
+
+def blocks(text, language):
+    """Code blocks, and what stands before each."""
+    for match in re.finditer(rf"^```{language}\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
+        yield match[1], text[: match.start()]
+
+
+def prose(text):
+    return re.sub(r"^ *```.*?^ *```$", "", text, flags=re.DOTALL | re.MULTILINE)
+
+
+def inline_code(text):
+    return re.findall(r"`([^`\n]+)`", prose(text))
+
+
+def anchors(text):
+    """Of headings, as GitHub makes them."""
+    headings = re.findall(r"^#+ (.+)$", prose(text), re.MULTILINE)
+    return [re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings]
+
+
+def tables(text, first_cell):
+    """Rows of the tables whose heads begin with a cell."""
+    for match in re.finditer(r"(?:^\|.*\|\n)+", text, re.MULTILINE):
+        rows = [
+            [cell.strip() for cell in re.split(r"(?<!\\)\|", line.strip("|"))]
+            for line in match[0].splitlines()
+        ]
+        if rows[0][0] == first_cell:
+            yield rows[2:]
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=name_of)
+def test_links_lead_somewhere(path):
+    targets = re.findall(r"\]\(([^()\s]+)\)", re.sub(r"`[^`\n]+`", "", prose(TEXTS[path])))
+    for target in targets:
+        if target.startswith("https://"):
+            continue
+        name, _, anchor = target.partition("#")
+        file = (path.parent / name).resolve() if name else path
+        assert file.exists(), f"{name_of(path)} links to {target}, which is not there"
+        if anchor:
+            assert anchor in anchors(file.read_text(encoding="utf-8")), target
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=name_of)
+def test_files_targets_and_symbols_that_are_named_exist(path):
+    text = TEXTS[path]
+    targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    for target in re.findall(r"(?:^|`)make ([a-z]+)", text, re.MULTILINE):
+        assert target in targets, f"make {target}"
+    for script in re.findall(r"python ((?:benchmarks|docs|examples)/\w+\.py)", text):
+        assert (ROOT / script).exists(), script
+    for code in inline_code(text):
+        if re.fullmatch(r"(tests|benchmarks|docs|examples|hardware|limb_systems)/[\w/.]+", code):
+            assert (ROOT / code).exists() or path.name == "paper_to_code.md", code
+        symbol = re.fullmatch(rf"({'|'.join(PACKAGES)})(\.\w+)+", code)
+        if symbol and not code.endswith((".html", ".csv", ".yaml", ".png")):
+            module = importlib.import_module(code.split(".")[0])
+            for part in code.split(".")[1:]:
+                if not hasattr(module, part):
+                    importlib.import_module(f"{module.__name__}.{part}")
+                module = getattr(module, part)
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_snippets_run(package, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    names, count = {}, 0
+    for code, before in blocks(TEXTS[PAGES[package]], "python"):
+        if not NOT_RUN.search(before):
+            exec(compile(code, name_of(PAGES[package]), "exec"), names)
+            count += 1
+    assert count
+
+
+def test_first_steps_of_the_readme_run(tmp_path):
+    (script,) = (
+        code
+        for code, before in blocks(TEXTS[ROOT / "README.md"], "sh")
+        if before.endswith(f"{RUN}\n")
+    )
+    environment = os.environ | {
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": str(ROOT),
+    }
+    subprocess.run(["sh", "-e", "-c", script], cwd=tmp_path, env=environment, check=True)
+    for name in ("plan.csv", "plan.png", "recording.csv", "tracking.png"):
+        assert (tmp_path / name).stat().st_size > 10_000
+
+
+class ParsedError(Exception):
+    """Ends a command as soon as its arguments are parsed."""
+
+
+def parser_of(package, arguments, monkeypatch):
+    """Parses arguments as a package's command does, and returns the parser."""
+    parse = argparse.ArgumentParser.parse_args
+
+    def parse_only(self, *given):
+        parse(self, *given)
+        raise ParsedError(self)
+
+    monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
+    monkeypatch.setattr(sys, "argv", [f"python -m {package}", *arguments])
+    with pytest.raises(ParsedError) as parsed:
+        importlib.import_module(f"{package}.__main__").main()
+    return parsed.value.args[0]
+
+
+SHELL = [
+    pytest.param(shlex.split(line, comments=True)[2:], id=f"{name_of(path)}: {line.split('#')[0]}")
+    for path, text in TEXTS.items()
+    for code, _ in blocks(text, "sh")
+    for line in code.splitlines()
+    if line.startswith("python -m ") and line.split()[2] in COMMANDS
+]
+
+
+@pytest.mark.parametrize("words", SHELL)
+def test_commands_parse(words, monkeypatch):
+    parser_of(words[0], words[1:], monkeypatch)
+
+
+@pytest.mark.parametrize(
+    ("package", "arguments"),
+    [("planners", "fig5 -o x"), ("calibration", "collect -o x"), ("hardware", "ports")],
+)
+def test_tables_of_options_are_those_of_the_parser(package, arguments, monkeypatch):
+    parser = parser_of(package, arguments.split(), monkeypatch)
+    subparsers = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    parsers = subparsers[0].choices if subparsers else {None: parser}
+    expected = {
+        (command, name)
+        for command, child in parsers.items()
+        for action in child._actions
+        if action.dest not in ("help", "command")
+        for name in action.option_strings or [action.dest]
+    }
+    (rows,) = tables(TEXTS[PAGES[package]], "command" if subparsers else "option")
+    listed, command = set(), None
+    for row in rows:
+        if subparsers:
+            command = row[0].strip("`") or command
+        listed |= {(command, name) for name in re.findall(r"`([^`]+)`", row[bool(subparsers)])}
+    assert listed == expected
+    if subparsers:
+        assert {row[0].strip("`") for row in rows} - {""} == set(parsers)
+
+
+class Board:
+    """In place of `BoardLink`: what `SerialLimb` asks at construction."""
+
+    def __init__(self, port):
+        self.serial_number = "none"
+
+    def info(self):
+        return self
+
+    sample = close = info
+
+
+@pytest.fixture
+def make_system(monkeypatch):
+    monkeypatch.setattr(hardware.serial_limb, "BoardLink", Board)
+    parameters = LimbParameters()
+    specimen = Specimen(parameters, 0)
+    course = PiecewisePolynomial.ZeroOrderHold([0.0, 1.0], [[0.0, 0.0]])
+    makers = {
+        Limb: Limb,
+        JouleHeating: lambda: JouleHeating(parameters),
+        ThermocoupleLag: lambda: ThermocoupleLag(parameters),
+        InverseThermocoupleLag: lambda: InverseThermocoupleLag(parameters),
+        TorqueMap: lambda: TorqueMap(parameters),
+        BendAngle: lambda: BendAngle(parameters),
+        LimbVisualizer: lambda: LimbVisualizer(parameters, Meshcat()),
+        BendAngleController: lambda: BendAngleController(parameters, "right"),
+        EquilibriumSchedule: lambda: EquilibriumSchedule([0.1]),
+        LimbTwin: LimbTwin,
+        SensedLimb: lambda: SensedLimb(Limb()),
+        SerialLimb: lambda: SerialLimb("port"),
+        ShapeMemoryWires: lambda: ShapeMemoryWires(specimen),
+        Rubber: lambda: Rubber(specimen),
+        SampledSensor: lambda: SampledSensor(1, 0.1, 0.1),
+        Hand: lambda: Hand(parameters, course),
+        Journal: lambda: Journal(os.devnull, Limb(), 20.0),
+    }
+    return {kind.__name__.partition("_𝓣")[0]: make for kind, make in makers.items()}
+
+
+def interface(system):
+    """Ports and states of a system, as the tables have them."""
+    rows = [
+        (f"{kind} {index}", port.get_name(), port.size())
+        for kind, count, get in (
+            ("input", system.num_input_ports(), system.get_input_port),
+            ("output", system.num_output_ports(), system.get_output_port),
+        )
+        for index, port in ((index, get(index)) for index in range(count))
+    ]
+    context = system.CreateDefaultContext()
+    groups = range(context.num_discrete_state_groups())
+    for kind, size in (
+        ("continuous", context.num_continuous_states()),
+        ("discrete", sum(context.get_discrete_state(i).size() for i in groups)),
+    ):
+        if size:
+            rows.append((f"{kind} state", "", size))
+    return rows
+
+
+SECTIONS = [
+    pytest.param(package, *section, id=f"{package}: {section[0]}")
+    for package, path in PAGES.items()
+    for section in re.findall(r"^### `(\w+)`\n(.*?)(?=^#|\Z)", TEXTS[path], re.DOTALL | re.M)
+]
+
+
+@pytest.mark.parametrize(("package", "name", "section"), SECTIONS)
+def test_tables_of_ports_are_those_of_the_systems(package, name, section, make_system):
+    (rows,) = tables(section, "port")
+    listed = [(row[0], row[1].strip("`"), int(re.search(r"\d+$", row[2])[0])) for row in rows]
+    assert listed == interface(make_system[name]())
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_page_has_all_public_names_and_systems(package):
+    module = importlib.import_module(package)
+    named = {word for code in inline_code(TEXTS[PAGES[package]]) for word in code.split(".")}
+    named = {word.partition("(")[0] for word in named}
+    assert set(module.__all__) <= named
+    systems = {
+        name
+        for name in module.__all__
+        if inspect.isclass(getattr(module, name)) and issubclass(getattr(module, name), System)
+    }
+    assert systems <= {s.values[1] for s in SECTIONS if s.values[0] == package}
+
+
+@pytest.mark.parametrize(("picture", "make"), [("limb", Limb), ("limb_twin", LimbTwin)])
+def test_pictures_have_the_systems_of_the_diagrams(picture, make):
+    drawn = (ROOT / "docs" / f"{picture}.svg").read_text(encoding="utf-8")
+    for system in make().GetSystems():
+        if system.get_name() != "memory":
+            assert f">{type(system).__name__.partition('_𝓣')[0]}<" in drawn
+
+
+def test_parameters_on_the_page_are_the_nominal_ones():
+    (text,) = (code for code, _ in blocks(TEXTS[PAGES["limb_systems"]], "yaml"))
+    assert yaml.safe_load(text) == yaml.safe_load(LimbParameters().to_yaml())
+    ranges = {
+        field: metadata
+        for kind in (SegmentParameters, WireParameters, TemperatureLimits, LimbParameters)
+        for field, metadata in (
+            (name, field.metadata) for name, field in kind.__dataclass_fields__.items()
+        )
+        if metadata
+    }
+    (rows,) = tables(TEXTS[PAGES["limb_systems"]], "field")
+    listed = {row[0].strip("`"): row[2:] for row in rows if row[3] != "text"}
+    assert listed.keys() == ranges.keys()
+    for name, (unit, text) in listed.items():
+        assert unit == ranges[name]["unit"].replace("links", "1")
+        assert tuple(map(float, text.split(" to "))) == ranges[name]["range"]
+
+
+@pytest.mark.parametrize("path", PAGES.values(), ids=name_of)
+def test_excerpts_of_files_are_of_this_format(path):
+    known = list(itertools.chain(*column_names(LimbParameters()).values()))
+    for code, _ in blocks(TEXTS[path], "text"):
+        for line in code.splitlines():
+            if line.startswith("time_s,"):
+                assert set(line.split(",")) <= set(known)
+            if line.startswith("# limb "):
+                assert line.endswith(f", format {FORMAT_VERSION}")
