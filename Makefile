@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test bench lint micropython clean
+.PHONY: demo test bench lint micropython api coverage clean
 
 demo: $(VENV)/ready
 	$(BIN)/python examples/reproduce_paper.py out --quick
@@ -27,9 +27,28 @@ micropython: $(VENV)/ready
 	MICROPYTHON=$(VENV)/micropython/node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs \
 	    $(BIN)/python -m pytest tests/hardware/test_firmware.py -rs
 
+# Which lines no test runs.
+coverage: $(VENV)/ready
+	mkdir -p build/coverage
+	rm -f build/coverage/*
+	$(BIN)/coverage run -m pytest
+	$(BIN)/coverage combine --quiet
+	$(BIN)/coverage report
+
+# Pages of all docstrings, from build/api/index.html on. Modules that are named like a function in
+# them are left out, as is what runs under MicroPython.
+api: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	rm -rf build/api
+	$(BIN)/pdoc --docformat google --output-directory build/api \
+	    --footer-text "soft-limb $$($(BIN)/python -c 'from importlib.metadata import version; print(version("soft-limb"))')" \
+	    limb_systems urdf planners calibration hardware \
+	    '!calibration.calibrate' '!hardware.emulated_port' '!hardware.replay' '!hardware.firmware'
+
 lint: $(VENV)/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/mypy
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

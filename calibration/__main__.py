@@ -1,8 +1,10 @@
 """``python -m calibration``: collects recordings, fits a limb to them, validates it."""
 
 import argparse
+import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from calibration import (
     calibrate,
@@ -17,7 +19,7 @@ from calibration import (
 )
 from calibration.calibrate import HEAT_METHODS
 from calibration.checks import check_recording
-from calibration.report import validation_summary
+from calibration.report import calibration_facts, validation_facts, validation_summary
 from hardware import LimbTwin, SerialLimb
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.plots import save_figure
@@ -40,7 +42,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="python -m calibration",
         description="Calibrates a limb from recordings of its sag, its ring-down and heated "
         "equilibria.",
-        epilog="exit status: 0 done, 1 it could not be done, 2 wrong usage",
+        epilog="exit status: 0 done, 1 it could not be done, 2 wrong usage, 130 stopped by Ctrl-C",
     )
     commands = parser.add_subparsers(dest="command", required=True)
 
@@ -105,6 +107,7 @@ def _parser() -> argparse.ArgumentParser:
         help="what tells wire temperature: the bend, as in the paper, or the measured temperature "
         "alone (default %(default)s)",
     )
+    fit.add_argument("--json", action="store_true", help="print JSON")
 
     check = commands.add_parser(
         "validate",
@@ -115,6 +118,7 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("limb", type=Path, help="limb parameters (.yaml)")
     check.add_argument("recording", type=Path, help="recording with heated wires (.csv)")
     check.add_argument("--plot", type=Path, help="picture of both to write (.png, .pdf, .svg)")
+    check.add_argument("--json", action="store_true", help="print JSON")
     return parser
 
 
@@ -141,12 +145,11 @@ def _collect(options) -> int:
 def _fit(options) -> int:
     limb = LimbParameters.load(options.limb) if options.limb else None
     calibration = calibrate(options.recordings, limb, heat=options.heat)
-    print(calibration_summary(calibration))
     save_parameters(calibration, options.output)
-    print(f"written     {options.output}")
     if options.report:
         write_report(calibration, options.report)
-        print(f"written     {options.report}")
+    written = [path for path in (options.output, options.report) if path]
+    _tell(options, calibration_facts(calibration), calibration_summary(calibration), written)
     return 0
 
 
@@ -154,11 +157,20 @@ def _validate(options) -> int:
     limb, recording = LimbParameters.load(options.limb), Recording.load(options.recording)
     check_recording(recording)
     validation = validate(limb, recording)
-    print(validation_summary(validation))
     if options.plot:
         save_figure(plot_validation(validation), options.plot)
-        print(f"written     {options.plot}")
+    written = [options.plot] if options.plot else []
+    _tell(options, validation_facts(validation), validation_summary(validation), written)
     return 0
+
+
+def _tell(options, facts: dict[str, Any], summary: str, written: list[Path]) -> None:
+    if options.json:
+        print(json.dumps({**facts, "written": [str(path) for path in written]}))
+        return
+    print(summary)
+    for path in written:
+        print(f"written     {path}")
 
 
 if __name__ == "__main__":

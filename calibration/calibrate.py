@@ -73,8 +73,8 @@ class Calibration:
         for kind, fit in (("sag", self.stiffness), ("ring-down", self.damping)):
             if fit is None:
                 remarks.append(f"There is no recording of {kind}: the description's value is kept.")
-        for fit in (self.stiffness, self.damping, *self.heat, *self.force):
-            remarks += fit.remarks if fit else []
+        fits = (self.stiffness, self.damping, *self.heat, *self.force)
+        remarks += [remark for fit in fits if fit for remark in fit.remarks]
         if self.validation is None:
             remarks.append("There is no recording of both wires: the model is not validated.")
         return remarks
@@ -92,7 +92,7 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
     folder = Path(folder)
     if not folder.is_dir():
         raise CalibrationError(f"There is no folder {folder}.")
-    recordings = {kind: [] for kind in KINDS}
+    recordings: dict[str, list[Recording]] = {kind: [] for kind in KINDS}
     for path in sorted(folder.glob("*.csv")):
         recording = Recording.load(path)
         expected = next((kind for kind in KINDS if path.stem.startswith(kind)), None)
@@ -156,7 +156,9 @@ def calibrate(
         if recordings.get("ring_down"):
             damping = fit_damping(limb, recordings["ring_down"])
             segment.damping = damping.damping.value
-        used, compared, forces = [], [], []
+        used: list[HeatFit] = []
+        compared: list[HeatFit] = []
+        forces: list[ForceFit] = []
         spring = stiffness.stiffness if stiffness else Estimate(segment.stiffness, 0.0, "N·m/rad")
         for index, side in enumerate(("left", "right")):
             progress.update(2 + 2 * index, f"heat of the {side} wire")

@@ -13,7 +13,7 @@ BENT = np.deg2rad(2.0)
 def kind_of(recording: Recording) -> str:
     """What a recording shows: sag, ring_down, right, left or both."""
     gravity = np.array(recording.parameters.gravity)
-    heated = recording.duty.any(axis=1)
+    heated = recording.duty.max(axis=1) > 0
     if not heated.any():
         return "sag" if np.hypot(*gravity[:2]) > 1.0 else "ring_down"
     return "both" if heated.all() else ("left" if heated[0] else "right")

@@ -180,15 +180,21 @@ def collect_from_robot(
     ring = "Mount the limb level. Bend it to 45° by hand, and let it go 2 s after Enter."
     cool = "Leave the limb level and alone until its wires are cold."
     rate = 1 / PERIOD
+    tasks: list[tuple[str, LimbParameters, str, Callable[[System], Recording]]]
     tasks = [(f"sag_{n}", mounted, sag, collect_sag) for n in range(1, SAG_TRIALS + 1)]
     tasks += [
         (f"ring_down_{n}", level, ring, lambda limb: collect_ring_down(limb, rate))
         for n in range(1, RING_DOWNS + 1)
     ]
     for number, actuated in enumerate(ACTUATED):
-        options = {"num_angles": num_angles, "seed": seed + number, "longest": longest}
-        collect = functools.partial(collect_equilibria, actuated=actuated, **options)
-        tasks.append((actuated, level, cool, collect))
+        collect_held = functools.partial(
+            collect_equilibria,
+            actuated=actuated,
+            num_angles=num_angles,
+            seed=seed + number,
+            longest=longest,
+        )
+        tasks.append((actuated, level, cool, collect_held))
     for name, description, instruction, collect in tasks:
         path = Path(folder) / f"{name}.csv"
         if path.exists():

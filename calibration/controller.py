@@ -3,9 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
-from limb_systems import LimbError, LimbParameters
+from limb_systems import LimbError, LimbParameters, SegmentParameters
 from limb_systems.ownership import weak_method
 
 ACTUATED = ("right", "left", "both")
@@ -45,7 +45,8 @@ class BendAngleController(LeafSystem):
         maximum_duty: float = 0.5,
         cut_out: float | None = None,
     ):
-        """Args:
+        """
+        Args:
             parameters: the limb as far as it is known, of one segment.
             actuated: "right", "left" or "both".
             co_contraction: D_c, duty of both wires at u = 0.
@@ -127,9 +128,10 @@ class EquilibriumSchedule(LeafSystem):
     SETTLED_TIME = 5.0  # s
 
     def __init__(self, angles: Sequence[float], longest: float = 60.0):
-        """Args:
-        angles: φ_eq one after the other, rad.
-        longest: time limit for each of them, s.
+        """
+        Args:
+            angles: φ_eq one after the other, rad.
+            longest: time limit for each of them, s.
         """
         super().__init__()
         self._angles, self._longest = np.asarray(angles, float), longest
@@ -143,7 +145,7 @@ class EquilibriumSchedule(LeafSystem):
         )
         self.set_name("equilibrium_schedule")
 
-    def is_finished(self, context) -> bool:
+    def is_finished(self, context: Context) -> bool:
         """Whether the last angle was held, in the system's own context."""
         return context.get_discrete_state_vector()[0] >= len(self._angles)
 
@@ -171,7 +173,7 @@ class EquilibriumSchedule(LeafSystem):
         output.SetFromVector([self._angle(context.get_discrete_state_vector()[0])])
 
 
-def only_segment(parameters: LimbParameters):
+def only_segment(parameters: LimbParameters) -> SegmentParameters:
     """The limb's one segment; segments are calibrated one by one."""
     if len(parameters.segments) != 1:
         raise LimbError(

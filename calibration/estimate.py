@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.stats import norm, t
 
 
@@ -24,15 +25,15 @@ class Estimate:
         return f"{self.value:.4g} ± {self.standard_error:.2g} {self.unit}"
 
 
-def mean_estimate(values, unit: str, relative_error: float = 0.0) -> Estimate:
+def mean_estimate(values: ArrayLike, unit: str, relative_error: float = 0.0) -> Estimate:
     """The mean of independent values (K,), two at least.
 
     Args:
         relative_error: standard error of a factor that all values share.
     """
-    values = np.asarray(values, float)
-    mean = values.mean()
-    spread = standard_error(values)
+    samples = np.asarray(values, float)
+    mean = samples.mean()
+    spread = standard_error(samples)
     return Estimate(float(mean), float(np.hypot(spread, mean * relative_error)), unit)
 
 
@@ -76,5 +77,5 @@ def clustered_covariance(
         part, residual = jacobian[clusters == number], residuals[clusters == number]
         # A parameter at a bound that nothing depends on has no covariance, nor spoils the others'.
         shifts.append(np.linalg.pinv(whole - part.T @ part) @ (part.T @ residual))
-    shifts, bread = np.array(shifts), np.linalg.pinv(whole)
-    return (len(numbers) - 1) / len(numbers) * shifts.T @ shifts + bread @ known @ bread
+    stacked, bread = np.array(shifts), np.linalg.pinv(whole)
+    return (len(numbers) - 1) / len(numbers) * stacked.T @ stacked + bread @ known @ bread

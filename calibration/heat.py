@@ -1,6 +1,7 @@
 """Heat transfer of a wire: {a1, a2, a3} of eqns (6)-(7), by Sec. V-C1 and without bend."""
 
 import dataclasses
+from collections.abc import Iterable
 
 import numpy as np
 from scipy.linalg import expm
@@ -252,7 +253,7 @@ def fit_heat_transfer_from_temperature(
     )
 
 
-def ambient_temperature(recordings) -> Estimate:
+def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     """T0 as the thermocouples of unheated wires read it in recordings that start cold.
 
     The median over wires that stay unheated; its standard error is that of

@@ -1,6 +1,9 @@
 """A calibration to look at: every fit drawn over its data, in one HTML page."""
 
+import dataclasses
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -50,6 +53,29 @@ def validation_summary(validation: Validation) -> str:
         "|φ - φ_sim|: mean {:.2f}°, median {:.2f}°, 90th percentile {:.2f}°; ".format(*degrees)
         + f"|V - V_sim|: mean {validation.temperature_mean:.1f} °C"
     )
+
+
+def calibration_facts(calibration: Calibration) -> dict[str, Any]:
+    """What `calibration_summary` says, for programs."""
+    stiffness, validation = calibration.stiffness, calibration.validation
+    return {
+        "estimates": {
+            name: dataclasses.asdict(estimate) for name, estimate in calibration.estimates.items()
+        },
+        "correction_factor": stiffness.correction_factor if stiffness else None,
+        "validation": validation_facts(validation) if validation else None,
+        "remarks": calibration.remarks,
+    }
+
+
+def validation_facts(validation: Validation) -> dict[str, float]:
+    """What `validation_summary` says, for programs: numbers by names that carry the unit."""
+    return {
+        "bend_angle_mean_deg": math.degrees(validation.mean),
+        "bend_angle_median_deg": math.degrees(validation.median),
+        "bend_angle_percentile_90_deg": math.degrees(validation.percentile_90),
+        "temperature_mean_c": validation.temperature_mean,
+    }
 
 
 def save_parameters(calibration: Calibration, path: str | Path) -> None:
@@ -210,7 +236,7 @@ def plot_damping(fit: DampingFit) -> Figure:
 def plot_wire(heat: HeatFit, compared: HeatFit, force: ForceFit, color: str) -> Figure:
     """Heat transfer over time by both methods, and bend against wire temperature."""
     figure = Figure(figsize=(WIDTH, 7.5), layout="constrained")
-    figure_top, figure_bottom = figure.subfigures(2, 1, height_ratios=[2, 1.2])
+    (figure_top,), (figure_bottom,) = figure.subfigures(2, 1, squeeze=False, height_ratios=[2, 1.2])
     temperature, bend = figure_top.subplots(2, 1, sharex=True)
     temperature.plot(heat.time, heat.recorded_temperature, color=color, lw=0.8, label="limb, V")
     for fit, style in ((heat, "--"), (compared, ":")):
@@ -227,6 +253,7 @@ def plot_wire(heat: HeatFit, compared: HeatFit, force: ForceFit, color: str) -> 
     temperature.set_ylabel("temperature (°C)")
     bend.plot(heat.time, np.rad2deg(heat.recorded_angle), color=ROLLOUT_COLOR, lw=0.8, label="limb")
     by_bend = heat if heat.method == "bend" else compared
+    assert by_bend.bend_angle is not None
     bend.plot(
         by_bend.time,
         np.rad2deg(by_bend.bend_angle),
@@ -279,6 +306,7 @@ def _compare_decay(fit: DampingFit) -> str:
 def _compare(heat: HeatFit, compared: HeatFit) -> str:
     by_method = {fit.method: fit for fit in (heat, compared)}
     bend, temperature = by_method["bend"], by_method["temperature"]
+    assert bend.angle_residual is not None
     return (
         f"Used: the fit from {heat.method}. From bend: a1 = {bend.a1}, a2 = {bend.a2}, a3 = "
         f"{bend.a3}, V within {bend.temperature_residual:.1f} °C and φ within "

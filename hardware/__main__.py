@@ -51,7 +51,8 @@ def _parser() -> argparse.ArgumentParser:
         "or a signal, with the wires off",
     )
     commands = parser.add_subparsers(dest="command", required=True)
-    commands.add_parser("ports", help="list the serial ports of this computer")
+    ports = commands.add_parser("ports", help="list the serial ports of this computer")
+    ports.add_argument("--json", action="store_true", help="print JSON")
 
     status = commands.add_parser("status", help="say how a board is")
     status.add_argument("port", help="of the board")
@@ -65,6 +66,7 @@ def _parser() -> argparse.ArgumentParser:
         "thermocouple and bends the limb to its own side. Heats each wire for 6 s.",
     )
     check.add_argument("port", help="of the board")
+    check.add_argument("--json", action="store_true", help="print JSON")
 
     run = commands.add_parser(
         "replay",
@@ -76,6 +78,7 @@ def _parser() -> argparse.ArgumentParser:
         "as bars.",
     )
     run.add_argument("trajectory", type=Path, help="trajectory file (.csv)")
+    run.add_argument("--json", action="store_true", help="print JSON")
     run.add_argument(
         "-o", "--output", required=True, type=Path, help="recording file to write (.csv)"
     )
@@ -146,12 +149,17 @@ def _start_meshcat(options) -> Meshcat | None:
     if not options.meshcat:
         return None
     meshcat = Meshcat()
-    print(f"meshcat     {meshcat.web_url()}", flush=True)
+    stream = sys.stderr if vars(options).get("json") else sys.stdout
+    print(f"meshcat     {meshcat.web_url()}", file=stream, flush=True)
     return meshcat
 
 
-def _ports(_) -> int:
+def _ports(options) -> int:
     ports = list_ports.comports()
+    if options.json:
+        facts = [{"port": port.device, "description": port.description} for port in ports]
+        print(json.dumps({"ports": facts}))
+        return 0
     for port in ports:
         print(f"{port.device:<20}{port.description}")
     if not ports:
@@ -193,27 +201,52 @@ def _status(options) -> int:
 
 
 def _arm_check(options) -> int:
+    checks = []
+
+    def say(good: bool, what: str) -> None:
+        checks.append({"passed": good, "what": what})
+        if not options.json:
+            print(f"{'ok    ' if good else 'FAILED'}  {what}", flush=True)
+
     with BoardLink(options.port) as link:
-        return 0 if self_test(link, lambda line: print(line, flush=True)) else 1
+        passed = self_test(link, say)
+    if options.json:
+        print(json.dumps({"passed": passed, "checks": checks}))
+    return 0 if passed else 1
 
 
 def _replay(options) -> int:
     trajectory = Trajectory.load(options.trajectory)
     meshcat = _start_meshcat(options)
+    timing = None
     if options.port:
         limb = SerialLimb(options.port, trajectory.parameters)
         recording = replay(trajectory, limb, journal=options.output, meshcat=meshcat)
         late = 1000 * np.array(limb.timing_errors)
-        print(
-            f"timing      commands were late by {np.median(late):.1f} ms (median), "
-            f"{np.percentile(late, 99):.1f} ms (99%); {limb.link.lost_samples} samples were lost"
-        )
+        timing = {
+            "late_median_ms": float(np.median(late)),
+            "late_percentile_99_ms": float(np.percentile(late, 99)),
+            "lost_samples": limb.link.lost_samples,
+        }
     else:
         twin = LimbTwin(trajectory.parameters, seed=options.seed)
         recording = replay(trajectory, twin, meshcat=meshcat)
         recording.save(options.output)
     errors = tracking_errors(trajectory, [recording])
-    mean, median, percentile_90 = np.rad2deg([errors.mean, errors.median, errors.percentile_90])
+    mean, median, percentile_90 = np.rad2deg(
+        [errors.mean, errors.median, errors.percentile_90]
+    ).tolist()
+    if options.json:
+        tracking = {"mean_deg": mean, "median_deg": median, "percentile_90_deg": percentile_90}
+        facts = {"source": recording.source, "tracking": tracking, "timing": timing}
+        print(json.dumps({**facts, "written": [str(options.output)]}))
+        return 0
+    if timing:
+        print(
+            f"timing      commands were late by {timing['late_median_ms']:.1f} ms (median), "
+            f"{timing['late_percentile_99_ms']:.1f} ms (99%); {timing['lost_samples']} samples "
+            "were lost"
+        )
     print(f"source      {recording.source}")
     print(
         f"tracking    |φ* - φ|: mean {mean:.2f}°, median {median:.2f}°, "

@@ -137,10 +137,11 @@ class Emulation:
     """The firmware on an emulated board behind a pseudo-terminal."""
 
     def __init__(self, twin: LimbTwin, on_event: Callable[..., None] = lambda **_: None):
-        """Args:
-        twin: the limb.
-        on_event: called with what happens, as keyword arguments: ``event``,
-            ``time`` (s, of the monotonic clock) and more.
+        """
+        Args:
+            twin: the limb.
+            on_event: called with what happens, as keyword arguments: ``event``,
+                ``time`` (s, of the monotonic clock) and more.
         """
         self._on_event = on_event
         self._master, self._slave = os.openpty()
@@ -270,11 +271,13 @@ def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
         for order in orders:
             emulation.misbehave(order)
         print(emulation.port, flush=True)
+        # Without a buffer, in which `select` would not see the lines that wait.
+        source = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
         listening = True
         while True:
             emulation.step()
-            if listening and select.select([sys.stdin], [], [], 0)[0]:
-                line = sys.stdin.readline()
+            if listening and select.select([source], [], [], 0)[0]:
+                line = source.readline().decode(errors="replace")
                 listening = bool(line)
                 try:
                     if line.strip():

@@ -15,6 +15,7 @@ def emulated_port(seed: int = 0) -> Iterator[str]:
     """
     command = [sys.executable, "-m", "hardware", "emulate", "--seed", str(seed)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as board:
+        assert board.stdout  # it is a pipe
         try:
             yield board.stdout.readline().decode().strip()
         finally:

@@ -26,9 +26,10 @@ class Hand(LeafSystem):
     __slots__ = ()  # see limb_systems.ownership
 
     def __init__(self, parameters: LimbParameters, course: Trajectory):
-        """Args:
-        parameters: of the limb.
-        course: bend angle over time, rad, that the hand moves the limb to.
+        """
+        Args:
+            parameters: of the limb.
+            course: bend angle over time, rad, that the hand moves the limb to.
         """
         super().__init__()
         self._parameters, self._course = parameters, course

@@ -27,10 +27,11 @@ class Journal(LeafSystem):
     __slots__ = ()  # see limb_systems.ownership
 
     def __init__(self, path: str | Path, limb: System, sample_rate: float):
-        """Args:
-        path: of the file, which is written anew.
-        limb: whose ``parameters`` and ``source`` go into the header.
-        sample_rate: Hz.
+        """
+        Args:
+            path: of the file, which is written anew.
+            limb: whose ``parameters`` and ``source`` go into the header.
+            sample_rate: Hz.
         """
         super().__init__()
         names = column_names(limb.parameters)

@@ -6,6 +6,8 @@ import os
 import queue
 import threading
 import time
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 import serial
@@ -18,6 +20,8 @@ BAUD_RATE = 115200
 STALE = 0.25  # s, after which a sample is too old to go on
 ANSWER_TIME = 1.0  # s, in which a board that is there answers
 WAITING_FRAMES = 8
+
+Answer = TypeVar("Answer")
 
 
 class HardwareError(LimbError):
@@ -82,7 +86,8 @@ class BoardLink:
     """
 
     def __init__(self, port: str):
-        """Args:
+        """
+        Args:
             port: name of a serial port, or any URL of pyserial's.
 
         Raises:
@@ -130,13 +135,13 @@ class BoardLink:
         Raises:
             HardwareError: if it does not answer, or speaks another protocol.
         """
-        self._ask(protocol.encode(protocol.HELLO), lambda: self._info is not None, "a greeting")
-        if self._info.firmware_version not in FIRMWARE_VERSIONS:
+        info = self._ask(protocol.encode(protocol.HELLO), lambda: self._info, "a greeting")
+        if info.firmware_version not in FIRMWARE_VERSIONS:
             raise HardwareError(
-                f"The board on {self.port} has firmware {self._info.firmware_version}; this "
+                f"The board on {self.port} has firmware {info.firmware_version}; this "
                 f"program needs {' or '.join(map(str, FIRMWARE_VERSIONS))}."
             )
-        return self._info
+        return info
 
     def sample(self) -> Sample:
         """The newest sample.
@@ -145,9 +150,7 @@ class BoardLink:
             HardwareError: if it is older than 0.25 s, or the cable is gone.
         """
         self._check()
-        if self._sample is None:
-            self._wait(lambda: self._sample is not None, "being opened")
-        sample = self._sample
+        sample = self._sample or self._wait(lambda: self._sample, "being opened")
         if sample.age > STALE:
             raise HardwareError(
                 f"Nothing came from the board on {self.port} for {sample.age:.2f} s."
@@ -168,7 +171,9 @@ class BoardLink:
             )
         self._session, self._sequence = sample.challenge, 0
         self._ask(
-            protocol.encode(protocol.ARM, sample.challenge), lambda: self._sample.armed, "arming"
+            protocol.encode(protocol.ARM, sample.challenge),
+            lambda: self._sample and self._sample.armed,
+            "arming",
         )
 
     def command(self, duty: np.ndarray) -> None:
@@ -206,7 +211,7 @@ class BoardLink:
             return
         self._ask(
             protocol.encode(protocol.CLEAR, sample.challenge),
-            lambda: self._sample.reason < guard.LATCHING,
+            lambda: self._sample and self._sample.reason < guard.LATCHING,
             f"clearing, as {guard.TEXTS[sample.reason]}",
         )
 
@@ -224,26 +229,25 @@ class BoardLink:
         with contextlib.suppress(serial.SerialException, OSError):
             self._serial.close()
 
-    def _ask(self, frame: bytes, answered, what: str) -> None:
+    def _ask(self, frame: bytes, answer: Callable[[], Answer | None], what: str) -> Answer:
         """Sends a frame until it is answered, as it may get lost."""
         end = time.monotonic() + ANSWER_TIME
         while time.monotonic() < end:
             self._send(frame)
             with self._arrived:
-                if self._arrived.wait_for(lambda: answered() or self._failure, 0.1):
+                if self._arrived.wait_for(lambda: answer() or self._failure, 0.1):
                     break
-        self._check()
-        if not answered():
-            self._complain(what)
+        return self._answer(answer, what)
 
-    def _wait(self, answered, what: str) -> None:
+    def _wait(self, answer: Callable[[], Answer | None], what: str) -> Answer:
         with self._arrived:
-            self._arrived.wait_for(lambda: answered() or self._failure, ANSWER_TIME)
-        self._check()
-        if not answered():
-            self._complain(what)
+            self._arrived.wait_for(lambda: answer() or self._failure, ANSWER_TIME)
+        return self._answer(answer, what)
 
-    def _complain(self, what: str) -> None:
+    def _answer(self, answer: Callable[[], Answer | None], what: str) -> Answer:
+        self._check()
+        if found := answer():
+            return found
         if self.parser.other_version:
             raise HardwareError(
                 f"The board on {self.port} speaks another version of the protocol; this program "

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hardware.link import BoardLink
+from hardware.link import BoardLink, Sample
 
 DUTY = 0.3
 HEATING_TIME = 6.0  # s for each wire
@@ -16,7 +16,7 @@ BEND = np.deg2rad(1.0)
 SIDES = ("left", "right")
 
 
-def self_test(link: BoardLink, say: Callable[[str], None]) -> bool:
+def self_test(link: BoardLink, say: Callable[[bool, str], None]) -> bool:
     """Whether sensors are alive and each wire does what it should.
 
     Heats each wire a little: it must warm its own thermocouple, more than the
@@ -24,7 +24,7 @@ def self_test(link: BoardLink, say: Callable[[str], None]) -> bool:
 
     Args:
         link: to the board.
-        say: takes a line for each thing that was looked at.
+        say: takes whether it was good, and a sentence, for each thing that was looked at.
 
     Raises:
         HardwareError: if the board fails on the way.
@@ -33,8 +33,9 @@ def self_test(link: BoardLink, say: Callable[[str], None]) -> bool:
 
     def judge(good: bool, what: str) -> None:
         nonlocal passed
+        good = bool(good)  # not numpy's
         passed = passed and good
-        say(f"{'ok    ' if good else 'FAILED'}  {what}")
+        say(good, what)
 
     info = link.info()
     judge(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
@@ -73,7 +74,7 @@ def self_test(link: BoardLink, say: Callable[[str], None]) -> bool:
 
 def _average(link: BoardLink) -> np.ndarray:
     """[V (2), φ] over ten samples, °C and rad."""
-    samples = []
+    samples: list[Sample] = []
     while len(samples) < 10:
         sample = link.sample()
         if not samples or sample.sequence != samples[-1].sequence:

@@ -51,16 +51,17 @@ class SampledSensor(LeafSystem):
         response: Callable[[np.ndarray], np.ndarray] = np.asarray,
         generator: np.random.Generator | None = None,
     ):
-        """Args:
-        size: of the signal.
-        period: s between samples.
-        step: quantization q, in the unit of the signal.
-        noise: standard deviation σ of each sample, for all or for each (size),
-            in the unit of the signal.
-        drift: standard deviation δ of the drift, likewise.
-        drift_time: correlation time τ of the drift, s.
-        response: what the sensor reads for a signal, r; exact by default.
-        generator: of noise and drift; the seed 0 if None.
+        """
+        Args:
+            size: of the signal.
+            period: s between samples.
+            step: quantization q, in the unit of the signal.
+            noise: standard deviation σ of each sample, for all or for each (size),
+                in the unit of the signal.
+            drift: standard deviation δ of the drift, likewise.
+            drift_time: correlation time τ of the drift, s.
+            response: what the sensor reads for a signal, r; exact by default.
+            generator: of noise and drift; the seed 0 if None.
         """
         super().__init__()
         self._noise, self._drift, self._step = np.asarray(noise), np.asarray(drift), step
@@ -155,10 +156,11 @@ class SensedLimb(Diagram):
     __slots__ = ()  # see limb_systems.ownership
 
     def __init__(self, limb: System, *, seed: int = 0, bend_rate: float = 20.0):
-        """Args:
-        limb: with the ports and ``parameters`` of `Limb`.
-        seed: of the sensors' noise.
-        bend_rate: at which bend sensors are read, Hz.
+        """
+        Args:
+            limb: with the ports and ``parameters`` of `Limb`.
+            seed: of the sensors' noise.
+            bend_rate: at which bend sensors are read, Hz.
         """
         super().__init__()
         builder = DiagramBuilder()

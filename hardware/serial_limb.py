@@ -41,7 +41,8 @@ class SerialLimb(LeafSystem):
     real_time = True
 
     def __init__(self, port: str, parameters: LimbParameters | None = None, *, heated: bool = True):
-        """Args:
+        """
+        Args:
             port: name of a serial port, or any URL of pyserial's.
             parameters: the limb as far as it is known; the nominal one if None.
             heated: whether the board is armed; else the limb is only watched,

@@ -170,8 +170,8 @@ class Specimen:
         parameters.ambient_temperature = self.ambient
         for segment, physics in zip(parameters.segments, self.segments, strict=True):
             segment.stiffness, segment.damping = physics.stiffness, physics.damping
-        for wire, physics in zip(parameters.wires, self.wires, strict=True):
-            wire.a3 = physics.lag_rate
+        for wire, drawn in zip(parameters.wires, self.wires, strict=True):
+            wire.a3 = drawn.lag_rate
         return parameters
 
 

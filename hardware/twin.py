@@ -28,12 +28,12 @@ class LimbTwin(Diagram):
     and relaxes (`Rubber`), and whose sensors are sampled, noisy, drifting and
     not quite linear (`SampledSensor`):
 
-              ┌──────────────────┐    ┌─────────────┐
-      duty ──▶│ ShapeMemoryWires ├───▶│ manipulator ├─┬─▶ sensor ──▶ bend_angle
-              └─┬────────────▲───┘    └──▲──────────┘ │
-                │            │           └─ Rubber ◀──┤
-                │            └────────────────────────┘
-                └─▶ ThermocoupleLag ──▶ sensor ──▶ measured_temperature
+                ┌──────────────────┐    ┌─────────────┐
+        duty ──▶│ ShapeMemoryWires ├───▶│ manipulator ├─┬─▶ sensor ──▶ bend_angle
+                └─┬────────────▲───┘    └──▲──────────┘ │
+                  │            │           └─ Rubber ◀──┤
+                  │            └────────────────────────┘
+                  └─▶ ThermocoupleLag ──▶ sensor ──▶ measured_temperature
 
     For a limb of S segments, n joints in all and W = 2 S wires:
 
@@ -61,7 +61,8 @@ class LimbTwin(Diagram):
         bend_rate: float = 20.0,
         wire_period: float = PERIOD,
     ):
-        """Args:
+        """
+        Args:
             parameters: the kind of limb; the nominal one if None. Geometry,
                 mass, gravity and limits are taken as they are, all else is
                 where the seed's draw is centred.

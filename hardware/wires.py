@@ -52,9 +52,10 @@ class ShapeMemoryWires(LeafSystem):
     __slots__ = ()  # see limb_systems.ownership
 
     def __init__(self, specimen: Specimen, period: float = PERIOD):
-        """Args:
-        specimen: the limb, and the state in which it was left.
-        period: s, of the steps.
+        """
+        Args:
+            specimen: the limb, and the state in which it was left.
+            period: s, of the steps.
         """
         super().__init__()
         self._period = period

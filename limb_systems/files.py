@@ -83,9 +83,10 @@ class TableWriter:
     """
 
     def __init__(self, path: str | Path, kind: str, header: str, names: Sequence[str]):
-        """Args:
-        path, kind, header: as for `write_table`.
-        names: of the columns.
+        """
+        Args:
+            path, kind, header: as for `write_table`.
+            names: of the columns.
         """
         Path(path).parent.mkdir(parents=True, exist_ok=True)
         self._names = list(names)

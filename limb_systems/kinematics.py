@@ -128,3 +128,4 @@ def BendAngle_(T):
 
 
 BendAngle = BendAngle_[None]
+BendAngle.__qualname__ = "BendAngle"  # for the documentation; Drake adds the scalar type

@@ -16,15 +16,15 @@ from limb_systems.torque_map import TorqueMap
 class Limb(Diagram):
     """The model of Fig. 3: duty in, measured temperature and bend angle out.
 
-              ┌──────────────┐    ┌───────────┐    ┌─────────────┐
-      duty ──▶│ JouleHeating ├─┬─▶│ TorqueMap ├───▶│ manipulator ├─┬──▶ joint_state
-              │     (6)      │ │  │    (4)    │    │   (1)-(2)   │ │
-              └──────────────┘ │  └───────────┘    └─────────────┘ │  ┌───────────┐
-                               ├──▶ wire_temperature               └─▶│ BendAngle ├──▶ bend_angle
-                               │  ┌─────────────────┐                 └───────────┘
-                               └─▶│ ThermocoupleLag ├──▶ measured_temperature
-                                  │       (7)       │
-                                  └─────────────────┘
+                ┌──────────────┐    ┌───────────┐    ┌─────────────┐
+        duty ──▶│ JouleHeating ├─┬─▶│ TorqueMap ├───▶│ manipulator ├─┬──▶ joint_state
+                │     (6)      │ │  │    (4)    │    │   (1)-(2)   │ │
+                └──────────────┘ │  └───────────┘    └─────────────┘ │  ┌───────────┐
+                                 ├──▶ wire_temperature               └─▶│ BendAngle ├──▶ bend_angle
+                                 │  ┌─────────────────┐                 └───────────┘
+                                 └─▶│ ThermocoupleLag ├──▶ measured_temperature
+                                    │       (7)       │
+                                    └─────────────────┘
 
     For a limb of S segments, n joints in all and W = 2 S wires:
 
@@ -45,7 +45,8 @@ class Limb(Diagram):
     __slots__ = ()  # see limb_systems.ownership
 
     def __init__(self, parameters: LimbParameters | None = None):
-        """Args:
+        """
+        Args:
             parameters: the nominal limb if None. The limb keeps a copy, its
                 attribute ``parameters``.
 
@@ -110,7 +111,8 @@ def split_state(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """θ (n), θ̇ (n), T (W) and V (W) of a state of `Limb`, each (.., K)."""
     n, num_wires = parameters.num_joints, len(parameters.wires)
-    return tuple(np.split(np.asarray(state, float), np.cumsum([n, n, num_wires])))
+    angles, rates, wire, measured = np.split(np.asarray(state, float), np.cumsum([n, n, num_wires]))
+    return angles, rates, wire, measured
 
 
 def _a3(parameters: LimbParameters, like: np.ndarray) -> np.ndarray:

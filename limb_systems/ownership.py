@@ -18,4 +18,5 @@ from collections.abc import Callable
 def weak_method(method: Callable) -> Callable:
     """A bound method as a callback that does not keep its object alive."""
     reference = weakref.WeakMethod(method)
-    return lambda *arguments: reference()(*arguments)
+    # Drake calls back only while the system is alive.
+    return lambda *arguments: reference()(*arguments)  # type: ignore[misc]

@@ -7,6 +7,7 @@ cannot drift apart.
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
@@ -209,9 +210,10 @@ def _validate(target, path: str) -> None:
     """Checks a dataclass and what it holds against the ranges in its fields."""
     for field in dataclasses.fields(target):
         value, name = getattr(target, field.name), f"{path}{field.name}"
+        kind: Any = field.type  # a type, as annotations are not postponed here
         if field.metadata:
-            items = value if field.type == list[float] else [value]
-            expected = int if field.type is int else (int, float)
+            items = value if kind == list[float] else [value]
+            expected = int if kind is int else (int, float)
             for item in items:
                 _validate_number(item, name, expected, field.metadata)
         elif isinstance(value, list):
@@ -219,13 +221,13 @@ def _validate(target, path: str) -> None:
                 if not isinstance(item, SegmentParameters):
                     raise ParameterError(f"{name}[{index}] is not a SegmentParameters.")
                 _validate(item, f"{name}[{index}].")
-        elif field.type is str:
+        elif kind is str:
             if not isinstance(value, str):
                 raise ParameterError(f"{name} is {value!r}; it must be text.")
-        elif isinstance(value, field.type):
+        elif isinstance(value, kind):
             _validate(value, f"{name}.")
         else:
-            raise ParameterError(f"{name} is not a {field.type.__name__}.")
+            raise ParameterError(f"{name} is not a {kind.__name__}.")
 
 
 def _validate_number(value, name: str, expected, metadata) -> None:

@@ -6,6 +6,7 @@ them. Recordings and trajectories are made of these.
 
 import dataclasses
 from collections.abc import Collection, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +35,7 @@ def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
     }
 
 
-def check_samples(samples, optional: Collection[str] = ()) -> None:
+def check_samples(samples: Any, optional: Collection[str] = ()) -> None:
     """Turns the signals of an object into arrays and checks them.
 
     Args:
@@ -91,9 +92,9 @@ def group_columns(
     return signals
 
 
-def ungroup_columns(samples, names: Mapping[str, list[str]]) -> dict[str, np.ndarray]:
+def ungroup_columns(samples: Any, names: Mapping[str, list[str]]) -> dict[str, np.ndarray]:
     """The columns of an object's signals, without those that are None."""
-    columns = {}
+    columns: dict[str, np.ndarray] = {}
     for name, group in names.items():
         value = getattr(samples, name)
         if value is not None:

@@ -1,7 +1,6 @@
 """YAML into typed dataclasses, with errors that say which field and why."""
 
 import dataclasses
-import types
 import typing
 
 import yaml
@@ -9,12 +8,14 @@ from pydrake.common.yaml import yaml_load_typed
 
 from limb_systems.errors import LimbError
 
+T = typing.TypeVar("T")
+
 
 class SchemaError(LimbError):
     """A YAML document does not have the fields it should have."""
 
 
-def load_typed(schema, text: str):
+def load_typed(schema: type[T], text: str) -> T:
     """Reads YAML text into a dataclass; every field must be there, none unknown.
 
     `yaml_load_typed` refuses the same documents without saying where the
@@ -48,10 +49,7 @@ class _StrictLoader(yaml.SafeLoader):
 
 def _check_structure(data, schema, path: str) -> None:
     where = path or "the document"
-    if isinstance(schema, types.UnionType):  # the only unions in use are `X | None`
-        if data is not None:
-            _check_structure(data, typing.get_args(schema)[0], path)
-    elif typing.get_origin(schema) is list:
+    if typing.get_origin(schema) is list:
         if not isinstance(data, list):
             raise SchemaError(f"{where} must be a list, but is {data!r}.")
         for index, item in enumerate(data):

@@ -24,6 +24,10 @@ class JouleHeating(AffineSystem):
     __slots__ = ()  # see limb_systems.ownership
 
     def __init__(self, parameters: LimbParameters):
+        """
+        Args:
+            parameters: of the limb, for its wires.
+        """
         a1 = np.array([wire.a1 for wire in parameters.wires])
         a2 = np.array([wire.a2 for wire in parameters.wires])
         num_wires, ambient = len(a1), parameters.ambient_temperature
@@ -52,6 +56,10 @@ class ThermocoupleLag(LinearSystem):
     __slots__ = ()  # see limb_systems.ownership
 
     def __init__(self, parameters: LimbParameters):
+        """
+        Args:
+            parameters: of the limb, for its wires.
+        """
         a3 = np.array([wire.a3 for wire in parameters.wires])
         num_wires = len(a3)
         super().__init__(
@@ -76,6 +84,10 @@ class InverseThermocoupleLag(AffineSystem):
     __slots__ = ()  # see limb_systems.ownership
 
     def __init__(self, parameters: LimbParameters):
+        """
+        Args:
+            parameters: of the limb, for its wires.
+        """
         a3 = np.array([wire.a3 for wire in parameters.wires])
         num_wires = len(a3)
         super().__init__(

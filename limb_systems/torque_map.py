@@ -32,6 +32,10 @@ class TorqueMap(AffineSystem):
     __slots__ = ()  # see limb_systems.ownership
 
     def __init__(self, parameters: LimbParameters):
+        """
+        Args:
+            parameters: of the limb, for its wires.
+        """
         matrix = torque_matrix(parameters)
         num_joints, num_wires = matrix.shape
         super().__init__(

@@ -35,11 +35,11 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
         during = recording.time <= trajectory.duration
         planned = trajectory.bend_angle_at(trajectory.time[0] + recording.time[during])
         errors.append(np.abs(planned - recording.bend_angle[:, during]).ravel())
-    if not errors or not np.concatenate(errors).size:
+    if not sum(error.size for error in errors):
         raise LimbError("There are no recorded samples during the plan to compare it with.")
-    errors = np.concatenate(errors)
+    all_errors = np.concatenate(errors)
     return TrackingErrors(
-        mean=float(errors.mean()),
-        median=float(np.median(errors)),
-        percentile_90=float(np.percentile(errors, 90)),
+        mean=float(all_errors.mean()),
+        median=float(np.median(all_errors)),
+        percentile_90=float(np.percentile(all_errors, 90)),
     )

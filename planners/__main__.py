@@ -1,13 +1,14 @@
 """``python -m planners``: plans a trajectory and writes it to a file."""
 
 import argparse
+import json
 import sys
 from pathlib import Path
 
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.plots import plot_tracking, save_figure
 from planners import plan, references
-from planners.report import plan_summary, plot_diagnostics
+from planners.report import plan_facts, plan_summary, plot_diagnostics
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -15,7 +16,8 @@ def main(arguments: list[str] | None = None) -> int:
         prog="python -m planners",
         description="Plans the feasible trajectory of a limb that is nearest to a reference bend "
         "angle, checks it by simulation, and writes it to a file that robots replay.",
-        epilog="exit status: 0 the plan was written, 1 there is no plan, 2 wrong usage",
+        epilog="exit status: 0 the plan was written, 1 there is no plan, 2 wrong usage, 130 "
+        "stopped by Ctrl-C before there was a plan",
     )
     parser.add_argument(
         "reference",
@@ -49,6 +51,7 @@ def main(arguments: list[str] | None = None) -> int:
         default=0.5,
         help="s over which a recording's bend angle is smoothed (default %(default)g)",
     )
+    parser.add_argument("--json", action="store_true", help="print JSON")
     options = parser.parse_args(arguments)
     try:
         parameters = LimbParameters.load(options.limb) if options.limb else LimbParameters()
@@ -69,9 +72,12 @@ def main(arguments: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("stopped; nothing was written", file=sys.stderr)
         return 130
-    print(plan_summary(trajectory))
-    written = filter(None, (options.output, options.plot, options.diagnostics))
-    print(f"written     {', '.join(map(str, written))}")
+    written = [str(path) for path in (options.output, options.plot, options.diagnostics) if path]
+    if options.json:
+        print(json.dumps({**plan_facts(trajectory), "written": written}))
+    else:
+        print(plan_summary(trajectory))
+        print(f"written     {', '.join(written)}")
     return 0
 
 

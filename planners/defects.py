@@ -207,7 +207,7 @@ class LimbDefects:
             np.meshgrid(joints, np.r_[moving, time_step], indexing="ij"),
             np.meshgrid(n + joints, np.r_[moving, inputs, time_step], indexing="ij"),
         ]
-        self._thermal_nonzeros = np.nonzero(sum(np.abs(term) for term in self._thermal))
+        self._thermal_nonzeros = np.nonzero(np.abs(self._thermal).sum(axis=0))
         thermal_rows, thermal_columns = self._thermal_nonzeros
         thermal_variables = np.r_[heat, num_states + heat, inputs]
         self.rows = np.concatenate(

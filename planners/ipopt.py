@@ -21,7 +21,7 @@ from pydrake.solvers import IpoptSolver, MathematicalProgram, SolutionResult, So
 try:
     import ipyopt
 except ImportError:  # no wheel for this machine
-    ipyopt = None
+    ipyopt = None  # type: ignore[assignment]
 
 OPTIONS = {
     "mu_strategy": "adaptive",
@@ -242,15 +242,15 @@ class BindingBlock:
             [indices for _, indices in self._bindings]
         )
 
-    def evaluate(self, x):
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
         return _concatenate([evaluator.Eval(x[indices]) for evaluator, indices in self._bindings])
 
-    def jacobian(self, x):
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
         return _concatenate(
             [_gradient(evaluator, x[indices]).ravel() for evaluator, indices in self._bindings]
         )
 
-    def hessian(self, x, multipliers):
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         return _concatenate(
             [
                 _weighted_hessian(evaluator, x[indices], multipliers[start:end])

@@ -145,10 +145,13 @@ class TrajectoryProgram:
         self._states = np.array([collocation.state(k) for k in range(num_knots)])
         self._duty = np.array([collocation.input(k) for k in range(num_knots)])
         time_steps = np.array([collocation.time_step(k)[0] for k in range(num_knots - 1)])
-        self.states, self.duty, self.time_steps = (
-            np.array(prog.FindDecisionVariableIndices(variables.ravel())).reshape(variables.shape)
-            for variables in (self._states, self._duty, time_steps)
-        )
+
+        def indices(variables: np.ndarray) -> np.ndarray:
+            flat = prog.FindDecisionVariableIndices(variables.ravel())
+            return np.array(flat).reshape(variables.shape)
+
+        self.states, self.duty = indices(self._states), indices(self._duty)
+        self.time_steps = indices(time_steps)
         if self.task.stretch is None:
             prog.AddBoundingBoxConstraint(steps, steps, time_steps)
             return
@@ -278,7 +281,7 @@ class DefectBlock:
         multipliers = multipliers.reshape(self._defects.num_intervals, -1)
         return self._defects.hessian(*self._arguments(x), multipliers).ravel()
 
-    def _arguments(self, x):
+    def _arguments(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         program = self._program
         return x[program.states], x[program.duty], x[program.time_steps]
 

@@ -1,5 +1,7 @@
 """What there is to say about a plan, in words and in a picture."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -28,7 +30,7 @@ def plan_summary(trajectory: Trajectory) -> str:
         f"reference   missed by {missed.mean():.2f}° on average, {missed.max():.2f}° at most",
         "limits      " + ("the plan runs along" if check.active_constraints else "none is active"),
     ]
-    stretches = {}
+    stretches: dict[str, list[str]] = {}
     for active in check.active_constraints:
         stretch = f"{active.start:.1f}-{active.end:.1f}"
         stretches.setdefault(active.bound, []).append(stretch)
@@ -38,6 +40,33 @@ def plan_summary(trajectory: Trajectory) -> str:
         for bound, when in stretches.items()
     ]
     return "\n".join(lines)
+
+
+def plan_facts(trajectory: Trajectory) -> dict[str, Any]:
+    """What `plan_summary` says, for programs: numbers by names that carry the unit."""
+    check = trajectory.check
+    missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))
+    return {
+        "duration_s": trajectory.duration,
+        "knots": len(trajectory.time),
+        "solver": check.solver,
+        "status": check.status,
+        "iterations": check.iterations,
+        "refinements": check.refinements,
+        "solve_time_s": check.solve_time,
+        "total_time_s": check.total_time,
+        "cost": check.cost,
+        "guess_cost": check.guess_cost,
+        "largest_defect": check.largest_defect,
+        "largest_difference_deg": check.largest_difference_deg,
+        "tolerance_deg": check.tolerance_deg,
+        "reference_missed_mean_deg": float(missed.mean()),
+        "reference_missed_largest_deg": float(missed.max()),
+        "active_constraints": [
+            {"bound": active.bound, "start_s": active.start, "end_s": active.end}
+            for active in check.active_constraints
+        ],
+    }
 
 
 def plot_diagnostics(trajectory: Trajectory) -> Figure:

@@ -61,9 +61,11 @@ def solve_program(
         solver: one of Drake's, to be used instead of all these.
 
     Raises:
-        PlanningError: if all fail, or if Ctrl-C came before a feasible point.
+        PlanningError: if all fail.
+        KeyboardInterrupt: if Ctrl-C came before there was a feasible point.
     """
-    failures, iterations, started = [], 0, time.perf_counter()
+    failures: list[str] = []
+    iterations, started = 0, time.perf_counter()
     with Progress("planning", None, "iterations") as progress:
 
         def report(iteration, cost, violation):
@@ -76,7 +78,7 @@ def solve_program(
             status = getattr(details, "status", result.get_solution_result().name)
             stopped = status == STATUS[5]
             if stopped and details.violation > FEASIBLE:
-                raise PlanningError("Stopped before there was a feasible plan.")
+                raise KeyboardInterrupt
             if result.is_success() or stopped:
                 x = np.array(result.get_x_val())
                 # Drake's solvers let bounds be exceeded by 1e-8.

@@ -1,6 +1,8 @@
 """Writes the URDF of a planar limb; ``limb_5.urdf`` is that of the nominal one."""
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
+from typing import Protocol
 
 SILICONE_COLOR = "0.89 0.91 0.94 1"
 WIRE_COLOR = "0.45 0.45 0.5 1"
@@ -8,7 +10,22 @@ BRACKET_COLOR = "0.25 0.27 0.3 1"
 PI_2 = 1.5707963267948966
 
 
-def limb_urdf(segments, name: str = "limb") -> str:
+class Segment(Protocol):
+    """What the URDF needs of a segment, such as `limb_systems.SegmentParameters`.
+
+    Number of links; length, mass, width (E3) and thickness (E2) of the whole
+    segment, m and kg; damping of each joint, N·m·s/rad.
+    """
+
+    links: int
+    length: float
+    mass: float
+    width: float
+    thickness: float
+    damping: float
+
+
+def limb_urdf(segments: Sequence[Segment], name: str = "limb") -> str:
     """URDF text of a serial chain of box-shaped links in the plane E1-E2.
 
     The base frame has E1 = +x, the axis of the straight limb, and E2 = +y.
@@ -19,8 +36,7 @@ def limb_urdf(segments, name: str = "limb") -> str:
     joint springs; the manipulator adds them.
 
     Args:
-        segments: objects with the fields of `limb_systems.SegmentParameters`
-            (links, length, mass, width, thickness, damping), base first.
+        segments: base first.
         name: name of the model.
     """
     robot = ElementTree.Element("robot", name=name)

@@ -1,6 +1,8 @@
 """The whole of Sec. V: on the model, whose truth is known, and on an emulated limb."""
 
 import copy
+import html
+import json
 import re
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 from calibration import CalibrationError, calibrate, collect_from_twin, save_recordings, validate
 from calibration.__main__ import main
 from hardware import LimbTwin
-from limb_systems import Limb, LimbParameters, simulate
+from limb_systems import Limb, LimbParameters, Recording, simulate
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +89,39 @@ def test_command_fits_and_validates_an_emulated_limb(twin_folder, tmp_path, caps
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
+def test_json_says_what_is_in_the_files(twin_folder, tmp_path, capsys):
+    limb, report, plot = (tmp_path / name for name in ("limb.yaml", "report.html", "fig4.png"))
+    fit = ["fit", str(twin_folder), "-o", str(limb), "--report", str(report), "--json"]
+    assert main(fit) == 0
+    said = json.loads(capsys.readouterr().out)
+    found = LimbParameters.load(limb)
+    (segment,) = found.segments
+    values = {name: estimate["value"] for name, estimate in said["estimates"].items()}
+    assert values.pop("ambient_temperature") == found.ambient_temperature
+    assert values.pop("stiffness") == segment.stiffness
+    assert values.pop("damping") == segment.damping
+    assert values == {
+        f"{side}.{name}": getattr(getattr(segment, side), name)
+        for side in ("left", "right")
+        for name in ("a1", "a2", "a3", "beta")
+    }
+    assert all(estimate["standard_error"] > 0 for estimate in said["estimates"].values())
+    assert said["estimates"]["stiffness"]["unit"] == "N·m/rad"
+    assert said["correction_factor"] == pytest.approx(1.22, abs=0.02)
+    assert said["written"] == [str(limb), str(report)]
+    page = report.read_text(encoding="utf-8")
+    assert all(html.escape(remark) in page for remark in said["remarks"])
+
+    check = ["validate", str(limb), str(twin_folder / "both.csv"), "--plot", str(plot), "--json"]
+    assert main(check) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert again.pop("written") == [str(plot)]
+    assert again == pytest.approx(said["validation"])
+    errors = validate(found, Recording.load(twin_folder / "both.csv"))
+    assert again["bend_angle_mean_deg"] == pytest.approx(np.rad2deg(errors.mean))
+    assert again["temperature_mean_c"] == pytest.approx(errors.temperature_mean)
+
+
 def test_heat_from_temperature_alone_is_an_option(model_recordings):
     recordings = {kind: model_recordings[kind] for kind in ("left", "right")}
     calibration = calibrate(recordings, heat="temperature")
@@ -119,3 +154,30 @@ def test_command_names_the_file_that_is_wrong_and_writes_nothing(twin_folder, tm
     error = capsys.readouterr().err
     assert "both.csv: this should show both wires heated, but only the right wire" in error
     assert not (tmp_path / "limb.yaml").exists()
+
+
+def test_command_that_is_stopped_says_so(tmp_path, capsys, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("calibration.__main__.collect_from_twin", stop)
+    assert main(["collect", "-o", str(tmp_path / "new")]) == 130
+    assert capsys.readouterr().err == "stopped; nothing more was written\n"
+
+
+def test_command_collects_from_a_robot(tmp_path, monkeypatch):
+    called = []
+    monkeypatch.setattr("calibration.__main__.SerialLimb", lambda *arguments: arguments)
+    monkeypatch.setattr("builtins.input", called.append)
+
+    def collect(connect, limb, folder, ask, *, seed, num_angles):
+        ask("Mount the limb.")
+        called.append((connect(limb), folder, seed, num_angles))
+
+    monkeypatch.setattr("calibration.__main__.collect_from_robot", collect)
+    arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path), "--seed", "3"]
+    assert main([*arguments, "--angles", "4"]) == 0
+    assert called == [
+        "Mount the limb.\nPress Enter when it is so. ",
+        (("/dev/robot", LimbParameters()), tmp_path, 3, 4),
+    ]

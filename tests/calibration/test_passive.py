@@ -181,3 +181,15 @@ def test_a_limb_at_rest_does_not_ring_down(true_limb, model_recordings):
     still = dataclasses.replace(recording, bend_angle=0 * recording.bend_angle)
     with pytest.raises(CalibrationError, match="does not move"):
         fit_damping(true_limb, [still])
+
+
+def test_what_is_too_little_is_refused():
+    limb, time = LimbParameters(), np.arange(100) / 100
+    with pytest.raises(CalibrationError, match="no recording of the limb's sag"):
+        fit_stiffness(limb, [])
+    with pytest.raises(CalibrationError, match="no recording of a ring-down"):
+        fit_damping(limb, [])
+    with pytest.raises(CalibrationError, match="needs 20 samples or more"):
+        fit_damped_sinusoid(time[:10], time[:10])
+    with pytest.raises(CalibrationError, match=r"moves fastest at 0\.9\d s, at its end"):
+        fit_damped_sinusoid(time, np.where(time > 0.955, 1.0, 0.0))

@@ -53,7 +53,7 @@ class Emulator:
         return off() - since
 
     def stop(self):
-        self.process.kill()
+        self.process.terminate()
         self.process.wait()
 
 

@@ -122,6 +122,16 @@ def test_arming_needs_the_present_challenge():
     assert host.board.duty == [1.0, 0.0]
 
 
+def test_arming_again_changes_nothing():
+    host = Host()
+    host.heat()
+    session, acknowledged = host.guard.session, host.guard.acknowledged
+    host.send(protocol.ARM, host.guard.challenge)
+    host.run(1)
+    assert (host.guard.session, host.guard.acknowledged) == (session, acknowledged)
+    assert host.board.duty == [0.0, 1.0]
+
+
 def test_heartbeat_ends_after_a_quarter_second_and_stays_off():
     host = Host()
     host.heat()
@@ -321,6 +331,7 @@ def test_thermocouple_bytes_of_the_datasheet():
         assert sensors.thermocouple(data) == (quarters, 0)
     assert sensors.thermocouple(b"\0\0\0\0")[1] == sensors.OPEN
     assert sensors.thermocouple(b"\xff\xff\xff\xff")[1] & sensors.OPEN
+    assert sensors.thermocouple(b"\x01\x91\x16\x00")[1] == sensors.OPEN  # without a cause
 
 
 def test_bend_bytes():

@@ -1,6 +1,7 @@
 """Replay and the tracking errors of Table I."""
 
 import dataclasses
+import json
 import time
 
 import numpy as np
@@ -142,6 +143,24 @@ def test_command_replays_and_writes_a_recording(fig5_plan, tmp_path, capsys):
     assert main(["replay", str(tmp_path / "plan.csv"), "-o", str(output)]) == 0
     assert len(Recording.load(output).time) == 1201
     assert "emulated" in capsys.readouterr().out
+
+
+def test_json_says_what_is_in_the_recording(fig5_plan, tmp_path, capsys):
+    fig5_plan.save(tmp_path / "plan.csv")
+    output = tmp_path / "recording.csv"
+    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output)]
+    assert main([*arguments, "--seed", "3", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    recording = Recording.load(output)
+    errors = tracking_errors(fig5_plan, [recording])
+    assert said["tracking"] == {
+        "mean_deg": pytest.approx(np.rad2deg(errors.mean)),
+        "median_deg": pytest.approx(np.rad2deg(errors.median)),
+        "percentile_90_deg": pytest.approx(np.rad2deg(errors.percentile_90)),
+    }
+    assert said["source"] == recording.source
+    assert said["timing"] is None  # simulated time
+    assert said["written"] == [str(output)]
 
 
 def test_command_says_what_is_wrong_with_a_file(tmp_path, capsys):

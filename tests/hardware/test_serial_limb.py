@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -11,10 +12,12 @@ import time
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
+from serial.tools.list_ports_common import ListPortInfo
 
 from calibration import calibrate, collect_equilibria, collect_from_robot
-from hardware import LimbTwin, ReplayError, SerialLimb, replay, watch
+from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
 from hardware.__main__ import main
+from hardware.firmware import guard
 from limb_systems import Limb, LimbError, LimbParameters, Recording, simulate
 from planners import plan, references
 
@@ -172,6 +175,21 @@ def test_status_says_how_the_board_is(emulator, capsys):
     assert "thermocouple" not in capsys.readouterr().out.split("wires")[0]
 
 
+def test_replay_tells_its_timing_in_words_and_in_json(emulator, short_plan, tmp_path, capsys):
+    short_plan.save(tmp_path / "plan.csv")
+    output = tmp_path / "recording.csv"
+    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output), "-p", emulator.port]
+    assert main(arguments) == 0
+    words = r"timing      commands were late by \d+\.\d ms .*; 0 samples were lost\nsource "
+    assert re.match(words, capsys.readouterr().out)
+    assert main([*arguments, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["source"] == Recording.load(output).source
+    assert said["timing"]["lost_samples"] == 0
+    assert 0.0 < said["timing"]["late_median_ms"] <= said["timing"]["late_percentile_99_ms"] < 100.0
+    assert said["tracking"]["mean_deg"] > 0.0
+
+
 def test_self_test_passes_a_good_limb_and_fails_a_bad_one(emulator, capsys, monkeypatch):
     monkeypatch.setattr("hardware.self_test.HEATING_TIME", 3.5)
     assert main(["arm-check", emulator.port]) == 0
@@ -182,11 +200,27 @@ def test_self_test_passes_a_good_limb_and_fails_a_bad_one(emulator, capsys, monk
     time.sleep(0.2)
     assert main(["arm-check", emulator.port]) == 1
     assert "FAILED  left thermocouple reads 115.0 °C" in capsys.readouterr().out
+    assert main(["arm-check", emulator.port, "--json"]) == 1
+    said = json.loads(capsys.readouterr().out)
+    assert said["passed"] is False
+    assert [check["passed"] for check in said["checks"]] == [True, False, True, True]
+    assert "left thermocouple reads 115.0 °C" in said["checks"][1]["what"]
 
 
-def test_ports_are_listed(capsys):
+def test_ports_are_listed(capsys, monkeypatch):
     assert main(["ports"]) == 0
     assert capsys.readouterr().out
+    port = ListPortInfo("/dev/ttyACM7")
+    port.description = "J-Link"
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [port])
+    assert main(["ports"]) == 0
+    assert capsys.readouterr().out == "/dev/ttyACM7        J-Link\n"
+    assert main(["ports", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said == {"ports": [{"port": "/dev/ttyACM7", "description": "J-Link"}]}
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: [])
+    assert main(["ports"]) == 0
+    assert capsys.readouterr().out == "no serial ports; is the board plugged in?\n"
 
 
 def test_orders_that_make_no_sense_are_named(emulator):
@@ -194,6 +228,27 @@ def test_orders_that_make_no_sense_are_named(emulator):
     said = subprocess.run(command, capture_output=True, text=True, timeout=20)
     assert said.returncode == 1
     assert "'explode' is not understood; orders are: drop RATE" in said.stderr
+
+
+def test_orders_that_come_together_are_obeyed_but_for_those_that_make_no_sense():
+    command = [sys.executable, "-m", "hardware", "emulate"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as board:
+        try:
+            port = board.stdout.readline().strip()
+            board.stdin.write("explode\nopen left\n")
+            board.stdin.flush()
+            assert "'explode" in board.stderr.readline()
+            with BoardLink(port) as link:
+                assert wait_for(lambda: "open" in guard.TEXTS[link.sample().reason])
+        finally:
+            board.terminate()
+
+
+def test_collecting_is_a_command_here_too(tmp_path):
+    command = [sys.executable, "-m", "hardware", "collect", "--help"]
+    said = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "equilibria in each recording" in said.stdout
 
 
 def test_equilibria_are_collected_from_a_robot(emulator):

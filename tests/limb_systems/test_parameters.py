@@ -473,3 +473,12 @@ def test_two_limbs_do_not_share_their_defaults():
 def test_every_field_is_documented(schema):
     for field in dataclasses.fields(schema):
         assert f"``{field.name}``" in schema.__doc__
+
+
+def test_board_that_is_no_text_is_refused(refused):
+    text = LimbParameters(board="0007").to_yaml()
+    assert LimbParameters.from_yaml(text).board == "0007"
+    with refused(ParameterError, "board is 7; it must be text"):
+        LimbParameters.from_yaml(text.replace("'0007'", "7"))
+    with refused(ParameterError, "board is 7; it must be text"):
+        LimbParameters(board=7).validate()

@@ -9,7 +9,7 @@ import pytest
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
-from pydrake.trajectories import PiecewisePolynomial
+from pydrake.trajectories import CompositeTrajectory, PiecewisePolynomial
 
 from limb_systems import (
     Limb,
@@ -375,3 +375,17 @@ def test_duty_of_a_controller_beyond_its_range_is_named_and_not_hidden():
     duty = builder.AddSystem(ConstantVectorSource([0.0, 1.2]))
     with pytest.raises(LimbError, match=r"duty is \[0\.0, 1\.2\] at 0 s"):
         record(builder, limb, duty.get_output_port(), 0.2)
+
+
+def test_controller_whose_duty_is_no_number_ends_the_simulation_with_a_sentence(refused):
+    builder = DiagramBuilder()
+    limb = builder.AddSystem(Limb())
+    duty = builder.AddSystem(ConstantVectorSource([0.0, np.nan]))
+    with refused(SimulationError, "stopped at 0 s of 0.2 s", "NaN"):
+        record(builder, limb, duty.get_output_port(), 0.2)
+
+
+def test_trajectory_that_starts_late_and_cannot_be_shifted_is_refused(refused):
+    late = CompositeTrajectory([PiecewisePolynomial.ZeroOrderHold([1.0, 2.0], np.zeros((2, 2)))])
+    with refused(SimulationError, "starts at 1 s", "must start at 0 s"):
+        simulate(small_limb(), late)

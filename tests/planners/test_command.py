@@ -1,8 +1,8 @@
 """``python -m planners`` as a shell sees it."""
 
-import subprocess
-import sys
+import json
 
+import numpy as np
 import pytest
 
 from limb_systems import Limb, LimbParameters, Trajectory, simulate
@@ -33,6 +33,33 @@ def test_plans_and_writes_a_trajectory_and_a_picture(quick, tmp_path, capsys):
     assert str(output) in said
 
 
+def test_json_says_what_is_in_the_file(quick, tmp_path, capsys):
+    output = tmp_path / "plan.csv"
+    assert main([*quick, "-o", str(output), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    trajectory = Trajectory.load(output)
+    check = trajectory.check
+    for name in ("solver", "status", "iterations", "cost", "guess_cost", "largest_difference_deg"):
+        assert said[name] == getattr(check, name)
+    assert said["solve_time_s"] == check.solve_time > 0.0
+    assert said["total_time_s"] == check.total_time > 0.0
+    assert said["duration_s"] == 6.0
+    assert said["knots"] == len(trajectory.time) == 61
+    assert said["active_constraints"] == [
+        {"bound": active.bound, "start_s": active.start, "end_s": active.end}
+        for active in check.active_constraints
+    ]
+    assert {active["bound"] for active in said["active_constraints"]} >= {"duty left = 0"}
+    missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))
+    assert said["reference_missed_mean_deg"] == pytest.approx(missed.mean())
+    assert said["written"] == [str(output)]
+
+
+def test_json_of_no_plan_is_nothing(quick, tmp_path, capsys):
+    assert main([*quick, "-o", str(tmp_path / "plan.csv"), "--json", "--knot-rate", "0"]) == 1
+    assert capsys.readouterr().out == ""
+
+
 def test_recordings_are_references(quick, tmp_path):
     simulate(Limb(), [0.0, 0.05], 4.0).save(tmp_path / "taught.csv")
     output = tmp_path / "plan.csv"
@@ -56,15 +83,3 @@ def test_failure_is_one_sentence_status_1_and_no_file(quick, tmp_path, capsys, e
     assert error.count("\n") == 1
     assert message in error
     assert not output.exists()
-
-
-def test_help_works_from_another_directory(tmp_path):
-    for module in ("planners", "hardware"):
-        done = subprocess.run(
-            [sys.executable, "-m", module, "--help"],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        assert "exit status" in done.stdout

@@ -2,6 +2,7 @@
 
 import os
 import signal
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -117,13 +118,14 @@ def test_ctrl_c_keeps_the_best_feasible_point():
         if violation < 1e-9:
             os.kill(os.getpid(), signal.SIGINT)
 
+    handler = signal.getsignal(signal.SIGINT)
     solver = ExactHessianIpoptSolver(exact=True, on_iteration=interrupt)
     result = solver.Solve(prog, np.array([-0.5, 0.8]))
     details = result.get_solver_details()
     assert details.status == "stopped by the user"
     assert details.violation < 1e-6
     np.testing.assert_allclose(np.linalg.norm(result.get_x_val()), 1.0, atol=1e-6)
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is handler
 
 
 def test_cones_are_refused():
@@ -150,3 +152,10 @@ def test_agrees_with_snopt_on_a_random_nonlinear_program(exact):
     assert solution.is_success()
     assert reference.is_success()
     assert solution.get_optimal_cost() == pytest.approx(reference.get_optimal_cost(), rel=1e-5)
+
+
+def test_solves_on_a_thread_where_there_are_no_signals():
+    prog, _ = nearest_point_on_circle()
+    with ThreadPoolExecutor() as pool:
+        solve = pool.submit(ExactHessianIpoptSolver(exact=True).Solve, prog, np.array([-0.5, 0.8]))
+        assert solve.result().is_success()

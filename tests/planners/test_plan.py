@@ -17,6 +17,7 @@ from limb_systems import (
     simulate,
 )
 from planners import InfeasibleError, PlanningError, ipopt, plan, planning, references, solving
+from planners.__main__ import main
 from planners.program import TrajectoryProgram
 
 
@@ -350,10 +351,11 @@ def test_ctrl_c_gives_the_best_feasible_plan_so_far(monkeypatch):
     assert trajectory.check.failure() is None
 
 
-def test_ctrl_c_before_a_feasible_plan_is_an_error(monkeypatch):
+def test_ctrl_c_before_a_feasible_plan_is_status_130_and_no_file(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(solving, "Progress", interrupt_at(1))
-    with pytest.raises(PlanningError, match="Stopped before there was a feasible plan"):
-        plan(LimbParameters(), references.step_and_decaying_sine(), knot_rate=5.0)
+    assert main(["fig5", "-o", str(tmp_path / "plan.csv"), "--knot-rate", "5"]) == 130
+    assert capsys.readouterr().err == "stopped; nothing was written\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_knots_are_added_where_the_limb_is_kicked():
@@ -378,3 +380,10 @@ def test_an_unreachable_reference_is_planned_as_well_as_the_limits_allow():
     np.testing.assert_allclose(trajectory.bend_angle[0, held], limit, rtol=0.01)
     binding = {active.bound for active in trajectory.check.active_constraints}
     assert {"wire right = T_max", "wire left = T_warm", "duty right = 1"} <= binding
+
+
+def test_a_planner_whose_knots_are_too_few_says_so():
+    at_once = references.from_samples([0.0, 0.01, 2.0], np.deg2rad([0.0, 30.0, 30.0]))
+    planner = planning.Planner(cold_parameters(), np.linspace(0.0, 2.0, 21), tolerance_deg=1e-3)
+    with pytest.raises(PlanningError, match="failed its check: simulating the planned duty"):
+        planner.plan(at_once)

@@ -1,0 +1,63 @@
+"""Boards that are none, are others' or are hung, as the host's end of the cable tells."""
+
+import os
+import threading
+import time
+import tty
+
+import pytest
+
+from hardware import BoardLink, HardwareError, SerialLimb
+from hardware.firmware import protocol
+
+
+@pytest.fixture
+def board():
+    """The board's end of a pseudo-terminal, and its port."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    yield master, os.ttyname(slave)
+    os.close(slave)
+    os.close(master)
+
+
+def greeting(version):
+    return protocol.encode(protocol.INFO, version, 20, 440, b"mine0001")
+
+
+def test_a_port_without_a_board_is_named(board):
+    with pytest.raises(HardwareError, match=f"The board on {board[1]} does not answer a greeting"):
+        SerialLimb(board[1])
+    message = "does not answer being opened"  # but may be opened again
+    with BoardLink(board[1]) as link, pytest.raises(HardwareError, match=message):
+        link.sample()
+
+
+def test_a_board_with_other_firmware_is_refused(board):
+    with BoardLink(board[1]) as link:
+        os.write(board[0], greeting(7))
+        with pytest.raises(HardwareError, match="has firmware 7; this program needs 1"):
+            link.info()
+
+
+def test_a_board_with_another_protocol_is_refused(board, monkeypatch):
+    with monkeypatch.context() as other:
+        other.setattr(protocol, "VERSION", 9)
+        frame = greeting(1)
+    with BoardLink(board[1]) as link:
+        os.write(board[0], frame)
+        with pytest.raises(HardwareError, match="speaks another version of the protocol"):
+            link.info()
+
+
+def test_a_board_that_takes_no_data_is_hung(board, monkeypatch):
+    hung = threading.Event()
+    with BoardLink(board[1]) as link:
+        monkeypatch.setattr(link._serial, "write", lambda _: hung.wait(5.0))
+        start = time.monotonic()
+        for _ in range(20):
+            link.disarm()  # neither waits nor raises
+        assert time.monotonic() - start < 1.0
+        with pytest.raises(HardwareError, match="takes no more data; is the board hung"):
+            link.info()
+        hung.set()

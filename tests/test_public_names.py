@@ -1,0 +1,85 @@
+"""What the packages show to the outside says what it is: types and docstrings."""
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+import re
+from types import FunctionType
+
+import pytest
+
+PACKAGES = ("limb_systems", "urdf", "planners", "calibration", "hardware")
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_public_names_have_docstrings(package):
+    module = importlib.import_module(package)
+    exported = {name: getattr(module, name) for name in module.__all__}
+    bare = [
+        name
+        for owner, value in exported.items()
+        for name, part in [(owner, value), *public_parts(value, owner)]
+        if not has_docstring(part)
+    ]
+    assert bare == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_public_constructors_list_their_arguments(package):
+    """Indented below "Args:", or else the API's pages run them together."""
+    module = importlib.import_module(package)
+    bare = []
+    for name in module.__all__:
+        value = getattr(module, name)
+        # Dataclasses generate theirs, and list the fields in the docstring of the class.
+        if not inspect.isclass(value) or dataclasses.is_dataclass(value):
+            continue
+        if isinstance(value.__init__, FunctionType) and value.__init__.__module__.startswith(
+            package
+        ):
+            described = inspect.cleandoc(value.__init__.__doc__ or value.__doc__)
+            if not re.search(r"^Args:\n    \w", described, re.MULTILINE):
+                bare.append(name)
+    assert bare == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_public_functions_have_types(package):
+    """In all modules; mypy sees to it that the types are right."""
+    untyped = []
+    for info in pkgutil.iter_modules(importlib.import_module(package).__path__):
+        if info.name in ("__main__", "firmware"):  # the latter is MicroPython
+            continue
+        module = importlib.import_module(f"{package}.{info.name}")
+        for name, function in public_parts(module, module.__name__):
+            if isinstance(function, FunctionType) and not is_typed(function):
+                untyped.append(name)
+    assert untyped == []
+
+
+def public_parts(owner, path):
+    """Names and values of what a module or class defines, and of what classes in it do."""
+    if not inspect.ismodule(owner) and not inspect.isclass(owner):
+        return
+    home = owner.__name__ if inspect.ismodule(owner) else owner.__module__
+    for name, value in vars(owner).items():
+        value = getattr(value, "fget", getattr(value, "__func__", value))
+        if name.startswith("_") or getattr(value, "__module__", None) != home:
+            continue
+        if isinstance(value, FunctionType) or inspect.isclass(value):
+            yield f"{path}.{name}", value
+            yield from public_parts(value, f"{path}.{name}")
+
+
+def has_docstring(part):
+    written = part.__doc__ or ""
+    return bool(written) and not written.startswith(f"{part.__name__}(")  # what dataclasses write
+
+
+def is_typed(function):
+    signature = inspect.signature(function)
+    annotations = [
+        p.annotation for name, p in signature.parameters.items() if name not in ("self", "cls")
+    ]
+    return signature.empty not in (*annotations, signature.return_annotation)

@@ -1,0 +1,115 @@
+"""What a user installs: the wheel, unpacked and used away from the checkout."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from limb_systems import LimbParameters, Recording, Trajectory
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("limb_systems", "urdf", "planners", "calibration", "hardware")
+
+USER_SCRIPT = """
+from hardware import LimbTwin, replay
+from limb_systems import LimbParameters, Trajectory
+from limb_systems.tracking import tracking_errors
+from planners import plan, references
+
+trajectory: Trajectory = plan(LimbParameters(), references.step_and_decaying_sine())
+recording = replay(trajectory, LimbTwin(seed=1))
+error: float = tracking_errors(trajectory, [recording]).mean
+plan(LimbParameters(), references.step_and_decaying_sine(), knot_rate="10")
+recording.bend_angel
+"""
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory) -> Path:
+    """Built without network from a copy, as building leaves files in the folder."""
+    folder = tmp_path_factory.mktemp("wheel")
+    unwanted = shutil.ignore_patterns(".*", "__pycache__", "*.egg-info", "build", "out")
+    shutil.copytree(ROOT, folder / "checkout", ignore=unwanted)
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-index", "--no-deps"]
+    command += ["--no-build-isolation", "--wheel-dir", str(folder), str(folder / "checkout")]
+    subprocess.run(command, check=True, capture_output=True, text=True)
+    shutil.rmtree(folder / "checkout")
+    (wheel,) = folder.glob("soft_limb-*-py3-none-any.whl")
+    return wheel
+
+
+@pytest.fixture(scope="module")
+def installed(wheel) -> Path:
+    folder = wheel.parent / "installed"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder)
+    return folder
+
+
+def run(installed, folder, module, *arguments) -> subprocess.CompletedProcess:
+    """Runs a module in a folder, with the packages of the wheel."""
+    environment = os.environ | {"PYTHONPATH": str(installed), "MYPYPATH": str(installed)}
+    command = [sys.executable, "-m", module, *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def test_holds_the_packages_and_nothing_else(wheel):
+    wanted = {
+        path.relative_to(ROOT).as_posix()
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*")
+        if path.is_file() and path.suffix not in (".pyc", ".pyi")
+    }
+    with zipfile.ZipFile(wheel) as archive:
+        held = {name for name in archive.namelist() if ".dist-info/" not in name}
+    assert held == wanted
+    others = {"urdf/limb_5.urdf", "urdf/package.xml", "hardware/firmware/README.md"}
+    assert held >= others | {f"{package}/py.typed" for package in PACKAGES}
+
+
+def test_packages_are_those_of_the_wheel(installed, tmp_path):
+    script = "".join(f"import {name}\nprint({name}.__file__)\n" for name in PACKAGES)
+    (tmp_path / "where.py").write_text(script)
+    done = run(installed, tmp_path, "where")
+    assert done.stdout.split() == [str(installed / name / "__init__.py") for name in PACKAGES]
+
+
+@pytest.mark.parametrize("package", ["planners", "calibration", "hardware"])
+def test_commands_have_help_with_their_exit_statuses(installed, tmp_path, package):
+    done = run(installed, tmp_path, package, "--help")
+    assert done.stdout.startswith(f"usage: python -m {package} ")
+    for status in ("exit status: 0 ", ", 1 ", ", 2 wrong usage, ", "130 stopped by Ctrl-C"):
+        assert status in " ".join(done.stdout.split())
+    assert done.stderr == ""
+
+
+def test_plans_and_replays_away_from_the_checkout(installed, tmp_path):
+    parameters = LimbParameters()
+    parameters.temperature_limits.warm_up_time = 1000.0
+    parameters.save(tmp_path / "limb.yaml")
+    (tmp_path / "reference.csv").write_text("0,0\n1,0\n3,12\n4,12\n")
+    planning = ("planners", "reference.csv", "-l", "limb.yaml", "-o", "plan.csv")
+    replaying = ("hardware", "replay", "plan.csv", "-o", "recording.csv")
+    for command in (planning, replaying):
+        done = run(installed, tmp_path, *command)
+        assert (done.returncode, done.stderr) == (0, "")
+    assert Trajectory.load(tmp_path / "plan.csv").duration == 4.0
+    assert Recording.load(tmp_path / "recording.csv").source == "emulated limb, seed 0"
+
+
+def test_users_get_types(installed, tmp_path):
+    """With Drake's own stubs, and no configuration."""
+    (tmp_path / "script.py").write_text(USER_SCRIPT)
+    options = ["--follow-imports", "silent", "--ignore-missing-imports", "--config-file", ""]
+    done = run(installed, tmp_path, "mypy", *options, "script.py")
+    errors = re.findall(r"^script.py:(\d+): error: .*\[(.*)\]$", done.stdout, re.MULTILINE)
+    lines = USER_SCRIPT.splitlines()
+    assert [(lines[int(line) - 1].split("(")[0], code) for line, code in errors] == [
+        ("plan", "arg-type"),
+        ("recording.bend_angel", "attr-defined"),
+    ], done.stdout
