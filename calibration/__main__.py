@@ -21,20 +21,17 @@ from calibration.calibrate import HEAT_METHODS
 from calibration.checks import check_recording
 from calibration.report import calibration_facts, validation_facts, validation_summary
 from hardware import LimbTwin, SerialLimb
-from limb_systems import LimbError, LimbParameters, Recording
+from limb_systems import LimbParameters, Recording
+from limb_systems.command import run_command
 from limb_systems.plots import save_figure
 
 
 def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
-    try:
-        return {"collect": _collect, "fit": _fit, "validate": _validate}[options.command](options)
-    except (LimbError, OSError, ValueError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("stopped; nothing more was written", file=sys.stderr)
-        return 130
+    command = {"collect": _collect, "fit": _fit, "validate": _validate}[options.command]
+    return run_command(
+        lambda: command(options), "stopped; what was finished is kept, and wires are off"
+    )
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -70,6 +70,9 @@ class Calibration:
     def remarks(self) -> list[str]:
         """What the recordings lack, in sentences; none if they are good."""
         remarks = []
+        for kind in ("left", "right", "both"):
+            if (count := len(self.sources.get(kind, []))) > 1:
+                remarks.append(f"Of {count} recordings of the kind {kind} only the first was used.")
         for kind, fit in (("sag", self.stiffness), ("ring-down", self.damping)):
             if fit is None:
                 remarks.append(f"There is no recording of {kind}: the description's value is kept.")
@@ -132,7 +135,10 @@ def calibrate(
             if kind not in KINDS:
                 raise CalibrationError(f"{kind!r} is no kind of recording: {', '.join(KINDS)}.")
             for recording in group:
-                check_recording(recording, kind)
+                try:
+                    check_recording(recording, kind)
+                except LimbError as error:
+                    raise CalibrationError(f"{recording.source}: {error}") from error
     for side in ("left", "right"):
         if not recordings.get(side):
             raise CalibrationError(
@@ -141,6 +147,7 @@ def calibrate(
             )
     heated = {side: recordings[side][0] for side in ("left", "right")}
     limb = copy.deepcopy(parameters or heated["right"].parameters)
+    limb.board = heated["right"].parameters.board or limb.board
     limb.gravity = [0.0, 0.0, 0.0]
     segment = only_segment(limb)
 

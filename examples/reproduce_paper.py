@@ -34,7 +34,8 @@ from evaluation.report import (
     write_report,
 )
 from hardware.specimen import EFFECTS, Specimen
-from limb_systems import LimbError, LimbParameters, write_meshcat_replay
+from limb_systems import LimbParameters, write_meshcat_replay
+from limb_systems.command import run_command
 from limb_systems.files import write_atomically
 from limb_systems.plots import save_figure
 
@@ -55,18 +56,11 @@ def main() -> int:
     options = parser.parse_args()
     if options.limbs < 1:
         parser.error("--limbs must be one or more")
-    try:
-        _reproduce(options)
-    except (LimbError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print(f"stopped; limbs that were finished are in {options.folder}", file=sys.stderr)
-        return 130
-    return 0
+    stopped = f"stopped; limbs that were finished are in {options.folder}"
+    return run_command(lambda: _reproduce(options), stopped)
 
 
-def _reproduce(options) -> None:
+def _reproduce(options) -> int:
     folder, started = options.folder, time.perf_counter()
     seeds = range(1 if options.quick else options.limbs)
     jobs = [(seed, ()) for seed in seeds]
@@ -88,7 +82,12 @@ def _reproduce(options) -> None:
     data = [dataclasses.asdict(summary) for summary in summaries]
     write_atomically(folder / "results.json", json.dumps(data, indent=1, ensure_ascii=False))
     motion = shown.motions[0]
-    write_meshcat_replay(folder / "replay.html", motion.trajectory, title="Steps and sinusoid")
+    write_meshcat_replay(
+        folder / "replay.html",
+        motion.rollouts[0],
+        plan=motion.trajectory,
+        title="Steps and sinusoid, on an emulated limb",
+    )
 
     print(f"\n{calibration_summary(shown.calibration)}\n")
     print("Table I: tracking error |φ* - φ| of five open-loop rollouts, in degrees")
@@ -100,6 +99,7 @@ def _reproduce(options) -> None:
     print(f"\nwritten in {time.perf_counter() - started:.0f} s:")
     for path in sorted(folder.iterdir()):
         print(f"  {path}")
+    return 0
 
 
 def _run_all(jobs: list, folder: Path) -> list[tuple[Summary, Experiment | None]]:

@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 import json
-import signal
 import sys
 from pathlib import Path
 
@@ -15,7 +14,9 @@ from hardware import BoardLink, LimbTwin, SerialLimb, replay, watch
 from hardware.emulated_board import ORDERS, emulate
 from hardware.firmware import guard
 from hardware.self_test import self_test
-from limb_systems import LimbError, LimbParameters, Recording, Trajectory
+from limb_systems import LimbParameters, Recording, Trajectory
+from limb_systems.command import run_command
+from limb_systems.plots import plot_tracking, save_figure
 from limb_systems.tracking import tracking_errors
 
 
@@ -26,20 +27,7 @@ def main(arguments: list[str] | None = None) -> int:
 
         return calibration_main(sys.argv[1:])
     options = _parser().parse_args(arguments)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _stop)
-    try:
-        return _COMMANDS[options.command](options)
-    except (LimbError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("stopped; wires are off", file=sys.stderr)
-        return 130
-
-
-def _stop(*_) -> None:
-    raise KeyboardInterrupt
+    return run_command(lambda: _COMMANDS[options.command](options), "stopped; wires are off")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -85,6 +73,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
     run.add_argument(
         "--seed", type=int, default=0, help="of the emulated limb (default %(default)s)"
+    )
+    run.add_argument(
+        "--plot", type=Path, help="picture of plan and recording to write (.png, .pdf, .svg)"
     )
     _add_meshcat_option(run)
 
@@ -232,6 +223,9 @@ def _replay(options) -> int:
         twin = LimbTwin(trajectory.parameters, seed=options.seed)
         recording = replay(trajectory, twin, meshcat=meshcat)
         recording.save(options.output)
+    written = [str(path) for path in (options.output, options.plot) if path]
+    if options.plot:
+        save_figure(plot_tracking(trajectory, [recording]), options.plot)
     errors = tracking_errors(trajectory, [recording])
     mean, median, percentile_90 = np.rad2deg(
         [errors.mean, errors.median, errors.percentile_90]
@@ -239,7 +233,7 @@ def _replay(options) -> int:
     if options.json:
         tracking = {"mean_deg": mean, "median_deg": median, "percentile_90_deg": percentile_90}
         facts = {"source": recording.source, "tracking": tracking, "timing": timing}
-        print(json.dumps({**facts, "written": [str(options.output)]}))
+        print(json.dumps({**facts, "written": written}))
         return 0
     if timing:
         print(
@@ -252,7 +246,7 @@ def _replay(options) -> int:
         f"tracking    |φ* - φ|: mean {mean:.2f}°, median {median:.2f}°, "
         f"90th percentile {percentile_90:.2f}°"
     )
-    print(f"written     {options.output}")
+    print(f"written     {', '.join(written)}")
     return 0
 
 

@@ -182,7 +182,7 @@ class Emulation:
             self._obey(words)
         except (IndexError, KeyError, ValueError) as error:
             raise LimbError(f"'{order}' is not understood; orders are: {ORDERS}") from error
-        self._on_event(event="order", order=order, time=time.monotonic())
+        self._on_event(event="order", order=order.strip(), time=time.monotonic())
 
     def _obey(self, words: list[str]) -> None:
         name = words[0]

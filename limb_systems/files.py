@@ -1,7 +1,7 @@
 """The file format that recordings and trajectories share.
 
-A file is a CSV table between a header and an end line, all of it text that
-spreadsheets and `numpy.loadtxt` read (comments start with ``#``):
+A file is a CSV table between a header and an end line, comments that start
+with ``#``:
 
     # limb recording, format 1
     # sample_rate_hz: 20.0

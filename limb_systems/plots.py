@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from limb_systems.errors import LimbError
 from limb_systems.recording import Recording
 from limb_systems.trajectory import Trajectory
 
@@ -69,8 +70,19 @@ def dress(axis: Axes) -> None:
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Writes a figure to a file, in the format that its name ends with."""
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    """Writes a figure to a file, in the format that its name ends with.
+
+    Raises:
+        LimbError: if there is no such format.
+    """
+    path = Path(path)
+    formats = figure.canvas.get_supported_filetypes()
+    if path.suffix[1:].lower() not in formats:
+        raise LimbError(
+            f"The picture {path} is of no known format; its name must end with one of "
+            f"{', '.join(f'.{name}' for name in sorted(formats))}."
+        )
+    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150)
 
 

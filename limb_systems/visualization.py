@@ -67,8 +67,8 @@ def wire_color(parameters: LimbParameters, temperature: ArrayLike) -> np.ndarray
         (..., 3): red, green and blue (sRGB) in [0, 1], in a new last axis.
     """
     span = parameters.ambient_temperature, parameters.temperature_limits.maximum
-    stops = np.linspace(*span, len(_WIRE_COLORS))
-    return np.stack([np.interp(temperature, stops, c) for c in _WIRE_COLORS.T], axis=-1)
+    stops, values = np.linspace(*span, len(_WIRE_COLORS)), np.asarray(temperature, float)
+    return np.stack([np.interp(values, stops, c) for c in _WIRE_COLORS.T], axis=-1)
 
 
 class LimbVisualizer(Diagram):
@@ -212,8 +212,9 @@ def write_meshcat_replay(
     start, end = motion.time[[0, -1]]
     ghosts = _ghosts_beside(motion, plan)
     times = np.linspace(start, end, 1 + max(1, round((end - start) * frames_per_second)))
-    measured = motion.wire_temperature is None
-    temperature = motion.measured_temperature if measured else motion.wire_temperature
+    temperature, measured = motion.wire_temperature, motion.wire_temperature is None
+    if temperature is None:
+        temperature = motion.measured_temperature
     page, aspect = _animate(
         motion.parameters,
         joint_angle_course(motion).vector_values(times),

@@ -5,13 +5,19 @@ import json
 import sys
 from pathlib import Path
 
-from limb_systems import LimbError, LimbParameters, Recording
+from limb_systems import LimbParameters, Recording
+from limb_systems.command import run_command
 from limb_systems.plots import plot_tracking, save_figure
 from planners import plan, references
 from planners.report import plan_facts, plan_summary, plot_diagnostics
 
 
 def main(arguments: list[str] | None = None) -> int:
+    options = _parser().parse_args(arguments)
+    return run_command(lambda: _plan(options), "stopped; nothing was written")
+
+
+def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m planners",
         description="Plans the feasible trajectory of a limb that is nearest to a reference bend "
@@ -52,26 +58,22 @@ def main(arguments: list[str] | None = None) -> int:
         help="s over which a recording's bend angle is smoothed (default %(default)g)",
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
-    options = parser.parse_args(arguments)
-    try:
-        parameters = LimbParameters.load(options.limb) if options.limb else LimbParameters()
-        trajectory = plan(
-            parameters,
-            _reference(options.reference, options.smooth),
-            knot_rate=options.knot_rate,
-            tolerance_deg=options.tolerance,
-        )
-        trajectory.save(options.output)
-        if options.plot:
-            save_figure(plot_tracking(trajectory), options.plot)
-        if options.diagnostics:
-            save_figure(plot_diagnostics(trajectory), options.diagnostics)
-    except (LimbError, OSError, ValueError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("stopped; nothing was written", file=sys.stderr)
-        return 130
+    return parser
+
+
+def _plan(options) -> int:
+    parameters = LimbParameters.load(options.limb) if options.limb else LimbParameters()
+    trajectory = plan(
+        parameters,
+        _reference(options.reference, options.smooth),
+        knot_rate=options.knot_rate,
+        tolerance_deg=options.tolerance,
+    )
+    trajectory.save(options.output)
+    if options.plot:
+        save_figure(plot_tracking(trajectory), options.plot)
+    if options.diagnostics:
+        save_figure(plot_diagnostics(trajectory), options.diagnostics)
     written = [str(path) for path in (options.output, options.plot, options.diagnostics) if path]
     if options.json:
         print(json.dumps({**plan_facts(trajectory), "written": written}))

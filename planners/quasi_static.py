@@ -15,13 +15,13 @@ from pydrake.solvers import (
 )
 
 from limb_systems import LimbParameters, joint_angles_from_bend_angle, torque_matrix
-from limb_systems.errors import LimbError
 from planners.defects import linear_defect_terms
 from planners.program import add_duty_cost, add_thermal_limits
+from planners.solving import PlanningError
 from planners.task import Task
 
 
-class InfeasibleError(LimbError):
+class InfeasibleError(PlanningError):
     """No duty within [0, 1] meets the temperature constraints (19)-(20)."""
 
 

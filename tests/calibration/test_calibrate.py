@@ -42,8 +42,12 @@ def test_the_model_is_calibrated_to_its_own_parameters(true_limb, model_recordin
 def test_description_keeps_what_is_not_calibrated(model_recordings):
     description = LimbParameters()
     description.temperature_limits.maximum = 90.0
-    recordings = {kind: model_recordings[kind] for kind in ("left", "right")}
-    calibration = calibrate(recordings, description)
+    (left,), (right,) = model_recordings["left"], model_recordings["right"]
+    of_a_board = copy.deepcopy(right)
+    of_a_board.parameters.board = "twin0007"
+    calibration = calibrate({"left": [left], "right": [of_a_board, right]}, description)
+    assert calibration.parameters.board == "twin0007"
+    assert "Of 2 recordings of the kind right only the first was used." in calibration.remarks
     assert calibration.parameters.temperature_limits.maximum == 90.0
     assert calibration.parameters.segments[0].stiffness == description.segments[0].stiffness
     assert calibration.validation is None
@@ -60,6 +64,12 @@ def test_missing_and_unknown_recordings_are_named(model_recordings, tmp_path):
         calibrate(tmp_path / "nothing")
     with pytest.raises(CalibrationError, match="heat is 'guess'; it must be one of bend"):
         calibrate(model_recordings, heat="guess")
+
+
+def test_a_recording_of_another_kind_is_named(model_recordings):
+    (left,) = model_recordings["left"]
+    with pytest.raises(CalibrationError, match=f"^{left.source}: .*right"):
+        calibrate({"left": [left], "right": [left]})
 
 
 def test_validation_of_the_truth_has_no_error_and_of_another_limb_has(true_limb, model_recordings):
@@ -162,7 +172,7 @@ def test_command_that_is_stopped_says_so(tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr("calibration.__main__.collect_from_twin", stop)
     assert main(["collect", "-o", str(tmp_path / "new")]) == 130
-    assert capsys.readouterr().err == "stopped; nothing more was written\n"
+    assert capsys.readouterr().err == "stopped; what was finished is kept, and wires are off\n"
 
 
 def test_command_collects_from_a_robot(tmp_path, monkeypatch):

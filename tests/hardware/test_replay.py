@@ -139,10 +139,14 @@ def test_command_shows_the_limb_and_says_where(fig5_plan, tmp_path, capsys):
 
 def test_command_replays_and_writes_a_recording(fig5_plan, tmp_path, capsys):
     fig5_plan.save(tmp_path / "plan.csv")
-    output = tmp_path / "recording.csv"
-    assert main(["replay", str(tmp_path / "plan.csv"), "-o", str(output)]) == 0
+    output, picture = tmp_path / "recording.csv", tmp_path / "tracking.png"
+    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output)]
+    assert main([*arguments, "--plot", str(picture)]) == 0
     assert len(Recording.load(output).time) == 1201
-    assert "emulated" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "emulated" in said
+    assert f"written     {output}, {picture}" in said
+    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_json_says_what_is_in_the_recording(fig5_plan, tmp_path, capsys):

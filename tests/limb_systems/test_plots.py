@@ -3,9 +3,11 @@
 import dataclasses
 
 import numpy as np
+import pytest
+from matplotlib.figure import Figure
 
 from hardware import replay
-from limb_systems import Limb
+from limb_systems import Limb, LimbError, PlanCheck, Trajectory
 from limb_systems.plots import plot_tracking, save_figure
 
 
@@ -24,7 +26,45 @@ def test_rollouts_are_drawn_as_their_mean_and_the_band_of_95_percent(fig5_plan, 
     lowest = band.get_paths()[0].vertices[:, 1].min()
     np.testing.assert_allclose(lowest, mean.min() - 1.96, atol=1e-9)  # s = 1°
     assert len(heat.collections) == 2
-    assert len(duty.collections) == 0
+    drawn = {line.get_label(): line.get_ydata() for line in duty.get_lines()}
+    np.testing.assert_allclose(drawn["right, D* planned"], fig5_plan.duty[1])
+    np.testing.assert_allclose(drawn["right, D"], recording.duty[1])
     assert figure.get_suptitle() == "three rollouts"
     save_figure(figure, tmp_path / "deep" / "fig5.pdf")
     assert (tmp_path / "deep" / "fig5.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_each_segment_has_its_panels_and_its_own_wires(two_segments):
+    plan = _plan_of(two_segments)
+    axes = plot_tracking(plan).figure.axes
+    assert [axis.get_ylabel() for axis in axes[::3]] == [
+        "bend angle of segment 1 (°)",
+        "bend angle of segment 2 (°)",
+    ]
+    for segment in range(2):
+        lines = {line.get_label(): line for line in axes[3 * segment + 2].get_lines()}
+        for index, side in enumerate(("left", "right")):
+            duty = plan.duty[2 * segment + index]
+            np.testing.assert_array_equal(lines[f"{side}, D* planned"].get_ydata(), duty)
+
+
+def _plan_of(parameters) -> Trajectory:
+    """Not a plan, but a trajectory that tells its wires from each other."""
+    wires, joints = len(parameters.wires), parameters.num_joints
+    temperature = 25.0 + np.arange(2.0 * wires).reshape(wires, 2)
+    return Trajectory(
+        time=np.array([0.0, 1.0]),
+        reference=np.zeros((2, 2)),
+        duty=np.arange(2.0 * wires).reshape(wires, 2) / 10,
+        joint_state=np.zeros((2 * joints, 2)),
+        wire_temperature=temperature,
+        measured_temperature=temperature,
+        parameters=parameters,
+        check=PlanCheck(),
+    )
+
+
+def test_a_picture_of_no_known_format_is_refused_before_it_is_drawn(tmp_path):
+    with pytest.raises(LimbError, match=r"fig.xyz is of no known format; .*\.pdf"):
+        save_figure(Figure(), tmp_path / "new" / "fig.xyz")
+    assert not (tmp_path / "new").exists()
