@@ -118,7 +118,8 @@ def _run_all(jobs: list, folder: Path) -> list[tuple[Summary, Experiment | None]
                     f"{len(results):>3} of {len(jobs)}: limb {seed}{without}: {errors}", flush=True
                 )
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            for process in multiprocessing.active_children():
+                process.terminate()  # or the pool would wait for what they are at
             raise
     return [results[job] for job in jobs]
 
