@@ -98,6 +98,14 @@ def test_force_is_the_one_that_generated_the_data(true_limb, model_recordings, i
     assert softer.beta.standard_error >= 0.1 * softer.beta.value  # k's own uncertainty is in it
 
 
+def test_a_wire_that_bends_the_limb_to_the_other_side_is_refused(true_limb, model_recordings):
+    (recording,) = model_recordings["right"]
+    heat = fit_heat_transfer(recording, 1, 23.0)
+    reversed_sensor = dataclasses.replace(recording, bend_angle=-recording.bend_angle)
+    with pytest.raises(CalibrationError, match="right wire bends the limb away from its own side"):
+        fit_force(true_limb, reversed_sensor, 1, heat, Estimate(0.115, 0.0, "N·m/rad"))
+
+
 def noisy(recording, seed):
     """White noise of 0.3 °C and 0.5°, and a drift of the bend of 1° over minutes."""
     generator = np.random.default_rng(seed)

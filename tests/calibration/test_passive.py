@@ -183,6 +183,13 @@ def test_a_limb_at_rest_does_not_ring_down(true_limb, model_recordings):
         fit_damping(true_limb, [still])
 
 
+def test_a_sag_that_no_spring_explains_is_refused():
+    """A chord cannot hang steeper than straight down."""
+    limb = LimbParameters()
+    with pytest.raises(CalibrationError, match="No spring constant explains a sag of -120"):
+        fit_stiffness(limb, sagging(limb, np.deg2rad(-120.0)))
+
+
 def test_what_is_too_little_is_refused():
     limb, time = LimbParameters(), np.arange(100) / 100
     with pytest.raises(CalibrationError, match="no recording of the limb's sag"):

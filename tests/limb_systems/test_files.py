@@ -646,6 +646,12 @@ def test_joint_angles_between_knots_are_cubic():
     np.testing.assert_allclose(trajectory.bend_angle, knots, atol=1e-14)
 
 
+def test_bend_angle_at_no_time_is_refused():
+    trajectory, _ = cubic_trajectory()
+    with pytest.raises(LimbError, match="times must be finite"):
+        trajectory.bend_angle_at([2.0, np.nan])
+
+
 def test_duty_between_knots_is_linear():
     trajectory, _ = cubic_trajectory()
     duty = trajectory.duty_trajectory()
