@@ -16,7 +16,6 @@ from hardware.firmware import guard
 from hardware.self_test import self_test
 from limb_systems import LimbParameters, Recording, Trajectory
 from limb_systems.command import run_command
-from limb_systems.plots import plot_tracking, save_figure
 from limb_systems.tracking import tracking_errors
 
 
@@ -225,6 +224,9 @@ def _replay(options) -> int:
         recording.save(options.output)
     written = [str(path) for path in (options.output, options.plot) if path]
     if options.plot:
+        # Matplotlib takes as long to import as all the rest.
+        from limb_systems.plots import plot_tracking, save_figure
+
         save_figure(plot_tracking(trajectory, [recording]), options.plot)
     errors = tracking_errors(trajectory, [recording])
     mean, median, percentile_90 = np.rad2deg(

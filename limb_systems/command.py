@@ -12,7 +12,9 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
     """Runs a command to its exit status, with one sentence instead of a traceback.
 
     SIGTERM and SIGHUP end it as Ctrl-C does, so that what holds a resource,
-    such as hot wires, lets go of it on the way out.
+    such as hot wires, lets go of it on the way out. So does SIGINT where a
+    shell ignores it, as in the background; a SIGHUP that `nohup` ignores stays
+    ignored.
 
     Args:
         command: returns its own exit status.
@@ -22,8 +24,9 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         Exit status: the command's own, 1 if it could not be done, 130 if it
         was stopped.
     """
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _stop)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, _stop)
     try:
         status = command()
         sys.stdout.flush()

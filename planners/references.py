@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
-from scipy.signal import savgol_filter
 
 from limb_systems import LimbError, Recording
 
@@ -64,6 +63,9 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
             f"{recording.time[-1] - recording.time[0]:g} s."
         )
     if window > 3:
+        # Takes as long to import as all the rest, and few references are smoothed.
+        from scipy.signal import savgol_filter
+
         angles = savgol_filter(angles, window, 2)
     return from_samples(recording.time, angles)
 

@@ -176,7 +176,8 @@ def test_status_says_how_the_board_is(emulator, capsys):
 
 
 def test_replay_tells_its_timing_in_words_and_in_json(emulator, short_plan, tmp_path, capsys):
-    short_plan.save(tmp_path / "plan.csv")
+    reference = references.from_samples([0.0, 1.0], [0.0, 0.05])
+    plan(short_plan.parameters, reference).save(tmp_path / "plan.csv")
     output = tmp_path / "recording.csv"
     arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output), "-p", emulator.port]
     assert main(arguments) == 0

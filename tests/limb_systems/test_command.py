@@ -12,12 +12,13 @@ from limb_systems import LimbError
 from limb_systems.command import run_command
 
 ROOT = Path(__file__).parents[2]
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @pytest.fixture(autouse=True)
 def handlers():
     """Puts the signals' handlers back."""
-    kept = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    kept = {number: signal.getsignal(number) for number in SIGNALS}
     yield
     for number, handler in kept.items():
         signal.signal(number, handler)
@@ -46,8 +47,10 @@ def test_mistakes_of_the_program_are_not_hidden():
         run_command(fail_with(ValueError("a mistake")), "stopped")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("number", SIGNALS)
 def test_signals_end_it_as_ctrl_c_does(number, capsys):
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # as a shell does in the background
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
     freed = []
 
     def command():
@@ -60,6 +63,11 @@ def test_signals_end_it_as_ctrl_c_does(number, capsys):
     assert run_command(command, "stopped; wires are off") == 130
     assert freed
     assert capsys.readouterr().err == "stopped; wires are off\n"
+
+
+def test_nohup_is_respected():
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    assert run_command(lambda: os.kill(os.getpid(), signal.SIGHUP) or 0, "stopped") == 0
 
 
 def test_a_reader_that_went_away_gets_no_traceback():
