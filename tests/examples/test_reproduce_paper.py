@@ -31,23 +31,9 @@ def evaluation():
         sys.path.remove(str(EXAMPLES))
 
 
-@pytest.fixture(scope="module")
-def quick(tmp_path_factory):
-    """The folder that the demo leaves, and what it said."""
-    folder = tmp_path_factory.mktemp("demo") / "out"
-    done = subprocess.run(
-        [sys.executable, EXAMPLES / "reproduce_paper.py", folder, "--quick"],
-        cwd=folder.parent,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert all(re.match("simulating|calibrating", line) for line in done.stderr.splitlines())
-    return folder, done.stdout
-
-
-def test_demo_leaves_what_it_promises(quick):
-    folder, said = quick
+def test_demo_leaves_what_it_promises(demo):
+    folder, said, complained = demo
+    assert all(re.match("simulating|calibrating", line) for line in complained.splitlines())
     assert "These limbs are emulated." in said
     limb = LimbParameters.load(folder / "limb_0" / "limb.yaml")
     assert limb != LimbParameters()
@@ -59,8 +45,8 @@ def test_demo_leaves_what_it_promises(quick):
         assert b"</html>" in (folder / f"{name}.html").read_bytes()
 
 
-def test_table_1_is_that_of_the_files(quick):
-    folder, said = quick
+def test_table_1_is_that_of_the_files(demo):
+    folder, said, _ = demo
     (summary,) = json.loads((folder / "results.json").read_text(encoding="utf-8"))
     assert summary["seed"] == 0
     for motion, name in (("Validation", "validation"), ("T&R 1", "t_and_r_1")):
@@ -79,9 +65,9 @@ def test_table_1_is_that_of_the_files(quick):
         )
 
 
-def test_taught_motions_are_what_the_paper_says(quick):
+def test_taught_motions_are_what_the_paper_says(demo):
     """The first is faster and within a smaller range, the second has holds."""
-    folder, _ = quick
+    folder, *_ = demo
     first, second = (
         Recording.load(folder / "limb_0" / f"t_and_r_{number}" / "taught.csv") for number in (1, 2)
     )
