@@ -38,7 +38,6 @@ coverage: $(VENV)/ready
 # Pages of all docstrings, from build/api/index.html on. Modules that are named like a function in
 # them are left out, as is what runs under MicroPython.
 api: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	rm -rf build/api
 	$(BIN)/pdoc --docformat google --output-directory build/api \
 	    --footer-text "soft-limb $$($(BIN)/python -c 'from importlib.metadata import version; print(version("soft-limb"))')" \
