@@ -23,7 +23,7 @@ td, th { text-align: left; vertical-align: top; padding: .25rem .75rem .25rem 0;
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 td.number, th.number { white-space: nowrap; }
 caption { text-align: left; color: #555; caption-side: bottom; padding-top: .3rem; }
-code { font-size: .9em; overflow-wrap: anywhere; }
+pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .8em; line-height: 1.35; }
 @media (max-width: 40rem) {
   table { font-size: .8rem; } td, th { padding-right: .4rem; } td.number { white-space: normal; }
 }
@@ -66,6 +66,11 @@ def paragraph(text: str) -> str:
 def items(texts: Sequence[str]) -> str:
     """Plain texts as a list."""
     return "<ul>" + "".join(f"<li>{html.escape(text)}</li>" for text in texts) + "</ul>"
+
+
+def preformatted(text: str) -> str:
+    """Plain text whose lines and spaces count, such as a file."""
+    return f"<pre>{html.escape(text)}</pre>"
 
 
 def picture(figure: Figure, description: str) -> str:

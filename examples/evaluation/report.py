@@ -405,11 +405,11 @@ def write_report(
             ),
             parameter_table(experiment.calibration),
             page.items(experiment.calibration.remarks),
-            f"<pre><code>{parameters.to_yaml()}</code></pre>",
+            page.preformatted(parameters.to_yaml()),
         )
     )
     plans = "\n\n".join(f"{m.name}\n{plan_summary(m.trajectory)}" for m in experiment.motions)
-    parts.append(page.section("Plans", f"<pre><code>{plans}</code></pre>"))
+    parts.append(page.section("Plans", page.preformatted(plans)))
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in PACKAGES)
     parts.append(
         page.section(

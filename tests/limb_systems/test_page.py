@@ -44,6 +44,7 @@ def test_page_holds_its_parts_as_text(tmp_path):
         "a < b & c",
         [
             page.section("Q = <Q>", page.paragraph("φ & <b>"), page.items(["<i>", "2"])),
+            page.preformatted("k:  1\n  <l>"),
             page.table(["name", "°"], [["<k>", "-1.5"], ["b", "± 2"]], "measured & counted"),
         ],
     )
@@ -52,6 +53,7 @@ def test_page_holds_its_parts_as_text(tmp_path):
     assert texts["h2"] == ["Q = <Q>"]
     assert texts["p"] == ["φ & <b>"]
     assert texts["li"] == ["<i>", "2"]
+    assert texts["pre"] == ["k:  1\n  <l>"]
     assert texts["th"] == ["name", "°"]
     assert texts["td"] == ["<k>", "-1.5", "b", "±\u00a02"]  # no line break within
     assert texts["caption"] == ["measured & counted"]
