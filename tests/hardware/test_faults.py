@@ -86,13 +86,27 @@ def test_cable_that_is_unplugged(emulator, heating, record_property):
     assert "The cable to" in heating.failure() or "Nothing came" in heating.failure()
 
 
-def test_bytes_that_are_corrupted_now_and_then(emulator, link, heating):
+@pytest.mark.parametrize("damage", ["corrupt", "drop", "duplicate", "reorder"])
+def test_bytes_that_are_damaged_now_and_then(emulator, link, heating, damage):
     """1%: some commands get lost, and either the next ones arrive, or it is off."""
-    emulator.order("corrupt 0.01")
+    emulator.order(f"{damage} 0.01")
     time.sleep(1.0)
     duties = {(event["left"], event["right"]) for event in emulator.events("duty")}
     assert duties <= {(0.0, 0.0), (0.0, 1.0)}
     assert link.parser.rejected > 0
+
+
+def test_commands_that_are_late(emulator, link, heating, record_property):
+    """They come one after the other, but the first of them after the heartbeat's end."""
+    off = emulator.off_after(emulator.order("delay 0.4"))
+    report(record_property, "commands 400 ms late", off)
+    assert off < HEARTBEAT
+    heating.stop()
+    time.sleep(0.6)
+    assert emulator.duty() == [0.0, 0.0]  # late ones do not heat again
+    emulator.order("delay 0")
+    link.clear()  # nothing is latched: does nothing
+    assert link.sample().reason < guard.LATCHING
 
 
 def test_bytes_that_are_mostly_corrupted(emulator, heating, record_property):
