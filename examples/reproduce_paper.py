@@ -23,16 +23,9 @@ from calibration import save_parameters, save_recordings
 from calibration.report import calibration_summary
 from calibration.report import write_report as write_calibration_report
 from evaluation.experiment import Experiment, run_experiment
-from evaluation.report import (
-    EMULATED,
-    STATISTICS,
-    Summary,
-    figures,
-    findings,
-    summarize,
-    table_1,
-    write_report,
-)
+from evaluation.figures import figures
+from evaluation.report import EMULATED, write_report
+from evaluation.tables import STATISTICS, Summary, findings, summarize, table_1
 from hardware.specimen import EFFECTS, Specimen
 from limb_systems import LimbParameters, write_meshcat_replay
 from limb_systems.command import run_command

@@ -24,9 +24,9 @@ def evaluation():
     """The modules beside the script, which are no package of the distribution."""
     sys.path.insert(0, str(EXAMPLES))
     try:
-        from evaluation import error_split, experiment, report
+        from evaluation import error_split, experiment, tables
 
-        yield SimpleNamespace(error_split=error_split, experiment=experiment, report=report)
+        yield SimpleNamespace(error_split=error_split, experiment=experiment, tables=tables)
     finally:
         sys.path.remove(str(EXAMPLES))
 
@@ -85,7 +85,7 @@ def test_taught_motions_are_what_the_paper_says(demo):
 
 def test_interval_of_the_mean_is_students(evaluation):
     """Of 1, 2, 3, 4, 5: standard error sqrt(2.5 / 5), and t(97.5%, 4) = 2.776 in any table."""
-    mean, margin = evaluation.report.mean_and_margin([1.0, 2.0, 3.0, 4.0, 5.0])
+    mean, margin = evaluation.tables.mean_and_margin([1.0, 2.0, 3.0, 4.0, 5.0])
     assert mean == 3.0
     assert margin == pytest.approx(2.776 * np.sqrt(0.5), rel=1e-3)
 
@@ -129,16 +129,16 @@ def test_absences_are_compared_limb_by_limb(evaluation):
         motions = ("Validation", "T&R 1", "T&R 2")
         split = {m: dict.fromkeys(evaluation.error_split.STEPS, (1.0, 1.0)) for m in motions}
         first = dict.fromkeys(motions, error)
-        return evaluation.report.Summary(seed, absent, {}, first, split)
+        return evaluation.tables.Summary(seed, absent, {}, first, split)
 
     summaries = [summary(0, (), 2.0), summary(1, (), 6.0)]
     summaries += [summary(0, ("silicone",), 3.0), summary(1, ("silicone",), 7.2)]
-    rows = evaluation.report.absence_table(summaries)
+    rows = evaluation.tables.absence_table(summaries)
     assert rows[0] == ["with all effects", "4.00", "4.00", "4.00"]
     # Changes of 1 and 1.2: mean 1.1, standard error 0.1, and t(97.5%, 1) = 12.706.
     assert rows[1] == ["without silicone"] + ["5.10 (+1.10 ± 1.27)"] * 3
     assert (
-        "changes by +1.10 ± 1.27°, which may be chance" in evaluation.report.findings(summaries)[1]
+        "changes by +1.10 ± 1.27°, which may be chance" in evaluation.tables.findings(summaries)[1]
     )
 
 

@@ -1,0 +1,170 @@
+"""What came of the evaluation in pictures: Figs. 4 to 7, Table I and the split of the error."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from calibration import plot_validation
+from evaluation.error_split import STEPS
+from evaluation.experiment import Experiment
+from evaluation.tables import PAPER_TABLE_1, STATISTICS, Summary, complete, mean_and_margin
+from limb_systems import Recording, joint_angles_from_bend_angle
+from limb_systems.plots import (
+    LEFT_RIGHT_COLORS,
+    PLAN_COLOR,
+    REFERENCE_COLOR,
+    ROLLOUT_COLOR,
+    WIDTH,
+    dress,
+    plot_tracking,
+)
+
+
+def plot_limbs(summaries: Sequence[Summary]) -> Figure:
+    """Table I as a picture: every limb, their mean with its interval, and the paper's robot."""
+    whole = complete(summaries)
+    figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
+    axes = figure.subplots(1, 3, sharey=True)
+    motions = range(len(PAPER_TABLE_1))
+    for index, (axis, statistic) in enumerate(zip(axes, STATISTICS, strict=True)):
+        values = np.array([[s.tracking[m][index] for m in PAPER_TABLE_1] for s in whole])
+        mean, margin = np.transpose([mean_and_margin(column) for column in values.T])
+        paper = [row[index] for row in PAPER_TABLE_1.values()]
+        for place in motions:
+            axis.plot([place] * len(whole), values[:, place], "o", color=ROLLOUT_COLOR, alpha=0.35)
+        axis.errorbar(np.add(motions, 0.15), mean, margin, fmt="o", color="k", capsize=4)
+        axis.plot(np.subtract(motions, 0.2), paper, "D", color=PLAN_COLOR)
+        axis.set_xticks(motions, [name.replace(" ", "\n") for name in PAPER_TABLE_1])
+        axis.set_xlim(-0.5, len(PAPER_TABLE_1) - 0.5)
+        axis.grid(alpha=0.25)
+        axis.spines[["top", "right"]].set_visible(False)
+        axis.set_xlabel(statistic)
+    axes[0].set_ylim(bottom=0)
+    axes[0].set_ylabel("|φ* − φ| (°)")
+    limb, *_, paper = axes[0].get_lines()
+    entries = {
+        "each limb": limb,
+        "mean, 95% interval": axes[0].containers[0],
+        "the paper's robot": paper,
+    }
+    figure.legend(
+        entries.values(), entries, loc="outside upper left", ncols=3, frameon=False, fontsize=8.5
+    )
+    return figure
+
+
+def plot_split(summaries: Sequence[Summary]) -> Figure:
+    """What each step of `error_split` makes of the bend angle, beside the whole error."""
+    whole = complete(summaries)
+    figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
+    axis = figure.subplots()
+    names = ["the whole error", *STEPS]
+    colors = ["0.35", "#2f9e6e", PLAN_COLOR, ROLLOUT_COLOR, LEFT_RIGHT_COLORS[1]]
+    for place, (name, color) in enumerate(zip(names, colors, strict=True)):
+        bars = [
+            mean_and_margin(
+                [s.split[motion][name][0] if name in STEPS else s.first[motion] for s in whole]
+            )
+            for motion in PAPER_TABLE_1
+        ]
+        mean, margin = np.transpose(bars)
+        at = np.arange(len(PAPER_TABLE_1)) + 0.16 * (place - 2)
+        axis.bar(at, mean, 0.15, yerr=margin, color=color, label=name, error_kw={"lw": 0.9})
+    axis.set_xticks(range(len(PAPER_TABLE_1)), list(PAPER_TABLE_1))
+    axis.set_ylabel("mean |difference| (°)")
+    dress(axis)
+    return figure
+
+
+def plot_taught(experiment: Experiment) -> Figure:
+    """Fig. 7: the limb while it is taught, and while it repeats, every few seconds."""
+    motions = [motion for motion in experiment.motions if motion.taught]
+    figure = Figure(figsize=(WIDTH, 2.6 * len(motions)), layout="constrained")
+    axes = figure.subplots(2 * len(motions), 1)
+    for index, motion in enumerate(motions):
+        taught, repeated = axes[2 * index : 2 * index + 2]
+        _plot_poses(taught, motion.taught, "0.35")
+        taught.set_ylabel(f"{motion.name},\ntaught", fontsize=8.5)
+        _plot_poses(repeated, motion.rollouts[0], ROLLOUT_COLOR)
+        repeated.set_ylabel(f"{motion.name},\nrepeated", fontsize=8.5)
+    axes[-1].set_xlabel("time (s)")
+    return figure
+
+
+def _plot_poses(axis, recording: Recording, color: str) -> None:
+    """The shape of a limb of one segment by eqn (11), every five seconds, E1 down and E2 right."""
+    times = np.arange(5.0, recording.time[-1], 5.0)
+    places = 1.1 * np.arange(len(times))  # in lengths of the limb
+    for place, time in zip(places, times, strict=True):
+        angle = np.interp(time, recording.time, recording.bend_angle[0])
+        directions = np.cumsum(joint_angles_from_bend_angle(recording.parameters, [angle]))
+        links = np.array([np.sin(directions), -np.cos(directions)]) / len(directions)
+        x, y = np.cumsum(np.column_stack([[0, 0], links]), axis=1)
+        axis.plot(place + x, y, "-", color=color, linewidth=5, solid_capstyle="round")
+        axis.plot(place, 0, "s", color="0.7", markersize=8)
+        axis.text(place, 0.2, f"{round(np.rad2deg(angle)):+d}°", ha="center", fontsize=8)
+    axis.set_xlim(-0.7, places[-1] + 0.7)
+    axis.set_ylim(-1.15, 0.45)
+    axis.set_aspect("equal")
+    axis.set_yticks([])
+    axis.spines[:].set_visible(False)
+    axis.set_xticks(places, [f"{time:g}" for time in times], fontsize=8)
+    axis.tick_params(length=0)
+
+
+def plot_error(experiment: Experiment) -> Figure:
+    """φ - φ* of all rollouts over time, with the motions under each other."""
+    figure = Figure(figsize=(WIDTH, 4.5), layout="constrained")
+    axes = figure.subplots(len(experiment.motions), 1, sharex=True)
+    for axis, motion in zip(axes, experiment.motions, strict=True):
+        for number, rollout in enumerate(motion.rollouts):
+            error = rollout.bend_angle - motion.trajectory.bend_angle_at(rollout.time)
+            label = None if number else "rollouts, φ − φ*"
+            axis.plot(
+                rollout.time,
+                np.rad2deg(error[0]),
+                color=ROLLOUT_COLOR,
+                lw=0.5,
+                alpha=0.6,
+                label=label,
+            )
+        missed = motion.trajectory.bend_angle[0] - motion.trajectory.reference[0]
+        axis.plot(
+            motion.trajectory.time,
+            np.rad2deg(missed),
+            color=REFERENCE_COLOR,
+            label="plan against reference, φ* − φ_REF",
+        )
+        axis.set_ylabel(f"{motion.name} (°)")
+        dress(axis)
+    for axis in axes[1:]:
+        axis.get_legend().remove()
+    axes[-1].set_xlabel("time (s)")
+    return figure
+
+
+def figures(experiment: Experiment) -> dict[str, tuple[Figure, str]]:
+    """The paper's figures of one limb, by the names of their files, with a description."""
+    validation, *taught = experiment.motions
+    result = {
+        "fig4": (
+            plot_validation(experiment.calibration.validation),
+            "Fig. 4: the calibrated model and the emulated limb for the same duty",
+        ),
+        "fig5": (
+            plot_tracking(validation.trajectory, validation.rollouts),
+            "Fig. 5: two steps and a decaying sinusoid, plan and five rollouts",
+        ),
+    }
+    for letter, motion in zip("ab", taught, strict=True):
+        result[f"fig6{letter}"] = (
+            plot_tracking(motion.trajectory, motion.rollouts),
+            f"Fig. 6, {motion.name}: a motion that was taught, plan and five rollouts",
+        )
+    result["fig7"] = (
+        plot_taught(experiment),
+        "Fig. 7: the limb's shape by its bend sensor, constant curvature (11), as it was taught "
+        "and as it repeated it",
+    )
+    return result

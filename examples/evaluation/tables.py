@@ -1,0 +1,148 @@
+"""What came of the evaluation in numbers: Table I, and where the error comes from."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import t as student
+
+from evaluation.error_split import STEPS, error_split
+from evaluation.experiment import Experiment
+from limb_systems.tracking import tracking_errors
+
+STATISTICS = ("mean", "median", "90th percentile")
+PAPER_TABLE_1 = {  # degrees
+    "Validation": (3.44, 2.33, 7.43),
+    "T&R 1": (3.90, 2.73, 10.61),
+    "T&R 2": (5.27, 5.09, 9.20),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Summary:
+    """The numbers of one experiment, all in degrees.
+
+    - ``seed``, ``absent``: of the limb, and which effects it was without.
+    - ``tracking``: of each motion `STATISTICS` over all rollouts.
+    - ``first``: of each motion the mean over the first rollout.
+    - ``split``: of each motion and step, see `error_split`.
+    """
+
+    seed: int
+    absent: tuple[str, ...]
+    tracking: dict[str, tuple[float, ...]]
+    first: dict[str, float]
+    split: dict[str, dict[str, tuple[float, float]]]
+
+
+def summarize(experiment: Experiment) -> Summary:
+    tracking, first = {}, {}
+    for motion in experiment.motions:
+        errors = tracking_errors(motion.trajectory, motion.rollouts)
+        degrees = np.rad2deg([errors.mean, errors.median, errors.percentile_90])
+        tracking[motion.name] = tuple(degrees.tolist())
+        alone = tracking_errors(motion.trajectory, motion.rollouts[:1])
+        first[motion.name] = float(np.rad2deg(alone.mean))
+    specimen = experiment.specimen
+    return Summary(specimen.seed, specimen.absent, tracking, first, error_split(experiment))
+
+
+def complete(summaries: Sequence[Summary]) -> list[Summary]:
+    """Those of limbs that are without nothing."""
+    return [s for s in summaries if not s.absent]
+
+
+def mean_and_margin(values: Sequence[float]) -> tuple[float, float]:
+    """The mean over limbs and the half-width of its 95% confidence interval (Student's t)."""
+    count = len(values)
+    if count == 1:
+        return float(values[0]), np.nan
+    spread = np.std(values, ddof=1) / np.sqrt(count)
+    return float(np.mean(values)), float(student.ppf(0.975, count - 1) * spread)
+
+
+def table_1(summaries: Sequence[Summary]) -> list[list[str]]:
+    """Rows of Table I: trajectory, who, and `STATISTICS` in degrees."""
+    whole = complete(summaries)
+    limbs = "emulated limb" if len(whole) == 1 else f"{len(whole)} emulated limbs"
+    rows = []
+    for motion, paper in PAPER_TABLE_1.items():
+        ours = np.transpose([s.tracking[motion] for s in whole])
+        rows.append([motion, limbs, *(_with_margin(*mean_and_margin(v)) for v in ours)])
+        rows.append(["", "the paper's robot", *(f"{value:.2f}" for value in paper)])
+    return rows
+
+
+def split_table(summaries: Sequence[Summary], which: int) -> list[list[str]]:
+    """Rows of `error_split`: the difference a step makes (0), or the error without it (1)."""
+    whole = complete(summaries)
+    rows = [
+        [
+            f"{step}: {meaning}" if which == 0 else step,
+            *(
+                _with_margin(*mean_and_margin([s.split[motion][step][which] for s in whole]))
+                for motion in PAPER_TABLE_1
+            ),
+        ]
+        for step, meaning in STEPS.items()
+    ]
+    errors = [
+        _with_margin(*mean_and_margin([s.first[motion] for s in whole])) for motion in PAPER_TABLE_1
+    ]
+    return [*rows, ["the whole error", *errors]]
+
+
+def absence_table(summaries: Sequence[Summary]) -> list[list[str]]:
+    """Rows for what limbs are without: the error of each motion, and its change by that."""
+    whole = {s.seed: s for s in complete(summaries)}
+    rows = []
+    for absent in dict.fromkeys(s.absent for s in summaries):
+        group = [s for s in summaries if s.absent == absent]
+        cells = []
+        for motion in PAPER_TABLE_1:
+            error, _ = mean_and_margin([s.first[motion] for s in group])
+            change = [s.first[motion] - whole[s.seed].first[motion] for s in group]
+            suffix = f" ({_with_margin(*mean_and_margin(change), '+')})" if absent else ""
+            cells.append(f"{error:.2f}{suffix}")
+        name = f"without {', '.join(absent)}" if absent else "with all effects"
+        rows.append([name, *cells])
+    return rows
+
+
+def findings(summaries: Sequence[Summary]) -> list[str]:
+    """What the tables say, in sentences."""
+    whole = complete(summaries)
+    sizes = {
+        step: np.mean([[s.split[m][step][0] for m in PAPER_TABLE_1] for s in whole])
+        for step in STEPS
+    }
+    order = sorted(sizes, key=sizes.get, reverse=True)
+    sentences = [
+        "By what they make of the bend angle, over all motions, the steps rank: "
+        + ", ".join(f"{step} {sizes[step]:.2f}°" for step in order)
+        + "."
+    ]
+    by_absence = {}
+    base = {s.seed: np.mean(list(s.first.values())) for s in whole}
+    for s in summaries:
+        if s.absent:
+            change = np.mean(list(s.first.values())) - base[s.seed]
+            by_absence.setdefault(s.absent, []).append(change)
+    for absent, changes in by_absence.items():
+        change, margin = mean_and_margin(changes)
+        if np.isnan(margin):
+            verdict = "on this one limb"
+        elif abs(change) < margin:
+            verdict = "which may be chance"
+        else:
+            verdict = "which is more than chance"
+        sentences.append(
+            f"Without {', '.join(absent)} the mean error of all motions changes by "
+            f"{_with_margin(change, margin, '+')}°, {verdict}."
+        )
+    return sentences
+
+
+def _with_margin(value: float, margin: float, sign: str = "") -> str:
+    text = f"{value:{sign}.2f}"
+    return text if np.isnan(margin) else f"{text} ± {margin:.2f}"
