@@ -253,3 +253,10 @@ def test_without_is_a_copy_and_names_what_it_does_not_know():
     assert specimen.wires == wires
     with pytest.raises(LimbError, match="'friction' is none of the effects hysteresis, silicone"):
         specimen.without("friction")
+
+
+def test_without_rubber_nothing_is_added_to_the_linear_spring():
+    rubber = Rubber(Specimen(LimbParameters(), 3).without("rubber"))
+    context = rubber.CreateDefaultContext()
+    rubber.get_input_port().FixValue(context, np.r_[np.full(5, 0.2), np.zeros(5)])
+    assert rubber.get_output_port().Eval(context)[:5] == pytest.approx(np.zeros(5), abs=1e-15)
