@@ -62,6 +62,8 @@ def collect_equilibria(
             f"num_angles is {num_angles!r} and largest_deg {largest_deg!r}; there must be an angle "
             "at least, and the largest within 0° and 90°."
         )
+    if seed < 0:
+        raise LimbError(f"The seed of the random angles is {seed}; it must be zero or more.")
     low, high = {"right": (0, 1), "left": (-1, 0), "both": (-1, 1)}[actuated]
     random = np.random.default_rng(seed)
     angles = np.deg2rad(largest_deg) * random.uniform(low, high, num_angles)

@@ -119,6 +119,8 @@ class Specimen:
 
     def __init__(self, description: LimbParameters, seed: int):
         description.validate()
+        if seed < 0:
+            raise LimbError(f"The seed of an emulated limb is {seed}; it must be zero or more.")
         draw_seed, noise_seed = np.random.SeedSequence(seed).spawn(2)
         generator = np.random.default_rng(draw_seed)
         self.description = copy.deepcopy(description)

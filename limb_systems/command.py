@@ -35,7 +35,7 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         # Nobody reads any more, as after `| head`; what is left must not be flushed at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
-    except (LimbError, OSError) as error:
+    except (LimbError, OSError, MemoryError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -145,6 +145,11 @@ def test_a_twin_is_never_hotter_than_its_limit(tmp_path):
     np.testing.assert_array_equal(again.reference, recording.reference)
 
 
+def test_a_seed_below_zero_is_refused():
+    with pytest.raises(LimbError, match="seed of the random angles is -1"):
+        collect_equilibria(Limb(), "both", seed=-1)
+
+
 @pytest.mark.parametrize(
     "arguments", [{"num_angles": 0}, {"largest_deg": 120.0}, {"largest_deg": 0.0}]
 )

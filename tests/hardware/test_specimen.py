@@ -246,6 +246,11 @@ def test_without_rubber_and_bend_sensor_a_cold_limb_reads_zero():
     assert straight.source == "emulated limb, seed 3, without rubber, without bend sensor"
 
 
+def test_a_seed_below_zero_is_refused():
+    with pytest.raises(LimbError, match="seed of an emulated limb is -1"):
+        Specimen(LimbParameters(), -1)
+
+
 def test_without_is_a_copy_and_names_what_it_does_not_know():
     specimen = Specimen(LimbParameters(), 3)
     wires = list(specimen.wires)

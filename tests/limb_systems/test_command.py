@@ -36,7 +36,9 @@ def test_status_is_the_commands_own():
     assert run_command(lambda: 1, "stopped") == 1
 
 
-@pytest.mark.parametrize("error", [LimbError("no limb"), OSError("no limb")])
+@pytest.mark.parametrize(
+    "error", [LimbError("no limb"), OSError("no limb"), MemoryError("no limb")]
+)
 def test_what_cannot_be_done_is_one_sentence(error, capsys):
     assert run_command(fail_with(error), "stopped") == 1
     assert capsys.readouterr().err == "error: no limb\n"
