@@ -42,7 +42,7 @@ api: $(VENV)/ready
 	$(BIN)/pdoc --docformat google --output-directory build/api \
 	    --footer-text "soft-limb $$($(BIN)/python -c 'from importlib.metadata import version; print(version("soft-limb"))')" \
 	    limb_systems urdf planners calibration hardware \
-	    '!calibration.calibrate' '!hardware.emulated_port' '!hardware.replay' '!hardware.firmware'
+	    '!calibration.calibrate' '!hardware.emulation.emulated_port' '!hardware.replay' '!hardware.firmware'
 
 lint: $(VENV)/ready
 	$(BIN)/ruff check .

@@ -19,7 +19,7 @@ import numpy as np
 from calibration import calibrate, collect_equilibria, collect_from_twin, collect_sag
 from calibration.collect import RING_DOWN_RATE, SAG_TRIALS
 from hardware import LimbTwin
-from hardware.sensors import SensedLimb
+from hardware.emulation.sensors import SensedLimb
 from limb_systems import Limb, LimbParameters, joint_angles_from_bend_angle, simulate
 
 

@@ -15,9 +15,10 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "hardware" / "firmware"), str(ROOT / "tests" / "hardware")]
-import protocol  # noqa: E402
+sys.path.insert(0, str(ROOT / "tests" / "hardware"))
 from firmware_checks import Host  # noqa: E402
+
+from hardware.firmware import protocol  # noqa: E402
 
 HOST_KINDS, BOARD_KINDS = (protocol.INFO, protocol.SAMPLE), (protocol.COMMAND, protocol.ARM)
 

@@ -23,7 +23,7 @@ from calibration.report import calibration_facts, validation_facts, validation_s
 from hardware import LimbTwin, SerialLimb
 from limb_systems import LimbParameters, Recording
 from limb_systems.command import run_command
-from limb_systems.plots import save_figure
+from limb_systems.views.plots import save_figure
 
 
 def main(arguments: list[str] | None = None) -> int:

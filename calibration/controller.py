@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
 from limb_systems import LimbError, LimbParameters, SegmentParameters
-from limb_systems.ownership import weak_method
+from limb_systems.model.ownership import weak_method
 
 ACTUATED = ("right", "left", "both")
 PERIOD = 0.05  # s
@@ -34,7 +34,7 @@ class BendAngleController(LeafSystem):
     - state, discrete, at 20 Hz: [∫ e dt (1), is cut out (2), D (2)], rad s, 0 or 1, 1
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(
         self,
@@ -120,7 +120,7 @@ class EquilibriumSchedule(LeafSystem):
       averaged φ, averaged V (2)], 1, s, s, rad and °C
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     AVERAGING_TIME = 4.0  # s
     SLOW = 0.1  # °C/s

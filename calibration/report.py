@@ -14,9 +14,9 @@ from calibration.force import ForceFit
 from calibration.heat import HeatFit
 from calibration.stiffness import StiffnessFit
 from calibration.validation import Validation
-from limb_systems import page
-from limb_systems.files import write_atomically
-from limb_systems.plots import (
+from limb_systems.output import write_atomically
+from limb_systems.views import page
+from limb_systems.views.plots import (
     LEFT_RIGHT_COLORS,
     PLAN_COLOR,
     REFERENCE_COLOR,

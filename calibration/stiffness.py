@@ -10,7 +10,7 @@ from calibration.controller import only_segment
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
 from limb_systems import LimbError, LimbParameters, Recording, bend_angle, make_manipulator
-from limb_systems.statics import static_equilibrium
+from limb_systems.model.statics import static_equilibrium
 
 RESTING_TIME = 5.0  # s at the end of a recording that count as equilibrium
 STILL = np.deg2rad(1.0)  # by which the bend angle may move in that time

@@ -21,7 +21,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, O
 from calibration import BendAngleController, EquilibriumSchedule
 from hardware import LimbTwin
 from limb_systems import Limb, LimbParameters
-from limb_systems.plots import LEFT_RIGHT_COLORS, save_figure
+from limb_systems.views.plots import LEFT_RIGHT_COLORS, save_figure
 from planners import plan, references
 from planners.report import plot_diagnostics
 from urdf import limb_urdf

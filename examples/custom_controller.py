@@ -12,15 +12,15 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from hardware import LimbTwin, replay
 from limb_systems import LimbParameters, Trajectory
-from limb_systems.ownership import weak_method
-from limb_systems.plots import plot_tracking, save_figure
+from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import record
 from limb_systems.tracking import tracking_errors
+from limb_systems.views.plots import plot_tracking, save_figure
 from planners import plan, references
 
 
 class PlanFeedback(LeafSystem):
-    __slots__ = ()  # so that it is freed; limb_systems/ownership.py says why
+    __slots__ = ()  # so that it is freed; limb_systems/model/ownership.py says why
 
     def __init__(self, trajectory):
         super().__init__()

@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from scipy.linalg import eigvalsh
 
 from limb_systems import LimbError, LimbParameters, bend_angle, make_manipulator
-from limb_systems.plots import save_figure
-from limb_systems.statics import static_equilibrium
+from limb_systems.model.statics import static_equilibrium
+from limb_systems.views.plots import save_figure
 
 
 def main(options):

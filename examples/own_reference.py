@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from limb_systems import LimbError, LimbParameters
-from limb_systems.plots import plot_tracking, save_figure
+from limb_systems.views.plots import plot_tracking, save_figure
 from planners import plan, references
 from planners.report import plan_summary
 

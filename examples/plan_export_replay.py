@@ -19,8 +19,8 @@ import numpy as np
 
 from hardware import SerialLimb, emulated_port, replay
 from limb_systems import LimbError, LimbParameters, Trajectory
-from limb_systems.plots import plot_tracking, save_figure
 from limb_systems.tracking import tracking_errors
+from limb_systems.views.plots import plot_tracking, save_figure
 from planners import plan, references
 
 

@@ -26,11 +26,11 @@ from evaluation.experiment import Experiment, run_experiment
 from evaluation.figures import figures
 from evaluation.report import EMULATED, write_report
 from evaluation.tables import STATISTICS, Summary, findings, summarize, table_1
-from hardware.specimen import EFFECTS, Specimen
+from hardware.emulation.specimen import EFFECTS, Specimen
 from limb_systems import LimbParameters, write_meshcat_replay
 from limb_systems.command import run_command
-from limb_systems.files import write_atomically
-from limb_systems.plots import save_figure
+from limb_systems.output import write_atomically
+from limb_systems.views.plots import save_figure
 
 # What limbs are without, to see what each effect costs; all of them at last.
 ABSENCES = [(effect,) for effect in EFFECTS if effect != "stress"] + [EFFECTS]

@@ -21,7 +21,7 @@ from limb_systems import (
     simulate,
     write_meshcat_replay,
 )
-from limb_systems.plots import plot_tracking, save_figure
+from limb_systems.views.plots import plot_tracking, save_figure
 from planners import plan, references
 from planners.report import plan_summary
 

@@ -1,11 +1,11 @@
 """The robot, its emulated twin, and the replay of trajectories on them."""
 
-from hardware.emulated_port import emulated_port
-from hardware.link import BoardInfo, BoardLink, HardwareError, Sample
+from hardware.emulation.emulated_port import emulated_port
+from hardware.emulation.sensors import SensedLimb
+from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError, replay, watch
-from hardware.sensors import SensedLimb
-from hardware.serial_limb import SerialLimb
-from hardware.twin import LimbTwin
+from hardware.robot.link import BoardInfo, BoardLink, HardwareError, Sample
+from hardware.robot.serial_limb import SerialLimb
 
 __all__ = [
     "BoardInfo",

@@ -11,9 +11,9 @@ from pydrake.geometry import Meshcat
 from serial.tools import list_ports
 
 from hardware import BoardLink, LimbTwin, SerialLimb, replay, watch
-from hardware.emulated_board import ORDERS, emulate
+from hardware.emulation.emulated_board import ORDERS, emulate
 from hardware.firmware import guard
-from hardware.self_test import self_test
+from hardware.robot.self_test import self_test
 from limb_systems import LimbParameters, Recording, Trajectory
 from limb_systems.command import run_command
 from limb_systems.tracking import tracking_errors
@@ -225,7 +225,7 @@ def _replay(options) -> int:
     written = [str(path) for path in (options.output, options.plot) if path]
     if options.plot:
         # Matplotlib takes as long to import as all the rest.
-        from limb_systems.plots import plot_tracking, save_figure
+        from limb_systems.views.plots import plot_tracking, save_figure
 
         save_figure(plot_tracking(trajectory, [recording]), options.plot)
     errors = tracking_errors(trajectory, [recording])

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, Syste
 from pydrake.systems.primitives import MatrixGain, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from hardware.journal import add_journal
+from hardware.robot.journal import add_journal
 from limb_systems import (
     LimbError,
     LimbVisualizer,

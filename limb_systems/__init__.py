@@ -1,27 +1,27 @@
 """A soft planar limb bent by shape-memory-alloy wires, as Drake systems."""
 
 from limb_systems.errors import LimbError
-from limb_systems.kinematics import (
+from limb_systems.files.recording import Recording
+from limb_systems.files.trajectory import ActiveConstraint, PlanCheck, Trajectory
+from limb_systems.model.kinematics import (
     BendAngle,
     bend_angle,
     bend_angle_from_tip_tangent,
     joint_angles_from_bend_angle,
     tip_position,
 )
-from limb_systems.limb import Limb, from_paper_state, split_state, to_paper_state
-from limb_systems.manipulator import add_manipulator, make_manipulator
-from limb_systems.parameters import (
+from limb_systems.model.limb import Limb, from_paper_state, split_state, to_paper_state
+from limb_systems.model.manipulator import add_manipulator, make_manipulator
+from limb_systems.model.parameters import (
     LimbParameters,
     SegmentParameters,
     TemperatureLimits,
     WireParameters,
 )
-from limb_systems.recording import Recording
+from limb_systems.model.thermal import InverseThermocoupleLag, JouleHeating, ThermocoupleLag
+from limb_systems.model.torque_map import TorqueMap, torque_matrix
 from limb_systems.simulation import simulate
-from limb_systems.thermal import InverseThermocoupleLag, JouleHeating, ThermocoupleLag
-from limb_systems.torque_map import TorqueMap, torque_matrix
-from limb_systems.trajectory import ActiveConstraint, PlanCheck, Trajectory
-from limb_systems.visualization import LimbVisualizer, wire_color, write_meshcat_replay
+from limb_systems.views.visualization import LimbVisualizer, wire_color, write_meshcat_replay
 
 __all__ = [
     "ActiveConstraint",

@@ -12,11 +12,11 @@ from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, Syste
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 
 from limb_systems.errors import LimbError
-from limb_systems.kinematics import bend_angle
-from limb_systems.limb import Limb
+from limb_systems.files.recording import Recording
+from limb_systems.files.trajectory import Trajectory
+from limb_systems.model.kinematics import bend_angle
+from limb_systems.model.limb import Limb
 from limb_systems.progress import Progress
-from limb_systems.recording import Recording
-from limb_systems.trajectory import Trajectory
 
 
 class SimulationError(LimbError):

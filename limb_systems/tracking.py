@@ -6,8 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.recording import Recording
-from limb_systems.trajectory import Trajectory
+from limb_systems.files.recording import Recording
+from limb_systems.files.trajectory import Trajectory
 
 
 @dataclasses.dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from limb_systems import LimbParameters, Recording
 from limb_systems.command import run_command
-from limb_systems.plots import plot_tracking, save_figure
+from limb_systems.views.plots import plot_tracking, save_figure
 from planners import plan, references
 from planners.report import plan_facts, plan_summary, plot_diagnostics
 

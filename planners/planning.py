@@ -18,7 +18,7 @@ from limb_systems import (
     split_state,
     torque_matrix,
 )
-from limb_systems.statics import static_equilibrium
+from limb_systems.model.statics import static_equilibrium
 from planners.defects import TEMPERATURE_SCALE
 from planners.program import TrajectoryProgram
 from planners.quasi_static import check_temperature_limits, solve_quasi_static

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from limb_systems import Trajectory
-from limb_systems.plots import WIDTH, dress
+from limb_systems.views.plots import WIDTH, dress
 from planners.defects import TEMPERATURE_SCALE
 from planners.program import TrajectoryProgram
 

@@ -17,15 +17,15 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
-import hardware.serial_limb
+import hardware.robot.serial_limb
 from calibration import BendAngleController, EquilibriumSchedule
 from hardware import LimbTwin, SensedLimb, SerialLimb
-from hardware.hand import Hand
-from hardware.journal import Journal
-from hardware.rubber import Rubber
-from hardware.sensors import SampledSensor
-from hardware.specimen import Specimen
-from hardware.wires import ShapeMemoryWires
+from hardware.emulation.hand import Hand
+from hardware.emulation.rubber import Rubber
+from hardware.emulation.sensors import SampledSensor
+from hardware.emulation.specimen import Specimen
+from hardware.emulation.wires import ShapeMemoryWires
+from hardware.robot.journal import Journal
 from limb_systems import (
     BendAngle,
     InverseThermocoupleLag,
@@ -39,8 +39,8 @@ from limb_systems import (
     TorqueMap,
     WireParameters,
 )
-from limb_systems.files import FORMAT_VERSION
-from limb_systems.samples import column_names
+from limb_systems.files.samples import column_names
+from limb_systems.files.tables import FORMAT_VERSION
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("limb_systems", "urdf", "planners", "calibration", "hardware")
@@ -229,7 +229,7 @@ class Board:
 
 @pytest.fixture
 def make_system(monkeypatch):
-    monkeypatch.setattr(hardware.serial_limb, "BoardLink", Board)
+    monkeypatch.setattr(hardware.robot.serial_limb, "BoardLink", Board)
     parameters = LimbParameters()
     specimen = Specimen(parameters, 0)
     course = PiecewisePolynomial.ZeroOrderHold([0.0, 1.0], [[0.0, 0.0]])

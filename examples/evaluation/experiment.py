@@ -8,7 +8,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import Calibration, calibrate, collect_from_twin
 from hardware import LimbTwin, replay, watch
-from hardware.specimen import Specimen
+from hardware.emulation.specimen import Specimen
 from limb_systems import Recording, Trajectory
 from planners import plan, references
 

@@ -20,7 +20,7 @@ from evaluation.tables import (
     split_table,
     table_1,
 )
-from limb_systems import page
+from limb_systems.views import page
 from planners.report import plan_summary
 
 EMULATED = (
@@ -154,8 +154,8 @@ def _how_it_was_made(summaries: Sequence[Summary], experiment: Experiment, comma
             [
                 f"Command: {command}",
                 f"Limbs: seeds {seeds}; pictures show seed {experiment.specimen.seed}. A seed "
-                "draws a limb and its sensors' noise from ranges that hardware/specimen.py lists "
-                "with their sources; none was left out.",
+                "draws a limb and its sensors' noise from ranges that "
+                "hardware/emulation/specimen.py lists with their sources; none was left out.",
                 "Recordings of each: ten of the sag, three ring-downs, and "
                 f"{NUM_ANGLES} random equilibria each with the right wire, the left one and both, "
                 "held by PI control.",

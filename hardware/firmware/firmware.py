@@ -12,9 +12,7 @@ A board is an object with
 - ``serial_number``: 8 bytes; ``random``: 16 bits, other ones at each start.
 """
 
-import guard
-import protocol
-import sensors
+from . import guard, protocol, readings
 
 FIRMWARE_VERSION = 1
 SAMPLE_PERIOD = 50  # ms
@@ -81,10 +79,10 @@ class Firmware:
         board = self._board
         if self._sequence % THERMOCOUPLE_TURN == 0:
             for wire in (0, 1):
-                self._quarters[wire], self._faults[wire] = sensors.thermocouple(
+                self._quarters[wire], self._faults[wire] = readings.thermocouple(
                     board.read_thermocouple(wire)
                 )
-        self._bend = sensors.bend(board.read_bend())
+        self._bend = readings.bend(board.read_bend())
         temperatures = [quarters / 4 for quarters in self._quarters]
         self.guard.sample(now, temperatures, self._faults, self._bend)
 

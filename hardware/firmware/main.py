@@ -1,7 +1,7 @@
 """What the board runs when it is switched on."""
 
-from board_nrf52dk import Board
-from firmware import Firmware
+from firmware.board_nrf52dk import Board
+from firmware.firmware import Firmware
 
 firmware = Firmware(Board())
 while True:

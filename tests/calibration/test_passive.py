@@ -10,7 +10,7 @@ import pytest
 from calibration import CalibrationError, fit_damped_sinusoid, fit_damping, fit_stiffness
 from calibration.stiffness import shape_factors
 from limb_systems import LimbParameters, Recording, bend_angle
-from limb_systems.statics import static_equilibrium
+from limb_systems.model.statics import static_equilibrium
 
 RING_DOWNS = Path(__file__).parents[1] / "data" / "silicone_ring_down"
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from pydrake.trajectories import PiecewisePolynomial
 
-from hardware.specimen import Specimen
+from hardware.emulation.specimen import Specimen
 from limb_systems import Limb, LimbParameters, Recording, Trajectory, simulate
 from planners import plan, references
 

@@ -3,10 +3,8 @@
 pytest runs them under CPython, test_firmware.py under MicroPython as well.
 """
 
-import guard
-import protocol
-import sensors
-from firmware import Firmware
+from hardware.firmware import guard, protocol, readings
+from hardware.firmware.firmware import Firmware
 
 ROOM = 22 << 4  # °C of the amplifiers themselves, in 1/16
 
@@ -328,17 +326,17 @@ def test_thermocouple_bytes_of_the_datasheet():
     ):
         word = bits << 18 | ROOM << 4
         data = bytes((word >> 24 & 255, word >> 16 & 255, word >> 8 & 255, word & 255))
-        assert sensors.thermocouple(data) == (quarters, 0)
-    assert sensors.thermocouple(b"\0\0\0\0")[1] == sensors.OPEN
-    assert sensors.thermocouple(b"\xff\xff\xff\xff")[1] & sensors.OPEN
-    assert sensors.thermocouple(b"\x01\x91\x16\x00")[1] == sensors.OPEN  # without a cause
+        assert readings.thermocouple(data) == (quarters, 0)
+    assert readings.thermocouple(b"\0\0\0\0")[1] == readings.OPEN
+    assert readings.thermocouple(b"\xff\xff\xff\xff")[1] & readings.OPEN
+    assert readings.thermocouple(b"\x01\x91\x16\x00")[1] == readings.OPEN  # without a cause
 
 
 def test_bend_bytes():
-    assert sensors.bend(b"\x00\x40\x00") == 64
-    assert sensors.bend(b"\x00\xc0\xff") == -64
-    assert sensors.bend(b"\x01\x40\x00") is None
-    assert sensors.bend(b"") is None
+    assert readings.bend(b"\x00\x40\x00") == 64
+    assert readings.bend(b"\x00\xc0\xff") == -64
+    assert readings.bend(b"\x01\x40\x00") is None
+    assert readings.bend(b"") is None
 
 
 def run_all():

@@ -5,8 +5,11 @@ import path from "node:path";
 const [micropython, ...files] = process.argv.slice(2);
 const { loadMicroPython } = await import(path.resolve(micropython));
 const mp = await loadMicroPython({ stdout: (line) => console.log(line), linebuffer: true });
+mp.FS.mkdir("/hardware");
+mp.FS.mkdir("/hardware/firmware");
 for (const file of files) {
-  mp.FS.writeFile("/" + path.basename(file), fs.readFileSync(file, "utf-8"));
+  const folder = path.basename(path.dirname(file)) === "firmware" ? "/hardware/firmware/" : "/";
+  mp.FS.writeFile(folder + path.basename(file), fs.readFileSync(file, "utf-8"));
 }
 mp.runPython(`
 import sys

@@ -10,11 +10,9 @@ import pytest
 
 HERE = Path(__file__).parent
 FIRMWARE = HERE.parents[1] / "hardware" / "firmware"
-PORTABLE = ["protocol.py", "sensors.py", "guard.py", "firmware.py"]
+PORTABLE = ["protocol.py", "readings.py", "guard.py", "firmware.py"]
 
-for folder in (FIRMWARE, HERE):
-    if str(folder) not in sys.path:
-        sys.path.insert(0, str(folder))
+sys.path.insert(0, str(HERE))
 import firmware_checks  # noqa: E402
 
 TESTS = {name: test for name, test in vars(firmware_checks).items() if name.startswith("test_")}

@@ -10,7 +10,7 @@ from pydrake.geometry import Meshcat, MeshcatParams
 
 from hardware import LimbTwin, ReplayError, replay, watch
 from hardware.__main__ import main
-from hardware.sensors import SensedLimb
+from hardware.emulation.sensors import SensedLimb
 from limb_systems import Limb, LimbError, LimbParameters, Recording
 from limb_systems.tracking import tracking_errors
 

@@ -192,7 +192,7 @@ def test_replay_tells_its_timing_in_words_and_in_json(emulator, short_plan, tmp_
 
 
 def test_self_test_passes_a_good_limb_and_fails_a_bad_one(emulator, capsys, monkeypatch):
-    monkeypatch.setattr("hardware.self_test.HEATING_TIME", 3.5)
+    monkeypatch.setattr("hardware.robot.self_test.HEATING_TIME", 3.5)
     assert main(["arm-check", emulator.port]) == 0
     said = capsys.readouterr().out
     assert said.count("ok") == 8

@@ -9,11 +9,11 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from hardware.hand import GRIP, Hand
-from hardware.rubber import Rubber
-from hardware.specimen import Specimen
-from hardware.twin import LimbTwin
-from hardware.wires import ShapeMemoryWires
+from hardware.emulation.hand import GRIP, Hand
+from hardware.emulation.rubber import Rubber
+from hardware.emulation.specimen import Specimen
+from hardware.emulation.twin import LimbTwin
+from hardware.emulation.wires import ShapeMemoryWires
 from limb_systems import LimbError, LimbParameters, bend_angle, simulate, tip_position
 
 

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from pydrake.trajectories import PiecewisePolynomial
 
 from hardware import LimbTwin
-from hardware.sensors import SampledSensor, SensedLimb
+from hardware.emulation.sensors import SampledSensor, SensedLimb
 from limb_systems import Limb, LimbParameters, simulate
 
 

@@ -21,7 +21,7 @@ from limb_systems import (
     SegmentParameters,
     Trajectory,
 )
-from limb_systems.files import FileFormatError
+from limb_systems.files.tables import FileFormatError
 
 PASSED = PlanCheck(
     solver="IPOPT",

@@ -15,7 +15,7 @@ from limb_systems import (
     split_state,
     to_paper_state,
 )
-from limb_systems.parameters import ParameterError
+from limb_systems.model.parameters import ParameterError
 
 OUTPUTS = ["measured_temperature", "bend_angle", "wire_temperature", "joint_state"]
 

@@ -10,7 +10,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.primitives import Linearize
 
 from limb_systems import LimbParameters, SegmentParameters, add_manipulator, make_manipulator
-from limb_systems.parameters import ParameterError
+from limb_systems.model.parameters import ParameterError
 
 
 def random_segment(rng, links: int) -> SegmentParameters:

@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 
 from matplotlib.figure import Figure
 
-from limb_systems import page
+from limb_systems.views import page
 
 
 class Reader(HTMLParser):

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from limb_systems import LimbParameters, SegmentParameters, TemperatureLimits, WireParameters
-from limb_systems.parameters import ParameterError
+from limb_systems.model.parameters import ParameterError
 
 
 @dataclasses.dataclass

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from hardware import replay
 from limb_systems import Limb, LimbError, PlanCheck, Trajectory
-from limb_systems.plots import plot_tracking, save_figure
+from limb_systems.views.plots import plot_tracking, save_figure
 
 
 def test_rollouts_are_drawn_as_their_mean_and_the_band_of_95_percent(fig5_plan, tmp_path):

@@ -14,7 +14,7 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
-from limb_systems.statics import static_equilibrium
+from limb_systems.model.statics import static_equilibrium
 
 SIDEWAYS = [0.0, -9.81, 0.0]
 

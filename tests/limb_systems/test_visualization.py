@@ -26,10 +26,9 @@ from limb_systems import (
     Recording,
     Trajectory,
     joint_angles_from_bend_angle,
-    plots,
-    visualization,
 )
-from limb_systems.visualization import LimbVisualizer, wire_color, write_meshcat_replay
+from limb_systems.views import plots, visualization
+from limb_systems.views.visualization import LimbVisualizer, wire_color, write_meshcat_replay
 
 LIMB = "/drake/visualizer/limb"
 

@@ -12,9 +12,9 @@ from limb_systems import (
     LimbParameters,
     SegmentParameters,
     add_manipulator,
-    limb,
     make_manipulator,
 )
+from limb_systems.model import limb
 from planners import TrajectoryProgram
 from planners.chain import PlanarChain
 from planners.defects import TEMPERATURE_SCALE, LimbDefects

@@ -18,13 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hardware.twin import LimbTwin
+from hardware.emulation.twin import LimbTwin
+from hardware.firmware.firmware import Firmware
 from limb_systems import LimbError
 from limb_systems.simulation import make_simulator
-
-# The firmware's files import each other as they do on the board.
-sys.path.insert(0, str(Path(__file__).parent / "firmware"))
-from firmware import Firmware
 
 TURN = 0.001  # s, between two turns of the firmware's loop
 WATCHDOG = 0.2  # s, as that of board_nrf52dk.py

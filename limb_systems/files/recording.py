@@ -7,9 +7,9 @@ import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
 
 from limb_systems.errors import LimbError
-from limb_systems.files import FileFormatError, read_table, write_table
-from limb_systems.parameters import LimbParameters
-from limb_systems.samples import check_samples, column_names, group_columns, ungroup_columns
+from limb_systems.files.samples import check_samples, column_names, group_columns, ungroup_columns
+from limb_systems.files.tables import FileFormatError, read_table, write_table
+from limb_systems.model.parameters import LimbParameters
 from limb_systems.schema import load_typed
 
 OPTIONAL = ("wire_temperature", "joint_state", "reference")

@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from limb_systems.kinematics import BendAngle
-from limb_systems.manipulator import make_manipulator
-from limb_systems.parameters import LimbParameters
-from limb_systems.thermal import JouleHeating, ThermocoupleLag
-from limb_systems.torque_map import TorqueMap
+from limb_systems.model.kinematics import BendAngle
+from limb_systems.model.manipulator import make_manipulator
+from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.thermal import JouleHeating, ThermocoupleLag
+from limb_systems.model.torque_map import TorqueMap
 
 
 class Limb(Diagram):
@@ -42,7 +42,7 @@ class Limb(Diagram):
     are beyond what Drake's plant evaluates symbolically.
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, parameters: LimbParameters | None = None):
         """

@@ -13,7 +13,7 @@ import numpy as np
 from pydrake.common.yaml import yaml_dump_typed
 
 from limb_systems.errors import LimbError
-from limb_systems.files import write_atomically
+from limb_systems.output import write_atomically
 from limb_systems.schema import SchemaError, load_typed
 
 

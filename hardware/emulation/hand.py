@@ -5,7 +5,7 @@ from pydrake.systems.framework import LeafSystem
 from pydrake.trajectories import Trajectory
 
 from limb_systems import LimbParameters, bend_angle
-from limb_systems.ownership import weak_method
+from limb_systems.model.ownership import weak_method
 
 GRIP = 20.0  # bending stiffness of the limb, by which the hand is stiffer
 GRIP_TIME = 0.05  # s, of the hand's damping
@@ -23,7 +23,7 @@ class Hand(LeafSystem):
     For limbs of one segment.
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, parameters: LimbParameters, course: Trajectory):
         """

@@ -26,9 +26,14 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, InputPor
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 
 from limb_systems.errors import LimbError
-from limb_systems.files import write_atomically
-from limb_systems.kinematics import joint_angles_from_bend_angle
-from limb_systems.limb_view import (
+from limb_systems.files.recording import Recording
+from limb_systems.files.trajectory import Trajectory
+from limb_systems.model.kinematics import joint_angles_from_bend_angle
+from limb_systems.model.manipulator import add_manipulator
+from limb_systems.model.ownership import weak_method
+from limb_systems.model.parameters import LimbParameters
+from limb_systems.output import write_atomically
+from limb_systems.views.limb_view import (
     DUTY_COLOR,
     GHOST_OPACITY,
     Ghost,
@@ -41,11 +46,6 @@ from limb_systems.limb_view import (
     set_scene,
     show_duty,
 )
-from limb_systems.manipulator import add_manipulator
-from limb_systems.ownership import weak_method
-from limb_systems.parameters import LimbParameters
-from limb_systems.recording import Recording
-from limb_systems.trajectory import Trajectory
 
 PUBLISH_PERIOD = 1 / 32  # s, of a live view
 
@@ -90,7 +90,7 @@ class LimbVisualizer(Diagram):
     start; after its end they stay where they are.
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(
         self,
@@ -130,7 +130,7 @@ class _WireColors(LeafSystem):
     - input 0 ``wire_temperature``: T (W), °C
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, parameters: LimbParameters, meshcat: Meshcat, period: float):
         super().__init__()
@@ -152,7 +152,7 @@ class _GhostsAndDuty(LeafSystem):
     - input 0 ``duty``: D (W), in [0, 1]; unconnected, there are no bars
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(
         self, parameters: LimbParameters, meshcat: Meshcat, ghosts: list[Ghost], period: float

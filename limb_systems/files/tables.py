@@ -17,15 +17,14 @@ are in degrees in the file and in radians in memory.
 
 import decimal
 import hashlib
-import os
 import re
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from limb_systems.errors import LimbError
+from limb_systems.output import write_atomically
 
 FORMAT_VERSION = 1
 _DECIMAL = decimal.Context(prec=40)
@@ -36,23 +35,6 @@ _RADIAN = _DECIMAL.divide(
 
 class FileFormatError(LimbError):
     """A recording or trajectory file is damaged, foreign or of another version."""
-
-
-def write_atomically(path: str | Path, text: str) -> None:
-    """Writes a text file whole or not at all, also if the process dies."""
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
 
 
 def write_table(

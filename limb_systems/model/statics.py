@@ -7,9 +7,9 @@ from pydrake.multibody.plant import MultibodyPlant_
 from pydrake.multibody.tree import MultibodyForces_
 
 from limb_systems.errors import LimbError
-from limb_systems.manipulator import make_manipulator
-from limb_systems.parameters import LimbParameters
-from limb_systems.torque_map import torque_matrix
+from limb_systems.model.manipulator import make_manipulator
+from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.torque_map import torque_matrix
 
 
 def static_equilibrium(

@@ -6,9 +6,9 @@ import time
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from hardware.link import BoardLink, HardwareError
+from hardware.robot.link import BoardLink, HardwareError
 from limb_systems import LimbError, LimbParameters
-from limb_systems.ownership import weak_method
+from limb_systems.model.ownership import weak_method
 
 PERIOD = 0.05  # s
 LATEST = 0.1  # s, that a command may be late
@@ -36,7 +36,7 @@ class SerialLimb(LeafSystem):
     ``timing_errors`` holds, for each command, by how much it was late, s.
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     real_time = True
 

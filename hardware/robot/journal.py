@@ -5,10 +5,10 @@ from pathlib import Path
 from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, System
 
-from limb_systems.files import TableWriter
-from limb_systems.ownership import weak_method
-from limb_systems.recording import RecordingHeader
-from limb_systems.samples import column_names
+from limb_systems.files.recording import RecordingHeader
+from limb_systems.files.samples import column_names
+from limb_systems.files.tables import TableWriter
+from limb_systems.model.ownership import weak_method
 
 SIGNALS = ("duty", "measured_temperature", "bend_angle")
 
@@ -24,7 +24,7 @@ class Journal(LeafSystem):
     - input 2 ``bend_angle``: φ (1), rad
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, path: str | Path, limb: System, sample_rate: float):
         """

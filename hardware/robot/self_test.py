@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hardware.link import BoardLink, Sample
+from hardware.robot.link import BoardLink, Sample
 
 DUTY = 0.3
 HEATING_TIME = 6.0  # s for each wire

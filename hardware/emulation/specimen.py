@@ -31,7 +31,7 @@ import dataclasses
 
 import numpy as np
 
-from hardware.sensors import BEND_DRIFT, BEND_NOISE
+from hardware.emulation.sensors import BEND_DRIFT, BEND_NOISE
 from limb_systems import LimbError, LimbParameters, joint_angles_from_bend_angle
 
 EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor")

@@ -4,7 +4,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteSpring
 
-from limb_systems.parameters import LimbParameters
+from limb_systems.model.parameters import LimbParameters
 from urdf import limb_urdf
 
 

@@ -8,7 +8,7 @@ Drake names the ports of an AffineSystem ``u0`` and ``y0``.
 import numpy as np
 from pydrake.systems.primitives import AffineSystem, LinearSystem
 
-from limb_systems.parameters import LimbParameters
+from limb_systems.model.parameters import LimbParameters
 
 
 class JouleHeating(AffineSystem):
@@ -21,7 +21,7 @@ class JouleHeating(AffineSystem):
     - output 0: wire temperature T (wires), °C
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, parameters: LimbParameters):
         """
@@ -53,7 +53,7 @@ class ThermocoupleLag(LinearSystem):
     - output 0: measured temperature V (wires), °C
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, parameters: LimbParameters):
         """
@@ -81,7 +81,7 @@ class InverseThermocoupleLag(AffineSystem):
     - output 0: wire temperature T (wires), °C
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, parameters: LimbParameters):
         """

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort, System
 
-from limb_systems.ownership import weak_method
+from limb_systems.model.ownership import weak_method
 
 # The paper's thermocouple amplifier, a MAX31855, converts within 100 ms and
 # reports steps of 0.25 °C (datasheet 19-5793); the noise of one step is ours.
@@ -37,7 +37,7 @@ class SampledSensor(LeafSystem):
     next, as a sensor's noise does; drift is drawn anew at initialization.
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(
         self,
@@ -153,7 +153,7 @@ class SensedLimb(Diagram):
     - output 1 ``bend_angle``: φ (S), rad, as bend sensors read it
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, limb: System, *, seed: int = 0, bend_rate: float = 20.0):
         """

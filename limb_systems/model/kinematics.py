@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from limb_systems.ownership import weak_method
-from limb_systems.parameters import LimbParameters
+from limb_systems.model.ownership import weak_method
+from limb_systems.model.parameters import LimbParameters
 
 
 def tip_position(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarray:
@@ -102,7 +102,7 @@ def BendAngle_(T):
         - output 0 ``bend_angle``: φ (segments), rad
         """
 
-        __slots__ = ()  # see limb_systems.ownership
+        __slots__ = ()  # see limb_systems.model.ownership
 
         def _construct(self, parameters: LimbParameters, converter=None):
             LeafSystem_[T].__init__(self, converter=converter)

@@ -3,8 +3,8 @@
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from hardware.specimen import Specimen
-from limb_systems.ownership import weak_method
+from hardware.emulation.specimen import Specimen
+from limb_systems.model.ownership import weak_method
 
 # The wires' fastest rates are those of heating, some °C in a tenth of a second,
 # and far below the limb's 4.6 Hz mode, which hardly feels smoothed steps at 20 Hz.
@@ -49,7 +49,7 @@ class ShapeMemoryWires(LeafSystem):
     - state, discrete: [T (W), S (W), ξ (W), ε (W)], °C, °C, 1 and 1
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, specimen: Specimen, period: float = PERIOD):
         """

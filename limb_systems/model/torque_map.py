@@ -3,7 +3,7 @@
 import numpy as np
 from pydrake.systems.primitives import AffineSystem
 
-from limb_systems.parameters import LimbParameters
+from limb_systems.model.parameters import LimbParameters
 
 
 def torque_matrix(parameters: LimbParameters) -> np.ndarray:
@@ -29,7 +29,7 @@ class TorqueMap(AffineSystem):
     - output 0: generalized force f (joints), N·m
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, parameters: LimbParameters):
         """

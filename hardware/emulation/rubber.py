@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.symbolic import MakeVectorVariable
 from pydrake.systems.primitives import SymbolicVectorSystem
 
-from hardware.specimen import Specimen
+from hardware.emulation.specimen import Specimen
 
 
 class Rubber(SymbolicVectorSystem):
@@ -22,7 +22,7 @@ class Rubber(SymbolicVectorSystem):
       rad, since Drake lets no system of this kind start elsewhere than at zero
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, specimen: Specimen):
         parameters = specimen.description

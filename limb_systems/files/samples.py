@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.files import FileFormatError
-from limb_systems.parameters import LimbParameters
+from limb_systems.files.tables import FileFormatError
+from limb_systems.model.parameters import LimbParameters
 
 
 def column_names(parameters: LimbParameters) -> dict[str, list[str]]:

@@ -9,10 +9,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
-from limb_systems.kinematics import joint_angles_from_bend_angle
-from limb_systems.parameters import LimbParameters
-from limb_systems.recording import Recording
-from limb_systems.trajectory import Trajectory
+from limb_systems.files.recording import Recording
+from limb_systems.files.trajectory import Trajectory
+from limb_systems.model.kinematics import joint_angles_from_bend_angle
+from limb_systems.model.parameters import LimbParameters
 
 GHOST_OPACITY = 0.5
 DUTY_COLOR = (0.16, 0.18, 0.22)  # sRGB
@@ -38,7 +38,7 @@ class Ghost:
         # Matplotlib takes as long to import as all the rest, and few limbs have ghosts.
         from matplotlib.colors import to_rgb
 
-        from limb_systems.plots import PLAN_COLOR, REFERENCE_COLOR
+        from limb_systems.views.plots import PLAN_COLOR, REFERENCE_COLOR
 
         return to_rgb({"reference": REFERENCE_COLOR, "plan": PLAN_COLOR}[self.name])
 

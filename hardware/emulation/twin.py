@@ -8,13 +8,13 @@ from pydrake import trajectories
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem
 
-from hardware.hand import Hand
-from hardware.rubber import Rubber
-from hardware.sensors import add_sensors
-from hardware.specimen import SegmentPhysics, Specimen
-from hardware.wires import PERIOD, ShapeMemoryWires
+from hardware.emulation.hand import Hand
+from hardware.emulation.rubber import Rubber
+from hardware.emulation.sensors import add_sensors
+from hardware.emulation.specimen import SegmentPhysics, Specimen
+from hardware.emulation.wires import PERIOD, ShapeMemoryWires
 from limb_systems import BendAngle, LimbParameters, ThermocoupleLag, make_manipulator, simulate
-from limb_systems.ownership import weak_method
+from limb_systems.model.ownership import weak_method
 
 SMOOTHING_TIME = 0.05  # s, of the wires' torque, which comes in steps
 
@@ -47,7 +47,7 @@ class LimbTwin(Diagram):
     the same limb, later.
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     accuracy = 1e-2  # of simulations; 1e-4 changes no reading by more than one step of its sensor
 
@@ -174,7 +174,7 @@ class _Memory(LeafSystem):
     An input port of the part's name for each of them.
     """
 
-    __slots__ = ()  # see limb_systems.ownership
+    __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, specimen: Specimen, sizes: dict[str, int]):
         super().__init__()

@@ -1,0 +1,1 @@
+"""The files that recordings and trajectories are kept in."""
