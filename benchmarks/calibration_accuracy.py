@@ -72,7 +72,7 @@ def calibrate_model(seed: int) -> dict[str, tuple[float, float]]:
     }
     truth = {"stiffness": 0.115, "damping": 8e-4, "ambient_temperature": limb.ambient_temperature}
     for side in ("left", "right"):
-        wire = getattr(limb.segments[0], side)
+        wire = limb.segments[0].wire(side).law
         truth |= {f"{side}.{name}": getattr(wire, name) for name in ("a1", "a2", "a3", "beta")}
     estimates = calibrate(recordings, LimbParameters()).estimates
     return {

@@ -4,13 +4,13 @@ import dataclasses
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import expm, schur
 from scipy.optimize import least_squares
 from scipy.signal import lfilter, savgol_filter
 
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, clustered_covariance
-from limb_systems import Recording
+from limb_systems import LinearLaw, Recording, WireLaw
 
 WINDOW = 2.0  # s, over which a state counts as equilibrium
 BLOCK = 30.0  # s, after which residuals count as independent
@@ -65,21 +65,21 @@ class HeatFit:
 
 
 def simulate_heat(
-    a1: float,
-    a2: float,
-    a3: float,
+    law: WireLaw,
     duty: np.ndarray,
     period: float,
     ambient: float,
     initial: tuple[float, float],
     delay: float = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """T and V of eqns (6)-(7) at the samples (K,), °C, exactly for duty held between them.
+    """T and V of a wire, eqns (6)-(7), at the samples (K,), °C, exactly for duty held between them.
 
     Args:
+        law: of the wire, whose rates are affine.
         duty: D (K,), in force at each sample and since the one before.
         period: s between samples.
-        initial: T and V at the first sample, °C.
+        ambient: T0, °C.
+        initial: T and V at the first sample, °C; other states are those of a cold wire.
         delay: s by which duty takes effect later; there was none before the first sample.
     """
     if delay:
@@ -87,17 +87,26 @@ def simulate_heat(
         total = np.cumsum(duty) - duty[0]
         ends = np.arange(-1, len(duty)) - delay / period
         duty = np.diff(np.interp(ends, np.arange(len(duty)), total))
-    # [T - T0, V - T0, D] over one interval.
-    step = expm(np.array([[a1, 0, a2], [-a3, a3, 0], [0, 0, 0]]) * period)
-    wire = _first_order(step[0, 0], step[0, 2] * duty[1:], initial[0] - ambient)
-    drive = step[1, 0] * wire[:-1] + step[1, 2] * duty[1:]
-    measured = _first_order(step[1, 1], drive, initial[1] - ambient)
-    return ambient + wire, ambient + measured
-
-
-def _first_order(pole: float, drive: np.ndarray, initial: float) -> np.ndarray:
-    """x_{k+1} = pole x_k + drive_k from the initial value on."""
-    return lfilter([1.0], [1.0, -pole], np.concatenate([[initial], drive]))
+    # Of [x, V] above those of a cold wire, and D, over one interval.
+    cold = np.array([*law.cold_states(ambient), ambient, 0.0])
+    size = len(cold) - 1
+    rates = np.zeros((size + 1, size + 1))
+    for column, (*x, V, D) in enumerate(cold + np.eye(size + 1)):
+        rates[:size, column] = [*law.rates(x, D, ambient), law.reading_rate(V, x)]
+    step = expm(rates * period)
+    # In the basis of the Schur form each state only depends on itself, later ones and the duty.
+    triangle, basis = schur(step[:size, :size], output="complex")
+    above = np.zeros(size)
+    above[[0, -1]] = np.array(initial) - ambient
+    start, gain = basis.conj().T @ above, basis.conj().T @ step[:size, size]
+    courses = np.zeros((size, len(duty)), complex)
+    for row in reversed(range(size)):
+        drive = gain[row] * duty[1:] + triangle[row, row + 1 :] @ courses[row + 1 :, :-1]
+        courses[row] = lfilter(
+            [1.0], [1.0, -triangle[row, row]], np.concatenate([[start[row]], drive])
+        )
+    course = (basis @ courses).real
+    return ambient + course[0], ambient + course[-1]
 
 
 def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatFit:
@@ -134,8 +143,7 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     start = _two_stage(duty, wire_start, measured, period, ambient)
 
     def simulated(x: np.ndarray):
-        rates = (-np.exp(x[0]), np.exp(x[1]), -np.exp(x[2]))
-        wire, sensed = simulate_heat(*rates, duty, period, ambient, (x[4], x[5]), x[6])
+        wire, sensed = simulate_heat(_law(x), duty, period, ambient, (x[4], x[5]), x[6])
         return wire, sensed, (wire - ambient) * x[3]
 
     weights = [1 / TEMPERATURE_SCALE, 1 / ANGLE_SCALE]
@@ -209,8 +217,8 @@ def fit_heat_transfer_from_temperature(
     _check_excitation(name, duty, measured, ambient, period)
 
     def simulated(x: np.ndarray):
-        rates = (-np.exp(x[0]), np.exp(x[1]), -np.exp(x[2]))
-        return simulate_heat(*rates, duty, period, ambient, (x[3], x[4]), x[5] if delay else 0.0)
+        late = x[5] if delay else 0.0
+        return simulate_heat(_law(x), duty, period, ambient, (x[3], x[4]), late)
 
     def residuals(x: np.ndarray) -> np.ndarray:
         return (simulated(x)[1] - measured) / TEMPERATURE_SCALE
@@ -269,6 +277,11 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
         raise CalibrationError("No recording has an unheated wire, which would tell T0.")
     spread = np.std(medians, ddof=1) / np.sqrt(len(medians)) if len(medians) > 1 else 0.25
     return Estimate(float(np.mean(medians)), float(spread), "°C")
+
+
+def _law(x: np.ndarray) -> LinearLaw:
+    """With the rates whose logarithms these are."""
+    return LinearLaw(a1=-np.exp(x[0]), a2=np.exp(x[1]), a3=-np.exp(x[2]))
 
 
 def _worth(residual: np.ndarray, blocks: np.ndarray) -> float:

@@ -60,6 +60,8 @@ class PlanCheck:
 
     def failure(self) -> str | None:
         """One sentence on why the plan must not be used, or None if it may."""
+        if math.isnan(self.largest_defect + self.largest_difference_deg + self.tolerance_deg):
+            return "it was never checked by simulating it."
         if not self.largest_defect <= DEFECT_TOLERANCE:
             return (
                 f"the dynamics are violated by {self.largest_defect:.1e} (scaled), "

@@ -11,7 +11,7 @@ import pytest
 from calibration import CalibrationError, calibrate, collect_from_twin, save_recordings, validate
 from calibration.__main__ import main
 from hardware import LimbTwin
-from limb_systems import Limb, LimbParameters, Recording, simulate
+from limb_systems import Limb, LimbParameters, Recording, SerialBoard, simulate
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +31,8 @@ def test_the_model_is_calibrated_to_its_own_parameters(true_limb, model_recordin
     assert found.damping == pytest.approx(true.damping, rel=0.03)
     for side in ("left", "right"):
         for name, tolerance in (("a1", 0.03), ("a2", 0.03), ("a3", 0.03), ("beta", 0.02)):
-            value = getattr(getattr(found, side), name)
-            assert value == pytest.approx(getattr(getattr(true, side), name), rel=tolerance)
+            value = getattr(found.wire(side).law, name)
+            assert value == pytest.approx(getattr(true.wire(side).law, name), rel=tolerance)
     assert calibration.parameters.ambient_temperature == pytest.approx(23.0, abs=0.01)
     assert calibration.stiffness.correction_factor == pytest.approx(1.22, abs=0.01)
     assert np.rad2deg(calibration.validation.percentile_90) < 0.2
@@ -44,9 +44,9 @@ def test_description_keeps_what_is_not_calibrated(model_recordings):
     description.temperature_limits.maximum = 90.0
     (left,), (right,) = model_recordings["left"], model_recordings["right"]
     of_a_board = copy.deepcopy(right)
-    of_a_board.parameters.board = "twin0007"
+    of_a_board.parameters.board = SerialBoard("twin0007")
     calibration = calibrate({"left": [left], "right": [of_a_board, right]}, description)
-    assert calibration.parameters.board == "twin0007"
+    assert calibration.parameters.board == SerialBoard("twin0007")
     assert "Of 2 recordings of the kind right only the first was used." in calibration.remarks
     assert calibration.parameters.temperature_limits.maximum == 90.0
     assert calibration.parameters.segments[0].stiffness == description.segments[0].stiffness
@@ -115,7 +115,7 @@ def test_json_says_what_is_in_the_files(twin_folder, tmp_path, capsys, monkeypat
     assert values.pop("stiffness") == segment.stiffness
     assert values.pop("damping") == segment.damping
     assert values == {
-        f"{side}.{name}": getattr(getattr(segment, side), name)
+        f"{side}.{name}": getattr(segment.wire(side).law, name)
         for side in ("left", "right")
         for name in ("a1", "a2", "a3", "beta")
     }

@@ -17,7 +17,7 @@ from calibration import (
     fit_heat_transfer_from_temperature,
 )
 from calibration.heat import ambient_temperature, simulate_heat
-from limb_systems import JouleHeating, LimbParameters, ThermocoupleLag
+from limb_systems import JouleHeating, LimbParameters, LinearLaw, ThermocoupleLag
 
 SIDES = [(0, "left"), (1, "right")]
 
@@ -40,16 +40,16 @@ def test_simulated_heat_is_drakes(true_limb):
     simulator.get_mutable_integrator().set_maximum_step_size(0.01)
     simulator.AdvanceTo(times[-1])
     expected = [sink.FindLog(simulator.get_context()).data()[0, :800] for sink in sinks]
-    simulated = simulate_heat(wire.law.a1, wire.law.a2, wire.law.a3, duty, 0.05, 23.0, (23.0, 23.0))
+    simulated = simulate_heat(wire.law, duty, 0.05, 23.0, (23.0, 23.0))
     np.testing.assert_allclose(simulated, expected, atol=1e-3)
 
 
 @pytest.mark.parametrize("delay", [0.05, 0.73, 2.0])
 def test_delay_shifts_the_response(delay):
     duty = np.repeat([0.0, 0.3, 0.1, 0.4], 100)
-    late = simulate_heat(-0.07, 20.0, -1.0, duty, 0.05, 25.0, (25.0, 25.0), delay)[1]
+    late = simulate_heat(LinearLaw(-0.07, 20.0, -1.0), duty, 0.05, 25.0, (25.0, 25.0), delay)[1]
     fine = np.repeat(duty, 10)  # at 200 Hz every delay above is a whole number of samples
-    exact = simulate_heat(-0.07, 20.0, -1.0, fine, 0.005, 25.0, (25.0, 25.0))[1]
+    exact = simulate_heat(LinearLaw(-0.07, 20.0, -1.0), fine, 0.005, 25.0, (25.0, 25.0))[1]
     times = np.arange(400) * 0.05 + 0.045  # a held value reaches back by a whole sample
     expected = np.interp(times - delay, np.arange(4000) * 0.005, exact, left=25.0)
     np.testing.assert_allclose(late, expected, atol=0.02)
@@ -57,14 +57,14 @@ def test_delay_shifts_the_response(delay):
 
 @pytest.mark.parametrize(("index", "side"), SIDES)
 def test_heat_transfer_is_the_one_that_generated_the_data(true_limb, model_recordings, index, side):
-    wire = getattr(true_limb.segments[0], side)
+    wire = true_limb.segments[0].wire(side).law
     for fit in (
         fit_heat_transfer(model_recordings[side][0], index, 23.0),
         fit_heat_transfer_from_temperature(model_recordings[side][0], index, 23.0),
     ):
-        assert fit.a1.value == pytest.approx(wire.law.a1, rel=0.03)
-        assert fit.a2.value == pytest.approx(wire.law.a2, rel=0.03)
-        assert fit.a3.value == pytest.approx(wire.law.a3, rel=0.03)
+        assert fit.a1.value == pytest.approx(wire.a1, rel=0.03)
+        assert fit.a2.value == pytest.approx(wire.a2, rel=0.03)
+        assert fit.a3.value == pytest.approx(wire.a3, rel=0.03)
         assert fit.remarks == []
         assert fit.temperature_residual < 0.1
 
@@ -91,7 +91,7 @@ def test_force_is_the_one_that_generated_the_data(true_limb, model_recordings, i
     (recording,) = model_recordings[side]
     heat = fit_heat_transfer(recording, index, 23.0)
     fit = fit_force(true_limb, recording, index, heat, Estimate(0.115, 0.0, "N·m/rad"))
-    assert fit.beta.value == pytest.approx(getattr(true_limb.segments[0], side).beta, rel=0.02)
+    assert fit.beta.value == pytest.approx(true_limb.segments[0].wire(side).law.beta, rel=0.02)
     assert len(fit.ratios) >= 3
     softer = fit_force(true_limb, recording, index, heat, Estimate(0.0575, 0.00575, "N·m/rad"))
     assert softer.beta.value == pytest.approx(fit.beta.value / 2)
@@ -124,7 +124,7 @@ def noisy(recording, seed):
 
 def test_standard_errors_cover_the_truth(true_limb, model_recordings):
     """A short version of benchmarks/calibration_accuracy.py."""
-    wire = true_limb.segments[0].wire("right")
+    wire = true_limb.segments[0].wire("right").law
     covered = dict.fromkeys(("a1", "a2", "a3"), 0)
     for seed in range(15):
         fit = fit_heat_transfer(noisy(model_recordings["right"][0], seed), 1, 23.0)
@@ -196,4 +196,4 @@ def test_two_segments_are_calibrated_one_by_one(two_segments, model_recordings):
 
 
 def test_parameters_of_the_nominal_limb_are_where_fits_may_go():
-    assert LimbParameters().wires[0].a3 == -1.0  # inside the bounds of heat.py, 0.02 to 10 1/s
+    assert LimbParameters().wires[0].law.a3 == -1.0  # inside the bounds of heat.py, 0.02 to 10 1/s

@@ -323,7 +323,7 @@ def write_sealed(path, lines):
 
 @pytest.fixture
 def lines(tmp_path) -> list[str]:
-    """Of a recording that is then changed; its first sample stands in line 31."""
+    """Of a recording that is then changed; its first sample stands in line 28."""
     return saved_lines(make_recording(), tmp_path / "file.csv")
 
 
@@ -346,7 +346,7 @@ def test_sealing_an_unchanged_file_leaves_it_good(tmp_path, lines):
 
 
 def test_the_lines_are_counted_as_in_an_editor(lines):
-    assert names_line(lines) == 29  # line 30, counted from 1
+    assert names_line(lines) == 26  # line 27, counted from 1
 
 
 def test_another_version_is_refused(lines, refuse_sealed):
@@ -355,13 +355,13 @@ def test_another_version_is_refused(lines, refuse_sealed):
 
 
 def test_shuffled_rows_are_refused(lines, refuse_sealed):
-    lines[31], lines[32] = lines[32], lines[31]
-    refuse_sealed(lines, "time", "line 33", "increas")
+    lines[28], lines[29] = lines[29], lines[28]
+    refuse_sealed(lines, "time", "line 30", "increas")
 
 
 def test_duplicate_rows_are_refused(lines, refuse_sealed):
-    lines.insert(31, lines[31])
-    refuse_sealed(lines, "time", "line 33", "increas")
+    lines.insert(28, lines[28])
+    refuse_sealed(lines, "time", "line 30", "increas")
 
 
 def test_wrong_count_of_rows_is_refused(tmp_path, refused):
@@ -385,21 +385,21 @@ def test_changed_value_under_the_old_checksum_is_refused(tmp_path, refused, line
 @pytest.mark.parametrize("name", ["time_s", "duty_left", "bend_angle_deg", "joint_rate_2_deg_s"])
 def test_value_that_is_not_finite_is_refused_with_its_place(lines, refuse_sealed, name, text):
     set_cell(lines, 2, name, text)
-    refuse_sealed(lines, name, "line 33")
+    refuse_sealed(lines, name, "line 30")
 
 
 @pytest.mark.parametrize("text", ["", "abc", "0x1", "snan", "1.2.3", "--1"])
 @pytest.mark.parametrize("name", ["time_s", "duty_left", "bend_angle_deg"])
 def test_cell_that_is_no_number_is_refused_with_its_place(lines, refuse_sealed, name, text):
     set_cell(lines, 2, name, text)
-    refuse_sealed(lines, "line 33")
+    refuse_sealed(lines, "line 30")
 
 
 @pytest.mark.parametrize("exponent", ["400", "99999", "9999999", "9" * 20, "9" * 5000])
 @pytest.mark.parametrize("name", ["duty_left", "bend_angle_deg", "joint_angle_1_deg"])
 def test_number_beyond_any_double_is_refused_with_its_place(lines, refuse_sealed, name, exponent):
     set_cell(lines, 2, name, f"-1e{exponent}")
-    refuse_sealed(lines, "line 33")
+    refuse_sealed(lines, "line 30")
 
 
 @pytest.mark.parametrize(
@@ -451,35 +451,35 @@ def test_missing_column_is_refused_by_name(lines, refuse_sealed, name):
 
 def test_missing_time_is_refused(tmp_path, refused, lines):
     path = tmp_path / "file.csv"
-    lines[29] = lines[29].replace("time_s", "time_ms")
+    lines[26] = lines[26].replace("time_s", "time_ms")
     body = "\n".join(lines) + "\n"
     path.write_text(f"{body}# end, 4 rows, sha256 {hashlib.sha256(body.encode()).hexdigest()}\n")
-    with refused(FileFormatError, path, "line 30", "time_s"):
+    with refused(FileFormatError, path, "line 27", "time_s"):
         Recording.load(path)
 
 
 @pytest.mark.parametrize("name", ["reference_angle_2_deg", "duty_left_2", "note"])
 def test_extra_column_is_refused_by_name(lines, refuse_sealed, name):
-    for index in range(29, len(lines)):
-        lines[index] += f",{name}" if index == 29 else ",0.5"
+    for index in range(26, len(lines)):
+        lines[index] += f",{name}" if index == 26 else ",0.5"
     refuse_sealed(lines, name, "does not belong")
 
 
 def test_column_given_twice_is_refused(lines, refuse_sealed):
-    lines[29] = lines[29].replace("duty_right", "duty_left")
-    refuse_sealed(lines, "line 30")
+    lines[26] = lines[26].replace("duty_right", "duty_left")
+    refuse_sealed(lines, "line 27")
 
 
 @pytest.mark.parametrize("change", [lambda row: row + ",1.0", lambda row: row.rsplit(",", 1)[0]])
 def test_row_of_another_length_is_refused_with_its_place(lines, refuse_sealed, change):
-    lines[32] = change(lines[32])
-    refuse_sealed(lines, "line 33", "12 columns")
+    lines[29] = change(lines[29])
+    refuse_sealed(lines, "line 30", "12 columns")
 
 
 @pytest.mark.parametrize("text", ["", "# a remark"])
 def test_row_that_is_none_is_refused_with_its_place(lines, refuse_sealed, text):
-    lines.insert(32, text)
-    refuse_sealed(lines, "line 33")
+    lines.insert(29, text)
+    refuse_sealed(lines, "line 30")
 
 
 @pytest.mark.parametrize(
@@ -490,10 +490,10 @@ def test_row_that_is_none_is_refused_with_its_place(lines, refuse_sealed, text):
         ("# sample_rate_hz: 10.0", "# sample_rate_hz: .nan", ["sample_rate"]),
         ("# sample_rate_hz: 10.0", "# sample_rate_hz: -10.0", ["sample_rate"]),
         ("# sample_rate_hz: 10.0", "# sample_rate_hz: [", ["YAML"]),
-        ("#   - links: 2", "#   - links: 0", ["segments[0].links"]),
-        ("#   - links: 2", "#   - links: 2.5", ["links", "whole number"]),
-        ("#   - links: 2", "#   - links: 3", ["joint_angle_3_deg", "missing"]),
-        ("#   - links: 2", "#   - links: 1", ["joint_angle_2_deg", "belong"]),
+        ("#     links: 2", "#     links: 0", ["segments[0].links"]),
+        ("#     links: 2", "#     links: 2.5", ["links", "whole number"]),
+        ("#     links: 2", "#     links: 3", ["joint_angle_3_deg", "missing"]),
+        ("#     links: 2", "#     links: 1", ["joint_angle_2_deg", "belong"]),
         ("#     mass: 0.025", "#     mass: -1.0", ["segments[0].mass"]),
         ("#     mass: 0.025", "#     weight: 0.025", ["parameters.segments[0].weight"]),
     ],
@@ -505,8 +505,16 @@ def test_header_that_does_not_fit_is_refused(lines, refuse_sealed, before, after
 
 def test_header_without_a_field_is_refused(tmp_path, refuse_sealed):
     lines = saved_lines(make_trajectory(), tmp_path / "file.csv")
-    del lines[next(i for i, line in enumerate(lines) if "tolerance_deg" in line)]
-    refuse_sealed(lines, "check.tolerance_deg", "missing", kind=Trajectory)
+    del lines[next(i for i, line in enumerate(lines) if "sample_rate_hz" in line)]
+    refuse_sealed(lines, "sample_rate_hz", "missing", kind=Trajectory)
+
+
+@pytest.mark.parametrize("name", ["tolerance_deg", "largest_defect", "largest_difference_deg"])
+def test_a_check_without_its_figures_is_a_failed_one(tmp_path, name):
+    lines = saved_lines(make_trajectory(), tmp_path / "file.csv")
+    del lines[next(i for i, line in enumerate(lines) if name in line)]
+    write_sealed(tmp_path / "file.csv", lines)
+    assert Trajectory.load(tmp_path / "file.csv").check.failure()
 
 
 def test_trajectory_of_one_knot_is_refused(tmp_path, refuse_sealed):
@@ -566,10 +574,10 @@ def test_value_spoilt_after_construction_is_not_saved(tmp_path, refused):
     ("change", "words"),
     [
         ({"largest_defect": 2e-6}, ["dynamics"]),
-        ({"largest_defect": np.nan}, ["dynamics"]),
+        ({"largest_defect": np.nan}, ["never checked"]),
         ({"largest_difference_deg": 0.51}, ["0.510", "0.5°", "knots"]),
-        ({"largest_difference_deg": np.nan}, ["simulating"]),
-        ({"tolerance_deg": np.nan}, ["simulating"]),
+        ({"largest_difference_deg": np.nan}, ["never checked"]),
+        ({"tolerance_deg": np.nan}, ["never checked"]),
     ],
 )
 def test_trajectory_whose_check_failed_is_not_saved(tmp_path, refused, change, words):

@@ -56,6 +56,7 @@ def test_ports_have_the_names_order_and_sizes_of_the_convention():
         ("bend_angle", 1),
         ("wire_temperature", 2),
         ("joint_state", 10),
+        ("measurement", 3),
     ]
     assert limb.num_continuous_states() == 14
     assert limb.IsDifferentialEquationSystem()
@@ -64,14 +65,15 @@ def test_ports_have_the_names_order_and_sizes_of_the_convention():
 def test_two_segments_have_four_wires_and_two_bend_angles(uneven_limb):
     limb = Limb(uneven_limb)
     assert limb.GetInputPort("duty").size() == 4
-    assert [limb.GetOutputPort(name).size() for name in OUTPUTS] == [4, 2, 4, 10]
+    assert [limb.GetOutputPort(name).size() for name in OUTPUTS] == [4, 2, 4, 10, 6]
     assert limb.num_continuous_states() == 5 + 5 + 4 + 4
 
 
 def test_state_order_is_angles_rates_wire_and_measured_temperature(uneven_limb):
     limb, state = Limb(uneven_limb), np.arange(18.0) / 10
     values = evaluate(limb, state, np.zeros(4))
-    measured, _, wire, joints = np.split(values[18:], np.cumsum([4, 2, 4]))
+    measured, bend, wire, joints, measurement = np.split(values[18:], np.cumsum([4, 2, 4, 10]))
+    np.testing.assert_array_equal(measurement, [*measured, *bend])
     np.testing.assert_array_equal(joints, state[:10])
     np.testing.assert_array_equal(wire, state[10:14])
     np.testing.assert_array_equal(measured, state[14:])
