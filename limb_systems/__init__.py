@@ -21,7 +21,8 @@ from limb_systems.model.parameters import (
 from limb_systems.model.thermal import InverseThermocoupleLag, JouleHeating, ThermocoupleLag
 from limb_systems.model.torque_map import TorqueMap, torque_matrix
 from limb_systems.simulation import simulate
-from limb_systems.views.visualization import LimbVisualizer, wire_color, write_meshcat_replay
+from limb_systems.views.limb_visualizer import LimbVisualizer, wire_color
+from limb_systems.views.replay_page import write_meshcat_replay
 
 __all__ = [
     "ActiveConstraint",
