@@ -20,9 +20,10 @@ WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
 def plot_tracking(
     trajectory: Trajectory, recordings: Sequence[Recording] = (), title: str = ""
 ) -> Figure:
-    """Fig. 5: bend angle, temperatures and duty of a plan and of what was recorded of it.
+    """Fig. 5: bend angle, temperatures and duty of a plan and of what came of it.
 
-    Plans are dashed. Several recordings are drawn as their mean and the band of
+    Plans are dashed; the legend says whether the rest was simulated, emulated
+    or recorded. Several recordings are drawn as their mean and the band of
     95%, mean ± 1.96 standard deviations, on the sample times of the first. Each
     segment has its own three panels.
 
@@ -95,7 +96,7 @@ def _plot_bend_angle(axis, trajectory, recordings, segment: int) -> None:
         label=r"reference $\varphi_{REF}$",
     )
     angles = [np.rad2deg(recording.bend_angle[segment]) for recording in recordings]
-    what = "rollouts" if len(recordings) > 1 else "recorded"
+    what = _how(recordings) + (" rollouts" if len(recordings) > 1 else "")
     _plot_band(axis, recordings, angles, ROLLOUT_COLOR, rf"{what} $\varphi$")
     axis.plot(
         trajectory.time,
@@ -111,7 +112,7 @@ def _plot_temperatures(axis, trajectory, recordings, wires) -> None:
     limits = trajectory.parameters.temperature_limits
     for (index, name), color in zip(wires, LEFT_RIGHT_COLORS, strict=True):
         measured = [recording.measured_temperature[index] for recording in recordings]
-        _plot_band(axis, recordings, measured, color, f"{name}, V measured")
+        _plot_band(axis, recordings, measured, color, f"{name}, V {_how(recordings)}")
     for what, course, style, width in (
         ("V* planned", trajectory.measured_temperature, "--", 1.4),
         ("T* planned", trajectory.wire_temperature, ":", 0.8),
@@ -153,6 +154,11 @@ def _plot_duty(axis, trajectory, recordings, wires) -> None:
         )
     axis.set_ylabel("duty")
     axis.set_ylim(-0.04, 1.04)
+
+
+def _how(recordings: Sequence[Recording]) -> str:
+    """How recordings came about; if not all alike, each way."""
+    return " and ".join(dict.fromkeys(recording.how for recording in recordings))
 
 
 def _plot_band(axis, recordings, samples, color: str, label: str) -> None:

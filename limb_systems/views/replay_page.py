@@ -117,12 +117,12 @@ def _ghosts_beside(motion: Recording | Trajectory, plan: Trajectory | None) -> l
 
 
 def _motion_in_words(motion: Recording | Trajectory) -> str:
-    """What the limb itself shows, and whether it was measured."""
+    """What the limb itself shows, and how it came about."""
     if isinstance(motion, Trajectory):
         return "planned motion, nothing measured"
     if motion.joint_state is None:
-        return f"measured bend angle ({motion.source}), drawn as constant curvature"
-    return f"simulated joint angles ({motion.source}), nothing measured"
+        return f"{motion.how} bend angle ({motion.source}), drawn as constant curvature"
+    return f"{motion.how} joint angles ({motion.source}), nothing measured"
 
 
 def _bars_in_words(parameters: LimbParameters) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from hardware import replay
+from hardware import LimbTwin, SensedLimb, replay
 from limb_systems import Limb, LimbError, PlanCheck, Trajectory
 from limb_systems.views.plots import plot_tracking, save_figure
 
@@ -20,7 +20,7 @@ def test_rollouts_are_drawn_as_their_mean_and_the_band_of_95_percent(fig5_plan, 
     figure = plot_tracking(fig5_plan, rollouts, title="three rollouts")
     bend, heat, duty = figure.axes
     lines = {line.get_label(): line for line in bend.get_lines()}
-    mean = lines[r"rollouts $\varphi$"].get_ydata()
+    mean = lines[r"simulated rollouts $\varphi$"].get_ydata()
     np.testing.assert_allclose(mean, np.rad2deg(angle[0]), atol=1e-9)
     (band,) = bend.collections
     lowest = band.get_paths()[0].vertices[:, 1].min()
@@ -32,6 +32,25 @@ def test_rollouts_are_drawn_as_their_mean_and_the_band_of_95_percent(fig5_plan, 
     assert figure.get_suptitle() == "three rollouts"
     save_figure(figure, tmp_path / "deep" / "fig5.pdf")
     assert (tmp_path / "deep" / "fig5.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize(
+    ("source", "how"),
+    [
+        ("limb SN1 on /dev/ttyACM0", "recorded"),
+        ("day_3.csv", "recorded"),
+        (LimbTwin(seed=3).source, "emulated"),
+        ("limb twin0003 on /dev/pts/7", "emulated"),  # an emulated board's serial number
+        (SensedLimb(Limb()).source, "simulated"),
+    ],
+)
+def test_the_legend_says_how_a_recording_came_about(fig5_plan, source, how):
+    made = replay(fig5_plan, Limb(fig5_plan.parameters))
+    recording = dataclasses.replace(made, source=source, joint_state=None, wire_temperature=None)
+    for one, expected in ((recording, how), (made, "simulated")):
+        bend, heat, _ = plot_tracking(fig5_plan, [one]).axes
+        assert rf"{expected} $\varphi$" in bend.get_legend_handles_labels()[1]
+        assert f"right, V {expected}" in heat.get_legend_handles_labels()[1]
 
 
 def test_each_segment_has_its_panels_and_its_own_wires(two_segments):

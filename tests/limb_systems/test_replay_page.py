@@ -214,7 +214,7 @@ def test_ghosts_have_the_colours_of_the_plots_and_the_strip_is_translucent(tmp_p
 def test_caption_names_what_is_shown_and_what_was_measured(tmp_path, two_segments, modelled):
     plan = make_plan(two_segments)
     both = replay(tmp_path, make_recording(two_segments), plan=plan).split('id="caption"')[1]
-    assert "measured bend angle (a test)" in both
+    assert "recorded bend angle (a test)" in both
     assert re.search(r"--rgb: 31 79 216[^>]*></i>plan<", both)  # #1f4fd8
     assert re.search(r"--rgb: 153 153 153[^>]*></i>reference<", both)
     assert "duty from 0 to 1: left 1, right 1, left 2, right 2" in both
