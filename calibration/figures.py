@@ -75,7 +75,7 @@ def plot_stiffness(fit: StiffnessFit) -> Figure:
         label=f"model, k = {fit.stiffness}",
     )
     axis.set_xticks(np.arange(1, len(sags) + 1))
-    axis.set_ylim(0, None)
+    axis.set_ylim(0, 1.15 * max(*sags, np.rad2deg(abs(fit.simulated_sag))))
     axis.set_xlabel("trial")
     axis.set_ylabel("sag (°)")
     return _dress(figure)
