@@ -7,6 +7,7 @@ a positive bend angle bends the limb up, as in a plot, towards its right wire.
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.geometry import Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, SceneGraph
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, InputPort, LeafSystem
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
@@ -67,6 +68,9 @@ class LimbVisualizer(Diagram):
     With a plan, translucent ghosts show its reference (grey) and the plan
     itself (blue) as they are at the context's time, time 0 being the plan's
     start; after its end they stay where they are.
+
+    Several limbs share a Meshcat, or a diagram, if each of their views has a
+    ``prefix`` of its own; a ``base_pose`` puts them beside each other.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -77,12 +81,18 @@ class LimbVisualizer(Diagram):
         meshcat: Meshcat,
         plan: Trajectory | None = None,
         *,
+        prefix: str = "",
+        base_pose: RigidTransform | None = None,
         publish_period: float = PUBLISH_PERIOD,
     ):
         """Args:
             parameters: of the limb.
             meshcat: where it is shown; background, lights and camera are set.
             plan: to show beside it.
+            prefix: of the limb's paths in Meshcat, ``visualizer``, ``ghosts`` and
+                ``duty``, and of the system's name.
+            base_pose: of the limb's frame (E1, E2, E3) in Meshcat's world; there
+                if None.
             publish_period: from one update of the view to the next, s.
 
         Raises:
@@ -91,16 +101,20 @@ class LimbVisualizer(Diagram):
         super().__init__()
         ghosts = ghosts_of_plan(parameters, plan) if plan else []
         builder = DiagramBuilder()
-        joint_state, duty = add_view(builder, parameters, meshcat, ghosts, publish_period)
-        colors = builder.AddSystem(_WireColors(parameters, meshcat, publish_period))
+        root, base_pose = f"{prefix}/" if prefix else "", base_pose or RigidTransform()
+        joint_state, duty = add_view(builder, meshcat, root, parameters, ghosts, publish_period)
+        colors = builder.AddSystem(_WireColors(meshcat, root, parameters, publish_period))
         builder.ExportInput(joint_state, "joint_state")
         builder.ExportInput(colors.get_input_port(), "wire_temperature")
         builder.ExportInput(duty, "duty")
         builder.BuildInto(self)
-        self.set_name("limb_visualizer")
+        self.set_name(f"{prefix or 'limb'}_visualizer")
 
+        for folder in ("visualizer", "ghosts", "duty"):
+            meshcat.SetTransform(f"{root}{folder}", base_pose)
         bend_angle = np.radians([[-90.0, -45.0, 0.0, 45.0, 90.0]] * len(parameters.segments))
-        set_scene(meshcat, parameters, joint_angles_from_bend_angle(parameters, bend_angle))
+        joint_angles = joint_angles_from_bend_angle(parameters, bend_angle)
+        set_scene(meshcat, root, parameters, joint_angles, base_pose)
 
 
 class _WireColors(LeafSystem):
@@ -111,16 +125,17 @@ class _WireColors(LeafSystem):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, parameters: LimbParameters, meshcat: Meshcat, period: float):
+    def __init__(self, meshcat: Meshcat, root: str, parameters: LimbParameters, period: float):
         super().__init__()
-        self._parameters, self._meshcat = parameters, meshcat
+        self._meshcat, self._parameters = meshcat, parameters
+        self._paths = wire_paths(root, parameters)
         self.DeclareVectorInputPort("wire_temperature", len(parameters.wires))
         self.DeclarePeriodicPublishEvent(period, 0.0, weak_method(self._publish))
         self.DeclareForcedPublishEvent(weak_method(self._publish))
 
     def _publish(self, context: Context) -> None:
         colors = wire_color(self._parameters, self.get_input_port().Eval(context))
-        for paths, color in zip(wire_paths(self._parameters), linear(colors), strict=True):
+        for paths, color in zip(self._paths, linear(colors), strict=True):
             for path in paths:
                 self._meshcat.SetProperty(path, "color", [*color, 1.0])
 
@@ -134,12 +149,18 @@ class _GhostsAndDuty(LeafSystem):
     __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(
-        self, parameters: LimbParameters, meshcat: Meshcat, ghosts: list[Ghost], period: float
+        self,
+        meshcat: Meshcat,
+        root: str,
+        parameters: LimbParameters,
+        ghosts: list[Ghost],
+        period: float,
     ):
         super().__init__()
-        self._parameters, self._meshcat, self._ghosts = parameters, meshcat, ghosts
-        add_ghosts(meshcat, parameters, ghosts)
-        add_duty_bars(meshcat, parameters)
+        self._meshcat, self._root = meshcat, root
+        self._parameters, self._ghosts = parameters, ghosts
+        add_ghosts(meshcat, root, parameters, ghosts)
+        add_duty_bars(meshcat, root, parameters)
         self.DeclareVectorInputPort("duty", len(parameters.wires))
         self.DeclarePeriodicPublishEvent(period, 0.0, weak_method(self._publish))
         self.DeclareForcedPublishEvent(weak_method(self._publish))
@@ -147,16 +168,17 @@ class _GhostsAndDuty(LeafSystem):
     def _publish(self, context: Context) -> None:
         time, duty = context.get_time(), self.get_input_port()
         for ghost in self._ghosts:
-            pose_ghost(self._meshcat, self._parameters, ghost, time)
-        self._meshcat.SetProperty("duty", "visible", duty.HasValue(context))
+            pose_ghost(self._meshcat, self._root, self._parameters, ghost, time)
+        self._meshcat.SetProperty(f"{self._root}duty", "visible", duty.HasValue(context))
         if duty.HasValue(context):
-            show_duty(self._meshcat, self._parameters, duty.Eval(context), time)
+            show_duty(self._meshcat, self._root, self._parameters, duty.Eval(context), time)
 
 
 def add_view(
     builder: DiagramBuilder,
-    parameters: LimbParameters,
     meshcat: Meshcat,
+    root: str,
+    parameters: LimbParameters,
     ghosts: list[Ghost],
     period: float,
 ) -> tuple[InputPort, InputPort]:
@@ -165,13 +187,17 @@ def add_view(
     Returns:
         The input ports for [θ, θ̇] (2n) and D (W).
     """
-    joint_state = _add_limb_view(builder, parameters, meshcat, period)
-    others = builder.AddSystem(_GhostsAndDuty(parameters, meshcat, ghosts, period))
+    joint_state = _add_limb_view(builder, meshcat, root, parameters, period)
+    others = builder.AddSystem(_GhostsAndDuty(meshcat, root, parameters, ghosts, period))
     return joint_state, others.get_input_port()
 
 
 def _add_limb_view(
-    builder: DiagramBuilder, parameters: LimbParameters, meshcat: Meshcat, period: float
+    builder: DiagramBuilder,
+    meshcat: Meshcat,
+    root: str,
+    parameters: LimbParameters,
+    period: float,
 ) -> InputPort:
     """Adds what shows a limb's pose, and returns its input port, [θ, θ̇] (2n)."""
     scene_graph = builder.AddSystem(SceneGraph())
@@ -181,16 +207,24 @@ def _add_limb_view(
     plant.Finalize()
     poses = builder.AddSystem(MultibodyPositionToGeometryPose(plant, input_multibody_state=True))
     builder.Connect(poses.get_output_port(), scene_graph.get_source_pose_port(source))
+    folder = f"{root}visualizer"
+    meshcat.Delete(folder)  # once: when a simulation starts the pose of its base must stay
     MeshcatVisualizer.AddToBuilder(
-        builder, scene_graph, meshcat, MeshcatVisualizerParams(publish_period=period)
+        builder,
+        scene_graph,
+        meshcat,
+        MeshcatVisualizerParams(
+            publish_period=period, prefix=folder, delete_on_initialization_event=False
+        ),
     )
     return poses.get_input_port()
 
 
-def wire_paths(parameters: LimbParameters) -> list[list[str]]:
+def wire_paths(root: str, parameters: LimbParameters) -> list[list[str]]:
     """For each wire the Meshcat paths of its pieces, one on each link."""
+    links = f"{root}visualizer/limb/link"
     return [
-        [f"visualizer/limb/link_{i + 1}/limb/wire_{side}" for i in range(joints.start, joints.stop)]
+        [f"{links}_{i + 1}/limb/wire_{side}" for i in range(joints.start, joints.stop)]
         for joints in parameters.joint_slices
         for side in ("left", "right")
     ]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
 
 from limb_systems.errors import LimbError
@@ -152,7 +153,7 @@ def _animate(
     with _drake_silenced():
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
     builder = DiagramBuilder()
-    for port in add_view(builder, parameters, meshcat, ghosts, PUBLISH_PERIOD):
+    for port in add_view(builder, meshcat, "", parameters, ghosts, PUBLISH_PERIOD):
         builder.ExportInput(port, port.get_name())
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
@@ -167,13 +168,13 @@ def _animate(
         diagram.get_input_port(0).FixValue(context, state)
         diagram.get_input_port(1).FixValue(context, duty[:, frame])
         diagram.ForcedPublish(context)
-        for paths, color in zip(wire_paths(parameters), colors[:, frame], strict=True):
+        for paths, color in zip(wire_paths("", parameters), colors[:, frame], strict=True):
             for path in paths:
                 # Meshcat sets "color" on a path; an animation binds to its mesh.
                 animation.SetProperty(frame, f"{path}/<object>", "material.color", color)
     meshcat.PublishRecording()
     seen = [ghost.course.vector_values(times) for ghost in ghosts]
-    aspect = set_scene(meshcat, parameters, np.hstack([joint_angles, *seen]))
+    aspect = set_scene(meshcat, "", parameters, np.hstack([joint_angles, *seen]), RigidTransform())
     return meshcat.StaticHtml(), aspect
 
 
