@@ -1,8 +1,10 @@
 """A motion of the limb in 3D as one HTML file, which any browser replays."""
 
 import contextlib
+import dataclasses
 import gc
 import html
+import json
 import logging
 import string
 from collections.abc import Iterator, Sequence
@@ -16,6 +18,7 @@ from pydrake.systems.framework import DiagramBuilder
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
+from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.output import write_atomically
 from limb_systems.views.limb_view import (
@@ -47,7 +50,9 @@ def write_meshcat_replay(
 ) -> None:
     """Writes a page that replays a motion in 3D, over and over, in any browser.
 
-    The page needs nothing but itself; the browser runs it in real time. Where
+    The page needs nothing but itself; the browser runs it in real time. It has
+    a button (or the space bar) that stops it and a slider to any moment, and
+    says φ, temperatures and duty of the moment that it shows. Where
     a recording has no joint angles they follow from its bend angle by constant
     curvature, eqn (11). Wires show T, or V where T is not known, and bars
     beside the base the duty. Translucent ghosts show the plan and its
@@ -78,30 +83,49 @@ def write_meshcat_replay(
     temperature, measured = motion.wire_temperature, motion.wire_temperature is None
     if temperature is None:
         temperature = motion.measured_temperature
-    page, aspect = _animate(
-        motion.parameters,
+    rate = (len(times) - 1) / (end - start)
+    frames = _Frames(
         joint_angle_course(motion).vector_values(times),
         np.array([np.interp(times, motion.time, row) for row in temperature]),
         np.array([np.interp(times, motion.time, row) for row in motion.duty]),
-        ghosts,
-        (len(times) - 1) / (end - start),
+        [ghost.course.vector_values(times - start) for ghost in ghosts],
     )
+    page, aspect = _animate(motion.parameters, frames, ghosts, rate)
     gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
     limits = motion.parameters.ambient_temperature, motion.parameters.temperature_limits.maximum
     caption = _CAPTION.substitute(
         title=html.escape(title),
         motion=html.escape(_motion_in_words(motion)),
-        ghosts="".join(_GHOST_LEGEND.substitute(name=g.name, rgb=_css(g.color)) for g in ghosts),
+        readouts=_readouts(motion.parameters, ghosts),
+        values=json.dumps(_values(motion.parameters, frames), separators=(",", ":")),
+        frames_per_second=repr(float(rate)),
+        last_frame=len(times) - 1,
         opacity=GHOST_OPACITY,
         signal="measured temperature" if measured else "wire temperature",
         low=f"{limits[0]:g}",
         high=f"{limits[1]:g}",
         colors=", ".join(f"rgb({_css(color)})" for color in WIRE_COLORS),
-        bars=_bars_in_words(motion.parameters),
+        bars=html.escape(", ".join(_names(motion.parameters))),
         duty_rgb=_css(DUTY_COLOR),
         aspect=aspect,
     )
     write_atomically(path, page.replace("</body>", f"{caption}</body>"))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Frames:
+    """What F frames show.
+
+    - ``joint_angles``: θ (n, F), rad.
+    - ``temperature``: that the wires' colour shows (W, F), °C.
+    - ``duty``: D (W, F).
+    - ``ghost_angles``: θ (n, F) of each ghost, rad.
+    """
+
+    joint_angles: np.ndarray
+    temperature: np.ndarray
+    duty: np.ndarray
+    ghost_angles: list[np.ndarray]
 
 
 def _ghosts_beside(motion: Recording | Trajectory, plan: Trajectory | None) -> list[Ghost]:
@@ -126,11 +150,31 @@ def _motion_in_words(motion: Recording | Trajectory) -> str:
     return f"{motion.how} joint angles ({motion.source}), nothing measured"
 
 
-def _bars_in_words(parameters: LimbParameters) -> str:
-    names = ["left", "right"]
-    if len(parameters.segments) > 1:
-        names = [name.replace("_", " ") for name in parameters.wire_names]
-    return ", ".join(names)
+def _readouts(parameters: LimbParameters, ghosts: list[Ghost]) -> str:
+    """What the caption says of the moment that is shown, HTML; an output for each of `_values`."""
+    segments = [suffix.strip("_") for suffix in parameters.segment_suffixes]
+    angles = ", ".join(f"φ{f'<sub>{s}</sub>' * bool(s)} <output></output>°" for s in segments)
+    signs = [("limb", "")] + [(f'ghost" style="--rgb: {_css(g.color)}', g.name) for g in ghosts]
+    parts = [f'<i class="{sign}"></i>{name} {angles}' for sign, name in signs]
+    for name in _names(parameters):
+        parts.append(
+            f'{html.escape(name)} <output></output> °C, duty <output class="duty"></output>'
+        )
+    return "\n      ".join(f"<span>{part}</span>" for part in parts)
+
+
+def _names(parameters: LimbParameters) -> list[str]:
+    """Of the wires, in words."""
+    return [name.replace("_", " ") for name in parameters.wire_names]
+
+
+def _values(parameters: LimbParameters, frames: _Frames) -> list[list[float]]:
+    """What each output of `_readouts` says in each frame: φ in degrees, °C, duty."""
+    angles = [bend_angle(parameters, a) for a in (frames.joint_angles, *frames.ghost_angles)]
+    rows = [np.round(np.rad2deg(row), 1) for row in np.vstack(angles)]
+    for temperature, duty in zip(frames.temperature, frames.duty, strict=True):
+        rows += [np.round(temperature, 1), np.round(duty, 2)]
+    return [row.tolist() for row in rows]
 
 
 def _css(color: Sequence[float]) -> str:
@@ -138,14 +182,9 @@ def _css(color: Sequence[float]) -> str:
 
 
 def _animate(
-    parameters: LimbParameters,
-    joint_angles: np.ndarray,
-    temperature: np.ndarray,
-    duty: np.ndarray,
-    ghosts: list[Ghost],
-    frames_per_second: float,
+    parameters: LimbParameters, frames: _Frames, ghosts: list[Ghost], frames_per_second: float
 ) -> tuple[str, float]:
-    """Meshcat's page for joint angles (n, F), rad, temperatures, °C, and duty (W, F) of F frames.
+    """Meshcat's page.
 
     Returns:
         HTML, and what `set_scene` returns.
@@ -160,21 +199,21 @@ def _animate(
     meshcat.StartRecording(frames_per_second)
     animation = meshcat.get_mutable_recording()
     animation.set_repetitions(1_000_000)
-    colors = linear(wire_color(parameters, temperature))
-    times = (np.arange(joint_angles.shape[1]) + 1e-6) / frames_per_second  # Drake rounds down
-    for frame, (time, angles) in enumerate(zip(times, joint_angles.T, strict=True)):
+    colors = linear(wire_color(parameters, frames.temperature))
+    times = (np.arange(frames.duty.shape[1]) + 1e-6) / frames_per_second  # Drake rounds down
+    for frame, (time, angles) in enumerate(zip(times, frames.joint_angles.T, strict=True)):
         context.SetTime(time)
         state = np.append(angles, np.zeros_like(angles))
         diagram.get_input_port(0).FixValue(context, state)
-        diagram.get_input_port(1).FixValue(context, duty[:, frame])
+        diagram.get_input_port(1).FixValue(context, frames.duty[:, frame])
         diagram.ForcedPublish(context)
         for paths, color in zip(wire_paths("", parameters), colors[:, frame], strict=True):
             for path in paths:
                 # Meshcat sets "color" on a path; an animation binds to its mesh.
                 animation.SetProperty(frame, f"{path}/<object>", "material.color", color)
     meshcat.PublishRecording()
-    seen = [ghost.course.vector_values(times) for ghost in ghosts]
-    aspect = set_scene(meshcat, "", parameters, np.hstack([joint_angles, *seen]), RigidTransform())
+    seen = np.hstack([frames.joint_angles, *frames.ghost_angles])
+    aspect = set_scene(meshcat, "", parameters, seen, RigidTransform())
     return meshcat.StaticHtml(), aspect
 
 
@@ -190,21 +229,28 @@ def _drake_silenced() -> Iterator[None]:
         logger.setLevel(level)
 
 
-_GHOST_LEGEND = string.Template("""
-    <span><i class="ghost" style="--rgb: $rgb"></i>$name</span>""")
-
-# Below the picture. The script runs the clock, makes the limb fit what the caption
-# leaves of the window, and turns off the tone mapping that makes Meshcat's oranges
-# paler than the legend's.
+# Below the picture. The script drives Meshcat's animation and tells what it shows, makes
+# the limb fit what the caption leaves of the window, and turns off the tone mapping that
+# makes Meshcat's oranges paler than the legend's.
 _CAPTION = string.Template("""
   <meta name="viewport" content="width=device-width, initial-scale=1">
   <style>
     #caption {
-      position: fixed; bottom: 0; padding: 0.8rem 1.2rem; pointer-events: none;
-      display: flex; flex-wrap: wrap; gap: 0.3rem 2rem;
-      font: 0.9rem/1.4 system-ui, sans-serif; color: #333;
+      position: fixed; bottom: 0; width: 100%; box-sizing: border-box; padding: 0.8rem 1.2rem;
+      pointer-events: none; font: 0.9rem/1.4 system-ui, sans-serif; color: #333;
     }
-    #caption output { min-width: 3.5rem; font-variant-numeric: tabular-nums; }
+    #caption div { display: flex; flex-wrap: wrap; gap: 0.3rem 2rem; }
+    #caption #controls {
+      flex-wrap: nowrap; align-items: center; gap: 0.8rem; pointer-events: auto;
+    }
+    #controls button { font: inherit; width: 4.5rem; min-height: 2.2rem; cursor: pointer; }
+    #controls input { flex: 1; min-width: 0; min-height: 2.2rem; cursor: pointer; }
+    #readouts { margin: 0.3rem 0; font-size: 1rem; }
+    #caption output {
+      display: inline-block; min-width: 4.5ch; text-align: right; font-weight: 600;
+      font-variant-numeric: tabular-nums;
+    }
+    #controls output { min-width: 6ch; }
     #caption i { display: inline-block; width: 2rem; height: 0.7em; margin-right: 0.5em; }
     #caption i.limb { background: #e3e8f0; outline: 1px solid #9aa0a6; }
     #caption i.heat {
@@ -219,24 +265,59 @@ _CAPTION = string.Template("""
       background: linear-gradient(to right, rgb($duty_rgb) 60%, #edeff1 60%);
       outline: 1px solid #73787f;
     }
+    @media (max-width: 40rem) {
+      #caption { padding: 0.5rem 0.7rem; font-size: 0.8rem; }
+      #caption div { gap: 0.1rem 1rem; }
+      #readouts { font-size: 0.9rem; }
+    }
   </style>
   <div id="caption">
-    <b>$title</b>
-    <output></output>
-    <span><i class="limb"></i>$motion</span>$ghosts
-    <span>$signal: $low °C<i class="heat"></i>$high °C</span>
-    <span>upper wire: right, lower wire: left</span>
-    <span><i class="duty"></i>duty from 0 to 1: $bars</span>
+    <div id="controls">
+      <button type="button" title="space bar">Pause</button>
+      <input type="range" min="0" max="$last_frame" value="0" aria-label="moment">
+      <output></output>
+    </div>
+    <div id="readouts">
+      $readouts
+    </div>
+    <div>
+      <b>$title</b>
+      <span>$motion</span>
+      <span>$signal: $low °C<i class="heat"></i>$high °C</span>
+      <span>upper wire: right, lower wire: left</span>
+      <span><i class="duty"></i>duty from 0 to 1: $bars</span>
+    </div>
   </div>
   <script>
+    const values = $values;
+    const rate = $frames_per_second;  // of the values, Hz
+    const [button, slider, clock] = document.querySelector("#controls").children;
+    const readouts = document.querySelectorAll("#readouts output");
     viewer.renderer.toneMapping = MeshCat.THREE.NoToneMapping;
     document.title = document.querySelector("#caption b").textContent;
+    button.onclick = () => viewer.animator[viewer.animator.playing ? "pause" : "play"]();
+    document.addEventListener("keydown", (event) => {
+      if (event.code !== "Space" || event.target === button) return;  // a button clicks by itself
+      event.preventDefault();
+      button.click();
+    });
+    slider.oninput = () => {
+      viewer.animator.pause();
+      viewer.animator.seek(slider.value / rate);
+      viewer.animator.display_progress(slider.value / rate);
+    };
     (function tick() {
       const width = window.innerWidth, height = window.innerHeight;
       const below = document.querySelector("#caption").offsetHeight;
       viewer.camera.zoom = Math.min(1 - below / height, viewer.camera.aspect / $aspect);
       viewer.camera.setViewOffset(width, height, 0, below / 2, width, height);
-      document.querySelector("#caption output").value = viewer.animator.time.toFixed(1) + " s";
+      const time = viewer.animator.time, frame = Math.round(time * rate);
+      button.textContent = viewer.animator.playing ? "Pause" : "Play";
+      slider.value = frame;
+      clock.value = time.toFixed(1) + " s";
+      readouts.forEach((output, i) => {
+        output.value = values[i][frame].toFixed(output.matches(".duty") ? 2 : 1);
+      });
       requestAnimationFrame(tick);
     })();
   </script>

@@ -2,6 +2,7 @@
 
 import html.parser
 import itertools
+import json
 import logging
 import re
 import socket
@@ -19,6 +20,7 @@ from limb_systems import (
     PlanCheck,
     Recording,
     Trajectory,
+    bend_angle,
     joint_angles_from_bend_angle,
     wire_color,
     write_meshcat_replay,
@@ -179,6 +181,7 @@ def test_without_a_reference_there_are_no_ghosts(tmp_path, two_segments):
     page = replay(tmp_path, make_recording(two_segments))
     assert not any("ghosts" in path for path in boxes(page))
     assert "reference" not in page.split('id="caption"')[1]
+    assert len(readouts(page)) == 2 + 2 * 4
 
 
 def test_ghosts_coincide_with_no_face_of_the_limb_nor_of_each_other(tmp_path, two_segments):
@@ -215,8 +218,8 @@ def test_caption_names_what_is_shown_and_what_was_measured(tmp_path, two_segment
     plan = make_plan(two_segments)
     both = replay(tmp_path, make_recording(two_segments), plan=plan).split('id="caption"')[1]
     assert "recorded bend angle (a test)" in both
-    assert re.search(r"--rgb: 31 79 216[^>]*></i>plan<", both)  # #1f4fd8
-    assert re.search(r"--rgb: 153 153 153[^>]*></i>reference<", both)
+    assert re.search(r"--rgb: 31 79 216[^>]*></i>plan φ", both)  # #1f4fd8
+    assert re.search(r"--rgb: 153 153 153[^>]*></i>reference φ", both)
     assert "duty from 0 to 1: left 1, right 1, left 2, right 2" in both
     for motion in (plan, modelled):
         assert "nothing measured" in replay(tmp_path, motion).split('id="caption"')[1]
@@ -254,6 +257,44 @@ def test_bars_are_filled_by_duty(tmp_path, two_segments):
     assert (np.diff(lefts) > 0).all()
     assert lefts[-1] < -0.006
     assert properties(page)["/drake/duty", "visible"]
+
+
+def readouts(page: str) -> np.ndarray:
+    """What each output of the caption says in each frame (R, F)."""
+    parser = Tags()
+    parser.feed(page)
+    values = json.loads(re.search(r"const values = (.*);$", page, re.MULTILINE)[1])
+    assert len([tag for tag, _ in parser.found if tag == "output"]) == 1 + len(values)  # a clock
+    (slider,) = (attributes for tag, attributes in parser.found if tag == "input")
+    assert (slider["type"], slider["min"]) == ("range", "0")
+    assert all(len(row) == int(slider["max"]) + 1 for row in values)
+    return np.array(values)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_the_caption_tells_angles_temperatures_and_duty_of_each_frame(
+    tmp_path, two_segments, modelled, known
+):
+    recording, plan = modelled if known else make_recording(two_segments), make_plan(two_segments)
+    recording.duty = np.random.default_rng(3).random((4, 41))
+    if known:
+        recording.bend_angle = bend_angle(two_segments, recording.joint_state[:5])
+    page = replay(tmp_path, recording, plan=plan)
+    assert float(re.search(r"const rate = (\S+);", page)[1]) == pytest.approx(20.0)
+    limb, reference, planned, *wires = np.split(readouts(page), [2, 4, 6, 8, 10, 12])
+    np.testing.assert_allclose(limb, np.rad2deg(recording.bend_angle), atol=0.0501)
+    temperature = recording.wire_temperature if known else recording.measured_temperature
+    for wire, (heat, duty) in enumerate(wires):
+        np.testing.assert_allclose(heat, temperature[wire], atol=0.0501)
+        np.testing.assert_allclose(duty, recording.duty[wire], atol=0.00501)
+    # The recording begins 3 s after the plan, whose knots are half a second apart.
+    for frame, knot in ((0, 6), (10, 7), (20, 8), (40, 8)):
+        for shown, expected in ((reference, plan.reference), (planned, plan.bend_angle)):
+            degrees = np.rad2deg(expected[:, knot])
+            np.testing.assert_allclose(shown[:, frame], degrees, atol=0.0501)
+    caption = page.split('id="caption"')[1]
+    for name in ("left 1", "right 1", "left 2", "right 2"):
+        assert f"<span>{name} <output>" in caption
 
 
 @pytest.mark.parametrize("num_samples", [2, 15, 41, 64])
