@@ -96,7 +96,7 @@ def write_meshcat_replay(
     caption = _CAPTION.substitute(
         title=html.escape(title),
         motion=html.escape(_motion_in_words(motion)),
-        readouts=_readouts(motion.parameters, ghosts),
+        readouts=_readouts(motion, ghosts),
         values=json.dumps(_values(motion.parameters, frames), separators=(",", ":")),
         frames_per_second=repr(float(rate)),
         last_frame=len(times) - 1,
@@ -150,13 +150,14 @@ def _motion_in_words(motion: Recording | Trajectory) -> str:
     return f"{motion.how} joint angles ({motion.source}), nothing measured"
 
 
-def _readouts(parameters: LimbParameters, ghosts: list[Ghost]) -> str:
+def _readouts(motion: Recording | Trajectory, ghosts: list[Ghost]) -> str:
     """What the caption says of the moment that is shown, HTML; an output for each of `_values`."""
-    segments = [suffix.strip("_") for suffix in parameters.segment_suffixes]
+    segments = [suffix.strip("_") for suffix in motion.parameters.segment_suffixes]
     angles = ", ".join(f"φ{f'<sub>{s}</sub>' * bool(s)} <output></output>°" for s in segments)
-    signs = [("limb", "")] + [(f'ghost" style="--rgb: {_css(g.color)}', g.name) for g in ghosts]
+    what = "planned" if isinstance(motion, Trajectory) else motion.how
+    signs = [("limb", what)] + [(f'ghost" style="--rgb: {_css(g.color)}', g.name) for g in ghosts]
     parts = [f'<i class="{sign}"></i>{name} {angles}' for sign, name in signs]
-    for name in _names(parameters):
+    for name in _names(motion.parameters):
         parts.append(
             f'{html.escape(name)} <output></output> °C, duty <output class="duty"></output>'
         )
