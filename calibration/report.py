@@ -29,13 +29,19 @@ _MEANING = {
 
 
 def calibration_summary(calibration: Calibration) -> str:
-    """What was calibrated and how good it is, in lines of text."""
-    lines = [f"{name:<22}{estimate}" for name, estimate in calibration.estimates.items()]
+    """Whether to plan with it, what to do next, and what was calibrated, in lines of text."""
+    lines = [calibration.verdict]
+    lines += _ranked(calibration)
+    lines += [f"{name:<22}{estimate}" for name, estimate in calibration.estimates.items()]
     if calibration.stiffness:
         lines.append(f"{'correction factor λ':<22}{calibration.stiffness.correction_factor:.3f}")
     if calibration.validation:
         lines.append(f"{'validation':<22}{validation_summary(calibration.validation)}")
-    return "\n".join(lines + [f"note: {remark}" for remark in calibration.remarks])
+    return "\n".join(lines)
+
+
+def _ranked(calibration: Calibration) -> list[str]:
+    return [f"{remark.severity.name.lower()}: {remark}" for remark in calibration.remarks]
 
 
 def validation_summary(validation: Validation) -> str:
@@ -51,12 +57,13 @@ def calibration_facts(calibration: Calibration) -> dict[str, Any]:
     """What `calibration_summary` says, for programs."""
     stiffness, validation = calibration.stiffness, calibration.validation
     return {
+        "verdict": calibration.verdict,
+        "remarks": calibration.remarks,
         "estimates": {
             name: dataclasses.asdict(estimate) for name, estimate in calibration.estimates.items()
         },
         "correction_factor": stiffness.correction_factor if stiffness else None,
         "validation": validation_facts(validation) if validation else None,
-        "remarks": calibration.remarks,
     }
 
 
@@ -85,12 +92,17 @@ def save_parameters(calibration: Calibration, path: str | Path) -> None:
 def write_report(calibration: Calibration, path: str | Path) -> None:
     """Writes one HTML page, with all pictures in it."""
     sources = sorted({source for group in calibration.sources.values() for source in group})
-    parts = [page.paragraph(f"From recordings of: {', '.join(sources)}.")]
+    parts = [page.paragraph(calibration.verdict)]
+    if calibration.remarks:
+        parts.append(page.section("What to do next", page.items(_ranked(calibration))))
+    parts.append(
+        page.section(
+            "What came of it", page.paragraph(f"From recordings of: {', '.join(sources)}.")
+        )
+    )
     if calibration.validation:
         parts.append(page.paragraph(f"{validation_summary(calibration.validation)}."))
     parts.append(parameter_table(calibration))
-    if calibration.remarks:
-        parts.append(page.section("What the recordings lack", page.items(calibration.remarks)))
     if calibration.validation:
         parts.append(
             _section(
