@@ -224,9 +224,9 @@ def wire_paths(root: str, parameters: LimbParameters) -> list[list[str]]:
     """For each wire the Meshcat paths of its pieces, one on each link."""
     links = f"{root}visualizer/limb/link"
     return [
-        [f"{links}_{i + 1}/limb/wire_{side}" for i in range(joints.start, joints.stop)]
-        for joints in parameters.joint_slices
-        for side in ("left", "right")
+        [f"{links}_{i + 1}/limb/wire_{wire.name}" for i in range(joints.start, joints.stop)]
+        for joints, segment in zip(parameters.joint_slices, parameters.segments, strict=True)
+        for wire in segment.wires
     ]
 
 
