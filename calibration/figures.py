@@ -9,12 +9,12 @@ from calibration.heat import HeatFit
 from calibration.stiffness import StiffnessFit
 from calibration.validation import Validation
 from limb_systems.views.plots import (
-    LEFT_RIGHT_COLORS,
     PLAN_COLOR,
     REFERENCE_COLOR,
     ROLLOUT_COLOR,
     WIDTH,
     dress,
+    wire_colors,
 )
 
 
@@ -46,7 +46,9 @@ def plot_validation(validation: Validation) -> Figure:
         label="model",
     )
     bend.set_ylabel("bend angle (°)")
-    wires = list(zip(LEFT_RIGHT_COLORS, recording.parameters.wire_names, strict=True))
+    wires = list(
+        zip(wire_colors(len(recording.duty)), recording.parameters.wire_names, strict=True)
+    )
     for what, source, style, width in (
         ("limb", recording, "-", 0.8),
         ("model", simulation, "--", None),

@@ -15,7 +15,7 @@ from calibration.heat import HeatFit
 from calibration.validation import Validation
 from limb_systems.output import write_atomically
 from limb_systems.views import page
-from limb_systems.views.plots import LEFT_RIGHT_COLORS
+from limb_systems.views.plots import wire_colors
 
 _MEANING = {
     "ambient_temperature": "T0",
@@ -128,14 +128,14 @@ def write_report(calibration: Calibration, path: str | Path) -> None:
                 _compare_decay(calibration.damping),
             )
         )
-    for index, fits in enumerate(
-        zip(calibration.heat, calibration.heat_compared, calibration.force, strict=True)
+    colors = wire_colors(len(calibration.heat))
+    for heat, compared, force, color in zip(
+        calibration.heat, calibration.heat_compared, calibration.force, colors, strict=True
     ):
-        heat, compared, _ = fits
         parts.append(
             _section(
                 f"The {heat.wire} wire, Sec. V-C",
-                plot_wire(*fits, LEFT_RIGHT_COLORS[index]),
+                plot_wire(heat, compared, force, color),
                 _compare(heat, compared),
             )
         )

@@ -184,10 +184,12 @@ def _bar_unit(parameters: LimbParameters) -> float:
 
 
 def _bar_positions(parameters: LimbParameters) -> np.ndarray:
-    """Of the wires' bars along E1, m: left of the base, [left, right] of each segment."""
-    unit, num_segments = _bar_unit(parameters), len(parameters.segments)
-    pairs = np.add.outer(2.2 * np.arange(num_segments), [0.0, 0.95]).ravel()
-    return unit * (pairs - pairs[-1] - 0.7) - 0.6 * parameters.segments[0].thickness
+    """Of the wires' bars along E1, m: left of the base, in order, segments a little apart."""
+    unit = _bar_unit(parameters)
+    steps = np.full(len(parameters.wires), 0.95)
+    steps[[wires.start for wires in parameters.wire_slices]] = 1.25
+    places = np.cumsum(steps)
+    return unit * (places - places[-1] - 0.7) - 0.6 * parameters.segments[0].thickness
 
 
 def set_scene(

@@ -105,6 +105,7 @@ def write_meshcat_replay(
         low=f"{limits[0]:g}",
         high=f"{limits[1]:g}",
         colors=", ".join(f"rgb({_css(color)})" for color in WIRE_COLORS),
+        places=_places_in_words(motion.parameters),
         bars=html.escape(", ".join(_names(motion.parameters))),
         duty_rgb=_css(DUTY_COLOR),
         aspect=aspect,
@@ -162,6 +163,17 @@ def _readouts(motion: Recording | Trajectory, ghosts: list[Ghost]) -> str:
             f'{html.escape(name)} <output></output> °C, duty <output class="duty"></output>'
         )
     return "\n      ".join(f"<span>{part}</span>" for part in parts)
+
+
+def _places_in_words(parameters: LimbParameters) -> str:
+    """Where each wire is as one looks down on the limb, E2 being up."""
+    downwards = dict.fromkeys(
+        ", ".join(wire.name for wire in sorted(segment.wires, key=lambda wire: -wire.e2))
+        for segment in parameters.segments
+    )
+    if list(downwards) == ["right, left"]:
+        return "upper wire: right, lower wire: left"
+    return f"wires from top to bottom: {'; '.join(downwards)}"
 
 
 def _names(parameters: LimbParameters) -> list[str]:
@@ -285,7 +297,7 @@ _CAPTION = string.Template("""
       <b>$title</b>
       <span>$motion</span>
       <span>$signal: $low °C<i class="heat"></i>$high °C</span>
-      <span>upper wire: right, lower wire: left</span>
+      <span>$places</span>
       <span><i class="duty"></i>duty from 0 to 1: $bars</span>
     </div>
   </div>

@@ -225,6 +225,7 @@ def test_caption_names_what_is_shown_and_what_was_measured(tmp_path, two_segment
         assert "nothing measured" in replay(tmp_path, motion).split('id="caption"')[1]
     one = replay(tmp_path, make_recording(LimbParameters())).split('id="caption"')[1]
     assert "duty from 0 to 1: left, right<" in one
+    assert "upper wire: right, lower wire: left" in one
 
 
 def test_bars_are_filled_by_duty(tmp_path, two_segments):
@@ -257,6 +258,30 @@ def test_bars_are_filled_by_duty(tmp_path, two_segments):
     assert (np.diff(lefts) > 0).all()
     assert lefts[-1] < -0.006
     assert properties(page)["/drake/duty", "visible"]
+
+
+def test_any_number_of_wires_is_shown_by_name(tmp_path, three_and_one):
+    recording = make_recording(three_and_one)
+    recording.duty = np.random.default_rng(3).random((4, 41))
+    page = replay(tmp_path, recording)
+    tracks, _, _ = animation(page)
+    for wire, (name, link) in enumerate(
+        (("low", 1), ("middle", 2), ("high", 2), ("only", 5)),
+    ):
+        expected = wire_color(three_and_one, recording.measured_temperature[wire])
+        color = tracks[f"{LIMB}/link_{link}/limb/wire_{name}/<object>", "material.color"]
+        np.testing.assert_allclose(srgb(color), expected, atol=1e-9)
+    bars = {path: pose[0, 3] for path, pose in transforms(page).items() if "/duty/" in path}
+    names = ("low_1", "middle_1", "high_1", "only_2")
+    places = [bars[f"/drake/duty/{name}"] for name in names]
+    within, _, between = np.diff(places)
+    assert 0 < within < between
+    scales = [tracks[f"/drake/duty/{name}/fill", "scale"][:, 1] for name in names]
+    np.testing.assert_allclose(scales, recording.duty)
+    caption = page.split('id="caption"')[1]
+    assert "wires from top to bottom: high, middle, low; only" in caption
+    assert "duty from 0 to 1: low 1, middle 1, high 1, only 2" in caption
+    assert readouts(page).shape == (2 + 2 * 4, 41)
 
 
 def readouts(page: str) -> np.ndarray:
