@@ -14,14 +14,10 @@ from calibration.controller import BendAngleController, EquilibriumSchedule
 from calibration.damping import DampedSinusoid, DampingFit, fit_damped_sinusoid, fit_damping
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
+from calibration.figures import plot_validation
 from calibration.force import ForceFit, fit_force
 from calibration.heat import HeatFit, fit_heat_transfer, fit_heat_transfer_from_temperature
-from calibration.report import (
-    calibration_summary,
-    plot_validation,
-    save_parameters,
-    write_report,
-)
+from calibration.report import calibration_summary, save_parameters, write_report
 from calibration.stiffness import StiffnessFit, fit_stiffness
 from calibration.validation import Validation, validate
 

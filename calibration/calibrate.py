@@ -17,6 +17,7 @@ from calibration.heat import (
     fit_heat_transfer,
     fit_heat_transfer_from_temperature,
 )
+from calibration.remarks import Remark, remarks_on_validation, verdict
 from calibration.stiffness import StiffnessFit, fit_stiffness
 from calibration.validation import Validation, validate
 from limb_systems import LimbParameters, LinearLaw, NoBoard, Recording
@@ -67,20 +68,25 @@ class Calibration:
         return estimates
 
     @property
-    def remarks(self) -> list[str]:
-        """What the recordings lack, in sentences; none if they are good."""
-        remarks = []
+    def verdict(self) -> str:
+        """Whether to plan with it, and why, in one line, by `calibration.remarks`."""
+        return verdict(self.remarks, self.validation)
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """What the recordings lack, in sentences, worst first; none if they are good."""
+        remarks = remarks_on_validation(self.validation)
         for kind in ("left", "right", "both"):
             if (count := len(self.sources.get(kind, []))) > 1:
-                remarks.append(f"Of {count} recordings of the kind {kind} only the first was used.")
+                sentence = f"Of {count} recordings of the kind {kind} only the first was used."
+                remarks.append(Remark("unused", sentence))
         for kind, fit in (("sag", self.stiffness), ("ring-down", self.damping)):
             if fit is None:
-                remarks.append(f"There is no recording of {kind}: the description's value is kept.")
+                sentence = f"There is no recording of {kind}: the description's value is kept."
+                remarks.append(Remark("kept", sentence))
         fits = (self.stiffness, self.damping, *self.heat, *self.force)
         remarks += [remark for fit in fits if fit for remark in fit.remarks]
-        if self.validation is None:
-            remarks.append("There is no recording of both wires: the model is not validated.")
-        return remarks
+        return sorted(remarks, key=lambda remark: -remark.severity)
 
 
 def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:

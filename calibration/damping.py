@@ -11,6 +11,7 @@ from scipy.optimize import brentq, least_squares
 from calibration.controller import only_segment
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
+from calibration.remarks import Remark, remarks_on_estimate
 from limb_systems import Limb, LimbParameters, Recording, joint_angles_from_bend_angle, simulate
 
 
@@ -64,7 +65,7 @@ class DampingFit:
     simulated: list[DampedSinusoid]
     time: np.ndarray
     bend_angle: np.ndarray
-    remarks: list[str]
+    remarks: list[Remark]
 
 
 def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
@@ -161,14 +162,23 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
     ratio = np.mean([m.frequency / s.frequency for m, s in zip(measured, simulated, strict=True)])
     if abs(ratio - 1) > 0.05:
         remarks.append(
-            f"The limb rings at {measured[0].frequency:.2f} Hz, its model with the spring constant "
-            f"of the sag at {simulated[0].frequency:.2f} Hz: rubber is stiffer in fast motion, or "
-            "mass or sag are off."
+            Remark(
+                "ringing",
+                f"The limb rings at {measured[0].frequency:.2f} Hz, its model with the spring "
+                f"constant of the sag at {simulated[0].frequency:.2f} Hz: rubber is stiffer in "
+                "fast motion, or mass or sag are off; weigh the limb.",
+            )
         )
     if any(fit.residual > 0.15 * fit.amplitude for fit in measured):
-        remarks.append("The ring-down is far from a damped sinusoid.")
+        remarks.append(
+            Remark(
+                "ringing", "The ring-down is far from a damped sinusoid; let go of it in one move."
+            )
+        )
+    estimate = Estimate(float(values.mean()), float(error), "N·m·s/rad")
+    remarks += remarks_on_estimate("the damping", estimate)
     return DampingFit(
-        Estimate(float(values.mean()), float(error), "N·m·s/rad"),
+        estimate,
         measured,
         simulated,
         recordings[0].time,

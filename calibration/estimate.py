@@ -19,8 +19,13 @@ class Estimate:
     standard_error: float
     unit: str
 
+    @property
+    def told(self) -> bool:
+        """Whether the data tell it: its standard error is no larger than itself."""
+        return self.standard_error <= abs(self.value)
+
     def __str__(self) -> str:
-        if self.standard_error > abs(self.value):
+        if not self.told:
             return f"{self.value:.4g} {self.unit} (the data do not tell)"
         return f"{self.value:.4g} ± {self.standard_error:.2g} {self.unit}"
 

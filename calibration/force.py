@@ -8,6 +8,7 @@ from calibration.controller import only_segment
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, mean_estimate
 from calibration.heat import HeatFit
+from calibration.remarks import Remark, remarks_on_estimate
 from limb_systems import LimbParameters, Recording, joint_angles_from_bend_angle
 
 WINDOW = 2.0  # s, that an equilibrium lasts at the least
@@ -35,7 +36,7 @@ class ForceFit:
     wire_temperature: np.ndarray
     bend_angle: np.ndarray
     ratios: np.ndarray
-    remarks: list[str]
+    remarks: list[Remark]
 
 
 def fit_force(
@@ -86,17 +87,25 @@ def fit_force(
     remarks = []
     if len(ratios) < 3:
         remarks.append(
-            f"Only {len(ratios)} equilibri{'um' if len(ratios) == 1 else 'a'} of the {heat.wire} "
-            "wire; record at least five."
+            Remark(
+                "few",
+                f"Only {len(ratios)} equilibri{'um' if len(ratios) == 1 else 'a'} of the "
+                f"{heat.wire} wire; record at least five.",
+            )
         )
         beta = Estimate(float(ratios.mean()), float(ratios.mean() * max(relative, 0.1)), "N·m/°C")
     else:
         beta = mean_estimate(ratios, "N·m/°C", relative)
         if ratios.std(ddof=1) > 0.15 * ratios.mean():
             remarks.append(
-                f"The {heat.wire} wire's torque is not proportional to its temperature: β scatters "
-                f"by {100 * ratios.std(ddof=1) / ratios.mean():.0f}% between equilibria."
+                Remark(
+                    "law",
+                    f"The {heat.wire} wire's torque is not proportional to its temperature: β "
+                    f"scatters by {100 * ratios.std(ddof=1) / ratios.mean():.0f}% between "
+                    "equilibria.",
+                )
             )
+    remarks += remarks_on_estimate(f"β of the {heat.wire} wire", beta)
     return ForceFit(heat.wire, beta, times, wire, angle, ratios, remarks)
 
 

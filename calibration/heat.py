@@ -10,6 +10,7 @@ from scipy.signal import lfilter, savgol_filter
 
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, clustered_covariance
+from calibration.remarks import Remark
 from limb_systems import LinearLaw, Recording, WireLaw
 
 WINDOW = 2.0  # s, over which a state counts as equilibrium
@@ -22,6 +23,8 @@ ANGLE_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 1.0  # rad and °C that weigh 
 # Logarithms of -a1, a2 and -a3 that a fit may reach, and from where it starts at the most.
 _LOWEST, _HIGHEST = np.log([[1e-3, 0.1, 0.02], [2.0, 1000.0, 10.0]])
 _INNER_LOWEST, _INNER_HIGHEST = np.log([[2e-3, 0.2, 0.05], [1.0, 500.0, 5.0]])
+
+AT_BOUND = 0.01  # by which a logarithm may stay inside its bound and count as at it
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -61,7 +64,7 @@ class HeatFit:
     bend_angle: np.ndarray | None
     temperature_residual: float
     angle_residual: float | None
-    remarks: list[str]
+    remarks: list[Remark]
 
 
 def simulate_heat(
@@ -350,38 +353,80 @@ def _delay(value: float, variance: float) -> Estimate:
     return Estimate(round(value, 6), float(np.sqrt(variance)), "s")  # it ends just inside its bound
 
 
-def _remarks(name: str, duty, measured, ambient: float, x, covariance) -> list[str]:
+def _remarks(name: str, duty, measured, ambient: float, x, covariance) -> list[Remark]:
     remarks = []
     if (duty >= 0.99).mean() > 0.2:
         remarks.append(
-            f"The duty of the {name} wire is at its limit in {100 * (duty >= 0.99).mean():.0f}% of "
-            "the recording: it says little about how heat depends on duty."
+            Remark(
+                "range",
+                f"The duty of the {name} wire is at its limit in "
+                f"{100 * (duty >= 0.99).mean():.0f}% of the recording: it says little about how "
+                "heat depends on duty; record smaller bends as well.",
+            )
         )
     if np.percentile(measured, 99) - ambient < 30.0:
         remarks.append(
-            f"The {name} wire is never more than {np.percentile(measured, 99) - ambient:.0f} °C "
-            "above ambient; its parameters hold for that range."
+            Remark(
+                "range",
+                f"The {name} wire is never more than {np.percentile(measured, 99) - ambient:.0f} "
+                "°C above ambient; its parameters hold for that range; record wider bends.",
+            )
         )
     for i, rate in enumerate(("a1", "a2", "a3")):
-        if np.sqrt(covariance[i, i]) > 0.3:
-            remarks.append(f"The recording hardly tells {rate} of the {name} wire.")
-    if x[2] > _HIGHEST[2] - 0.01:
-        remarks.append(
-            f"No lag of the {name} thermocouple is seen against the bend: a3 is at the fit's limit."
-        )
+        error = np.sqrt(covariance[i, i])  # of the logarithm
+        if rate == "a3" and x[i] > _HIGHEST[i] - AT_BOUND:
+            remarks.append(
+                Remark(
+                    "lag",
+                    f"No lag of the {name} thermocouple is seen against the bend: a3 is at the "
+                    "fit's limit; expect measured temperatures to be late.",
+                )
+            )
+        elif not _LOWEST[i] + AT_BOUND < x[i] < _HIGHEST[i] - AT_BOUND:
+            remarks.append(
+                Remark(
+                    "bound",
+                    f"{rate} of the {name} wire is at the fit's limit: the recording is not as the "
+                    "model would have it; look at its picture.",
+                )
+            )
+        elif error > 1.0:
+            remarks.append(
+                Remark(
+                    "untold",
+                    f"The data do not tell {rate} of the {name} wire; record more equilibria.",
+                )
+            )
+        elif error > 0.3:
+            remarks.append(
+                Remark(
+                    "hardly told",
+                    f"The recording hardly tells {rate} of the {name} wire; record more "
+                    "equilibria.",
+                )
+            )
     if np.exp(x[2] - x[0]) < 3:
-        remarks.append(f"The {name} wire's a1 and a3 are close together and hard to tell apart.")
+        remarks.append(
+            Remark(
+                "alike",
+                f"The {name} wire's a1 and a3 are close together and hard to tell apart.",
+            )
+        )
     return remarks
 
 
-def _proportionality_remark(name: str, wire: np.ndarray, angle: np.ndarray) -> list[str]:
+def _proportionality_remark(name: str, wire: np.ndarray, angle: np.ndarray) -> list[Remark]:
     warm = wire - wire.min() > 0.05 * np.ptp(wire)
     explained = np.corrcoef(wire[warm], angle[warm])[0, 1] ** 2
     if explained > 0.97:
         return []
     return [
-        f"Bend and temperature of the {name} wire are not proportional: a line explains "
-        f"{100 * explained:.0f}% of the bend; the fit from temperature alone may be truer to heat."
+        Remark(
+            "law",
+            f"Bend and temperature of the {name} wire are not proportional: a line explains "
+            f"{100 * explained:.0f}% of the bend; the fit from temperature alone may be truer to "
+            "heat.",
+        )
     ]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from calibration.controller import only_segment
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
+from calibration.remarks import Remark, remarks_on_estimate
 from limb_systems import LimbError, LimbParameters, Recording, bend_angle, make_manipulator
 from limb_systems.model.statics import static_equilibrium
 
@@ -31,7 +32,7 @@ class StiffnessFit:
     correction_factor: float
     sags: np.ndarray
     simulated_sag: float
-    remarks: list[str]
+    remarks: list[Remark]
 
 
 def shape_factors(links: int) -> np.ndarray:
@@ -77,20 +78,28 @@ def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -
     step = 1e-3
     shifted, _ = _iterate(parameters, gravity, sags * (1 + step))
     slope = (shifted - stiffness) / (step * np.mean(sags))
+    estimate = Estimate(stiffness, abs(slope * spread), "N·m/rad")
     remarks = []
     if len(sags) < 3:
         remarks.append(
-            f"Only {len(sags)} trial{'s' if len(sags) > 1 else ''} of the sag: mounting and sensor "
-            "differ by about 2° from trial to trial, so record ten."
+            Remark(
+                "few",
+                f"Only {len(sags)} trial{'s' if len(sags) > 1 else ''} of the sag: mounting and "
+                "sensor differ by about 2° from trial to trial, so record ten.",
+            )
         )
     elif np.ptp(sags) > 0.5 * abs(np.mean(sags)):
         remarks.append(
-            f"The sag differs by {np.rad2deg(np.ptp(sags)):.1f}° between trials, of "
-            f"{np.rad2deg(abs(np.mean(sags))):.1f}°."
+            Remark(
+                "scatter",
+                f"The sag differs by {np.rad2deg(np.ptp(sags)):.1f}° between trials, of "
+                f"{np.rad2deg(abs(np.mean(sags))):.1f}°; mount the limb alike and record more.",
+            )
         )
+    remarks += remarks_on_estimate("the stiffness", estimate)
     fitted = _with_stiffness(parameters, gravity, stiffness)
     return StiffnessFit(
-        Estimate(stiffness, abs(slope * spread), "N·m/rad"),
+        estimate,
         correction,
         sags,
         float(bend_angle(fitted, static_equilibrium(fitted)[0])[0]),

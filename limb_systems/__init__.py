@@ -27,7 +27,8 @@ from limb_systems.model.torque_map import TorqueMap
 from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.model.wires import Wires
 from limb_systems.simulation import simulate
-from limb_systems.views.visualization import LimbVisualizer, wire_color, write_meshcat_replay
+from limb_systems.views.limb_visualizer import LimbVisualizer, wire_color
+from limb_systems.views.replay_page import write_meshcat_replay
 
 __all__ = [
     "ActiveConstraint",

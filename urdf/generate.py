@@ -11,13 +11,16 @@ PI_2 = 1.5707963267948966
 
 
 class Wire(Protocol):
-    """What the URDF needs of a wire: its name, and where it runs along E2, m from the axis."""
+    """What the URDF needs of a wire: its name, and where it runs along E2 and E3, m."""
 
     @property
     def name(self) -> str: ...
 
     @property
     def e2(self) -> float: ...
+
+    @property
+    def e3(self) -> float: ...
 
 
 class Segment(Protocol):
@@ -102,8 +105,9 @@ def _inertial(link, mass: float, length: float, segment) -> None:
 def _link_visuals(link, length: float, segment) -> None:
     """A box, a disc that closes the gap to the link before when bent, and the wires.
 
-    Wires are drawn half sunk along the top, where a view from above shows all
-    of them however the limb bends. They overlap from link to link.
+    Wires are drawn half sunk along the top, where a view from above shows them
+    however the limb bends; those below the axis (e3 < 0) along the bottom. They
+    overlap from link to link.
     """
     thickness, width = segment.thickness, segment.width
     _box(link, "silicone", (length, thickness, width), (0.5 * length, 0.0), SILICONE_COLOR)
@@ -111,7 +115,7 @@ def _link_visuals(link, length: float, segment) -> None:
     _cylinder(link, "joint", disc, (0.0, 0.0, 0.0), 0.0, SILICONE_COLOR)
     radius = 0.12 * thickness
     for wire in segment.wires:
-        center = (0.5 * length, wire.e2, 0.5 * width)
+        center = (0.5 * length, wire.e2, -0.5 * width if wire.e3 < 0 else 0.5 * width)
         size = (radius, length + 1.5 * radius)
         _cylinder(link, f"wire_{wire.name}", size, center, PI_2, WIRE_COLOR)
 

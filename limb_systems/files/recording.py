@@ -66,6 +66,21 @@ class Recording:
         if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
             raise LimbError(f"sample_rate is {self.sample_rate!r} Hz; it must be positive.")
 
+    @property
+    def how(self) -> str:
+        """How it came about, in a word for labels: "simulated", "emulated" or "recorded".
+
+        Told by the source: an emulated limb's names it, also where it was
+        recorded through an emulated board, and so does the model's. Only a model
+        knows T and the joints.
+        """
+        if self.source.startswith(("emulated limb", "limb twin")):
+            return "emulated"
+        known_to_a_model = (self.joint_state, self.wire_temperature)
+        if self.source.startswith("model") or any(s is not None for s in known_to_a_model):
+            return "simulated"
+        return "recorded"
+
     @classmethod
     def load(cls, path: str | Path, *, unfinished: bool = False) -> "Recording":
         """Reads a recording's file.

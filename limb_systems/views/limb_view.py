@@ -1,7 +1,12 @@
-"""What Meshcat shows around a limb: ghosts of it, bars of duty, and the camera that sees all."""
+"""What Meshcat shows around a limb: ghosts of it, bars of duty, and the camera that sees all.
+
+Of several limbs in one Meshcat each has its own folders there, below a ``root``
+that is empty or ends with a slash.
+"""
 
 import dataclasses
 import itertools
+import weakref
 
 import numpy as np
 from pydrake.geometry import Box, Meshcat, Rgba
@@ -19,6 +24,9 @@ DUTY_COLOR = (0.16, 0.18, 0.22)  # sRGB
 _TRACK_COLOR, _OUTLINE_COLOR = (0.93, 0.94, 0.95), (0.45, 0.47, 0.5)
 _ELEVATION = np.radians(65.0)  # of the camera above the bending plane
 _FIELD_OF_VIEW = np.radians(25.0)  # from top to bottom; narrow, so that lengths compare
+
+# What the camera of a Meshcat must see: corners (3, 8) for each root.
+_in_view: weakref.WeakKeyDictionary[Meshcat, dict[str, np.ndarray]] = weakref.WeakKeyDictionary()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +95,9 @@ def _shape_in_words(parameters: LimbParameters) -> str:
     )
 
 
-def add_ghosts(meshcat: Meshcat, parameters: LimbParameters, ghosts: list[Ghost]) -> None:
+def add_ghosts(
+    meshcat: Meshcat, root: str, parameters: LimbParameters, ghosts: list[Ghost]
+) -> None:
     """Puts ghosts into the scene, in place of those that are there.
 
     A ghost is a flat strip just below the limb's top, narrower than the limb, so
@@ -96,9 +106,9 @@ def add_ghosts(meshcat: Meshcat, parameters: LimbParameters, ghosts: list[Ghost]
     which runs above the limb and between its wires, that of the next ghost above
     that of the one before, and narrower.
     """
-    meshcat.Delete("ghosts")
+    meshcat.Delete(f"{root}ghosts")
     for level, ghost in enumerate(ghosts):
-        segments, paths = _segment_of_link(parameters), _link_paths(parameters, ghost)
+        segments, paths = _segment_of_link(parameters), _link_paths(root, parameters, ghost)
         for segment, path in zip(segments, paths, strict=True):
             length = segment.length / segment.links
             thickness, width = segment.thickness, segment.width
@@ -120,10 +130,12 @@ def add_ghosts(meshcat: Meshcat, parameters: LimbParameters, ghosts: list[Ghost]
             meshcat.SetProperty(f"{path}/strip/<object>", "material.side", 0.0)  # front only
 
 
-def pose_ghost(meshcat: Meshcat, parameters: LimbParameters, ghost: Ghost, time: float) -> None:
+def pose_ghost(
+    meshcat: Meshcat, root: str, parameters: LimbParameters, ghost: Ghost, time: float
+) -> None:
     """Bends a ghost as it is at a time, s, at which it also goes into a recording of Meshcat's."""
     origin = 0.0
-    segments, paths = _segment_of_link(parameters), _link_paths(parameters, ghost)
+    segments, paths = _segment_of_link(parameters), _link_paths(root, parameters, ghost)
     for segment, path, angle in zip(segments, paths, ghost.course.value(time)[:, 0], strict=True):
         pose = RigidTransform(RotationMatrix.MakeZRotation(angle), [origin, 0.0, 0.0])
         meshcat.SetTransform(path, pose, time)
@@ -134,18 +146,19 @@ def _segment_of_link(parameters: LimbParameters) -> list:
     return [segment for segment in parameters.segments for _ in range(segment.links)]
 
 
-def _link_paths(parameters: LimbParameters, ghost: Ghost) -> list[str]:
+def _link_paths(root: str, parameters: LimbParameters, ghost: Ghost) -> list[str]:
     """Meshcat paths of a ghost's links, each below that of the link which it hangs on."""
     names = [f"link_{number}" for number in range(1, parameters.num_joints + 1)]
-    return list(itertools.accumulate(names, "{}/{}".format, initial=f"ghosts/{ghost.name}"))[1:]
+    base = f"{root}ghosts/{ghost.name}"
+    return list(itertools.accumulate(names, "{}/{}".format, initial=base))[1:]
 
 
-def add_duty_bars(meshcat: Meshcat, parameters: LimbParameters) -> None:
+def add_duty_bars(meshcat: Meshcat, root: str, parameters: LimbParameters) -> None:
     """Puts a bar for each wire beside the base: a track, as long as duty 1, that it fills."""
     unit = _bar_unit(parameters)
-    meshcat.Delete("duty")
+    meshcat.Delete(f"{root}duty")
     for name, x in zip(parameters.wire_names, _bar_positions(parameters), strict=True):
-        path, thin = f"duty/{name}", 0.02 * unit
+        path, thin = f"{root}duty/{name}", 0.02 * unit
         meshcat.SetTransform(path, RigidTransform([x, -1.5 * unit, 0.0]))
         for part, margin, layer, color in (
             ("outline", 0.12 * unit, 0, _OUTLINE_COLOR),
@@ -158,10 +171,12 @@ def add_duty_bars(meshcat: Meshcat, parameters: LimbParameters) -> None:
             meshcat.SetTransform(f"{path}/{part}", center)
 
 
-def show_duty(meshcat: Meshcat, parameters: LimbParameters, duty: np.ndarray, time: float) -> None:
+def show_duty(
+    meshcat: Meshcat, root: str, parameters: LimbParameters, duty: np.ndarray, time: float
+) -> None:
     """Fills the bars up to a duty (W); for a recording of Meshcat's at a time, s."""
     for name, value in zip(parameters.wire_names, duty, strict=True):
-        meshcat.SetProperty(f"duty/{name}/fill", "scale", [1.0, float(value), 1.0], time)
+        meshcat.SetProperty(f"{root}duty/{name}/fill", "scale", [1.0, float(value), 1.0], time)
 
 
 def _bar_unit(parameters: LimbParameters) -> float:
@@ -169,17 +184,28 @@ def _bar_unit(parameters: LimbParameters) -> float:
 
 
 def _bar_positions(parameters: LimbParameters) -> np.ndarray:
-    """Of the wires' bars along E1, m: left of the base, [left, right] of each segment."""
-    unit, num_segments = _bar_unit(parameters), len(parameters.segments)
-    pairs = np.add.outer(2.2 * np.arange(num_segments), [0.0, 0.95]).ravel()
-    return unit * (pairs - pairs[-1] - 0.7) - 0.6 * parameters.segments[0].thickness
+    """Of the wires' bars along E1, m: left of the base, in order, segments a little apart."""
+    unit = _bar_unit(parameters)
+    steps = np.full(len(parameters.wires), 0.95)
+    steps[[wires.start for wires in parameters.wire_slices]] = 1.25
+    places = np.cumsum(steps)
+    return unit * (places - places[-1] - 0.7) - 0.6 * parameters.segments[0].thickness
 
 
-def set_scene(meshcat: Meshcat, parameters: LimbParameters, joint_angles: np.ndarray) -> float:
+def set_scene(
+    meshcat: Meshcat,
+    root: str,
+    parameters: LimbParameters,
+    joint_angles: np.ndarray,
+    base_pose: RigidTransform,
+) -> float:
     """Sets the background, the lights, and a camera that sees all of a motion and the bars.
+
+    It goes on seeing what it was set to see of limbs with other roots.
 
     Args:
         joint_angles: θ, (n, K), rad.
+        base_pose: of the limb, in the world.
 
     Returns:
         Width by height of the narrowest window that shows all of it.
@@ -192,7 +218,9 @@ def set_scene(meshcat: Meshcat, parameters: LimbParameters, joint_angles: np.nda
     meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 1.7)
     meshcat.SetProperty("/Lights/FillLight/<object>", "position", [-6.0, -2.0, 10.0])
 
-    corners = _reach(parameters, joint_angles)
+    limbs = _in_view.setdefault(meshcat, {})
+    limbs[root] = base_pose @ _reach(parameters, joint_angles)
+    corners = np.hstack(list(limbs.values()))
     target = (corners.min(axis=1) + corners.max(axis=1)) / 2
     sine, cosine = np.sin(_ELEVATION), np.cos(_ELEVATION)
     to_camera = np.array([[1, 0, 0], [0, sine, cosine], [0, -cosine, sine]])

@@ -1,5 +1,6 @@
 """Pictures of plans and rollouts, as in the paper's Figs. 5 and 6, and how all pictures look."""
 
+import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 
 LEFT_RIGHT_COLORS = ("#1f9bb4", "#e07b1f")  # cyan and orange, as in the paper
+_FURTHER_COLORS = ("#2f9e6e", "#7b61c9", "#8a5a2b", "#b09a1a")  # unlike those below, too
 REFERENCE_COLOR, PLAN_COLOR, ROLLOUT_COLOR = "0.6", "#1f4fd8", "#c2268f"
 BAND = 1.96  # standard deviations that hold 95% of the rollouts
 WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
@@ -20,9 +22,10 @@ WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
 def plot_tracking(
     trajectory: Trajectory, recordings: Sequence[Recording] = (), title: str = ""
 ) -> Figure:
-    """Fig. 5: bend angle, temperatures and duty of a plan and of what was recorded of it.
+    """Fig. 5: bend angle, temperatures and duty of a plan and of what came of it.
 
-    Plans are dashed. Several recordings are drawn as their mean and the band of
+    Plans are dashed; the legend says whether the rest was simulated, emulated
+    or recorded. Several recordings are drawn as their mean and the band of
     95%, mean ± 1.96 standard deviations, on the sample times of the first. Each
     segment has its own three panels.
 
@@ -39,7 +42,9 @@ def plot_tracking(
         bend_angle, temperature, duty = axes[3 * segment : 3 * segment + 3]
         _plot_bend_angle(bend_angle, trajectory, recordings, segment)
         bend_angle.set_ylabel(f"bend angle{suffix.replace('_', ' of segment ')} (°)")
-        wires = [(2 * segment, "left"), (2 * segment + 1, "right")]
+        names = [wire.name for wire in trajectory.parameters.segments[segment].wires]
+        first = trajectory.parameters.wire_slices[segment].start
+        wires = list(zip(itertools.count(first), names, wire_colors(len(names)), strict=False))
         _plot_temperatures(temperature, trajectory, recordings, wires)
         _plot_duty(duty, trajectory, recordings, wires)
     for axis in axes:
@@ -49,6 +54,11 @@ def plot_tracking(
     if title:
         figure.suptitle(title, fontsize=11)
     return figure
+
+
+def wire_colors(number: int) -> list[str]:
+    """A colour for each wire of a segment; the first two are left's and right's."""
+    return list(itertools.islice(itertools.cycle(LEFT_RIGHT_COLORS + _FURTHER_COLORS), number))
 
 
 def dress(axis: Axes) -> None:
@@ -61,7 +71,7 @@ def dress(axis: Axes) -> None:
     axis.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=num_entries if num_entries <= 3 else (num_entries + 1) // 2,
+        ncols=num_entries if num_entries <= 3 else min(3, (num_entries + 1) // 2),
         frameon=False,
         fontsize=8.5,
         borderaxespad=0.2,
@@ -95,7 +105,7 @@ def _plot_bend_angle(axis, trajectory, recordings, segment: int) -> None:
         label=r"reference $\varphi_{REF}$",
     )
     angles = [np.rad2deg(recording.bend_angle[segment]) for recording in recordings]
-    what = "rollouts" if len(recordings) > 1 else "recorded"
+    what = _how(recordings) + (" rollouts" if len(recordings) > 1 else "")
     _plot_band(axis, recordings, angles, ROLLOUT_COLOR, rf"{what} $\varphi$")
     axis.plot(
         trajectory.time,
@@ -109,14 +119,14 @@ def _plot_bend_angle(axis, trajectory, recordings, segment: int) -> None:
 
 def _plot_temperatures(axis, trajectory, recordings, wires) -> None:
     limits = trajectory.parameters.temperature_limits
-    for (index, name), color in zip(wires, LEFT_RIGHT_COLORS, strict=True):
+    for index, name, color in wires:
         measured = [recording.measured_temperature[index] for recording in recordings]
-        _plot_band(axis, recordings, measured, color, f"{name}, V measured")
+        _plot_band(axis, recordings, measured, color, f"{name}, V {_how(recordings)}")
     for what, course, style, width in (
         ("V* planned", trajectory.measured_temperature, "--", 1.4),
         ("T* planned", trajectory.wire_temperature, ":", 0.8),
     ):
-        for (index, name), color in zip(wires, LEFT_RIGHT_COLORS, strict=True):
+        for index, name, color in wires:
             axis.plot(
                 trajectory.time,
                 course[index],
@@ -139,10 +149,10 @@ def _plot_temperatures(axis, trajectory, recordings, wires) -> None:
 
 
 def _plot_duty(axis, trajectory, recordings, wires) -> None:
-    for (index, name), color in zip(wires, LEFT_RIGHT_COLORS, strict=True):
+    for index, name, color in wires:
         duty = [recording.duty[index] for recording in recordings]
         _plot_band(axis, recordings, duty, color, f"{name}, D")
-    for (index, name), color in zip(wires, LEFT_RIGHT_COLORS, strict=True):
+    for index, name, color in wires:
         axis.plot(
             trajectory.time,
             trajectory.duty[index],
@@ -153,6 +163,11 @@ def _plot_duty(axis, trajectory, recordings, wires) -> None:
         )
     axis.set_ylabel("duty")
     axis.set_ylim(-0.04, 1.04)
+
+
+def _how(recordings: Sequence[Recording]) -> str:
+    """How recordings came about; if not all alike, each way."""
+    return " and ".join(dict.fromkeys(recording.how for recording in recordings))
 
 
 def _plot_band(axis, recordings, samples, color: str, label: str) -> None:

@@ -36,7 +36,15 @@ def test_the_model_is_calibrated_to_its_own_parameters(true_limb, model_recordin
     assert calibration.parameters.ambient_temperature == pytest.approx(23.0, abs=0.01)
     assert calibration.stiffness.correction_factor == pytest.approx(1.22, abs=0.01)
     assert np.rad2deg(calibration.validation.percentile_90) < 0.2
-    assert [remark for remark in calibration.remarks if "sag" not in remark] == []
+    assert [remark.kind for remark in calibration.remarks] == ["few"]  # trials of the sag
+    assert calibration.verdict.startswith("Use with care: too few trials; the model is 0.")
+    sags = {"sag": model_recordings["sag"] * 3}
+    enough = calibrate(model_recordings | sags, LimbParameters())
+    assert enough.remarks == []
+    said = (
+        r"Good enough to plan with: the model is 0\.\d° \(0% of its range\) from the limb's bend .*"
+    )
+    assert re.fullmatch(said, enough.verdict)
 
 
 def test_description_keeps_what_is_not_calibrated(model_recordings):
@@ -52,6 +60,9 @@ def test_description_keeps_what_is_not_calibrated(model_recordings):
     assert calibration.parameters.segments[0].stiffness == description.segments[0].stiffness
     assert calibration.validation is None
     assert len([remark for remark in calibration.remarks if "There is no recording" in remark]) == 3
+    assert calibration.verdict == (
+        "Use with care: it is not validated; mechanics is that of the description."
+    )
     assert description == LimbParameters(temperature_limits=description.temperature_limits)
 
 
@@ -90,9 +101,14 @@ def test_command_fits_and_validates_an_emulated_limb(twin_folder, tmp_path, caps
     assert "# " in limb.read_text(encoding="utf-8")
     page = report.read_text(encoding="utf-8")
     assert page.count("data:image/svg+xml;base64,") == 5
-    notes = re.findall(r"^note: (.*)$", said, re.MULTILINE)
-    assert all(html.escape(note) in page for note in notes)
-    assert len(notes) > 0
+    verdict, *ranked = said.splitlines()[: 1 + len(re.findall("^(stop|care|note): ", said, re.M))]
+    assert re.match("(Good enough to plan with|Use with care|Do not plan with this): ", verdict)
+    ranks = [["stop", "care", "note"].index(remark.split(":")[0]) for remark in ranked]
+    assert ranks == sorted(ranks)
+    assert len(ranks) > 0
+    places = [page.index(html.escape(line)) for line in (verdict, *ranked)]
+    assert places == sorted(places)
+    assert places[-1] < page.index("<table")
     assert not re.search(r"(src|href)=\W*http|@import|<script|<link", page)  # needs no network
 
     both = twin_folder / "both.csv"
@@ -120,6 +136,7 @@ def test_json_says_what_is_in_the_files(twin_folder, tmp_path, capsys, monkeypat
         for name in ("a1", "a2", "a3", "beta")
     }
     assert all(estimate["standard_error"] > 0 for estimate in said["estimates"].values())
+    assert list(said)[:2] == ["verdict", "remarks"]
     assert said["estimates"]["stiffness"]["unit"] == "N·m/rad"
     assert said["correction_factor"] == pytest.approx(1.22, abs=0.02)
     assert said["written"] == [str(limb), str(report)]

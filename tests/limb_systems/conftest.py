@@ -119,6 +119,24 @@ def uneven_limb() -> LimbParameters:
     )
 
 
+@pytest.fixture
+def three_and_one() -> LimbParameters:
+    """A limb of two segments, the first with three wires, one of them below, the other with one."""
+    return LimbParameters(
+        segments=[
+            SegmentParameters(
+                links=2,
+                wires=[
+                    WireParameters("low", e2=-0.003, e3=-0.004),
+                    WireParameters("middle", e2=0.001),
+                    WireParameters("high", e2=0.003),
+                ],
+            ),
+            SegmentParameters(links=3, wires=[WireParameters("only", e2=0.003)]),
+        ]
+    )
+
+
 @pytest.fixture(scope="session")
 def refused():
     """A context in which an error must come, as one sentence with some words in it."""

@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from hardware import replay
+from hardware import LimbTwin, SensedLimb, replay
 from limb_systems import Limb, LimbError, PlanCheck, Trajectory
-from limb_systems.views.plots import plot_tracking, save_figure
+from limb_systems.views.plots import (
+    LEFT_RIGHT_COLORS,
+    PLAN_COLOR,
+    REFERENCE_COLOR,
+    ROLLOUT_COLOR,
+    plot_tracking,
+    save_figure,
+    wire_colors,
+)
 
 
 def test_rollouts_are_drawn_as_their_mean_and_the_band_of_95_percent(fig5_plan, tmp_path):
@@ -20,7 +28,7 @@ def test_rollouts_are_drawn_as_their_mean_and_the_band_of_95_percent(fig5_plan, 
     figure = plot_tracking(fig5_plan, rollouts, title="three rollouts")
     bend, heat, duty = figure.axes
     lines = {line.get_label(): line for line in bend.get_lines()}
-    mean = lines[r"rollouts $\varphi$"].get_ydata()
+    mean = lines[r"simulated rollouts $\varphi$"].get_ydata()
     np.testing.assert_allclose(mean, np.rad2deg(angle[0]), atol=1e-9)
     (band,) = bend.collections
     lowest = band.get_paths()[0].vertices[:, 1].min()
@@ -32,6 +40,25 @@ def test_rollouts_are_drawn_as_their_mean_and_the_band_of_95_percent(fig5_plan, 
     assert figure.get_suptitle() == "three rollouts"
     save_figure(figure, tmp_path / "deep" / "fig5.pdf")
     assert (tmp_path / "deep" / "fig5.pdf").read_bytes().startswith(b"%PDF")
+
+
+@pytest.mark.parametrize(
+    ("source", "how"),
+    [
+        (lambda: "limb SN1 on /dev/ttyACM0", "recorded"),
+        (lambda: "day_3.csv", "recorded"),
+        (lambda: LimbTwin(seed=3).source, "emulated"),
+        (lambda: "limb twin0003 on /dev/pts/7", "emulated"),  # an emulated board's serial number
+        (lambda: SensedLimb(Limb()).source, "simulated"),
+    ],
+)
+def test_the_legend_says_how_a_recording_came_about(fig5_plan, source, how):
+    made = replay(fig5_plan, Limb(fig5_plan.parameters))
+    recording = dataclasses.replace(made, source=source(), joint_state=None, wire_temperature=None)
+    for one, expected in ((recording, how), (made, "simulated")):
+        bend, heat, _ = plot_tracking(fig5_plan, [one]).axes
+        assert rf"{expected} $\varphi$" in bend.get_legend_handles_labels()[1]
+        assert f"right, V {expected}" in heat.get_legend_handles_labels()[1]
 
 
 def test_each_segment_has_its_panels_and_its_own_wires(two_segments):
@@ -46,6 +73,27 @@ def test_each_segment_has_its_panels_and_its_own_wires(two_segments):
         for index, side in enumerate(("left", "right")):
             duty = plan.duty[2 * segment + index]
             np.testing.assert_array_equal(lines[f"{side}, D* planned"].get_ydata(), duty)
+
+
+def test_each_wire_has_its_name_and_its_own_colour(three_and_one):
+    plan = _plan_of(three_and_one)
+    axes = plot_tracking(plan).figure.axes
+    for segment, names in enumerate((("low", "middle", "high"), ("only",))):
+        for what, axis in (
+            ("V* planned", axes[3 * segment + 1]),
+            ("D* planned", axes[3 * segment + 2]),
+        ):
+            lines = {line.get_label(): line for line in axis.get_lines()}
+            drawn = [lines[f"{name}, {what}"] for name in names]
+            assert len({line.get_color() for line in drawn}) == len(names)
+            assert [line.get_color() for line in drawn[:2]] == [*LEFT_RIGHT_COLORS][: len(names)]
+    only = {line.get_label(): line for line in axes[5].get_lines()}["only, D* planned"]
+    np.testing.assert_array_equal(only.get_ydata(), plan.duty[3])
+
+
+def test_colours_of_wires_are_told_apart_from_all_that_is_drawn_beside_them():
+    assert len({*wire_colors(6), REFERENCE_COLOR, PLAN_COLOR, ROLLOUT_COLOR}) == 9
+    assert len(wire_colors(7)) == 7
 
 
 def _plan_of(parameters) -> Trajectory:

@@ -12,7 +12,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint
 
 import urdf
-from limb_systems import LimbParameters, SegmentParameters
+from limb_systems import LimbParameters, SegmentParameters, WireParameters
 from urdf import limb_urdf
 
 FOLDER = Path(urdf.__file__).parent
@@ -133,6 +133,18 @@ def test_wires_lie_on_the_side_towards_which_they_bend(side):
         visual = robot.find(f"link[@name='link_{number}']/visual[@name='wire_{side}']")
         lateral = float(visual.find("origin").get("xyz").split()[1])
         assert np.sign(lateral) == {"left": -1, "right": 1}[side]
+
+
+def test_a_wire_below_the_axis_is_drawn_below():
+    wires = [
+        WireParameters("above", e2=0.003, e3=0.005),
+        WireParameters("below", e2=0.003, e3=-0.005),
+    ]
+    robot = ElementTree.fromstring(limb_urdf([SegmentParameters(wires=wires)]))
+    for name, height in (("above", 0.01), ("below", -0.01)):
+        visual = robot.find(f"link[@name='link_2']/visual[@name='wire_{name}']")
+        place = visual.find("origin").get("xyz").split()
+        assert [float(number) for number in place] == pytest.approx([0.01, 0.003, height])
 
 
 def test_limb_has_nothing_to_collide_with():

@@ -1,205 +1,49 @@
-"""What a replay's page and a live view hold, read back as the browser reads it."""
+"""What a replay's page holds."""
 
-import base64
-import gc
 import html.parser
 import itertools
+import json
 import logging
 import re
 import socket
-import struct
-import weakref
+import sys
+from pathlib import Path
 
 import matplotlib.colors
 import numpy as np
 import pytest
-from pydrake.geometry import Meshcat, MeshcatParams
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.geometry import Meshcat
 
 from limb_systems import (
-    Limb,
     LimbError,
     LimbParameters,
     PlanCheck,
     Recording,
     Trajectory,
+    bend_angle,
     joint_angles_from_bend_angle,
+    wire_color,
+    write_meshcat_replay,
 )
-from limb_systems.views import plots, visualization
-from limb_systems.views.visualization import LimbVisualizer, wire_color, write_meshcat_replay
+from limb_systems.views import plots, replay_page
 
-LIMB = "/drake/visualizer/limb"
+sys.path.insert(0, str(Path(__file__).parent))
 
-
-def unpack(data: bytes, at: int = 0):
-    """A MessagePack value, and where it ends: the part of the format that Drake writes."""
-    tag, at = data[at], at + 1
-    if tag < 0x80 or tag >= 0xE0:
-        return (tag if tag < 0x80 else tag - 0x100), at
-    if tag in (0xC0, 0xC2, 0xC3):
-        return {0xC0: None, 0xC2: False, 0xC3: True}[tag], at
-    if tag in (0xCB, 0xCC, 0xCD, 0xCE):
-        code = {0xCB: ">d", 0xCC: ">B", 0xCD: ">H", 0xCE: ">I"}[tag]
-        return struct.unpack_from(code, data, at)[0], at + struct.calcsize(code)
-    if tag < 0xC0:
-        kind, mask = ("map", 0xF) if tag < 0x90 else ("array", 0xF) if tag < 0xA0 else ("str", 0x1F)
-        size = tag & mask
-    else:
-        kind, code = {
-            0xD9: ("str", ">B"),
-            0xDA: ("str", ">H"),
-            0xDC: ("array", ">H"),
-            0xDD: ("array", ">I"),
-            0xDE: ("map", ">H"),
-        }[tag]
-        (size,) = struct.unpack_from(code, data, at)
-        at += struct.calcsize(code)
-    if kind == "str":
-        return data[at : at + size].decode(), at + size
-    values = []
-    for _ in range(size if kind == "array" else 2 * size):
-        value, at = unpack(data, at)
-        values.append(value)
-    return (values if kind == "array" else dict(zip(values[::2], values[1::2], strict=True))), at
-
-
-def commands(page: str) -> list[dict]:
-    """What a page tells Meshcat, in order."""
-    messages = re.findall(r'fetch\("data:application/octet-binary;base64,([^"]+)"\)', page)
-    return [unpack(base64.b64decode(message))[0] for message in messages]
-
-
-def properties(page: str) -> dict:
-    """The last value of each property that a page sets, by path and name."""
-    return {
-        (command["path"], command["property"]): np.array(command["value"])
-        for command in commands(page)
-        if command["type"] == "set_property"
-    }
-
-
-def transforms(page: str) -> dict:
-    """The last pose (4, 4) of each path relative to the path above."""
-    return {
-        command["path"]: np.array(command["matrix"]).reshape(4, 4).T
-        for command in commands(page)
-        if command["type"] == "set_transform"
-    }
-
-
-def boxes(page: str) -> dict:
-    """The sides (3,) along E1, E2 and E3 of each box, by path."""
-    return {
-        command["path"]: np.array([shape[side] for side in ("width", "height", "depth")])
-        for command in commands(page)
-        if command["type"] == "set_object"
-        for shape in command["object"]["geometries"]
-        if shape["type"] == "BoxGeometry"
-    }
-
-
-def animation(page: str) -> tuple[dict, dict, float]:
-    """Tracks (frames, size) by path and property, the options, and the frame rate."""
-    (command,) = (c for c in commands(page) if c["type"] == "set_animation")
-    tracks, rates = {}, set()
-    for part in command["animations"]:
-        rates.add(part["clip"]["fps"])
-        for track in part["clip"]["tracks"]:
-            assert [key["time"] for key in track["keys"]] == list(range(len(track["keys"])))
-            values = np.array([key["value"] for key in track["keys"]])
-            tracks[part["path"], track["name"].removeprefix(".")] = values
-    (rate,) = rates
-    return tracks, command["options"], rate
-
-
-def srgb(linear: np.ndarray) -> np.ndarray:
-    """What a screen shows for linear RGB (IEC 61966-2-1)."""
-    return np.where(linear > 0.0031308, 1.055 * linear ** (1 / 2.4) - 0.055, 12.92 * linear)
-
-
-def link_poses(parameters: LimbParameters, joint_angles) -> list[tuple[np.ndarray, float]]:
-    """Origin (3,) and direction of each link: along each link before, turned by each joint."""
-    origin, direction, poses = np.zeros(3), 0.0, []
-    lengths = [s.length / s.links for s in parameters.segments for _ in range(s.links)]
-    for angle, length in zip(joint_angles, lengths, strict=True):
-        direction += angle
-        poses.append((origin, direction))
-        origin = origin + length * np.array([np.cos(direction), np.sin(direction), 0.0])
-    return [*poses, (origin, direction)]
-
-
-def check_link_poses(tracks: dict, frame: int, parameters: LimbParameters, joint_angles):
-    for number, (origin, direction) in enumerate(link_poses(parameters, joint_angles)[:-1], 1):
-        path = f"{LIMB}/link_{number}"
-        np.testing.assert_allclose(tracks[path, "position"][frame], origin, atol=1e-12)
-        x, y, z, w = tracks[path, "quaternion"][frame]
-        assert (x, y) == pytest.approx((0, 0), abs=1e-12)
-        turned = np.exp(1j * direction)
-        assert complex(w, z) ** 2 == pytest.approx(turned, abs=1e-9)
-
-
-def pose(tracks: dict, frame: int, path: str) -> np.ndarray:
-    """A planar pose (3, 3) in (E1, E2) that an animation gives a path."""
-    x, y, z, w = tracks[path, "quaternion"][frame]
-    assert (x, y) == pytest.approx((0, 0), abs=1e-12)
-    turn = complex(w, z) ** 2
-    matrix = np.array([[turn.real, -turn.imag, 0], [turn.imag, turn.real, 0], [0, 0, 1.0]])
-    matrix[:, 2] += [*tracks[path, "position"][frame][:2], 0]
-    return matrix
-
-
-def check_ghost(name: str, tracks: dict, frame: int, parameters: LimbParameters, joint_angles):
-    """Each link hangs on the one before, so that poses multiply along the chain."""
-    path, matrix = f"/drake/ghosts/{name}", np.eye(3)
-    for number, (origin, direction) in enumerate(link_poses(parameters, joint_angles)[:-1], 1):
-        path += f"/link_{number}"
-        matrix = matrix @ pose(tracks, frame, path)
-        np.testing.assert_allclose(matrix[:2, 2], origin[:2], atol=1e-7)
-        np.testing.assert_allclose(matrix[:2, 0], [np.cos(direction), np.sin(direction)], atol=1e-6)
-
-
-def by_equation_11(parameters: LimbParameters, bend_angle) -> np.ndarray:
-    """θ_i = 2 φ / (n + 1) of each joint."""
-    segments = zip(parameters.segments, bend_angle, strict=True)
-    return np.concatenate([np.full(s.links, 2 * angle / (s.links + 1)) for s, angle in segments])
-
-
-def make_plan(parameters: LimbParameters) -> Trajectory:
-    """A motion from 7 s to 11 s in which no joint bends like another."""
-    time = np.linspace(7.0, 11.0, 9)
-    num_joints, num_wires = parameters.num_joints, len(parameters.wires)
-    rng = np.random.default_rng(11)
-    heat = np.full((num_wires, 9), 25.0)
-    return Trajectory(
-        time=time,
-        reference=rng.uniform(-0.5, 0.5, (len(parameters.segments), 9)),
-        duty=rng.random((num_wires, 9)),
-        joint_state=rng.uniform(-0.2, 0.2, (2 * num_joints, 9)),
-        wire_temperature=heat,
-        measured_temperature=heat,
-        parameters=parameters,
-        check=PlanCheck(),
-    )
-
-
-def make_recording(parameters: LimbParameters, num_samples: int = 41, **signals) -> Recording:
-    """A bend to and fro over 2 s; wires from ambient temperature to T_max and back."""
-    time = np.linspace(3.0, 5.0, num_samples)
-    num_wires, num_segments = len(parameters.wires), len(parameters.segments)
-    wave = np.sin(np.pi * (time - 3.0) / 2)
-    heat = 25.0 + 75.0 * np.outer(1 / np.arange(1, num_wires + 1), wave)
-    return Recording(
-        time=time,
-        duty=np.zeros((num_wires, num_samples)),
-        measured_temperature=heat,
-        bend_angle=np.outer(np.linspace(0.9, -0.6, num_segments), wave),
-        parameters=parameters,
-        source="a test",
-        sample_rate=20.0,
-        **signals,
-    )
+from meshcat_page import (
+    LIMB,
+    animation,
+    boxes,
+    by_equation_11,
+    check_ghost,
+    check_link_poses,
+    commands,
+    link_poses,
+    make_plan,
+    make_recording,
+    properties,
+    srgb,
+    transforms,
+)
 
 
 @pytest.fixture
@@ -218,23 +62,6 @@ def modelled(two_segments) -> Recording:
 def replay(tmp_path, motion, **options) -> str:
     write_meshcat_replay(tmp_path / "replay.html", motion, **options)
     return (tmp_path / "replay.html").read_text(encoding="utf-8")
-
-
-def test_wire_color_runs_from_greyish_blue_at_ambient_to_orange_at_the_maximum():
-    parameters = LimbParameters(ambient_temperature=10.0)
-    parameters.temperature_limits.maximum = 90.0
-    cold, hot = wire_color(parameters, [10.0, 90.0])
-    assert cold[2] > cold[1] > cold[0]
-    assert np.ptp(cold) < 0.4
-    assert hot[0] > 0.95
-    assert hot[0] > hot[1] + 0.3 > hot[2] + 0.6
-    np.testing.assert_array_equal(wire_color(parameters, [-40.0, 400.0]), [cold, hot])
-    between = wire_color(parameters, np.linspace(10.0, 90.0, 101).reshape(1, 101))
-    assert between.shape == (1, 101, 3)
-    assert between.min() >= 0
-    assert between.max() <= 1
-    # Heat can be told from any colour: red less blue only ever grows.
-    assert (np.diff(between[0, :, 0] - between[0, :, 2]) > 0).all()
 
 
 def test_links_move_as_the_joint_angles_say(tmp_path, modelled):
@@ -354,6 +181,7 @@ def test_without_a_reference_there_are_no_ghosts(tmp_path, two_segments):
     page = replay(tmp_path, make_recording(two_segments))
     assert not any("ghosts" in path for path in boxes(page))
     assert "reference" not in page.split('id="caption"')[1]
+    assert len(readouts(page)) == 2 + 2 * 4
 
 
 def test_ghosts_coincide_with_no_face_of_the_limb_nor_of_each_other(tmp_path, two_segments):
@@ -389,14 +217,15 @@ def test_ghosts_have_the_colours_of_the_plots_and_the_strip_is_translucent(tmp_p
 def test_caption_names_what_is_shown_and_what_was_measured(tmp_path, two_segments, modelled):
     plan = make_plan(two_segments)
     both = replay(tmp_path, make_recording(two_segments), plan=plan).split('id="caption"')[1]
-    assert "measured bend angle (a test)" in both
-    assert re.search(r"--rgb: 31 79 216[^>]*></i>plan<", both)  # #1f4fd8
-    assert re.search(r"--rgb: 153 153 153[^>]*></i>reference<", both)
+    assert "recorded bend angle (a test)" in both
+    assert re.search(r"--rgb: 31 79 216[^>]*></i>plan φ", both)  # #1f4fd8
+    assert re.search(r"--rgb: 153 153 153[^>]*></i>reference φ", both)
     assert "duty from 0 to 1: left 1, right 1, left 2, right 2" in both
     for motion in (plan, modelled):
         assert "nothing measured" in replay(tmp_path, motion).split('id="caption"')[1]
     one = replay(tmp_path, make_recording(LimbParameters())).split('id="caption"')[1]
     assert "duty from 0 to 1: left, right<" in one
+    assert "upper wire: right, lower wire: left" in one
 
 
 def test_bars_are_filled_by_duty(tmp_path, two_segments):
@@ -429,6 +258,68 @@ def test_bars_are_filled_by_duty(tmp_path, two_segments):
     assert (np.diff(lefts) > 0).all()
     assert lefts[-1] < -0.006
     assert properties(page)["/drake/duty", "visible"]
+
+
+def test_any_number_of_wires_is_shown_by_name(tmp_path, three_and_one):
+    recording = make_recording(three_and_one)
+    recording.duty = np.random.default_rng(3).random((4, 41))
+    page = replay(tmp_path, recording)
+    tracks, _, _ = animation(page)
+    for wire, (name, link) in enumerate(
+        (("low", 1), ("middle", 2), ("high", 2), ("only", 5)),
+    ):
+        expected = wire_color(three_and_one, recording.measured_temperature[wire])
+        color = tracks[f"{LIMB}/link_{link}/limb/wire_{name}/<object>", "material.color"]
+        np.testing.assert_allclose(srgb(color), expected, atol=1e-9)
+    bars = {path: pose[0, 3] for path, pose in transforms(page).items() if "/duty/" in path}
+    names = ("low_1", "middle_1", "high_1", "only_2")
+    places = [bars[f"/drake/duty/{name}"] for name in names]
+    within, _, between = np.diff(places)
+    assert 0 < within < between
+    scales = [tracks[f"/drake/duty/{name}/fill", "scale"][:, 1] for name in names]
+    np.testing.assert_allclose(scales, recording.duty)
+    caption = page.split('id="caption"')[1]
+    assert "wires from top to bottom: high, middle, low; only" in caption
+    assert "duty from 0 to 1: low 1, middle 1, high 1, only 2" in caption
+    assert readouts(page).shape == (2 + 2 * 4, 41)
+
+
+def readouts(page: str) -> np.ndarray:
+    """What each output of the caption says in each frame (R, F)."""
+    parser = Tags()
+    parser.feed(page)
+    values = json.loads(re.search(r"const values = (.*);$", page, re.MULTILINE)[1])
+    assert len([tag for tag, _ in parser.found if tag == "output"]) == 1 + len(values)  # a clock
+    (slider,) = (attributes for tag, attributes in parser.found if tag == "input")
+    assert (slider["type"], slider["min"]) == ("range", "0")
+    assert all(len(row) == int(slider["max"]) + 1 for row in values)
+    return np.array(values)
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_the_caption_tells_angles_temperatures_and_duty_of_each_frame(
+    tmp_path, two_segments, modelled, known
+):
+    recording, plan = modelled if known else make_recording(two_segments), make_plan(two_segments)
+    recording.duty = np.random.default_rng(3).random((4, 41))
+    if known:
+        recording.bend_angle = bend_angle(two_segments, recording.joint_state[:5])
+    page = replay(tmp_path, recording, plan=plan)
+    assert float(re.search(r"const rate = (\S+);", page)[1]) == pytest.approx(20.0)
+    limb, reference, planned, *wires = np.split(readouts(page), [2, 4, 6, 8, 10, 12])
+    np.testing.assert_allclose(limb, np.rad2deg(recording.bend_angle), atol=0.0501)
+    temperature = recording.wire_temperature if known else recording.measured_temperature
+    for wire, (heat, duty) in enumerate(wires):
+        np.testing.assert_allclose(heat, temperature[wire], atol=0.0501)
+        np.testing.assert_allclose(duty, recording.duty[wire], atol=0.00501)
+    # The recording begins 3 s after the plan, whose knots are half a second apart.
+    for frame, knot in ((0, 6), (10, 7), (20, 8), (40, 8)):
+        for shown, expected in ((reference, plan.reference), (planned, plan.bend_angle)):
+            degrees = np.rad2deg(expected[:, knot])
+            np.testing.assert_allclose(shown[:, frame], degrees, atol=0.0501)
+    caption = page.split('id="caption"')[1]
+    for name in ("left 1", "right 1", "left 2", "right 2"):
+        assert f"<span>{name} <output>" in caption
 
 
 @pytest.mark.parametrize("num_samples", [2, 15, 41, 64])
@@ -526,7 +417,7 @@ def test_no_server_and_no_message_stays_behind(tmp_path, monkeypatch, caplog, ca
         with socket.socket() as client:
             return client.connect_ex(("127.0.0.1", port)) == 0
 
-    monkeypatch.setattr(visualization, "Meshcat", meshcat)
+    monkeypatch.setattr(replay_page, "Meshcat", meshcat)
     caplog.set_level(logging.INFO, logger="drake")
     replay(tmp_path, make_recording(LimbParameters()))
     assert len(ports) == 1
@@ -563,116 +454,3 @@ def test_refuses_what_cannot_be_replayed(tmp_path):
                 tmp_path / "replay.html", make_recording(LimbParameters()), frames_per_second=rate
             )
     assert list(tmp_path.iterdir()) == []
-
-
-def test_live_view_follows_the_limb_in_a_simulation(two_segments):
-    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
-    builder = DiagramBuilder()
-    limb = builder.AddSystem(Limb(two_segments))
-    visualizer = builder.AddSystem(LimbVisualizer(two_segments, meshcat))
-    duty = builder.AddSystem(ConstantVectorSource([0.0, 0.5, 1.0, 0.0]))
-    builder.Connect(duty.get_output_port(), limb.GetInputPort("duty"))
-    for name in ("joint_state", "wire_temperature"):
-        assert visualizer.GetInputPort(name).size() == limb.GetOutputPort(name).size()
-        builder.Connect(limb.GetOutputPort(name), visualizer.GetInputPort(name))
-    simulator = Simulator(builder.Build())
-    ApplySimulatorConfig(
-        SimulatorConfig(integration_scheme="radau3", accuracy=1e-3, use_error_control=True),
-        simulator,
-    )
-    limb_context = limb.GetMyContextFromRoot(simulator.get_context())
-    shown = []
-    for time in (0.5, 2.0):
-        simulator.AdvanceTo(time)
-        page = meshcat.StaticHtml()
-        heat = limb.GetOutputPort("wire_temperature").Eval(limb_context)
-        joint_angles = limb.GetOutputPort("joint_state").Eval(limb_context)[:5]
-        scene = properties(page)
-        for path, temperature in (
-            ("link_2/limb/wire_left", heat[0]),
-            ("link_1/limb/wire_right", heat[1]),
-            ("link_5/limb/wire_left", heat[2]),
-            ("link_3/limb/wire_right", heat[3]),
-        ):
-            *color, opacity = scene[f"{LIMB}/{path}", "color"]
-            assert opacity == 1.0
-            expected = wire_color(two_segments, temperature)
-            np.testing.assert_allclose(srgb(np.array(color)), expected, atol=1e-9)
-        poses = transforms(page)
-        for number, (origin, direction) in enumerate(link_poses(two_segments, joint_angles)[:-1]):
-            matrix = poses[f"{LIMB}/link_{number + 1}"]
-            np.testing.assert_allclose(matrix[:3, 3], origin, atol=1e-9)
-            axis = [np.cos(direction), np.sin(direction), 0.0]
-            np.testing.assert_allclose(matrix[:3, 0], axis, atol=1e-9)
-        assert not scene["/drake/duty", "visible"]  # it is not connected
-        shown.append(heat)
-    assert (shown[1] - shown[0])[[1, 2]].min() > 5.0
-
-
-def chain(poses: dict, name: str, parameters: LimbParameters) -> list[np.ndarray]:
-    """Poses (4, 4) of a live ghost's links."""
-    path, matrix, found = f"/drake/ghosts/{name}", np.eye(4), []
-    for number in range(1, parameters.num_joints + 1):
-        path += f"/link_{number}"
-        matrix = matrix @ poses[path]
-        found.append(matrix)
-    return found
-
-
-def test_live_view_shows_duty_and_ghosts_at_the_context_s_time(two_segments):
-    plan = make_plan(two_segments)
-    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
-    visualizer = LimbVisualizer(two_segments, meshcat, plan)
-    context = visualizer.CreateDefaultContext()
-    duty = np.array([0.1, 0.0, 1.0, 0.6])
-    visualizer.GetInputPort("joint_state").FixValue(context, np.zeros(10))
-    visualizer.GetInputPort("wire_temperature").FixValue(context, np.full(4, 25.0))
-    visualizer.GetInputPort("duty").FixValue(context, duty)
-    for time, knot in ((0.0, 0), (2.5, 5), (4.0, 8), (30.0, 8)):
-        context.SetTime(time)
-        visualizer.ForcedPublish(context)
-        page = meshcat.StaticHtml()
-        for name, angles in (
-            ("plan", plan.joint_angles[:, knot]),
-            ("reference", by_equation_11(two_segments, plan.reference[:, knot])),
-        ):
-            expected = link_poses(two_segments, angles)[:-1]
-            found = chain(transforms(page), name, two_segments)
-            for matrix, (origin, direction) in zip(found, expected, strict=True):
-                np.testing.assert_allclose(matrix[:3, 3], origin, atol=1e-9)
-                axis = [np.cos(direction), np.sin(direction), 0.0]
-                np.testing.assert_allclose(matrix[:3, 0], axis, atol=1e-9)
-        scene = properties(page)
-        assert scene["/drake/duty", "visible"]
-        for wire, name in enumerate(["left_1", "right_1", "left_2", "right_2"]):
-            assert scene[f"/drake/duty/{name}/fill", "scale"].tolist() == [1.0, duty[wire], 1.0]
-
-
-def test_a_view_replaces_the_ghosts_of_the_view_before(two_segments):
-    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
-    LimbVisualizer(two_segments, meshcat, make_plan(two_segments))
-    assert any("ghosts" in path for path in boxes(meshcat.StaticHtml()))
-    LimbVisualizer(two_segments, meshcat)
-    assert not any("ghosts" in path for path in boxes(meshcat.StaticHtml()))
-
-
-def test_a_live_view_of_another_limb_than_the_plan_s_is_refused(two_segments):
-    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
-    with pytest.raises(LimbError, match=r"2 links, .* and 3 links, .* of one of 5 links"):
-        LimbVisualizer(LimbParameters(), meshcat, make_plan(two_segments))
-
-
-def test_a_live_view_is_freed_and_its_meshcat_with_it():
-    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
-    builder = DiagramBuilder()
-    visualizer = builder.AddSystem(
-        LimbVisualizer(LimbParameters(), meshcat, make_plan(LimbParameters()))
-    )
-    builder.ExportInput(visualizer.GetInputPort("joint_state"))
-    diagram = builder.Build()
-    diagram.CreateDefaultContext()
-    systems = [visualizer, *visualizer.GetSystems()]
-    references = [weakref.ref(thing) for thing in (*systems, meshcat)]
-    del builder, diagram, visualizer, systems, meshcat
-    gc.collect()
-    assert [reference() for reference in references] == [None] * len(references)

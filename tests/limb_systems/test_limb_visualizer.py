@@ -1,0 +1,212 @@
+"""What a live view shows."""
+
+import gc
+import sys
+import weakref
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from limb_systems import Limb, LimbError, LimbParameters, LimbVisualizer, wire_color
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from meshcat_page import (
+    LIMB,
+    boxes,
+    by_equation_11,
+    commands,
+    link_poses,
+    make_plan,
+    properties,
+    srgb,
+    transforms,
+)
+
+
+def test_wire_color_runs_from_greyish_blue_at_ambient_to_orange_at_the_maximum():
+    parameters = LimbParameters(ambient_temperature=10.0)
+    parameters.temperature_limits.maximum = 90.0
+    cold, hot = wire_color(parameters, [10.0, 90.0])
+    assert cold[2] > cold[1] > cold[0]
+    assert np.ptp(cold) < 0.4
+    assert hot[0] > 0.95
+    assert hot[0] > hot[1] + 0.3 > hot[2] + 0.6
+    np.testing.assert_array_equal(wire_color(parameters, [-40.0, 400.0]), [cold, hot])
+    between = wire_color(parameters, np.linspace(10.0, 90.0, 101).reshape(1, 101))
+    assert between.shape == (1, 101, 3)
+    assert between.min() >= 0
+    assert between.max() <= 1
+    # Heat can be told from any colour: red less blue only ever grows.
+    assert (np.diff(between[0, :, 0] - between[0, :, 2]) > 0).all()
+
+
+def test_live_view_follows_the_limb_in_a_simulation(two_segments):
+    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    builder = DiagramBuilder()
+    limb = builder.AddSystem(Limb(two_segments))
+    visualizer = builder.AddSystem(LimbVisualizer(two_segments, meshcat))
+    duty = builder.AddSystem(ConstantVectorSource([0.0, 0.5, 1.0, 0.0]))
+    builder.Connect(duty.get_output_port(), limb.GetInputPort("duty"))
+    for name in ("joint_state", "wire_temperature"):
+        assert visualizer.GetInputPort(name).size() == limb.GetOutputPort(name).size()
+        builder.Connect(limb.GetOutputPort(name), visualizer.GetInputPort(name))
+    simulator = Simulator(builder.Build())
+    ApplySimulatorConfig(
+        SimulatorConfig(integration_scheme="radau3", accuracy=1e-3, use_error_control=True),
+        simulator,
+    )
+    limb_context = limb.GetMyContextFromRoot(simulator.get_context())
+    shown = []
+    for time in (0.5, 2.0):
+        simulator.AdvanceTo(time)
+        page = meshcat.StaticHtml()
+        heat = limb.GetOutputPort("wire_temperature").Eval(limb_context)
+        joint_angles = limb.GetOutputPort("joint_state").Eval(limb_context)[:5]
+        scene = properties(page)
+        for path, temperature in (
+            ("link_2/limb/wire_left", heat[0]),
+            ("link_1/limb/wire_right", heat[1]),
+            ("link_5/limb/wire_left", heat[2]),
+            ("link_3/limb/wire_right", heat[3]),
+        ):
+            *color, opacity = scene[f"{LIMB}/{path}", "color"]
+            assert opacity == 1.0
+            expected = wire_color(two_segments, temperature)
+            np.testing.assert_allclose(srgb(np.array(color)), expected, atol=1e-9)
+        poses = transforms(page)
+        for number, (origin, direction) in enumerate(link_poses(two_segments, joint_angles)[:-1]):
+            matrix = poses[f"{LIMB}/link_{number + 1}"]
+            np.testing.assert_allclose(matrix[:3, 3], origin, atol=1e-9)
+            axis = [np.cos(direction), np.sin(direction), 0.0]
+            np.testing.assert_allclose(matrix[:3, 0], axis, atol=1e-9)
+        assert not scene["/drake/duty", "visible"]  # it is not connected
+        shown.append(heat)
+    assert (shown[1] - shown[0])[[1, 2]].min() > 5.0
+
+
+def chain(poses: dict, name: str, parameters: LimbParameters) -> list[np.ndarray]:
+    """Poses (4, 4) of a live ghost's links."""
+    path, matrix, found = f"/drake/ghosts/{name}", np.eye(4), []
+    for number in range(1, parameters.num_joints + 1):
+        path += f"/link_{number}"
+        matrix = matrix @ poses[path]
+        found.append(matrix)
+    return found
+
+
+def test_live_view_shows_duty_and_ghosts_at_the_context_s_time(two_segments):
+    plan = make_plan(two_segments)
+    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    visualizer = LimbVisualizer(two_segments, meshcat, plan)
+    context = visualizer.CreateDefaultContext()
+    duty = np.array([0.1, 0.0, 1.0, 0.6])
+    visualizer.GetInputPort("joint_state").FixValue(context, np.zeros(10))
+    visualizer.GetInputPort("wire_temperature").FixValue(context, np.full(4, 25.0))
+    visualizer.GetInputPort("duty").FixValue(context, duty)
+    for time, knot in ((0.0, 0), (2.5, 5), (4.0, 8), (30.0, 8)):
+        context.SetTime(time)
+        visualizer.ForcedPublish(context)
+        page = meshcat.StaticHtml()
+        for name, angles in (
+            ("plan", plan.joint_angles[:, knot]),
+            ("reference", by_equation_11(two_segments, plan.reference[:, knot])),
+        ):
+            expected = link_poses(two_segments, angles)[:-1]
+            found = chain(transforms(page), name, two_segments)
+            for matrix, (origin, direction) in zip(found, expected, strict=True):
+                np.testing.assert_allclose(matrix[:3, 3], origin, atol=1e-9)
+                axis = [np.cos(direction), np.sin(direction), 0.0]
+                np.testing.assert_allclose(matrix[:3, 0], axis, atol=1e-9)
+        scene = properties(page)
+        assert scene["/drake/duty", "visible"]
+        for wire, name in enumerate(["left_1", "right_1", "left_2", "right_2"]):
+            assert scene[f"/drake/duty/{name}/fill", "scale"].tolist() == [1.0, duty[wire], 1.0]
+
+
+def test_a_view_replaces_the_ghosts_of_the_view_before(two_segments):
+    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    LimbVisualizer(two_segments, meshcat, make_plan(two_segments))
+    assert any("ghosts" in path for path in boxes(meshcat.StaticHtml()))
+    LimbVisualizer(two_segments, meshcat)
+    assert not any("ghosts" in path for path in boxes(meshcat.StaticHtml()))
+
+
+def test_a_live_view_of_another_limb_than_the_plan_s_is_refused(two_segments):
+    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    with pytest.raises(LimbError, match=r"2 links, .* and 3 links, .* of one of 5 links"):
+        LimbVisualizer(LimbParameters(), meshcat, make_plan(two_segments))
+
+
+def test_a_live_view_is_freed_and_its_meshcat_with_it():
+    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    builder = DiagramBuilder()
+    visualizer = builder.AddSystem(
+        LimbVisualizer(LimbParameters(), meshcat, make_plan(LimbParameters()))
+    )
+    builder.ExportInput(visualizer.GetInputPort("joint_state"))
+    diagram = builder.Build()
+    diagram.CreateDefaultContext()
+    systems = [visualizer, *visualizer.GetSystems()]
+    references = [weakref.ref(thing) for thing in (*systems, meshcat)]
+    del builder, diagram, visualizer, systems, meshcat
+    gc.collect()
+    assert [reference() for reference in references] == [None] * len(references)
+
+
+def test_two_limbs_in_one_diagram_and_one_meshcat_leave_each_other_alone(two_segments):
+    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    beside = RigidTransform(RotationMatrix.MakeZRotation(0.3), [0.0, 0.2, 0.01])
+    limbs = {"first": (two_segments, RigidTransform()), "second": (LimbParameters(), beside)}
+    builder, heated = DiagramBuilder(), {}
+    for number, (prefix, (parameters, base_pose)) in enumerate(limbs.items()):
+        view = builder.AddSystem(
+            LimbVisualizer(
+                parameters, meshcat, make_plan(parameters), prefix=prefix, base_pose=base_pose
+            )
+        )
+        num_wires, num_joints = len(parameters.wires), parameters.num_joints
+        heated[prefix] = 30.0 + 10.0 * number + np.arange(num_wires)
+        for port, value in (
+            ("joint_state", np.full(2 * num_joints, 0.1 + 0.1 * number)),
+            ("wire_temperature", heated[prefix]),
+            ("duty", np.linspace(0.1, 0.4, num_wires) + 0.5 * number),
+        ):
+            constant = builder.AddSystem(ConstantVectorSource(value))
+            builder.Connect(constant.get_output_port(), view.GetInputPort(port))
+    Simulator(builder.Build()).Initialize()
+    page = meshcat.StaticHtml()
+    poses, scene = transforms(page), properties(page)
+    points = []
+    for number, (prefix, (parameters, base_pose)) in enumerate(limbs.items()):
+        for folder in ("visualizer", "ghosts", "duty"):
+            np.testing.assert_allclose(
+                poses[f"/drake/{prefix}/{folder}"], base_pose.GetAsMatrix4(), atol=1e-12
+            )
+        expected = link_poses(parameters, np.full(parameters.num_joints, 0.1 + 0.1 * number))
+        for link, (origin, _) in enumerate(expected[:-1], 1):
+            found = poses[f"/drake/{prefix}/visualizer/limb/link_{link}"]
+            np.testing.assert_allclose(found[:3, 3], origin, atol=1e-9)
+            points.append(base_pose @ origin)
+        *color, _ = scene[f"/drake/{prefix}/visualizer/limb/link_1/limb/wire_right", "color"]
+        expected = wire_color(parameters, heated[prefix][1])
+        np.testing.assert_allclose(srgb(np.array(color)), expected, atol=1e-9)
+        path = f"/drake/{prefix}/duty/{parameters.wire_names[-1]}/fill"
+        assert scene[path, "scale"][1] == pytest.approx(0.4 + 0.5 * number)
+        assert f"/drake/{prefix}/ghosts/plan/link_1/strip" in boxes(page)
+    assert not any(path.startswith("/drake/visualizer") for path in poses)
+    # The camera sees both.
+    (target,) = (np.array(c["value"]) for c in commands(page) if c["type"] == "set_target")
+    camera = "/Cameras/default/rotated/<object>"
+    eye, slope = scene[camera, "position"], np.tan(np.radians(scene[camera, "fov"]) / 2)
+    forward = (target - eye) / np.linalg.norm(target - eye)
+    up = np.cross([1, 0, 0], forward)
+    for point in points:
+        seen = point[[0, 2, 1]] * [1, 1, -1] - eye  # as three.js counts: E1, E3, -E2
+        assert abs(seen @ up) < slope * (seen @ forward)
