@@ -69,8 +69,7 @@ LIMB = {
 TWIN = {
     "shape_memory_wires": ("(3), two thermal masses", ["torque", "T"]),
     "rubber": ("stiffens, relaxes", ["f, q"]),
-    "thermocouple": ("noise, 0.25 °C steps", ["V"]),
-    "bend_sensor": ("noise, drift, 0.1° steps", ["φ"]),
+    "sensors": ("noise, drift, steps", ["V", "φ", "V, φ"]),
 }
 COLLECTING = {
     "limb_twin": ("or SerialLimb", ["V", "φ"]),

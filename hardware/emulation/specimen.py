@@ -31,6 +31,7 @@ import dataclasses
 
 import numpy as np
 
+from hardware.emulation.noise import Noise
 from hardware.emulation.sensors import BEND_DRIFT, BEND_NOISE
 from limb_systems import LimbError, LimbParameters, joint_angles_from_bend_angle
 
@@ -113,7 +114,7 @@ class Specimen:
     - ``ambient``: the temperature of the room, °C.
     - ``state``: of each part of the emulation when it ran last, by name;
       empty for a limb that was never used.
-    - ``generator``: of the sensors' noise, which runs on.
+    - ``noise``: of the sensors, which runs on; the state says how far.
     - ``absent``: the effects that were taken out, see `without`.
     """
 
@@ -126,7 +127,7 @@ class Specimen:
         self.description = copy.deepcopy(description)
         self.seed = seed
         self.absent: tuple[str, ...] = ()
-        self.generator = np.random.default_rng(noise_seed)
+        self.noise = Noise(np.random.default_rng(noise_seed))
         self.state: dict[str, np.ndarray] = {}
         self.segments = [_draw_segment(generator.uniform, s) for s in description.segments]
         limits = description.temperature_limits

@@ -10,7 +10,7 @@ from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem
 
 from hardware.emulation.hand import Hand
 from hardware.emulation.rubber import Rubber
-from hardware.emulation.sensors import add_sensors
+from hardware.emulation.sensors import SampledSensors, limb_sensors
 from hardware.emulation.specimen import SegmentPhysics, Specimen
 from hardware.emulation.wires import PERIOD, ShapeMemoryWires
 from limb_systems import BendAngle, LimbParameters, ThermocoupleLag, make_manipulator, simulate
@@ -26,7 +26,7 @@ class LimbTwin(Diagram):
     whose wires are shape-memory alloy with hysteresis, heat silicone around
     them and differ from each other (`ShapeMemoryWires`), whose rubber stiffens
     and relaxes (`Rubber`), and whose sensors are sampled, noisy, drifting and
-    not quite linear (`SampledSensor`):
+    not quite linear (`SampledSensors`):
 
                 ┌──────────────────┐    ┌─────────────┐
         duty ──▶│ ShapeMemoryWires ├───▶│ manipulator ├─┬─▶ sensor ──▶ bend_angle
@@ -40,6 +40,7 @@ class LimbTwin(Diagram):
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
     - output 1 ``bend_angle``: φ (S), rad, as bend sensors read it
+    - output 2 ``measurement``: [V (W), φ (S)], both of them
 
     ``parameters`` is the limb as one would describe it before calibration:
     geometry and mass are true, the rest are not. What was done to the limb
@@ -113,28 +114,32 @@ class LimbTwin(Diagram):
         builder.Connect(
             total.get_output_port(), manipulator.get_applied_generalized_force_input_port()
         )
-        add_sensors(
-            builder,
-            lag.get_output_port(),
-            bend_angle.get_output_port(),
-            specimen.generator,
+        state = specimen.state
+        (draws,) = state.get("draws", [0.0])
+        readings = limb_sensors(
+            self.parameters,
             bend_rate,
             bend_response=_bend_response(specimen.segments),
             bend_noise=[segment.sensor_noise for segment in specimen.segments],
             bend_drift=[segment.sensor_drift for segment in specimen.segments],
         )
+        sensors = builder.AddSystem(SampledSensors(readings, specimen.noise, int(draws)))
+        builder.Connect(lag.get_output_port(), sensors.GetInputPort("measured_temperature"))
+        builder.Connect(bend_angle.get_output_port(), sensors.GetInputPort("bend_angle"))
+        for name in ("measured_temperature", "bend_angle", "measurement"):
+            builder.ExportOutput(sensors.GetOutputPort(name), name)
         parts = {
             "joints": joint_state,
             "wires": wires.GetOutputPort("state"),
             "rubber": split.get_output_port(1),
             "measured": lag.get_output_port(),
             "smooth": smooth.get_output_port(),
+            "draws": sensors.GetOutputPort("draws"),
         }
         memory = builder.AddSystem(_Memory(specimen, {k: p.size() for k, p in parts.items()}))
         for name, port in parts.items():
             builder.Connect(port, memory.GetInputPort(name))
 
-        state = specimen.state
         room = np.full(len(specimen.wires), specimen.ambient)
         manipulator.SetDefaultPositions(state.get("joints", specimen.rest_angles())[:num_joints])
         lag.configure_default_state(state.get("measured", room))
@@ -169,9 +174,11 @@ class LimbTwin(Diagram):
 
 
 class _Memory(LeafSystem):
-    """Keeps the state of the parts in their specimen, for the time after this diagram.
+    """Keeps the state of the parts in their specimen, for the limbs that are made of it later.
 
-    An input port of the part's name for each of them.
+    An input port of the part's name for each of them. Nothing in this diagram
+    reads what is kept: simulations of two copies of its Context go on alike,
+    and the limb later is as the one that ran last left it.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -185,8 +192,10 @@ class _Memory(LeafSystem):
         self.set_name("memory")
 
     def _remember(self, context):
-        for index, name in enumerate(self._names):
-            self._specimen.state[name] = self.get_input_port(index).Eval(context).copy()
+        self._specimen.state = {
+            name: self.get_input_port(index).Eval(context).copy()
+            for index, name in enumerate(self._names)
+        }
 
 
 def _bend_response(segments: Sequence[SegmentPhysics]):
