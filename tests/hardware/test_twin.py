@@ -201,7 +201,8 @@ def test_measurement_is_both_readings(two_segments):
         context = simulator.get_mutable_context()
         limb.GetInputPort("duty").FixValue(context, [0.0, 0.3, 0.2, 0.0])
         simulator.AdvanceTo(0.5)
-        both = [limb.GetOutputPort(name).Eval(context) for name in ("measured_temperature", "bend_angle")]
+        names = ("measured_temperature", "bend_angle")
+        both = [limb.GetOutputPort(name).Eval(context) for name in names]
         np.testing.assert_array_equal(
             limb.GetOutputPort("measurement").Eval(context), np.concatenate(both)
         )
