@@ -8,12 +8,11 @@ D = D* + [-u, u] within [0, 1], with u = k_p e + k_i ∫ e dt and e = φ* - φ, 
 import argparse
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
 
 from hardware import LimbTwin, replay
 from limb_systems import LimbParameters, Trajectory
 from limb_systems.model.ownership import weak_method
-from limb_systems.simulation import record
 from limb_systems.tracking import tracking_errors
 from limb_systems.views.plots import plot_tracking, save_figure
 from planners import plan, references
@@ -39,11 +38,7 @@ class PlanFeedback(LeafSystem):
 
 
 def closed_loop(trajectory, limb):
-    builder = DiagramBuilder()
-    builder.AddSystem(limb)
-    controller = builder.AddSystem(PlanFeedback(trajectory))
-    builder.Connect(limb.GetOutputPort("bend_angle"), controller.get_input_port())
-    return record(builder, limb, controller.get_output_port(), trajectory.duration)
+    return replay(trajectory, limb, controller=PlanFeedback(trajectory))
 
 
 parser = argparse.ArgumentParser(description="Compares feedback of the bend angle with open loop.")

@@ -11,6 +11,7 @@ from limb_systems.model.kinematics import (
     tip_position,
 )
 from limb_systems.model.limb import Limb, from_paper_state, split_state, to_paper_state
+from limb_systems.model.limb_system import LimbSystem
 from limb_systems.model.manipulator import add_manipulator, make_manipulator
 from limb_systems.model.parameters import (
     LimbParameters,
@@ -31,6 +32,7 @@ __all__ = [
     "Limb",
     "LimbError",
     "LimbParameters",
+    "LimbSystem",
     "LimbVisualizer",
     "PlanCheck",
     "Recording",

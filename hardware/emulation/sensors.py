@@ -5,10 +5,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from hardware.emulation.noise import Noise
-from limb_systems import LimbParameters
+from limb_systems import LimbParameters, LimbSystem
+from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
 
 # The paper's thermocouple amplifier, a MAX31855, converts within 100 ms and
@@ -181,17 +182,20 @@ class SensedLimb(Diagram):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, limb: System, *, seed: int = 0, bend_rate: float = 20.0):
+    real_time = False
+
+    def __init__(self, limb: LimbSystem, *, seed: int = 0, bend_rate: float = 20.0):
         """
         Args:
-            limb: with the ports and ``parameters`` of `Limb`.
+            limb: the one behind them.
             seed: of the sensors' noise.
             bend_rate: at which bend sensors are read, Hz.
         """
         super().__init__()
         builder = DiagramBuilder()
+        check_limb(limb)
         builder.AddSystem(limb)
-        self.parameters = limb.parameters
+        self.parameters, self.accuracy = limb.parameters, limb.accuracy
         self.source = f"{limb.source} with sensor noise, seed {seed}"
         builder.ExportInput(limb.GetInputPort("duty"), "duty")
         sensors = builder.AddSystem(

@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from pydrake.common.yaml import yaml_dump_typed
-from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
+from limb_systems import LimbSystem
 from limb_systems.files.recording import RecordingHeader
 from limb_systems.files.samples import column_names
 from limb_systems.files.tables import TableWriter
@@ -26,7 +27,7 @@ class Journal(LeafSystem):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, path: str | Path, limb: System, sample_rate: float):
+    def __init__(self, path: str | Path, limb: LimbSystem, sample_rate: float):
         """
         Args:
             path: of the file, which is written anew.
@@ -55,7 +56,11 @@ class Journal(LeafSystem):
 
 
 def add_journal(
-    builder: DiagramBuilder, path: str | Path, limb: System, duty: OutputPort, sample_rate: float
+    builder: DiagramBuilder,
+    path: str | Path,
+    limb: LimbSystem,
+    duty: OutputPort,
+    sample_rate: float,
 ) -> Journal:
     """Adds a journal of a limb, driven by a port of duty, to a diagram."""
     journal = builder.AddSystem(Journal(path, limb, sample_rate))

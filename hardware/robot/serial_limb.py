@@ -8,6 +8,7 @@ from pydrake.systems.framework import LeafSystem
 
 from hardware.robot.link import BoardLink, HardwareError
 from limb_systems import LimbError, LimbParameters
+from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
 
 PERIOD = 0.05  # s
@@ -39,6 +40,7 @@ class SerialLimb(LeafSystem):
     __slots__ = ()  # see limb_systems.model.ownership
 
     real_time = True
+    accuracy = ACCURACY
 
     def __init__(self, port: str, parameters: LimbParameters | None = None, *, heated: bool = True):
         """

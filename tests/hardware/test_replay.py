@@ -7,6 +7,8 @@ import time
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.systems.framework import LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource
 
 from hardware import LimbTwin, ReplayError, replay, watch
 from hardware.__main__ import main
@@ -82,6 +84,58 @@ def test_a_plan_that_failed_its_check_is_refused(fig5_plan):
     check = dataclasses.replace(fig5_plan.check, largest_difference_deg=0.5)
     with pytest.raises(ReplayError, match="failed its check"):
         replay(dataclasses.replace(fig5_plan, check=check), LimbTwin())
+
+
+class Steady(LeafSystem):
+    """A controller: the same duty for both wires, plus what it reads times a gain."""
+
+    def __init__(self, duty=0.1, gain=0.0, **inputs):
+        super().__init__()
+        ports = [self.DeclareVectorInputPort(name, size) for name, size in inputs.items()]
+        self.seen = []
+
+        def calc(context, output):
+            self.seen = [port.Eval(context) for port in ports]
+            output.SetFromVector(np.full(2, duty + gain * sum(x.sum() for x in self.seen)))
+
+        self.DeclareVectorOutputPort("duty", 2, calc)
+
+
+def test_a_controller_drives_the_limb_with_what_it_reads(fig5_plan, tmp_path):
+    inputs = {"bend_angle": 1, "measurement": 3, "measured_temperature": 2}
+    for limb in (Limb(), LimbTwin(seed=1), SensedLimb(Limb())):
+        controller = Steady(**inputs)
+        journal = tmp_path / "journal.csv"
+        recording = replay(beginning(fig5_plan, 6), limb, controller=controller, journal=journal)
+        np.testing.assert_allclose(recording.duty, 0.1)
+        np.testing.assert_allclose(recording.time, np.arange(11) / 20)
+        angle, measurement, temperature = controller.seen
+        np.testing.assert_array_equal(measurement, [*temperature, *angle])
+        np.testing.assert_allclose(temperature, recording.measured_temperature[:, -1])
+        np.testing.assert_array_equal(Recording.load(journal).duty, recording.duty)
+
+
+def test_feedback_changes_the_duty(fig5_plan):
+    fed = replay(fig5_plan, Limb(), controller=Steady(0.3, -0.2, bend_angle=1))
+    np.testing.assert_allclose(fed.duty[0], 0.3 - 0.2 * fed.bend_angle[0], atol=1e-6)
+
+
+def test_a_controller_beyond_duty_is_named(fig5_plan):
+    with pytest.raises(LimbError, match=r"duty is \[1\.5, 1\.5\] at 0 s"):
+        replay(beginning(fig5_plan, 3), Limb(), controller=Steady(1.5))
+
+
+@pytest.mark.parametrize(
+    ("controller", "sentence"),
+    [
+        (ConstantVectorSource([0.1, 0.1]), "ConstantVectorSource has no output port duty"),
+        (Steady(wire_force=2), "Steady has an input port wire_force; a limb has only measured"),
+        (Steady(bend_angle=2), "Steady takes 2 values at bend_angle, but the limb has 1"),
+    ],
+)
+def test_a_controller_with_other_ports_is_refused(fig5_plan, controller, sentence):
+    with pytest.raises(ReplayError, match=sentence):
+        replay(fig5_plan, Limb(), controller=controller)
 
 
 @pytest.fixture
