@@ -67,7 +67,7 @@ LIMB = {
     "bend_angle": ("Sec. VI", ["φ"]),
 }
 TWIN = {
-    "shape_memory_wires": ("(3), two thermal masses", ["torque", "T"]),
+    "shape_memory_wires": ("(3), two thermal masses", ["torque", "T", "", "D"]),
     "rubber": ("stiffens, relaxes", ["f, q"]),
     "sensors": ("noise, drift, steps", ["V", "φ", "V, φ"]),
 }

@@ -9,6 +9,7 @@ from limb_systems.model.kinematics import (
     bend_angle_from_tip_tangent,
     joint_angles_from_bend_angle,
     tip_position,
+    tip_tangent_from_bend_angle,
 )
 from limb_systems.model.limb import Limb, from_paper_state, split_state, to_paper_state
 from limb_systems.model.limb_system import LimbSystem
@@ -51,6 +52,7 @@ __all__ = [
     "simulate",
     "split_state",
     "tip_position",
+    "tip_tangent_from_bend_angle",
     "to_paper_state",
     "torque_matrix",
     "wire_color",

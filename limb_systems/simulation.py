@@ -13,6 +13,7 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
+from limb_systems.files.samples import TIMES
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb
@@ -146,6 +147,7 @@ def record(
     _advance(simulator, end, until, remark, real_time or system.real_time)
 
     signals = {name: sink.FindLog(context).data() for name, sink in sinks.items()}
+    signals |= {name: signals[name][0] for name in TIMES if name in signals}
     clipped = np.clip(signals["duty"], 0.0, 1.0)
     if np.abs(clipped - signals["duty"]).max() < 1e-9:  # rounding; more is a mistake, and is named
         signals["duty"] = clipped
@@ -249,6 +251,7 @@ def _set_state(context, state) -> None:
 
 def _logged_ports(system: LimbSystem) -> list[str]:
     names = ["measured_temperature", "bend_angle", "wire_temperature", "joint_state"]
+    names += ["applied_duty", "board_time", "sample_age"]
     if isinstance(system, Limb):
         # Its bend angle follows from its joint state, and calculated for all
         # samples at once it does not stop the C++ loop at each of them.

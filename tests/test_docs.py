@@ -219,7 +219,7 @@ class Board:
     """In place of `BoardLink`: what `SerialLimb` asks at construction."""
 
     def __init__(self, port):
-        self.serial_number = "none"
+        self.serial_number, self.channels = "none", 2
 
     def info(self):
         return self

@@ -20,7 +20,7 @@ import numpy as np
 
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import Firmware
-from limb_systems import LimbError
+from limb_systems import LimbError, tip_tangent_from_bend_angle
 from limb_systems.simulation import make_simulator
 
 TURN = 0.001  # s, between two turns of the firmware's loop
@@ -83,7 +83,7 @@ class EmulatedBoard:
     def read_bend(self) -> bytes:
         if self.bend_is_silent:
             return b""
-        tangent = 2 * np.rad2deg(self.reading("bend_angle")[0])  # eqn (8)
+        tangent = np.rad2deg(tip_tangent_from_bend_angle(self.reading("bend_angle")[0]))
         noise = random.gauss(0.0, 0.05)  # below the twin's steps, as every converter has it
         data = struct.pack("<bh", 0, round(64 * (tangent + noise)))
         return data if self.frozen_bend is None else self.frozen_bend

@@ -40,7 +40,8 @@ class LimbTwin(Diagram):
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
     - output 1 ``bend_angle``: φ (S), rad, as bend sensors read it
-    - output 2 ``measurement``: [V (W), φ (S)], both of them
+    - output 2 ``applied_duty``: D (W) in the steps of the PWM
+    - output 3 ``measurement``: [V (W), φ (S)], as they are read
 
     ``parameters`` is the limb as one would describe it before calibration:
     geometry and mass are true, the rest are not. What was done to the limb
@@ -127,8 +128,13 @@ class LimbTwin(Diagram):
         sensors = builder.AddSystem(SampledSensors(readings, specimen.noise, int(draws)))
         builder.Connect(lag.get_output_port(), sensors.GetInputPort("measured_temperature"))
         builder.Connect(bend_angle.get_output_port(), sensors.GetInputPort("bend_angle"))
-        for name in ("measured_temperature", "bend_angle", "measurement"):
-            builder.ExportOutput(sensors.GetOutputPort(name), name)
+        for name, system in (
+            ("measured_temperature", sensors),
+            ("bend_angle", sensors),
+            ("applied_duty", wires),
+            ("measurement", sensors),
+        ):
+            builder.ExportOutput(system.GetOutputPort(name), name)
         parts = {
             "joints": joint_state,
             "wires": wires.GetOutputPort("state"),

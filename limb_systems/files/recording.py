@@ -12,7 +12,14 @@ from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.schema import load_typed
 
-OPTIONAL = ("wire_temperature", "joint_state", "reference")
+OPTIONAL = (
+    "wire_temperature",
+    "joint_state",
+    "reference",
+    "applied_duty",
+    "board_time",
+    "sample_age",
+)
 
 
 @dataclasses.dataclass
@@ -44,6 +51,10 @@ class Recording:
     - ``wire_temperature``: T (W, K), °C; only a model can tell, else None.
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s; likewise.
     - ``reference``: the bend angle that was asked for (S, K), rad, if any was.
+    - ``applied_duty``: what reached the wires (W, K), in [0, 1], when the sample
+      was taken, as a board says; None where it is not known.
+    - ``board_time``: when the sample was taken (K,), s, by the board's clock; likewise.
+    - ``sample_age``: for how long it had been here at ``time`` (K,), s; likewise.
 
     Raises:
         LimbError: at construction, if shapes disagree or values are not
@@ -60,6 +71,9 @@ class Recording:
     wire_temperature: np.ndarray | None = None
     joint_state: np.ndarray | None = None
     reference: np.ndarray | None = None
+    applied_duty: np.ndarray | None = None
+    board_time: np.ndarray | None = None
+    sample_age: np.ndarray | None = None
 
     def __post_init__(self):
         self.parameters.validate()

@@ -16,6 +16,15 @@ from limb_systems.model.parameters import LimbParameters
 from limb_systems.schema import load_typed
 
 DEFECT_TOLERANCE = 1e-6
+SIGNALS = (
+    "time",
+    "duty",
+    "measured_temperature",
+    "bend_angle",
+    "reference",
+    "wire_temperature",
+    "joint_state",
+)
 
 
 @dataclasses.dataclass
@@ -169,7 +178,7 @@ class Trajectory:
         try:
             header = load_typed(TrajectoryHeader, header_text)
             header.parameters.validate()
-            signals = group_columns(columns, column_names(header.parameters))
+            signals = group_columns(columns, _columns(header.parameters))
             del signals["bend_angle"]  # it follows from the joint angles
             return cls(**signals, parameters=header.parameters, check=header.check)
         except LimbError as error:
@@ -185,5 +194,11 @@ class Trajectory:
             raise LimbError(f"This plan failed its check and is not saved: {failure}")
         sample_rate = (len(self.time) - 1) / self.duration
         header = TrajectoryHeader(sample_rate, self.check, self.parameters)
-        columns = ungroup_columns(self, column_names(self.parameters))
+        columns = ungroup_columns(self, _columns(self.parameters))
         write_table(path, "trajectory", yaml_dump_typed(header), columns)
+
+
+def _columns(parameters: LimbParameters) -> dict[str, list[str]]:
+    """Names of the columns of a trajectory's signals."""
+    names = column_names(parameters)
+    return {signal: names[signal] for signal in SIGNALS}

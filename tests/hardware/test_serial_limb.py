@@ -38,7 +38,13 @@ def test_has_the_ports_of_the_limb(emulator):
         for name in ("measured_temperature", "bend_angle"):
             assert robot.GetOutputPort(name).size() == limb.GetOutputPort(name).size()
         assert robot.GetInputPort("duty").size() == 2
-        assert robot.GetOutputPort("sample_age").size() == 1
+        ports = [robot.get_output_port(i) for i in range(robot.num_output_ports())]
+        assert [(port.get_name(), port.size()) for port in ports[2:]] == [
+            ("sample_age", 1),
+            ("applied_duty", 2),
+            ("board_time", 1),
+            ("measurement", 3),
+        ]
         assert robot.parameters.board == "twin0000"
         builder = DiagramBuilder()
         builder.AddSystem(robot)
@@ -59,8 +65,14 @@ def test_replay_sends_the_plan_and_records_all_of_it(emulator, short_plan, tmp_p
     assert missing.max() < 1e-4
     assert emulator.duty() == [0.0, 0.0]  # off at the end
     assert recording.measured_temperature[1, -1] > recording.measured_temperature[1, 0] + 3.0
+    # What the board had applied at a sample is what was asked for some samples before.
+    before = np.lib.stride_tricks.sliding_window_view(planned[1], 6)
+    assert np.abs(before - recording.applied_duty[1, 5:, np.newaxis]).min(axis=1).max() < 1e-4
+    assert 0.0 <= recording.sample_age.min() <= recording.sample_age[1:].max() < 0.25
+    assert recording.board_time[-1] - recording.board_time[1] == pytest.approx(3.95, abs=0.1)
     journal = Recording.load(tmp_path / "journal.csv")
-    np.testing.assert_array_equal(journal.bend_angle, recording.bend_angle)
+    for name in ("bend_angle", "applied_duty", "board_time", "sample_age"):
+        np.testing.assert_array_equal(getattr(journal, name), getattr(recording, name))
     np.testing.assert_allclose(journal.time, recording.time, atol=1e-9)
 
 
@@ -93,7 +105,8 @@ def test_plans_for_another_limb_or_temperature_are_refused(emulator, short_plan)
 
 
 def test_a_limb_of_two_segments_has_no_board(emulator, two_segments):
-    with pytest.raises(LimbError, match="A board drives a limb of one segment"):
+    message = f"has 4 wires, but the board on {emulator.port} has 2 channels"
+    with pytest.raises(LimbError, match=message):
         SerialLimb(emulator.port, two_segments)
 
 
@@ -161,7 +174,7 @@ def model_like_recording():
 def test_status_says_how_the_board_is(emulator, capsys):
     assert main(["status", emulator.port]) == 0
     said = capsys.readouterr().out
-    assert "board       twin0000, firmware 1" in said
+    assert "board       twin0000, firmware 2" in said
     assert "off: it was just switched on" in said
     assert main(["status", emulator.port, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["armed"] is False

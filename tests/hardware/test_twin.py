@@ -37,6 +37,8 @@ def test_has_the_ports_of_the_limb(two_segments):
             twin_inputs, twin_outputs = port_sizes(twin)
             assert twin_inputs == limb_inputs
             sensed = {name: limb_outputs[name] for name in ("measured_temperature", "bend_angle")}
+            assert list(twin_outputs)[-1] == "measurement"
+            assert twin_outputs.pop("applied_duty", None) in (None, twin_inputs["duty"])
             assert twin_outputs == sensed | {"measurement": sum(sensed.values())}
 
 
@@ -206,3 +208,10 @@ def test_measurement_is_both_readings(two_segments):
         np.testing.assert_array_equal(
             limb.GetOutputPort("measurement").Eval(context), np.concatenate(both)
         )
+
+
+def test_applied_duty_is_that_in_steps_of_the_pwm():
+    recording = simulate(LimbTwin(), [0.101, 0.3], 1.0)
+    np.testing.assert_allclose(recording.applied_duty[:, 0], [26 / 255, 76 / 255])
+    assert recording.sample_age is None
+    assert simulate(Limb(), [0.101, 0.3], 1.0).applied_duty is None
