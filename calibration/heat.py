@@ -261,7 +261,7 @@ def fit_heat_transfer_from_temperature(
 
 
 def at_sample_times(recording: Recording) -> Recording:
-    """A robot's recording with the applied duty, and readings at the times at which they were taken.
+    """A robot's recording with the applied duty, and its readings when they were taken.
 
     They are known from the age of its samples; readings are linear between
     them. The duty at a sample counts as in force since the one before, and its

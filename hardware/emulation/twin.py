@@ -89,7 +89,8 @@ class LimbTwin(Diagram):
         wires = builder.AddSystem(ShapeMemoryWires(specimen, wire_period))
         rubber = builder.AddSystem(Rubber(specimen))
         manipulator = builder.AddSystem(make_manipulator(mechanics))
-        lag = builder.AddSystem(ThermocoupleLag(mechanics))
+        room = np.full(len(specimen.wires), specimen.ambient)
+        lag = builder.AddSystem(ThermocoupleLag(mechanics, specimen.state.get("measured", room)))
         bend_angle = builder.AddSystem(BendAngle(self.parameters))
         split = builder.AddSystem(Demultiplexer([num_joints, num_joints]))
         one = np.eye(num_joints)
@@ -147,9 +148,7 @@ class LimbTwin(Diagram):
         for name, port in parts.items():
             builder.Connect(port, memory.GetInputPort(name))
 
-        room = np.full(len(specimen.wires), specimen.ambient)
         manipulator.SetDefaultPositions(state.get("joints", specimen.rest_angles())[:num_joints])
-        lag.configure_default_state(state.get("measured", room))
         smooth.configure_default_state(state.get("smooth", np.zeros(num_joints)))
         builder.BuildInto(self)
         self.set_name("limb_twin")

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from limb_systems import LimbSystem
@@ -10,6 +9,7 @@ from limb_systems.files.recording import RecordingHeader
 from limb_systems.files.samples import column_names
 from limb_systems.files.tables import TableWriter
 from limb_systems.model.ownership import weak_method
+from limb_systems.schema import dump_typed
 
 SIGNALS = ("measured_temperature", "bend_angle")
 OF_ROBOTS = ("applied_duty", "board_time", "sample_age")  # where the limb has them
@@ -42,7 +42,7 @@ class Journal(LeafSystem):
         header = RecordingHeader(limb.source, sample_rate, limb.parameters)
         signals = ["duty", *journaled(limb)]
         columns = [column for signal in ("time", *signals) for column in names[signal]]
-        self._writer = TableWriter(path, "recording", yaml_dump_typed(header), columns)
+        self._writer = TableWriter(path, "recording", dump_typed(header), columns)
         for signal in signals:
             self.DeclareVectorInputPort(signal, len(names[signal]))
         self.DeclarePeriodicPublishEvent(1 / sample_rate, 0.0, weak_method(self._append))

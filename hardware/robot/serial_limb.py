@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from hardware.robot.link import BoardLink, HardwareError
-from limb_systems import LimbError, LimbParameters
+from limb_systems import LimbError, LimbParameters, NoBoard, SerialBoard
 from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
 
@@ -71,7 +71,8 @@ class SerialLimb(LeafSystem):
         except LimbError:
             self.link.close()
             raise
-        self.parameters.board = self.parameters.board or self.info.serial_number
+        if isinstance(self.parameters.board, NoBoard):
+            self.parameters.board = SerialBoard(self.info.serial_number)
         self.source = f"limb {self.info.serial_number} on {port}"
         self.timing_errors: list[float] = []
         self._heated, self._start = heated, 0.0

@@ -4,13 +4,12 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from pydrake.common.yaml import yaml_dump_typed
 
 from limb_systems.errors import LimbError
-from limb_systems.files.samples import check_samples, column_names, group_columns, ungroup_columns
+from limb_systems.files.samples import check_samples, columns_of, group_columns, ungroup_columns
 from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.schema import load_typed
+from limb_systems.schema import dump_typed, load_typed
 
 OPTIONAL = (
     "wire_temperature",
@@ -31,9 +30,9 @@ class RecordingHeader:
     - ``parameters``: of the limb as it was known when it was recorded.
     """
 
-    source: str = ""
-    sample_rate_hz: float = 0.0
-    parameters: LimbParameters = dataclasses.field(default_factory=LimbParameters)
+    source: str
+    sample_rate_hz: float
+    parameters: LimbParameters
 
 
 @dataclasses.dataclass(eq=False)
@@ -96,7 +95,7 @@ class Recording:
         try:
             header = load_typed(RecordingHeader, header_text)
             header.parameters.validate()
-            names = column_names(header.parameters)
+            names = columns_of(cls, header.parameters)
             return cls(
                 **group_columns(columns, names, optional=OPTIONAL),
                 parameters=header.parameters,
@@ -109,5 +108,5 @@ class Recording:
     def save(self, path: str | Path) -> None:
         """Writes the recording whole or not at all."""
         header = RecordingHeader(self.source, float(self.sample_rate), self.parameters)
-        columns = ungroup_columns(self, column_names(self.parameters))
-        write_table(path, "recording", yaml_dump_typed(header), columns)
+        columns = ungroup_columns(self, columns_of(Recording, self.parameters))
+        write_table(path, "recording", dump_typed(header), columns)

@@ -13,6 +13,7 @@ import numpy as np
 from limb_systems.errors import LimbError
 from limb_systems.files.tables import FileFormatError
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.wires import Wires
 
 TIMES = ("time", "board_time", "sample_age")  # signals of a number a sample
 
@@ -20,11 +21,13 @@ TIMES = ("time", "board_time", "sample_age")  # signals of a number a sample
 def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
     """For each signal the names of its columns; the unit is in the name.
 
-    Signals of joints are split in angles and rates, wires are left and right,
-    and where there are several segments their number follows.
+    Signals of joints are split in angles and rates, wires go by their names,
+    and where there are several segments their number follows. Only wires with
+    other states than their temperature have the signal ``other_wire_state``.
     """
     wires, suffixes = parameters.wire_names, parameters.segment_suffixes
     joints = range(1, parameters.num_joints + 1)
+    others = Wires(parameters).state_names[len(wires) :]
     return {
         "time": ["time_s"],
         "duty": [f"duty_{wire}" for wire in wires],
@@ -37,7 +40,14 @@ def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
         "wire_temperature": [f"wire_temperature_{wire}_c" for wire in wires],
         "joint_state": [f"joint_angle_{i}_deg" for i in joints]
         + [f"joint_rate_{i}_deg_s" for i in joints],
+        **({"other_wire_state": [f"wire_state_{name}" for name in others]} if others else {}),
     }
+
+
+def columns_of(kind: type, parameters: LimbParameters) -> dict[str, list[str]]:
+    """`column_names` of the signals that a class of samples has."""
+    signals = {field.name for field in dataclasses.fields(kind)} | {"bend_angle"}
+    return {name: names for name, names in column_names(parameters).items() if name in signals}
 
 
 def check_samples(samples: Any, optional: Collection[str] = ()) -> None:

@@ -1,30 +1,21 @@
 """A planned state-input trajectory with the record of its check."""
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.common.yaml import yaml_dump_typed
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
-from limb_systems.files.samples import check_samples, column_names, group_columns, ungroup_columns
+from limb_systems.files.samples import check_samples, columns_of, group_columns, ungroup_columns
 from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.schema import load_typed
+from limb_systems.schema import dump_typed, load_typed
 
 DEFECT_TOLERANCE = 1e-6
-SIGNALS = (
-    "time",
-    "duty",
-    "measured_temperature",
-    "bend_angle",
-    "reference",
-    "wire_temperature",
-    "joint_state",
-)
 
 
 @dataclasses.dataclass
@@ -62,9 +53,9 @@ class PlanCheck:
     total_time: float = 0.0
     cost: float = 0.0
     guess_cost: float = 0.0
-    largest_defect: float = 0.0
-    largest_difference_deg: float = 0.0
-    tolerance_deg: float = 0.0
+    largest_defect: float = math.nan
+    largest_difference_deg: float = math.nan
+    tolerance_deg: float = math.nan
     active_constraints: list[ActiveConstraint] = dataclasses.field(default_factory=list)
 
     def failure(self) -> str | None:
@@ -91,9 +82,9 @@ class TrajectoryHeader:
     - ``parameters``: of the limb that it was planned for.
     """
 
-    sample_rate_hz: float = 0.0
-    check: PlanCheck = dataclasses.field(default_factory=PlanCheck)
-    parameters: LimbParameters = dataclasses.field(default_factory=LimbParameters)
+    sample_rate_hz: float
+    check: PlanCheck
+    parameters: LimbParameters
 
 
 @dataclasses.dataclass(eq=False)
@@ -110,6 +101,8 @@ class Trajectory:
     - ``wire_temperature``, ``measured_temperature``: T, V (W, K), °C.
     - ``parameters``: of the limb that it was planned for.
     - ``check``: how it was found and checked.
+    - ``other_wire_state``: what other states than T the wires' laws have
+      (N - W, K), in the order of `Wires`; None if they have no others.
 
     Raises:
         LimbError: at construction, if shapes disagree, values are not finite,
@@ -124,6 +117,7 @@ class Trajectory:
     measured_temperature: np.ndarray
     parameters: LimbParameters
     check: PlanCheck
+    other_wire_state: np.ndarray | None = None
 
     def __post_init__(self):
         self.parameters.validate()
@@ -153,8 +147,11 @@ class Trajectory:
 
     @property
     def state(self) -> np.ndarray:
-        """[θ, θ̇, T, V] at the knots, a column for each: states of `Limb`."""
-        return np.vstack([self.joint_state, self.wire_temperature, self.measured_temperature])
+        """[θ, θ̇, x, V] at the knots, a column for each: states of `Limb`."""
+        others = [] if self.other_wire_state is None else [self.other_wire_state]
+        return np.vstack(
+            [self.joint_state, self.wire_temperature, *others, self.measured_temperature]
+        )
 
     def duty_trajectory(self) -> PiecewisePolynomial:
         """Duty between the knots, for a `TrajectorySource`."""
@@ -178,7 +175,7 @@ class Trajectory:
         try:
             header = load_typed(TrajectoryHeader, header_text)
             header.parameters.validate()
-            signals = group_columns(columns, _columns(header.parameters))
+            signals = group_columns(columns, columns_of(cls, header.parameters))
             del signals["bend_angle"]  # it follows from the joint angles
             return cls(**signals, parameters=header.parameters, check=header.check)
         except LimbError as error:
@@ -194,11 +191,5 @@ class Trajectory:
             raise LimbError(f"This plan failed its check and is not saved: {failure}")
         sample_rate = (len(self.time) - 1) / self.duration
         header = TrajectoryHeader(sample_rate, self.check, self.parameters)
-        columns = ungroup_columns(self, _columns(self.parameters))
-        write_table(path, "trajectory", yaml_dump_typed(header), columns)
-
-
-def _columns(parameters: LimbParameters) -> dict[str, list[str]]:
-    """Names of the columns of a trajectory's signals."""
-    names = column_names(parameters)
-    return {signal: names[signal] for signal in SIGNALS}
+        columns = ungroup_columns(self, columns_of(Trajectory, self.parameters))
+        write_table(path, "trajectory", dump_typed(header), columns)
