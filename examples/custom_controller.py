@@ -23,8 +23,9 @@ class PlanFeedback(LeafSystem):
 
     def __init__(self, trajectory):
         super().__init__()
-        self._duty = trajectory.duty_trajectory()
-        self._angle = references.from_samples(trajectory.time, trajectory.bend_angle)
+        plan = trajectory.since_start()
+        self._duty = plan.duty_trajectory()
+        self._angle = references.from_samples(plan.time, plan.bend_angle)
         self.DeclareVectorInputPort("bend_angle", 1)
         self.DeclareDiscreteState(1)  # ∫ e dt, rad s
         self.DeclareStateOutputPort("duty", self.DeclareDiscreteState(2))

@@ -38,6 +38,7 @@ def replay(
     limb: LimbSystem,
     *,
     controller: System | None = None,
+    unchecked: bool = False,
     sample_rate: float = 20.0,
     journal: str | Path | None = None,
     meshcat: Meshcat | None = None,
@@ -57,6 +58,9 @@ def replay(
             °C, ``bend_angle`` (S), rad, and ``measurement``, both of them.
             Time is that since the start of the plan. The trajectory's duty,
             open loop, if None.
+        unchecked: whether a plan may be replayed that nobody has checked, such
+            as one of `Trajectory.from_collocation`; one that failed its check
+            never is.
         sample_rate: of the recording, Hz.
         journal: file to which each sample goes as it comes.
         meshcat: where to show the limb meanwhile, by its bend angle, measured
@@ -73,11 +77,9 @@ def replay(
             plan's; if the duty was out of range; if the limb is no `LimbSystem`.
     """
     with _closing(limb):
-        check_replayable(trajectory, limb)
+        check_replayable(trajectory, limb, unchecked=unchecked)
         if controller is None:
-            duty = trajectory.duty_trajectory()
-            duty.shiftRight(-trajectory.time[0])
-            controller = TrajectorySource(duty)
+            controller = TrajectorySource(trajectory.since_start().duty_trajectory())
         else:
             _check_controller(controller, limb)
         return _run(
@@ -113,9 +115,15 @@ def _closing(limb: LimbSystem):
     return contextlib.closing(limb) if limb.real_time else contextlib.nullcontext()
 
 
-def check_replayable(trajectory: Trajectory, limb: LimbSystem) -> None:
+def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: bool = False) -> None:
     """Raises ReplayError if a trajectory must not be replayed on a limb."""
-    if failure := trajectory.check.failure():
+    if trajectory.check.is_missing:
+        if not unchecked:
+            raise ReplayError(
+                "This trajectory was never checked and is not replayed; simulate it, and ask for "
+                "it with unchecked=True."
+            )
+    elif failure := trajectory.check.failure():
         raise ReplayError(f"This trajectory failed its check and is not replayed: {failure}")
     planned, present = trajectory.parameters, limb.parameters
     if len(planned.wires) != len(present.wires):

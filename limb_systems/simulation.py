@@ -185,7 +185,7 @@ def _duty_course(
     """Duty from time 0 on, a row for each wire, and how long to simulate it, s."""
     needed = f"duty must be a number or a trajectory's row for each of {num_wires} wires"
     if isinstance(duty, Trajectory):
-        duty = duty.duty_trajectory()
+        duty = duty.since_start().duty_trajectory()
     if isinstance(duty, trajectories.Trajectory):
         try:
             shape = (duty.rows(), duty.cols())
