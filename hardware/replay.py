@@ -13,9 +13,11 @@ from pydrake.systems.primitives import (
     TrajectorySource,
 )
 
+from hardware.emulation.specimen import serial_number
 from hardware.robot.journal import add_journal
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
+    EmulatedLimb,
     LimbError,
     LimbSystem,
     LimbVisualizer,
@@ -144,11 +146,13 @@ def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: boo
 def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
     """What only a robot can tell: who it is, and how warm."""
     board, planned = limb.info.serial_number, trajectory.parameters
-    if planned.board.identity and planned.board.identity != board:
+    number = planned.board.identity
+    if isinstance(planned.board, EmulatedLimb):
+        number = serial_number(planned.board)
+    if number and number != board:
         raise ReplayError(
-            f"This trajectory was planned with the calibration of the limb "
-            f"{planned.board.identity}, but the limb on {limb.link.port} is {board}; calibrate "
-            "that one."
+            f"This trajectory was planned with the calibration of the limb {number}, but the limb "
+            f"on {limb.link.port} is {board}; calibrate that one."
         )
     limit = planned.temperature_limits.maximum
     if limit > limb.info.temperature_limit:

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hardware.emulation.specimen import serial_number
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import Firmware
 from limb_systems import LimbError, tip_tangent_from_bend_angle
@@ -46,7 +47,7 @@ class EmulatedBoard:
         self._input = twin.GetInputPort("duty").FixValue(self._context, [0, 0])
         self._simulator.Initialize()
         self.to_host, self.from_host = bytearray(), bytearray()
-        self.serial_number = f"twin{twin.specimen.seed:04d}".encode()[:8]
+        self.serial_number = serial_number(twin.specimen.board).encode()
         self.random = random.SystemRandom().getrandbits(16)
         self.thermocouple_faults = [0, 0]
         self.frozen_temperature: list[float | None] = [None, None]

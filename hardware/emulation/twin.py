@@ -13,7 +13,14 @@ from hardware.emulation.rubber import Rubber
 from hardware.emulation.sensors import SampledSensors, limb_sensors
 from hardware.emulation.specimen import SegmentPhysics, Specimen
 from hardware.emulation.wires import PERIOD, ShapeMemoryWires
-from limb_systems import BendAngle, LimbParameters, ThermocoupleLag, make_manipulator, simulate
+from limb_systems import (
+    BendAngle,
+    EmulatedLimb,
+    LimbParameters,
+    ThermocoupleLag,
+    make_manipulator,
+    simulate,
+)
 from limb_systems.model.ownership import weak_method
 
 SMOOTHING_TIME = 0.05  # s, of the wires' torque, which comes in steps
@@ -44,7 +51,9 @@ class LimbTwin(Diagram):
     - output 3 ``measurement``: [V (W), φ (S)], as they are read
 
     ``parameters`` is the limb as one would describe it before calibration:
-    geometry and mass are true, the rest are not. What was done to the limb
+    geometry and mass are true, the rest are not. Their ``board`` is its
+    identity, which recordings, calibrated limbs and plans carry on, and from
+    which `of` makes it again. What was done to the limb
     stays: a wire that was hot is warm, and hysteresis remembers. `again` is
     the same limb, later.
     """
@@ -82,6 +91,7 @@ class LimbTwin(Diagram):
         super().__init__()
         specimen = specimen or Specimen(parameters or LimbParameters(), seed)
         self.specimen, self.parameters = specimen, copy.deepcopy(specimen.description)
+        self.parameters.board = specimen.board
         self.source = ", without ".join([f"emulated limb, seed {specimen.seed}", *specimen.absent])
         mechanics, num_joints = specimen.mechanics(), self.parameters.num_joints
 
@@ -152,6 +162,22 @@ class LimbTwin(Diagram):
         smooth.configure_default_state(state.get("smooth", np.zeros(num_joints)))
         builder.BuildInto(self)
         self.set_name("limb_twin")
+
+    @classmethod
+    def of(cls, parameters: LimbParameters, seed: int = 0) -> "LimbTwin":
+        """The very limb that parameters were calibrated on, never used.
+
+        Args:
+            parameters: whose ``board`` says which one it is. Where they belong
+                to no emulated limb, it is one of their kind.
+            seed: of that one.
+
+        Raises:
+            LimbError: if there is no such limb.
+        """
+        if isinstance(parameters.board, EmulatedLimb):
+            return cls(specimen=Specimen.of(parameters.board))
+        return cls(parameters, seed=seed)
 
     def again(
         self,

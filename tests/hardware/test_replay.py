@@ -10,11 +10,15 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
+from calibration import calibrate, collect_from_twin, save_recordings
+from calibration.__main__ import main as calibration_main
 from hardware import LimbTwin, ReplayError, replay, watch
 from hardware.__main__ import main
 from hardware.emulation.sensors import SensedLimb
 from limb_systems import Limb, LimbError, LimbParameters, Recording
 from limb_systems.tracking import tracking_errors
+from planners import plan, references
+from planners.__main__ import main as planners_main
 
 
 def test_replay_on_the_model_itself_follows_the_plan(fig5_plan):
@@ -207,7 +211,7 @@ def test_json_says_what_is_in_the_recording(fig5_plan, tmp_path, capsys):
     fig5_plan.save(tmp_path / "plan.csv")
     output = tmp_path / "recording.csv"
     arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output)]
-    assert main([*arguments, "--seed", "3", "--json"]) == 0
+    assert main([*arguments, "--emulated", "3", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     recording = Recording.load(output)
     errors = tracking_errors(fig5_plan, [recording])
@@ -228,3 +232,30 @@ def test_command_says_what_is_wrong_with_a_file(tmp_path, capsys):
     error = capsys.readouterr().err
     assert "plan.csv: this is not a limb trajectory" in error
     assert not output.exists()
+
+
+def test_the_shell_and_python_replay_on_the_limb_that_was_recorded(tmp_path, capsys):
+    """Collected, calibrated, planned and replayed, one way and the other: the same recording."""
+    recordings = collect_from_twin(
+        LimbTwin(seed=3), num_angles=4, cooling_time=60.0, sag_trials=1, ring_downs=1
+    )
+    save_recordings(recordings, tmp_path / "recordings")
+    reference = references.from_samples([0.0, 4.0], np.deg2rad([0.0, 6.0]))
+    trajectory = plan(calibrate(recordings).parameters, reference)
+    ours = replay(trajectory, LimbTwin.of(trajectory.parameters))
+    assert ours.source == "emulated limb, seed 3"
+
+    (tmp_path / "reference.csv").write_text("0,0\n4,6\n")
+    names = ("recordings", "limb.yaml", "reference.csv", "plan.csv", "recording.csv")
+    folder, limb, drawn, planned, output = (str(tmp_path / name) for name in names)
+    assert calibration_main(["fit", folder, "-o", limb]) == 0
+    assert planners_main([drawn, "-l", limb, "-o", planned]) == 0
+    assert main(["replay", planned, "-o", output]) == 0
+    theirs = Recording.load(output)
+    assert theirs.source == ours.source
+    for name in ("time", "duty", "applied_duty", "measured_temperature", "bend_angle"):
+        np.testing.assert_array_equal(getattr(theirs, name), getattr(ours, name))
+    capsys.readouterr()
+    assert main(["replay", planned, "-o", output, "--emulated", "5"]) == 1
+    said = "calibration of the emulated limb 3, not 5; calibrate that one, or leave --emulated out"
+    assert said in capsys.readouterr().err

@@ -18,7 +18,16 @@ from calibration import calibrate, collect_equilibria, collect_from_robot
 from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
 from hardware.__main__ import main
 from hardware.firmware import guard
-from limb_systems import Limb, LimbError, LimbParameters, Recording, simulate
+from hardware.replay import check_replayable
+from limb_systems import (
+    EmulatedLimb,
+    Limb,
+    LimbError,
+    LimbParameters,
+    Recording,
+    SerialBoard,
+    simulate,
+)
 from planners import plan, references
 
 from .conftest import wait_for
@@ -45,7 +54,7 @@ def test_has_the_ports_of_the_limb(emulator):
             ("board_time", 1),
             ("measurement", 3),
         ]
-        assert robot.parameters.board == "twin0000"
+        assert robot.parameters.board == SerialBoard("twin0000")
         builder = DiagramBuilder()
         builder.AddSystem(robot)
 
@@ -89,9 +98,15 @@ def test_emulated_limb_is_the_same_in_real_and_in_simulated_time(emulator):
 
 def test_plans_for_another_limb_or_temperature_are_refused(emulator, short_plan):
     other = dataclasses.replace(short_plan, parameters=copy.deepcopy(short_plan.parameters))
-    other.parameters.board = "twin0007"
+    other.parameters.board = SerialBoard("twin0007")
     with pytest.raises(ReplayError, match=r"limb twin0007, but the limb on .* is twin0000"):
         replay(other, SerialLimb(emulator.port))
+    other.parameters.board = EmulatedLimb(5)
+    with pytest.raises(ReplayError, match=r"limb twin0005, but the limb on .* is twin0000"):
+        replay(other, SerialLimb(emulator.port))
+    other.parameters.board = EmulatedLimb(0)
+    with SerialLimb(emulator.port, other.parameters) as robot:
+        check_replayable(other, robot)
     hot = dataclasses.replace(
         short_plan, measured_temperature=short_plan.measured_temperature + 30.0
     )
@@ -301,9 +316,9 @@ def test_collecting_goes_on_where_it_was_interrupted(tmp_path):
 
 
 def test_calibration_remembers_the_board(tmp_path):
-    limb = LimbParameters(board="twin0003")
+    limb = LimbParameters(board=SerialBoard("twin0003"))
     recordings = {
         side: [collect_equilibria(Limb(limb), side, num_angles=3, seed=1)]
         for side in ("left", "right")
     }
-    assert calibrate(recordings).parameters.board == "twin0003"
+    assert calibrate(recordings).parameters.board == SerialBoard("twin0003")

@@ -1,5 +1,6 @@
 """The emulated limb as a whole: the ports of `Limb`, its sensors, its memory."""
 
+import copy
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,8 @@ from pydrake.trajectories import PiecewisePolynomial
 from hardware import LimbTwin
 from hardware.emulation.noise import Noise
 from hardware.emulation.sensors import SampledSensors, SensedLimb, Sensor
-from limb_systems import Limb, LimbParameters, simulate
+from hardware.emulation.specimen import Specimen, serial_number
+from limb_systems import Limb, LimbParameters, NoBoard, SegmentParameters, simulate
 from limb_systems.simulation import make_simulator
 
 
@@ -188,11 +190,11 @@ def test_copies_of_a_context_go_on_alike(make):
     copies = [Simulator(limb, context) for context in contexts]
     readings = [[], []]
     for end in np.arange(1.1, 2.0, 0.1):  # in turn, as if one were a look ahead
-        for copy, seen in zip(copies, readings, strict=True):
-            ApplySimulatorConfig(ExtractSimulatorConfig(simulator), copy)
-            copy.Initialize(InitializeParams(suppress_initialization_events=True))
-            copy.AdvanceTo(end)
-            seen.append(limb.GetOutputPort("measurement").Eval(copy.get_context()))
+        for ahead, seen in zip(copies, readings, strict=True):
+            ApplySimulatorConfig(ExtractSimulatorConfig(simulator), ahead)
+            ahead.Initialize(InitializeParams(suppress_initialization_events=True))
+            ahead.AdvanceTo(end)
+            seen.append(limb.GetOutputPort("measurement").Eval(ahead.get_context()))
     np.testing.assert_array_equal(*readings)
     assert np.ptp(readings[0], axis=0).min() > 0.0
 
@@ -215,3 +217,41 @@ def test_applied_duty_is_that_in_steps_of_the_pwm():
     np.testing.assert_allclose(recording.applied_duty[:, 0], [26 / 255, 76 / 255])
     assert recording.sample_age is None
     assert simulate(Limb(), [0.101, 0.3], 1.0).applied_duty is None
+
+
+def test_an_emulated_limb_is_made_again_from_its_identity():
+    wide = LimbParameters(segments=[SegmentParameters(links=2, width=0.03)])
+    for twin in (
+        LimbTwin(seed=3),
+        LimbTwin(wide, seed=4),
+        LimbTwin(specimen=Specimen(LimbParameters(), 5).without("hysteresis", "bend sensor")),
+    ):
+        recording = simulate(twin, [0.1, 0.4], 1.0)
+        used = twin.again(gravity=(0.0, -9.81, 0.0))
+        assert recording.parameters.board == used.parameters.board
+        calibrated = copy.deepcopy(recording.parameters)
+        calibrated.segments[0].stiffness *= 1.1
+        made_again = LimbTwin.of(LimbParameters.from_yaml(calibrated.to_yaml()), seed=9)
+        assert made_again.source == twin.source
+        rerun = simulate(made_again, [0.1, 0.4], 1.0)
+        np.testing.assert_array_equal(rerun.bend_angle, recording.bend_angle)
+        np.testing.assert_array_equal(rerun.measured_temperature, recording.measured_temperature)
+    assert LimbTwin.of(LimbParameters(), seed=9).source == "emulated limb, seed 9"
+
+
+def test_a_limb_drawn_around_a_calibrated_one_is_another():
+    calibrated = LimbTwin(seed=3).parameters
+    calibrated.segments[0].stiffness *= 1.1
+    board = LimbTwin(calibrated, seed=3).parameters.board
+    assert board.seed == 3
+    assert LimbParameters.from_yaml(board.description).board == NoBoard()
+    numbers = {
+        serial_number(board),
+        serial_number(LimbTwin(seed=3).parameters.board),
+        serial_number(LimbTwin(seed=4).parameters.board),
+        serial_number(LimbTwin(seed=123450).parameters.board),
+        serial_number(LimbTwin(seed=123451).parameters.board),
+    }
+    assert len(numbers) == 5
+    assert {len(number) for number in numbers} == {8}
+    assert "twin0003" in numbers
