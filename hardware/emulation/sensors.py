@@ -79,7 +79,11 @@ class SampledSensors(LeafSystem):
             start: how many numbers of the noise were used before.
         """
         super().__init__()
-        self._sensors = list(sensors)
+        self._sensors = [
+            dataclasses.replace(s, noise=np.asarray(s.noise), drift=np.asarray(s.drift))
+            for s in sensors
+        ]
+        self._memories = [np.exp(-s.period / s.drift_time) for s in sensors]
         self._noise = noise or Noise(np.random.default_rng(0))
         ends = np.cumsum([sensor.size for sensor in sensors])
         parts = [slice(int(e) - s.size, int(e)) for s, e in zip(sensors, ends, strict=True)]
@@ -100,10 +104,8 @@ class SampledSensors(LeafSystem):
         self.set_name("sensors")
 
     def _start(self, context, state):
-        for index, sensor in enumerate(self._sensors):
-            offset = state.value(1).copy()
-            offset[self._parts[index]] = sensor.drift * self._draw(state, sensor.size)
-            state.set_value(1, offset)
+        for index, (sensor, part) in enumerate(zip(self._sensors, self._parts, strict=True)):
+            state.get_mutable_value(1)[part] = sensor.drift * self._draw(state, sensor.size)
             self._sample(index, context, state)
 
     def _sampling(self, index: int):
@@ -111,24 +113,19 @@ class SampledSensors(LeafSystem):
         return lambda context, state: sample(index, context, state)
 
     def _sample(self, index: int, context, state):
-        sensor, part = self._sensors[index], self._parts[index]
+        sensor, part, memory = self._sensors[index], self._parts[index], self._memories[index]
         signal = sensor.response(self.get_input_port(index).Eval(context))
         noise, wander = self._draw(state, 2 * sensor.size).reshape(2, -1)
-        readings, offset = state.value(0).copy(), state.value(1).copy()
-        memory = np.exp(-sensor.period / sensor.drift_time)
-        offset[part] = memory * offset[part] + (
-            np.asarray(sensor.drift) * np.sqrt(1 - memory**2) * wander
-        )
-        noisy = signal + np.asarray(sensor.noise) * noise + offset[part]
-        readings[part] = sensor.step * np.round(noisy / sensor.step)
-        state.set_value(0, readings)
-        state.set_value(1, offset)
+        offset = state.get_mutable_value(1)[part]
+        offset[:] = memory * offset + sensor.drift * np.sqrt(1 - memory**2) * wander
+        noisy = signal + sensor.noise * noise + offset
+        state.get_mutable_value(0)[part] = sensor.step * np.round(noisy / sensor.step)
 
     def _draw(self, state, count: int) -> np.ndarray:
         """The next numbers of the noise, as far as the sensors before have used it."""
-        (start,) = state.value(2)
-        state.set_value(2, [start + count])
-        return self._noise.read(int(start), count)
+        draws = state.get_mutable_value(2)
+        draws += count
+        return self._noise.read(int(draws[0]) - count, count)
 
 
 def _show(part: slice):
