@@ -64,9 +64,10 @@ def _parser() -> argparse.ArgumentParser:
         "-p", "--port", help="of the robot: a serial port or any URL of pyserial's"
     )
     collect.add_argument(
-        "--twin",
+        "--emulated",
         type=int,
         default=0,
+        metavar="SEED",
         help="seed of the emulated limb that stands in where there is no port (default "
         "%(default)s)",
     )
@@ -132,7 +133,7 @@ def _collect(options) -> int:
         )
         return 0
     recordings = collect_from_twin(
-        LimbTwin(limb, seed=options.twin), seed=options.seed, num_angles=options.angles
+        LimbTwin(limb, seed=options.emulated), seed=options.seed, num_angles=options.angles
     )
     for path in save_recordings(recordings, options.output):
         print(f"written     {path}")

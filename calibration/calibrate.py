@@ -5,7 +5,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from calibration.checks import check_recording
+from calibration.checks import KINDS, check_recording
 from calibration.controller import only_segment
 from calibration.damping import DampingFit, fit_damping
 from calibration.errors import CalibrationError
@@ -24,7 +24,6 @@ from limb_systems import LimbParameters, LinearLaw, NoBoard, Recording
 from limb_systems.errors import LimbError
 from limb_systems.progress import Progress
 
-KINDS = ("sag", "ring_down", "left", "right", "both")
 HEAT_METHODS = ("bend", "temperature")
 
 

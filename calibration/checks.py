@@ -2,12 +2,36 @@
 
 import numpy as np
 
+from calibration.controller import ACTUATED
 from calibration.errors import CalibrationError
 from limb_systems import Recording
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
 RISE = 3.0  # °C
 BENT = np.deg2rad(2.0)
+
+
+# The kinds of recordings: what each shows, and what is said where something else is seen.
+KINDS = {
+    "sag": (
+        "no wire is heated and gravity bends the limb",
+        "this should show the limb's sag under gravity, unheated, but {}; does its header's "
+        "gravity say how the limb was mounted?",
+    ),
+    "ring_down": (
+        "no wire is heated",
+        "this should show an unheated limb ringing down without gravity, but {}.",
+    ),
+    "left": (
+        "only the left wire is heated",
+        "this should show the left wire heated and the right one off, but {}.",
+    ),
+    "right": (
+        "only the right wire is heated",
+        "this should show the right wire heated and the left one off, but {}.",
+    ),
+    "both": ("both wires are heated", "this should show both wires heated, but {}."),
+}
 
 
 def kind_of(recording: Recording) -> str:
@@ -38,27 +62,11 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     _check_units(recording)
     kind = kind_of(recording)
     if expected and kind != expected:
-        raise CalibrationError(_KINDS[expected].format(_SHOWN[kind]))
-    if kind in ("right", "left", "both"):
+        shown, complaint = KINDS[kind][0], KINDS[expected][1]
+        raise CalibrationError(complaint.format(shown))
+    if kind in ACTUATED:
         _check_wires(recording)
     return kind
-
-
-_SHOWN = {
-    "sag": "no wire is heated and gravity bends the limb",
-    "ring_down": "no wire is heated",
-    "right": "only the right wire is heated",
-    "left": "only the left wire is heated",
-    "both": "both wires are heated",
-}
-_KINDS = {
-    "sag": "this should show the limb's sag under gravity, unheated, but {}; does its header's "
-    "gravity say how the limb was mounted?",
-    "ring_down": "this should show an unheated limb ringing down without gravity, but {}.",
-    "right": "this should show the right wire heated and the left one off, but {}.",
-    "left": "this should show the left wire heated and the right one off, but {}.",
-    "both": "this should show both wires heated, but {}.",
-}
 
 
 def _check_time(recording: Recording) -> None:

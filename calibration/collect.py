@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.controller import (
@@ -18,7 +18,8 @@ from calibration.controller import (
     only_segment,
 )
 from hardware import LimbTwin, SerialLimb
-from limb_systems import LimbError, LimbParameters, Recording, simulate
+from limb_systems import LimbError, LimbParameters, LimbSystem, Recording, simulate
+from limb_systems.model.limb_system import check_limb
 from limb_systems.simulation import record
 
 CO_CONTRACTION = 0.08  # duty of both wires where both are actuated
@@ -28,7 +29,7 @@ RING_DOWN_RATE = 100.0  # Hz
 
 
 def collect_equilibria(
-    limb: System,
+    limb: LimbSystem,
     actuated: str,
     *,
     num_angles: int = 8,
@@ -42,8 +43,8 @@ def collect_equilibria(
     wire, or to both sides.
 
     Args:
-        limb: a `LimbTwin`, or a system with its ports and ``parameters``, of
-            one segment; it cannot be used again.
+        limb: a `LimbTwin` or any other `LimbSystem`, of one segment; it
+            cannot be used again.
         actuated: "right", "left" or "both".
         num_angles: how many equilibria.
         largest_deg: bend angle, degrees.
@@ -56,6 +57,7 @@ def collect_equilibria(
     Raises:
         LimbError: if an argument makes no sense.
     """
+    check_limb(limb)
     check_actuated(actuated)
     if not num_angles >= 1 or not 0 < largest_deg < 90:
         raise LimbError(
@@ -92,12 +94,12 @@ def collect_equilibria(
     )
 
 
-def collect_sag(limb: System) -> Recording:
+def collect_sag(limb: LimbSystem) -> Recording:
     """Sec. V-A: the unheated limb, mounted so that gravity bends it, until it rests (15 s)."""
     return simulate(limb, np.zeros(2), 15.0)
 
 
-def collect_ring_down(limb: System, sample_rate: float = RING_DOWN_RATE) -> Recording:
+def collect_ring_down(limb: LimbSystem, sample_rate: float = RING_DOWN_RATE) -> Recording:
     """Sec. V-B: somebody holds the limb at 45° and lets it go within the next 6 s."""
     return simulate(limb, np.zeros(2), 6.0, sample_rate=sample_rate)
 
@@ -182,7 +184,7 @@ def collect_from_robot(
     ring = "Mount the limb level. Bend it to 45° by hand, and let it go 2 s after Enter."
     cool = "Leave the limb level and alone until its wires are cold."
     rate = 1 / PERIOD
-    tasks: list[tuple[str, LimbParameters, str, Callable[[System], Recording]]]
+    tasks: list[tuple[str, LimbParameters, str, Callable[[LimbSystem], Recording]]]
     tasks = [(f"sag_{n}", mounted, sag, collect_sag) for n in range(1, SAG_TRIALS + 1)]
     tasks += [
         (f"ring_down_{n}", level, ring, lambda limb: collect_ring_down(limb, rate))

@@ -118,10 +118,11 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     At the most promising equilibrium b = (V^eq - T0) / φ^eq, and T = b φ + T0
     throughout. A two-stage collocation gives a start: the smoothed records in
     the integrated (6), (7), which are linear in a1, a2, a3. The refinement
-    simulates (6)-(7) and fits them to V and to φ = (T - T0) / b, with b and a
-    pure delay of the readings free as well. Sensors that are read in turn are
-    late by up to 0.1 s, which is what is assumed of it beforehand, and which
-    would count as lag otherwise.
+    simulates (6)-(7) and fits them to V and to φ = (T - T0) / b, with b free as
+    well. Where a robot says which duty it applied and how old its samples are,
+    these are used (`at_sample_times`). Elsewhere a pure delay of the readings
+    is fitted, too: sensors that are read in turn are late by up to 0.1 s, which
+    is what is assumed of it beforehand, and which would count as lag otherwise.
 
     Args:
         recording: C^r or C^l, in which this wire alone is heated.
@@ -131,6 +132,8 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     Raises:
         CalibrationError: if the wire was never warm or the limb never bent.
     """
+    late = recording.applied_duty is None or recording.sample_age is None
+    recording = at_sample_times(recording)
     duty, measured = recording.duty[index], recording.measured_temperature[index]
     angle = recording.bend_angle[0]
     period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
@@ -146,24 +149,26 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     start = _two_stage(duty, wire_start, measured, period, ambient)
 
     def simulated(x: np.ndarray):
-        wire, sensed = simulate_heat(_law(x), duty, period, ambient, (x[4], x[5]), x[6])
+        delay = x[6] if late else 0.0
+        wire, sensed = simulate_heat(_law(x), duty, period, ambient, (x[4], x[5]), delay)
         return wire, sensed, (wire - ambient) * x[3]
 
     weights = [1 / TEMPERATURE_SCALE, 1 / ANGLE_SCALE]
 
     def residuals(x: np.ndarray) -> np.ndarray:
         _, sensed, bent = simulated(x)
-        late = (x[6] - READOUT_DELAY[0]) / READOUT_DELAY[1]
+        prior = [(x[6] - READOUT_DELAY[0]) / READOUT_DELAY[1]] if late else []
         return np.concatenate(
-            [weights[0] * (sensed - measured), weights[1] * (bent - angle), [late]]
+            [weights[0] * (sensed - measured), weights[1] * (bent - angle), prior]
         )
 
     first = [measured[:20].mean()] * 2
-    guess = [*np.clip(np.log(np.abs(start)), _INNER_LOWEST, _INNER_HIGHEST), 1 / b, *first, 0.05]
-    scale = [0.1, 0.1, 0.1, 0.1 / abs(b), 1.0, 1.0, 0.1]
+    guess = [*np.clip(np.log(np.abs(start)), _INNER_LOWEST, _INNER_HIGHEST), 1 / b, *first]
+    guess += [0.05] * late
+    scale = [0.1, 0.1, 0.1, 0.1 / abs(b), 1.0, 1.0] + [0.1] * late
     bounds = (
-        [*_LOWEST, -np.inf, -np.inf, -np.inf, 0.0],
-        [*_HIGHEST, np.inf, np.inf, np.inf, LONGEST_DELAY],
+        [*_LOWEST, -np.inf, -np.inf, -np.inf] + [0.0] * late,
+        [*_HIGHEST, np.inf, np.inf, np.inf] + [LONGEST_DELAY] * late,
     )
     fit = least_squares(residuals, guess, bounds=bounds, x_scale=scale)
     # Each record then weighs by what it is found to be worth: a sensor that drifts says less
@@ -175,12 +180,14 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
         fit = least_squares(residuals, fit.x, bounds=bounds, x_scale=scale)
     wire, sensed, bent = simulated(fit.x)
     clusters = np.tile(blocks, 2)
-    covariance = clustered_covariance(fit.jac[:-1], fit.fun[:-1], clusters, fit.jac[-1])
+    count = len(clusters)
+    prior = fit.jac[-1] if late else None
+    covariance = clustered_covariance(fit.jac[:count], fit.fun[:count], clusters, prior)
     return HeatFit(
         wire=name,
         method="bend",
         **_rates(fit.x, covariance),
-        delay=_delay(fit.x[6], covariance[6, 6]),
+        delay=_delay(fit.x[6], covariance[6, 6]) if late else None,
         ambient=ambient,
         angle_per_degree=Estimate(fit.x[3], float(np.sqrt(covariance[3, 3])), "rad/°C"),
         equilibrium=(angle_eq, measured_eq),
@@ -261,6 +268,37 @@ def fit_heat_transfer_from_temperature(
         temperature_residual=_rms(sensed - measured),
         angle_residual=None,
         remarks=_remarks(name, duty, measured, ambient, x, covariance),
+    )
+
+
+def at_sample_times(recording: Recording) -> Recording:
+    """A robot's recording with the applied duty, and its readings when they were taken.
+
+    They are known from the age of its samples; readings are linear between
+    them. The duty at a sample counts as in force since the one before, and its
+    mean over each interval is what is left of it here. A recording without
+    applied duty or age stays as it is.
+    """
+    if recording.applied_duty is None or recording.sample_age is None:
+        return recording
+    taken, first = np.unique(np.round(recording.time - recording.sample_age, 6), return_index=True)
+    end = max(taken[-1], recording.time[-1]) + 1.0  # the last duty lasts
+    breaks = np.array([taken[0] - 1.0, *taken, end])
+
+    def at_times(readings: np.ndarray) -> np.ndarray:
+        return np.array([np.interp(recording.time, taken, row[first]) for row in readings])
+
+    def means(duty: np.ndarray) -> np.ndarray:
+        since_start = np.append(0.0, np.cumsum(np.append(duty[first], duty[-1]) * np.diff(breaks)))
+        ends = np.append(recording.time[0] - 1 / recording.sample_rate, recording.time)
+        return np.diff(np.interp(ends, breaks, since_start)) / np.diff(ends)
+
+    return dataclasses.replace(
+        recording,
+        duty=np.clip([means(duty) for duty in recording.applied_duty], 0.0, 1.0),
+        measured_temperature=at_times(recording.measured_temperature),
+        bend_angle=at_times(recording.bend_angle),
+        sample_age=np.zeros_like(recording.time),
     )
 
 

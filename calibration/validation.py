@@ -44,6 +44,7 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         sample_rate=recording.sample_rate,
         initial_state=state,
     )
+    simulation = dataclasses.replace(simulation, time=recording.time)
     error = np.abs(simulation.bend_angle - recording.bend_angle)
     heat = np.abs(simulation.measured_temperature - recording.measured_temperature)
     return Validation(

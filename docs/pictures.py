@@ -67,10 +67,9 @@ LIMB = {
     "bend_angle": ("Sec. VI", ["φ"]),
 }
 TWIN = {
-    "shape_memory_wires": ("(3), two thermal masses", ["torque", "T"]),
+    "shape_memory_wires": ("(3), two thermal masses", ["torque", "T", "", "D"]),
     "rubber": ("stiffens, relaxes", ["f, q"]),
-    "thermocouple": ("noise, 0.25 °C steps", ["V"]),
-    "bend_sensor": ("noise, drift, 0.1° steps", ["φ"]),
+    "sensors": ("noise, drift, steps", ["V", "φ", "V, φ"]),
 }
 COLLECTING = {
     "limb_twin": ("or SerialLimb", ["V", "φ"]),

@@ -8,12 +8,11 @@ D = D* + [-u, u] within [0, 1], with u = k_p e + k_i ∫ e dt and e = φ* - φ, 
 import argparse
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import LeafSystem
 
 from hardware import LimbTwin, replay
 from limb_systems import LimbParameters, Trajectory
 from limb_systems.model.ownership import weak_method
-from limb_systems.simulation import record
 from limb_systems.tracking import tracking_errors
 from limb_systems.views.plots import plot_tracking, save_figure
 from planners import plan, references
@@ -24,8 +23,9 @@ class PlanFeedback(LeafSystem):
 
     def __init__(self, trajectory):
         super().__init__()
-        self._duty = trajectory.duty_trajectory()
-        self._angle = references.from_samples(trajectory.time, trajectory.bend_angle)
+        plan = trajectory.since_start()
+        self._duty = plan.duty_trajectory()
+        self._angle = references.from_samples(plan.time, plan.bend_angle)
         self.DeclareVectorInputPort("bend_angle", 1)
         self.DeclareDiscreteState(1)  # ∫ e dt, rad s
         self.DeclareStateOutputPort("duty", self.DeclareDiscreteState(2))
@@ -39,11 +39,7 @@ class PlanFeedback(LeafSystem):
 
 
 def closed_loop(trajectory, limb):
-    builder = DiagramBuilder()
-    builder.AddSystem(limb)
-    controller = builder.AddSystem(PlanFeedback(trajectory))
-    builder.Connect(limb.GetOutputPort("bend_angle"), controller.get_input_port())
-    return record(builder, limb, controller.get_output_port(), trajectory.duration)
+    return replay(trajectory, limb, controller=PlanFeedback(trajectory))
 
 
 parser = argparse.ArgumentParser(description="Compares feedback of the bend angle with open loop.")

@@ -37,7 +37,7 @@ def main(options):
     trajectory = plan(options.limb, options.reference)
     recording = simulate(Limb(options.limb), trajectory)
     recording.save(options.out / "two_segments.csv")
-    errors = np.abs(trajectory.bend_angle_at(recording.time) - recording.bend_angle)
+    errors = np.abs(trajectory.since_start().bend_angle_at(recording.time) - recording.bend_angle)
     print(plan_summary(trajectory))
     for number, error in enumerate(np.rad2deg(errors.max(axis=1)), 1):
         print(f"segment {number}   simulated within {error:.3f}° of the plan")

@@ -10,11 +10,11 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from serial.tools import list_ports
 
-from hardware import BoardLink, LimbTwin, SerialLimb, replay, watch
+from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
 from hardware.emulation.emulated_board import ORDERS, emulate
 from hardware.firmware import guard
 from hardware.robot.self_test import self_test
-from limb_systems import LimbParameters, Recording, Trajectory
+from limb_systems import EmulatedLimb, LimbParameters, Recording, Trajectory
 from limb_systems.command import run_command
 from limb_systems.tracking import tracking_errors
 
@@ -71,7 +71,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
     run.add_argument(
-        "--seed", type=int, default=0, help="of the emulated limb (default %(default)s)"
+        "--emulated",
+        type=int,
+        metavar="SEED",
+        help="seed of the emulated limb; that which the plan was calibrated on if left out, or 0",
     )
     run.add_argument(
         "--plot", type=Path, help="picture of plan and recording to write (.png, .pdf, .svg)"
@@ -116,7 +119,17 @@ def _parser() -> argparse.ArgumentParser:
         f"input: {ORDERS}.",
     )
     emulation.add_argument(
-        "--seed", type=int, default=0, help="of the emulated limb (default %(default)s)"
+        "--emulated",
+        type=int,
+        default=0,
+        metavar="SEED",
+        help="seed of the emulated limb (default %(default)s)",
+    )
+    emulation.add_argument(
+        "-l",
+        "--limb",
+        type=Path,
+        help="description of the limb (.yaml); the nominal one if left out",
     )
     emulation.add_argument(
         "--do", action="append", default=[], metavar="ORDER", help="an order to begin with"
@@ -219,8 +232,7 @@ def _replay(options) -> int:
             "lost_samples": limb.link.lost_samples,
         }
     else:
-        twin = LimbTwin(trajectory.parameters, seed=options.seed)
-        recording = replay(trajectory, twin, meshcat=meshcat)
+        recording = replay(trajectory, _twin(trajectory.parameters, options), meshcat=meshcat)
         recording.save(options.output)
     written = [str(path) for path in (options.output, options.plot) if path]
     if options.plot:
@@ -252,6 +264,17 @@ def _replay(options) -> int:
     return 0
 
 
+def _twin(planned: LimbParameters, options) -> LimbTwin:
+    """The emulated limb that a plan is for, which must not be another than the one asked for."""
+    board = planned.board
+    if isinstance(board, EmulatedLimb) and options.emulated not in (None, board.seed):
+        raise ReplayError(
+            f"This trajectory was planned with the calibration of the emulated limb {board.seed}, "
+            f"not {options.emulated}; calibrate that one, or leave --emulated out."
+        )
+    return LimbTwin.of(planned, options.emulated or 0)
+
+
 def _teach(options) -> int:
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
     meshcat = _start_meshcat(options)
@@ -275,7 +298,8 @@ def _recover(options) -> int:
 
 
 def _emulate(options) -> int:
-    emulate(LimbTwin(seed=options.seed), options.do, options.log)
+    limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
+    emulate(LimbTwin(limb, seed=options.emulated), options.do, options.log)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Replaying a planned trajectory, open loop, and recording a limb that is moved by hand."""
+"""Replaying a planned trajectory, and recording a limb that is moved by hand."""
 
 import contextlib
 from pathlib import Path
@@ -6,18 +6,26 @@ from pathlib import Path
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import MatrixGain, TrajectorySource
-from pydrake.trajectories import PiecewisePolynomial
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    MatrixGain,
+    Multiplexer,
+    TrajectorySource,
+)
 
+from hardware.emulation.specimen import serial_number
 from hardware.robot.journal import add_journal
+from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
+    EmulatedLimb,
     LimbError,
+    LimbSystem,
     LimbVisualizer,
     Recording,
     Trajectory,
     joint_angles_from_bend_angle,
-    simulate,
 )
+from limb_systems.model.limb_system import check_limb
 from limb_systems.simulation import REAL_TIME_STEP, record
 
 AMBIENT_TOLERANCE = 10.0  # °C, by which a wire may differ from where the plan starts
@@ -29,13 +37,15 @@ class ReplayError(LimbError):
 
 def replay(
     trajectory: Trajectory,
-    limb: System,
+    limb: LimbSystem,
     *,
+    controller: System | None = None,
+    unchecked: bool = False,
     sample_rate: float = 20.0,
     journal: str | Path | None = None,
     meshcat: Meshcat | None = None,
 ) -> Recording:
-    """Drives a limb with a trajectory's duty and records it.
+    """Drives a limb along a trajectory and records it.
 
     A `SerialLimb` is driven in real time and closed at the end, whatever the
     end is: the wires are off then. All else is simulated, in real time if it
@@ -43,8 +53,16 @@ def replay(
 
     Args:
         trajectory: a plan that passed its check.
-        limb: a `SerialLimb`, a `LimbTwin`, a `Limb` or a system with their
-            ports; it becomes part of a diagram and cannot be replayed on twice.
+        limb: a `SerialLimb`, a `LimbTwin`, a `Limb` or any other `LimbSystem`;
+            it becomes part of a diagram and cannot be replayed on twice.
+        controller: what drives it: a system with the output port ``duty`` (W),
+            in [0, 1], and any of the input ports ``measured_temperature`` (W),
+            °C, ``bend_angle`` (S), rad, and ``measurement``, both of them.
+            Time is that since the start of the plan. The trajectory's duty,
+            open loop, if None.
+        unchecked: whether a plan may be replayed that nobody has checked, such
+            as one of `Trajectory.from_collocation`; one that failed its check
+            never is.
         sample_rate: of the recording, Hz.
         journal: file to which each sample goes as it comes.
         meshcat: where to show the limb meanwhile, by its bend angle, measured
@@ -53,21 +71,26 @@ def replay(
     Raises:
         ReplayError: if the trajectory failed its check, if it was planned for
             another limb, hotter than this one allows or from another
-            temperature than its wires have.
-        HardwareError: if the robot fails on the way.
-        LimbError: if it is to be shown, and is of another shape than the plan's.
+            temperature than its wires have, or if the controller has other
+            ports.
+        HardwareError: if the robot fails on the way, or gets a duty that is
+            out of range.
+        LimbError: if it is to be shown, and is of another shape than the
+            plan's; if the duty was out of range; if the limb is no `LimbSystem`.
     """
-    with contextlib.closing(limb) if _is_robot(limb) else contextlib.nullcontext():
-        check_replayable(trajectory, limb)
-        if not _is_robot(limb) and journal is None and meshcat is None:
-            return simulate(limb, trajectory, sample_rate=sample_rate)
-        duty = trajectory.duty_trajectory()
-        duty.shiftRight(-trajectory.time[0])
-        return _run(limb, duty, trajectory.duration, sample_rate, journal, meshcat, trajectory)
+    with _closing(limb):
+        check_replayable(trajectory, limb, unchecked=unchecked)
+        if controller is None:
+            controller = TrajectorySource(trajectory.since_start().duty_trajectory())
+        else:
+            _check_controller(controller, limb)
+        return _run(
+            limb, controller, trajectory.duration, sample_rate, journal, meshcat, trajectory
+        )
 
 
 def watch(
-    limb: System,
+    limb: LimbSystem,
     duration: float,
     *,
     sample_rate: float = 20.0,
@@ -83,16 +106,26 @@ def watch(
     Raises:
         HardwareError: if the robot fails on the way.
     """
-    off = PiecewisePolynomial.ZeroOrderHold(
-        [0.0, duration], np.zeros((len(limb.parameters.wires), 2))
-    )
-    with contextlib.closing(limb) if _is_robot(limb) else contextlib.nullcontext():
+    with _closing(limb):
+        off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
         return _run(limb, off, duration, sample_rate, journal, meshcat)
 
 
-def check_replayable(trajectory: Trajectory, limb: System) -> None:
+def _closing(limb: LimbSystem):
+    """Closes a robot at the end, whatever the end is."""
+    check_limb(limb)
+    return contextlib.closing(limb) if limb.real_time else contextlib.nullcontext()
+
+
+def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: bool = False) -> None:
     """Raises ReplayError if a trajectory must not be replayed on a limb."""
-    if failure := trajectory.check.failure():
+    if trajectory.check.is_missing:
+        if not unchecked:
+            raise ReplayError(
+                "This trajectory was never checked and is not replayed; simulate it, and ask for "
+                "it with unchecked=True."
+            )
+    elif failure := trajectory.check.failure():
         raise ReplayError(f"This trajectory failed its check and is not replayed: {failure}")
     planned, present = trajectory.parameters, limb.parameters
     if len(planned.wires) != len(present.wires):
@@ -106,18 +139,20 @@ def check_replayable(trajectory: Trajectory, limb: System) -> None:
             f"This trajectory heats a wire to {hottest:.1f} °C, but this limb's "
             f"temperature_limits.maximum is {limit:g} °C; plan it again for this limb."
         )
-    if _is_robot(limb):
+    if isinstance(limb, SerialLimb):
         _check_robot(trajectory, limb)
 
 
-def _check_robot(trajectory: Trajectory, limb) -> None:
+def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
     """What only a robot can tell: who it is, and how warm."""
     board, planned = limb.info.serial_number, trajectory.parameters
-    if planned.board.identity and planned.board.identity != board:
+    number = planned.board.identity
+    if isinstance(planned.board, EmulatedLimb):
+        number = serial_number(planned.board)
+    if number and number != board:
         raise ReplayError(
-            f"This trajectory was planned with the calibration of the limb "
-            f"{planned.board.identity}, but the limb on {limb.link.port} is {board}; calibrate "
-            "that one."
+            f"This trajectory was planned with the calibration of the limb {number}, but the limb "
+            f"on {limb.link.port} is {board}; calibrate that one."
         )
     limit = planned.temperature_limits.maximum
     if limit > limb.info.temperature_limit:
@@ -137,9 +172,31 @@ def _check_robot(trajectory: Trajectory, limb) -> None:
             )
 
 
+def _check_controller(controller: System, limb: LimbSystem) -> None:
+    """Raises ReplayError unless all ports of a controller find theirs on the limb."""
+    name, num_wires = type(controller).__name__, len(limb.parameters.wires)
+    sizes = {"measured_temperature": num_wires, "bend_angle": len(limb.parameters.segments)}
+    sizes["measurement"] = sum(sizes.values())
+    if not controller.HasOutputPort("duty"):
+        raise ReplayError(f"{name} has no output port duty, and cannot drive a limb.")
+    if (size := controller.GetOutputPort("duty").size()) != num_wires:
+        raise ReplayError(f"{name} has a duty for {size} wires, but the limb has {num_wires}.")
+    for index in range(controller.num_input_ports()):
+        port = controller.get_input_port(index)
+        if port.get_name() not in sizes:
+            raise ReplayError(
+                f"{name} has an input port {port.get_name()}; a limb has only "
+                f"{', '.join(sizes)} for it."
+            )
+        if port.size() != (size := sizes[port.get_name()]):
+            raise ReplayError(
+                f"{name} takes {port.size()} values at {port.get_name()}, but the limb has {size}."
+            )
+
+
 def _run(
-    limb: System,
-    duty,
+    limb: LimbSystem,
+    controller: System,
     duration: float,
     sample_rate: float,
     journal,
@@ -147,31 +204,51 @@ def _run(
     plan: Trajectory | None = None,
 ) -> Recording:
     builder = DiagramBuilder()
-    source = builder.AddSystem(TrajectorySource(duty))
+    builder.AddSystem(controller)
     builder.AddSystem(limb)
-    writer = None
-    if journal is not None:
-        writer = add_journal(builder, journal, limb, source.get_output_port(), sample_rate)
+    _connect_readings(builder, limb, controller)
+    # A TrajectorySource and a ConstantVectorSource have one port, by a name of Drake's.
+    duty = (
+        controller.GetOutputPort("duty")
+        if controller.HasOutputPort("duty")
+        else controller.get_output_port()
+    )
+    writer = add_journal(builder, journal, limb, duty, sample_rate) if journal else None
     try:
         if meshcat is not None:
-            _add_view(builder, limb, source.get_output_port(), meshcat, plan)
+            _add_view(builder, limb, duty, meshcat, plan)
         return record(
             builder,
             limb,
-            source.get_output_port(),
+            duty,
             duration,
             real_time=meshcat is not None,
             sample_rate=sample_rate,
-            remark=_remark(limb) if _is_robot(limb) else None,
+            remark=_remark(limb) if limb.real_time else None,
         )
     finally:
         if writer:
             writer.close()
 
 
+def _connect_readings(builder: DiagramBuilder, limb: LimbSystem, controller: System) -> None:
+    """Gives a controller what it wants to know of the limb."""
+    for index in range(controller.num_input_ports()):
+        port = controller.get_input_port(index)
+        name = port.get_name()
+        if name != "measurement" or limb.HasOutputPort(name):
+            builder.Connect(limb.GetOutputPort(name), port)
+            continue
+        readings = [limb.GetOutputPort(n) for n in ("measured_temperature", "bend_angle")]
+        joined = builder.AddSystem(Multiplexer([reading.size() for reading in readings]))
+        for entry, reading in enumerate(readings):
+            builder.Connect(reading, joined.get_input_port(entry))
+        builder.Connect(joined.get_output_port(), port)
+
+
 def _add_view(
     builder: DiagramBuilder,
-    limb: System,
+    limb: LimbSystem,
     duty: OutputPort,
     meshcat: Meshcat,
     plan: Trajectory | None,
@@ -192,21 +269,17 @@ def _add_view(
     builder.Connect(duty, view.GetInputPort("duty"))
 
 
-def _remark(limb: System):
+def _remark(limb: LimbSystem):
     """Angle, temperatures and duty for the progress line."""
 
     def remark(root: Context) -> str:
         context = limb.GetMyContextFromRoot(root)
-        values = [port.Eval(context) for port in map(limb.get_output_port, range(2))]
-        (left, right), (angle,) = values
-        duty = limb.get_input_port().Eval(context)
+        left, right = limb.GetOutputPort("measured_temperature").Eval(context)
+        (angle,) = limb.GetOutputPort("bend_angle").Eval(context)
+        duty = limb.GetInputPort("duty").Eval(context)
         return (
             f"φ {np.rad2deg(angle):+5.1f}°, left {left:.1f} °C at {duty[0]:.2f}, "
             f"right {right:.1f} °C at {duty[1]:.2f}"
         )
 
     return remark
-
-
-def _is_robot(limb: System) -> bool:
-    return getattr(limb, "real_time", False)

@@ -9,8 +9,10 @@ from limb_systems.model.kinematics import (
     bend_angle_from_tip_tangent,
     joint_angles_from_bend_angle,
     tip_position,
+    tip_tangent_from_bend_angle,
 )
 from limb_systems.model.limb import Limb, from_paper_state, split_state, to_paper_state
+from limb_systems.model.limb_system import LimbSystem
 from limb_systems.model.manipulator import add_manipulator, make_manipulator
 from limb_systems.model.parameters import (
     CalibrationRecord,
@@ -40,6 +42,7 @@ __all__ = [
     "Limb",
     "LimbError",
     "LimbParameters",
+    "LimbSystem",
     "LimbVisualizer",
     "LinearLaw",
     "NoBoard",
@@ -63,6 +66,7 @@ __all__ = [
     "simulate",
     "split_state",
     "tip_position",
+    "tip_tangent_from_bend_angle",
     "to_paper_state",
     "wire_color",
     "write_meshcat_replay",

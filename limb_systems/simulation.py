@@ -13,9 +13,11 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
+from limb_systems.files.samples import TIMES
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb
+from limb_systems.model.limb_system import ACCURACY, LimbSystem, check_limb
 from limb_systems.progress import Progress
 
 
@@ -28,12 +30,11 @@ class SimulationError(LimbError):
 # of those of implicit_euler at accuracy 1e-3 (benchmarks/simulation.py).
 INTEGRATION_SCHEME = "radau3"
 MAX_STEP_SIZE = 0.1
-ACCURACY = 1e-3
 REAL_TIME_STEP = 0.05  # s, the period of everything that a robot does
 
 
 def simulate(
-    system: System,
+    system: LimbSystem,
     duty: Trajectory | trajectories.Trajectory | ArrayLike,
     duration: float | None = None,
     *,
@@ -44,14 +45,14 @@ def simulate(
     """Simulates a limb with Drake's Simulator and records its outputs.
 
     Args:
-        system: a `Limb`, or any system with its ports and ``parameters``. It
-            becomes part of a diagram and cannot be simulated again.
+        system: a `Limb`, or any other `LimbSystem`. It becomes part of a
+            diagram and cannot be simulated again.
         duty: a planned trajectory, a Drake trajectory of W rows, or constant
             duty (W,). A trajectory starts at its own start time.
         duration: s; for a trajectory by default all of it.
         sample_rate: of the recording, Hz.
-        accuracy: relative accuracy of the implicit integrator; if None the
-            system's own attribute ``accuracy``, or 1e-3.
+        accuracy: relative accuracy of the implicit integrator; the system's
+            own if None.
         initial_state: all continuous states of the system, by default those
             of its default context: for a `Limb` at rest and at ambient.
 
@@ -62,7 +63,9 @@ def simulate(
 
     Raises:
         SimulationError: if an argument makes no sense or the integrator fails.
+        LimbError: if the system is no `LimbSystem`.
     """
+    check_limb(system)
     _check_positive("sample_rate", sample_rate, "")
     if accuracy is not None:
         _check_positive("accuracy", accuracy, "")
@@ -87,7 +90,7 @@ def simulate(
 
 def record(
     builder: DiagramBuilder,
-    system: System,
+    system: LimbSystem,
     duty: OutputPort,
     duration: float,
     *,
@@ -102,11 +105,11 @@ def record(
     """Runs a diagram with a limb in it and records the limb.
 
     This is `simulate` for duty from anywhere, a controller for example. A
-    system whose ``real_time`` is true, as that of a robot, is run in real time.
+    system that is in real time, as a robot, is run so.
 
     Args:
         builder: of a diagram that holds the system and what drives it.
-        system: a `Limb`, or any system with its ports and ``parameters``.
+        system: a `Limb`, or any other `LimbSystem`.
         duty: the port that drives the limb; it is connected here.
         duration: s, at the most.
         reference: the bend angle that is asked for (S), rad, to be recorded.
@@ -117,8 +120,9 @@ def record(
 
     Raises:
         SimulationError: if the integrator fails.
-        LimbError: if the duty left [0, 1].
+        LimbError: if the duty left [0, 1], or the system is no `LimbSystem`.
     """
+    check_limb(system)
     builder.Connect(duty, system.GetInputPort("duty"))
     ports = {name: system.GetOutputPort(name) for name in _logged_ports(system)}
     ports |= {"duty": duty} | ({"reference": reference} if reference else {})
@@ -132,7 +136,7 @@ def record(
             "This system is part of a diagram already; make a new one to simulate it."
         ) from error
     if accuracy is None:
-        accuracy = getattr(system, "accuracy", ACCURACY)
+        accuracy = system.accuracy
     simulator = make_simulator(diagram, accuracy)
     context = simulator.get_mutable_context()
     if initial_state is not None:
@@ -140,10 +144,10 @@ def record(
     num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
     # Drake's clock ticks at multiples of the period, which round their own way.
     end = max(duration, (num_samples - 1) * (1 / sample_rate))
-    real_time = real_time or getattr(system, "real_time", False)
-    _advance(simulator, end, until, remark, real_time)
+    _advance(simulator, end, until, remark, real_time or system.real_time)
 
     signals = {name: sink.FindLog(context).data() for name, sink in sinks.items()}
+    signals |= {name: signals[name][0] for name in TIMES if name in signals}
     clipped = np.clip(signals["duty"], 0.0, 1.0)
     if np.abs(clipped - signals["duty"]).max() < 1e-9:  # rounding; more is a mistake, and is named
         signals["duty"] = clipped
@@ -154,7 +158,7 @@ def record(
     return Recording(
         time=times,
         parameters=system.parameters,
-        source=getattr(system, "source", type(system).__name__),
+        source=system.source,
         sample_rate=sample_rate,
         **signals,
     )
@@ -181,7 +185,7 @@ def _duty_course(
     """Duty from time 0 on, a row for each wire, and how long to simulate it, s."""
     needed = f"duty must be a number or a trajectory's row for each of {num_wires} wires"
     if isinstance(duty, Trajectory):
-        duty = duty.duty_trajectory()
+        duty = duty.since_start().duty_trajectory()
     if isinstance(duty, trajectories.Trajectory):
         try:
             shape = (duty.rows(), duty.cols())
@@ -245,14 +249,14 @@ def _set_state(context, state) -> None:
     context.SetContinuousState(state)
 
 
-def _logged_ports(system: System) -> list[str]:
-    ports = [system.get_output_port(index).get_name() for index in range(system.num_output_ports())]
+def _logged_ports(system: LimbSystem) -> list[str]:
     names = ["measured_temperature", "bend_angle", "wire_temperature", "joint_state"]
+    names += ["applied_duty", "board_time", "sample_age"]
     if isinstance(system, Limb):
         # Its bend angle follows from its joint state, and calculated for all
         # samples at once it does not stop the C++ loop at each of them.
         names.remove("bend_angle")
-    return [name for name in names if name in ports]
+    return [name for name in names if system.HasOutputPort(name)]
 
 
 def _advance(

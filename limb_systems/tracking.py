@@ -30,10 +30,10 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
     Raises:
         LimbError: if there is nothing to compare.
     """
-    errors = []
+    errors, plan = [], trajectory.since_start()
     for recording in recordings:
         during = recording.time <= trajectory.duration
-        planned = trajectory.bend_angle_at(trajectory.time[0] + recording.time[during])
+        planned = plan.bend_angle_at(recording.time[during])
         errors.append(np.abs(planned - recording.bend_angle[:, during]).ravel())
     if not sum(error.size for error in errors):
         raise LimbError("There are no recorded samples during the plan to compare it with.")

@@ -266,7 +266,8 @@ def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarra
         accuracy=CHECK_ACCURACY,
         initial_state=trajectory.state[:, 0],
     )
-    planned = trajectory.bend_angle_at(np.minimum(recording.time, trajectory.time[-1]))
+    times = np.minimum(recording.time, trajectory.duration)
+    planned = trajectory.since_start().bend_angle_at(times)
     return recording.time, np.abs(recording.bend_angle - planned).max(axis=0)
 
 

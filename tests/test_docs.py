@@ -22,7 +22,7 @@ from calibration import BendAngleController, EquilibriumSchedule
 from hardware import LimbTwin, SensedLimb, SerialLimb
 from hardware.emulation.hand import Hand
 from hardware.emulation.rubber import Rubber
-from hardware.emulation.sensors import SampledSensor
+from hardware.emulation.sensors import SampledSensors, limb_sensors
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.wires import ShapeMemoryWires
 from hardware.robot.journal import Journal
@@ -219,7 +219,7 @@ class Board:
     """In place of `BoardLink`: what `SerialLimb` asks at construction."""
 
     def __init__(self, port):
-        self.serial_number = "none"
+        self.serial_number, self.channels = "none", 2
 
     def info(self):
         return self
@@ -248,7 +248,7 @@ def make_system(monkeypatch):
         SerialLimb: lambda: SerialLimb("port"),
         ShapeMemoryWires: lambda: ShapeMemoryWires(specimen),
         Rubber: lambda: Rubber(specimen),
-        SampledSensor: lambda: SampledSensor(1, 0.1, 0.1),
+        SampledSensors: lambda: SampledSensors(limb_sensors(parameters, 20.0)),
         Hand: lambda: Hand(parameters, course),
         Journal: lambda: Journal(os.devnull, Limb(), 20.0),
     }

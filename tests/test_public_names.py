@@ -1,10 +1,12 @@
 """What the packages show to the outside says what it is: types and docstrings."""
 
+import ast
 import dataclasses
 import importlib
 import inspect
 import pkgutil
 import re
+from pathlib import Path
 from types import FunctionType
 
 import pytest
@@ -83,3 +85,23 @@ def is_typed(function):
         p.annotation for name, p in signature.parameters.items() if name not in ("self", "cls")
     ]
     return signature.empty not in (*annotations, signature.return_annotation)
+
+
+@pytest.mark.parametrize(
+    ("room", "closed"),
+    [
+        ("limb_systems", ["planners", "calibration", "hardware"]),
+        ("planners", ["calibration", "hardware"]),
+        ("hardware/robot", ["hardware.emulation", "hardware.replay", "planners", "calibration"]),
+        ("hardware/emulation", ["hardware.robot", "hardware.replay", "planners", "calibration"]),
+        ("hardware/firmware", ["hardware.robot", "hardware.emulation", "limb_systems"]),
+    ],
+)
+def test_imports_go_one_way(room, closed):
+    """Robot and emulation know nothing of each other; what joins them imports both."""
+    for path in sorted((Path(__file__).parents[1] / room).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                assert not any(f"{name}.".startswith(f"{other}.") for other in closed), path

@@ -37,7 +37,7 @@ def error_split(experiment: Experiment) -> dict[str, dict[str, tuple[float, floa
     best = best_parameters(experiment)
     result = {}
     for motion in experiment.motions:
-        trajectory, measured = motion.trajectory, motion.rollouts[0]
+        trajectory, measured = motion.trajectory.since_start(), motion.rollouts[0]
         angles = [trajectory.bend_angle_at(measured.time)]
         for limb in (experiment.calibration.parameters, best):
             angles.append(simulate(Limb(limb), trajectory).bend_angle)
@@ -92,7 +92,7 @@ def _static_bend(limb: LimbParameters, motion: Motion) -> np.ndarray:
     """φ (K,), rad, by (6) and (12): the limb follows its wires without delay."""
     (segment,) = limb.segments
     times = motion.exact.time
-    duty = motion.trajectory.duty_trajectory().vector_values(times)
+    duty = motion.trajectory.since_start().duty_trajectory().vector_values(times)
     torque = np.zeros_like(times)
     for wire, course in zip(segment.wires, duty, strict=True):
         _, rise, _ = lsim(

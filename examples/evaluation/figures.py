@@ -118,8 +118,9 @@ def plot_error(experiment: Experiment) -> Figure:
     figure = Figure(figsize=(WIDTH, 4.5), layout="constrained")
     axes = figure.subplots(len(experiment.motions), 1, sharex=True)
     for axis, motion in zip(axes, experiment.motions, strict=True):
+        plan = motion.trajectory.since_start()
         for number, rollout in enumerate(motion.rollouts):
-            error = rollout.bend_angle - motion.trajectory.bend_angle_at(rollout.time)
+            error = rollout.bend_angle - plan.bend_angle_at(rollout.time)
             label = None if number else "rollouts, φ − φ*"
             axis.plot(
                 rollout.time,
@@ -129,9 +130,9 @@ def plot_error(experiment: Experiment) -> Figure:
                 alpha=0.6,
                 label=label,
             )
-        missed = motion.trajectory.bend_angle[0] - motion.trajectory.reference[0]
+        missed = plan.bend_angle[0] - plan.reference[0]
         axis.plot(
-            motion.trajectory.time,
+            plan.time,
             np.rad2deg(missed),
             color=REFERENCE_COLOR,
             label="plan against reference, φ* − φ_REF",

@@ -18,9 +18,10 @@ from pathlib import Path
 
 import numpy as np
 
+from hardware.emulation.specimen import serial_number
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import Firmware
-from limb_systems import LimbError
+from limb_systems import LimbError, tip_tangent_from_bend_angle
 from limb_systems.simulation import make_simulator
 
 TURN = 0.001  # s, between two turns of the firmware's loop
@@ -46,7 +47,7 @@ class EmulatedBoard:
         self._input = twin.GetInputPort("duty").FixValue(self._context, [0, 0])
         self._simulator.Initialize()
         self.to_host, self.from_host = bytearray(), bytearray()
-        self.serial_number = f"twin{twin.specimen.seed:04d}".encode()[:8]
+        self.serial_number = serial_number(twin.specimen.board).encode()
         self.random = random.SystemRandom().getrandbits(16)
         self.thermocouple_faults = [0, 0]
         self.frozen_temperature: list[float | None] = [None, None]
@@ -83,7 +84,7 @@ class EmulatedBoard:
     def read_bend(self) -> bytes:
         if self.bend_is_silent:
             return b""
-        tangent = 2 * np.rad2deg(self.reading("bend_angle")[0])  # eqn (8)
+        tangent = np.rad2deg(tip_tangent_from_bend_angle(self.reading("bend_angle")[0]))
         noise = random.gauss(0.0, 0.05)  # below the twin's steps, as every converter has it
         data = struct.pack("<bh", 0, round(64 * (tangent + noise)))
         return data if self.frozen_bend is None else self.frozen_bend

@@ -13,7 +13,7 @@ def emulated_port(seed: int = 0) -> Iterator[str]:
     Args:
         seed: of the limb.
     """
-    command = [sys.executable, "-m", "hardware", "emulate", "--seed", str(seed)]
+    command = [sys.executable, "-m", "hardware", "emulate", "--emulated", str(seed)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as board:
         assert board.stdout  # it is a pipe
         try:

@@ -1,11 +1,15 @@
 """Sensors as the robot has them: sampled, noisy, drifting, in steps."""
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, OutputPort, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
+from hardware.emulation.noise import Noise
+from limb_systems import LimbParameters, LimbSystem
+from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
 
 # The paper's thermocouple amplifier, a MAX31855, converts within 100 ms and
@@ -21,128 +25,147 @@ BEND_DRIFT = np.deg2rad(1.0)
 BEND_DRIFT_TIME = 120.0  # s
 
 
-class SampledSensor(LeafSystem):
-    """Samples a vector signal and holds it, with noise, drift and quantization.
+@dataclasses.dataclass(frozen=True)
+class Sensor:
+    """How a vector signal is read: sampled, with noise, drift and in steps.
 
-        y = q round((r(x) + σ w + d) / q) at every multiple of the period,
+    - ``name``: of the signal and of what is read of it.
+    - ``size``: of the signal.
+    - ``period``: s between samples.
+    - ``step``: quantization q, in the unit of the signal.
+    - ``noise``: standard deviation σ of each sample, for all or for each (size),
+      in the unit of the signal.
+    - ``drift``: standard deviation δ of the drift, likewise.
+    - ``drift_time``: correlation time τ of the drift, s.
+    - ``response``: what the sensor reads for a signal, r; exact by default.
+    """
+
+    name: str
+    size: int
+    period: float
+    step: float
+    noise: ArrayLike = 0.0
+    drift: ArrayLike = 0.0
+    drift_time: float = 1.0
+    response: Callable[[np.ndarray], np.ndarray] = np.asarray
+
+
+class SampledSensors(LeafSystem):
+    """Samples vector signals and holds them, with noise, drift and quantization.
+
+        y = q round((r(x) + σ w + d) / q) at every multiple of the sensor's period,
 
     with the sensor's response r, w standard normal, and d an Ornstein-Uhlenbeck
-    process of standard deviation δ and correlation time τ.
+    process of standard deviation δ and correlation time τ. For sensors 1 to N:
 
-    - input 0 ``signal``: x (size)
-    - output 0 ``measurement``: y (size), in the unit of the signal
-    - state, discrete: y (size), updated each period and at initialization
+    - inputs 0 to N - 1, by the sensors' names: x (size)
+    - outputs 0 to N - 1, likewise: y (size), in the unit of the signal
+    - output N ``measurement``: all y, one after the other
+    - output N + 1 ``draws``: how many numbers of the noise were used
+    - state, discrete: y of all; d of all; draws. Updated each period and at
+      initialization, where drift is drawn anew
 
-    The noise comes from a generator that runs on from one simulation to the
-    next, as a sensor's noise does; drift is drawn anew at initialization.
+    The sensors draw from one noise in turn, as those of a limb always have;
+    where it is begun, and what was drawn since, is in the Context.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(
-        self,
-        size: int,
-        period: float,
-        step: float,
-        *,
-        noise: ArrayLike = 0.0,
-        drift: ArrayLike = 0.0,
-        drift_time: float = 1.0,
-        response: Callable[[np.ndarray], np.ndarray] = np.asarray,
-        generator: np.random.Generator | None = None,
-    ):
+    def __init__(self, sensors: Sequence[Sensor], noise: Noise | None = None, start: int = 0):
         """
         Args:
-            size: of the signal.
-            period: s between samples.
-            step: quantization q, in the unit of the signal.
-            noise: standard deviation σ of each sample, for all or for each (size),
-                in the unit of the signal.
-            drift: standard deviation δ of the drift, likewise.
-            drift_time: correlation time τ of the drift, s.
-            response: what the sensor reads for a signal, r; exact by default.
-            generator: of noise and drift; the seed 0 if None.
+            sensors: one or more; those that are due at once draw in this order.
+            noise: of noise and drift; that of the seed 0 if None.
+            start: how many numbers of the noise were used before.
         """
         super().__init__()
-        self._noise, self._drift, self._step = np.asarray(noise), np.asarray(drift), step
-        self._memory = np.exp(-period / drift_time)
-        self._response = response
-        self._generator = generator or np.random.default_rng(0)
-        self._offset = np.zeros(size)
-        self.DeclareVectorInputPort("signal", size)
-        state = self.DeclareDiscreteState(size)
+        self._sensors = [
+            dataclasses.replace(s, noise=np.asarray(s.noise), drift=np.asarray(s.drift))
+            for s in sensors
+        ]
+        self._memories = [np.exp(-s.period / s.drift_time) for s in sensors]
+        self._noise = noise or Noise(np.random.default_rng(0))
+        ends = np.cumsum([sensor.size for sensor in sensors])
+        parts = [slice(int(e) - s.size, int(e)) for s, e in zip(sensors, ends, strict=True)]
+        self._parts = parts
+        readings = self.DeclareDiscreteState(int(ends[-1]))
+        self.DeclareDiscreteState(int(ends[-1]))
+        draws = self.DeclareDiscreteState([float(start)])
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, period, weak_method(self._sample))
-        self.DeclareStateOutputPort("measurement", state)
+        tickets = {self.discrete_state_ticket(readings)}
+        for index, (sensor, part) in enumerate(zip(sensors, parts, strict=True)):
+            self.DeclareVectorInputPort(sensor.name, sensor.size)
+            self.DeclarePeriodicDiscreteUpdateEvent(
+                sensor.period, sensor.period, self._sampling(index)
+            )
+            self.DeclareVectorOutputPort(sensor.name, sensor.size, _show(part), tickets)
+        self.DeclareStateOutputPort("measurement", readings)
+        self.DeclareStateOutputPort("draws", draws)
+        self.set_name("sensors")
 
-    def _start(self, context, discrete_state):
-        self._offset = self._drift * self._generator.standard_normal(len(self._offset))
-        self._sample(context, discrete_state)
+    def _start(self, context, state):
+        for index, (sensor, part) in enumerate(zip(self._sensors, self._parts, strict=True)):
+            state.get_mutable_value(1)[part] = sensor.drift * self._draw(state, sensor.size)
+            self._sample(index, context, state)
 
-    def _sample(self, context, discrete_state):
-        signal = self._response(self.get_input_port().Eval(context))
-        noise, wander = self._generator.standard_normal((2, len(signal)))
-        self._offset = self._memory * self._offset + (
-            self._drift * np.sqrt(1 - self._memory**2) * wander
-        )
-        noisy = signal + self._noise * noise + self._offset
-        discrete_state.set_value(self._step * np.round(noisy / self._step))
+    def _sampling(self, index: int):
+        sample = weak_method(self._sample)
+        return lambda context, state: sample(index, context, state)
+
+    def _sample(self, index: int, context, state):
+        sensor, part, memory = self._sensors[index], self._parts[index], self._memories[index]
+        signal = sensor.response(self.get_input_port(index).Eval(context))
+        noise, wander = self._draw(state, 2 * sensor.size).reshape(2, -1)
+        offset = state.get_mutable_value(1)[part]
+        offset[:] = memory * offset + sensor.drift * np.sqrt(1 - memory**2) * wander
+        noisy = signal + sensor.noise * noise + offset
+        state.get_mutable_value(0)[part] = sensor.step * np.round(noisy / sensor.step)
+
+    def _draw(self, state, count: int) -> np.ndarray:
+        """The next numbers of the noise, as far as the sensors before have used it."""
+        draws = state.get_mutable_value(2)
+        draws += count
+        return self._noise.read(int(draws[0]) - count, count)
 
 
-def add_sensors(
-    builder: DiagramBuilder,
-    temperature: OutputPort,
-    bend_angle: OutputPort,
-    generator: np.random.Generator,
+def _show(part: slice):
+    return lambda context, output: output.SetFromVector(context.get_discrete_state(0).value()[part])
+
+
+def limb_sensors(
+    parameters: LimbParameters,
     bend_rate: float,
     *,
     bend_response: Callable[[np.ndarray], np.ndarray] = np.asarray,
     bend_noise: ArrayLike = BEND_NOISE,
     bend_drift: ArrayLike = BEND_DRIFT,
-) -> None:
-    """Adds the robot's sensors and exports what they read.
-
-    The builder's diagram gets the outputs ``measured_temperature`` (°C) and
-    ``bend_angle`` (rad), in this order.
+) -> list[Sensor]:
+    """The robot's sensors, for `SampledSensors`: ``measured_temperature`` and ``bend_angle``.
 
     Args:
-        builder: of the diagram that holds the ports below.
-        temperature: at the thermocouples (W), °C.
-        bend_angle: φ (S), rad.
-        generator: of noise and drift.
+        parameters: of the limb.
         bend_rate: at which bend sensors are read, Hz.
         bend_response: what they read for φ, rad.
         bend_noise, bend_drift: their standard deviations, rad.
     """
-    thermocouple = builder.AddNamedSystem(
-        "thermocouple",
-        SampledSensor(
-            temperature.size(),
-            THERMOCOUPLE_PERIOD,
-            THERMOCOUPLE_STEP,
-            noise=THERMOCOUPLE_NOISE,
-            generator=generator,
-        ),
+    thermocouples = Sensor(
+        "measured_temperature",
+        len(parameters.wires),
+        THERMOCOUPLE_PERIOD,
+        THERMOCOUPLE_STEP,
+        noise=THERMOCOUPLE_NOISE,
     )
-    bend_sensor = builder.AddNamedSystem(
-        "bend_sensor",
-        SampledSensor(
-            bend_angle.size(),
-            1 / bend_rate,
-            BEND_STEP,
-            noise=bend_noise,
-            drift=bend_drift,
-            drift_time=BEND_DRIFT_TIME,
-            response=bend_response,
-            generator=generator,
-        ),
+    bend_sensors = Sensor(
+        "bend_angle",
+        len(parameters.segments),
+        1 / bend_rate,
+        BEND_STEP,
+        noise=bend_noise,
+        drift=bend_drift,
+        drift_time=BEND_DRIFT_TIME,
+        response=bend_response,
     )
-    for signal, sensor, name in (
-        (temperature, thermocouple, "measured_temperature"),
-        (bend_angle, bend_sensor, "bend_angle"),
-    ):
-        builder.Connect(signal, sensor.get_input_port())
-        builder.ExportOutput(sensor.get_output_port(), name)
+    return [thermocouples, bend_sensors]
 
 
 class SensedLimb(Diagram):
@@ -151,29 +174,35 @@ class SensedLimb(Diagram):
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
     - output 1 ``bend_angle``: φ (S), rad, as bend sensors read it
+    - output 2 ``measurement``: [V (W), φ (S)], both of them
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, limb: System, *, seed: int = 0, bend_rate: float = 20.0):
+    real_time = False
+
+    def __init__(self, limb: LimbSystem, *, seed: int = 0, bend_rate: float = 20.0):
         """
         Args:
-            limb: with the ports and ``parameters`` of `Limb`.
+            limb: the one behind them.
             seed: of the sensors' noise.
             bend_rate: at which bend sensors are read, Hz.
         """
         super().__init__()
         builder = DiagramBuilder()
+        check_limb(limb)
         builder.AddSystem(limb)
-        self.parameters = limb.parameters
+        self.parameters, self.accuracy = limb.parameters, limb.accuracy
         self.source = f"{limb.source} with sensor noise, seed {seed}"
         builder.ExportInput(limb.GetInputPort("duty"), "duty")
-        add_sensors(
-            builder,
-            limb.GetOutputPort("measured_temperature"),
-            limb.GetOutputPort("bend_angle"),
-            np.random.default_rng(seed),
-            bend_rate,
+        sensors = builder.AddSystem(
+            SampledSensors(
+                limb_sensors(limb.parameters, bend_rate), Noise(np.random.default_rng(seed))
+            )
         )
+        for name in ("measured_temperature", "bend_angle"):
+            builder.Connect(limb.GetOutputPort(name), sensors.GetInputPort(name))
+        for name in ("measured_temperature", "bend_angle", "measurement"):
+            builder.ExportOutput(sensors.GetOutputPort(name), name)
         builder.BuildInto(self)
         self.set_name("sensed_limb")

@@ -28,11 +28,19 @@ Sources:
 
 import copy
 import dataclasses
+import hashlib
 
 import numpy as np
 
+from hardware.emulation.noise import Noise
 from hardware.emulation.sensors import BEND_DRIFT, BEND_NOISE
-from limb_systems import LimbError, LimbParameters, joint_angles_from_bend_angle
+from limb_systems import (
+    EmulatedLimb,
+    LimbError,
+    LimbParameters,
+    NoBoard,
+    joint_angles_from_bend_angle,
+)
 
 EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor")
 
@@ -113,8 +121,11 @@ class Specimen:
     - ``ambient``: the temperature of the room, °C.
     - ``state``: of each part of the emulation when it ran last, by name;
       empty for a limb that was never used.
-    - ``generator``: of the sensors' noise, which runs on.
+    - ``noise``: of the sensors, which runs on; the state says how far.
     - ``absent``: the effects that were taken out, see `without`.
+
+    A new one has never been used: its wires are cold and its rubber at rest,
+    and its noise is at the beginning.
     """
 
     def __init__(self, description: LimbParameters, seed: int):
@@ -124,15 +135,34 @@ class Specimen:
         draw_seed, noise_seed = np.random.SeedSequence(seed).spawn(2)
         generator = np.random.default_rng(draw_seed)
         self.description = copy.deepcopy(description)
+        self.description.board, self.description.calibration = NoBoard(), None
+        nominal = self.description == LimbParameters()
+        self._drawn_around = "" if nominal else self.description.to_yaml()
         self.seed = seed
         self.absent: tuple[str, ...] = ()
-        self.generator = np.random.default_rng(noise_seed)
+        self.noise = Noise(np.random.default_rng(noise_seed))
         self.state: dict[str, np.ndarray] = {}
         self.segments = [_draw_segment(generator.uniform, s) for s in description.segments]
         limits = description.temperature_limits
         rise = limits.maximum - description.ambient_temperature
         self.wires = [_draw_wire(generator.uniform, wire, rise) for wire in description.wires]
         self.ambient = description.ambient_temperature + generator.uniform(-3.0, 3.0)  # °C, ours
+
+    @classmethod
+    def of(cls, board: EmulatedLimb) -> "Specimen":
+        """The limb of an identity, as it was before it was ever used.
+
+        Raises:
+            LimbError: if there is no such limb.
+        """
+        text = board.description
+        description = LimbParameters.from_yaml(text) if text else LimbParameters()
+        return cls(description, board.seed).without(*board.absent)
+
+    @property
+    def board(self) -> EmulatedLimb:
+        """Its identity, from which `of` makes it again."""
+        return EmulatedLimb(self.seed, self._drawn_around, list(self.absent))
 
     def without(self, *effects: str) -> "Specimen":
         """This limb as it is now, its noise to come included, but for some of its effects.
@@ -175,6 +205,13 @@ class Specimen:
         for wire, drawn in zip(parameters.wires, self.wires, strict=True):
             wire.linear_law.a3 = drawn.lag_rate
         return parameters
+
+
+def serial_number(board: EmulatedLimb) -> str:
+    """Of the emulated board that an emulated limb is on: eight letters and digits."""
+    if not board.description and not board.absent and board.seed < 10_000:
+        return f"twin{board.seed:04d}"
+    return f"t{hashlib.sha256(board.identity.encode()).hexdigest()[:7]}"
 
 
 def _draw_wire(uniform, wire, rise: float) -> WirePhysics:

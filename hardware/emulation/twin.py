@@ -10,10 +10,17 @@ from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem
 
 from hardware.emulation.hand import Hand
 from hardware.emulation.rubber import Rubber
-from hardware.emulation.sensors import add_sensors
+from hardware.emulation.sensors import SampledSensors, limb_sensors
 from hardware.emulation.specimen import SegmentPhysics, Specimen
 from hardware.emulation.wires import PERIOD, ShapeMemoryWires
-from limb_systems import BendAngle, LimbParameters, ThermocoupleLag, make_manipulator, simulate
+from limb_systems import (
+    BendAngle,
+    EmulatedLimb,
+    LimbParameters,
+    ThermocoupleLag,
+    make_manipulator,
+    simulate,
+)
 from limb_systems.model.ownership import weak_method
 
 SMOOTHING_TIME = 0.05  # s, of the wires' torque, which comes in steps
@@ -26,7 +33,7 @@ class LimbTwin(Diagram):
     whose wires are shape-memory alloy with hysteresis, heat silicone around
     them and differ from each other (`ShapeMemoryWires`), whose rubber stiffens
     and relaxes (`Rubber`), and whose sensors are sampled, noisy, drifting and
-    not quite linear (`SampledSensor`):
+    not quite linear (`SampledSensors`):
 
                 ┌──────────────────┐    ┌─────────────┐
         duty ──▶│ ShapeMemoryWires ├───▶│ manipulator ├─┬─▶ sensor ──▶ bend_angle
@@ -40,15 +47,20 @@ class LimbTwin(Diagram):
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
     - output 1 ``bend_angle``: φ (S), rad, as bend sensors read it
+    - output 2 ``applied_duty``: D (W) in the steps of the PWM
+    - output 3 ``measurement``: [V (W), φ (S)], as they are read
 
     ``parameters`` is the limb as one would describe it before calibration:
-    geometry and mass are true, the rest are not. What was done to the limb
+    geometry and mass are true, the rest are not. Their ``board`` is its
+    identity, which recordings, calibrated limbs and plans carry on, and from
+    which `of` makes it again. What was done to the limb
     stays: a wire that was hot is warm, and hysteresis remembers. `again` is
     the same limb, later.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
 
+    real_time = False
     accuracy = 1e-2  # of simulations; 1e-4 changes no reading by more than one step of its sensor
 
     def __init__(
@@ -79,6 +91,7 @@ class LimbTwin(Diagram):
         super().__init__()
         specimen = specimen or Specimen(parameters or LimbParameters(), seed)
         self.specimen, self.parameters = specimen, copy.deepcopy(specimen.description)
+        self.parameters.board = specimen.board
         self.source = ", without ".join([f"emulated limb, seed {specimen.seed}", *specimen.absent])
         mechanics, num_joints = specimen.mechanics(), self.parameters.num_joints
 
@@ -114,32 +127,57 @@ class LimbTwin(Diagram):
         builder.Connect(
             total.get_output_port(), manipulator.get_applied_generalized_force_input_port()
         )
-        add_sensors(
-            builder,
-            lag.get_output_port(),
-            bend_angle.get_output_port(),
-            specimen.generator,
+        state = specimen.state
+        (draws,) = state.get("draws", [0.0])
+        readings = limb_sensors(
+            self.parameters,
             bend_rate,
             bend_response=_bend_response(specimen.segments),
             bend_noise=[segment.sensor_noise for segment in specimen.segments],
             bend_drift=[segment.sensor_drift for segment in specimen.segments],
         )
+        sensors = builder.AddSystem(SampledSensors(readings, specimen.noise, int(draws)))
+        builder.Connect(lag.get_output_port(), sensors.GetInputPort("measured_temperature"))
+        builder.Connect(bend_angle.get_output_port(), sensors.GetInputPort("bend_angle"))
+        for name, system in (
+            ("measured_temperature", sensors),
+            ("bend_angle", sensors),
+            ("applied_duty", wires),
+            ("measurement", sensors),
+        ):
+            builder.ExportOutput(system.GetOutputPort(name), name)
         parts = {
             "joints": joint_state,
             "wires": wires.GetOutputPort("state"),
             "rubber": split.get_output_port(1),
             "measured": lag.get_output_port(),
             "smooth": smooth.get_output_port(),
+            "draws": sensors.GetOutputPort("draws"),
         }
         memory = builder.AddSystem(_Memory(specimen, {k: p.size() for k, p in parts.items()}))
         for name, port in parts.items():
             builder.Connect(port, memory.GetInputPort(name))
 
-        state = specimen.state
         manipulator.SetDefaultPositions(state.get("joints", specimen.rest_angles())[:num_joints])
         smooth.configure_default_state(state.get("smooth", np.zeros(num_joints)))
         builder.BuildInto(self)
         self.set_name("limb_twin")
+
+    @classmethod
+    def of(cls, parameters: LimbParameters, seed: int = 0) -> "LimbTwin":
+        """The very limb that parameters were calibrated on, never used.
+
+        Args:
+            parameters: whose ``board`` says which one it is. Where they belong
+                to no emulated limb, it is one of their kind.
+            seed: of that one.
+
+        Raises:
+            LimbError: if there is no such limb.
+        """
+        if isinstance(parameters.board, EmulatedLimb):
+            return cls(specimen=Specimen.of(parameters.board))
+        return cls(parameters, seed=seed)
 
     def again(
         self,
@@ -168,9 +206,11 @@ class LimbTwin(Diagram):
 
 
 class _Memory(LeafSystem):
-    """Keeps the state of the parts in their specimen, for the time after this diagram.
+    """Keeps the state of the parts in their specimen, for the limbs that are made of it later.
 
-    An input port of the part's name for each of them.
+    An input port of the part's name for each of them. Nothing in this diagram
+    reads what is kept: simulations of two copies of its Context go on alike,
+    and the limb later is as the one that ran last left it.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -184,8 +224,10 @@ class _Memory(LeafSystem):
         self.set_name("memory")
 
     def _remember(self, context):
-        for index, name in enumerate(self._names):
-            self._specimen.state[name] = self.get_input_port(index).Eval(context).copy()
+        self._specimen.state = {
+            name: self.get_input_port(index).Eval(context).copy()
+            for index, name in enumerate(self._names)
+        }
 
 
 def _bend_response(segments: Sequence[SegmentPhysics]):

@@ -1,7 +1,7 @@
 """The emulated wires: heat in two masses, and the shape-memory law of eqn (3)."""
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem
+from pydrake.systems.framework import InputPortIndex, LeafSystem
 
 from hardware.emulation.specimen import Specimen
 from limb_systems.model.ownership import weak_method
@@ -46,6 +46,7 @@ class ShapeMemoryWires(LeafSystem):
     - output 0 ``generalized_force``: f (n), N·m
     - output 1 ``wire_temperature``: T (W), °C
     - output 2 ``state``: as below
+    - output 3 ``applied_duty``: D (W) in the steps of the PWM
     - state, discrete: [T (W), S (W), ξ (W), ε (W)], °C, °C, 1 and 1
     """
 
@@ -102,11 +103,17 @@ class ShapeMemoryWires(LeafSystem):
             "wire_temperature", num_wires, weak_method(self._calc_temperature), tickets
         )
         self.DeclareStateOutputPort("state", index)
+        self.DeclareVectorOutputPort(
+            "applied_duty",
+            num_wires,
+            weak_method(self._calc_duty),
+            {self.input_port_ticket(InputPortIndex(0))},
+        )
         self.set_name("shape_memory_wires")
 
     def _step(self, context, discrete_state):
         wire, silicone, martensite, strain_before = self._state(context)
-        duty = PWM_STEP * np.round(self.get_input_port(0).Eval(context) / PWM_STEP)
+        duty = self._applied_duty(context)
         strain = self._strain @ self.get_input_port(1).Eval(context)[: self._num_joints]
         strain_rate = (strain - strain_before) / self._period
 
@@ -151,6 +158,12 @@ class ShapeMemoryWires(LeafSystem):
     def _calc_force(self, context, output):
         wire, _, martensite, strain = self._state(context)
         output.SetFromVector(self._torque @ self._stress(wire, martensite, strain))
+
+    def _applied_duty(self, context) -> np.ndarray:
+        return PWM_STEP * np.round(self.get_input_port(0).Eval(context) / PWM_STEP)
+
+    def _calc_duty(self, context, output):
+        output.SetFromVector(self._applied_duty(context))
 
     def _calc_temperature(self, context, output):
         output.SetFromVector(self._state(context)[0])

@@ -14,7 +14,8 @@ A board is an object with
 
 from . import guard, protocol, readings
 
-FIRMWARE_VERSION = 1
+FIRMWARE_VERSION = 2
+CHANNELS = 2  # wires, each with its thermocouple
 SAMPLE_PERIOD = 50  # ms
 THERMOCOUPLE_TURN = 2  # samples: a MAX31855 that is read within 100 ms does not convert
 
@@ -72,6 +73,7 @@ class Firmware:
                     SAMPLE_PERIOD,
                     int(4 * guard.TEMPERATURE_LIMIT),
                     self._board.serial_number,
+                    CHANNELS,
                 )
             )
 

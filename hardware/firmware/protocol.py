@@ -5,7 +5,7 @@ Runs under MicroPython and CPython alike, hence the plain style.
 
 import struct
 
-VERSION = 1
+VERSION = 2
 MAX_PAYLOAD = 24  # bytes; with its CRC and every byte escaped a frame stays below 64
 FULL_DUTY = 10000  # a duty of 1 in a frame
 
@@ -20,7 +20,8 @@ _FORMATS = {
     COMMAND: "<HIHH",  # session, sequence, duty of left and right in 1/10000
     DISARM: "<",  # nothing
     CLEAR: "<H",  # challenge
-    INFO: "<HHh8s",  # firmware version, sample period in ms, limit in 1/4 °C, serial number
+    # firmware version, sample period in ms, limit in 1/4 °C, serial number, channels
+    INFO: "<HHh8sB",
     # sequence, time in ms, challenge, state, fault, acknowledged sequence, temperatures of left
     # and right in 1/4 °C, tip tangent in 1/64 degrees, applied duty of left and right in 1/10000
     SAMPLE: "<HIHBBHhhhHH",
@@ -70,8 +71,8 @@ def encode(kind, *values):
 class Parser:
     """Finds frames in a stream of bytes, whatever else is in it.
 
-    ``rejected`` counts what looked like frames and were none, and
-    ``other_version`` those that were of another version of the protocol.
+    ``rejected`` counts what looked like frames and were none. ``other_version``
+    is the version of the last frame that was of another one, None if none was.
     """
 
     def __init__(self, kinds):
@@ -81,7 +82,7 @@ class Parser:
         self._escaping = False
         self._lost = True  # until the first flag
         self.rejected = 0
-        self.other_version = 0
+        self.other_version = None
 
     def feed(self, data):
         """Frames that end in these bytes, as a list of (kind, values)."""
@@ -122,7 +123,7 @@ class Parser:
         if len(body) < 6 or struct.unpack("<I", body[-4:])[0] != crc32(body[:-4]):
             self.rejected += 1
         elif body[0] != VERSION:
-            self.other_version += 1
+            self.other_version = body[0]
         elif body[1] not in self._kinds or struct.calcsize(_FORMATS[body[1]]) != len(body) - 6:
             self.rejected += 1
         else:

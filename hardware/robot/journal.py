@@ -2,15 +2,17 @@
 
 from pathlib import Path
 
-from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
+from limb_systems import LimbSystem
 from limb_systems.files.recording import RecordingHeader
 from limb_systems.files.samples import column_names
 from limb_systems.files.tables import TableWriter
 from limb_systems.model.ownership import weak_method
 from limb_systems.schema import dump_typed
 
-SIGNALS = ("duty", "measured_temperature", "bend_angle")
+SIGNALS = ("measured_temperature", "bend_angle")
+OF_ROBOTS = ("applied_duty", "board_time", "sample_age")  # where the limb has them
 
 
 class Journal(LeafSystem):
@@ -22,11 +24,13 @@ class Journal(LeafSystem):
     - input 0 ``duty``: D (2), in [0, 1]
     - input 1 ``measured_temperature``: V (2), °C
     - input 2 ``bend_angle``: φ (1), rad
+    - from input 3 on, where the limb has such outputs: ``applied_duty`` (2),
+      ``board_time`` and ``sample_age`` (1), s
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, path: str | Path, limb: System, sample_rate: float):
+    def __init__(self, path: str | Path, limb: LimbSystem, sample_rate: float):
         """
         Args:
             path: of the file, which is written anew.
@@ -36,9 +40,10 @@ class Journal(LeafSystem):
         super().__init__()
         names = column_names(limb.parameters)
         header = RecordingHeader(limb.source, sample_rate, limb.parameters)
-        columns = [column for signal in ("time", *SIGNALS) for column in names[signal]]
+        signals = ["duty", *journaled(limb)]
+        columns = [column for signal in ("time", *signals) for column in names[signal]]
         self._writer = TableWriter(path, "recording", dump_typed(header), columns)
-        for signal in SIGNALS:
+        for signal in signals:
             self.DeclareVectorInputPort(signal, len(names[signal]))
         self.DeclarePeriodicPublishEvent(1 / sample_rate, 0.0, weak_method(self._append))
         self.set_name("journal")
@@ -49,17 +54,26 @@ class Journal(LeafSystem):
 
     def _append(self, context):
         values = [context.get_time()]
-        for index in range(len(SIGNALS)):
+        for index in range(self.num_input_ports()):
             values += self.get_input_port(index).Eval(context).tolist()
         self._writer.append(values)
 
 
+def journaled(limb: LimbSystem) -> list[str]:
+    """The outputs of a limb that go into its journal."""
+    return [*SIGNALS, *(name for name in OF_ROBOTS if limb.HasOutputPort(name))]
+
+
 def add_journal(
-    builder: DiagramBuilder, path: str | Path, limb: System, duty: OutputPort, sample_rate: float
+    builder: DiagramBuilder,
+    path: str | Path,
+    limb: LimbSystem,
+    duty: OutputPort,
+    sample_rate: float,
 ) -> Journal:
     """Adds a journal of a limb, driven by a port of duty, to a diagram."""
     journal = builder.AddSystem(Journal(path, limb, sample_rate))
     builder.Connect(duty, journal.GetInputPort("duty"))
-    for name in SIGNALS[1:]:
+    for name in journaled(limb):
         builder.Connect(limb.GetOutputPort(name), journal.GetInputPort(name))
     return journal

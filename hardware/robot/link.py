@@ -13,9 +13,9 @@ import numpy as np
 import serial
 
 from hardware.firmware import guard, protocol
-from limb_systems import LimbError
+from limb_systems import LimbError, bend_angle_from_tip_tangent
 
-FIRMWARE_VERSIONS = (1,)
+FIRMWARE_VERSIONS = (2,)
 BAUD_RATE = 115200
 STALE = 0.25  # s, after which a sample is too old to go on
 ANSWER_TIME = 1.0  # s, in which a board that is there answers
@@ -69,12 +69,14 @@ class BoardInfo:
     - ``sample_period``: s.
     - ``temperature_limit``: °C, measured, at which it switches off.
     - ``serial_number``.
+    - ``channels``: how many wires it drives.
     """
 
     firmware_version: int
     sample_period: float
     temperature_limit: float
     serial_number: str
+    channels: int
 
 
 class BoardLink:
@@ -248,10 +250,11 @@ class BoardLink:
         self._check()
         if found := answer():
             return found
-        if self.parser.other_version:
+        if self.parser.other_version is not None:
             raise HardwareError(
-                f"The board on {self.port} speaks another version of the protocol; this program "
-                f"speaks version {protocol.VERSION}."
+                f"The board on {self.port} speaks version {self.parser.other_version} of the "
+                f"protocol, but this program version {protocol.VERSION}; flash the board with the "
+                "firmware that came with this program."
             )
         raise HardwareError(f"The board on {self.port} does not answer {what}.")
 
@@ -291,10 +294,10 @@ class BoardLink:
 
     def _take(self, kind: int, values: tuple) -> None:
         if kind == protocol.INFO:
-            version, period, limit, number = values
+            version, period, limit, number, channels = values
             text = number.rstrip(b"\0")
             name = text.decode() if text.isalnum() else number.hex()
-            self._info = BoardInfo(version, period / 1000, limit / 4, name)
+            self._info = BoardInfo(version, period / 1000, limit / 4, name, channels)
             return
         sequence, ticks, challenge, state, reason, acknowledged, left, right, bend, *duty = values
         if self._sample is not None:
@@ -308,6 +311,6 @@ class BoardLink:
             reason=reason,
             acknowledged=acknowledged,
             temperature=np.array([left, right]) / 4,
-            bend_angle=float(np.deg2rad(bend / 64) / 2),
+            bend_angle=float(bend_angle_from_tip_tangent(np.deg2rad(bend / 64))),
             duty=np.array(duty) / protocol.FULL_DUTY,
         )

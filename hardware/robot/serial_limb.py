@@ -8,9 +8,11 @@ from pydrake.systems.framework import LeafSystem
 
 from hardware.robot.link import BoardLink, HardwareError
 from limb_systems import LimbError, LimbParameters, NoBoard, SerialBoard
+from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
 
 PERIOD = 0.05  # s
+CHANNELS = 2  # that a COMMAND and a SAMPLE are for
 LATEST = 0.1  # s, that a command may be late
 
 
@@ -21,11 +23,15 @@ class SerialLimb(LeafSystem):
     - output 0 ``measured_temperature``: V (2), °C
     - output 1 ``bend_angle``: φ (1), rad
     - output 2 ``sample_age``: s since the sample was received
-    - state, discrete, at 20 Hz: [V (2), φ, age]
+    - output 3 ``applied_duty``: the duty that the board had applied at the sample (2)
+    - output 4 ``board_time``: s since the board was started, at the sample
+    - output 5 ``measurement``: [V (2), φ]
+    - state, discrete, at 20 Hz: [V (2), φ, applied duty (2), board time, time of
+      reception on the simulation's clock]
 
-    The outputs hold the last sample. The board is armed at initialization, and
-    at each period gets a new duty, in the thread of the Simulator, but without
-    waiting for the cable.
+    The outputs hold the last sample; only its age goes on. The board is armed
+    at initialization, and at each period gets a new duty, in the thread of the
+    Simulator, but without waiting for the cable.
 
     Simulate it in real time (`limb_systems.simulation.record` does). A board
     that switches off, samples older than 0.25 s, a duty that is out of range
@@ -39,6 +45,7 @@ class SerialLimb(LeafSystem):
     __slots__ = ()  # see limb_systems.model.ownership
 
     real_time = True
+    accuracy = ACCURACY
 
     def __init__(self, port: str, parameters: LimbParameters | None = None, *, heated: bool = True):
         """
@@ -50,18 +57,18 @@ class SerialLimb(LeafSystem):
 
         Raises:
             HardwareError: if there is no board there, or it is none of ours.
-            LimbError: if the limb has several segments; a board drives one.
+            LimbError: if the limb has another number of wires than the board
+                has channels.
         """
         super().__init__()
         self.parameters = copy.deepcopy(parameters) if parameters else LimbParameters()
         self.parameters.validate()
-        if len(self.parameters.segments) != 1:
-            raise LimbError("A board drives a limb of one segment.")
         self.link = BoardLink(port)
         try:
             self.info = self.link.info()
+            self._check_channels()
             self.link.sample()
-        except HardwareError:
+        except LimbError:
             self.link.close()
             raise
         if isinstance(self.parameters.board, NoBoard):
@@ -70,7 +77,7 @@ class SerialLimb(LeafSystem):
         self.timing_errors: list[float] = []
         self._heated, self._start = heated, 0.0
         self.DeclareVectorInputPort("duty", 2)
-        state = self.DeclareDiscreteState(4)
+        state = self.DeclareDiscreteState(7)
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._begin))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._command))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
@@ -78,8 +85,14 @@ class SerialLimb(LeafSystem):
         for name, part in (
             ("measured_temperature", slice(0, 2)),
             ("bend_angle", slice(2, 3)),
-            ("sample_age", slice(3, 4)),
+            ("sample_age", None),
+            ("applied_duty", slice(3, 5)),
+            ("board_time", slice(5, 6)),
+            ("measurement", slice(0, 3)),
         ):
+            if part is None:
+                self.DeclareVectorOutputPort(name, 1, _show_age, tickets | {self.time_ticket()})
+                continue
             self.DeclareVectorOutputPort(name, part.stop - part.start, _show(part), tickets)
         self.set_name("serial_limb")
 
@@ -88,6 +101,15 @@ class SerialLimb(LeafSystem):
 
     def __exit__(self, *_) -> None:
         self.close()
+
+    def _check_channels(self) -> None:
+        """Raises LimbError unless the board has a channel for each wire, and frames for both."""
+        num_wires, channels = len(self.parameters.wires), self.info.channels
+        if not num_wires == channels == CHANNELS:
+            raise LimbError(
+                f"This limb has {num_wires} wires, but the board on {self.link.port} has "
+                f"{channels} channels; a command is for {CHANNELS}."
+            )
 
     def close(self) -> None:
         """Switches the wires off and lets the port go."""
@@ -114,7 +136,14 @@ class SerialLimb(LeafSystem):
 
     def _update(self, context, discrete_state):
         sample = self.link.sample()
-        discrete_state.set_value(np.append(sample.temperature, [sample.bend_angle, sample.age]))
+        received = sample.received - self._start
+        last = [sample.bend_angle, *sample.duty, sample.board_time, received]
+        discrete_state.set_value(np.append(sample.temperature, last))
+
+
+def _show_age(context, output):
+    received = context.get_discrete_state_vector()[6]
+    output.SetFromVector([max(0.0, context.get_time() - received)])
 
 
 def _show(part: slice):

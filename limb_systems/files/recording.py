@@ -6,12 +6,19 @@ from pathlib import Path
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.files.samples import check_samples, column_names, group_columns, ungroup_columns
+from limb_systems.files.samples import check_samples, columns_of, group_columns, ungroup_columns
 from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.schema import dump_typed, load_typed
 
-OPTIONAL = ("wire_temperature", "joint_state", "reference")
+OPTIONAL = (
+    "wire_temperature",
+    "joint_state",
+    "reference",
+    "applied_duty",
+    "board_time",
+    "sample_age",
+)
 
 
 @dataclasses.dataclass
@@ -43,6 +50,10 @@ class Recording:
     - ``wire_temperature``: T (W, K), °C; only a model can tell, else None.
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s; likewise.
     - ``reference``: the bend angle that was asked for (S, K), rad, if any was.
+    - ``applied_duty``: what reached the wires (W, K), in [0, 1], when the sample
+      was taken, as a board says; None where it is not known.
+    - ``board_time``: when the sample was taken (K,), s, by the board's clock; likewise.
+    - ``sample_age``: for how long it had been here at ``time`` (K,), s; likewise.
 
     Raises:
         LimbError: at construction, if shapes disagree or values are not
@@ -59,6 +70,9 @@ class Recording:
     wire_temperature: np.ndarray | None = None
     joint_state: np.ndarray | None = None
     reference: np.ndarray | None = None
+    applied_duty: np.ndarray | None = None
+    board_time: np.ndarray | None = None
+    sample_age: np.ndarray | None = None
 
     def __post_init__(self):
         self.parameters.validate()
@@ -96,7 +110,7 @@ class Recording:
         try:
             header = load_typed(RecordingHeader, header_text)
             header.parameters.validate()
-            names = column_names(header.parameters)
+            names = columns_of(cls, header.parameters)
             return cls(
                 **group_columns(columns, names, optional=OPTIONAL),
                 parameters=header.parameters,
@@ -109,5 +123,5 @@ class Recording:
     def save(self, path: str | Path) -> None:
         """Writes the recording whole or not at all."""
         header = RecordingHeader(self.source, float(self.sample_rate), self.parameters)
-        columns = ungroup_columns(self, column_names(self.parameters))
+        columns = ungroup_columns(self, columns_of(Recording, self.parameters))
         write_table(path, "recording", dump_typed(header), columns)

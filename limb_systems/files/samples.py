@@ -1,7 +1,7 @@
 """The signals of a limb over time: their sizes, their limits, their columns in files.
 
 A signal is an array (size, K), a column for each of K samples, as Drake logs
-them. Recordings and trajectories are made of these.
+them; times are (K,). Recordings and trajectories are made of these.
 """
 
 import dataclasses
@@ -14,6 +14,8 @@ from limb_systems.errors import LimbError
 from limb_systems.files.tables import FileFormatError
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wires import Wires
+
+TIMES = ("time", "board_time", "sample_age")  # signals of a number a sample
 
 
 def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
@@ -29,6 +31,9 @@ def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
     return {
         "time": ["time_s"],
         "duty": [f"duty_{wire}" for wire in wires],
+        "applied_duty": [f"applied_duty_{wire}" for wire in wires],
+        "board_time": ["board_time_s"],
+        "sample_age": ["sample_age_s"],
         "measured_temperature": [f"measured_temperature_{wire}_c" for wire in wires],
         "bend_angle": [f"bend_angle{suffix}_deg" for suffix in suffixes],
         "reference": [f"reference_angle{suffix}_deg" for suffix in suffixes],
@@ -37,6 +42,12 @@ def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
         + [f"joint_rate_{i}_deg_s" for i in joints],
         **({"other_wire_state": [f"wire_state_{name}" for name in others]} if others else {}),
     }
+
+
+def columns_of(kind: type, parameters: LimbParameters) -> dict[str, list[str]]:
+    """`column_names` of the signals that a class of samples has."""
+    signals = {field.name for field in dataclasses.fields(kind)} | {"bend_angle"}
+    return {name: names for name, names in column_names(parameters).items() if name in signals}
 
 
 def check_samples(samples: Any, optional: Collection[str] = ()) -> None:
@@ -59,14 +70,15 @@ def check_samples(samples: Any, optional: Collection[str] = ()) -> None:
             continue
         columns, value = names[name], np.asarray(value, float)
         setattr(samples, name, value)
-        if value.shape != (len(columns), len(samples.time)):
+        shape = (len(columns), len(samples.time))[name in TIMES :]
+        if value.shape != shape:
             raise LimbError(
                 f"{name} has the shape {value.shape}, but this limb and the "
-                f"{len(samples.time)} samples of time need {(len(columns), len(samples.time))}."
+                f"{len(samples.time)} samples of time need {shape}."
             )
         if not np.isfinite(value).all():
             raise LimbError(f"{name} holds values that are not finite.")
-        _check_range(samples, name, value)
+        _check_range(samples, name, np.atleast_2d(value))
     if not np.isfinite(samples.time).all() or (np.diff(samples.time) <= 0).any():
         raise LimbError("time must be finite and increasing.")
 
@@ -76,7 +88,7 @@ def group_columns(
     names: Mapping[str, list[str]],
     optional: Collection[str] = (),
 ) -> dict[str, np.ndarray]:
-    """The signals (size, K) that a table's columns make up; time is (K,).
+    """The signals (size, K) that a table's columns make up; those in `TIMES` are (K,).
 
     Raises:
         FileFormatError: if a column is missing or none of these signals'.
@@ -92,8 +104,7 @@ def group_columns(
             signals[name] = np.array([columns[column] for column in group])
         elif name not in optional or len(missing) < len(group):
             raise FileFormatError(f"the column {missing[0]} is missing.")
-    signals["time"] = signals["time"][0]
-    return signals
+    return {name: signal[0] if name in TIMES else signal for name, signal in signals.items()}
 
 
 def ungroup_columns(samples: Any, names: Mapping[str, list[str]]) -> dict[str, np.ndarray]:
@@ -109,6 +120,8 @@ def ungroup_columns(samples: Any, names: Mapping[str, list[str]]) -> dict[str, n
 # Beyond these a value is a mistake, of units most often, in any recording.
 _RANGES = {
     "duty": (0.0, 1.0, ""),
+    "applied_duty": (0.0, 1.0, ""),
+    "sample_age": (0.0, np.inf, " s"),
     "measured_temperature": (-60.0, 600.0, " °C"),
     "wire_temperature": (-60.0, 600.0, " °C"),
     "bend_angle": (-np.pi, np.pi, " rad"),

@@ -3,7 +3,7 @@
 A file is a CSV table between a header and an end line, comments that start
 with ``#``:
 
-    # limb recording, format 1
+    # limb recording, format 2
     # sample_rate_hz: 20.0
     # ... more YAML, in comments ...
     time_s,duty_left,duty_right,...
@@ -26,7 +26,8 @@ import numpy as np
 from limb_systems.errors import LimbError
 from limb_systems.output import write_atomically
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+READABLE = (1, FORMAT_VERSION)  # format 1 had fewer columns
 _DECIMAL = decimal.Context(prec=40)
 _RADIAN = _DECIMAL.divide(
     decimal.Decimal(180), decimal.Decimal("3.141592653589793238462643383279502884197169")
@@ -153,9 +154,10 @@ def _parse_table(data: bytes, kind: str) -> tuple[str, dict[str, np.ndarray]]:
             f"this is not a limb {kind}: its first line is not "
             f"'# limb {kind}, format {FORMAT_VERSION}'."
         )
-    if int(first[2]) != FORMAT_VERSION:
+    if int(first[2]) not in READABLE:
         raise FileFormatError(
-            f"this {kind} has format {first[2]}, but this program reads format {FORMAT_VERSION}."
+            f"this {kind} has format {first[2]}, but this program reads format "
+            f"{' and '.join(map(str, READABLE))}."
         )
     last = lines[-2] if len(lines) > 2 else ""
     end = re.fullmatch(r"# end, (\d{1,15}) rows, sha256 ([0-9a-f]{64})", last)

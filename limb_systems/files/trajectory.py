@@ -6,12 +6,15 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.planning import DirectCollocation
+from pydrake.solvers import MathematicalProgramResult
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
-from limb_systems.files.samples import check_samples, column_names, group_columns, ungroup_columns
+from limb_systems.files.samples import check_samples, columns_of, group_columns, ungroup_columns
 from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.kinematics import bend_angle
+from limb_systems.model.limb import Limb, split_state
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.schema import dump_typed, load_typed
 
@@ -58,9 +61,14 @@ class PlanCheck:
     tolerance_deg: float = math.nan
     active_constraints: list[ActiveConstraint] = dataclasses.field(default_factory=list)
 
+    @property
+    def is_missing(self) -> bool:
+        """Whether nobody has checked the plan."""
+        return math.isnan(self.largest_defect + self.largest_difference_deg + self.tolerance_deg)
+
     def failure(self) -> str | None:
         """One sentence on why the plan must not be used, or None if it may."""
-        if math.isnan(self.largest_defect + self.largest_difference_deg + self.tolerance_deg):
+        if self.is_missing:
             return "it was never checked by simulating it."
         if not self.largest_defect <= DEFECT_TOLERANCE:
             return (
@@ -155,12 +163,127 @@ class Trajectory:
             [self.joint_state, self.wire_temperature, *others, self.measured_temperature]
         )
 
+    def since_start(self) -> "Trajectory":
+        """The same with time that counts from its own start, as that of what is recorded of it."""
+        start = float(self.time[0])
+        if start == 0:
+            return self
+        bounds = [
+            dataclasses.replace(bound, start=bound.start - start, end=bound.end - start)
+            for bound in self.check.active_constraints
+        ]
+        check = dataclasses.replace(self.check, active_constraints=bounds)
+        return dataclasses.replace(self, time=self.time - start, check=check)
+
     def duty_trajectory(self) -> PiecewisePolynomial:
         """Duty between the knots, for a `TrajectorySource`."""
         return PiecewisePolynomial.FirstOrderHold(self.time, self.duty)
 
+    def state_trajectory(self) -> PiecewisePolynomial:
+        """States of `Limb` between the knots, cubic as in direct collocation.
+
+        Their slopes at the knots are what the dynamics say there.
+        """
+        limb = Limb(self.parameters)
+        context = limb.CreateDefaultContext()
+        duty = limb.GetInputPort("duty").FixValue(context, self.duty[:, 0])
+        rates = []
+        for state, applied in zip(self.state.T, self.duty.T, strict=True):
+            duty.GetMutableData().set_value(applied)
+            context.SetContinuousState(state)
+            rates.append(limb.EvalTimeDerivatives(context).CopyToVector())
+        return PiecewisePolynomial.CubicHermite(self.time, self.state, np.transpose(rates))
+
+    def resample(self, rate: float) -> "Trajectory":
+        """The same motion with knots at about another rate, Hz, from its first knot to its last.
+
+        Duty is linear and states are cubic between the old knots. Between the
+        new ones they are so again, which is not quite the same: nobody has
+        checked this plan.
+
+        Raises:
+            LimbError: if the rate makes fewer than two knots.
+        """
+        if not (np.isfinite(rate) and rate * self.duration >= 0.5):
+            raise LimbError(
+                f"A rate of {rate!r} Hz makes fewer than two knots in {self.duration:g} s."
+            )
+        times = np.linspace(self.time[0], self.time[-1], round(rate * self.duration) + 1)
+        return self._from_states(
+            times,
+            self.state_trajectory().vector_values(times),
+            np.clip(self.duty_trajectory().vector_values(times), 0.0, 1.0),
+            np.array([np.interp(times, self.time, row) for row in self.reference]),
+            self.parameters,
+            PlanCheck(solver=self.check.solver, status=f"resampled at {rate:g} Hz"),
+        )
+
+    @classmethod
+    def from_collocation(
+        cls,
+        collocation: DirectCollocation,
+        result: MathematicalProgramResult,
+        parameters: LimbParameters,
+        reference: ArrayLike | None = None,
+    ) -> "Trajectory":
+        """A plan by Drake's `DirectCollocation` of a `Limb`, which nobody has checked.
+
+        `replay` refuses it unless it is asked for plans without a check.
+
+        Args:
+            collocation: of ``Limb(parameters)`` with its port ``duty``.
+            result: of solving it.
+            reference: φ_ref at the knots (S, K), rad; the plan's own bend angle
+                if None.
+
+        Raises:
+            LimbError: if the collocation was of another system, or the result
+                is no trajectory.
+        """
+        duty, states = collocation.GetInputSamples(result), collocation.GetStateSamples(result)
+        num_states = Limb(parameters).num_continuous_states()
+        if len(states) != num_states or len(duty) != len(parameters.wires):
+            raise LimbError(
+                f"This collocation has {len(states)} states and {len(duty)} inputs, but the limb "
+                f"has {num_states} states and {len(parameters.wires)} wires."
+            )
+        angles = bend_angle(parameters, states[: parameters.num_joints])
+        clipped = np.clip(duty, 0.0, 1.0)
+        if np.abs(clipped - duty).max() < 1e-6:  # a solver's tolerance; more is refused
+            duty = clipped
+        return cls._from_states(
+            collocation.GetSampleTimes(result),
+            states,
+            duty,
+            angles if reference is None else np.asarray(reference, float),
+            parameters,
+            PlanCheck(
+                solver=result.get_solver_id().name(), status=result.get_solution_result().name
+            ),
+        )
+
+    @classmethod
+    def _from_states(cls, time, states, duty, reference, parameters, check) -> "Trajectory":
+        """From states of `Limb` (.., K) at the knots."""
+        angles, rates, wire, measured = split_state(parameters, states)
+        num_wires = len(parameters.wires)
+        return cls(
+            time=time,
+            reference=reference,
+            duty=duty,
+            joint_state=np.vstack([angles, rates]),
+            wire_temperature=wire[:num_wires],
+            measured_temperature=measured,
+            parameters=parameters,
+            check=check,
+            other_wire_state=wire[num_wires:] if len(wire) > num_wires else None,
+        )
+
     def bend_angle_at(self, times: ArrayLike) -> np.ndarray:
-        """φ* at any times (M,) within the trajectory, (S, M), rad."""
+        """φ* at any times (M,) of its own clock, (S, M), rad.
+
+        A recording has the clock of `since_start`.
+        """
         if not np.isfinite(times).all():
             raise LimbError("times must be finite.")
         joints = PiecewisePolynomial.CubicHermite(self.time, self.joint_angles, self.joint_rates)
@@ -177,7 +300,7 @@ class Trajectory:
         try:
             header = load_typed(TrajectoryHeader, header_text)
             header.parameters.validate()
-            signals = group_columns(columns, column_names(header.parameters))
+            signals = group_columns(columns, columns_of(cls, header.parameters))
             del signals["bend_angle"]  # it follows from the joint angles
             return cls(**signals, parameters=header.parameters, check=header.check)
         except LimbError as error:
@@ -187,11 +310,12 @@ class Trajectory:
         """Writes the trajectory whole or not at all.
 
         Raises:
-            LimbError: if its check failed; such a plan is not written.
+            LimbError: if its check failed; such a plan is not written. One that
+                nobody has checked is, and says so.
         """
-        if failure := self.check.failure():
+        if not self.check.is_missing and (failure := self.check.failure()):
             raise LimbError(f"This plan failed its check and is not saved: {failure}")
         sample_rate = (len(self.time) - 1) / self.duration
         header = TrajectoryHeader(sample_rate, self.check, self.parameters)
-        columns = ungroup_columns(self, column_names(self.parameters))
+        columns = ungroup_columns(self, columns_of(Trajectory, self.parameters))
         write_table(path, "trajectory", dump_typed(header), columns)

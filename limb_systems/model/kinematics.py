@@ -73,6 +73,11 @@ def bend_angle_from_tip_tangent(tip_tangent: ArrayLike) -> np.ndarray:
     return np.asarray(tip_tangent, float) / 2
 
 
+def tip_tangent_from_bend_angle(bend_angle: ArrayLike) -> np.ndarray:
+    """α = 2 φ, what the sensor reads, for constant curvature (8)."""
+    return 2 * np.asarray(bend_angle, float)
+
+
 def joint_angles_from_bend_angle(parameters: LimbParameters, bend_angle: ArrayLike) -> np.ndarray:
     """θ_i = 2 φ / (n + 1) for every joint of a segment, eqn (11).
 

@@ -71,9 +71,10 @@ def ghosts_of_plan(parameters: LimbParameters, plan: Trajectory, start: float = 
             f"The plan is for a limb of {planned}, but the motion is of one of {present}; they "
             "cannot be shown together."
         )
+    plan = plan.since_start()
     ghosts = [ghost_of_reference(plan), Ghost("plan", joint_angle_course(plan))]
     for ghost in ghosts:
-        ghost.course.shiftRight(-plan.time[0] - start)
+        ghost.course.shiftRight(-start)
     return ghosts
 
 

@@ -24,8 +24,9 @@ def plot_tracking(
 ) -> Figure:
     """Fig. 5: bend angle, temperatures and duty of a plan and of what came of it.
 
-    Plans are dashed; the legend says whether the rest was simulated, emulated
-    or recorded. Several recordings are drawn as their mean and the band of
+    Time is that since the start of the plan. Plans are dashed; the legend says
+    whether the rest was simulated, emulated or recorded. Several recordings are
+    drawn as their mean and the band of
     95%, mean ± 1.96 standard deviations, on the sample times of the first. Each
     segment has its own three panels.
 
@@ -33,6 +34,7 @@ def plot_tracking(
         trajectory: the plan.
         recordings: of rollouts of this plan, all with the same sample rate.
     """
+    trajectory = trajectory.since_start()
     num_segments = len(trajectory.parameters.segments)
     figure = Figure(figsize=(WIDTH, 6.0 * num_segments), layout="constrained")
     axes = figure.subplots(

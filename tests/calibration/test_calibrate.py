@@ -164,7 +164,7 @@ def test_command_collects(tmp_path, capsys, monkeypatch):
         "calibration.__main__.collect_from_twin",
         lambda twin, **_: {"sag": [recording] * 2, "both": [recording]},
     )
-    assert main(["collect", "-o", str(tmp_path / "new"), "--twin", "3"]) == 0
+    assert main(["collect", "-o", str(tmp_path / "new"), "--emulated", "3"]) == 0
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
         "both.csv",
         "sag_1.csv",

@@ -86,6 +86,29 @@ def test_a_dead_time_is_found_without_bend(model_recordings):
     assert fit.a3.value == pytest.approx(-1.3, rel=0.1)
 
 
+def test_what_a_board_says_of_its_samples_takes_the_place_of_a_delay(model_recordings):
+    """Samples that are 0.2 s old, or some ms more, and a duty applied 0.1 s after its command."""
+    (recording,) = model_recordings["right"]
+    time, age = recording.time, np.random.default_rng(0).uniform(0.2, 0.22, len(recording.time))
+
+    def aged(rows, late):
+        return np.array([np.interp(time - late, time, row) for row in rows])
+
+    seen = {
+        "measured_temperature": aged(recording.measured_temperature, age + 0.1),
+        "bend_angle": aged(recording.bend_angle, age + 0.1),
+    }
+    since = np.searchsorted(time, time - age - 0.1)  # the duty at a sample is that since the last
+    told = {"applied_duty": recording.duty[:, since], "sample_age": age}
+    fit = fit_heat_transfer(dataclasses.replace(recording, **seen, **told), 1, 23.0)
+    assert fit.delay is None
+    assert fit.a3.value == pytest.approx(-0.8, rel=0.03)
+    untold = fit_heat_transfer(dataclasses.replace(recording, **seen), 1, 23.0)
+    assert untold.delay.value == pytest.approx(0.31, abs=0.03)
+    only = fit_heat_transfer(dataclasses.replace(recording, **seen, sample_age=age), 1, 23.0)
+    assert only.a3 == untold.a3
+
+
 @pytest.mark.parametrize(("index", "side"), SIDES)
 def test_force_is_the_one_that_generated_the_data(true_limb, model_recordings, index, side):
     (recording,) = model_recordings[side]

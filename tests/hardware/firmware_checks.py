@@ -295,8 +295,8 @@ def test_greeting_is_answered():
     host.send(protocol.HELLO)
     host.run(1)
     frames = protocol.Parser((protocol.INFO,)).feed(host.board.sent[-1])
-    assert frames[0][1][0] == 1
-    assert frames[0][1][3] == b"paper\0\0\0"
+    assert frames[0][1][0] == 2
+    assert frames[0][1][3:] == (b"paper\0\0\0", 2)
 
 
 def test_frames_fit_into_packets_and_hide_bytes():

@@ -9,6 +9,7 @@ import pytest
 
 from hardware import BoardLink, HardwareError, SerialLimb
 from hardware.firmware import protocol
+from limb_systems import LimbError
 
 
 @pytest.fixture
@@ -21,8 +22,8 @@ def board():
     os.close(master)
 
 
-def greeting(version):
-    return protocol.encode(protocol.INFO, version, 20, 440, b"mine0001")
+def greeting(version, channels=2):
+    return protocol.encode(protocol.INFO, version, 20, 440, b"mine0001", channels)
 
 
 def test_a_port_without_a_board_is_named(board):
@@ -36,18 +37,39 @@ def test_a_port_without_a_board_is_named(board):
 def test_a_board_with_other_firmware_is_refused(board):
     with BoardLink(board[1]) as link:
         os.write(board[0], greeting(7))
-        with pytest.raises(HardwareError, match="has firmware 7; this program needs 1"):
+        with pytest.raises(HardwareError, match="has firmware 7; this program needs 2"):
             link.info()
 
 
 def test_a_board_with_another_protocol_is_refused(board, monkeypatch):
     with monkeypatch.context() as other:
-        other.setattr(protocol, "VERSION", 9)
-        frame = greeting(1)
+        other.setattr(protocol, "VERSION", 1)
+        frame = greeting(2)
     with BoardLink(board[1]) as link:
         os.write(board[0], frame)
-        with pytest.raises(HardwareError, match="speaks another version of the protocol"):
+        with pytest.raises(
+            HardwareError,
+            match="speaks version 1 of the protocol, but this program version 2; flash",
+        ):
             link.info()
+
+
+def test_a_board_of_the_first_version_is_told_from_noise(board):
+    """An INFO as boards sent it before they told their channels."""
+    info = "7e 01 81 01 00 32 00 b8 01 6d 69 6e 65 30 30 30 31 47 66 dc 36 7e"
+    with BoardLink(board[1]) as link:
+        os.write(board[0], bytes.fromhex(info))
+        with pytest.raises(HardwareError, match="speaks version 1 of the protocol"):
+            link.info()
+
+
+def test_a_board_with_other_channels_is_refused(board):
+    with BoardLink(board[1]) as link:
+        os.write(board[0], greeting(2, channels=4))
+        assert link.info().channels == 4
+    threading.Timer(0.3, os.write, (board[0], greeting(2, channels=4))).start()
+    with pytest.raises(LimbError, match=r"has 2 wires, but the board on .* has 4 channels"):
+        SerialLimb(board[1])
 
 
 def test_a_board_that_takes_no_data_is_hung(board, monkeypatch):

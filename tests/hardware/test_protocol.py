@@ -56,7 +56,7 @@ def test_frames_of_other_kinds_and_versions_are_refused():
     body = bytes((protocol.VERSION + 1, protocol.SAMPLE)) + b"0123"
     body += protocol.crc32(body).to_bytes(4, "little")
     assert parser.feed(b"\x7e" + body + b"\x7e") == []
-    assert parser.other_version == 1
+    assert parser.other_version == protocol.VERSION + 1
 
 
 def test_every_single_bit_error_is_found():

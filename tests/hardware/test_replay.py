@@ -7,12 +7,18 @@ import time
 import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.systems.framework import LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource
 
+from calibration import calibrate, collect_from_twin, save_recordings
+from calibration.__main__ import main as calibration_main
 from hardware import LimbTwin, ReplayError, replay, watch
 from hardware.__main__ import main
 from hardware.emulation.sensors import SensedLimb
 from limb_systems import Limb, LimbError, LimbParameters, Recording
 from limb_systems.tracking import tracking_errors
+from planners import plan, references
+from planners.__main__ import main as planners_main
 
 
 def test_replay_on_the_model_itself_follows_the_plan(fig5_plan):
@@ -84,6 +90,58 @@ def test_a_plan_that_failed_its_check_is_refused(fig5_plan):
         replay(dataclasses.replace(fig5_plan, check=check), LimbTwin())
 
 
+class Steady(LeafSystem):
+    """A controller: the same duty for both wires, plus what it reads times a gain."""
+
+    def __init__(self, duty=0.1, gain=0.0, **inputs):
+        super().__init__()
+        ports = [self.DeclareVectorInputPort(name, size) for name, size in inputs.items()]
+        self.seen = []
+
+        def calc(context, output):
+            self.seen = [port.Eval(context) for port in ports]
+            output.SetFromVector(np.full(2, duty + gain * sum(x.sum() for x in self.seen)))
+
+        self.DeclareVectorOutputPort("duty", 2, calc)
+
+
+def test_a_controller_drives_the_limb_with_what_it_reads(fig5_plan, tmp_path):
+    inputs = {"bend_angle": 1, "measurement": 3, "measured_temperature": 2}
+    for limb in (Limb(), LimbTwin(seed=1), SensedLimb(Limb())):
+        controller = Steady(**inputs)
+        journal = tmp_path / "journal.csv"
+        recording = replay(beginning(fig5_plan, 6), limb, controller=controller, journal=journal)
+        np.testing.assert_allclose(recording.duty, 0.1)
+        np.testing.assert_allclose(recording.time, np.arange(11) / 20)
+        angle, measurement, temperature = controller.seen
+        np.testing.assert_array_equal(measurement, [*temperature, *angle])
+        np.testing.assert_allclose(temperature, recording.measured_temperature[:, -1])
+        np.testing.assert_array_equal(Recording.load(journal).duty, recording.duty)
+
+
+def test_feedback_changes_the_duty(fig5_plan):
+    fed = replay(fig5_plan, Limb(), controller=Steady(0.3, -0.2, bend_angle=1))
+    np.testing.assert_allclose(fed.duty[0], 0.3 - 0.2 * fed.bend_angle[0], atol=1e-6)
+
+
+def test_a_controller_beyond_duty_is_named(fig5_plan):
+    with pytest.raises(LimbError, match=r"duty is \[1\.5, 1\.5\] at 0 s"):
+        replay(beginning(fig5_plan, 3), Limb(), controller=Steady(1.5))
+
+
+@pytest.mark.parametrize(
+    ("controller", "sentence"),
+    [
+        (ConstantVectorSource([0.1, 0.1]), "ConstantVectorSource has no output port duty"),
+        (Steady(wire_force=2), "Steady has an input port wire_force; a limb has only measured"),
+        (Steady(bend_angle=2), "Steady takes 2 values at bend_angle, but the limb has 1"),
+    ],
+)
+def test_a_controller_with_other_ports_is_refused(fig5_plan, controller, sentence):
+    with pytest.raises(ReplayError, match=sentence):
+        replay(fig5_plan, Limb(), controller=controller)
+
+
 @pytest.fixture
 def meshcat():
     return Meshcat(MeshcatParams(host="localhost", port=0))
@@ -153,7 +211,7 @@ def test_json_says_what_is_in_the_recording(fig5_plan, tmp_path, capsys):
     fig5_plan.save(tmp_path / "plan.csv")
     output = tmp_path / "recording.csv"
     arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output)]
-    assert main([*arguments, "--seed", "3", "--json"]) == 0
+    assert main([*arguments, "--emulated", "3", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     recording = Recording.load(output)
     errors = tracking_errors(fig5_plan, [recording])
@@ -174,3 +232,30 @@ def test_command_says_what_is_wrong_with_a_file(tmp_path, capsys):
     error = capsys.readouterr().err
     assert "plan.csv: this is not a limb trajectory" in error
     assert not output.exists()
+
+
+def test_the_shell_and_python_replay_on_the_limb_that_was_recorded(tmp_path, capsys):
+    """Collected, calibrated, planned and replayed, one way and the other: the same recording."""
+    recordings = collect_from_twin(
+        LimbTwin(seed=3), num_angles=4, cooling_time=60.0, sag_trials=1, ring_downs=1
+    )
+    save_recordings(recordings, tmp_path / "recordings")
+    reference = references.from_samples([0.0, 4.0], np.deg2rad([0.0, 6.0]))
+    trajectory = plan(calibrate(recordings).parameters, reference)
+    ours = replay(trajectory, LimbTwin.of(trajectory.parameters))
+    assert ours.source == "emulated limb, seed 3"
+
+    (tmp_path / "reference.csv").write_text("0,0\n4,6\n")
+    names = ("recordings", "limb.yaml", "reference.csv", "plan.csv", "recording.csv")
+    folder, limb, drawn, planned, output = (str(tmp_path / name) for name in names)
+    assert calibration_main(["fit", folder, "-o", limb]) == 0
+    assert planners_main([drawn, "-l", limb, "-o", planned]) == 0
+    assert main(["replay", planned, "-o", output]) == 0
+    theirs = Recording.load(output)
+    assert theirs.source == ours.source
+    for name in ("time", "duty", "applied_duty", "measured_temperature", "bend_angle"):
+        np.testing.assert_array_equal(getattr(theirs, name), getattr(ours, name))
+    capsys.readouterr()
+    assert main(["replay", planned, "-o", output, "--emulated", "5"]) == 1
+    said = "calibration of the emulated limb 3, not 5; calibrate that one, or leave --emulated out"
+    assert said in capsys.readouterr().err

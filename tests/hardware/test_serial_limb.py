@@ -18,7 +18,16 @@ from calibration import calibrate, collect_equilibria, collect_from_robot
 from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
 from hardware.__main__ import main
 from hardware.firmware import guard
-from limb_systems import Limb, LimbError, LimbParameters, Recording, simulate
+from hardware.replay import check_replayable
+from limb_systems import (
+    EmulatedLimb,
+    Limb,
+    LimbError,
+    LimbParameters,
+    Recording,
+    SerialBoard,
+    simulate,
+)
 from planners import plan, references
 
 from .conftest import wait_for
@@ -38,8 +47,14 @@ def test_has_the_ports_of_the_limb(emulator):
         for name in ("measured_temperature", "bend_angle"):
             assert robot.GetOutputPort(name).size() == limb.GetOutputPort(name).size()
         assert robot.GetInputPort("duty").size() == 2
-        assert robot.GetOutputPort("sample_age").size() == 1
-        assert robot.parameters.board == "twin0000"
+        ports = [robot.get_output_port(i) for i in range(robot.num_output_ports())]
+        assert [(port.get_name(), port.size()) for port in ports[2:]] == [
+            ("sample_age", 1),
+            ("applied_duty", 2),
+            ("board_time", 1),
+            ("measurement", 3),
+        ]
+        assert robot.parameters.board == SerialBoard("twin0000")
         builder = DiagramBuilder()
         builder.AddSystem(robot)
 
@@ -59,8 +74,14 @@ def test_replay_sends_the_plan_and_records_all_of_it(emulator, short_plan, tmp_p
     assert missing.max() < 1e-4
     assert emulator.duty() == [0.0, 0.0]  # off at the end
     assert recording.measured_temperature[1, -1] > recording.measured_temperature[1, 0] + 3.0
+    # What the board had applied at a sample is what was asked for some samples before.
+    before = np.lib.stride_tricks.sliding_window_view(planned[1], 6)
+    assert np.abs(before - recording.applied_duty[1, 5:, np.newaxis]).min(axis=1).max() < 1e-4
+    assert 0.0 <= recording.sample_age.min() <= recording.sample_age[1:].max() < 0.25
+    assert recording.board_time[-1] - recording.board_time[1] == pytest.approx(3.95, abs=0.1)
     journal = Recording.load(tmp_path / "journal.csv")
-    np.testing.assert_array_equal(journal.bend_angle, recording.bend_angle)
+    for name in ("bend_angle", "applied_duty", "board_time", "sample_age"):
+        np.testing.assert_array_equal(getattr(journal, name), getattr(recording, name))
     np.testing.assert_allclose(journal.time, recording.time, atol=1e-9)
 
 
@@ -77,9 +98,15 @@ def test_emulated_limb_is_the_same_in_real_and_in_simulated_time(emulator):
 
 def test_plans_for_another_limb_or_temperature_are_refused(emulator, short_plan):
     other = dataclasses.replace(short_plan, parameters=copy.deepcopy(short_plan.parameters))
-    other.parameters.board = "twin0007"
+    other.parameters.board = SerialBoard("twin0007")
     with pytest.raises(ReplayError, match=r"limb twin0007, but the limb on .* is twin0000"):
         replay(other, SerialLimb(emulator.port))
+    other.parameters.board = EmulatedLimb(5)
+    with pytest.raises(ReplayError, match=r"limb twin0005, but the limb on .* is twin0000"):
+        replay(other, SerialLimb(emulator.port))
+    other.parameters.board = EmulatedLimb(0)
+    with SerialLimb(emulator.port, other.parameters) as robot:
+        check_replayable(other, robot)
     hot = dataclasses.replace(
         short_plan, measured_temperature=short_plan.measured_temperature + 30.0
     )
@@ -93,7 +120,8 @@ def test_plans_for_another_limb_or_temperature_are_refused(emulator, short_plan)
 
 
 def test_a_limb_of_two_segments_has_no_board(emulator, two_segments):
-    with pytest.raises(LimbError, match="A board drives a limb of one segment"):
+    message = f"has 4 wires, but the board on {emulator.port} has 2 channels"
+    with pytest.raises(LimbError, match=message):
         SerialLimb(emulator.port, two_segments)
 
 
@@ -161,7 +189,7 @@ def model_like_recording():
 def test_status_says_how_the_board_is(emulator, capsys):
     assert main(["status", emulator.port]) == 0
     said = capsys.readouterr().out
-    assert "board       twin0000, firmware 1" in said
+    assert "board       twin0000, firmware 2" in said
     assert "off: it was just switched on" in said
     assert main(["status", emulator.port, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["armed"] is False
@@ -288,9 +316,9 @@ def test_collecting_goes_on_where_it_was_interrupted(tmp_path):
 
 
 def test_calibration_remembers_the_board(tmp_path):
-    limb = LimbParameters(board="twin0003")
+    limb = LimbParameters(board=SerialBoard("twin0003"))
     recordings = {
         side: [collect_equilibria(Limb(limb), side, num_angles=3, seed=1)]
         for side in ("left", "right")
     }
-    assert calibrate(recordings).parameters.board == "twin0003"
+    assert calibrate(recordings).parameters.board == SerialBoard("twin0003")

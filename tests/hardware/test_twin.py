@@ -1,15 +1,26 @@
 """The emulated limb as a whole: the ports of `Limb`, its sensors, its memory."""
 
+import copy
+from pathlib import Path
+
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import (
+    ApplySimulatorConfig,
+    ExtractSimulatorConfig,
+    InitializeParams,
+    Simulator,
+)
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from pydrake.trajectories import PiecewisePolynomial
 
 from hardware import LimbTwin
-from hardware.emulation.sensors import SampledSensor, SensedLimb
-from limb_systems import Limb, LimbParameters, simulate
+from hardware.emulation.noise import Noise
+from hardware.emulation.sensors import SampledSensors, SensedLimb, Sensor
+from hardware.emulation.specimen import Specimen, serial_number
+from limb_systems import Limb, LimbParameters, NoBoard, SegmentParameters, simulate
+from limb_systems.simulation import make_simulator
 
 
 def port_sizes(system):
@@ -27,9 +38,10 @@ def test_has_the_ports_of_the_limb(two_segments):
         for twin in (LimbTwin(parameters), SensedLimb(Limb(parameters))):
             twin_inputs, twin_outputs = port_sizes(twin)
             assert twin_inputs == limb_inputs
-            assert twin_outputs == {
-                name: limb_outputs[name] for name in ("measured_temperature", "bend_angle")
-            }
+            sensed = {name: limb_outputs[name] for name in ("measured_temperature", "bend_angle")}
+            assert list(twin_outputs)[-1] == "measurement"
+            assert twin_outputs.pop("applied_duty", None) in (None, twin_inputs["duty"])
+            assert twin_outputs == sensed | {"measurement": sum(sensed.values())}
 
 
 def test_each_wire_warms_and_bends_its_own_segment_to_its_side(two_segments):
@@ -126,28 +138,120 @@ def test_gravity_of_a_remounted_limb_is_felt():
     assert -13.0 < np.rad2deg(sag.bend_angle[0, -40:].mean()) < -5.0
 
 
-def run_sensor(sensor, signal, duration):
+def run_sensor(sensor, signal, duration, noise=None):
     builder = DiagramBuilder()
     source = builder.AddSystem(ConstantVectorSource(signal))
-    builder.AddSystem(sensor)
-    builder.Connect(source.get_output_port(), sensor.get_input_port())
-    sink = LogVectorOutput(sensor.get_output_port(), builder, 0.1)
+    sensors = builder.AddSystem(SampledSensors([sensor], noise))
+    builder.Connect(source.get_output_port(), sensors.get_input_port())
+    sink = LogVectorOutput(sensors.GetOutputPort(sensor.name), builder, 0.1)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(duration)
     return sink.FindLog(simulator.get_context()).data()
 
 
 def test_sensor_without_noise_rounds_its_response_at_its_period():
-    readings = run_sensor(SampledSensor(2, 0.5, 0.25), [0.3, -1.13], 1.0)
+    readings = run_sensor(Sensor("x", 2, 0.5, 0.25), [0.3, -1.13], 1.0)
     np.testing.assert_allclose(readings.T, np.tile([0.25, -1.25], (11, 1)))
-    bent = run_sensor(SampledSensor(1, 0.5, 1e-6, response=lambda x: x + x**2), [0.5], 1.0)
+    bent = run_sensor(Sensor("x", 1, 0.5, 1e-6, response=lambda x: x + x**2), [0.5], 1.0)
     np.testing.assert_allclose(bent, 0.75)
 
 
 def test_sensor_drifts_with_its_deviation_and_correlation_time():
-    generator = np.random.default_rng(1)
-    sensor = SampledSensor(200, 0.1, 1e-9, drift=2.0, drift_time=5.0, generator=generator)
-    readings = run_sensor(sensor, np.zeros(200), 50.0)
+    sensor = Sensor("x", 200, 0.1, 1e-9, drift=2.0, drift_time=5.0)
+    readings = run_sensor(sensor, np.zeros(200), 50.0, Noise(np.random.default_rng(1)))
     assert readings.std() == pytest.approx(2.0, rel=0.1)
     late = np.mean(readings[:, :-50] * readings[:, 50:]) / np.mean(readings**2)
     assert late == pytest.approx(np.exp(-1), abs=0.08)  # 5 s apart
+
+
+def test_readings_are_those_they_have_always_been():
+    """The limbs of the evaluation stay what they were, to the digit."""
+    kept = np.loadtxt(Path(__file__).parents[1] / "data" / "twin_readings.csv", delimiter=",")
+    for seed in (0, 3, 7):
+        twin = LimbTwin(seed=seed)
+        runs = [simulate(twin, [0.1, 0.4], 3.0)]
+        rested = twin.again(2.0, bend_rate=100.0)
+        runs.append(simulate(rested, [0.0, 0.0], 0.5, sample_rate=100.0))
+        runs.append(simulate(SensedLimb(Limb(), seed=seed), [0.1, 0.4], 1.0))
+        for number, run in enumerate(runs):
+            expected = kept[(kept[:, 0] == seed) & (kept[:, 1] == number), 2:].T
+            degrees = np.rad2deg(run.bend_angle)
+            np.testing.assert_allclose(4 * run.measured_temperature, expected[:2], atol=1e-6)
+            np.testing.assert_allclose(10 * degrees, expected[2:], atol=1e-6)
+
+
+@pytest.mark.parametrize("make", [LimbTwin, lambda: SensedLimb(Limb())])
+def test_copies_of_a_context_go_on_alike(make):
+    limb = make()
+    simulator = make_simulator(limb, 1e-2)
+    limb.GetInputPort("duty").FixValue(simulator.get_mutable_context(), [0.1, 0.4])
+    simulator.AdvanceTo(1.0)
+    contexts = [simulator.get_context().Clone() for _ in range(2)]
+    copies = [Simulator(limb, context) for context in contexts]
+    readings = [[], []]
+    for end in np.arange(1.1, 2.0, 0.1):  # in turn, as if one were a look ahead
+        for ahead, seen in zip(copies, readings, strict=True):
+            ApplySimulatorConfig(ExtractSimulatorConfig(simulator), ahead)
+            ahead.Initialize(InitializeParams(suppress_initialization_events=True))
+            ahead.AdvanceTo(end)
+            seen.append(limb.GetOutputPort("measurement").Eval(ahead.get_context()))
+    np.testing.assert_array_equal(*readings)
+    assert np.ptp(readings[0], axis=0).min() > 0.0
+
+
+def test_measurement_is_both_readings(two_segments):
+    for limb in (LimbTwin(two_segments), SensedLimb(Limb(two_segments))):
+        simulator = make_simulator(limb, 1e-2)
+        context = simulator.get_mutable_context()
+        limb.GetInputPort("duty").FixValue(context, [0.0, 0.3, 0.2, 0.0])
+        simulator.AdvanceTo(0.5)
+        names = ("measured_temperature", "bend_angle")
+        both = [limb.GetOutputPort(name).Eval(context) for name in names]
+        np.testing.assert_array_equal(
+            limb.GetOutputPort("measurement").Eval(context), np.concatenate(both)
+        )
+
+
+def test_applied_duty_is_that_in_steps_of_the_pwm():
+    recording = simulate(LimbTwin(), [0.101, 0.3], 1.0)
+    np.testing.assert_allclose(recording.applied_duty[:, 0], [26 / 255, 76 / 255])
+    assert recording.sample_age is None
+    assert simulate(Limb(), [0.101, 0.3], 1.0).applied_duty is None
+
+
+def test_an_emulated_limb_is_made_again_from_its_identity():
+    wide = LimbParameters(segments=[SegmentParameters(links=2, width=0.03)])
+    for twin in (
+        LimbTwin(seed=3),
+        LimbTwin(wide, seed=4),
+        LimbTwin(specimen=Specimen(LimbParameters(), 5).without("hysteresis", "bend sensor")),
+    ):
+        recording = simulate(twin, [0.1, 0.4], 1.0)
+        used = twin.again(gravity=(0.0, -9.81, 0.0))
+        assert recording.parameters.board == used.parameters.board
+        calibrated = copy.deepcopy(recording.parameters)
+        calibrated.segments[0].stiffness *= 1.1
+        made_again = LimbTwin.of(LimbParameters.from_yaml(calibrated.to_yaml()), seed=9)
+        assert made_again.source == twin.source
+        rerun = simulate(made_again, [0.1, 0.4], 1.0)
+        np.testing.assert_array_equal(rerun.bend_angle, recording.bend_angle)
+        np.testing.assert_array_equal(rerun.measured_temperature, recording.measured_temperature)
+    assert LimbTwin.of(LimbParameters(), seed=9).source == "emulated limb, seed 9"
+
+
+def test_a_limb_drawn_around_a_calibrated_one_is_another():
+    calibrated = LimbTwin(seed=3).parameters
+    calibrated.segments[0].stiffness *= 1.1
+    board = LimbTwin(calibrated, seed=3).parameters.board
+    assert board.seed == 3
+    assert LimbParameters.from_yaml(board.description).board == NoBoard()
+    numbers = {
+        serial_number(board),
+        serial_number(LimbTwin(seed=3).parameters.board),
+        serial_number(LimbTwin(seed=4).parameters.board),
+        serial_number(LimbTwin(seed=123450).parameters.board),
+        serial_number(LimbTwin(seed=123451).parameters.board),
+    }
+    assert len(numbers) == 5
+    assert {len(number) for number in numbers} == {8}
+    assert "twin0003" in numbers

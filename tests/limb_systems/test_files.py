@@ -349,9 +349,29 @@ def test_the_lines_are_counted_as_in_an_editor(lines):
     assert names_line(lines) == 26  # line 27, counted from 1
 
 
+def test_what_only_robots_know_comes_back(tmp_path):
+    robot = make_recording(
+        applied_duty=np.array([[0.0, 0.1, 0.2, 1 / 3]] * 2),
+        board_time=np.array([1e3, 1e3 + 0.05, 1e3 + 0.1, 1e3 + 0.2]),
+        sample_age=np.array([0.0, 0.01, 1 / 3, 0.2]),
+    )
+    robot.save(tmp_path / "file.csv")
+    assert_identical(Recording.load(tmp_path / "file.csv"), robot)
+    with pytest.raises(LimbError, match=r"sample_age is \[-0\.1\] s at .* from 0 to inf s"):
+        make_recording(sample_age=[-0.1, 0.0, 0.0, 0.0])
+    with pytest.raises(LimbError, match=r"board_time has the shape \(1, 4\), .* need \(4,\)"):
+        make_recording(board_time=[[1.0, 2.0, 3.0, 4.0]])
+
+
+def test_a_file_of_the_first_version_is_read(tmp_path, lines):
+    lines[0] = lines[0].replace("format 2", "format 1")
+    write_sealed(tmp_path / "file.csv", lines)
+    assert_identical(Recording.load(tmp_path / "file.csv"), make_recording())
+
+
 def test_another_version_is_refused(lines, refuse_sealed):
-    lines[0] = lines[0].replace("format 1", "format 2")
-    refuse_sealed(lines, "format 2", "format 1")
+    lines[0] = lines[0].replace("format 2", "format 3")
+    refuse_sealed(lines, "format 3", "format 1 and 2")
 
 
 def test_shuffled_rows_are_refused(lines, refuse_sealed):

@@ -11,15 +11,18 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.trajectories import CompositeTrajectory, PiecewisePolynomial
 
+from hardware import LimbTwin, SensedLimb, replay, watch
 from limb_systems import (
     Limb,
     LimbError,
     LimbParameters,
+    LimbSystem,
     PlanCheck,
     SegmentParameters,
     Trajectory,
     simulate,
 )
+from limb_systems.model.limb_system import check_limb
 from limb_systems.simulation import SimulationError, record
 
 
@@ -272,6 +275,25 @@ def test_a_system_without_states_is_recorded_sample_by_sample():
     np.testing.assert_allclose(
         recording.measured_temperature, 25 + np.outer([50, 25], time), atol=1e-10
     )
+
+
+def test_what_stands_in_for_a_limb_has_all_that_is_asked_of_it():
+    for system in (Limb(), LimbTwin(), SensedLimb(Limb()), StatelessRobot()):
+        limb = check_limb(system)
+        assert isinstance(limb, LimbSystem)
+        assert limb.real_time is False
+    assert (LimbTwin.accuracy, StatelessRobot().source) == (1e-2, "a stand-in")
+
+
+def test_what_cannot_stand_in_for_a_limb_is_told_all_it_lacks(refused):
+    bare = StatelessRobot()
+    del bare.source
+    lacks = "StatelessRobot cannot stand in for a limb: it lacks the attribute source"
+    for run in (simulate, replay, watch, lambda limb, *_: SensedLimb(limb)):
+        with refused(LimbError, lacks):
+            run(bare, [0.1, 0.1]) if run is not replay else run(None, bare)
+    with refused(LimbError, "lacks the input port duty, the output port measured_temperature, "):
+        simulate(ConstantVectorSource([0.0]), [0.1, 0.2], 1.0)
 
 
 # Refusals

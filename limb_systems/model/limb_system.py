@@ -1,0 +1,76 @@
+"""What stands in for a limb: the model, the emulated limb, the robot, or a system of one's own."""
+
+from typing import Protocol, runtime_checkable
+
+from pydrake.systems.framework import Context, InputPort, OutputPort, System
+
+from limb_systems.errors import LimbError
+from limb_systems.model.parameters import LimbParameters
+
+ACCURACY = 1e-3  # of simulations, where a system does not say otherwise
+
+
+@runtime_checkable
+class LimbSystem(Protocol):
+    """Any Drake system with the ports of a limb and these attributes.
+
+    For a limb of S segments and W = 2 S wires it has the input port ``duty`` (W)
+    and the output ports ``measured_temperature`` (W), °C, and ``bend_angle``
+    (S), rad, by these names, and any others.
+
+    - ``parameters``: of the limb, as far as it is known.
+    - ``source``: what it is, in words, for what is recorded of it.
+    - ``real_time``: whether it must be run in real time and closed at the end,
+      by its method ``close``, as a robot must; False if left out.
+    - ``accuracy``: relative accuracy of the integrator that it needs; 1e-3 if
+      left out.
+    """
+
+    parameters: LimbParameters
+    source: str
+    real_time: bool
+    accuracy: float
+
+    # Of what every Drake system has, that which is used here.
+    def HasOutputPort(self, port_name: str) -> bool:
+        """Whether there is an output port of a name."""
+
+    def GetInputPort(self, port_name: str) -> InputPort:
+        """The input port of a name."""
+
+    def GetOutputPort(self, port_name: str) -> OutputPort:
+        """The output port of a name."""
+
+    def GetMyContextFromRoot(self, root_context: Context) -> Context:
+        """The system's own part of the Context of a diagram."""
+
+    def GetMyMutableContextFromRoot(self, root_context: Context) -> Context:
+        """The same, to write to."""
+
+
+def check_limb(system: System) -> LimbSystem:
+    """A system as what stands in for a limb, with the attributes that may be left out.
+
+    Raises:
+        LimbError: one sentence that names all that is missing.
+    """
+    missing = [
+        f"the {kind} port {name}"
+        for kind, has, names in (
+            ("input", system.HasInputPort, ["duty"]),
+            ("output", system.HasOutputPort, ["measured_temperature", "bend_angle"]),
+        )
+        for name in names
+        if not has(name)
+    ]
+    missing += [
+        f"the attribute {name}" for name in ("parameters", "source") if not hasattr(system, name)
+    ]
+    if missing:
+        raise LimbError(
+            f"{type(system).__name__} cannot stand in for a limb: it lacks {', '.join(missing)}."
+        )
+    for name, value in (("real_time", False), ("accuracy", ACCURACY)):
+        if not hasattr(system, name):
+            setattr(system, name, value)
+    return system

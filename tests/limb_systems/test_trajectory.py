@@ -1,0 +1,141 @@
+"""Trajectories between their knots, on another clock, with others, and from Drake's program."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pydrake.planning import DirectCollocation
+from pydrake.solvers import IpoptSolver
+
+from calibration import validate
+from hardware import ReplayError, replay
+from limb_systems import (
+    ActiveConstraint,
+    Limb,
+    LimbError,
+    LimbParameters,
+    LinearLaw,
+    SegmentParameters,
+    Trajectory,
+    bend_angle,
+    simulate,
+)
+from limb_systems.tracking import tracking_errors
+from limb_systems.views.plots import plot_tracking
+
+
+@pytest.fixture(scope="module")
+def late_plan(fig5_plan):
+    """The same plan, on a clock that is at 5 s when it starts."""
+    bounds = [
+        ActiveConstraint(bound.bound, bound.start + 5.0, bound.end + 5.0)
+        for bound in fig5_plan.check.active_constraints
+    ]
+    check = dataclasses.replace(fig5_plan.check, active_constraints=bounds)
+    return dataclasses.replace(fig5_plan, time=fig5_plan.time + 5.0, check=check)
+
+
+def test_a_plan_since_its_start_is_on_the_clock_of_its_recordings(fig5_plan, late_plan):
+    plan = late_plan.since_start()
+    np.testing.assert_allclose(plan.time, fig5_plan.time, atol=1e-12)
+    starts = [bound.start for bound in fig5_plan.check.active_constraints]
+    np.testing.assert_allclose([b.start for b in plan.check.active_constraints], starts)
+    assert fig5_plan.since_start() is fig5_plan
+
+
+def test_a_plan_that_starts_late_is_followed_and_judged_alike(fig5_plan, late_plan):
+    early, late = (replay(p, Limb(p.parameters)) for p in (fig5_plan, late_plan))
+    np.testing.assert_allclose(late.bend_angle, early.bend_angle, atol=1e-6)
+    errors = [tracking_errors(p, [late]).mean for p in (fig5_plan, late_plan)]
+    assert errors[1] == pytest.approx(errors[0], rel=1e-3)
+
+
+def test_pictures_of_a_plan_that_starts_late_are_on_the_clock_of_the_recording(late_plan):
+    recording = replay(late_plan, Limb(late_plan.parameters))
+    (panel, *_) = plot_tracking(late_plan, [recording]).axes
+    assert panel.get_xlim() == pytest.approx((0.0, 60.0))
+    lines = {line.get_label().split()[0]: line.get_xdata() for line in panel.get_lines()}
+    assert lines["plan"][0] == pytest.approx(lines["recorded"][0]) == 0.0
+
+
+def test_a_recording_that_starts_late_is_validated_alike(fig5_plan):
+    recording = simulate(Limb(fig5_plan.parameters), fig5_plan, 10.0)
+    late = dataclasses.replace(recording, time=recording.time + 5.0)
+    validation = validate(fig5_plan.parameters, late)
+    assert validation.mean < np.deg2rad(0.1)
+    np.testing.assert_array_equal(validation.simulation.time, late.time)
+
+
+def test_states_between_knots_have_the_slopes_of_the_dynamics(fig5_plan):
+    states = fig5_plan.state_trajectory()
+    np.testing.assert_allclose(states.vector_values(fig5_plan.time), fig5_plan.state, atol=1e-9)
+    times = fig5_plan.time[5:-5:7] + 0.03
+    angles = bend_angle(fig5_plan.parameters, states.vector_values(times)[:5])
+    np.testing.assert_allclose(angles, fig5_plan.bend_angle_at(times), atol=1e-9)
+    heat = states.derivative().vector_values(fig5_plan.time[1:-1])[10:12]
+    law = LinearLaw()
+    expected = law.a1 * (fig5_plan.wire_temperature - 25.0) + law.a2 * fig5_plan.duty
+    np.testing.assert_allclose(heat, expected[:, 1:-1], atol=1e-6)
+
+
+def test_resampling_keeps_the_motion_and_says_that_it_is_unchecked(fig5_plan):
+    fine = fig5_plan.resample(50.0)
+    assert len(fine.time) == 3001
+    np.testing.assert_allclose(fine.bend_angle, fig5_plan.bend_angle_at(fine.time), atol=1e-9)
+    np.testing.assert_allclose(fine.duty[:, ::5], fig5_plan.duty, atol=1e-9)
+    assert fine.check.is_missing
+    with pytest.raises(ReplayError, match="never checked and is not replayed; simulate it"):
+        replay(fine, Limb())
+    followed = replay(fine, Limb(), unchecked=True)
+    assert np.rad2deg(tracking_errors(fine, [followed]).mean) < 0.1
+    with pytest.raises(LimbError, match=r"0\.001 Hz makes fewer than two knots in 60 s"):
+        fig5_plan.resample(0.001)
+
+
+@pytest.fixture(scope="module")
+def collocation():
+    """A program of a limb of one stiff link without much to do, and its solution."""
+    parameters = LimbParameters(segments=[SegmentParameters(links=1, damping=0.05)])
+    limb = Limb(parameters)
+    program = DirectCollocation(
+        limb,
+        limb.CreateDefaultContext(),
+        num_time_samples=21,
+        minimum_time_step=0.1,
+        maximum_time_step=0.1,
+        input_port_index=limb.GetInputPort("duty").get_index(),
+        assume_non_continuous_states_are_fixed=False,
+    )
+    duty = program.input()
+    program.AddConstraintToAllKnotPoints(duty[0] >= 0.0)
+    program.AddConstraintToAllKnotPoints(duty[1] >= 0.0)
+    program.AddConstraintToAllKnotPoints(duty[0] <= 1.0)
+    program.AddConstraintToAllKnotPoints(duty[1] <= 1.0)
+    start = limb.CreateDefaultContext().get_continuous_state_vector().CopyToVector()
+    prog = program.prog()
+    prog.AddBoundingBoxConstraint(start, start, program.initial_state())
+    program.AddRunningCost((duty[1] - 0.2) ** 2 + duty[0] ** 2)
+    yield parameters, program, IpoptSolver().Solve(prog)
+    del limb  # Drake does not keep it alive
+
+
+def test_a_program_of_ones_own_becomes_a_trajectory(collocation, tmp_path):
+    parameters, program, result = collocation
+    assert result.is_success()
+    trajectory = Trajectory.from_collocation(program, result, parameters)
+    times = np.linspace(0.0, 2.0, 137)
+    drakes = program.ReconstructStateTrajectory(result).vector_values(times)
+    ours = trajectory.state_trajectory().vector_values(times)
+    np.testing.assert_allclose(ours, drakes, atol=1e-6)
+    assert trajectory.duty[1, 5] == pytest.approx(0.2, abs=1e-3)
+    np.testing.assert_array_equal(trajectory.reference, trajectory.bend_angle)
+    assert trajectory.check.solver == "Ipopt"
+    with pytest.raises(ReplayError, match="never checked"):
+        replay(trajectory, Limb(parameters))
+    trajectory.save(tmp_path / "plan.csv")
+    loaded = Trajectory.load(tmp_path / "plan.csv")
+    assert loaded.check.is_missing
+    recording = replay(loaded, Limb(parameters), unchecked=True)
+    assert np.rad2deg(tracking_errors(loaded, [recording]).mean) < 0.1
+    with pytest.raises(LimbError, match="has 6 states and 2 inputs, but the limb has 14 states"):
+        Trajectory.from_collocation(program, result, LimbParameters())
