@@ -59,7 +59,7 @@ def plan(
         parameters: of the limb.
         reference: φ_ref in rad, a row for each segment, from time 0 on; it
             need not be feasible, nor continuous. See `planners.references`.
-        task: weights and limits; the paper's if None.
+        task: weights and limits; `Task()` if None.
         knot_rate: knots per second to begin with, Hz. The duration of the
             reference is rounded to whole intervals.
         initial_state: x_init, a state of `Limb`; by default at rest in
@@ -103,7 +103,7 @@ class Planner:
     Args:
         parameters: of the limb.
         times: of the knots (N,), s, increasing from 0.
-        task: weights and limits; the paper's if None.
+        task: weights and limits; `Task()` if None.
         tolerance_deg: how far a plan may be from its simulation, degrees.
         solver: as in `planners.plan`.
     """

@@ -16,7 +16,7 @@ from pydrake.solvers import (
 
 from limb_systems import LimbParameters, joint_angles_from_bend_angle, torque_matrix
 from planners.defects import linear_defect_terms
-from planners.program import add_duty_cost, add_thermal_limits
+from planners.program import add_duty_cost, add_thermal_limits, hold_duty
 from planners.solving import PlanningError
 from planners.task import Task
 
@@ -128,6 +128,7 @@ def solve_quasi_static(
             weighted @ to_angles, -weighted @ target[:, k], wire[k], is_convex=True
         )
     add_duty_cost(prog, times, duty, task)
+    hold_duty(prog, times, duty, task)
     prog.AddBoundingBoxConstraint(initial_temperature, initial_temperature, wire[0])
     add_thermal_limits(prog, parameters, times, wire, duty, task, warm_up_time)
 

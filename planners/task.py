@@ -27,7 +27,12 @@ class Phase:
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """Weights and limits of a plan; the defaults are the paper's (15).
+    """Weights and limits of a plan.
+
+    The defaults are the paper's (15) but for its end: there duty at the last
+    knot costs nothing and the last angle a thousandfold, so that duty chatters
+    and jumps in the last second. Here it is held, and the last angle weighs
+    less; `Task.paper` is (15) as it is printed.
 
     Cost:
 
@@ -47,6 +52,8 @@ class Task:
       0.1°, and as good as at rest, to 0.5°/s.
     - ``final_hold``: for how long before the end the limb is as good as at
       rest, s.
+    - ``duty_hold``: for how long before the end duty is constant, s; over the
+      last interval at least, unless it is zero.
     - ``stretch``: the shortest and longest that the plan may take, as factors
       of the reference's duration, whose time is stretched; None for 1. The
       warm-up (20) stretches with it.
@@ -57,7 +64,7 @@ class Task:
 
     angle_weight: float = 100.0
     duty_weight: float = 2.0
-    terminal_factor: float = 1000.0
+    terminal_factor: float = 100.0
     phases: Sequence[Phase] = ()
     energy_weight: float = 0.0
     time_weight: float = 0.0
@@ -65,6 +72,7 @@ class Task:
     max_temperature_rate: float | None = None
     reach: bool = False
     final_hold: float = 0.0
+    duty_hold: float = 1.0
     stretch: tuple[float, float] | None = None
     customize: Callable | None = None
 
@@ -76,6 +84,7 @@ class Task:
             "energy_weight",
             "time_weight",
             "final_hold",
+            "duty_hold",
         ):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0):
@@ -94,6 +103,11 @@ class Task:
         starts = [phase.start for phase in self.phases]
         if starts != sorted(starts):
             raise TaskError("phases must come in the order of their start.")
+
+    @classmethod
+    def paper(cls) -> "Task":
+        """The paper's (15): Q_N = 1000 Q, and duty is free to the last knot."""
+        return cls(terminal_factor=1000.0, duty_hold=0.0)
 
     def weights(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Q and R at the knots, each (N,); the last Q is Q_N, and the last R counts for nothing.

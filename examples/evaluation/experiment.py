@@ -10,7 +10,7 @@ from calibration import Calibration, calibrate, collect_from_twin
 from hardware import LimbTwin, replay, watch
 from hardware.emulation.specimen import Specimen
 from limb_systems import Recording, Trajectory
-from planners import plan, references
+from planners import Task, plan, references
 
 NUM_ROLLOUTS = 5
 NUM_ANGLES = 6  # equilibria of each calibration recording
@@ -73,7 +73,7 @@ def run_experiment(specimen: Specimen, num_rollouts: int = NUM_ROLLOUTS) -> Expe
             )
             taught = watch(LimbTwin(specimen=specimen).again(PAUSE, hand=hand), times[-1])
             reference = references.from_recording(taught, SMOOTHING_TIME)
-        trajectory = plan(calibration.parameters, reference)
+        trajectory = plan(calibration.parameters, reference, task=Task.paper())
         rollouts, exact = [], None
         for _ in range(num_rollouts):
             rested = LimbTwin(specimen=specimen).again(PAUSE)

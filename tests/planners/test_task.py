@@ -16,6 +16,44 @@ from planners import (
 )
 
 
+def largest_change_of_duty(trajectory, seconds):
+    """Between knots, in the time before the end."""
+    late = trajectory.time >= trajectory.time[-1] - seconds - 1e-9
+    return np.abs(np.diff(trajectory.duty[:, late])).max()
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [
+        references.step_and_decaying_sine(),
+        references.from_samples([0.0, 28.0, 28.01, 30.0], np.deg2rad([0.0, 0.0, 20.0, 20.0])),
+        references.from_samples([0.0, 22.0, 24.0, 40.0], np.deg2rad([0.0, 0.0, 20.0, 20.0])),
+        references.from_samples([0.0, 22.0, 30.0], np.deg2rad([0.0, 0.0, 20.0])),
+    ],
+    ids=["fig5", "step", "hold", "ramp"],
+)
+def test_plans_end_quietly_and_follow_as_well_as_the_papers(reference):
+    quiet, papers = (plan(LimbParameters(), reference, task=task) for task in (None, Task.paper()))
+    assert largest_change_of_duty(quiet, 1.0) < 1e-6
+    assert largest_change_of_duty(papers, 1.0) > 0.3
+    missed = [np.rad2deg(np.abs(t.bend_angle - t.reference).mean()) for t in (quiet, papers)]
+    assert missed[0] < missed[1] + 0.02
+
+
+def test_duty_is_held_over_the_last_interval_at_least():
+    trajectory = plan(
+        cold_parameters(), ramp_to_20_degrees(), knot_rate=2.0, task=Task(duty_hold=0.1)
+    )
+    assert np.abs(np.diff(trajectory.duty)[:, -1]).max() < 1e-6
+    assert np.abs(np.diff(trajectory.duty)[:, -2]).max() > 1e-3
+
+
+def test_the_papers_task_is_as_it_is_printed():
+    weights, _ = Task.paper().weights(np.linspace(0.0, 1.0, 11))
+    assert weights.tolist() == [100.0] * 10 + [100_000.0]
+    assert Task.paper().duty_hold == 0.0
+
+
 def cold_parameters():
     parameters = LimbParameters()
     parameters.temperature_limits.warm_up_time = 1000.0
@@ -76,7 +114,12 @@ def test_reach_and_hold():
 def test_minimum_energy_heats_as_late_as_it_can():
     """Heat leaks, so the least energy comes last: full duty at the very end."""
     task = Task(
-        angle_weight=0.0, duty_weight=1e-3, energy_weight=1.0, terminal_factor=0.0, reach=True
+        angle_weight=0.0,
+        duty_weight=1e-3,
+        energy_weight=1.0,
+        terminal_factor=0.0,
+        reach=True,
+        duty_hold=0.0,
     )
     least = plan(cold_parameters(), ramp_to_20_degrees(), task=task)
     usual = plan(cold_parameters(), ramp_to_20_degrees(), task=Task(reach=True))
@@ -96,6 +139,7 @@ def test_minimum_time_is_that_of_full_duty():
         terminal_factor=0.0,
         time_weight=1.0,
         reach=True,
+        duty_hold=0.0,
         stretch=(0.05, 1.0),
     )
     trajectory = plan(cold_parameters(), ramp_to_20_degrees(), task=task, knot_rate=4.0)
@@ -148,7 +192,7 @@ def test_tasks_that_make_no_sense_are_refused(changes, message):
 
 
 def test_uneven_knots_weigh_as_much_as_the_time_they_stand_for():
-    weights, _ = Task().weights(np.array([0.0, 0.1, 0.15, 0.2, 0.3]))
+    weights, _ = Task.paper().weights(np.array([0.0, 0.1, 0.15, 0.2, 0.3]))
     np.testing.assert_allclose(weights, [100.0, 50.0, 50.0, 100.0, 100_000.0])
     even, _ = Task().weights(np.linspace(0.0, 60.0, 601))
     assert set(even[:-1]) == {100.0}
