@@ -5,8 +5,10 @@ import importlib
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable
 from importlib.metadata import version
+from typing import Any
 
 from limb_systems.errors import LimbError
 
@@ -55,7 +57,7 @@ def add_force_option(command: argparse.ArgumentParser) -> None:
 
 
 def run_command(command: Callable[[], int], stopped: str) -> int:
-    """Runs a command to its exit status, with one sentence instead of a traceback.
+    """Runs a command to its exit status, with one sentence for an error or a warning.
 
     SIGTERM and SIGHUP end it as Ctrl-C does, so that what holds a resource,
     such as hot wires, lets go of it on the way out. So does SIGINT where a
@@ -74,7 +76,9 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _stop)
     try:
-        status = command()
+        with warnings.catch_warnings():
+            warnings.showwarning = _say_warning
+            status = command()
         sys.stdout.flush()
         return status
     except BrokenPipeError:
@@ -87,6 +91,10 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
     except KeyboardInterrupt:
         print(stopped, file=sys.stderr)
         return 130
+
+
+def _say_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"warning: {message}", file=sys.stderr)
 
 
 def _stop(*_: object) -> None:

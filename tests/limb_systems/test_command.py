@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,11 @@ def test_status_is_the_commands_own():
 def test_what_cannot_be_done_is_one_sentence(error, capsys):
     assert run_command(fail_with(error), "stopped") == 1
     assert capsys.readouterr().err == "error: no limb\n"
+
+
+def test_a_warning_is_one_sentence(capsys):
+    assert run_command(lambda: warnings.warn("these are radians", stacklevel=1) or 0, "") == 0
+    assert capsys.readouterr().err == "warning: these are radians\n"
 
 
 def test_mistakes_of_the_program_are_not_hidden():
