@@ -11,6 +11,7 @@ from limb_systems.views.plots import plot_tracking, save_figure
 from planners.planning import MAX_KNOTS
 from planners.report import plan_facts, plan_summary, plot_diagnostics
 from planners.request import Request, make_plan
+from planners.task import Task
 
 
 def main(arguments: list[str] | None = None, prog: str = "python -m planners") -> int:
@@ -36,6 +37,11 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "-l", "--limb", type=Path, help="limb parameters (.yaml); the nominal limb if left out"
+    )
+    parser.add_argument(
+        "--task",
+        help="weights and limits: a file (.yaml), or 'paper' for the paper's; those of "
+        "planners.Task if left out",
     )
     parser.add_argument("--plot", type=Path, help="picture of the plan to write (.png, .pdf, .svg)")
     parser.add_argument(
@@ -73,7 +79,7 @@ def _plan(options) -> int:
     outputs = [path for path in (options.output, options.plot, options.diagnostics) if path]
     check_outputs(
         outputs,
-        inputs=[Path(options.reference), options.limb],
+        inputs=[Path(options.reference), options.limb, options.task and Path(options.task)],
         pictures=[options.plot, options.diagnostics],
         force=options.force,
     )
@@ -81,6 +87,7 @@ def _plan(options) -> int:
         Request(
             reference=options.reference,
             limb=options.limb,
+            task=_task(options.task),
             smoothing_time=options.smooth,
             knot_rate=options.knot_rate,
             max_knots=options.max_knots,
@@ -99,6 +106,12 @@ def _plan(options) -> int:
         print(plan_summary(trajectory))
         print(f"written     {', '.join(written)}")
     return 0
+
+
+def _task(name: str | None) -> Task | None:
+    if name is None:
+        return None
+    return Task.paper() if name == "paper" else Task.load(name)
 
 
 if __name__ == "__main__":

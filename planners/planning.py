@@ -1,7 +1,7 @@
 """From a reference to a feasible trajectory that was checked by simulation."""
 
-import copy
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,7 @@ SMALL_STATE_CHANGE = 0.02  # of the scales of the states
 
 
 def plan(
-    parameters: LimbParameters,
+    parameters: LimbParameters | str | Path | None,
     reference: trajectories.Trajectory,
     *,
     task: Task | None = None,
@@ -59,7 +59,7 @@ def plan(
     knots are added and it is solved again.
 
     Args:
-        parameters: of the limb.
+        parameters: of the limb, or their YAML file; the nominal limb if None.
         reference: φ_ref in rad, a row for each segment, from time 0 on; it
             need not be feasible, nor continuous. See `planners.references`.
         task: weights and limits; `Task()` if None.
@@ -82,6 +82,7 @@ def plan(
             the plan fails its check.
     """
     started = time.perf_counter()
+    parameters = LimbParameters.of(parameters)
     check_positive("tolerance_deg", tolerance_deg, "degrees")
     num_knots = number_of_knots(reference, knot_rate, max_knots)
     times = np.linspace(0.0, reference.end_time(), num_knots)
@@ -111,7 +112,7 @@ class Planner:
     state that was reached, with the reference as it is now.
 
     Args:
-        parameters: of the limb.
+        parameters: of the limb, or their YAML file; the nominal limb if None.
         times: of the knots (N,), s, increasing from 0.
         task: weights and limits; `Task()` if None.
         tolerance_deg: how far a plan may be from its simulation, degrees.
@@ -120,16 +121,16 @@ class Planner:
 
     def __init__(
         self,
-        parameters: LimbParameters,
+        parameters: LimbParameters | str | Path | None,
         times: ArrayLike,
         *,
         task: Task | None = None,
         tolerance_deg: float = 0.1,
         solver: SolverInterface | None = None,
     ):
-        parameters.validate()
         check_positive("tolerance_deg", tolerance_deg, "degrees")
-        self.parameters, self.task = copy.deepcopy(parameters), task or Task()
+        self.parameters = parameters = LimbParameters.of(parameters)
+        self.task = task or Task()
         self.times = np.asarray(times, float)
         if self.times.ndim != 1 or len(self.times) < 2 or not (np.diff(self.times) > 0).all():
             raise PlanningError("times must be two knots or more, increasing.")

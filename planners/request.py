@@ -13,6 +13,7 @@ from limb_systems import LimbParameters, Recording, Trajectory
 from planners import references
 from planners.planning import number_of_knots, plan
 from planners.solving import PlanningError
+from planners.task import Task
 
 # Knots times joints from which on single calls into Drake take a second and more.
 LARGE = 5000
@@ -24,12 +25,14 @@ class Request:
 
     - ``reference``: "fig5", or the path of a recording or a CSV.
     - ``limb``: path of the parameters; None for the nominal limb.
+    - ``task``: None for the default one.
     - ``smoothing_time``: of a recording's bend angle, s.
     - ``knot_rate``, ``max_knots``, ``tolerance_deg``: as of `planners.plan`.
     """
 
     reference: str
     limb: Path | None
+    task: Task | None
     smoothing_time: float
     knot_rate: float
     max_knots: int
@@ -70,6 +73,7 @@ def _plan(request: Request, limb: LimbParameters, reference) -> Trajectory:
     return plan(
         limb,
         reference,
+        task=request.task,
         knot_rate=request.knot_rate,
         tolerance_deg=request.tolerance_deg,
         max_knots=request.max_knots,
@@ -89,7 +93,7 @@ def _leave_signals_alone() -> None:
 
 
 def _limb(request: Request) -> LimbParameters:
-    return LimbParameters.load(request.limb) if request.limb else LimbParameters()
+    return LimbParameters.of(request.limb)
 
 
 def _reference(request: Request) -> trajectories.Trajectory:

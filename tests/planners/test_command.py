@@ -148,3 +148,23 @@ def test_a_large_plan_is_that_of_its_own_process(tmp_path, monkeypatch, quick, c
     assert main([*quick, "-o", str(tmp_path / "there.csv")]) == 0
     here, there = (Trajectory.load(tmp_path / name) for name in ("here.csv", "there.csv"))
     np.testing.assert_allclose(there.duty, here.duty, atol=1e-9)
+
+
+def test_tasks_are_files_or_the_papers(quick, tmp_path, capsys):
+    (tmp_path / "task.yaml").write_text("angle_weight: 1\nterminal_factor: 1\n")
+    plans = {}
+    for task in ("paper", str(tmp_path / "task.yaml")):
+        output = tmp_path / f"{Path(task).stem}.csv"
+        assert main([*quick, "-o", str(output), "--task", task]) == 0
+        plans[Path(task).stem] = Trajectory.load(output)
+    assert np.abs(np.diff(plans["paper"].duty)[:, -1]).max() > 0.1
+    assert np.rad2deg(plans["task"].bend_angle[0, -1]) < 11.0
+    assert main([*quick, "-o", str(tmp_path / "no.csv"), "--task", "nowhere.yaml"]) == 1
+    assert "nowhere.yaml" in capsys.readouterr().err
+
+
+def test_doubts_about_a_reference_are_said_and_it_is_planned(quick, tmp_path, capsys):
+    (tmp_path / "reference.csv").write_text("time;angle\n1;0\n3;0,52\n")
+    assert main([*quick, "-o", str(tmp_path / "plan.csv")]) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert [line.split(":")[0] for line in said] == ["warning", "warning"]
