@@ -47,7 +47,7 @@ def make_problem(links: int, knots: int) -> dict:
     """The fields of `casadi_peer.Problem` for the Fig. 5 reference."""
     program, guess = _program_and_guess(links, knots)
     states, duty = _states_and_duty(program, guess)
-    parameters, task = limb_parameters(links), Task()
+    parameters, task = limb_parameters(links), Task.paper()
     segment, limits = parameters.segments[0], parameters.temperature_limits
     times = np.linspace(0.0, DURATION, knots)
     reference = references.step_and_decaying_sine().vector_values(times)
@@ -97,6 +97,7 @@ def run_ours(problem: dict, time_limit: float) -> dict:
         trajectory = plan(
             limb_parameters(problem["links"]),
             references.step_and_decaying_sine(),
+            task=Task.paper(),
             knot_rate=(len(problem["times"]) - 1) / DURATION,
             tolerance_deg=TOLERANCE_DEG,
         )
@@ -220,6 +221,7 @@ def _program_and_guess(links: int, knots: int):
             plan(
                 limb_parameters(links),
                 references.step_and_decaying_sine(),
+                task=Task.paper(),
                 knot_rate=(knots - 1) / DURATION,
             )
     except _FoundError as found:

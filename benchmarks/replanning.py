@@ -16,7 +16,7 @@ import numpy as np
 import planners.planning as planning
 from limb_systems import LimbParameters
 from limb_systems.model.statics import static_equilibrium
-from planners import Planner, references
+from planners import Planner, Task, references
 
 REPETITIONS = 5
 HORIZON, KNOTS, START = 30.0, 301, 25.0  # s, 1, s
@@ -48,7 +48,10 @@ def main() -> None:
             checks = []
             for _ in range(REPETITIONS):
                 planner = Planner(
-                    LimbParameters(), np.linspace(0.0, HORIZON, KNOTS), tolerance_deg=0.5
+                    LimbParameters(),
+                    np.linspace(0.0, HORIZON, KNOTS),
+                    task=Task.paper(),
+                    tolerance_deg=0.5,
                 )
                 before = planner.plan(reference_from(START, 0.0), warm, elapsed=START)
                 knot = round(later / HORIZON * (KNOTS - 1))

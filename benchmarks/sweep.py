@@ -18,7 +18,7 @@ import numpy as np
 
 from limb_systems import LimbError, LimbParameters, SegmentParameters
 from limb_systems.progress import Progress
-from planners import Planner, references
+from planners import Planner, Task, references
 
 
 def random_problem(seed: int):
@@ -58,7 +58,7 @@ def solve(seed: int) -> dict:
         "kind": kind,
     }
     try:
-        trajectory, _, _ = Planner(parameters, times).plan_unchecked(reference)
+        trajectory, _, _ = Planner(parameters, times, task=Task.paper()).plan_unchecked(reference)
     except LimbError as error:
         return problem | {"failure": str(error)}
     check = trajectory.check

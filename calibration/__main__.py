@@ -22,21 +22,22 @@ from calibration.checks import check_recording
 from calibration.report import calibration_facts, validation_facts, validation_summary
 from hardware import LimbTwin, SerialLimb
 from limb_systems import LimbParameters, Recording
-from limb_systems.command import run_command
+from limb_systems.command import add_force_option, run_command
+from limb_systems.output import OutputError, check_folder, check_outputs
 from limb_systems.views.plots import save_figure
 
 
-def main(arguments: list[str] | None = None) -> int:
-    options = _parser().parse_args(arguments)
+def main(arguments: list[str] | None = None, prog: str = "python -m calibration") -> int:
+    options = _parser(prog).parse_args(arguments)
     command = {"collect": _collect, "fit": _fit, "validate": _validate}[options.command]
     return run_command(
         lambda: command(options), "stopped; what was finished is kept, and wires are off"
     )
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(prog: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m calibration",
+        prog=prog,
         description="Calibrates a limb from recordings of its sag, its ring-down and heated "
         "equilibria.",
         epilog="exit status: 0 done, 1 it could not be done, 2 wrong usage, 130 stopped by Ctrl-C",
@@ -77,6 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     collect.add_argument(
         "--seed", type=int, default=0, help="of the random equilibria (default %(default)s)"
     )
+    add_force_option(collect)
 
     fit = commands.add_parser(
         "fit",
@@ -106,6 +108,7 @@ def _parser() -> argparse.ArgumentParser:
         "alone (default %(default)s)",
     )
     fit.add_argument("--json", action="store_true", help="print JSON")
+    add_force_option(fit)
 
     check = commands.add_parser(
         "validate",
@@ -117,10 +120,12 @@ def _parser() -> argparse.ArgumentParser:
     check.add_argument("recording", type=Path, help="recording with heated wires (.csv)")
     check.add_argument("--plot", type=Path, help="picture of both to write (.png, .pdf, .svg)")
     check.add_argument("--json", action="store_true", help="print JSON")
+    add_force_option(check)
     return parser
 
 
 def _collect(options) -> int:
+    check_folder(options.output)
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
     if options.port:
         collect_from_robot(
@@ -132,6 +137,10 @@ def _collect(options) -> int:
             num_angles=options.angles,
         )
         return 0
+    if not options.force and any(options.output.glob("*.csv")):
+        raise OutputError(
+            f"{options.output} holds recordings; give another folder, or --force to replace them."
+        )
     recordings = collect_from_twin(
         LimbTwin(limb, seed=options.emulated), seed=options.seed, num_angles=options.angles
     )
@@ -141,6 +150,11 @@ def _collect(options) -> int:
 
 
 def _fit(options) -> int:
+    check_outputs(
+        [options.output, options.report],
+        inputs=[options.limb, *options.recordings.glob("*.csv")],
+        force=options.force,
+    )
     limb = LimbParameters.load(options.limb) if options.limb else None
     calibration = calibrate(options.recordings, limb, heat=options.heat)
     save_parameters(calibration, options.output)
@@ -152,6 +166,12 @@ def _fit(options) -> int:
 
 
 def _validate(options) -> int:
+    check_outputs(
+        [options.plot],
+        inputs=[options.limb, options.recording],
+        pictures=[options.plot],
+        force=options.force,
+    )
     limb, recording = LimbParameters.load(options.limb), Recording.load(options.recording)
     check_recording(recording)
     validation = validate(limb, recording)

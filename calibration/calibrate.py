@@ -5,6 +5,8 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from calibration.checks import KINDS, check_recording
 from calibration.controller import only_segment
 from calibration.damping import DampingFit, fit_damping
@@ -21,14 +23,15 @@ from calibration.remarks import Remark, remarks_on_validation, verdict
 from calibration.stiffness import StiffnessFit, fit_stiffness
 from calibration.validation import Validation, validate
 from limb_systems import LimbParameters, LinearLaw, NoBoard, Recording
+from limb_systems.display import Shown
 from limb_systems.errors import LimbError
 from limb_systems.progress import Progress
 
 HEAT_METHODS = ("bend", "temperature")
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Calibration:
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Shown):
     """A calibrated limb, and all that was learned on the way.
 
     - ``parameters``: the calibrated `LimbParameters`.
@@ -51,6 +54,23 @@ class Calibration:
     force: list[ForceFit]
     validation: Validation | None
     sources: dict[str, list[str]]
+
+    def facts(self) -> dict[str, str]:
+        """How many quantities there are, how well they predict, and how many remarks."""
+        validated = "not validated"
+        if self.validation:
+            error = np.rad2deg(self.validation.mean)
+            validated = f"validated to {error:.1f}° on average"
+        number = len(self.remarks)
+        return {
+            "fitted": f"{len(self.estimates)} quantities",
+            "validation": validated,
+            "remarks": f"{number or 'no'} remark{'s' * (number != 1)}",
+        }
+
+    def details(self) -> dict[str, str]:
+        """The quantities with their standard errors."""
+        return {name: str(estimate) for name, estimate in self.estimates.items()}
 
     @property
     def estimates(self) -> dict[str, Estimate]:

@@ -1,13 +1,13 @@
 """Every fit drawn over its data."""
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from calibration.damping import DampingFit
 from calibration.force import ForceFit
 from calibration.heat import HeatFit
 from calibration.stiffness import StiffnessFit
 from calibration.validation import Validation
+from limb_systems.views.figure import Figure
 from limb_systems.views.plots import (
     PLAN_COLOR,
     REFERENCE_COLOR,

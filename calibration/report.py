@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from calibration.calibrate import Calibration
 from calibration.damping import DampingFit
@@ -15,6 +14,7 @@ from calibration.heat import HeatFit
 from calibration.validation import Validation
 from limb_systems.output import write_atomically
 from limb_systems.views import page
+from limb_systems.views.figure import Figure
 from limb_systems.views.plots import wire_colors
 
 _MEANING = {

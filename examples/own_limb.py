@@ -12,11 +12,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from scipy.linalg import eigvalsh
 
 from limb_systems import LimbError, LimbParameters, bend_angle, make_manipulator
 from limb_systems.model.statics import static_equilibrium
+from limb_systems.views.figure import Figure
 from limb_systems.views.plots import save_figure
 
 

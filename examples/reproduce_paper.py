@@ -12,17 +12,19 @@ error knows what an emulated limb is made of.
 import argparse
 import concurrent.futures
 import dataclasses
+import itertools
 import json
 import multiprocessing
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from calibration import save_parameters, save_recordings
 from calibration.report import calibration_summary
 from calibration.report import write_report as write_calibration_report
-from evaluation.experiment import Experiment, run_experiment
+from evaluation.experiment import NUM_STEPS, Experiment, run_experiment
 from evaluation.figures import figures
 from evaluation.report import EMULATED, write_report
 from evaluation.tables import STATISTICS, Summary, findings, summarize, table_1
@@ -60,8 +62,13 @@ def _reproduce(options) -> int:
     if not options.quick:
         jobs += [(seed, absent) for seed in seeds for absent in ABSENCES]
     if len(jobs) == 1:
-        print("An emulated limb: recorded, calibrated, planned for and driven ...", flush=True)
-        results = [_run(0, (), folder)]
+        steps = itertools.count(1)
+
+        def tell(step: str) -> None:
+            print(f"{next(steps)}/{NUM_STEPS + 1} {step} ...", flush=True)
+
+        results = [_run(0, (), folder, tell)]
+        tell("drawing figures, and writing the report")
     else:
         results = _run_all(jobs, folder)
     summaries = [summary for summary, _ in results]
@@ -122,10 +129,15 @@ def _hush() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
 
 
-def _run(seed: int, absent: tuple[str, ...], folder: Path) -> tuple[Summary, Experiment | None]:
+def _run(
+    seed: int,
+    absent: tuple[str, ...],
+    folder: Path,
+    tell: Callable[[str], object] = lambda step: None,
+) -> tuple[Summary, Experiment | None]:
     """One limb; its files are written, and the first limb is returned as well."""
     specimen = Specimen(LimbParameters(), seed).without(*absent)
-    experiment = run_experiment(specimen, num_rollouts=1 if absent else 5)
+    experiment = run_experiment(specimen, num_rollouts=1 if absent else 5, tell=tell)
     if not absent:
         _save(experiment, folder / f"limb_{seed}")
     return summarize(experiment), None if seed or absent else experiment

@@ -15,25 +15,22 @@ from hardware.emulation.emulated_board import ORDERS, emulate
 from hardware.firmware import guard
 from hardware.robot.self_test import self_test
 from limb_systems import EmulatedLimb, LimbParameters, Recording, Trajectory
-from limb_systems.command import run_command
+from limb_systems.command import add_force_option, run_command
+from limb_systems.output import check_outputs
 from limb_systems.tracking import tracking_errors
 
 
-def main(arguments: list[str] | None = None) -> int:
-    if arguments is None and sys.argv[1:2] == ["collect"]:
-        # Collecting needs the controller of the package that is built on this one.
-        from calibration.__main__ import main as calibration_main
-
-        return calibration_main(sys.argv[1:])
-    options = _parser().parse_args(arguments)
+def main(arguments: list[str] | None = None, prog: str = "python -m hardware") -> int:
+    options = _parser(prog).parse_args(arguments)
     return run_command(lambda: _COMMANDS[options.command](options), "stopped; wires are off")
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(prog: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m hardware",
+        prog=prog,
         description="Replays plans on a limb, records motions that are taught, and checks the "
-        "board. A PORT is the name of a serial port or any URL of pyserial's.",
+        "board; recordings for calibration are collected by soft-limb collect. A PORT is the name "
+        "of a serial port or any URL of pyserial's.",
         epilog="exit status: 0 done, 1 it could not be done, 2 wrong usage, 130 stopped by Ctrl-C "
         "or a signal, with the wires off",
     )
@@ -80,6 +77,7 @@ def _parser() -> argparse.ArgumentParser:
         "--plot", type=Path, help="picture of plan and recording to write (.png, .pdf, .svg)"
     )
     _add_meshcat_option(run)
+    add_force_option(run)
 
     teach = commands.add_parser(
         "teach",
@@ -96,6 +94,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     teach.add_argument("-l", "--limb", type=Path, help="parameters of the limb (.yaml)")
     _add_meshcat_option(teach)
+    add_force_option(teach)
 
     recover = commands.add_parser(
         "recover", help="finish the recording of a program that was killed"
@@ -104,12 +103,7 @@ def _parser() -> argparse.ArgumentParser:
     recover.add_argument(
         "-o", "--output", required=True, type=Path, help="recording file to write (.csv)"
     )
-
-    commands.add_parser(
-        "collect",
-        add_help=False,
-        help="record what calibration needs; the same as python -m calibration collect",
-    )
+    add_force_option(recover)
 
     emulation = commands.add_parser(
         "emulate",
@@ -137,6 +131,7 @@ def _parser() -> argparse.ArgumentParser:
     emulation.add_argument(
         "--log", type=Path, help="file for changes of duty and orders, a line of JSON each"
     )
+    add_force_option(emulation)
     return parser
 
 
@@ -219,6 +214,12 @@ def _arm_check(options) -> int:
 
 
 def _replay(options) -> int:
+    check_outputs(
+        [options.output, options.plot],
+        inputs=[options.trajectory],
+        pictures=[options.plot],
+        force=options.force,
+    )
     trajectory = Trajectory.load(options.trajectory)
     meshcat = _start_meshcat(options)
     timing = None
@@ -276,6 +277,7 @@ def _twin(planned: LimbParameters, options) -> LimbTwin:
 
 
 def _teach(options) -> int:
+    check_outputs([options.output], inputs=[options.limb], force=options.force)
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
     meshcat = _start_meshcat(options)
     robot = SerialLimb(options.port, limb, heated=False)
@@ -290,6 +292,7 @@ def _teach(options) -> int:
 
 
 def _recover(options) -> int:
+    check_outputs([options.output], inputs=[options.recording], force=options.force)
     recording = Recording.load(options.recording, unfinished=True)
     recording.save(options.output)
     print(f"recovered   {len(recording.time)} samples, {recording.time[-1]:.2f} s")
@@ -298,6 +301,7 @@ def _recover(options) -> int:
 
 
 def _emulate(options) -> int:
+    check_outputs([options.log], inputs=[options.limb], force=options.force)
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
     emulate(LimbTwin(limb, seed=options.emulated), options.do, options.log)
     return 0

@@ -1,5 +1,10 @@
 """A soft planar limb bent by shape-memory-alloy wires, as Drake systems."""
 
+# ruff: noqa: E402 - what hides a package is said before it is imported
+from limb_systems.shadows import check_shadows
+
+check_shadows()
+
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import ActiveConstraint, PlanCheck, Trajectory

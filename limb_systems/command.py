@@ -1,15 +1,63 @@
-"""How the package's commands end."""
+"""``soft-limb``, the one door to all commands, and how commands end."""
 
+import argparse
+import importlib
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable
+from importlib.metadata import version
+from typing import Any
 
 from limb_systems.errors import LimbError
 
+# For each command its package, whose `__main__` is imported when it is run, so that nothing here
+# depends on what is built on this package; and what it does.
+COMMANDS = {
+    "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
+    "collect": ("calibration", "record all that calibration needs"),
+    "fit": ("calibration", "fit a limb to a folder of recordings"),
+    "validate": ("calibration", "compare a calibrated limb with a recording, open loop"),
+    "replay": ("hardware", "replay a trajectory on a robot or an emulated limb"),
+    "teach": ("hardware", "record the bend while the limb is moved by hand"),
+    "status": ("hardware", "say how a board is"),
+    "arm-check": ("hardware", "test sensors and wires one by one"),
+    "ports": ("hardware", "list the serial ports of this computer"),
+    "recover": ("hardware", "finish the recording of a program that was killed"),
+    "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
+}
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """``soft-limb``: runs the command that is named, by its own package."""
+    width = max(map(len, COMMANDS))
+    parser = argparse.ArgumentParser(
+        prog="soft-limb",
+        description="Models, calibrates, plans for and drives soft limbs bent by heat.",
+        epilog="commands:\n"
+        + "".join(f"  {name:<{width}}  {what}\n" for name, (_, what) in COMMANDS.items())
+        + "\nsoft-limb COMMAND --help says more about each.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"soft-limb {version('soft-limb')}")
+    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="one of those below")
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="of the command")
+    options = parser.parse_args(arguments)
+    package, _ = COMMANDS[options.command]
+    run = importlib.import_module(f"{package}.__main__").main
+    if package == "planners":  # whose door has one command, without a name
+        return run(options.arguments, prog="soft-limb plan")
+    return run([options.command, *options.arguments], prog="soft-limb")
+
+
+def add_force_option(command: argparse.ArgumentParser) -> None:
+    """Adds ``--force``, for `limb_systems.output.check_outputs`."""
+    command.add_argument("--force", action="store_true", help="replace files that exist")
+
 
 def run_command(command: Callable[[], int], stopped: str) -> int:
-    """Runs a command to its exit status, with one sentence instead of a traceback.
+    """Runs a command to its exit status, with one sentence for an error or a warning.
 
     SIGTERM and SIGHUP end it as Ctrl-C does, so that what holds a resource,
     such as hot wires, lets go of it on the way out. So does SIGINT where a
@@ -28,7 +76,9 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _stop)
     try:
-        status = command()
+        with warnings.catch_warnings():
+            warnings.showwarning = _say_warning
+            status = command()
         sys.stdout.flush()
         return status
     except BrokenPipeError:
@@ -41,6 +91,10 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
     except KeyboardInterrupt:
         print(stopped, file=sys.stderr)
         return 130
+
+
+def _say_warning(message: Warning | str, *_: Any, **__: Any) -> None:
+    print(f"warning: {message}", file=sys.stderr)
 
 
 def _stop(*_: object) -> None:

@@ -2,7 +2,14 @@
 
 import os
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
+
+from limb_systems.errors import LimbError
+
+
+class OutputError(LimbError):
+    """A file must not or cannot be written where it was asked for."""
 
 
 def write_atomically(path: str | Path, text: str) -> None:
@@ -20,3 +27,65 @@ def write_atomically(path: str | Path, text: str) -> None:
     except BaseException:
         os.unlink(temporary)
         raise
+
+
+def check_outputs(
+    outputs: Sequence[Path | None],
+    *,
+    inputs: Sequence[Path | None] = (),
+    pictures: Sequence[Path | None] = (),
+    force: bool = False,
+) -> None:
+    """Refuses what a command could not or should not write, before its work.
+
+    Args:
+        outputs: files to be written; None stands for what was not asked for.
+        inputs: files that are read, which are never replaced.
+        pictures: those of the outputs that are pictures.
+        force: whether files that exist may be replaced.
+
+    Raises:
+        OutputError: with one sentence naming the file.
+    """
+    for picture in filter(None, pictures):
+        check_picture(picture)
+    taken = {path.resolve(): "read" for path in filter(None, inputs)}
+    for path in filter(None, outputs):
+        if use := taken.get(path.resolve()):
+            raise OutputError(f"{path} is {use} by the same command; give another name.")
+        taken[path.resolve()] = "written"
+        if path.is_dir():
+            raise OutputError(f"{path} is a folder; give the name of a file in it.")
+        check_folder(path.parent)
+        if path.exists() and not force:
+            raise OutputError(f"{path} exists; give another name, or --force to replace it.")
+
+
+def check_folder(folder: Path) -> None:
+    """Refuses a folder that is not there and cannot be made, or that cannot be written to.
+
+    Raises:
+        OutputError: with one sentence naming what is in the way.
+    """
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    if not there.is_dir():
+        raise OutputError(f"{there} is a file, but a folder is needed there.")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise OutputError(f"{there} is a folder that you may not write to.")
+
+
+def check_picture(path: Path) -> None:
+    """Refuses a picture whose name ends with no known format.
+
+    Raises:
+        OutputError: with one sentence naming the formats.
+    """
+    # Matplotlib takes as long to import as all the rest.
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    formats = FigureCanvasBase.get_supported_filetypes()
+    if path.suffix[1:].lower() not in formats:
+        raise OutputError(
+            f"The picture {path} is of no known format; its name must end with one of "
+            f"{', '.join(f'.{name}' for name in sorted(formats))}."
+        )

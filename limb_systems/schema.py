@@ -6,6 +6,7 @@ read here rather than by `yaml_load_typed`, which knows no ranges, no classes
 that are defined later, and not where in the document a mistake is.
 """
 
+import collections.abc
 import dataclasses
 import difflib
 import functools
@@ -44,7 +45,7 @@ class Strict:
         names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
         if name not in names:
             raise SchemaError(
-                f"{type(self).__name__} has no field {name!r}{_nearest(name, names)}; it has "
+                f"{type(self).__name__} has no field {name!r}{nearest(name, names)}; it has "
                 f"{', '.join(names)}."
             )
         super().__setattr__(name, value)
@@ -65,7 +66,8 @@ def load_typed(schema: type[T], text: str) -> T:
     A field that is left out has its default; one without a default must be
     there. No field may be unknown, and each number must be in its range. A
     dataclass may have a class method ``upgrade`` that turns what older
-    versions wrote into what it has now.
+    versions wrote into what it has now. A field whose metadata say so,
+    ``{"in_files": False}``, is none of a file's.
 
     Raises:
         SchemaError: with one sentence naming the field.
@@ -162,7 +164,13 @@ _Loader.add_multi_constructor("!", _construct_tagged)
 
 def _build(data: Any, schema: Any, path: str) -> Any:
     where = path or "the document"
-    if typing.get_origin(schema) is list:
+    if typing.get_origin(schema) is tuple:
+        kinds = typing.get_args(schema)
+        if not isinstance(data, list) or len(data) != len(kinds):
+            raise SchemaError(f"{where} must be a list of {len(kinds)}, but is {data!r}.")
+        pairs = enumerate(zip(data, kinds, strict=True))
+        return tuple(_build(value, kind, f"{path}[{index}]") for index, (value, kind) in pairs)
+    if typing.get_origin(schema) in (list, collections.abc.Sequence):
         if not isinstance(data, list):
             raise SchemaError(f"{where} must be a list, but is {data!r}.")
         item = typing.get_args(schema)[0]
@@ -170,6 +178,9 @@ def _build(data: Any, schema: Any, path: str) -> Any:
     if _is_union(schema):
         if data is None and type(None) in typing.get_args(schema):
             return None
+        plain = [c for c in typing.get_args(schema) if c is not type(None)]
+        if len(plain) == 1 and not dataclasses.is_dataclass(plain[0]):
+            return _build(data, plain[0], path)
         schema = _chosen(data, schema, where)
         data = {key: value for key, value in data.items() if key != "_tag"}
     if dataclasses.is_dataclass(schema):
@@ -178,6 +189,10 @@ def _build(data: Any, schema: Any, path: str) -> Any:
         if not isinstance(data, str):
             raise SchemaError(f"{path} is {data!r}; it must be text.")
         return data
+    if schema is bool:
+        if not isinstance(data, bool):
+            raise SchemaError(f"{path} is {data!r}; it must be true or false.")
+        return data
     if not _is_number(data, schema):
         kind = "a whole number" if schema is int else "a number"
         raise SchemaError(f"{path} is {data!r}; it must be {kind}.")
@@ -185,7 +200,8 @@ def _build(data: Any, schema: Any, path: str) -> Any:
 
 
 def _build_fields(data: Any, schema: type, path: str, where: str) -> Any:
-    fields, hints = dataclasses.fields(schema), _hints(schema)
+    hints = _hints(schema)
+    fields = [f for f in dataclasses.fields(schema) if f.metadata.get("in_files", True)]
     names = [field.name for field in fields]
     if hasattr(schema, "upgrade"):
         data = schema.upgrade(data)
@@ -196,7 +212,7 @@ def _build_fields(data: Any, schema: type, path: str, where: str) -> Any:
         if key not in names:
             unknown = f"{prefix}{key}" if str(key).isprintable() else repr(key)
             raise SchemaError(
-                f"{unknown} is not a known field{_nearest(str(key), names)}; {where} has the "
+                f"{unknown} is not a known field{nearest(str(key), names)}; {where} has the "
                 f"fields {', '.join(names)}."
             )
     values = {}
@@ -219,7 +235,7 @@ def _chosen(data: Any, schema: Any, where: str) -> type:
     tag = data.get("_tag", given[0].__name__)
     if tag not in choices:
         raise SchemaError(
-            f"{where} is a !{tag}, which is not known{_nearest(tag, list(choices))}; it must be "
+            f"{where} is a !{tag}, which is not known{nearest(tag, list(choices))}; it must be "
             f"one of {_tags(choices)}."
         )
     return choices[tag]
@@ -248,7 +264,8 @@ def _is_union(schema: Any) -> bool:
     return typing.get_origin(schema) in (typing.Union, types.UnionType)
 
 
-def _nearest(name: str, names: list[str]) -> str:
+def nearest(name: str, names: list[str]) -> str:
+    """What to add to an error about a name that is not known: the one that may be meant."""
     match = difflib.get_close_matches(name, names, n=1)
     return f" (did you mean {match[0]}?)" if match else ""
 

@@ -5,21 +5,23 @@ import json
 import sys
 from pathlib import Path
 
-from limb_systems import LimbParameters, Recording
-from limb_systems.command import run_command
+from limb_systems.command import add_force_option, run_command
+from limb_systems.output import check_outputs
 from limb_systems.views.plots import plot_tracking, save_figure
-from planners import plan, references
+from planners.planning import MAX_KNOTS
 from planners.report import plan_facts, plan_summary, plot_diagnostics
+from planners.request import Request, make_plan
+from planners.task import Task
 
 
-def main(arguments: list[str] | None = None) -> int:
-    options = _parser().parse_args(arguments)
+def main(arguments: list[str] | None = None, prog: str = "python -m planners") -> int:
+    options = _parser(prog).parse_args(arguments)
     return run_command(lambda: _plan(options), "stopped; nothing was written")
 
 
-def _parser() -> argparse.ArgumentParser:
+def _parser(prog: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m planners",
+        prog=prog,
         description="Plans the feasible trajectory of a limb that is nearest to a reference bend "
         "angle, checks it by simulation, and writes it to a file that robots replay.",
         epilog="exit status: 0 the plan was written, 1 there is no plan, 2 wrong usage, 130 "
@@ -28,13 +30,18 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "reference",
         help="'fig5' for the paper's two steps and decaying sinusoid; or a recording (teach and "
-        "repeat); or a CSV of numbers, time in s and bend angle in degrees, without a header",
+        "repeat); or a CSV of time in s and bend angle in degrees, as spreadsheets write it",
     )
     parser.add_argument(
         "-o", "--output", required=True, type=Path, help="trajectory file to write (.csv)"
     )
     parser.add_argument(
         "-l", "--limb", type=Path, help="limb parameters (.yaml); the nominal limb if left out"
+    )
+    parser.add_argument(
+        "--task",
+        help="weights and limits: a file (.yaml), or 'paper' for the paper's; those of "
+        "planners.Task if left out",
     )
     parser.add_argument("--plot", type=Path, help="picture of the plan to write (.png, .pdf, .svg)")
     parser.add_argument(
@@ -44,6 +51,12 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--knot-rate", type=float, default=10.0, help="knots per second (default %(default)g)"
+    )
+    parser.add_argument(
+        "--max-knots",
+        type=int,
+        default=MAX_KNOTS,
+        help="refuse to plan with more knots than that (default %(default)s)",
     )
     parser.add_argument(
         "--tolerance",
@@ -58,23 +71,35 @@ def _parser() -> argparse.ArgumentParser:
         help="s over which a recording's bend angle is smoothed (default %(default)g)",
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
+    add_force_option(parser)
     return parser
 
 
 def _plan(options) -> int:
-    parameters = LimbParameters.load(options.limb) if options.limb else LimbParameters()
-    trajectory = plan(
-        parameters,
-        _reference(options.reference, options.smooth),
-        knot_rate=options.knot_rate,
-        tolerance_deg=options.tolerance,
+    outputs = [path for path in (options.output, options.plot, options.diagnostics) if path]
+    check_outputs(
+        outputs,
+        inputs=[Path(options.reference), options.limb, options.task and Path(options.task)],
+        pictures=[options.plot, options.diagnostics],
+        force=options.force,
+    )
+    trajectory = make_plan(
+        Request(
+            reference=options.reference,
+            limb=options.limb,
+            task=_task(options.task),
+            smoothing_time=options.smooth,
+            knot_rate=options.knot_rate,
+            max_knots=options.max_knots,
+            tolerance_deg=options.tolerance,
+        )
     )
     trajectory.save(options.output)
     if options.plot:
         save_figure(plot_tracking(trajectory), options.plot)
     if options.diagnostics:
         save_figure(plot_diagnostics(trajectory), options.diagnostics)
-    written = [str(path) for path in (options.output, options.plot, options.diagnostics) if path]
+    written = [str(path) for path in outputs]
     if options.json:
         print(json.dumps({**plan_facts(trajectory), "written": written}))
     else:
@@ -83,13 +108,10 @@ def _plan(options) -> int:
     return 0
 
 
-def _reference(name: str, smoothing_time: float):
-    if name == "fig5":
-        return references.step_and_decaying_sine()
-    path = Path(name)
-    if path.is_file() and path.read_bytes().startswith(b"# limb recording"):
-        return references.from_recording(Recording.load(path), smoothing_time)
-    return references.load(path)
+def _task(name: str | None) -> Task | None:
+    if name is None:
+        return None
+    return Task.paper() if name == "paper" else Task.load(name)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,8 @@
 """From a reference to a feasible trajectory that was checked by simulation."""
 
-import copy
 import time
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +32,7 @@ from planners.task import Task
 CHECK_ACCURACY = 3e-4
 CHECK_RATE = 20.0  # Hz, of the comparison, or that of the knots if it is higher
 
+MAX_KNOTS = 20_000  # a minute and more on two cores; most often time in ms
 MAX_REFINEMENTS = 4
 RINGING = 0.3  # s, in which the limb's first mode decays to a third
 
@@ -41,13 +43,14 @@ SMALL_STATE_CHANGE = 0.02  # of the scales of the states
 
 
 def plan(
-    parameters: LimbParameters,
+    parameters: LimbParameters | str | Path | None,
     reference: trajectories.Trajectory,
     *,
     task: Task | None = None,
     knot_rate: float = 10.0,
     initial_state: ArrayLike | None = None,
     tolerance_deg: float = 0.1,
+    max_knots: int = MAX_KNOTS,
     solver: SolverInterface | None = None,
 ) -> Trajectory:
     """Plans the feasible trajectory nearest to a reference, eqns (15)-(20).
@@ -56,16 +59,17 @@ def plan(
     knots are added and it is solved again.
 
     Args:
-        parameters: of the limb.
+        parameters: of the limb, or their YAML file; the nominal limb if None.
         reference: φ_ref in rad, a row for each segment, from time 0 on; it
             need not be feasible, nor continuous. See `planners.references`.
-        task: weights and limits; the paper's if None.
+        task: weights and limits; `Task()` if None.
         knot_rate: knots per second to begin with, Hz. The duration of the
             reference is rounded to whole intervals.
         initial_state: x_init, a state of `Limb`; by default at rest in
             static equilibrium with wires at ambient temperature.
         tolerance_deg: how far the bend angle of the plan may be from that of
             an accurate simulation of its duty, degrees.
+        max_knots: a plan that needs more is refused.
         solver: one of Drake's, such as `SnoptSolver()`, to be used instead of
             those of `planners.solving`.
 
@@ -78,7 +82,11 @@ def plan(
             the plan fails its check.
     """
     started = time.perf_counter()
-    times, tolerance, largest = _knots(reference, knot_rate), np.deg2rad(tolerance_deg), np.inf
+    parameters = LimbParameters.of(parameters)
+    check_positive("tolerance_deg", tolerance_deg, "degrees")
+    num_knots = number_of_knots(reference, knot_rate, max_knots)
+    times = np.linspace(0.0, reference.end_time(), num_knots)
+    tolerance, largest = np.deg2rad(tolerance_deg), np.inf
     for refinement in range(MAX_REFINEMENTS + 1):
         planner = Planner(parameters, times, task=task, tolerance_deg=tolerance_deg, solver=solver)
         trajectory, offsets, differences = planner.plan_unchecked(reference, initial_state)
@@ -86,7 +94,10 @@ def plan(
         before, largest = largest, differences.max()
         if largest <= tolerance or largest > 0.7 * before:  # met, or knots do not help
             break
-        times = _refined(times, offsets, differences, tolerance)
+        finer = _refined(times, offsets, differences, tolerance)
+        if len(finer) > max_knots:
+            break
+        times = finer
     trajectory.check.total_time = time.perf_counter() - started
     if failure := trajectory.check.failure():
         raise PlanningError(f"The plan failed its check: {failure}")
@@ -101,24 +112,25 @@ class Planner:
     state that was reached, with the reference as it is now.
 
     Args:
-        parameters: of the limb.
+        parameters: of the limb, or their YAML file; the nominal limb if None.
         times: of the knots (N,), s, increasing from 0.
-        task: weights and limits; the paper's if None.
+        task: weights and limits; `Task()` if None.
         tolerance_deg: how far a plan may be from its simulation, degrees.
         solver: as in `planners.plan`.
     """
 
     def __init__(
         self,
-        parameters: LimbParameters,
+        parameters: LimbParameters | str | Path | None,
         times: ArrayLike,
         *,
         task: Task | None = None,
         tolerance_deg: float = 0.1,
         solver: SolverInterface | None = None,
     ):
-        parameters.validate()
-        self.parameters, self.task = copy.deepcopy(parameters), task or Task()
+        check_positive("tolerance_deg", tolerance_deg, "degrees")
+        self.parameters = parameters = LimbParameters.of(parameters)
+        self.task = task or Task()
         self.times = np.asarray(times, float)
         if self.times.ndim != 1 or len(self.times) < 2 or not (np.diff(self.times) > 0).all():
             raise PlanningError("times must be two knots or more, increasing.")
@@ -293,10 +305,25 @@ def active_constraints(trajectory: Trajectory, warm_up_time: float) -> list[Acti
     return active
 
 
-def _knots(reference: trajectories.Trajectory, knot_rate: float) -> np.ndarray:
+def check_positive(name: str, value: Any, unit: str) -> None:
+    """Raises PlanningError unless a value is a positive, finite number."""
+    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not (number and np.isfinite(value) and value > 0):
+        raise PlanningError(f"{name} is {value!r} {unit}; it must be a positive number.")
+
+
+def number_of_knots(reference: trajectories.Trajectory, knot_rate: float, max_knots: int) -> int:
+    """How many knots a plan begins with.
+
+    Args:
+        reference, knot_rate, max_knots: as in `plan`.
+
+    Raises:
+        PlanningError: if that is fewer than two or more than the most.
+    """
     duration = reference.end_time()
-    if not (np.isfinite(knot_rate) and knot_rate > 0):
-        raise PlanningError(f"knot_rate is {knot_rate!r} Hz; it must be a positive number.")
+    check_positive("knot_rate", knot_rate, "Hz")
+    check_positive("max_knots", max_knots, "knots")
     if reference.start_time() > 0 or not (np.isfinite(duration) and duration > 0):
         raise PlanningError(
             f"The reference lasts from {reference.start_time():g} s to {duration:g} s; "
@@ -308,7 +335,13 @@ def _knots(reference: trajectories.Trajectory, knot_rate: float) -> np.ndarray:
             f"A reference of {duration:g} s at {knot_rate:g} knots per second makes one knot; "
             "a plan needs two, so ask for more knots per second."
         )
-    return np.linspace(0.0, duration, num_intervals + 1)
+    if num_intervals + 1 > max_knots:
+        raise PlanningError(
+            f"A reference of {duration:g} s at {knot_rate:g} knots per second makes "
+            f"{num_intervals + 1:,} knots, more than {max_knots:,}; is its time in s? If it "
+            "is, ask for fewer knots per second or set max_knots."
+        )
+    return num_intervals + 1
 
 
 def _sample_reference(reference, times: np.ndarray, num_segments: int) -> np.ndarray:

@@ -34,7 +34,7 @@ class TrajectoryProgram:
     Args:
         parameters: of the limb.
         times: of the knots (N,), s, from 0.
-        task: weights and limits; the paper's if None.
+        task: weights and limits; `Task()` if None.
     """
 
     def __init__(self, parameters: LimbParameters, times: np.ndarray, task: Task | None = None):
@@ -182,6 +182,7 @@ class TrajectoryProgram:
             )
             self._angle_costs.append((binding, weights))
         add_duty_cost(self.prog, self.times, self._duty, self.task)
+        hold_duty(self.prog, self.times, self._duty, self.task)
 
     def _add_limits_of_motion(self) -> None:
         task, prog = self.task, self.prog
@@ -311,6 +312,22 @@ def add_duty_cost(
     for k in range(len(times) - 1):
         quadratic, linear = weights[k] * np.eye(num_wires), np.full(num_wires, energy[k])
         prog.AddQuadraticCost(quadratic, linear, duty[k], is_convex=True)
+
+
+def hold_duty(prog: MathematicalProgram, times: np.ndarray, duty: np.ndarray, task: Task) -> None:
+    """Keeps duty constant before the end, for as long as the task says.
+
+    Args:
+        times, duty: as for `add_duty_cost`.
+    """
+    if not task.duty_hold:
+        return
+    held = times[:-1] >= times[-1] - task.duty_hold - 1e-9
+    held[-1] = True
+    same = np.array([[1.0, -1.0]])
+    for k in np.flatnonzero(held):
+        for pair in duty[k : k + 2].T:
+            prog.AddLinearEqualityConstraint(same, [0.0], pair)
 
 
 def add_thermal_limits(

@@ -20,7 +20,7 @@ from pydrake.solvers import (
 
 from limb_systems import LimbParameters, Wires, joint_angles_from_bend_angle
 from planners.defects import linear_defect_terms
-from planners.program import add_duty_cost, add_thermal_limits
+from planners.program import add_duty_cost, add_thermal_limits, hold_duty
 from planners.solving import PlanningError
 from planners.task import Task
 
@@ -138,6 +138,7 @@ def solve_quasi_static(
         for x in states
     ]
     add_duty_cost(prog, times, duty, task)
+    hold_duty(prog, times, duty, task)
     prog.AddBoundingBoxConstraint(initial_states, initial_states, states[0])
     add_thermal_limits(prog, parameters, times, states, duty, task, warm_up_time)
 

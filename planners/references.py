@@ -5,7 +5,10 @@ that starts at time zero. Any `pydrake.trajectories.Trajectory` will do; the
 functions here make the usual ones.
 """
 
+import csv
+import re
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -71,24 +74,95 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
 
 
 def load(path: str | Path) -> PiecewisePolynomial:
-    """A reference from a CSV of numbers: time in s, then bend angles in degrees.
+    """A reference from a CSV: time in s, then a column of degrees for each segment.
 
-    Lines that start with ``#`` are comments; there is a column of bend angles
-    for each segment.
+    As spreadsheets write it: between columns stand commas, semicolons or tabs
+    (with either of these a number may have a decimal comma), there may be
+    lines of titles above the numbers, quotes, and empty lines and last
+    columns. What follows a ``#`` is a comment. Warns of what looks like a
+    mistake: radians, steps of more than 100°, a start at another time than
+    zero, which is shifted there.
 
     Raises:
         LimbError: if it cannot be read as such.
     """
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of an empty file, which is an error below
-            table = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8")
-    except (OSError, ValueError) as error:
-        raise LimbError(f"Cannot read the reference {path}: {error}") from error
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise LimbError(f"Cannot read the reference: {error}.") from error
+    except UnicodeDecodeError as error:
+        raise LimbError(f"{path}: this is no text file, let alone CSV.") from error
+    if foreign := _foreign(text):
+        raise LimbError(f"{path} {foreign}.")
     try:
-        return from_samples(table[:, 0], np.deg2rad(table[:, 1:].T))
+        table = _parse(text)
+        reference = from_samples(table[:, 0], np.deg2rad(table[:, 1:].T))
     except LimbError as error:
         raise LimbError(f"{path}: {error}") from error
+    for doubt in _doubts(table):
+        warnings.warn(f"{path}: {doubt}", stacklevel=2)
+    return reference
+
+
+def _foreign(text: str) -> str | None:
+    """What a file is that is none of numbers, if that can be told."""
+    if text.startswith("# limb trajectory"):
+        return (
+            "is a plan already, which soft-limb replay takes; a reference is a CSV or a recording"
+        )
+    if text.startswith("# limb recording"):
+        return "is a recording; references.from_recording makes a reference of it"
+    if re.search(r"^segments:", text, re.MULTILINE):
+        return "describes a limb, and is given with -l; a reference is a CSV or a recording"
+    return None
+
+
+def _parse(text: str) -> np.ndarray:
+    lines = [line.partition("#")[0] for line in text.splitlines()]
+    body = "\n".join(lines)
+    separator = next((mark for mark in ";\t" if mark in body), ",")
+    rows: list[list[float]] = []
+    for number, cells in enumerate(csv.reader(lines, delimiter=separator), 1):
+        cells = [cell.strip() for cell in cells]
+        while cells and not cells[-1]:
+            cells.pop()
+        if not cells:
+            continue
+        values = [_number(cell, separator) for cell in cells]
+        if not rows and not any(value is not None for value in values):
+            continue  # titles
+        for cell, value in zip(cells, values, strict=True):
+            if value is None:
+                raise LimbError(f"line {number} holds {cell!r}, which is no number.")
+        if len(values) < 2:
+            raise LimbError(f"line {number} has one number; there must be a time and an angle.")
+        if rows and len(values) != len(rows[0]):
+            raise LimbError(
+                f"line {number} has {len(values)} numbers, but those above have {len(rows[0])}."
+            )
+        rows.append([value for value in values if value is not None])
+    return np.array(rows).reshape(len(rows), -1) if rows else np.zeros((0, 2))
+
+
+def _number(cell: str, separator: str) -> float | None:
+    if separator != ",":
+        cell = cell.replace(",", ".")
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def _doubts(table: np.ndarray) -> Iterator[str]:
+    times, angles = table[:, 0], table[:, 1:]
+    largest, steps = np.abs(angles).max(), np.abs(np.diff(angles, axis=0)).max(axis=1)
+    if 0.1 < largest < 3.2:
+        yield f"the largest angle is {largest:.2g}; are these radians? Files want degrees."
+    if steps.max() > 100:
+        at = times[int(steps.argmax()) + 1]
+        yield f"the angle changes by {steps.max():.0f}° from one sample to the next at {at:g} s."
+    if times[0] != 0:
+        yield f"it starts at {times[0]:g} s, which is shifted to 0 s."
 
 
 def step_and_decaying_sine() -> PiecewisePolynomial:

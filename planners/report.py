@@ -3,11 +3,11 @@
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from limb_systems import Trajectory
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
 from limb_systems.model.wires import num_wire_states
+from limb_systems.views.figure import Figure
 from limb_systems.views.plots import WIDTH, dress
 from planners.program import TrajectoryProgram
 

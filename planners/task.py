@@ -2,10 +2,13 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from limb_systems import LimbError
+from limb_systems.schema import load_typed, nearest
 
 
 class TaskError(LimbError):
@@ -24,10 +27,23 @@ class Phase:
     angle_weight: float
     duty_weight: float
 
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not (_is_number(value) and value >= 0):
+                raise TaskError(
+                    f"{field.name} of a phase is {value!r}; it must be a number, zero or more."
+                )
+
 
 @dataclasses.dataclass(frozen=True)
 class Task:
-    """Weights and limits of a plan; the defaults are the paper's (15).
+    """Weights and limits of a plan.
+
+    The defaults are the paper's (15) but for its end: there duty at the last
+    knot costs nothing and the last angle a thousandfold, so that duty chatters
+    and jumps in the last second. Here it is held, and the last angle weighs
+    less; `Task.paper` is (15) as it is printed.
 
     Cost:
 
@@ -47,6 +63,8 @@ class Task:
       0.1°, and as good as at rest, to 0.5°/s.
     - ``final_hold``: for how long before the end the limb is as good as at
       rest, s.
+    - ``duty_hold``: for how long before the end duty is constant, s; over the
+      last interval at least, unless it is zero.
     - ``stretch``: the shortest and longest that the plan may take, as factors
       of the reference's duration, whose time is stretched; None for 1. The
       warm-up (20) stretches with it.
@@ -57,7 +75,7 @@ class Task:
 
     angle_weight: float = 100.0
     duty_weight: float = 2.0
-    terminal_factor: float = 1000.0
+    terminal_factor: float = 100.0
     phases: Sequence[Phase] = ()
     energy_weight: float = 0.0
     time_weight: float = 0.0
@@ -65,8 +83,20 @@ class Task:
     max_temperature_rate: float | None = None
     reach: bool = False
     final_hold: float = 0.0
+    duty_hold: float = 1.0
     stretch: tuple[float, float] | None = None
-    customize: Callable | None = None
+    customize: Callable | None = dataclasses.field(default=None, metadata={"in_files": False})
+
+    def __new__(cls, *_, **given):
+        """Refuses fields that there are not, with the name that may be meant."""
+        names = [field.name for field in dataclasses.fields(cls)]
+        for name in given:
+            if name not in names:
+                raise TaskError(
+                    f"A task has no field {name!r}{nearest(name, names)}; it has "
+                    f"{', '.join(names)}."
+                )
+        return super().__new__(cls)
 
     def __post_init__(self):
         for name in (
@@ -76,24 +106,52 @@ class Task:
             "energy_weight",
             "time_weight",
             "final_hold",
+            "duty_hold",
         ):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
+            if not (_is_number(value) and value >= 0):
                 raise TaskError(f"{name} is {value!r}; it must be a number, zero or more.")
         for name in ("max_bend_rate", "max_temperature_rate"):
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
+            if value is not None and not (_is_number(value) and value > 0):
                 raise TaskError(f"{name} is {value!r}; it must be a positive number or None.")
-        if self.stretch is not None and not 0 < self.stretch[0] <= self.stretch[1] < np.inf:
+        if not isinstance(self.reach, bool | np.bool_):
+            raise TaskError(f"reach is {self.reach!r}; it must be True or False.")
+        if self.stretch is not None and not _is_stretch(self.stretch):
             raise TaskError(
                 f"stretch is {self.stretch!r}; it must be a shortest and a longest factor, "
                 "both positive."
             )
         if self.time_weight and self.stretch is None:
             raise TaskError("time_weight needs a stretch, the factors that the time may take.")
+        if not all(isinstance(phase, Phase) for phase in self.phases):
+            raise TaskError(f"phases is {self.phases!r}; it must be a sequence of Phase.")
+        if not (self.customize is None or callable(self.customize)):
+            raise TaskError(f"customize is {self.customize!r}; it must be a function or None.")
         starts = [phase.start for phase in self.phases]
         if starts != sorted(starts):
             raise TaskError("phases must come in the order of their start.")
+
+    @classmethod
+    def paper(cls) -> "Task":
+        """The paper's (15): Q_N = 1000 Q, and duty is free to the last knot."""
+        return cls(terminal_factor=1000.0, duty_hold=0.0)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Task":
+        """Reads a YAML file of fields; each that is left out has its default.
+
+        Raises:
+            TaskError: with one sentence naming the file and the field.
+        """
+        try:
+            return load_typed(cls, Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise TaskError(f"Cannot read the task: {error}.") from error
+        except UnicodeDecodeError as error:
+            raise TaskError(f"{path}: this is no text file, let alone YAML.") from error
+        except LimbError as error:
+            raise TaskError(f"{path}: {error}") from error
 
     def weights(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Q and R at the knots, each (N,); the last Q is Q_N, and the last R counts for nothing.
@@ -118,3 +176,14 @@ class Task:
         widest = steps.max()
         # Spacings that are one but for rounding weigh exactly one.
         return np.append(np.where(np.isclose(steps, widest, rtol=1e-9), 1.0, steps / widest), 1.0)
+
+
+def _is_number(value: Any) -> bool:
+    kinds = (int, float, np.integer, np.floating)
+    return isinstance(value, kinds) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def _is_stretch(value: Any) -> bool:
+    if not isinstance(value, Sequence) or len(value) != 2 or not all(map(_is_number, value)):
+        return False
+    return 0 < value[0] <= value[1]

@@ -3,13 +3,13 @@
 import pytest
 
 from limb_systems import LimbParameters, SegmentParameters, Trajectory
-from planners import plan, references
+from planners import Task, plan, references
 
 
 @pytest.fixture(scope="session")
 def fig5_plan() -> Trajectory:
-    """The plan of the paper's Fig. 5 reference for the nominal limb, 10 Hz knots over 60 s."""
-    return plan(LimbParameters(), references.step_and_decaying_sine())
+    """The paper's plan of its Fig. 5 reference for the nominal limb, 10 Hz knots over 60 s."""
+    return plan(LimbParameters(), references.step_and_decaying_sine(), task=Task.paper())
 
 
 @pytest.fixture

@@ -39,6 +39,7 @@ from limb_systems import (
     TorqueMap,
     WireParameters,
 )
+from limb_systems.command import COMMANDS as SOFT_LIMB
 from limb_systems.files.samples import column_names
 from limb_systems.files.tables import FORMAT_VERSION
 
@@ -153,7 +154,15 @@ def test_first_steps_of_the_readme_run(tmp_path):
     }
     subprocess.run(["sh", "-e", "-c", script], cwd=tmp_path, env=environment, check=True)
     for name in ("plan.csv", "plan.png", "recording.csv", "tracking.png"):
-        assert (tmp_path / name).stat().st_size > 10_000
+        assert (tmp_path / "out" / name).stat().st_size > 10_000
+
+
+def test_script_of_the_readme_runs():
+    (code,) = (code for code, _ in blocks(TEXTS[ROOT / "README.md"], "python"))
+    names = {}
+    exec(compile(code, "README.md", "exec"), names)
+    context = names["simulator"].get_context()
+    assert names["log"].FindLog(context).data()[0, -1] > 0.1
 
 
 class ParsedError(Exception):
@@ -175,12 +184,22 @@ def parser_of(package, arguments, monkeypatch):
     return parsed.value.args[0]
 
 
+def words_of(line):
+    """Package and arguments of a command, through either door."""
+    words = shlex.split(line, comments=True)
+    if words[0] != "soft-limb":
+        return words[2:]
+    package, _ = SOFT_LIMB[words[1]]
+    return [package, *words[1 + (package == "planners") :]]
+
+
 SHELL = [
-    pytest.param(shlex.split(line, comments=True)[2:], id=f"{name_of(path)}: {line.split('#')[0]}")
+    pytest.param(words_of(line), id=f"{name_of(path)}: {line.split('#')[0]}")
     for path, text in TEXTS.items()
     for code, _ in blocks(text, "sh")
     for line in code.splitlines()
-    if line.startswith("python -m ") and line.split()[2] in COMMANDS
+    if (line.startswith("python -m ") and line.split()[2] in COMMANDS)
+    or line.startswith("soft-limb ")
 ]
 
 

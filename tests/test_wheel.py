@@ -88,6 +88,13 @@ def test_commands_have_help_with_their_exit_statuses(installed, tmp_path, packag
     assert done.stderr == ""
 
 
+def test_installs_the_soft_limb_command(installed, tmp_path):
+    (script,) = installed.glob("*.dist-info/entry_points.txt")
+    assert "soft-limb = limb_systems.command:main" in script.read_text().splitlines()
+    (tmp_path / "soft_limb.py").write_text("from limb_systems.command import main\nmain()\n")
+    assert run(installed, tmp_path, "soft_limb", "--version").stdout == "soft-limb 0.1.0\n"
+
+
 def test_plans_and_replays_away_from_the_checkout(installed, tmp_path):
     parameters = LimbParameters()
     parameters.temperature_limits.warm_up_time = 1000.0

@@ -1,6 +1,7 @@
 """One limb through the whole paper: recordings, calibration, plans, rollouts."""
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from calibration import Calibration, calibrate, collect_from_twin
 from hardware import LimbTwin, replay, watch
 from hardware.emulation.specimen import Specimen
 from limb_systems import Recording, Trajectory
-from planners import plan, references
+from planners import Task, plan, references
 
 NUM_ROLLOUTS = 5
 NUM_ANGLES = 6  # equilibria of each calibration recording
@@ -19,6 +20,9 @@ SMOOTHING_TIME = 0.5  # s, of taught bend angles
 
 # What the hand moves through for the two taught motions, time in s and bend angle in degrees.
 HANDS = {"T&R 1": "hand_1.csv", "T&R 2": "hand_2.csv"}
+
+
+NUM_STEPS = 3 + len(HANDS)  # recording, calibrating, the drawn motion and the taught ones
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -52,19 +56,27 @@ class Experiment:
     motions: list[Motion]
 
 
-def run_experiment(specimen: Specimen, num_rollouts: int = NUM_ROLLOUTS) -> Experiment:
+def run_experiment(
+    specimen: Specimen,
+    num_rollouts: int = NUM_ROLLOUTS,
+    tell: Callable[[str], object] = lambda step: None,
+) -> Experiment:
     """Takes a new limb through Secs. V to VII.
 
     Args:
         specimen: the limb; it is used from then on.
         num_rollouts: of each plan.
+        tell: is called before each of the `NUM_STEPS` steps, with what comes.
     """
+    tell("recording it as calibration wants it")
     recordings = collect_from_twin(
         LimbTwin(specimen=specimen), seed=specimen.seed, num_angles=NUM_ANGLES
     )
+    tell("calibrating the model to the recordings")
     calibration = calibrate(recordings)
     motions = []
     for name in ("Validation", *HANDS):
+        tell(f"planning the motion {name}, and replaying it {num_rollouts} times")
         taught, reference = None, references.step_and_decaying_sine()
         if name in HANDS:
             times, angles = np.loadtxt(Path(__file__).with_name(HANDS[name]), delimiter=",").T
@@ -73,7 +85,7 @@ def run_experiment(specimen: Specimen, num_rollouts: int = NUM_ROLLOUTS) -> Expe
             )
             taught = watch(LimbTwin(specimen=specimen).again(PAUSE, hand=hand), times[-1])
             reference = references.from_recording(taught, SMOOTHING_TIME)
-        trajectory = plan(calibration.parameters, reference)
+        trajectory = plan(calibration.parameters, reference, task=Task.paper())
         rollouts, exact = [], None
         for _ in range(num_rollouts):
             rested = LimbTwin(specimen=specimen).again(PAUSE)

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from calibration import plot_validation
 from evaluation.error_split import STEPS
 from evaluation.experiment import Experiment
 from evaluation.tables import PAPER_TABLE_1, STATISTICS, Summary, complete, mean_and_margin
 from limb_systems import Recording, joint_angles_from_bend_angle
+from limb_systems.views.figure import Figure
 from limb_systems.views.plots import (
     LEFT_RIGHT_COLORS,
     PLAN_COLOR,

@@ -5,8 +5,6 @@ import platform
 from collections.abc import Sequence
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from calibration.report import parameter_table, validation_summary
 from evaluation.experiment import NUM_ANGLES, PAUSE, Experiment
 from evaluation.figures import plot_error, plot_limbs, plot_split
@@ -21,6 +19,7 @@ from evaluation.tables import (
     table_1,
 )
 from limb_systems.views import page
+from limb_systems.views.figure import Figure
 from planners.report import plan_summary
 
 EMULATED = (

@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from pydrake import trajectories
@@ -65,7 +66,7 @@ class LimbTwin(Diagram):
 
     def __init__(
         self,
-        parameters: LimbParameters | None = None,
+        parameters: LimbParameters | str | Path | None = None,
         *,
         seed: int = 0,
         specimen: Specimen | None = None,
@@ -75,7 +76,7 @@ class LimbTwin(Diagram):
     ):
         """
         Args:
-            parameters: the kind of limb; the nominal one if None. Geometry,
+            parameters: the kind of limb, or their YAML file; the nominal one if None. Geometry,
                 mass, gravity and limits are taken as they are, all else is
                 where the seed's draw is centred.
             seed: of the particular limb and its sensors' noise.
@@ -89,7 +90,7 @@ class LimbTwin(Diagram):
             ParameterError: if a parameter is out of its range.
         """
         super().__init__()
-        specimen = specimen or Specimen(parameters or LimbParameters(), seed)
+        specimen = specimen or Specimen(LimbParameters.of(parameters), seed)
         self.specimen, self.parameters = specimen, copy.deepcopy(specimen.description)
         self.parameters.board = specimen.board
         self.source = ", without ".join([f"emulated limb, seed {specimen.seed}", *specimen.absent])

@@ -1,7 +1,7 @@
 """A limb on a serial cable, as a system with the ports of `Limb`."""
 
-import copy
 import time
+from pathlib import Path
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -47,11 +47,18 @@ class SerialLimb(LeafSystem):
     real_time = True
     accuracy = ACCURACY
 
-    def __init__(self, port: str, parameters: LimbParameters | None = None, *, heated: bool = True):
+    def __init__(
+        self,
+        port: str,
+        parameters: LimbParameters | str | Path | None = None,
+        *,
+        heated: bool = True,
+    ):
         """
         Args:
             port: name of a serial port, or any URL of pyserial's.
-            parameters: the limb as far as it is known; the nominal one if None.
+            parameters: the limb as far as it is known, or their YAML file; the
+                nominal one if None.
             heated: whether the board is armed; else the limb is only watched,
                 whatever its ``duty``, as when somebody teaches it.
 
@@ -61,8 +68,7 @@ class SerialLimb(LeafSystem):
                 has channels.
         """
         super().__init__()
-        self.parameters = copy.deepcopy(parameters) if parameters else LimbParameters()
-        self.parameters.validate()
+        self.parameters = LimbParameters.of(parameters)
         self.link = BoardLink(port)
         try:
             self.info = self.link.info()

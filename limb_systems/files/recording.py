@@ -5,8 +5,15 @@ from pathlib import Path
 
 import numpy as np
 
+from limb_systems.display import Shown
 from limb_systems.errors import LimbError
-from limb_systems.files.samples import check_samples, columns_of, group_columns, ungroup_columns
+from limb_systems.files.samples import (
+    bend_range,
+    check_samples,
+    columns_of,
+    group_columns,
+    ungroup_columns,
+)
 from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.schema import dump_typed, load_typed
@@ -35,8 +42,8 @@ class RecordingHeader:
     parameters: LimbParameters
 
 
-@dataclasses.dataclass(eq=False)
-class Recording:
+@dataclasses.dataclass(eq=False, repr=False)
+class Recording(Shown):
     """Samples from a limb with S segments, n joints and W = 2 S wires.
 
     - ``time``: (K,), s, increasing.
@@ -79,6 +86,18 @@ class Recording:
         check_samples(self, optional=OPTIONAL)
         if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
             raise LimbError(f"sample_rate is {self.sample_rate!r} Hz; it must be positive.")
+
+    def facts(self) -> dict[str, str]:
+        """Source, duration, samples, range of the bend angle, largest temperature."""
+        if not len(self.time):
+            return {"source": self.source, "samples": "no samples"}
+        return {
+            "source": self.source,
+            "duration": f"{self.time[-1] - self.time[0]:g} s",
+            "samples": f"{len(self.time)} samples",
+            "motion": bend_range(self.bend_angle),
+            "heat": f"up to {self.measured_temperature.max():.0f} °C",
+        }
 
     @property
     def how(self) -> str:

@@ -117,6 +117,12 @@ def ungroup_columns(samples: Any, names: Mapping[str, list[str]]) -> dict[str, n
     return columns
 
 
+def bend_range(bend_angle: np.ndarray) -> str:
+    """The range of bend angles (S, K), rad, in words and degrees."""
+    low, high = np.rad2deg([bend_angle.min(), bend_angle.max()])
+    return f"bend {low:.0f}° to {high:.0f}°"
+
+
 # Beyond these a value is a mistake, of units most often, in any recording.
 _RANGES = {
     "duty": (0.0, 1.0, ""),

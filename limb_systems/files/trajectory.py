@@ -10,8 +10,15 @@ from pydrake.planning import DirectCollocation
 from pydrake.solvers import MathematicalProgramResult
 from pydrake.trajectories import PiecewisePolynomial
 
+from limb_systems.display import Shown
 from limb_systems.errors import LimbError
-from limb_systems.files.samples import check_samples, columns_of, group_columns, ungroup_columns
+from limb_systems.files.samples import (
+    bend_range,
+    check_samples,
+    columns_of,
+    group_columns,
+    ungroup_columns,
+)
 from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb, split_state
@@ -97,8 +104,8 @@ class TrajectoryHeader:
     parameters: LimbParameters
 
 
-@dataclasses.dataclass(eq=False)
-class Trajectory:
+@dataclasses.dataclass(eq=False, repr=False)
+class Trajectory(Shown):
     """A feasible motion of a limb with S segments, n joints and W = 2 S wires.
 
     Between the K knots duty is linear and joint angles are cubic, as in
@@ -134,6 +141,15 @@ class Trajectory:
         check_samples(self)
         if len(self.time) < 2:
             raise LimbError("a trajectory needs two knots at least.")
+
+    def facts(self) -> dict[str, str]:
+        """Duration, knots, range of the bend angle, and whether it passed its check."""
+        return {
+            "duration": f"{self.duration:g} s",
+            "samples": f"{len(self.time)} knots",
+            "motion": bend_range(self.bend_angle),
+            "check": "failed its check" if self.check.failure() else "checked",
+        }
 
     @property
     def duration(self) -> float:

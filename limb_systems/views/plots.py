@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
+from limb_systems.output import check_picture
+from limb_systems.views.figure import Figure
 
 LEFT_RIGHT_COLORS = ("#1f9bb4", "#e07b1f")  # cyan and orange, as in the paper
 _FURTHER_COLORS = ("#2f9e6e", "#7b61c9", "#8a5a2b", "#b09a1a")  # unlike those below, too
@@ -85,15 +85,10 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     """Writes a figure to a file, in the format that its name ends with.
 
     Raises:
-        LimbError: if there is no such format.
+        OutputError: if there is no such format.
     """
     path = Path(path)
-    formats = figure.canvas.get_supported_filetypes()
-    if path.suffix[1:].lower() not in formats:
-        raise LimbError(
-            f"The picture {path} is of no known format; its name must end with one of "
-            f"{', '.join(f'.{name}' for name in sorted(formats))}."
-        )
+    check_picture(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=150)
 

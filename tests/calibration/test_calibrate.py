@@ -8,7 +8,15 @@ import re
 import numpy as np
 import pytest
 
-from calibration import CalibrationError, calibrate, collect_from_twin, save_recordings, validate
+from calibration import (
+    Calibration,
+    CalibrationError,
+    Estimate,
+    calibrate,
+    collect_from_twin,
+    save_recordings,
+    validate,
+)
 from calibration.__main__ import main
 from hardware import LimbTwin
 from limb_systems import Limb, LimbParameters, Recording, SerialBoard, simulate
@@ -64,6 +72,16 @@ def test_description_keeps_what_is_not_calibrated(model_recordings):
         "Use with care: it is not validated; mechanics is that of the description."
     )
     assert description == LimbParameters(temperature_limits=description.temperature_limits)
+
+
+def test_a_calibration_shows_itself_in_short():
+    fits = dict.fromkeys(("stiffness", "damping", "validation"))
+    lists = {name: [] for name in ("heat", "heat_compared", "force")}
+    calibration = Calibration(
+        LimbParameters(), Estimate(23.0, 0.1, "°C"), **fits, **lists, sources={}
+    )
+    assert repr(calibration) == "Calibration(1 quantities, not validated, 3 remarks)"
+    assert "<td style='text-align:left'>23 ± 0.1 °C</td>" in calibration._repr_html_()
 
 
 def test_missing_and_unknown_recordings_are_named(model_recordings, tmp_path):

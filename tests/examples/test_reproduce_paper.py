@@ -35,6 +35,7 @@ def test_demo_leaves_what_it_promises(demo):
     folder, said, complained = demo
     assert all(re.match("simulating|calibrating", line) for line in complained.splitlines())
     assert "These limbs are emulated." in said
+    assert re.findall(r"^(\d)/6 .* \.\.\.$", said, re.MULTILINE) == list("123456")
     limb = LimbParameters.load(folder / "limb_0" / "limb.yaml")
     assert limb != LimbParameters()
     assert len(list((folder / "limb_0" / "recordings").iterdir())) == 16

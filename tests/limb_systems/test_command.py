@@ -1,15 +1,18 @@
 """Commands end with a sentence and the exit status that their help promises."""
 
+import importlib
 import os
+import re
 import signal
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import pytest
 
 from limb_systems import LimbError
-from limb_systems.command import run_command
+from limb_systems.command import COMMANDS, main, run_command
 
 ROOT = Path(__file__).parents[2]
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -44,6 +47,11 @@ def test_what_cannot_be_done_is_one_sentence(error, capsys):
     assert capsys.readouterr().err == "error: no limb\n"
 
 
+def test_a_warning_is_one_sentence(capsys):
+    assert run_command(lambda: warnings.warn("these are radians", stacklevel=1) or 0, "") == 0
+    assert capsys.readouterr().err == "warning: these are radians\n"
+
+
 def test_mistakes_of_the_program_are_not_hidden():
     with pytest.raises(ValueError, match="a mistake"):
         run_command(fail_with(ValueError("a mistake")), "stopped")
@@ -74,7 +82,7 @@ def test_nohup_is_respected():
 
 def test_a_reader_that_went_away_gets_no_traceback():
     script = (
-        "from limb_systems.command import run_command\n"
+        "from limb_systems.command import COMMANDS, main, run_command\n"
         "run = lambda: [print('x' * 1000) for _ in range(1000)] and 0\n"
         "raise SystemExit(run_command(run, 'stopped'))"
     )
@@ -88,3 +96,39 @@ def test_a_reader_that_went_away_gets_no_traceback():
     process.stdout.close()
     assert process.stderr.read() == ""
     assert process.wait() == 1
+
+
+def test_soft_limb_lists_all_commands_with_a_line_each(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
+    lines = capsys.readouterr().out.splitlines()
+    for name, (_, what) in COMMANDS.items():
+        assert any(line.split(maxsplit=1) == [name, what] for line in lines)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_soft_limb_runs_the_commands_of_the_packages(name, capsys):
+    with pytest.raises(SystemExit) as ended:
+        main([name, "--help"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out.startswith(f"usage: soft-limb {name} ")
+
+
+def test_soft_limb_has_every_command_of_every_package(capsys):
+    for package in ("calibration", "hardware"):
+        with pytest.raises(SystemExit):
+            importlib.import_module(f"{package}.__main__").main(["--help"])
+        listed = re.search(r"{(.*?)}", capsys.readouterr().out, re.DOTALL)[1].split(",")
+        assert set(listed) == {name for name, (home, _) in COMMANDS.items() if home == package}
+
+
+def test_soft_limb_says_its_version_and_refuses_what_it_does_not_know(capsys):
+    with pytest.raises(SystemExit):
+        main(["--version"])
+    assert re.fullmatch(r"soft-limb \d+\.\d+\.\d+\n", capsys.readouterr().out)
+    with pytest.raises(SystemExit) as ended:
+        main(["pla"])
+    assert ended.value.code == 2
+    assert main(["plan", "nowhere.csv", "-o", "nowhere/plan.csv"]) == 1
+    assert "nowhere.csv" in capsys.readouterr().err

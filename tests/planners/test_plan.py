@@ -16,7 +16,16 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
-from planners import InfeasibleError, PlanningError, ipopt, plan, planning, references, solving
+from planners import (
+    InfeasibleError,
+    PlanningError,
+    Task,
+    ipopt,
+    plan,
+    planning,
+    references,
+    solving,
+)
 from planners.__main__ import main
 from planners.program import TrajectoryProgram
 
@@ -111,7 +120,7 @@ def test_another_feasible_plan_costs_more(fig5_plan):
     quarter = references.from_samples(
         fig5_plan.time, 0.25 * fig5_plan.reference
     )  # feasible, but for another reference
-    other = plan(fig5_plan.parameters, quarter)
+    other = plan(fig5_plan.parameters, quarter, task=Task.paper())
     angles_ref = joint_angles_from_bend_angle(fig5_plan.parameters, fig5_plan.reference)
     for blend in (0.02, 0.2):
         duty = (1 - blend) * fig5_plan.duty + blend * other.duty
@@ -124,7 +133,7 @@ def test_another_feasible_plan_costs_more(fig5_plan):
 
 def test_tighter_tolerances_find_the_same_cost(fig5_plan, monkeypatch):
     monkeypatch.setitem(ipopt.OPTIONS, "tol", 1e-8)
-    tight = plan(fig5_plan.parameters, references.step_and_decaying_sine())
+    tight = plan(fig5_plan.parameters, references.step_and_decaying_sine(), task=Task.paper())
     assert tight.check.cost == pytest.approx(fig5_plan.check.cost, rel=1e-6)
 
 

@@ -1,9 +1,19 @@
 """Tasks beyond the paper's, and planning again and again."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from limb_systems import Limb, LimbParameters, bend_angle, joint_angles_from_bend_angle, simulate
+from hardware import LimbTwin
+from limb_systems import (
+    Limb,
+    LimbError,
+    LimbParameters,
+    bend_angle,
+    joint_angles_from_bend_angle,
+    simulate,
+)
 from planners import (
     InfeasibleError,
     Phase,
@@ -14,6 +24,46 @@ from planners import (
     plan,
     references,
 )
+
+ROOT = Path(__file__).parents[2]
+
+
+def largest_change_of_duty(trajectory, seconds):
+    """Between knots, in the time before the end."""
+    late = trajectory.time >= trajectory.time[-1] - seconds - 1e-9
+    return np.abs(np.diff(trajectory.duty[:, late])).max()
+
+
+@pytest.mark.parametrize(
+    "reference",
+    [
+        references.step_and_decaying_sine(),
+        references.from_samples([0.0, 28.0, 28.01, 30.0], np.deg2rad([0.0, 0.0, 20.0, 20.0])),
+        references.from_samples([0.0, 22.0, 24.0, 40.0], np.deg2rad([0.0, 0.0, 20.0, 20.0])),
+        references.from_samples([0.0, 22.0, 30.0], np.deg2rad([0.0, 0.0, 20.0])),
+    ],
+    ids=["fig5", "step", "hold", "ramp"],
+)
+def test_plans_end_quietly_and_follow_as_well_as_the_papers(reference):
+    quiet, papers = (plan(LimbParameters(), reference, task=task) for task in (None, Task.paper()))
+    assert largest_change_of_duty(quiet, 1.0) < 1e-6
+    assert largest_change_of_duty(papers, 1.0) > 0.3
+    missed = [np.rad2deg(np.abs(t.bend_angle - t.reference).mean()) for t in (quiet, papers)]
+    assert missed[0] < missed[1] + 0.02
+
+
+def test_duty_is_held_over_the_last_interval_at_least():
+    trajectory = plan(
+        cold_parameters(), ramp_to_20_degrees(), knot_rate=2.0, task=Task(duty_hold=0.1)
+    )
+    assert np.abs(np.diff(trajectory.duty)[:, -1]).max() < 1e-6
+    assert np.abs(np.diff(trajectory.duty)[:, -2]).max() > 1e-3
+
+
+def test_the_papers_task_is_as_it_is_printed():
+    weights, _ = Task.paper().weights(np.linspace(0.0, 1.0, 11))
+    assert weights.tolist() == [100.0] * 10 + [100_000.0]
+    assert Task.paper().duty_hold == 0.0
 
 
 def cold_parameters():
@@ -76,7 +126,12 @@ def test_reach_and_hold():
 def test_minimum_energy_heats_as_late_as_it_can():
     """Heat leaks, so the least energy comes last: full duty at the very end."""
     task = Task(
-        angle_weight=0.0, duty_weight=1e-3, energy_weight=1.0, terminal_factor=0.0, reach=True
+        angle_weight=0.0,
+        duty_weight=1e-3,
+        energy_weight=1.0,
+        terminal_factor=0.0,
+        reach=True,
+        duty_hold=0.0,
     )
     least = plan(cold_parameters(), ramp_to_20_degrees(), task=task)
     usual = plan(cold_parameters(), ramp_to_20_degrees(), task=Task(reach=True))
@@ -96,6 +151,7 @@ def test_minimum_time_is_that_of_full_duty():
         terminal_factor=0.0,
         time_weight=1.0,
         reach=True,
+        duty_hold=0.0,
         stretch=(0.05, 1.0),
     )
     trajectory = plan(cold_parameters(), ramp_to_20_degrees(), task=task, knot_rate=4.0)
@@ -139,6 +195,14 @@ def test_costs_and_constraints_of_ones_own():
         ({"max_bend_rate": 0.0}, "max_bend_rate is 0.0"),
         ({"stretch": (2.0, 1.0)}, "stretch is"),
         ({"time_weight": 1.0}, "time_weight needs a stretch"),
+        ({"angle_weight": "100"}, "angle_weight is '100'; it must be a number"),
+        ({"angle_weight": True}, "angle_weight is True"),
+        ({"max_bend_rate": "slow"}, "max_bend_rate is 'slow'"),
+        ({"reach": "yes"}, "reach is 'yes'; it must be True or False"),
+        ({"stretch": 2.0}, "stretch is 2.0"),
+        ({"phases": (1.0,)}, "must be a sequence of Phase"),
+        ({"customize": 1}, "customize is 1"),
+        ({"angel_weight": 1.0}, r"no field 'angel_weight' \(did you mean angle_weight\?\)"),
         ({"phases": (Phase(5, 1, 1), Phase(0, 1, 1))}, "in the order of their start"),
     ],
 )
@@ -148,7 +212,7 @@ def test_tasks_that_make_no_sense_are_refused(changes, message):
 
 
 def test_uneven_knots_weigh_as_much_as_the_time_they_stand_for():
-    weights, _ = Task().weights(np.array([0.0, 0.1, 0.15, 0.2, 0.3]))
+    weights, _ = Task.paper().weights(np.array([0.0, 0.1, 0.15, 0.2, 0.3]))
     np.testing.assert_allclose(weights, [100.0, 50.0, 50.0, 100.0, 100_000.0])
     even, _ = Task().weights(np.linspace(0.0, 60.0, 601))
     assert set(even[:-1]) == {100.0}
@@ -222,3 +286,51 @@ def test_a_wire_that_is_a_little_too_hot_is_planned_to_cool(planner):
     trajectory = planner.plan(swing(5.0), hot, elapsed=20.0)
     assert trajectory.wire_temperature[0, 0] == 100.5
     assert trajectory.wire_temperature[0, 1:].max() <= 100.0 + 1e-4
+
+
+def test_tasks_are_read_from_files(tmp_path):
+    path = tmp_path / "task.yaml"
+    path.write_text(
+        "max_bend_rate: 0.2\nreach: true\nstretch: [1, 2.5]\n"
+        "phases:\n- {start: 0, angle_weight: 1, duty_weight: 2}\n"
+    )
+    read = Task.load(path)
+    phases = [Phase(0.0, 1.0, 2.0)]
+    assert read == Task(max_bend_rate=0.2, reach=True, stretch=(1.0, 2.5), phases=phases)
+    path.write_text("{}")
+    assert Task.load(path) == Task()
+    assert Task.load(ROOT / "examples" / "task.yaml").reach
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("angel_weight: 1", r"angel_weight is not a known field \(did you mean angle_weight\?\)"),
+        ("angle_weight: heavy", "angle_weight is 'heavy'; it must be a number"),
+        ("angle_weight: -1", "angle_weight is -1.0; it must be a number, zero or more"),
+        ("reach: 1", "reach is 1; it must be true or false"),
+        ("stretch: [1]", "stretch must be a list of 2"),
+        ("phases:\n- start: 0", r"phases\[0\]\.angle_weight is missing"),
+        ("customize: x", "customize is not a known field"),
+        ("- 1", "the document must have the fields"),
+        (":", "not valid YAML|must have the fields"),
+    ],
+)
+def test_task_files_that_make_no_sense_are_refused(tmp_path, text, message):
+    path = tmp_path / "task.yaml"
+    path.write_text(text)
+    with pytest.raises(TaskError, match=message) as caught:
+        Task.load(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_limbs_can_be_named_by_their_files(tmp_path):
+    parameters = cold_parameters()
+    parameters.save(tmp_path / "limb.yaml")
+    ramp = references.from_samples([0.0, 2.0], [0.0, 0.1])
+    for path in (tmp_path / "limb.yaml", str(tmp_path / "limb.yaml")):
+        assert plan(path, ramp).parameters == parameters
+        assert LimbTwin(path).parameters.temperature_limits.warm_up_time == 1000.0
+    with pytest.raises(LimbError, match="this is a int"):
+        plan(5, ramp)

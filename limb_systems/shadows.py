@@ -1,0 +1,29 @@
+"""Modules of a user's own that have the name of one of our packages."""
+
+import importlib.util
+import warnings
+from pathlib import Path
+
+NEEDED, OTHERS = ("urdf",), ("planners", "calibration", "hardware")
+
+
+def check_shadows() -> None:
+    """Says which modules are found in place of ours, as those beside a script are.
+
+    Raises:
+        ImportError: if `limb_systems` cannot do without ours.
+    """
+    ours = Path(__file__).resolve().parents[1]
+    for name in NEEDED + OTHERS:
+        found = importlib.util.find_spec(name)
+        if found is None or found.origin is None:
+            continue
+        if Path(found.origin).resolve().parents[1] == ours:
+            continue
+        sentence = (
+            f"The module {name} at {found.origin} hides soft-limb's package of that name; rename "
+            "it or run elsewhere."
+        )
+        if name in NEEDED:
+            raise ImportError(sentence)
+        warnings.warn(sentence, stacklevel=3)

@@ -1,0 +1,14 @@
+"""Figures that notebooks show."""
+
+import io
+
+import matplotlib.figure
+
+
+class Figure(matplotlib.figure.Figure):
+    """Matplotlib's, which a notebook shows by itself only if it is made with pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        self.savefig(buffer, format="png", dpi=100)
+        return buffer.getvalue()

@@ -1,0 +1,114 @@
+"""What cannot or must not be written is refused before the work."""
+
+import json
+import os
+
+import pytest
+
+from calibration.__main__ import main as calibration
+from hardware.__main__ import main as hardware
+from limb_systems import Limb, LimbParameters, simulate
+from limb_systems.output import OutputError, check_folder, check_outputs
+from planners.__main__ import main as planners
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "file.csv").write_text("kept")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        (".", "is a folder; give the name of a file in it"),
+        ("file.csv/plan.csv", r"file.csv is a file, but a folder is needed there"),
+        ("file.csv/deep/plan.csv", r"file.csv is a file, but a folder is needed there"),
+        ("file.csv", "file.csv exists; give another name, or --force"),
+    ],
+)
+def test_outputs_that_cannot_be_written_are_refused(folder, name, message):
+    with pytest.raises(OutputError, match=message) as caught:
+        check_outputs([folder / name])
+    assert "\n" not in str(caught.value)
+
+
+def test_force_replaces_files_but_never_inputs(folder):
+    path = folder / "file.csv"
+    check_outputs([path], force=True)
+    for same in (path, folder / "there" / ".." / "file.csv"):
+        with pytest.raises(OutputError, match=r"file\.csv is read by the same command"):
+            check_outputs([same], inputs=[path], force=True)
+    with pytest.raises(OutputError, match=r"new\.csv is written by the same command"):
+        check_outputs([folder / "new.csv", folder / "new.csv"], force=True)
+
+
+def test_folders_that_are_not_there_yet_are_fine(folder):
+    check_outputs([folder / "new" / "deep" / "plan.csv", None], inputs=[None])
+    assert not (folder / "new").exists()
+
+
+def test_pictures_need_a_known_format(folder):
+    check_outputs([folder / "plan.PNG"], pictures=[folder / "plan.PNG", None])
+    with pytest.raises(OutputError, match=r"plan\.xyz is of no known format; .*\.pdf"):
+        check_outputs([folder / "plan.xyz"], pictures=[folder / "plan.xyz"])
+
+
+def test_folders_without_permission_are_refused(folder, monkeypatch):
+    monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
+    with pytest.raises(OutputError, match="is a folder that you may not write to"):
+        check_folder(folder / "new")
+
+
+@pytest.fixture
+def limb(tmp_path):
+    LimbParameters().save(tmp_path / "limb.yaml")
+    simulate(Limb(), [0.0, 0.1], 2.0).save(tmp_path / "recording.csv")
+    (tmp_path / "reference.csv").write_text("0,0\n1,0\n2,5\n")
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        (planners, "reference.csv -o kept"),
+        (planners, "reference.csv -o new.csv --plot kept"),
+        (planners, "reference.csv -o reference.csv --force"),
+        (planners, "reference.csv -o new.csv --plot new.xyz"),
+        (hardware, "replay kept -o kept --force"),
+        (hardware, "replay reference.csv -o kept"),
+        (hardware, "replay reference.csv -o kept -p nowhere"),
+        (hardware, "teach nowhere -o kept"),
+        (hardware, "recover recording.csv -o kept"),
+        (hardware, "recover recording.csv -o recording.csv --force"),
+        (hardware, "emulate --log kept"),
+        (calibration, "collect -o kept"),
+        (calibration, "collect -o ."),
+        (calibration, "fit . -o kept"),
+        (calibration, "fit . -l limb.yaml -o limb.yaml --force"),
+        (calibration, "fit . -o recording.csv --force"),
+        (calibration, "validate limb.yaml recording.csv --plot kept"),
+    ],
+)
+def test_commands_keep_what_is_there(limb, command, line, monkeypatch, capsys):
+    monkeypatch.chdir(limb)
+    (limb / "kept").write_text(json.dumps("kept"))
+    before = {path: path.read_bytes() for path in limb.iterdir()}
+    assert command(line.split()) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert {path: path.read_bytes() for path in limb.iterdir()} == before
+    assert any(word in error for word in ("exists", "same command", "format", "holds", "is a file"))
+
+
+def test_collecting_again_replaces_recordings_only_when_forced(limb, monkeypatch, capsys):
+    collected = []
+    monkeypatch.setattr("calibration.__main__.collect_from_twin", lambda *_, **__: {})
+    monkeypatch.setattr(
+        "calibration.__main__.save_recordings", lambda *_: collected.append(True) or []
+    )
+    assert calibration(["collect", "-o", str(limb)]) == 1
+    assert f"{limb} holds recordings" in capsys.readouterr().err
+    assert calibration(["collect", "-o", str(limb), "--force"]) == 0
+    assert collected == [True]
