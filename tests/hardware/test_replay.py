@@ -35,8 +35,16 @@ def test_rollouts_behind_sensors_have_errors_of_the_size_of_their_noise(fig5_pla
     assert np.rad2deg(errors.median) == pytest.approx(0.674 * 1.12, rel=0.3)
 
 
-def test_rollouts_on_the_twin_say_that_they_are_emulated(fig5_plan):
-    assert "emulated" in replay(fig5_plan, LimbTwin(seed=1)).source
+def test_rollouts_on_the_twin_say_that_they_are_emulated(fig5_plan, tmp_path):
+    """In the file, too; and they are of the limb that is named, not of the model."""
+    recording = replay(beginning(fig5_plan, 101), LimbTwin(seed=1))
+    recording.save(tmp_path / "rollout.csv")
+    assert Recording.load(tmp_path / "rollout.csv").source == "emulated limb, seed 1"
+    other = replay(beginning(fig5_plan, 101), LimbTwin(seed=2))
+    model = replay(beginning(fig5_plan, 101), Limb())
+    for rollout in (other, model):
+        difference = rollout.measured_temperature[:, -1] - recording.measured_temperature[:, -1]
+        assert np.abs(difference).max() > 3.0
 
 
 def shifted(trajectory, degrees):
@@ -102,6 +110,7 @@ def beginning(trajectory, num_knots):
     return dataclasses.replace(trajectory, **parts)
 
 
+@pytest.mark.xdist_group("real_time")
 def test_replay_that_is_shown_is_in_real_time_and_the_same(fig5_plan, meshcat):
     trajectory = beginning(fig5_plan, 11)
     start = time.monotonic()
@@ -120,6 +129,7 @@ def test_replay_that_is_shown_is_in_real_time_and_the_same(fig5_plan, meshcat):
     assert meshcat.HasPath("ghosts/plan/link_1")
 
 
+@pytest.mark.xdist_group("real_time")
 def test_two_segments_are_watched_and_shown(two_segments, meshcat):
     recording = watch(LimbTwin(two_segments), 0.2, meshcat=meshcat)
     assert recording.bend_angle.shape == (2, 5)
@@ -128,6 +138,7 @@ def test_two_segments_are_watched_and_shown(two_segments, meshcat):
     assert not meshcat.HasPath("ghosts/plan")
 
 
+@pytest.mark.xdist_group("real_time")
 def test_command_shows_the_limb_and_says_where(fig5_plan, tmp_path, capsys):
     beginning(fig5_plan, 6).save(tmp_path / "plan.csv")
     arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
