@@ -20,7 +20,7 @@ from calibration import calibrate, collect_equilibria, collect_from_twin, collec
 from calibration.collect import RING_DOWN_RATE, SAG_TRIALS
 from hardware import LimbTwin
 from hardware.emulation.sensors import SensedLimb
-from limb_systems import Limb, LimbParameters, joint_angles_from_bend_angle, simulate
+from limb_systems import Limb, LimbParameters, LinearLaw, joint_angles_from_bend_angle, simulate
 
 
 def calibrate_twin(seed: int):
@@ -38,8 +38,8 @@ def true_limb() -> LimbParameters:
     limb = LimbParameters()
     segment = limb.segments[0]
     segment.stiffness, segment.damping = 0.115, 8e-4
-    segment.left.a1, segment.left.a2, segment.left.a3, segment.left.beta = -0.06, 24.0, -1.3, 4.2e-4
-    segment.right.a3 = -0.8
+    segment.wire("left").law = LinearLaw(a1=-0.06, a2=24.0, a3=-1.3, beta=4.2e-4)
+    segment.wire("right").law = LinearLaw(a3=-0.8)
     return limb
 
 

@@ -26,10 +26,10 @@ def random_problem(seed: int):
     generator = np.random.default_rng(seed)
     links = int(generator.integers(1, 11))
     segment = SegmentParameters(links=links, stiffness=0.1246 * (links + 1) / 6)
-    for wire in (segment.left, segment.right):
+    for law in (wire.linear_law for wire in segment.wires):
         for name in ("a1", "a2", "a3", "beta"):
             factor = 2.0 ** generator.uniform(-1.0, 1.0)
-            setattr(wire, name, float(getattr(wire, name) * factor))
+            setattr(law, name, float(getattr(law, name) * factor))
     duration = float(generator.uniform(30.0, 120.0))
     num_knots = int(generator.integers(61, 602))
     fine = np.arange(0.0, duration, 0.02)

@@ -19,7 +19,7 @@ from calibration.heat import (
 )
 from calibration.stiffness import StiffnessFit, fit_stiffness
 from calibration.validation import Validation, validate
-from limb_systems import LimbParameters, Recording
+from limb_systems import LimbParameters, LinearLaw, NoBoard, Recording
 from limb_systems.errors import LimbError
 from limb_systems.progress import Progress
 
@@ -147,7 +147,8 @@ def calibrate(
             )
     heated = {side: recordings[side][0] for side in ("left", "right")}
     limb = copy.deepcopy(parameters or heated["right"].parameters)
-    limb.board = heated["right"].parameters.board or limb.board
+    if not isinstance(heated["right"].parameters.board, NoBoard):
+        limb.board = heated["right"].parameters.board
     limb.gravity = [0.0, 0.0, 0.0]
     segment = only_segment(limb)
 
@@ -178,9 +179,8 @@ def calibrate(
             used.append(fits.pop(heat))
             compared += fits.values()
             forces.append(fit_force(limb, heated[side], index, used[-1], spring))
-            wire = getattr(segment, side)
-            wire.a1, wire.a2, wire.a3 = (getattr(used[-1], n).value for n in ("a1", "a2", "a3"))
-            wire.beta = forces[-1].beta.value
+            rates = {name: getattr(used[-1], name).value for name in ("a1", "a2", "a3")}
+            segment.wire(side).law = LinearLaw(**rates, beta=forces[-1].beta.value)
         limb.validate()
         progress.update(5, "validation")
         validation = validate(limb, recordings["both"][0]) if recordings.get("both") else None

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from limb_systems import LimbError, LimbParameters, SegmentParameters
+from limb_systems import LimbError, LimbParameters, SegmentParameters, Wires
 from limb_systems.model.ownership import weak_method
 
 ACTUATED = ("right", "left", "both")
@@ -66,12 +66,19 @@ class BendAngleController(LeafSystem):
                 f"maximum_duty is {maximum_duty!r} and co_contraction {co_contraction!r}; they "
                 "must be within [0, 1], and co_contraction not above maximum_duty."
             )
-        # Bend angle per duty in the end, by (6), (12), in rad.
-        wire = segment.right
-        gain = (segment.links + 1) / 2 * wire.beta / segment.stiffness * wire.a2 / -wire.a1
-        self._proportional, self._integral = 1.5 / gain, 1.5 / gain * -wire.a1
-        direction = {"right": [0.0, 1.0], "left": [-1.0, 0.0], "both": [-1.0, 1.0]}[actuated]
-        self._direction = np.array(direction)
+        wires = Wires(parameters)
+        A, B, _ = wires.affine_rates()
+        # Bend angle per duty in the end, by (6), (12), in rad, of the last wire at T_max / 2.
+        warm = 0.5 * (parameters.temperature_limits.maximum + parameters.ambient_temperature)
+        states = wires.settled_states(np.full(wires.num_wires, warm))
+        torques = wires.force_derivatives(states, np.zeros(segment.links))[0][0]
+        steady = torques @ np.linalg.solve(-A, B[:, -1])
+        gain = (segment.links + 1) / 2 * abs(steady) / segment.stiffness
+        slowest = np.abs(np.linalg.eigvals(A)).min()
+        self._proportional, self._integral = 1.5 / gain, 1.5 / gain * slowest
+        sides = np.sign([wire.direction for wire in segment.wires])
+        names = [wire.name for wire in segment.wires]
+        self._direction = np.where([actuated in ("both", name) for name in names], sides, 0.0)
         self._co_contraction, self._maximum_duty = co_contraction, maximum_duty
         maximum = parameters.temperature_limits.maximum
         self._cut_out = maximum - 5.0 if cut_out is None else cut_out

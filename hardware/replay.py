@@ -113,10 +113,11 @@ def check_replayable(trajectory: Trajectory, limb: System) -> None:
 def _check_robot(trajectory: Trajectory, limb) -> None:
     """What only a robot can tell: who it is, and how warm."""
     board, planned = limb.info.serial_number, trajectory.parameters
-    if planned.board and planned.board != board:
+    if planned.board.identity and planned.board.identity != board:
         raise ReplayError(
-            f"This trajectory was planned with the calibration of the limb {planned.board}, but "
-            f"the limb on {limb.link.port} is {board}; calibrate that one."
+            f"This trajectory was planned with the calibration of the limb "
+            f"{planned.board.identity}, but the limb on {limb.link.port} is {board}; calibrate "
+            "that one."
         )
     limit = planned.temperature_limits.maximum
     if limit > limb.info.temperature_limit:

@@ -13,33 +13,46 @@ from limb_systems.model.kinematics import (
 from limb_systems.model.limb import Limb, from_paper_state, split_state, to_paper_state
 from limb_systems.model.manipulator import add_manipulator, make_manipulator
 from limb_systems.model.parameters import (
+    CalibrationRecord,
+    EmulatedLimb,
     LimbParameters,
+    NoBoard,
     SegmentParameters,
+    SerialBoard,
     TemperatureLimits,
     WireParameters,
 )
 from limb_systems.model.thermal import InverseThermocoupleLag, JouleHeating, ThermocoupleLag
-from limb_systems.model.torque_map import TorqueMap, torque_matrix
+from limb_systems.model.torque_map import TorqueMap
+from limb_systems.model.wire_law import LinearLaw, WireLaw
+from limb_systems.model.wires import Wires
 from limb_systems.simulation import simulate
 from limb_systems.views.visualization import LimbVisualizer, wire_color, write_meshcat_replay
 
 __all__ = [
     "ActiveConstraint",
     "BendAngle",
+    "CalibrationRecord",
+    "EmulatedLimb",
     "InverseThermocoupleLag",
     "JouleHeating",
     "Limb",
     "LimbError",
     "LimbParameters",
     "LimbVisualizer",
+    "LinearLaw",
+    "NoBoard",
     "PlanCheck",
     "Recording",
     "SegmentParameters",
+    "SerialBoard",
     "TemperatureLimits",
     "ThermocoupleLag",
     "TorqueMap",
     "Trajectory",
+    "WireLaw",
     "WireParameters",
+    "Wires",
     "add_manipulator",
     "bend_angle",
     "bend_angle_from_tip_tangent",
@@ -50,7 +63,6 @@ __all__ = [
     "split_state",
     "tip_position",
     "to_paper_state",
-    "torque_matrix",
     "wire_color",
     "write_meshcat_replay",
 ]

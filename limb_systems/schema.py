@@ -1,10 +1,20 @@
-"""YAML into typed dataclasses, with errors that say which field and why."""
+"""Typed dataclasses and their YAML: fields with units and ranges, tagged unions, plain errors.
+
+The documents are those of `pydrake.common.yaml`: mappings for dataclasses, and
+a tag such as ``!LinearLaw`` where one of several classes may stand. They are
+read here rather than by `yaml_load_typed`, which knows no ranges, no classes
+that are defined later, and not where in the document a mistake is.
+"""
 
 import dataclasses
+import difflib
+import functools
+import types
 import typing
+from typing import Any
 
 import yaml
-from pydrake.common.yaml import yaml_load_typed
+from pydrake.common.yaml import yaml_dump
 
 from limb_systems.errors import LimbError
 
@@ -12,30 +22,124 @@ T = typing.TypeVar("T")
 
 
 class SchemaError(LimbError):
-    """A YAML document does not have the fields it should have."""
+    """A YAML document does not have the fields it should have, or a value is out of its range."""
+
+
+def quantity(default: Any, unit: str, low: float, high: float) -> Any:
+    """A dataclass field with its unit and the closed range of values that are accepted.
+
+    Args:
+        default: a number, or a tuple of the numbers of a list.
+    """
+    metadata = {"unit": unit, "range": (low, high)}
+    if isinstance(default, tuple):
+        return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+class Strict:
+    """A dataclass that refuses to be given an attribute it has no field for."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
+        if name not in names:
+            raise SchemaError(
+                f"{type(self).__name__} has no field {name!r}{_nearest(name, names)}; it has "
+                f"{', '.join(names)}."
+            )
+        super().__setattr__(name, value)
+
+
+class Tagged(Strict):
+    """A dataclass that YAML marks with its name as the tag, as one of several that may stand."""
+
+
+def dump_typed(value: Any) -> str:
+    """YAML text of a dataclass, with all of its fields and every float exact."""
+    return yaml_dump(_plain(value))
 
 
 def load_typed(schema: type[T], text: str) -> T:
-    """Reads YAML text into a dataclass; every field must be there, none unknown.
+    """Reads YAML text into a dataclass.
 
-    `yaml_load_typed` refuses the same documents without saying where the
-    trouble is, so the structure is compared first.
+    A field that is left out has its default; one without a default must be
+    there. No field may be unknown, and each number must be in its range. A
+    dataclass may have a class method ``upgrade`` that turns what older
+    versions wrote into what it has now.
 
     Raises:
         SchemaError: with one sentence naming the field.
     """
     try:
-        data = yaml.load(text, Loader=_StrictLoader)
+        data = yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as error:
         raise SchemaError(f"not valid YAML: {' '.join(str(error).split())}.") from error
     except RecursionError as error:
         raise SchemaError("not valid YAML: it is nested too deeply.") from error
-    _check_structure(data, schema, "")
-    return yaml_load_typed(schema=schema, data=text, allow_schema_with_no_yaml=False)
+    return _build(data, schema, "")
 
 
-class _StrictLoader(yaml.SafeLoader):
-    """Refuses fields that are given twice, of which PyYAML takes the last."""
+def validate(target: Any, path: str = "") -> None:
+    """Checks the types of a dataclass's fields, and its numbers against their ranges.
+
+    Raises:
+        SchemaError: for the first field that is wrong, with one sentence.
+    """
+    hints = _hints(typing.cast(Any, type(target)))
+    for field in dataclasses.fields(target):
+        value, name = getattr(target, field.name), f"{path}{field.name}"
+        _validate(value, hints[field.name], name, field.metadata)
+
+
+def _validate(value: Any, schema: Any, name: str, metadata: typing.Mapping) -> None:
+    if typing.get_origin(schema) is list:
+        if not isinstance(value, list):
+            raise SchemaError(f"{name} is {value!r}; it must be a list.")
+        for index, item in enumerate(value):
+            where = name if metadata else f"{name}[{index}]"
+            _validate(item, typing.get_args(schema)[0], where, metadata)
+    elif _is_union(schema):
+        choices = typing.get_args(schema)
+        if value is None and type(None) in choices:
+            return
+        if not isinstance(value, choices):
+            names = " or ".join(c.__name__ for c in choices if c is not type(None))
+            raise SchemaError(f"{name} is not a {names}.")
+        validate(value, f"{name}.")
+    elif dataclasses.is_dataclass(schema):
+        if not isinstance(value, typing.cast(type, schema)):
+            raise SchemaError(f"{name} is not a {typing.cast(type, schema).__name__}.")
+        validate(value, f"{name}.")
+    elif schema is str:
+        if not isinstance(value, str):
+            raise SchemaError(f"{name} is {value!r}; it must be text.")
+    elif metadata:
+        _validate_number(value, name, schema, metadata)
+
+
+def _validate_number(value: Any, name: str, schema: type, metadata: typing.Mapping) -> None:
+    low, high = metadata["range"]
+    expected = int if schema is int else (int, float)
+    valid = isinstance(value, expected) and not isinstance(value, bool)
+    if not (valid and low <= value <= high):  # NaN is not
+        kind = "a whole number" if schema is int else "a number"
+        raise SchemaError(
+            f"{name} is {value!r}; it must be {kind} from {low:g} to {high:g} {metadata['unit']}."
+        )
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value):
+        plain = {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        plain = {name: item for name, item in plain.items() if item is not None}
+        return {"_tag": f"!{type(value).__name__}", **plain} if isinstance(value, Tagged) else plain
+    if isinstance(value, list):
+        return [_plain(item) for item in value]
+    return float(value) if isinstance(value, float) else value  # not numpy's
+
+
+class _Loader(yaml.SafeLoader):
+    """Keeps tags, and refuses fields that are given twice, of which PyYAML takes the last."""
 
     def construct_mapping(self, node, deep=False):
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
@@ -47,26 +151,44 @@ class _StrictLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _check_structure(data, schema, path: str) -> None:
+def _construct_tagged(loader: _Loader, tag: str, node: yaml.Node) -> dict:
+    if not isinstance(node, yaml.MappingNode):
+        raise yaml.MarkedYAMLError(problem=f"!{tag} must have fields", problem_mark=node.start_mark)
+    return {"_tag": tag, **loader.construct_mapping(node, deep=True)}
+
+
+_Loader.add_multi_constructor("!", _construct_tagged)
+
+
+def _build(data: Any, schema: Any, path: str) -> Any:
     where = path or "the document"
     if typing.get_origin(schema) is list:
         if not isinstance(data, list):
             raise SchemaError(f"{where} must be a list, but is {data!r}.")
-        for index, item in enumerate(data):
-            _check_structure(item, typing.get_args(schema)[0], f"{path}[{index}]")
-    elif dataclasses.is_dataclass(schema):
-        _check_fields(data, schema, path, where)
-    elif schema is str:
+        item = typing.get_args(schema)[0]
+        return [_build(value, item, f"{path}[{index}]") for index, value in enumerate(data)]
+    if _is_union(schema):
+        if data is None and type(None) in typing.get_args(schema):
+            return None
+        schema = _chosen(data, schema, where)
+        data = {key: value for key, value in data.items() if key != "_tag"}
+    if dataclasses.is_dataclass(schema):
+        return _build_fields(data, typing.cast(type, schema), path, where)
+    if schema is str:
         if not isinstance(data, str):
             raise SchemaError(f"{path} is {data!r}; it must be text.")
-    elif not _is_number(data, schema):
+        return data
+    if not _is_number(data, schema):
         kind = "a whole number" if schema is int else "a number"
         raise SchemaError(f"{path} is {data!r}; it must be {kind}.")
+    return schema(data)
 
 
-def _check_fields(data, schema, path: str, where: str) -> None:
-    fields = dataclasses.fields(schema)
+def _build_fields(data: Any, schema: type, path: str, where: str) -> Any:
+    fields, hints = dataclasses.fields(schema), _hints(schema)
     names = [field.name for field in fields]
+    if hasattr(schema, "upgrade"):
+        data = schema.upgrade(data)
     if not isinstance(data, dict):
         raise SchemaError(f"{where} must have the fields {', '.join(names)}, but is {data!r}.")
     prefix = f"{path}." if path else ""
@@ -74,16 +196,65 @@ def _check_fields(data, schema, path: str, where: str) -> None:
         if key not in names:
             unknown = f"{prefix}{key}" if str(key).isprintable() else repr(key)
             raise SchemaError(
-                f"{unknown} is not a known field; {where} has the fields {', '.join(names)}."
+                f"{unknown} is not a known field{_nearest(str(key), names)}; {where} has the "
+                f"fields {', '.join(names)}."
             )
+    values = {}
     for field in fields:
-        if field.name not in data:
+        if field.name in data:
+            values[field.name] = _build(
+                data[field.name], hints[field.name], f"{prefix}{field.name}"
+            )
+        elif field.default is field.default_factory is dataclasses.MISSING:
             raise SchemaError(f"{prefix}{field.name} is missing.")
-        _check_structure(data[field.name], field.type, f"{prefix}{field.name}")
+    return schema(**values)
 
 
-def _is_number(data, schema) -> bool:
-    """Whether pydrake converts it: numbers, and text that Python reads as such."""
+def _chosen(data: Any, schema: Any, where: str) -> type:
+    """The class among those of a union, and all that are derived from them, that is meant."""
+    given = [choice for choice in typing.get_args(schema) if choice is not type(None)]
+    choices = {choice.__name__: choice for choice in _with_subclasses(given)}
+    if not isinstance(data, dict):
+        raise SchemaError(f"{where} must be one of {_tags(choices)}, but is {data!r}.")
+    tag = data.get("_tag", given[0].__name__)
+    if tag not in choices:
+        raise SchemaError(
+            f"{where} is a !{tag}, which is not known{_nearest(tag, list(choices))}; it must be "
+            f"one of {_tags(choices)}."
+        )
+    return choices[tag]
+
+
+def _with_subclasses(classes: list[type]) -> list[type]:
+    found: list[type] = []
+    for cls in classes:
+        if dataclasses.is_dataclass(cls):
+            found.append(cls)
+        found += _with_subclasses(cls.__subclasses__())
+    return found
+
+
+def _tags(choices: typing.Iterable[str]) -> str:
+    return ", ".join(f"!{name}" for name in choices)
+
+
+@functools.cache
+def _hints(schema: Any) -> dict[str, Any]:
+    return typing.get_type_hints(schema)
+
+
+@functools.cache
+def _is_union(schema: Any) -> bool:
+    return typing.get_origin(schema) in (typing.Union, types.UnionType)
+
+
+def _nearest(name: str, names: list[str]) -> str:
+    match = difflib.get_close_matches(name, names, n=1)
+    return f" (did you mean {match[0]}?)" if match else ""
+
+
+def _is_number(data: Any, schema: type) -> bool:
+    """Whether it converts: numbers, and text that Python reads as such."""
     if isinstance(data, bool):
         return False
     if isinstance(data, str):  # what PyYAML makes of 1e-3, without a dot

@@ -19,32 +19,33 @@ sparse Jacobian, and differs in two ways that leave the solutions as they are:
 
 import numpy as np
 
-from limb_systems import LimbParameters, make_manipulator, torque_matrix
+from limb_systems import LimbParameters, Wires, make_manipulator
 from planners.chain import PlanarChain
 
-# Changes that matter, which scaling takes as one.
-ANGLE_SCALE = 0.1  # rad
-TEMPERATURE_SCALE = 50.0  # °C
+ANGLE_SCALE = 0.1  # rad, a change that matters, which scaling takes as one
 
 _IMAGINARY_STEP = 1e-30
 
 
 class LimbDefects:
-    """Defects of a limb's trajectory at N knots, and their derivatives.
+    """Defects of a limb's trajectory at K knots, and their derivatives.
 
-    A trajectory is states (N, 2n + 2W), ordered as those of `Limb`, duty
-    (N, W) and time steps (N - 1). An interval has 2n + 2W rows in the order
-    of the states, and its variables are [x0, x1, u0, u1, h].
+    A trajectory is states (K, 2n + M), ordered as those of `Limb`, with the
+    heat y = [x, V] (M) of its wires, duty (K, W) and time steps (K - 1). An
+    interval has 2n + M rows in the order of the states, and its variables are
+    [x0, x1, u0, u1, h]. The derivatives of the mechanics are written out;
+    those of the wires come from their laws.
 
-    - ``num_intervals``: N - 1.
+    - ``num_intervals``: K - 1.
     - ``acceleration_to_angle``: K⁻¹ M(0) (n, n), s².
+    - ``heat_scales``: changes of the heat that matter (M,).
     - ``rows``, ``columns``: for each nonzero of an interval's Jacobian its
       row, and its column among the interval's variables.
     - ``hessian_rows``, ``hessian_columns``: for each nonzero of an
       interval's symmetric Hessian, once, its two variables.
 
     Args:
-        num_knots: N.
+        num_knots: K.
         typical_time_step: s, for the scaling of rows.
     """
 
@@ -55,31 +56,22 @@ class LimbDefects:
         typical_time_step: float,
     ):
         self._chain = chain = PlanarChain(make_manipulator(parameters))
+        self._wires = Wires(parameters)
         self._typical_h = typical_time_step
-        self._ambient = parameters.ambient_temperature
-        self._torques = torque_matrix(parameters)
-        self._a1, self._a2, a3 = (
-            np.array([getattr(wire, name) for wire in parameters.wires])
-            for name in ("a1", "a2", "a3")
-        )
         self.acceleration_to_angle = chain.straight_mass_matrix / chain.stiffness[:, None]
         self.num_intervals = num_knots - 1
-
-        # Eqns (6)-(7) are linear: d/dt [T, V] = A [T, V] + B D above ambient.
-        none = np.zeros((len(a3), len(a3)))
-        A = np.block([[np.diag(self._a1), none], [-np.diag(a3), np.diag(a3)]])
-        B = np.vstack([np.diag(self._a2), none])
-        self._thermal = [
-            typical_time_step / TEMPERATURE_SCALE * term for term in linear_defect_terms(A, B)
-        ]
+        self.heat_scales = self._wires.heat_scales
         self._lay_out_derivatives()
 
     def evaluate(self, states: np.ndarray, duty: np.ndarray, time_steps: np.ndarray) -> np.ndarray:
-        """Scaled defects (N - 1, 2n + 2W), all zero for a feasible trajectory."""
-        h = time_steps[:, None]
-        angles, rates, wire, _ = self._split(states)
+        """Scaled defects (K - 1, 2n + M), all zero for a feasible trajectory."""
+        h, wires = time_steps[:, None], self._wires
+        angles, rates, heat = self._split(states)
+        heat_rates = wires.heat_rates(heat, duty)
+        mid_angles, mid_rates, mid_heat, mid_duty = _middle(
+            angles, rates, heat, heat_rates, duty, h
+        )
         accelerations = self.accelerations(states)
-        middle = self._chain.accelerations(*self._midpoints(angles, rates, wire, duty, h))
         angle_rows = (
             1.5 / h * np.diff(angles, axis=0)
             - 0.75 * (rates[:-1] + rates[1:])
@@ -88,28 +80,47 @@ class LimbDefects:
         rate_rows = (
             1.5 / h * np.diff(rates, axis=0)
             - 0.25 * (accelerations[:-1] + accelerations[1:])
-            - middle
+            - self._accelerations(mid_angles, mid_rates, mid_heat)
         )
-        P, Q, R = (self._thermal_variables(states, duty) @ term.T for term in self._thermal)
+        heat_rows = (
+            1.5 / h * np.diff(heat, axis=0)
+            - 0.25 * (heat_rates[:-1] + heat_rates[1:])
+            - wires.heat_rates(mid_heat, mid_duty)
+        )
         scale = self.acceleration_to_angle.T
         return np.hstack(
-            [8 / self._typical_h * angle_rows @ scale, rate_rows @ scale, P / h + Q + R * h]
+            [
+                8 / self._typical_h * angle_rows @ scale,
+                rate_rows @ scale,
+                self._typical_h / self.heat_scales * heat_rows,
+            ]
         )
 
     def jacobian(self, states: np.ndarray, duty: np.ndarray, time_steps: np.ndarray) -> np.ndarray:
-        """Nonzeros (N - 1, len(rows)) of the derivative of `evaluate`."""
-        h, n = time_steps[:, None], self._chain.num_joints
-        angles, rates, wire, _ = self._split(states)
-        accelerations, by_angle, by_rate, by_force = self._chain.derivatives(
-            angles, rates, self._forces(wire)
+        """Nonzeros (K - 1, len(rows)) of the derivative of `evaluate`."""
+        h, wires = time_steps[:, None], self._wires
+        n, num_states = self._chain.num_joints, wires.num_states
+        angles, rates, heat = self._split(states)
+        heat_rates = wires.heat_rates(heat, duty)
+        mid_angles, mid_rates, mid_heat, mid_duty = _middle(
+            angles, rates, heat, heat_rates, duty, h
         )
-        by_wire = by_force @ self._torques
-        _, mid_angle, mid_rate, mid_force = self._chain.derivatives(
-            *self._midpoints(angles, rates, wire, duty, h)
-        )
-        mid_wire = mid_force @ self._torques
+        accelerations, by_angle, by_rate, by_wire = self._derivatives(angles, rates, heat)
+        _, mid_angle, mid_rate, mid_wire = self._derivatives(mid_angles, mid_rates, mid_heat)
         angle_step, rate_step = np.diff(angles, axis=0), np.diff(rates, axis=0)
-        wire_rate_step = np.diff(self._wire_rates(wire, duty), axis=0)
+        heat_step, heat_rate_step = np.diff(heat, axis=0), np.diff(heat_rates, axis=0)
+
+        # Of the heat's rates at the knots and in the middle, by [x, V, D]; the same at all points
+        # if the laws are affine. Only the wires' states x move the limb.
+        by_heat, mid_by_heat = (
+            wires.heat_jacobian(heat, duty),
+            wires.heat_jacobian(mid_heat, mid_duty),
+        )
+        first, second = (by_heat[:-1], by_heat[1:]) if len(by_heat) > 1 else (by_heat, by_heat)
+        num_heat = heat.shape[1]
+        moving = np.r_[:num_states, num_heat : by_heat.shape[2]]
+        x0, u0 = np.split(mid_wire @ first[:, :num_states, moving], [num_states], axis=2)
+        x1, u1 = np.split(mid_wire @ second[:, :num_states, moving], [num_states], axis=2)
 
         def column(vectors):
             return vectors[:, :, None]
@@ -127,25 +138,32 @@ class LimbDefects:
         rate_rows = [
             -0.25 * by_angle[:-1] - 0.5 * mid_angle + 1.5 / h * mid_rate,
             -1.5 / h * one - 0.25 * by_rate[:-1] - h / 8 * mid_angle + 0.25 * mid_rate,
-            -0.25 * by_wire[:-1] - mid_wire * (0.5 + h / 8 * self._a1),
+            -0.25 * by_wire[:-1] - 0.5 * mid_wire - h / 8 * x0,
             -0.25 * by_angle[1:] - 0.5 * mid_angle - 1.5 / h * mid_rate,
             1.5 / h * one - 0.25 * by_rate[1:] + h / 8 * mid_angle + 0.25 * mid_rate,
-            -0.25 * by_wire[1:] - mid_wire * (0.5 - h / 8 * self._a1),
-            -h / 8 * mid_wire * self._a2,
-            h / 8 * mid_wire * self._a2,
+            -0.25 * by_wire[1:] - 0.5 * mid_wire + h / 8 * x1,
+            -h / 8 * u0,
+            h / 8 * u1,
             -1.5 / h**2 * column(rate_step)
             + mid_angle @ column(rate_step) / 8
             + 1.5 / h**2 * mid_rate @ column(angle_step)
-            + mid_wire @ column(wire_rate_step) / 8,
+            + mid_wire @ column(heat_rate_step[:, :num_states]) / 8,
         ]
         h = time_steps[:, None]
-        P, Q, R = (term[self._thermal_nonzeros] for term in self._thermal)
-        variables = self._thermal_variables(states, duty)
+        scale = self._typical_h / self.heat_scales
+        P, Q, R = (
+            (scale[:, None] * term)[:, *self._heat_nonzeros]
+            for term in _heat_terms(first, second, mid_by_heat)
+        )
+        heat_by_step = (
+            -1.5 / h**2 * heat_step
+            + (mid_by_heat[:, :, :num_heat] @ column(heat_rate_step))[:, :, 0] / 8
+        )
         blocks = [
             8 / self._typical_h * self.acceleration_to_angle @ np.concatenate(angle_rows, axis=2),
             self.acceleration_to_angle @ np.concatenate(rate_rows, axis=2),
             P / h + Q + R * h,
-            variables @ self._thermal[2].T - variables @ self._thermal[0].T / h**2,
+            scale * heat_by_step,
         ]
         return np.hstack([block.reshape(self.num_intervals, -1) for block in blocks])
 
@@ -156,50 +174,68 @@ class LimbDefects:
         time_steps: np.ndarray,
         multipliers: np.ndarray,
     ) -> np.ndarray:
-        """Nonzeros (N - 1, len(hessian_rows)) of the Hessian of Σ multipliers · evaluate.
+        """Nonzeros (K - 1, len(hessian_rows)) of the Hessian of Σ multipliers · evaluate.
 
-        By complex steps of θ, θ̇ and h in the Jacobian, which are exact to
-        rounding. An interval has one even and one odd knot, so all even knots
-        move at once, and then all odd ones.
+        By complex steps in the Jacobian of all that does not enter linearly,
+        which are exact to rounding. An interval has one even and one odd knot,
+        so all even knots move at once, and then all odd ones.
 
         Args:
-            multipliers: (N - 1, 2n + 2W).
+            multipliers: (K - 1, 2n + M).
         """
-        n, num_states = self._chain.num_joints, states.shape[1]
+        num_states, num_wires = states.shape[1], duty.shape[1]
         num_local = self.hessian_rows.max() + 1
         gather = np.zeros((len(self.columns), num_local))
         gather[np.arange(len(self.columns)), self.columns] = 1.0
         weights = multipliers[:, self.rows]
 
-        def derivative(states, time_steps):
+        def derivative(states, duty, time_steps):
             """Of the Lagrangian's gradient by the variables with imaginary parts."""
             change = self.jacobian(states, duty, time_steps).imag / _IMAGINARY_STEP
             return (weights * change) @ gather
 
         hessian = np.zeros((self.num_intervals, num_local, num_local))
         is_odd = np.arange(self.num_intervals) % 2 == 1
-        for index in range(2 * n):
+        # The first knot's index among an interval's variables, and how far behind is the second's.
+        moves = [(states, index, index, num_states) for index in self._curved_states]
+        moves += [(duty, index, 2 * num_states + index, num_wires) for index in self._curved_inputs]
+        for moving, index, variable, behind in moves:
             for parity in (0, 1):
-                moved = states.astype(complex)
+                moved = moving.astype(complex)
                 moved[parity::2, index] += 1j * _IMAGINARY_STEP
-                change = derivative(moved, time_steps)
+                point = (moved, duty) if moving is states else (states, moved)
+                change = derivative(*point, time_steps)
                 first = is_odd == bool(parity)  # the intervals whose first knot moved
-                hessian[first, index] = change[first]
-                hessian[~first, num_states + index] = change[~first]
-        hessian[:, -1] = derivative(states, time_steps + 1j * _IMAGINARY_STEP)
+                hessian[first, variable] = change[first]
+                hessian[~first, variable + behind] = change[~first]
+        hessian[:, -1] = derivative(states, duty, time_steps + 1j * _IMAGINARY_STEP)
         return hessian[:, self.hessian_rows, self.hessian_columns]
 
     def accelerations(self, states: np.ndarray) -> np.ndarray:
-        """θ̈ (K, n) of states (K, 2n + 2W), rad/s²."""
-        angles, rates, wire, _ = self._split(states)
-        return self._chain.accelerations(angles, rates, self._forces(wire))
+        """θ̈ (K, n) of states (K, 2n + M), rad/s²."""
+        return self._accelerations(*self._split(states))
+
+    def _accelerations(self, angles, rates, heat):
+        forces = self._wires.forces(heat[:, : self._wires.num_states], angles)
+        return self._chain.accelerations(angles, rates, forces)
+
+    def _derivatives(self, angles, rates, heat):
+        """θ̈ (K, n), and its derivatives by θ, θ̇ (K, n, n) and x (K, n, N)."""
+        states = heat[:, : self._wires.num_states]
+        forces = self._wires.forces(states, angles)
+        force_by_state, force_by_angle = self._wires.force_derivatives(states, angles)
+        result, by_angle, by_rate, by_force = self._chain.derivatives(angles, rates, forces)
+        if force_by_angle is not None:
+            by_angle = by_angle + by_force * force_by_angle[:, None, :]
+        return result, by_angle, by_rate, by_force @ force_by_state
 
     def _lay_out_derivatives(self) -> None:
-        n, num_wires = self._chain.num_joints, len(self._a1)
-        num_states = 2 * n + 2 * num_wires
-        moving = np.arange(2 * n + num_wires)  # θ, θ̇, T of a knot
+        n, wires = self._chain.num_joints, self._wires
+        num_wires, num_heat = wires.num_wires, wires.num_states + wires.num_wires
+        num_states = 2 * n + num_heat
+        moving = np.arange(2 * n + wires.num_states)  # θ, θ̇, x of a knot
         moving = np.r_[moving, num_states + moving]
-        heat = np.arange(2 * n, num_states)  # T, V of a knot
+        heat = np.arange(2 * n, num_states)  # x, V of a knot
         inputs = 2 * num_states + np.arange(2 * num_wires)
         time_step = 2 * num_states + 2 * num_wires
         joints = np.arange(n)
@@ -207,22 +243,31 @@ class LimbDefects:
             np.meshgrid(joints, np.r_[moving, time_step], indexing="ij"),
             np.meshgrid(n + joints, np.r_[moving, inputs, time_step], indexing="ij"),
         ]
-        self._thermal_nonzeros = np.nonzero(np.abs(self._thermal).sum(axis=0))
-        thermal_rows, thermal_columns = self._thermal_nonzeros
-        thermal_variables = np.r_[heat, num_states + heat, inputs]
-        self.rows = np.concatenate(
-            [grid[0].ravel() for grid in grids] + [2 * n + thermal_rows, heat]
+        pattern = wires.heat_pattern[np.newaxis].astype(float)
+        self._heat_nonzeros = np.nonzero(
+            sum(np.abs(term[0]) for term in _heat_terms(pattern, pattern, pattern))
         )
+        heat_rows, heat_columns = self._heat_nonzeros
+        heat_variables = np.r_[heat, num_states + heat, inputs]
+        self.rows = np.concatenate([grid[0].ravel() for grid in grids] + [2 * n + heat_rows, heat])
         self.columns = np.concatenate(
             [grid[1].ravel() for grid in grids]
-            + [thermal_variables[thermal_columns], np.full(len(heat), time_step)]
+            + [heat_variables[heat_columns], np.full(len(heat), time_step)]
         )
 
-        # Products of θ, θ̇ and h with anything; T, V and D enter linearly. The
-        # rows of the former are those that `hessian` calculates.
+        # Products of θ, θ̇ and h with anything; heat and duty enter linearly where the laws are
+        # affine. The rows of what is curved are those that `hessian` calculates.
+        affine = wires.rates_are_affine and wires.torque_is_affine
+        self._curved_states = np.arange(2 * n if affine else num_states)
+        self._curved_inputs = np.arange(0 if affine else num_wires)
+        curved = np.r_[
+            self._curved_states,
+            num_states + self._curved_states,
+            2 * num_states + self._curved_inputs,
+            2 * num_states + num_wires + self._curved_inputs,
+        ]
         bends = np.zeros((time_step + 1, time_step + 1), bool)
-        curved = np.r_[np.arange(2 * n), num_states + np.arange(2 * n)]
-        bends[np.ix_(curved, np.r_[moving, inputs])] = True
+        bends[np.ix_(curved, np.r_[moving, inputs, curved])] = True
         bends[time_step] = True
         upper = np.triu(bends, 1).T
         rows, columns = np.nonzero(np.tril(bends) | upper)
@@ -230,29 +275,47 @@ class LimbDefects:
         self.hessian_rows = np.where(given, rows, columns)
         self.hessian_columns = np.where(given, columns, rows)
 
-    def _midpoints(self, angles, rates, wire, duty, h):
-        """θ, θ̇ and f at the middle of each interval."""
-        wire_rate_step = np.diff(self._wire_rates(wire, duty), axis=0)
-        return (
-            0.5 * (angles[:-1] + angles[1:]) - h / 8 * np.diff(rates, axis=0),
-            1.5 / h * np.diff(angles, axis=0) - 0.25 * (rates[:-1] + rates[1:]),
-            self._forces(0.5 * (wire[:-1] + wire[1:]) - h / 8 * wire_rate_step),
-        )
-
-    def _wire_rates(self, wire, duty):
-        return self._a1 * (wire - self._ambient) + self._a2 * duty
-
-    def _forces(self, wire):
-        return (wire - self._ambient) @ self._torques.T
-
-    def _thermal_variables(self, states, duty):
-        """[T0, V0, T1, V1, D0, D1] above ambient of each interval."""
-        heat = states[:, 2 * self._chain.num_joints :] - self._ambient
-        return np.hstack([heat[:-1], heat[1:], duty[:-1], duty[1:]])
-
     def _split(self, states):
-        n, num_wires = self._chain.num_joints, len(self._a1)
-        return np.split(states, np.cumsum([n, n, num_wires]), axis=1)
+        """θ, θ̇ and y of states (K, 2n + M)."""
+        n = self._chain.num_joints
+        return states[:, :n], states[:, n : 2 * n], states[:, 2 * n :]
+
+
+def _middle(angles, rates, heat, heat_rates, duty, h):
+    """θ, θ̇, y and D at the middle of each interval."""
+    return (
+        0.5 * (angles[:-1] + angles[1:]) - h / 8 * np.diff(rates, axis=0),
+        1.5 / h * np.diff(angles, axis=0) - 0.25 * (rates[:-1] + rates[1:]),
+        0.5 * (heat[:-1] + heat[1:]) - h / 8 * np.diff(heat_rates, axis=0),
+        0.5 * (duty[:-1] + duty[1:]),
+    )
+
+
+def _heat_terms(
+    first: np.ndarray, second: np.ndarray, middle: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Direct collocation of ẏ = f(y, u) over intervals of length h, differentiated.
+
+    Args:
+        first, second, middle: derivatives of f by [y, u] at the knots and in
+            the middle, (K, M, M + W); or (1, M, M + W), the same for all intervals.
+
+    Returns:
+        P, Q, R, each (K, M, 2M + 2W): the defect ẏ_c - f(y_c, u_c) has the
+        derivative P/h + Q + R h by [y0, y1, u0, u1].
+    """
+    M = first.shape[1]
+    one = np.eye(*first.shape[1:])
+    by_state = middle[:, :, :M]
+    terms = (
+        (-1.5 * one[None], 1.5 * one[None]),
+        (-0.25 * first - 0.5 * middle, -0.25 * second - 0.5 * middle),
+        (-by_state @ first / 8, by_state @ second / 8),
+    )
+    P, Q, R = (
+        np.concatenate([a[..., :M], b[..., :M], a[..., M:], b[..., M:]], axis=2) for a, b in terms
+    )
+    return P, Q, R
 
 
 def linear_defect_terms(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -261,8 +324,6 @@ def linear_defect_terms(A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.nd
     Returns:
         P, Q, R of the defect ẏ_c - f(y_c, u_c) = (P/h + Q + R h) [y0, y1, u0, u1].
     """
-    one, nothing = np.eye(len(A)), np.zeros_like(B)
-    P = 1.5 * np.hstack([-one, one, nothing, nothing])
-    Q = -0.75 * np.hstack([A, A, B, B])
-    R = -A @ np.hstack([A, -A, B, -B]) / 8
+    derivatives = np.hstack([A, B])[None]
+    P, Q, R = (term[0] for term in _heat_terms(derivatives, derivatives, derivatives))
     return P, Q, R

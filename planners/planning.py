@@ -14,14 +14,14 @@ from limb_systems import (
     LimbParameters,
     PlanCheck,
     Trajectory,
+    Wires,
     simulate,
     split_state,
-    torque_matrix,
 )
 from limb_systems.model.statics import static_equilibrium
-from planners.defects import TEMPERATURE_SCALE
+from limb_systems.model.wire_law import TEMPERATURE_SCALE
 from planners.program import TrajectoryProgram
-from planners.quasi_static import check_temperature_limits, solve_quasi_static
+from planners.quasi_static import check_temperature_limits, quasi_static_angles, solve_quasi_static
 from planners.solving import PlanningError, Solution, solve_program
 from planners.task import Task
 
@@ -126,6 +126,7 @@ class Planner:
             raise PlanningError(f"times start at {self.times[0]:g} s; they must start at 0 s.")
         self._tolerance_deg, self._solver = tolerance_deg, solver
         self._rest_angles, self._compliance = static_equilibrium(parameters)
+        self._wires = Wires(parameters)
         self._program: TrajectoryProgram | None = None
         self._previous: tuple[np.ndarray, np.ndarray, Solution] | None = None
 
@@ -168,16 +169,16 @@ class Planner:
         """
         parameters, times = self.parameters, self.times
         angles_ref = _sample_reference(reference, times, len(parameters.segments))
-        state = _initial_state(parameters, initial_state, self._rest_angles)
-        wire_temperature = split_state(parameters, state)[2]
+        state = _initial_state(self._wires, initial_state, self._rest_angles)
+        wire_states = split_state(parameters, state)[2]
         warm_up = max(0.0, parameters.temperature_limits.warm_up_time - elapsed)
 
-        check_temperature_limits(parameters, times, wire_temperature, warm_up)
-        guess_wire, guess_duty = solve_quasi_static(
+        check_temperature_limits(parameters, times, wire_states, warm_up)
+        guess_states, guess_duty = solve_quasi_static(
             parameters,
             times,
             angles_ref,
-            wire_temperature,
+            wire_states,
             self._rest_angles,
             self._compliance,
             self.task,
@@ -187,7 +188,7 @@ class Planner:
             self._program = TrajectoryProgram(parameters, times, self.task)
         program = self._program
         program.update(angles_ref, state, warm_up)
-        guess = program.variables(self._fill_in(state, guess_wire, guess_duty), guess_duty)
+        guess = program.variables(self._fill_in(state, guess_states, guess_duty), guess_duty)
         solution = self._solve(program, guess, angles_ref, state)
         trajectory = self._trajectory(program, solution, angles_ref)
         trajectory.check.guess_cost = program.cost(guess)
@@ -210,14 +211,10 @@ class Planner:
         return solution
 
     def _trajectory(self, program, solution: Solution, angles_ref) -> Trajectory:
-        joint_state, wire, measured, duty = program.signals(solution.x)
         return Trajectory(
             time=program.knots(solution.x),
             reference=angles_ref,
-            duty=duty,
-            joint_state=joint_state,
-            wire_temperature=wire,
-            measured_temperature=measured,
+            **program.signals(solution.x),
             parameters=self.parameters,
             check=PlanCheck(
                 solver=solution.solver,
@@ -230,24 +227,24 @@ class Planner:
             ),
         )
 
-    def _fill_in(self, initial_state, wire: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        """States (2n + 2W, N) that go with a quasi-static plan's T and D (W, N)."""
-        ambient = self.parameters.ambient_temperature
-        a1, a2, a3 = (
-            np.array([[getattr(wire, name)] for wire in self.parameters.wires])
-            for name in ("a1", "a2", "a3")
-        )
-        to_angles = self._compliance @ torque_matrix(self.parameters)
-        angles = self._rest_angles[:, None] + to_angles @ (wire - ambient)
-        rates = to_angles @ (a1 * (wire - ambient) + a2 * duty)
-        # V follows T by (7): the exact solution for T linear between knots.
-        measured, lag = np.empty_like(wire), a3[:, 0]
-        measured[:, 0] = split_state(self.parameters, initial_state)[3]
+    def _fill_in(self, initial_state, wire_states: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """States (2n + M, K) that go with a quasi-static plan's x (N, K) and D (W, K)."""
+        wires, x = self._wires, wire_states.T
+        angles, slopes = quasi_static_angles(wires, x, self._rest_angles, self._compliance)
+        rates = np.einsum("kij,kj->ki", slopes, wires.rates(x, duty.T))
+        # V follows by (7): the exact solution of V̇ = λ V + c(t) for c linear between knots.
+        none = np.zeros((len(x), wires.num_wires))
+        c = wires.reading_rates(none, x)
+        lag = wires.reading_rates(none + 1.0, x) - c
+        measured = np.empty_like(none)
+        measured[0] = split_state(self.parameters, initial_state)[3]
         for k, step in enumerate(np.diff(self.times)):
-            behind = (wire[:, k + 1] - wire[:, k]) / step / lag
-            offset = measured[:, k] - wire[:, k] - behind
-            measured[:, k + 1] = wire[:, k + 1] + behind + np.exp(lag * step) * offset
-        states = np.vstack([angles, rates, wire, measured])
+            rate = 0.5 * (lag[k] + lag[k + 1])
+            settled = -c[k : k + 2] / rate
+            behind = (settled[1] - settled[0]) / step / rate
+            offset = measured[k] - settled[0] - behind
+            measured[k + 1] = settled[1] + behind + np.exp(rate * step) * offset
+        states = np.hstack([angles, rates, x, measured]).T
         states[:, 0] = initial_state
         return states
 
@@ -330,10 +327,9 @@ def _sample_reference(reference, times: np.ndarray, num_segments: int) -> np.nda
     return angles
 
 
-def _initial_state(parameters: LimbParameters, initial_state, rest_angles) -> np.ndarray:
-    num_wires = len(parameters.wires)
-    temperatures = np.full(2 * num_wires, parameters.ambient_temperature)
-    rest = np.concatenate([rest_angles, np.zeros_like(rest_angles), temperatures])
+def _initial_state(wires: Wires, initial_state, rest_angles) -> np.ndarray:
+    cold, readings = wires.cold_states, wires.cold_states[: wires.num_wires]
+    rest = np.concatenate([rest_angles, np.zeros_like(rest_angles), cold, readings])
     if initial_state is None:
         return rest
     state = np.asarray(initial_state, float)

@@ -7,9 +7,9 @@ from pydrake.planning import DirectCollocation
 from pydrake.solvers import Binding, MathematicalProgram
 from pydrake.systems.analysis import BatchEvalTimeDerivatives
 
-from limb_systems import Limb, LimbParameters, joint_angles_from_bend_angle, split_state
-from planners.defects import ANGLE_SCALE, TEMPERATURE_SCALE, LimbDefects
-from planners.task import Task
+from limb_systems import Limb, LimbParameters, Wires, joint_angles_from_bend_angle, split_state
+from planners.defects import ANGLE_SCALE, LimbDefects
+from planners.task import Task, TaskError
 
 REST_RATE = np.deg2rad(0.5)  # rad/s, a bend rate that counts as rest
 REACH_TOLERANCE = np.deg2rad(0.1)  # rad
@@ -25,8 +25,9 @@ class TrajectoryProgram:
     - ``limb``: the `Limb` whose dynamics are its constraints.
     - ``times``: of the knots (N,), s, before they are stretched.
     - ``states``, ``duty``, ``time_steps``: indices of x_k, u_k and h_k among
-      the decision variables, (N, 2n + 2W), (N, W) and (N - 1).
-    - ``state_scales``: changes of the states that matter (2n + 2W,).
+      the decision variables, (N, 2n + M), (N, W) and (N - 1), for the heat
+      (M) of W wires, their states and readings.
+    - ``state_scales``: changes of the states that matter (2n + M,).
     - ``defects``: (17) in closed form, or None where it disagrees with the
       limb's `MultibodyPlant`.
 
@@ -38,7 +39,7 @@ class TrajectoryProgram:
 
     def __init__(self, parameters: LimbParameters, times: np.ndarray, task: Task | None = None):
         self.parameters, self.times, self.task = parameters, times, task or Task()
-        self.limb = Limb(parameters)
+        self.limb, self._wires = Limb(parameters), Wires(parameters)
         self._add_dynamics()
         self._add_cost()
         self._initial_state = self.prog.AddBoundingBoxConstraint(0.0, 0.0, self._states[0])
@@ -46,7 +47,7 @@ class TrajectoryProgram:
             self.prog,
             parameters,
             times,
-            self._wire_temperatures,
+            self._wire_states,
             self._duty,
             self.task,
             parameters.temperature_limits.warm_up_time,
@@ -82,7 +83,7 @@ class TrajectoryProgram:
     def variables(
         self, states: np.ndarray, duty: np.ndarray, times: np.ndarray | None = None
     ) -> np.ndarray:
-        """All decision variables, from states (2n + 2W, N), duty (W, N) and knots (N,)."""
+        """All decision variables, from states (2n + M, N), duty (W, N) and knots (N,)."""
         x = np.zeros(self.prog.num_vars())
         x[self.time_steps] = np.diff(self.times if times is None else times)
         x[self.states], x[self.duty] = states.T, duty.T
@@ -94,21 +95,28 @@ class TrajectoryProgram:
             return self.times
         return np.append(0.0, np.cumsum(x[self.time_steps]))
 
-    def signals(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """[θ, θ̇] (2n, N), T, V and D (W, N) of all decision variables."""
+    def signals(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """The signals of a `Trajectory` that all decision variables hold."""
         angles, rates, wire, measured = split_state(self.parameters, x[self.states].T)
-        return np.vstack([angles, rates]), wire, measured, x[self.duty].T
+        num_wires = self._wires.num_wires
+        return {
+            "duty": x[self.duty].T,
+            "joint_state": np.vstack([angles, rates]),
+            "wire_temperature": wire[:num_wires],
+            "measured_temperature": measured,
+            "other_wire_state": wire[num_wires:] if len(wire) > num_wires else None,
+        }
 
     def cost(self, x: np.ndarray) -> float:
         """Eqn (15), and what the task adds."""
         return float(self.prog.EvalBindings(self.prog.GetAllCosts(), x).sum())
 
     def defects_of(self, x: np.ndarray) -> np.ndarray:
-        """Violation of (17), with the dynamics of the limb's diagram, (2n + 2W, N - 1).
+        """Violation of (17), with the dynamics of the limb's diagram, (2n + M, N - 1).
 
         Defects of θ̇ are scaled by K⁻¹ M(0) to the static deflections they
-        stand for, in rad; those of θ by the time step, in rad; those of T and
-        V by the time step and 50 °C.
+        stand for, in rad; those of θ by the time step, in rad; those of the heat
+        by the time step and the changes that matter, such as 50 °C.
         """
         h, states, duty = x[self.time_steps], x[self.states].T, x[self.duty].T
         rates = self._time_derivatives(states, duty)
@@ -121,7 +129,7 @@ class TrajectoryProgram:
             [
                 defects[:n] * h,
                 self._acceleration_to_angle @ defects[n : 2 * n],
-                defects[2 * n :] * h / TEMPERATURE_SCALE,
+                defects[2 * n :] * h / self._wires.heat_scales[:, None],
             ]
         )
 
@@ -198,11 +206,11 @@ class TrajectoryProgram:
     def _set_scaling(self) -> None:
         n = self.parameters.num_joints
         self.state_scales = np.ones(self.states.shape[1])
-        self.state_scales[:n], self.state_scales[2 * n :] = ANGLE_SCALE, TEMPERATURE_SCALE
-        for variable in self._states[:, :n].ravel():
-            self.prog.SetVariableScaling(variable, ANGLE_SCALE)
-        for variable in self._states[:, 2 * n :].ravel():
-            self.prog.SetVariableScaling(variable, TEMPERATURE_SCALE)
+        self.state_scales[:n], self.state_scales[2 * n :] = ANGLE_SCALE, self._wires.heat_scales
+        for variables, scale in zip(self._states.T, self.state_scales, strict=True):
+            if scale != 1.0:
+                for variable in variables:
+                    self.prog.SetVariableScaling(variable, scale)
 
     def _make_defects(self) -> "DefectBlock | None":
         time_step = float(np.median(np.diff(self.times)))
@@ -220,23 +228,25 @@ class TrajectoryProgram:
     def _largest_disagreement(self, defects: LimbDefects) -> float:
         """Of the closed form's accelerations with the limb's, relative, at random states."""
         generator, num_states = np.random.default_rng(0), 5
-        n, num_wires = self.parameters.num_joints, len(self.parameters.wires)
+        n, wires = self.parameters.num_joints, self._wires
+        cold = np.concatenate([wires.cold_states, wires.cold_states[: wires.num_wires]])
+        warmer = generator.uniform(0.0, 1.5, (num_states, len(cold))) * wires.heat_scales
         states = np.vstack(
             [
                 generator.uniform(-1.0, 1.0, (n, num_states)),
                 generator.uniform(-10.0, 10.0, (n, num_states)),
-                generator.uniform(20.0, 100.0, (2 * num_wires, num_states)),
+                (cold + warmer).T,
             ]
         )
-        duty = np.zeros((num_wires, num_states))
+        duty = np.zeros((wires.num_wires, num_states))
         theirs = self._time_derivatives(states, duty)[n : 2 * n]
         ours = defects.accelerations(states.T).T
         return float(np.abs(ours - theirs).max() / np.abs(theirs).max())
 
     @property
-    def _wire_temperatures(self) -> np.ndarray:
-        n, num_wires = self.parameters.num_joints, len(self.parameters.wires)
-        return self._states[:, 2 * n : 2 * n + num_wires]
+    def _wire_states(self) -> np.ndarray:
+        first = 2 * self.parameters.num_joints
+        return self._states[:, first : first + self._wires.num_states]
 
     def _time_derivatives(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         return BatchEvalTimeDerivatives(
@@ -307,7 +317,7 @@ def add_thermal_limits(
     prog: MathematicalProgram,
     parameters: LimbParameters,
     times: np.ndarray,
-    wire_temperatures: np.ndarray,
+    wire_states: np.ndarray,
     duty: np.ndarray,
     task: Task,
     warm_up_time: float,
@@ -316,28 +326,36 @@ def add_thermal_limits(
 
     Args:
         times: of the knots (N,), s.
-        wire_temperatures, duty: decision variables (N, W).
+        wire_states, duty: decision variables, a row for each knot; the states
+            begin with the W wire temperatures.
         warm_up_time: k_warm, s from the first knot.
 
     Returns:
         The binding of (19)-(20), whose lower bounds are `warm_bounds`.
+
+    Raises:
+        TaskError: if the temperature rate is limited and not affine.
     """
+    num_wires = duty.shape[1]
     prog.AddBoundingBoxConstraint(0.0, 1.0, duty.ravel())  # (18)
-    temperatures = wire_temperatures.ravel()
+    temperatures = wire_states[:, :num_wires].ravel()
     warm = warm_bounds(parameters, times, warm_up_time)
     hot = np.full(len(warm), parameters.temperature_limits.maximum)
-    hot[: len(parameters.wires)] = np.inf  # of the given initial state
+    hot[:num_wires] = np.inf  # of the given initial state
     binding = prog.AddBoundingBoxConstraint(warm, hot, temperatures)  # (19)-(20)
     if task.max_temperature_rate is None:
         return binding
-    a1 = np.array([wire.a1 for wire in parameters.wires])
-    a2 = np.array([wire.a2 for wire in parameters.wires])
-    rate = np.hstack([np.diag(a1), np.diag(a2)])  # (6)
-    at_zero, limit = -a1 * parameters.ambient_temperature, task.max_temperature_rate
-    for k in range(len(times)):
-        prog.AddLinearConstraint(
-            rate, -limit - at_zero, limit - at_zero, np.r_[wire_temperatures[k], duty[k]]
+    wires = Wires(parameters)
+    if not wires.rates_are_affine:
+        raise TaskError(
+            "max_temperature_rate needs wires whose temperature rate is affine, as (6) is; leave "
+            "it out for this limb."
         )
+    A, B, c = wires.affine_rates()
+    rate, limit = np.hstack([A, B])[:num_wires], task.max_temperature_rate  # (6)
+    low, high = -limit - c[:num_wires], limit - c[:num_wires]
+    for k in range(len(times)):
+        prog.AddLinearConstraint(rate, low, high, np.r_[wire_states[k], duty[k]])
     return binding
 
 

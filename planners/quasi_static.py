@@ -1,10 +1,14 @@
 """The quasi-static plan: a convex program, the start for the real one.
 
 The mechanics is fast (5 Hz) and the heat is slow (0.1 Hz), so joint angles
-nearly are where the wires' torques hold them: K θ = f(T). With that, the cost
-(15) is quadratic in the wire temperatures and duty, whose dynamics (6) and
-bounds (18)-(20) are linear.
+nearly are where the wires' torques hold them: K θ = f(x). With that, the cost
+(15) is quadratic in the wires' states and duty, whose dynamics (6) and bounds
+(18)-(20) are linear. Where a law's torque is not linear, its tangents at the
+plan before take its place, a few times over.
 """
+
+import functools
+from collections.abc import Callable
 
 import numpy as np
 from pydrake.solvers import (
@@ -14,11 +18,14 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
-from limb_systems import LimbParameters, joint_angles_from_bend_angle, torque_matrix
+from limb_systems import LimbParameters, Wires, joint_angles_from_bend_angle
 from planners.defects import linear_defect_terms
 from planners.program import add_duty_cost, add_thermal_limits
 from planners.solving import PlanningError
 from planners.task import Task
+
+MAX_TANGENTS = 6  # times that the torque is linearized
+SAME_STATES = 0.01  # of the changes that matter, within which tangents need not be drawn anew
 
 
 class InfeasibleError(PlanningError):
@@ -28,7 +35,7 @@ class InfeasibleError(PlanningError):
 def check_temperature_limits(
     parameters: LimbParameters,
     times: np.ndarray,
-    initial_temperature: np.ndarray,
+    initial_states: np.ndarray,
     warm_up_time: float,
 ) -> None:
     """Tells whether (19)-(20) can be met at all, wire by wire.
@@ -37,33 +44,38 @@ def check_temperature_limits(
     and at zero duty enclose all others.
 
     Args:
-        times: of the knots (N,), s.
-        initial_temperature: T of the wires at the start (W,), °C.
+        times: of the knots (K,), s.
+        initial_states: x of the wires at the start (N,), as in `Wires`.
         warm_up_time: k_warm, s from the first knot.
 
     Raises:
         InfeasibleError: with the wire, the constraint and from when it could
             be met.
     """
-    limits = parameters.temperature_limits
+    limits, wires = parameters.temperature_limits, Wires(parameters)
     warm_knots = times > warm_up_time
-    for wire, name, start in zip(
-        parameters.wires, parameters.wire_names, initial_temperature, strict=True
-    ):
-        if _temperature(wire, parameters, start, times[1], duty=0.0) > limits.maximum:
-            below = _time_to_reach(wire, parameters, start, limits.maximum, duty=0.0)
+
+    def course(level: float, which: int | slice, until: np.ndarray) -> np.ndarray:
+        """T of a wire (K,), or of several (K, ..), at times (K,) with all wires at this duty."""
+        duty = np.full(wires.num_wires, level)
+        return wires.at_constant_duty(initial_states, duty, until)[:, which]
+
+    each = slice(0, wires.num_wires)
+    cooled = course(0.0, each, times[1:2])[0]
+    first = times[np.argmax(warm_knots)]
+    hottest = course(1.0, each, np.array([first]))[0]
+    for index, name in enumerate(parameters.wire_names):
+        start = initial_states[index]
+        if cooled[index] > limits.maximum:
+            below = _time_to_reach(wires, functools.partial(course, 0.0, index), limits.maximum)
             raise InfeasibleError(
                 f"The {name} wire starts at {start:.4g} °C, above T_max = {limits.maximum:g} °C "
                 f"(19); let it cool for {below:.3g} s first."
             )
-        if not warm_knots.any():
+        if hottest[index] >= limits.warm or not warm_knots.any():
             continue
-        first = times[np.argmax(warm_knots)]
-        hottest = _temperature(wire, parameters, start, first, duty=1.0)
-        if hottest >= limits.warm:
-            continue
-        reached = _time_to_reach(wire, parameters, start, limits.warm, duty=1.0)
-        steady = parameters.ambient_temperature - wire.a2 / wire.a1
+        reached = _time_to_reach(wires, functools.partial(course, 1.0, index), limits.warm)
+        steady = course(1.0, index, np.array([_settling_time(wires)]))[0]
         advice = (
             f"it could from {reached:.3g} s on, so set temperature_limits.warm_up_time to that"
             if np.isfinite(reached)
@@ -71,7 +83,7 @@ def check_temperature_limits(
         )
         raise InfeasibleError(
             f"The {name} wire cannot be at T_warm = {limits.warm:g} °C (20) by {first:g} s: at "
-            f"full duty from {start:.4g} °C it reaches {hottest:.4g} °C by then; {advice}."
+            f"full duty from {start:.4g} °C it reaches {hottest[index]:.4g} °C by then; {advice}."
         )
 
 
@@ -79,80 +91,117 @@ def solve_quasi_static(
     parameters: LimbParameters,
     times: np.ndarray,
     reference: np.ndarray,
-    initial_temperature: np.ndarray,
+    initial_states: np.ndarray,
     rest_angles: np.ndarray,
     compliance: np.ndarray,
     task: Task,
     warm_up_time: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Wire temperature and duty of the best quasi-static plan.
+    """States and duty of the wires in the best quasi-static plan.
 
     Args:
-        times: of the knots (N,), s.
-        reference: φ_ref at the knots (S, N), rad.
-        initial_temperature: T of the wires at the start (W,), °C.
+        times: of the knots (K,), s.
+        reference: φ_ref at the knots (S, K), rad.
+        initial_states: x of the wires at the start (N,), as in `Wires`.
         rest_angles: θ with cold wires (n,), rad.
-        warm_up_time: k_warm, s from the first knot.
         compliance: joint deflection per generalized force (n, n), rad/(N·m).
+        warm_up_time: k_warm, s from the first knot.
 
     Returns:
-        T (W, N) in °C and D (W, N).
+        x (N, K), of which the first W are T in °C, and D (W, K).
 
     Raises:
         InfeasibleError: if the convex program has no solution.
     """
-    num_knots, num_wires = len(times), len(parameters.wires)
-    ambient = parameters.ambient_temperature
-    a1 = np.array([wire.a1 for wire in parameters.wires])
-    a2 = np.array([wire.a2 for wire in parameters.wires])
+    wires = Wires(parameters)
+    num_knots, num_states, num_wires = len(times), wires.num_states, wires.num_wires
 
     prog = MathematicalProgram()
-    wire = prog.NewContinuousVariables(num_knots, num_wires, "T")
+    states = prog.NewContinuousVariables(num_knots, num_states, "x")
     duty = prog.NewContinuousVariables(num_knots, num_wires, "D")
-    P, Q, R = linear_defect_terms(np.diag(a1), np.diag(a2))  # (6)
+    A, B, c = wires.affine_rates()
+    P, Q, R = linear_defect_terms(A, np.column_stack([B, c]))  # (6), with an input that is one
+    one = 2 * num_states + np.array([num_wires, 2 * num_wires + 1])
     heating = {}
     for k, h in enumerate(np.diff(times)):
         if h not in heating:
             defect = P / h + Q + R * h
-            at_ambient = defect @ np.repeat([ambient, 0.0], 2 * num_wires)
-            heating[h] = LinearEqualityConstraint(defect, at_ambient)
-        prog.AddConstraint(heating[h], np.r_[wire[k], wire[k + 1], duty[k], duty[k + 1]])
+            heating[h] = LinearEqualityConstraint(
+                np.delete(defect, one, axis=1), -defect[:, one].sum(axis=1)
+            )
+        prog.AddConstraint(heating[h], np.r_[states[k], states[k + 1], duty[k], duty[k + 1]])
 
-    to_angles = compliance @ torque_matrix(parameters)  # θ = K⁻¹ f(T), eqns (2), (4)
-    cold = rest_angles - to_angles @ np.full(num_wires, ambient)
-    target = joint_angles_from_bend_angle(parameters, reference) - cold[:, None]
+    target = joint_angles_from_bend_angle(parameters, reference).T
     angle_weights, _ = task.weights(times)
-    for k in range(num_knots):
-        weighted = angle_weights[k] * to_angles.T
-        prog.AddQuadraticCost(
-            weighted @ to_angles, -weighted @ target[:, k], wire[k], is_convex=True
-        )
+    costs = [
+        prog.AddQuadraticCost(np.eye(num_states), np.zeros(num_states), x, is_convex=True)
+        for x in states
+    ]
     add_duty_cost(prog, times, duty, task)
-    prog.AddBoundingBoxConstraint(initial_temperature, initial_temperature, wire[0])
-    add_thermal_limits(prog, parameters, times, wire, duty, task, warm_up_time)
+    prog.AddBoundingBoxConstraint(initial_states, initial_states, states[0])
+    add_thermal_limits(prog, parameters, times, states, duty, task, warm_up_time)
 
-    result = ClarabelSolver().Solve(prog, None, SolverOptions())
-    if not result.is_success():
-        also = " and the task's max_temperature_rate" if task.max_temperature_rate else ""
-        raise InfeasibleError(
-            "The temperature constraints (19)-(20) cannot all be met with duty between 0 and 1"
-            f"{also} (the quasi-static program: "
-            f"{result.get_solution_result().name})."
-        )
-    return result.GetSolution(wire).T, np.clip(result.GetSolution(duty).T, 0.0, 1.0)
+    warm = 0.5 * (parameters.temperature_limits.warm + parameters.temperature_limits.maximum)
+    found = np.tile(wires.settled_states(np.full(num_wires, warm)), (num_knots, 1))
+    for _ in range(MAX_TANGENTS):
+        before = found
+        angles, slopes = quasi_static_angles(wires, before, rest_angles, compliance)
+        offsets = angles - np.einsum("kij,kj->ki", slopes, before) - target
+        for cost, weight, to_angles, offset in zip(
+            costs, angle_weights, slopes, offsets, strict=True
+        ):
+            weighted = weight * to_angles.T
+            cost.evaluator().UpdateCoefficients(
+                weighted @ to_angles, weighted @ offset, is_convex=True
+            )
+        result = ClarabelSolver().Solve(prog, None, SolverOptions())
+        if not result.is_success():
+            also = " and the task's max_temperature_rate" if task.max_temperature_rate else ""
+            raise InfeasibleError(
+                "The temperature constraints (19)-(20) cannot all be met with duty between 0 and 1"
+                f"{also} (the quasi-static program: "
+                f"{result.get_solution_result().name})."
+            )
+        found = result.GetSolution(states)
+        moved = np.abs(found - before) / wires.heat_scales[:num_states]
+        if wires.torque_is_affine or moved.max() < SAME_STATES:
+            break
+    return found.T, np.clip(result.GetSolution(duty).T, 0.0, 1.0)
 
 
-def _temperature(wire, parameters: LimbParameters, start: float, time: float, duty: float) -> float:
-    """Solution of eqn (6) at constant duty, °C."""
-    steady = parameters.ambient_temperature - wire.a2 / wire.a1 * duty
-    return steady + (start - steady) * np.exp(wire.a1 * time)
+def quasi_static_angles(
+    wires: Wires, states: np.ndarray, rest_angles: np.ndarray, compliance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Joint angles that the wires hold, θ = K⁻¹ f(x) by eqns (2), (4), near the limb at rest.
+
+    Args:
+        states: x (K, N).
+        rest_angles, compliance: as for `solve_quasi_static`.
+
+    Returns:
+        θ (K, n), rad, and its derivatives by x (K, n, N).
+    """
+    rest = np.broadcast_to(rest_angles, (len(states), len(rest_angles)))
+    forces = wires.forces(states, rest) - wires.forces(wires.cold_states, rest_angles)
+    slopes = compliance @ wires.force_derivatives(states, rest)[0]
+    return rest + forces @ compliance.T, np.broadcast_to(slopes, (len(states), *slopes.shape[1:]))
+
+
+def _settling_time(wires: Wires) -> float:
+    """After which wires at constant duty are where they stay, s."""
+    return 12.0 / np.abs(np.linalg.eigvals(wires.affine_rates()[0])).min()
 
 
 def _time_to_reach(
-    wire, parameters: LimbParameters, start: float, target: float, duty: float
+    wires: Wires, course: Callable[[np.ndarray], np.ndarray], target: float
 ) -> float:
-    """When the solution of eqn (6) at constant duty gets to a temperature, s or inf."""
-    steady = parameters.ambient_temperature - wire.a2 / wire.a1 * duty
-    if start == steady or not 0 < (target - steady) / (start - steady) <= 1:
-        return np.inf
-    return float(np.log((target - steady) / (start - steady)) / wire.a1)
+    """When T, a function of times, gets to a temperature for the first time, s or inf."""
+    start, end = 0.0, _settling_time(wires)
+    for _ in range(2):  # coarsely, then within the interval that was found
+        times = np.linspace(start, end, 1000)
+        above = course(times) > target
+        crossings = np.flatnonzero(above[1:] != above[:-1])
+        if len(crossings) == 0:
+            return np.inf
+        start, end = times[crossings[0] : crossings[0] + 2]
+    return float(end)

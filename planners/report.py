@@ -6,8 +6,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from limb_systems import Trajectory
+from limb_systems.model.wire_law import TEMPERATURE_SCALE
+from limb_systems.model.wires import num_wire_states
 from limb_systems.views.plots import WIDTH, dress
-from planners.defects import TEMPERATURE_SCALE
 from planners.program import TrajectoryProgram
 
 SHOWN_INTERVALS = 4  # of the Jacobian; it repeats from interval to interval
@@ -76,15 +77,15 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
     first intervals; all others look the same.
     """
     parameters, time = trajectory.parameters, trajectory.time
-    n, num_wires = parameters.num_joints, len(parameters.wires)
+    n, num_states = parameters.num_joints, len(trajectory.state)
     program = TrajectoryProgram(parameters, time)
     x = program.variables(trajectory.state, trajectory.duty)
     figure = Figure(figsize=(WIDTH, 8.5), layout="constrained")
     defects_axis, room_axis, jacobian_axis = figure.subplots(3, 1, height_ratios=[1, 1, 1.3])
 
     defects = np.abs(program.defects_of(x))
-    sizes = np.cumsum([n, n, num_wires])
-    for label, rows in zip(("θ", "θ̇", "T", "V"), np.split(defects, sizes), strict=True):
+    sizes = np.cumsum([n, n, num_wire_states(parameters)])
+    for label, rows in zip(("θ", "θ̇", "wires", "V"), np.split(defects, sizes), strict=True):
         largest = np.maximum(rows.max(axis=0), 1e-17)
         defects_axis.semilogy(time[:-1], largest, linewidth=1.0, label=f"largest of {label}")
     defects_axis.set_ylabel("violation of the\ndynamics (17), scaled")
@@ -107,7 +108,7 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
         dress(axis)
 
     if program.defects is not None:
-        shown = program.defects.rows < SHOWN_INTERVALS * (2 * n + 2 * num_wires)
+        shown = program.defects.rows < SHOWN_INTERVALS * num_states
         shown &= ~np.isin(program.defects.columns, program.time_steps)
         rows, columns = program.defects.rows[shown], program.defects.columns[shown]
         _, columns = np.unique(columns, return_inverse=True)

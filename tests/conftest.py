@@ -39,6 +39,6 @@ def fig5_plan() -> Trajectory:
 def two_segments() -> LimbParameters:
     """Two unlike segments in series, of two and three links."""
     tip = SegmentParameters(links=3, length=0.06, mass=0.010, stiffness=0.08)
-    tip.left.beta, tip.right.beta = 2.5e-4, 3.0e-4
-    tip.left.a1, tip.right.a2 = -0.09, 26.0
+    tip.wire("left").law.beta, tip.wire("right").law.beta = 2.5e-4, 3.0e-4
+    tip.wire("left").law.a1, tip.wire("right").law.a2 = -0.09, 26.0
     return LimbParameters(segments=[SegmentParameters(links=2), tip])

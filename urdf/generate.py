@@ -10,11 +10,21 @@ BRACKET_COLOR = "0.25 0.27 0.3 1"
 PI_2 = 1.5707963267948966
 
 
+class Wire(Protocol):
+    """What the URDF needs of a wire: its name, and where it runs along E2, m from the axis."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def e2(self) -> float: ...
+
+
 class Segment(Protocol):
     """What the URDF needs of a segment, such as `limb_systems.SegmentParameters`.
 
     Number of links; length, mass, width (E3) and thickness (E2) of the whole
-    segment, m and kg; damping of each joint, N·m·s/rad.
+    segment, m and kg; damping of each joint, N·m·s/rad; its wires.
     """
 
     links: int
@@ -24,6 +34,9 @@ class Segment(Protocol):
     thickness: float
     damping: float
 
+    @property
+    def wires(self) -> Sequence[Wire]: ...
+
 
 def limb_urdf(segments: Sequence[Segment], name: str = "limb") -> str:
     """URDF text of a serial chain of box-shaped links in the plane E1-E2.
@@ -31,8 +44,9 @@ def limb_urdf(segments: Sequence[Segment], name: str = "limb") -> str:
     The base frame has E1 = +x, the axis of the straight limb, and E2 = +y.
     Joint ``joint_i`` turns about +z, so that positive angles bend towards
     +E2. Link ``link_i`` reaches from its joint along its own +x. Wires are
-    visuals named ``wire_left`` (-E2 side) and ``wire_right`` (+E2 side): a
-    wire that contracts bends the limb towards its own side. URDF has no
+    visuals named ``wire_`` and their own name, such as ``wire_left`` (-E2 side)
+    and ``wire_right`` (+E2 side): a wire that contracts bends the limb towards
+    its own side. URDF has no
     joint springs; the manipulator adds them.
 
     Args:
@@ -88,18 +102,18 @@ def _inertial(link, mass: float, length: float, segment) -> None:
 def _link_visuals(link, length: float, segment) -> None:
     """A box, a disc that closes the gap to the link before when bent, and the wires.
 
-    Wires run half sunk along the top, where a view from above shows both of
-    them however the limb bends. They overlap from link to link.
+    Wires are drawn half sunk along the top, where a view from above shows all
+    of them however the limb bends. They overlap from link to link.
     """
     thickness, width = segment.thickness, segment.width
     _box(link, "silicone", (length, thickness, width), (0.5 * length, 0.0), SILICONE_COLOR)
     disc = (0.495 * thickness, 0.99 * width)
     _cylinder(link, "joint", disc, (0.0, 0.0, 0.0), 0.0, SILICONE_COLOR)
     radius = 0.12 * thickness
-    for side, sign in (("left", -1.0), ("right", 1.0)):
-        center = (0.5 * length, sign * 0.34 * thickness, 0.5 * width)
+    for wire in segment.wires:
+        center = (0.5 * length, wire.e2, 0.5 * width)
         size = (radius, length + 1.5 * radius)
-        _cylinder(link, f"wire_{side}", size, center, PI_2, WIRE_COLOR)
+        _cylinder(link, f"wire_{wire.name}", size, center, PI_2, WIRE_COLOR)
 
 
 def _box(link, name: str, size, center, color: str) -> None:

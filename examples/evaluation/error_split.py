@@ -62,13 +62,17 @@ def best_parameters(experiment: Experiment) -> LimbParameters:
     """
     limb = experiment.specimen.mechanics()
     (segment,) = limb.segments
-    wires = (segment.left, segment.right)
+    wires = segment.wires
     for wire, calibrated in zip(wires, experiment.calibration.parameters.wires, strict=True):
-        wire.a1, wire.a2, wire.beta = calibrated.a1, calibrated.a2, calibrated.beta
+        wire.linear_law.a1, wire.linear_law.a2, wire.linear_law.beta = (
+            calibrated.linear_law.a1,
+            calibrated.linear_law.a2,
+            calibrated.linear_law.beta,
+        )
 
     def apply(logarithms: np.ndarray) -> None:
         for wire, (cooling, heating) in zip(wires, np.exp(logarithms).reshape(2, 2), strict=True):
-            wire.a1, wire.a2 = -cooling, heating
+            wire.linear_law.a1, wire.linear_law.a2 = -cooling, heating
 
     def residuals(logarithms: np.ndarray) -> np.ndarray:
         apply(logarithms)
@@ -79,7 +83,7 @@ def best_parameters(experiment: Experiment) -> LimbParameters:
             ]
         )
 
-    start = np.log([[-wire.a1, wire.a2] for wire in wires]).ravel()
+    start = np.log([[-wire.linear_law.a1, wire.linear_law.a2] for wire in wires]).ravel()
     apply(least_squares(residuals, start).x)
     return limb
 
@@ -90,7 +94,9 @@ def _static_bend(limb: LimbParameters, motion: Motion) -> np.ndarray:
     times = motion.exact.time
     duty = motion.trajectory.duty_trajectory().vector_values(times)
     torque = np.zeros_like(times)
-    for wire, course, side in ((segment.left, duty[0], -1.0), (segment.right, duty[1], 1.0)):
-        _, rise, _ = lsim(([[wire.a1]], [[wire.a2]], [[1.0]], [[0.0]]), course, times)
-        torque += side * wire.beta * rise
+    for wire, course in zip(segment.wires, duty, strict=True):
+        _, rise, _ = lsim(
+            ([[wire.linear_law.a1]], [[wire.linear_law.a2]], [[1.0]], [[0.0]]), course, times
+        )
+        torque += wire.direction * wire.linear_law.beta * rise
     return (segment.links + 1) / 2 * torque / segment.stiffness

@@ -173,27 +173,28 @@ class Specimen:
         for segment, physics in zip(parameters.segments, self.segments, strict=True):
             segment.stiffness, segment.damping = physics.stiffness, physics.damping
         for wire, drawn in zip(parameters.wires, self.wires, strict=True):
-            wire.a3 = drawn.lag_rate
+            wire.linear_law.a3 = drawn.lag_rate
         return parameters
 
 
 def _draw_wire(uniform, wire, rise: float) -> WirePhysics:
     """A wire around `WireParameters`; ``rise``: °C from ambient to T_max."""
-    time = -1 / wire.a1
+    law = wire.linear_law
+    time = -1 / law.a1
     austenite = uniform(58.0, 66.0)  # °C, ours: motion begins below T_warm [paper, VIII-B]
     return WirePhysics(
-        heating=wire.a2 * uniform(0.85, 1.15),  # ours: supply, resistance, coil
+        heating=law.a2 * uniform(0.85, 1.15),  # ours: supply, resistance, coil
         fast_time=time * uniform(0.8, 1.35),  # 11-19 s for the nominal 14 s [records]
         slow_time=time * uniform(5.5, 9.4),  # 79-134 s [records]
         silicone_share=uniform(0.20, 0.35),  # ours
-        lag_rate=wire.a3 * uniform(0.5, 1.2),  # 0.8 to 2 s [records]
+        lag_rate=law.a3 * uniform(0.5, 1.2),  # 0.8 to 2 s [records]
         latent_heat=uniform(8.0, 20.0),  # below [Flexinol]'s 29 °C: epoxy and silicone share heat
         austenite=austenite,
         martensite=austenite - uniform(8.0, 14.0),  # hysteresis [Flexinol], [records]
         austenite_width=uniform(9.0, 13.0),  # ours: saturates towards T_max
         martensite_width=uniform(6.0, 9.0),  # ours
         stress_shift=uniform(5.0, 12.0),  # 70-170 MPa at 7-14 MPa/°C [Flexinol], [Cheng]
-        torque=wire.beta * rise * uniform(0.9, 1.1),  # ours: sides are not made alike
+        torque=law.beta * rise * uniform(0.9, 1.1),  # ours: sides are not made alike
         modulus_ratio=uniform(0.35, 0.5),  # 7.5 of 18 GPa [An]
         strain_relief=uniform(0.10, 0.20),  # ours: 3.4 mm off axis, stretched by 50 mm
         expansion=-uniform(2e-4, 6e-4),  # small, as the paper assumes [Cheng]

@@ -77,10 +77,14 @@ class ShapeMemoryWires(LeafSystem):
         # φ towards the wire's own side is the mean joint angle times (n + 1) / 2, eqn (11).
         self._strain = np.zeros((num_wires, num_joints))
         self._torque = np.zeros((num_joints, num_wires))
-        for index, joints in enumerate(parameters.joint_slices):
+        for segment, joints, around in zip(
+            parameters.segments, parameters.joint_slices, parameters.wire_slices, strict=True
+        ):
             links = joints.stop - joints.start
-            for wire, side in ((2 * index, -1.0), (2 * index + 1, 1.0)):
-                relief = wires[wire].strain_relief
+            for described, wire in zip(
+                segment.wires, range(around.start, around.stop), strict=True
+            ):
+                side, relief = described.direction, wires[wire].strain_relief
                 self._strain[wire, joints] = -side * relief * (links + 1) / (2 * links)
                 self._torque[joints, wire] = side * wires[wire].torque
 

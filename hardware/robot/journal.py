@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_dump_typed
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort, System
 
 from limb_systems.files.recording import RecordingHeader
 from limb_systems.files.samples import column_names
 from limb_systems.files.tables import TableWriter
 from limb_systems.model.ownership import weak_method
+from limb_systems.schema import dump_typed
 
 SIGNALS = ("duty", "measured_temperature", "bend_angle")
 
@@ -37,7 +37,7 @@ class Journal(LeafSystem):
         names = column_names(limb.parameters)
         header = RecordingHeader(limb.source, sample_rate, limb.parameters)
         columns = [column for signal in ("time", *SIGNALS) for column in names[signal]]
-        self._writer = TableWriter(path, "recording", yaml_dump_typed(header), columns)
+        self._writer = TableWriter(path, "recording", dump_typed(header), columns)
         for signal in SIGNALS:
             self.DeclareVectorInputPort(signal, len(names[signal]))
         self.DeclarePeriodicPublishEvent(1 / sample_rate, 0.0, weak_method(self._append))

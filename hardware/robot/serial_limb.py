@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from hardware.robot.link import BoardLink, HardwareError
-from limb_systems import LimbError, LimbParameters
+from limb_systems import LimbError, LimbParameters, NoBoard, SerialBoard
 from limb_systems.model.ownership import weak_method
 
 PERIOD = 0.05  # s
@@ -64,7 +64,8 @@ class SerialLimb(LeafSystem):
         except HardwareError:
             self.link.close()
             raise
-        self.parameters.board = self.parameters.board or self.info.serial_number
+        if isinstance(self.parameters.board, NoBoard):
+            self.parameters.board = SerialBoard(self.info.serial_number)
         self.source = f"limb {self.info.serial_number} on {port}"
         self.timing_errors: list[float] = []
         self._heated, self._start = heated, 0.0

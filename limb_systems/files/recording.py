@@ -4,13 +4,12 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
-from pydrake.common.yaml import yaml_dump_typed
 
 from limb_systems.errors import LimbError
 from limb_systems.files.samples import check_samples, column_names, group_columns, ungroup_columns
 from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.schema import load_typed
+from limb_systems.schema import dump_typed, load_typed
 
 OPTIONAL = ("wire_temperature", "joint_state", "reference")
 
@@ -24,9 +23,9 @@ class RecordingHeader:
     - ``parameters``: of the limb as it was known when it was recorded.
     """
 
-    source: str = ""
-    sample_rate_hz: float = 0.0
-    parameters: LimbParameters = dataclasses.field(default_factory=LimbParameters)
+    source: str
+    sample_rate_hz: float
+    parameters: LimbParameters
 
 
 @dataclasses.dataclass(eq=False)
@@ -96,4 +95,4 @@ class Recording:
         """Writes the recording whole or not at all."""
         header = RecordingHeader(self.source, float(self.sample_rate), self.parameters)
         columns = ungroup_columns(self, column_names(self.parameters))
-        write_table(path, "recording", yaml_dump_typed(header), columns)
+        write_table(path, "recording", dump_typed(header), columns)

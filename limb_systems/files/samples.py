@@ -13,16 +13,19 @@ import numpy as np
 from limb_systems.errors import LimbError
 from limb_systems.files.tables import FileFormatError
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.wires import Wires
 
 
 def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
     """For each signal the names of its columns; the unit is in the name.
 
-    Signals of joints are split in angles and rates, wires are left and right,
-    and where there are several segments their number follows.
+    Signals of joints are split in angles and rates, wires go by their names,
+    and where there are several segments their number follows. Only wires with
+    other states than their temperature have the signal ``other_wire_state``.
     """
     wires, suffixes = parameters.wire_names, parameters.segment_suffixes
     joints = range(1, parameters.num_joints + 1)
+    others = Wires(parameters).state_names[len(wires) :]
     return {
         "time": ["time_s"],
         "duty": [f"duty_{wire}" for wire in wires],
@@ -32,6 +35,7 @@ def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
         "wire_temperature": [f"wire_temperature_{wire}_c" for wire in wires],
         "joint_state": [f"joint_angle_{i}_deg" for i in joints]
         + [f"joint_rate_{i}_deg_s" for i in joints],
+        **({"other_wire_state": [f"wire_state_{name}" for name in others]} if others else {}),
     }
 
 

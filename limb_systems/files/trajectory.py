@@ -1,11 +1,11 @@
 """A planned state-input trajectory with the record of its check."""
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.common.yaml import yaml_dump_typed
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
@@ -13,7 +13,7 @@ from limb_systems.files.samples import check_samples, column_names, group_column
 from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.schema import load_typed
+from limb_systems.schema import dump_typed, load_typed
 
 DEFECT_TOLERANCE = 1e-6
 
@@ -53,9 +53,9 @@ class PlanCheck:
     total_time: float = 0.0
     cost: float = 0.0
     guess_cost: float = 0.0
-    largest_defect: float = 0.0
-    largest_difference_deg: float = 0.0
-    tolerance_deg: float = 0.0
+    largest_defect: float = math.nan
+    largest_difference_deg: float = math.nan
+    tolerance_deg: float = math.nan
     active_constraints: list[ActiveConstraint] = dataclasses.field(default_factory=list)
 
     def failure(self) -> str | None:
@@ -82,9 +82,9 @@ class TrajectoryHeader:
     - ``parameters``: of the limb that it was planned for.
     """
 
-    sample_rate_hz: float = 0.0
-    check: PlanCheck = dataclasses.field(default_factory=PlanCheck)
-    parameters: LimbParameters = dataclasses.field(default_factory=LimbParameters)
+    sample_rate_hz: float
+    check: PlanCheck
+    parameters: LimbParameters
 
 
 @dataclasses.dataclass(eq=False)
@@ -101,6 +101,8 @@ class Trajectory:
     - ``wire_temperature``, ``measured_temperature``: T, V (W, K), °C.
     - ``parameters``: of the limb that it was planned for.
     - ``check``: how it was found and checked.
+    - ``other_wire_state``: what other states than T the wires' laws have
+      (N - W, K), in the order of `Wires`; None if they have no others.
 
     Raises:
         LimbError: at construction, if shapes disagree, values are not finite,
@@ -115,6 +117,7 @@ class Trajectory:
     measured_temperature: np.ndarray
     parameters: LimbParameters
     check: PlanCheck
+    other_wire_state: np.ndarray | None = None
 
     def __post_init__(self):
         self.parameters.validate()
@@ -144,8 +147,11 @@ class Trajectory:
 
     @property
     def state(self) -> np.ndarray:
-        """[θ, θ̇, T, V] at the knots, a column for each: states of `Limb`."""
-        return np.vstack([self.joint_state, self.wire_temperature, self.measured_temperature])
+        """[θ, θ̇, x, V] at the knots, a column for each: states of `Limb`."""
+        others = [] if self.other_wire_state is None else [self.other_wire_state]
+        return np.vstack(
+            [self.joint_state, self.wire_temperature, *others, self.measured_temperature]
+        )
 
     def duty_trajectory(self) -> PiecewisePolynomial:
         """Duty between the knots, for a `TrajectorySource`."""
@@ -186,4 +192,4 @@ class Trajectory:
         sample_rate = (len(self.time) - 1) / self.duration
         header = TrajectoryHeader(sample_rate, self.check, self.parameters)
         columns = ungroup_columns(self, column_names(self.parameters))
-        write_table(path, "trajectory", yaml_dump_typed(header), columns)
+        write_table(path, "trajectory", dump_typed(header), columns)

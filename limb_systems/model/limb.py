@@ -1,16 +1,18 @@
 """The whole limb, Fig. 3, as one Drake diagram."""
 
-import copy
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import MatrixGain, Multiplexer
 
 from limb_systems.model.kinematics import BendAngle
 from limb_systems.model.manipulator import make_manipulator
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.thermal import JouleHeating, ThermocoupleLag
 from limb_systems.model.torque_map import TorqueMap
+from limb_systems.model.wires import num_wire_states
 
 
 class Limb(Diagram):
@@ -26,38 +28,41 @@ class Limb(Diagram):
                                     │       (7)       │
                                     └─────────────────┘
 
-    For a limb of S segments, n joints in all and W = 2 S wires:
+    For a limb of S segments, n joints in all and W wires with N states:
 
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C
     - output 1 ``bend_angle``: φ (S), rad
     - output 2 ``wire_temperature``: T (W), °C
     - output 3 ``joint_state``: [θ, θ̇] (2n), rad and rad/s
-    - state, all continuous: [θ (n), θ̇ (n), T (W), V (W)], in rad, rad/s, °C
-      and °C; by default at rest, straight, at ambient temperature
+    - output 4 ``measurement``: [V (W), φ (S)], °C and rad
+    - state, all continuous: [θ (n), θ̇ (n), x (N), V (W)], in rad, rad/s, the
+      wires' units and °C; by default at rest, straight, at ambient temperature
 
-    Duty is not clipped here: what a plan or a controller asks for outside
-    [0, 1] is its mistake, and robots refuse it. The diagram converts to
-    AutoDiffXd and symbolic::Expression; accelerations of more than one link
-    are beyond what Drake's plant evaluates symbolically.
+    The wires' states x are T (W), °C, where they have the paper's law; those of
+    other laws follow. Duty is not clipped here: what a plan or a controller
+    asks for outside [0, 1] is its mistake, and robots refuse it. The diagram
+    converts to AutoDiffXd and symbolic::Expression; accelerations of more than
+    one link are beyond what Drake's plant evaluates symbolically.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, parameters: LimbParameters | None = None):
+    def __init__(
+        self, parameters: LimbParameters | str | Path | None = None, *, name: str = "limb"
+    ):
         """
         Args:
-            parameters: the nominal limb if None. The limb keeps a copy, its
-                attribute ``parameters``.
+            parameters: of the limb, or their YAML file; the nominal limb if
+                None. The limb keeps a copy, its attribute ``parameters``.
+            name: of the system; that of each limb in a diagram is its own.
 
         Raises:
             ParameterError: if a parameter is out of its range.
         """
         super().__init__()
-        self.parameters = copy.deepcopy(parameters) if parameters else LimbParameters()
+        self.parameters = parameters = LimbParameters.of(parameters)
         self.source = "model"
-        parameters = self.parameters
-        parameters.validate()
         builder = DiagramBuilder()
         manipulator = builder.AddSystem(make_manipulator(parameters))
         heating = builder.AddSystem(JouleHeating(parameters))
@@ -65,27 +70,41 @@ class Limb(Diagram):
         torque_map = builder.AddSystem(TorqueMap(parameters))
         bend_angle = builder.AddSystem(BendAngle(parameters))
         joint_state = manipulator.get_state_output_port()
+        wire_state = heating.get_output_port()
+        num_wires, num_segments = len(parameters.wires), len(parameters.segments)
+        measurement = builder.AddSystem(Multiplexer([num_wires, num_segments]))
 
-        builder.Connect(heating.get_output_port(), torque_map.get_input_port())
-        builder.Connect(heating.get_output_port(), lag.get_input_port())
+        builder.Connect(wire_state, torque_map.GetInputPort("wire_state"))
+        builder.Connect(wire_state, lag.get_input_port())
+        if torque_map.HasInputPort("joint_state"):
+            builder.Connect(joint_state, torque_map.GetInputPort("joint_state"))
         builder.Connect(
             torque_map.get_output_port(), manipulator.get_applied_generalized_force_input_port()
         )
         builder.Connect(joint_state, bend_angle.get_input_port())
+        builder.Connect(lag.get_output_port(), measurement.get_input_port(0))
+        builder.Connect(bend_angle.get_output_port(), measurement.get_input_port(1))
+        wire_temperature = wire_state
+        if wire_state.size() > num_wires:
+            first = builder.AddSystem(MatrixGain(np.eye(num_wires, wire_state.size())))
+            builder.Connect(wire_state, first.get_input_port())
+            wire_temperature = first.get_output_port()
 
         builder.ExportInput(heating.get_input_port(), "duty")
         builder.ExportOutput(lag.get_output_port(), "measured_temperature")
         builder.ExportOutput(bend_angle.get_output_port(), "bend_angle")
-        builder.ExportOutput(heating.get_output_port(), "wire_temperature")
+        builder.ExportOutput(wire_temperature, "wire_temperature")
         builder.ExportOutput(joint_state, "joint_state")
+        builder.ExportOutput(measurement.get_output_port(), "measurement")
         builder.BuildInto(self)
-        self.set_name("limb")
+        self.set_name(name)
 
 
 def to_paper_state(parameters: LimbParameters, state: ArrayLike) -> np.ndarray:
     """The paper's x = [θ, V, θ̇, V̇], eqn (14), from a state of `Limb`.
 
     Args:
+        parameters: of the limb, whose wires have the paper's law.
         state: [θ, θ̇, T, V], (2n + 2W,) or (2n + 2W, K).
 
     Returns:
@@ -109,12 +128,14 @@ def from_paper_state(parameters: LimbParameters, paper_state: ArrayLike) -> np.n
 def split_state(
     parameters: LimbParameters, state: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """θ (n), θ̇ (n), T (W) and V (W) of a state of `Limb`, each (.., K)."""
-    n, num_wires = parameters.num_joints, len(parameters.wires)
-    angles, rates, wire, measured = np.split(np.asarray(state, float), np.cumsum([n, n, num_wires]))
+    """θ (n), θ̇ (n), x (N) and V (W) of a state of `Limb`, each (.., K); x begins with T (W)."""
+    n, num_states = parameters.num_joints, num_wire_states(parameters)
+    angles, rates, wire, measured = np.split(
+        np.asarray(state, float), np.cumsum([n, n, num_states])
+    )
     return angles, rates, wire, measured
 
 
 def _a3(parameters: LimbParameters, like: np.ndarray) -> np.ndarray:
-    a3 = np.array([wire.a3 for wire in parameters.wires])
+    a3 = np.array([wire.linear_law.a3 for wire in parameters.wires])
     return a3.reshape(-1, *[1] * (like.ndim - 1))

@@ -5,46 +5,79 @@ accepted, so that the documentation, the validation and the error messages
 cannot drift apart.
 """
 
+import copy
 import dataclasses
+import re
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydrake.common.yaml import yaml_dump_typed
 
 from limb_systems.errors import LimbError
+from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.output import write_atomically
-from limb_systems.schema import SchemaError, load_typed
+from limb_systems.schema import (
+    SchemaError,
+    Strict,
+    Tagged,
+    dump_typed,
+    load_typed,
+    quantity,
+    validate,
+)
+
+FORMAT = 2  # of the YAML file
+_WIRE_OFFSET = 0.34  # of the thickness, off the axis, of the wires that format 1 had
 
 
 class ParameterError(LimbError):
     """A limb description is missing, malformed or outside its range."""
 
 
-def _quantity(default, unit: str, low: float, high: float):
-    """A dataclass field with its unit and closed range of allowed values."""
-    return dataclasses.field(default=default, metadata={"unit": unit, "range": (low, high)})
-
-
 @dataclasses.dataclass
-class WireParameters:
-    """One shape-memory-alloy wire and its thermocouple, eqns (4), (6), (7).
+class WireParameters(Strict):
+    """One shape-memory-alloy wire: its name, where it runs, and its law.
 
-    - ``a1``: cooling rate towards ambient, 1/s, negative (6).
-    - ``a2``: heating rate at full duty, °C/s (6).
-    - ``a3``: rate of the measurement lag, 1/s, negative (7).
-    - ``beta``: joint torque per degree above ambient, N·m/°C (4).
+    - ``name``: of letters, digits and underscores; it names columns in files.
+    - ``e2``, ``e3``: where it runs in the cross-section, m from the axis. Its
+      torque has the direction of this lever: a wire at e2 > 0, e3 = 0 bends
+      towards +E2 with all of its law's torque, one at 45° with 1/√2 of it.
+    - ``law``: what it does with heat; `LinearLaw` is the paper's.
     """
 
-    a1: float = _quantity(-0.07, "1/s", -10.0, -1e-4)
-    a2: float = _quantity(20.0, "°C/s", 0.1, 1000.0)
-    a3: float = _quantity(-1.0, "1/s", -100.0, -1e-3)
-    beta: float = _quantity(4.7e-4, "N·m/°C", 1e-8, 1.0)
+    name: str = ""
+    e2: float = quantity(0.0034, "m", -1.0, 1.0)
+    e3: float = quantity(0.0, "m", -1.0, 1.0)
+    law: LinearLaw | WireLaw = dataclasses.field(default_factory=LinearLaw)
+
+    @property
+    def direction(self) -> float:
+        """Of its torque in the bending plane, from -1 to 1."""
+        return self.e2 / float(np.hypot(self.e2, self.e3))
+
+    @property
+    def linear_law(self) -> LinearLaw:
+        """Its law, for what is only defined for the paper's.
+
+        Raises:
+            ParameterError: if it has another one.
+        """
+        if not isinstance(self.law, LinearLaw):
+            raise ParameterError(
+                f"The {self.name} wire has a {type(self.law).__name__}; this needs the paper's "
+                "LinearLaw."
+            )
+        return self.law
+
+
+def _left_and_right() -> list[WireParameters]:
+    return [WireParameters("left", e2=-0.0034), WireParameters("right", e2=0.0034)]
 
 
 @dataclasses.dataclass
-class SegmentParameters:
-    """One segment: a silicone beam cut into equal rigid links, with two wires.
+class SegmentParameters(Strict):
+    """One segment: a silicone beam cut into equal rigid links, with its wires.
 
     - ``links``: number of rigid links, each with a revolute joint at its base.
     - ``length``: length of the whole segment along E1, m.
@@ -53,22 +86,54 @@ class SegmentParameters:
     - ``thickness``: cross-section in the bending plane (E2), m.
     - ``stiffness``: torsional spring constant k of each joint, N·m/rad (1).
     - ``damping``: damping constant σ of each joint, N·m·s/rad (1).
-    - ``left``, ``right``: the wires; heating the right one bends towards +E2.
+    - ``wires``: `WireParameters`; by default the paper's two, left and right.
+      Heating the right one bends towards +E2.
     """
 
-    links: int = _quantity(5, "links", 1, 100)
-    length: float = _quantity(0.10, "m", 1e-3, 10.0)
-    mass: float = _quantity(0.025, "kg", 1e-6, 100.0)
-    width: float = _quantity(0.020, "m", 1e-4, 1.0)
-    thickness: float = _quantity(0.010, "m", 1e-4, 1.0)
-    stiffness: float = _quantity(0.1246, "N·m/rad", 1e-6, 1e4)
-    damping: float = _quantity(1.0e-3, "N·m·s/rad", 0.0, 1e2)
-    left: WireParameters = dataclasses.field(default_factory=WireParameters)
-    right: WireParameters = dataclasses.field(default_factory=WireParameters)
+    links: int = quantity(5, "links", 1, 100)
+    length: float = quantity(0.10, "m", 1e-3, 10.0)
+    mass: float = quantity(0.025, "kg", 1e-6, 100.0)
+    width: float = quantity(0.020, "m", 1e-4, 1.0)
+    thickness: float = quantity(0.010, "m", 1e-4, 1.0)
+    stiffness: float = quantity(0.1246, "N·m/rad", 1e-6, 1e4)
+    damping: float = quantity(1.0e-3, "N·m·s/rad", 0.0, 1e2)
+    wires: list[WireParameters] = dataclasses.field(default_factory=_left_and_right)
+
+    def wire(self, name: str) -> WireParameters:
+        """The wire of that name.
+
+        Raises:
+            ParameterError: if there is none.
+        """
+        for wire in self.wires:
+            if wire.name == name:
+                return wire
+        names = ", ".join(wire.name for wire in self.wires)
+        raise ParameterError(f"This segment has no wire {name!r}; it has {names}.")
+
+    @classmethod
+    def upgrade(cls, data: Any) -> Any:
+        """Turns the fields ``left`` and ``right`` of format 1 into a list of wires."""
+        if not isinstance(data, dict) or not {"left", "right"} & set(data):
+            return data
+        warnings.warn(
+            f"These limb parameters are of format 1, with a left and a right wire; they are read, "
+            f"and written as format {FORMAT}, with a list of wires, when they are saved.",
+            stacklevel=2,
+        )
+        data = dict(data)
+        thickness = data.get("thickness", cls.thickness)
+        offset = _WIRE_OFFSET * (thickness if isinstance(thickness, float) else cls.thickness)
+        data["wires"] = [
+            {"name": name, "e2": side * offset, "law": data.pop(name)}
+            for name, side in (("left", -1.0), ("right", 1.0))
+            if name in data
+        ]
+        return data
 
 
 @dataclasses.dataclass
-class TemperatureLimits:
+class TemperatureLimits(Strict):
     """Bounds on the wire temperature T, eqns (19)-(20).
 
     - ``maximum``: T_max, °C, never exceeded (19).
@@ -76,40 +141,126 @@ class TemperatureLimits:
     - ``warm_up_time``: k_warm, s, from the start of a plan (20).
     """
 
-    maximum: float = _quantity(100.0, "°C", -50.0, 500.0)
-    warm: float = _quantity(45.0, "°C", -50.0, 500.0)
-    warm_up_time: float = _quantity(20.0, "s", 0.0, 3600.0)
+    maximum: float = quantity(100.0, "°C", -50.0, 500.0)
+    warm: float = quantity(45.0, "°C", -50.0, 500.0)
+    warm_up_time: float = quantity(20.0, "s", 0.0, 3600.0)
+
+
+class Board(Tagged):
+    """Which particular limb the parameters belong to: `NoBoard`, or one of its subclasses."""
+
+    @property
+    def identity(self) -> str:
+        """Text that two boards share only if they are the same; empty if there is none."""
+        return ""
 
 
 @dataclasses.dataclass
-class LimbParameters:
+class NoBoard(Board):
+    """No particular limb, but a kind of them."""
+
+
+@dataclasses.dataclass
+class SerialBoard(Board):
+    """The limb on a board with this serial number."""
+
+    serial_number: str
+
+    @property
+    def identity(self) -> str:
+        return self.serial_number
+
+
+@dataclasses.dataclass
+class EmulatedLimb(Board):
+    """An emulated limb.
+
+    - ``seed``: that drew it.
+    - ``description``: YAML text of the `LimbParameters` that it was drawn
+      around; empty for the nominal limb.
+    - ``absent``: the effects that were taken out of it.
+    """
+
+    seed: int
+    description: str = ""
+    absent: list[str] = dataclasses.field(default_factory=list)
+
+    @property
+    def identity(self) -> str:
+        return repr((self.seed, self.description, self.absent))
+
+
+@dataclasses.dataclass
+class CalibrationRecord(Strict):
+    """How well the calibrated parameters are known, and from what.
+
+    - ``names``: of the P parameters, such as "right.a1".
+    - ``values``, ``standard_errors``: of the estimates (P), in their units.
+    - ``covariance``: (P, P), in the products of their units; zero between
+      parameters that were fitted to different recordings.
+    - ``recordings``: sentences on what was recorded.
+    - ``validation``: sentence on how well a recording was predicted that was
+      not used in any fit; empty if there was none.
+    """
+
+    names: list[str]
+    values: list[float]
+    standard_errors: list[float]
+    covariance: list[list[float]]
+    recordings: list[str] = dataclasses.field(default_factory=list)
+    validation: str = ""
+
+
+@dataclasses.dataclass
+class LimbParameters(Strict):
     """A limb: segments in series from the base to the tip, and where it is.
 
     ``LimbParameters()`` is the nominal limb, one segment of five links with
     the paper's 10° sag under gravity.
 
+    - ``format``: version of the file's format.
     - ``segments``: one or more `SegmentParameters`, base first.
     - ``ambient_temperature``: T0, °C (4), (6).
     - ``gravity``: acceleration in the frame (E1, E2, E3), m/s². Zero, the
       default, is the paper's mounting, with the bending axis vertical and
       stiff against gravity; (0, -9.81, 0) is the cantilever of Sec. V-A.
     - ``temperature_limits``: eqns (19)-(20).
-    - ``board``: serial number of the board on the limb that these parameters
-      were calibrated on; empty if of none.
+    - ``board``: the particular limb that these parameters were calibrated on,
+      `SerialBoard` or `EmulatedLimb`; `NoBoard` if none.
+    - ``calibration``: how well they are known, `CalibrationRecord`; None if
+      they were not calibrated.
 
-    The order of wires is [left, right] of the first segment, then of the
-    second, and so on; the order of joints is from the base to the tip.
+    Wires are in the order of their segments, base first; joints are from the
+    base to the tip.
     """
 
+    format: int = quantity(FORMAT, "", FORMAT, FORMAT)
     segments: list[SegmentParameters] = dataclasses.field(
         default_factory=lambda: [SegmentParameters()]
     )
-    ambient_temperature: float = _quantity(25.0, "°C", -50.0, 100.0)
-    gravity: list[float] = dataclasses.field(
-        default_factory=lambda: [0.0, 0.0, 0.0], metadata={"unit": "m/s²", "range": (-100.0, 100.0)}
-    )
+    ambient_temperature: float = quantity(25.0, "°C", -50.0, 100.0)
+    gravity: list[float] = quantity((0.0, 0.0, 0.0), "m/s²", -100.0, 100.0)
     temperature_limits: TemperatureLimits = dataclasses.field(default_factory=TemperatureLimits)
-    board: str = ""
+    board: NoBoard | Board = dataclasses.field(default_factory=NoBoard)
+    calibration: CalibrationRecord | None = None
+
+    @classmethod
+    def of(cls, limb: "LimbParameters | str | Path | None") -> "LimbParameters":
+        """A copy of parameters, those in a YAML file, or the nominal limb for None.
+
+        Raises:
+            ParameterError: if it is none of these, or out of its range.
+        """
+        if isinstance(limb, str | Path):
+            return cls.load(limb)
+        if not isinstance(limb, cls | None):
+            raise ParameterError(
+                f"A limb is described by LimbParameters or the path of their YAML file, but this "
+                f"is a {type(limb).__name__}."
+            )
+        parameters = copy.deepcopy(limb) if limb is not None else cls()
+        parameters.validate()
+        return parameters
 
     @classmethod
     def load(cls, path: str | Path) -> "LimbParameters":
@@ -135,7 +286,7 @@ class LimbParameters:
 
     @classmethod
     def from_yaml(cls, text: str) -> "LimbParameters":
-        """Parses YAML text; every field must be there, none may be unknown.
+        """Parses YAML text; what is left out has its default, and nothing may be unknown.
 
         Raises:
             ParameterError: with one sentence naming the field.
@@ -147,10 +298,32 @@ class LimbParameters:
         parameters.validate()
         return parameters
 
+    @classmethod
+    def upgrade(cls, data: Any) -> Any:
+        """Reads the format of a document, and the board's number of format 1.
+
+        Raises:
+            ParameterError: if the document is of a later format.
+        """
+        if not isinstance(data, dict):
+            return data
+        data = dict(data)
+        version = data.pop("format", FORMAT)
+        if version not in (1, FORMAT):
+            raise ParameterError(
+                f"these limb parameters are of format {version!r}; this program reads formats 1 "
+                f"and {FORMAT}."
+            )
+        if isinstance(data.get("board"), str):
+            number = data.pop("board")
+            if number:
+                data["board"] = {"_tag": "SerialBoard", "serial_number": number}
+        return data
+
     def to_yaml(self) -> str:
         """The YAML text of these parameters, every float exact."""
         self.validate()
-        return yaml_dump_typed(self)
+        return dump_typed(self)
 
     def validate(self) -> None:
         """Raises ParameterError for the first field that is out of its range."""
@@ -161,7 +334,12 @@ class LimbParameters:
                 f"gravity is {self.gravity!r}; it must be a list of three numbers from -100 to "
                 "100 m/s², along E1, E2 and E3."
             )
-        _validate(self, "")
+        try:
+            validate(self)
+        except SchemaError as error:
+            raise ParameterError(str(error)) from error
+        for index, segment in enumerate(self.segments):
+            _validate_wires(segment.wires, f"segments[{index}].wires")
         limits = self.temperature_limits
         if limits.maximum <= self.ambient_temperature:
             raise ParameterError(
@@ -181,13 +359,22 @@ class LimbParameters:
 
     @property
     def wires(self) -> list[WireParameters]:
-        """All wires: [left, right] of each segment, base first."""
-        return [wire for segment in self.segments for wire in (segment.left, segment.right)]
+        """All wires, those of the first segment first."""
+        return [wire for segment in self.segments for wire in segment.wires]
 
     @property
     def wire_names(self) -> list[str]:
-        """Names of the wires: left, right; with a segment number if several."""
-        return [f"{side}{suffix}" for suffix in self.segment_suffixes for side in ("left", "right")]
+        """Names of all wires; with a segment number if there are several."""
+        return [
+            f"{wire.name}{suffix}"
+            for segment, suffix in zip(self.segments, self.segment_suffixes, strict=True)
+            for wire in segment.wires
+        ]
+
+    @property
+    def wire_slices(self) -> list[slice]:
+        """For each segment, where its wires are among all wires."""
+        return _slices([len(segment.wires) for segment in self.segments])
 
     @property
     def segment_suffixes(self) -> list[str]:
@@ -199,42 +386,29 @@ class LimbParameters:
     @property
     def joint_slices(self) -> list[slice]:
         """For each segment, where its joints are among all joints."""
-        ends = np.cumsum([segment.links for segment in self.segments])
-        return [
-            slice(int(end) - segment.links, int(end))
-            for end, segment in zip(ends, self.segments, strict=True)
-        ]
+        return _slices([segment.links for segment in self.segments])
 
 
-def _validate(target, path: str) -> None:
-    """Checks a dataclass and what it holds against the ranges in its fields."""
-    for field in dataclasses.fields(target):
-        value, name = getattr(target, field.name), f"{path}{field.name}"
-        kind: Any = field.type  # a type, as annotations are not postponed here
-        if field.metadata:
-            items = value if kind == list[float] else [value]
-            expected = int if kind is int else (int, float)
-            for item in items:
-                _validate_number(item, name, expected, field.metadata)
-        elif isinstance(value, list):
-            for index, item in enumerate(value):
-                if not isinstance(item, SegmentParameters):
-                    raise ParameterError(f"{name}[{index}] is not a SegmentParameters.")
-                _validate(item, f"{name}[{index}].")
-        elif kind is str:
-            if not isinstance(value, str):
-                raise ParameterError(f"{name} is {value!r}; it must be text.")
-        elif isinstance(value, kind):
-            _validate(value, f"{name}.")
-        else:
-            raise ParameterError(f"{name} is not a {kind.__name__}.")
+def _slices(sizes: list[int]) -> list[slice]:
+    ends = np.cumsum(sizes).tolist()
+    return [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
 
 
-def _validate_number(value, name: str, expected, metadata) -> None:
-    low, high = metadata["range"]
-    valid = isinstance(value, expected) and not isinstance(value, bool)
-    if not (valid and low <= value <= high):  # NaN is not
-        kind = "a whole number" if expected is int else "a number"
-        raise ParameterError(
-            f"{name} is {value!r}; it must be {kind} from {low:g} to {high:g} {metadata['unit']}."
-        )
+def _validate_wires(wires: list[WireParameters], where: str) -> None:
+    if not wires:
+        raise ParameterError(f"{where} is empty; a segment has at least one wire.")
+    names = [wire.name for wire in wires]
+    for index, wire in enumerate(wires):
+        if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", wire.name):
+            raise ParameterError(
+                f"{where}[{index}].name is {wire.name!r}; it must be of letters, digits and "
+                "underscores, as it names columns in files."
+            )
+        if wire.name in names[:index]:
+            raise ParameterError(
+                f"{where}[{index}].name is {wire.name!r}, as that of another wire of the segment."
+            )
+        if wire.e2 == wire.e3 == 0:
+            raise ParameterError(
+                f"{where}[{index}] runs along the axis (e2 = e3 = 0), where a wire bends nothing."
+            )

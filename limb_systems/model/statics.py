@@ -9,7 +9,7 @@ from pydrake.multibody.tree import MultibodyForces_
 from limb_systems.errors import LimbError
 from limb_systems.model.manipulator import make_manipulator
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.torque_map import torque_matrix
+from limb_systems.model.wires import Wires
 
 
 def static_equilibrium(
@@ -18,7 +18,7 @@ def static_equilibrium(
     """Joint angles at rest, and how they give way to generalized forces.
 
     Args:
-        wire_temperature: T (W,), °C; ambient if None.
+        wire_temperature: T (W,), °C, held until all is settled; ambient if None.
 
     Returns:
         θ (n,), rad, and the compliance ∂θ/∂f (n, n), rad/(N·m).
@@ -34,12 +34,15 @@ def static_equilibrium(
             f"wire_temperature is {wire.tolist()}; it must be {ambient.size} finite numbers, "
             "one for each wire."
         )
-    excess = wire - ambient
-    force = torque_matrix(parameters) @ excess
+    wires = Wires(parameters)
+    states = wires.settled_states(wire)
     plant = make_manipulator(parameters).ToAutoDiffXd()
     angles = np.zeros(parameters.num_joints)
     for _ in range(50):
         load, stiffness = _spring_and_gravity(plant, angles)
+        force, (_, by_angle) = wires.forces(states, angles), wires.force_derivatives(states, angles)
+        if by_angle is not None:
+            stiffness = stiffness - np.diag(by_angle)
         step = np.linalg.solve(stiffness, force - load)
         # A step of one radian per joint at the most keeps within one fold.
         angles = angles + step / max(1.0, np.abs(step).max())

@@ -1,24 +1,34 @@
-"""The heat of the wires: eqns (6) and (7), and (7) read backwards.
+"""The heat of the wires as Drake systems: eqns (6) and (7), and (7) read backwards.
 
-All wires share one block, in the order [left, right] of each segment. The
-blocks are affine, so their dynamics run in Drake's C++ for every scalar type;
-Drake names the ports of an AffineSystem ``u0`` and ``y0``.
+All wires share one block. The dynamics are those of the wires' laws, written
+out symbolically once, so that they run in Drake's C++ for every scalar type:
+as an `AffineSystem` where they are affine, as the paper's are, and else as a
+`SymbolicVectorSystem`.
 """
 
 import numpy as np
-from pydrake.systems.primitives import AffineSystem, LinearSystem
+from pydrake.symbolic import DecomposeAffineExpressions
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import (
+    AffineSystem,
+    Integrator,
+    Multiplexer,
+    SymbolicVectorSystem,
+)
 
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.wires import Wires, as_expressions, make_expressions
 
 
-class JouleHeating(AffineSystem):
-    """Wire temperature under Joule heating and convection, eqn (6).
+class JouleHeating(Diagram):
+    """The states of the wires under Joule heating and convection, eqn (6).
 
-        Ṫ = a1 (T - T0) + a2 D
+        Ṫ = a1 (T - T0) + a2 D, or what the wires' laws say
 
-    - state: T (wires), °C; T0 by default
-    - input 0: duty D (wires), in [0, 1]
-    - output 0: wire temperature T (wires), °C
+    - input 0 ``duty``: D (W), in [0, 1]
+    - output 0 ``wire_state``: x (N): T (W), °C, then what other states the
+      laws have, as in `Wires`
+    - state, continuous: x (N); that of wires that were never heated by default
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -28,54 +38,102 @@ class JouleHeating(AffineSystem):
         Args:
             parameters: of the limb, for its wires.
         """
-        a1 = np.array([wire.a1 for wire in parameters.wires])
-        a2 = np.array([wire.a2 for wire in parameters.wires])
-        num_wires, ambient = len(a1), parameters.ambient_temperature
-        super().__init__(
-            A=np.diag(a1),
-            B=np.diag(a2),
-            f0=-a1 * ambient,
-            C=np.eye(num_wires),
-            D=np.zeros((num_wires, num_wires)),
-            y0=np.zeros(num_wires),
+        super().__init__()
+        wires = Wires(parameters)
+        state, duty = (
+            make_expressions("x", wires.num_states),
+            make_expressions("D", wires.num_wires),
         )
-        self.configure_default_state(np.full(num_wires, ambient))
+        with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
+            rates = wires.rates(state, duty)
+        add_dynamics(self, state, duty, rates, wires.cold_states, ("duty", "wire_state"))
         self.set_name("joule_heating")
 
 
-class ThermocoupleLag(LinearSystem):
+class ThermocoupleLag(Diagram):
     """Temperature that the glued-on thermocouple measures, eqn (7).
 
-        V̇ = a3 (V - T)
+        V̇ = a3 (V - T), or what the wires' laws say
 
-    - state: V (wires), °C; T0 by default
-    - input 0: wire temperature T (wires), °C
-    - output 0: measured temperature V (wires), °C
+    - input 0 ``wire_state``: x (N), as that of `JouleHeating`
+    - output 0 ``measured_temperature``: V (W), °C
+    - state, continuous: V (W), °C; T0 by default
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, parameters: LimbParameters):
+    def __init__(self, parameters: LimbParameters, initial: np.ndarray | None = None):
         """
         Args:
             parameters: of the limb, for its wires.
+            initial: V (W) of the default state, °C; T0 if None.
         """
-        a3 = np.array([wire.a3 for wire in parameters.wires])
-        num_wires = len(a3)
-        super().__init__(
-            A=np.diag(a3),
-            B=-np.diag(a3),
-            C=np.eye(num_wires),
-            D=np.zeros((num_wires, num_wires)),
-        )
-        self.configure_default_state(np.full(num_wires, parameters.ambient_temperature))
+        super().__init__()
+        wires = Wires(parameters)
+        readings = make_expressions("V", wires.num_wires)
+        state = make_expressions("x", wires.num_states)
+        with np.errstate(invalid="ignore"):
+            rates = wires.reading_rates(readings, state)
+        if initial is None:
+            initial = np.full(wires.num_wires, parameters.ambient_temperature)
+        add_dynamics(self, readings, state, rates, initial, ("wire_state", "measured_temperature"))
         self.set_name("thermocouple_lag")
+
+
+def add_dynamics(
+    diagram: Diagram,
+    state: np.ndarray,
+    inputs: np.ndarray,
+    rates: np.ndarray,
+    initial: np.ndarray,
+    names: tuple[str, str],
+) -> None:
+    """Builds a diagram whose state is its output and has the given rates.
+
+    Args:
+        diagram: empty.
+        state, inputs: variables, as `make_expressions` makes them.
+        rates: expressions in these, one for each state.
+        initial: default of the state.
+        names: of the input and of the output.
+    """
+    builder = DiagramBuilder()
+    symbols = [next(iter(v.GetVariables())) for v in (*state, *inputs)]
+    rates, size = as_expressions(rates), len(state)
+    try:
+        matrix, offset = DecomposeAffineExpressions(rates, symbols)
+    except RuntimeError:  # not affine
+        function = builder.AddSystem(SymbolicVectorSystem(input=np.array(symbols), output=rates))
+        join = builder.AddSystem(Multiplexer([size, len(inputs)]))
+        integrator = builder.AddSystem(Integrator(np.asarray(initial, float)))
+        builder.Connect(join.get_output_port(), function.get_input_port())
+        builder.Connect(function.get_output_port(), integrator.get_input_port())
+        builder.Connect(integrator.get_output_port(), join.get_input_port(0))
+        entry, exit_ = join.get_input_port(1), integrator.get_output_port()
+    else:
+        system = builder.AddSystem(
+            AffineSystem(
+                A=matrix[:, :size],
+                B=matrix[:, size:],
+                f0=offset,
+                C=np.eye(size),
+                D=np.zeros((size, len(inputs))),
+                y0=np.zeros(size),
+            )
+        )
+        system.configure_default_state(initial)
+        entry, exit_ = system.get_input_port(), system.get_output_port()
+    builder.ExportInput(entry, names[0])
+    builder.ExportOutput(exit_, names[1])
+    builder.BuildInto(diagram)
 
 
 class InverseThermocoupleLag(AffineSystem):
     """Wire temperature from the measured one, V⁻¹ in Fig. 3: eqn (7) for T.
 
         T = V - V̇ / a3
+
+    For wires of the paper's law, `LinearLaw`.
 
     - input 0: [V, V̇] (2 * wires), °C and °C/s
     - output 0: wire temperature T (wires), °C
@@ -87,8 +145,11 @@ class InverseThermocoupleLag(AffineSystem):
         """
         Args:
             parameters: of the limb, for its wires.
+
+        Raises:
+            ParameterError: if a wire has another law.
         """
-        a3 = np.array([wire.a3 for wire in parameters.wires])
+        a3 = np.array([wire.linear_law.a3 for wire in parameters.wires])
         num_wires = len(a3)
         super().__init__(
             A=np.zeros((0, 0)),

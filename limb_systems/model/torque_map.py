@@ -1,32 +1,25 @@
 """From wire temperature to joint torque, eqn (4)."""
 
 import numpy as np
-from pydrake.systems.primitives import AffineSystem
+from pydrake.symbolic import DecomposeAffineExpressions
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import AffineSystem, Multiplexer, SymbolicVectorSystem
 
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.wires import Wires, as_expressions, make_expressions
 
 
-def torque_matrix(parameters: LimbParameters) -> np.ndarray:
-    """Joint torque per degree above ambient, (joints, wires), N·m/°C.
-
-    Each joint of a segment feels -β of its left wire and +β of its right one.
-    """
-    matrix = np.zeros((parameters.num_joints, len(parameters.wires)))
-    for index, (segment, joints) in enumerate(
-        zip(parameters.segments, parameters.joint_slices, strict=True)
-    ):
-        matrix[joints, 2 * index] = -segment.left.beta
-        matrix[joints, 2 * index + 1] = segment.right.beta
-    return matrix
-
-
-class TorqueMap(AffineSystem):
+class TorqueMap(Diagram):
     """Generalized force of the wires on the joints, eqn (4).
 
-        f(T) = β_r (T_r - T0) 1 - β_l (T_l - T0) 1   for each segment
+        f(T) = β_r (T_r - T0) 1 - β_l (T_l - T0) 1   for each segment,
 
-    - input 0: wire temperature T (wires), °C
-    - output 0: generalized force f (joints), N·m
+    or what the wires' laws say, each in the direction of its wire's lever.
+
+    - input 0 ``wire_state``: x (N), as that of `JouleHeating`
+    - input 1 ``joint_state``: [θ, θ̇] (2n), rad and rad/s; only where a law's
+      torque depends on the joint's angle
+    - output 0 ``generalized_force``: f (n), N·m
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -36,14 +29,39 @@ class TorqueMap(AffineSystem):
         Args:
             parameters: of the limb, for its wires.
         """
-        matrix = torque_matrix(parameters)
-        num_joints, num_wires = matrix.shape
-        super().__init__(
-            A=np.zeros((0, 0)),
-            B=np.zeros((0, num_wires)),
-            f0=np.zeros(0),
-            C=np.zeros((num_joints, 0)),
-            D=matrix,
-            y0=-matrix @ np.full(num_wires, parameters.ambient_temperature),
-        )
+        super().__init__()
+        wires, num_joints = Wires(parameters), parameters.num_joints
+        state = make_expressions("x", wires.num_states)
+        joints = make_expressions("q", 2 * num_joints if wires.torque_needs_angle else 0)
+        angles = joints[:num_joints] if len(joints) else np.zeros(num_joints)
+        with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
+            forces = as_expressions(wires.forces(state, angles))
+        symbols = [next(iter(v.GetVariables())) for v in (*state, *joints)]
+
+        builder = DiagramBuilder()
+        if wires.torque_is_affine:
+            matrix, offset = DecomposeAffineExpressions(forces, symbols)
+            function = builder.AddSystem(
+                AffineSystem(
+                    A=np.zeros((0, 0)),
+                    B=np.zeros((0, len(symbols))),
+                    f0=np.zeros(0),
+                    C=np.zeros((num_joints, 0)),
+                    D=matrix,
+                    y0=offset,
+                )
+            )
+        else:
+            function = builder.AddSystem(
+                SymbolicVectorSystem(input=np.array(symbols), output=forces)
+            )
+        if len(joints):
+            join = builder.AddSystem(Multiplexer([len(state), len(joints)]))
+            builder.Connect(join.get_output_port(), function.get_input_port())
+            builder.ExportInput(join.get_input_port(0), "wire_state")
+            builder.ExportInput(join.get_input_port(1), "joint_state")
+        else:
+            builder.ExportInput(function.get_input_port(), "wire_state")
+        builder.ExportOutput(function.get_output_port(), "generalized_force")
+        builder.BuildInto(self)
         self.set_name("torque_map")

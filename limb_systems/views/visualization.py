@@ -352,9 +352,12 @@ def _add_limb_view(
 def _wire_paths(parameters: LimbParameters) -> list[list[str]]:
     """For each wire the Meshcat paths of its pieces, one on each link."""
     return [
-        [f"visualizer/limb/link_{i + 1}/limb/wire_{side}" for i in range(joints.start, joints.stop)]
-        for joints in parameters.joint_slices
-        for side in ("left", "right")
+        [
+            f"visualizer/limb/link_{i + 1}/limb/wire_{wire.name}"
+            for i in range(joints.start, joints.stop)
+        ]
+        for joints, segment in zip(parameters.joint_slices, parameters.segments, strict=True)
+        for wire in segment.wires
     ]
 
 

@@ -15,7 +15,7 @@ def true_limb() -> LimbParameters:
     limb = LimbParameters(ambient_temperature=23.0)
     segment = limb.segments[0]
     segment.stiffness, segment.damping = 0.115, 8e-4
-    left, right = segment.left, segment.right
+    left, right = segment.wire("left"), segment.wire("right")
     left.a1, left.a2, left.a3, left.beta = -0.06, 24.0, -1.3, 4.2e-4
     right.a3 = -0.8
     return limb

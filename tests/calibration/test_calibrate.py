@@ -76,7 +76,7 @@ def test_validation_of_the_truth_has_no_error_and_of_another_limb_has(true_limb,
     (both,) = model_recordings["both"]
     assert np.rad2deg(validate(true_limb, both).mean) < 0.1
     wrong = copy.deepcopy(true_limb)
-    wrong.segments[0].right.beta *= 1.2
+    wrong.segments[0].wire("right").law.beta *= 1.2
     assert np.rad2deg(validate(wrong, both).mean) > 1.0
 
 

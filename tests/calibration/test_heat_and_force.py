@@ -23,7 +23,7 @@ SIDES = [(0, "left"), (1, "right")]
 
 
 def test_simulated_heat_is_drakes(true_limb):
-    wire = true_limb.segments[0].left
+    wire = true_limb.segments[0].wire("left")
     generator = np.random.default_rng(0)
     duty = np.repeat(generator.uniform(0, 0.5, 20), 40)
     times = np.arange(800) / 20
@@ -40,7 +40,7 @@ def test_simulated_heat_is_drakes(true_limb):
     simulator.get_mutable_integrator().set_maximum_step_size(0.01)
     simulator.AdvanceTo(times[-1])
     expected = [sink.FindLog(simulator.get_context()).data()[0, :800] for sink in sinks]
-    simulated = simulate_heat(wire.a1, wire.a2, wire.a3, duty, 0.05, 23.0, (23.0, 23.0))
+    simulated = simulate_heat(wire.law.a1, wire.law.a2, wire.law.a3, duty, 0.05, 23.0, (23.0, 23.0))
     np.testing.assert_allclose(simulated, expected, atol=1e-3)
 
 
@@ -62,9 +62,9 @@ def test_heat_transfer_is_the_one_that_generated_the_data(true_limb, model_recor
         fit_heat_transfer(model_recordings[side][0], index, 23.0),
         fit_heat_transfer_from_temperature(model_recordings[side][0], index, 23.0),
     ):
-        assert fit.a1.value == pytest.approx(wire.a1, rel=0.03)
-        assert fit.a2.value == pytest.approx(wire.a2, rel=0.03)
-        assert fit.a3.value == pytest.approx(wire.a3, rel=0.03)
+        assert fit.a1.value == pytest.approx(wire.law.a1, rel=0.03)
+        assert fit.a2.value == pytest.approx(wire.law.a2, rel=0.03)
+        assert fit.a3.value == pytest.approx(wire.law.a3, rel=0.03)
         assert fit.remarks == []
         assert fit.temperature_residual < 0.1
 
@@ -124,7 +124,7 @@ def noisy(recording, seed):
 
 def test_standard_errors_cover_the_truth(true_limb, model_recordings):
     """A short version of benchmarks/calibration_accuracy.py."""
-    wire = true_limb.segments[0].right
+    wire = true_limb.segments[0].wire("right")
     covered = dict.fromkeys(("a1", "a2", "a3"), 0)
     for seed in range(15):
         fit = fit_heat_transfer(noisy(model_recordings["right"][0], seed), 1, 23.0)

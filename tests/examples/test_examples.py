@@ -28,7 +28,7 @@ def run(arguments, folder):
 def wire_temperature(trajectory):
     """(6), integrated without the planner, from ambient temperature: T (W, K), °C."""
     excess = [
-        lsim(([wire.a2], [1.0, -wire.a1]), duty, trajectory.time)[1]
+        lsim(([wire.law.a2], [1.0, -wire.law.a1]), duty, trajectory.time)[1]
         for wire, duty in zip(trajectory.parameters.wires, trajectory.duty, strict=True)
     ]
     return trajectory.parameters.ambient_temperature + np.array(excess)
@@ -37,7 +37,7 @@ def wire_temperature(trajectory):
 def equilibrium_angle(segment, temperature):
     """φ (K,) in degrees, at which the springs of a segment hold the torque of its wires (12)."""
     left, right = temperature - LimbParameters().ambient_temperature
-    torque = segment.right.beta * right - segment.left.beta * left
+    torque = segment.wire("right").law.beta * right - segment.wire("left").law.beta * left
     return np.rad2deg((segment.links + 1) / 2 * torque / segment.stiffness)
 
 
@@ -70,7 +70,10 @@ def test_own_limb(tmp_path):
     limb = LimbParameters.load(EXAMPLES / "own_limb.yaml")
     (segment,) = limb.segments
     heat = limb.temperature_limits.maximum - limb.ambient_temperature
-    for angle, beta in ((left, -segment.left.beta), (right, segment.right.beta)):
+    for angle, beta in (
+        (left, -segment.wire("left").law.beta),
+        (right, segment.wire("right").law.beta),
+    ):
         bend = (segment.links + 1) / 2 * beta * heat / segment.stiffness
         assert angle == pytest.approx(np.rad2deg(bend), abs=0.06)
 

@@ -111,7 +111,7 @@ def test_split_of_a_limb_that_is_a_model_finds_its_parameters(evaluation):
     swing = np.deg2rad(15.0) * np.sin(2 * np.pi * times / 15.0) * (times > 15.0)
     trajectory = plan(calibrated, references.from_samples(times, swing))
     truth = copy.deepcopy(calibrated)
-    truth.segments[0].left.a1, truth.segments[0].right.a2 = -0.05, 23.0
+    truth.segments[0].wire("left").law.a1, truth.segments[0].wire("right").law.a2 = -0.05, 23.0
     exact = simulate(Limb(truth), trajectory)
     read = copy.deepcopy(exact)
     read.bend_angle = exact.bend_angle + np.deg2rad(0.5)
@@ -123,8 +123,8 @@ def test_split_of_a_limb_that_is_a_model_finds_its_parameters(evaluation):
     )
     best = evaluation.error_split.best_parameters(experiment)
     for wire, true in zip(best.wires, truth.wires, strict=True):
-        assert wire.a1 == pytest.approx(true.a1, rel=0.04)
-        assert wire.a2 == pytest.approx(true.a2, rel=0.04)
+        assert wire.law.a1 == pytest.approx(true.a1, rel=0.04)
+        assert wire.law.a2 == pytest.approx(true.a2, rel=0.04)
     steps = evaluation.error_split.error_split(experiment)["swing"]
     assert steps["collocation"][0] < 0.1
     assert steps["form of the model"][0] < 0.1

@@ -5,7 +5,7 @@ import contextlib
 import numpy as np
 import pytest
 
-from limb_systems import LimbParameters, SegmentParameters, WireParameters
+from limb_systems import LimbParameters, LinearLaw, SegmentParameters, WireParameters
 
 
 class PlanarChain:
@@ -88,8 +88,14 @@ def uneven_limb() -> LimbParameters:
                 thickness=0.012,
                 stiffness=0.2,
                 damping=1.5e-3,
-                left=WireParameters(a1=-0.05, a2=15.0, a3=-0.8, beta=3.0e-4),
-                right=WireParameters(a1=-0.09, a2=25.0, a3=-1.3, beta=6.0e-4),
+                wires=[
+                    WireParameters(
+                        "left", -0.003, law=LinearLaw(a1=-0.05, a2=15.0, a3=-0.8, beta=3.0e-4)
+                    ),
+                    WireParameters(
+                        "right", 0.003, law=LinearLaw(a1=-0.09, a2=25.0, a3=-1.3, beta=6.0e-4)
+                    ),
+                ],
             ),
             SegmentParameters(
                 links=2,
@@ -99,8 +105,14 @@ def uneven_limb() -> LimbParameters:
                 thickness=0.008,
                 stiffness=0.1,
                 damping=0.7e-3,
-                left=WireParameters(a1=-0.11, a2=30.0, a3=-2.0, beta=2.0e-4),
-                right=WireParameters(a1=-0.06, a2=18.0, a3=-0.5, beta=1.0e-4),
+                wires=[
+                    WireParameters(
+                        "left", -0.003, law=LinearLaw(a1=-0.11, a2=30.0, a3=-2.0, beta=2.0e-4)
+                    ),
+                    WireParameters(
+                        "right", 0.003, law=LinearLaw(a1=-0.06, a2=18.0, a3=-0.5, beta=1.0e-4)
+                    ),
+                ],
             ),
         ],
         ambient_temperature=22.0,

@@ -8,6 +8,7 @@ from pydrake.symbolic import Expression, Variable
 from limb_systems import (
     Limb,
     LimbParameters,
+    LinearLaw,
     SegmentParameters,
     WireParameters,
     from_paper_state,
@@ -17,14 +18,14 @@ from limb_systems import (
 )
 from limb_systems.model.parameters import ParameterError
 
-OUTPUTS = ["measured_temperature", "bend_angle", "wire_temperature", "joint_state"]
+OUTPUTS = ["measured_temperature", "bend_angle", "wire_temperature", "joint_state", "measurement"]
 
 
 def fast_limb(**segment) -> LimbParameters:
     """A limb whose wires settle within some seconds."""
-    left = WireParameters(a1=-1.0, a2=60.0, a3=-4.0, beta=4e-4)
-    right = WireParameters(a1=-2.0, a2=90.0, a3=-5.0, beta=6e-4)
-    return LimbParameters(segments=[SegmentParameters(left=left, right=right, **segment)])
+    left = WireParameters("left", -0.003, law=LinearLaw(-1.0, 60.0, -4.0, 4e-4))
+    right = WireParameters("right", 0.003, law=LinearLaw(-2.0, 90.0, -5.0, 6e-4))
+    return LimbParameters(segments=[SegmentParameters(wires=[left, right], **segment)])
 
 
 def random_state(rng, parameters) -> np.ndarray:
@@ -124,14 +125,14 @@ def test_each_segment_bends_by_its_own_wires(uneven_limb):
 def test_limb_keeps_a_copy_of_its_parameters():
     parameters = LimbParameters()
     limb = Limb(parameters)
-    parameters.segments[0].left.beta = 1e-3
+    parameters.segments[0].wire("left").law.beta = 1e-3
     assert limb.parameters == LimbParameters()
 
 
 def test_bad_parameters_make_no_limb(refused):
     parameters = LimbParameters()
-    parameters.segments[0].right.a1 = 0.07
-    with refused(ParameterError, "segments[0].right.a1", "0.07"):
+    parameters.segments[0].wire("right").law.a1 = 0.07
+    with refused(ParameterError, "segments[0].wires[1].law.a1", "0.07"):
         Limb(parameters)
 
 

@@ -16,13 +16,12 @@ from limb_systems import (
     LimbParameters,
     ThermocoupleLag,
     TorqueMap,
-    torque_matrix,
 )
 
 
 def wire_constants(parameters) -> np.ndarray:
     """a1, a2 and a3 of each wire, three rows."""
-    return np.array([[wire.a1, wire.a2, wire.a3] for wire in parameters.wires]).T
+    return np.array([[wire.law.a1, wire.law.a2, wire.law.a3] for wire in parameters.wires]).T
 
 
 def exact_temperatures(parameters, duty, wire0, measured0, time):
@@ -121,7 +120,10 @@ def torque(parameters, wire_temperature) -> np.ndarray:
 
 def test_torque_is_the_same_on_every_joint_and_right_minus_left():
     parameters = LimbParameters()
-    parameters.segments[0].left.beta, parameters.segments[0].right.beta = 2e-4, 5e-4
+    parameters.segments[0].wire("left").law.beta, parameters.segments[0].wire("right").law.beta = (
+        2e-4,
+        5e-4,
+    )
     expected = 5e-4 * (85.0 - 25.0) - 2e-4 * (60.0 - 25.0)  # (4) by hand: 0.023 N·m
     np.testing.assert_allclose(torque(parameters, [60.0, 85.0]), [expected] * 5, rtol=1e-12)
 
@@ -136,4 +138,3 @@ def test_each_segment_is_bent_by_its_own_wires_only(uneven_limb):
     second = 1.0e-4 * 40 - 2.0e-4 * 30
     expected = [first] * 3 + [second] * 2
     np.testing.assert_allclose(torque(uneven_limb, 22.0 + excess), expected, rtol=1e-12)
-    np.testing.assert_allclose(torque_matrix(uneven_limb) @ excess, expected, rtol=1e-12)

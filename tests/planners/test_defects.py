@@ -15,16 +15,17 @@ from limb_systems import (
     make_manipulator,
 )
 from limb_systems.model import limb
+from limb_systems.model.wire_law import TEMPERATURE_SCALE
 from planners import TrajectoryProgram
 from planners.chain import PlanarChain
-from planners.defects import TEMPERATURE_SCALE, LimbDefects
+from planners.defects import LimbDefects
 
 TIME_STEP = 5e-4  # s, short enough for the fixed point that closes the θ rows below
 
 
 def limbs():
     soft_tip = SegmentParameters(links=1, length=0.05, mass=0.02, thickness=0.02, stiffness=0.05)
-    soft_tip.left.beta, soft_tip.right.a3 = 2e-4, -2.5
+    soft_tip.wire("left").law.beta, soft_tip.wire("right").law.a3 = 2e-4, -2.5
     return {
         "one link": LimbParameters(segments=[SegmentParameters(links=1)]),
         "nominal": LimbParameters(),

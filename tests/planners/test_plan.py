@@ -220,7 +220,7 @@ def test_unreachable_temperatures_are_named_before_ipopt_runs(
     monkeypatch.setattr(planning, "solve_program", lambda *_: pytest.fail("IPOPT ran"))
     parameters = LimbParameters()
     if "a2" in changes:
-        parameters.segments[0].right.a2 = changes["a2"]
+        parameters.segments[0].wire("right").law.a2 = changes["a2"]
     else:
         for name, value in changes.items():
             setattr(parameters.temperature_limits, name, value)
@@ -286,7 +286,7 @@ def test_a_plan_that_fails_its_check_is_not_returned():
 def test_a_simulation_that_goes_elsewhere_is_noticed(fig5_plan, monkeypatch):
     """The check simulates the limb that the plan names, not the program's equations."""
     other = LimbParameters()
-    other.segments[0].right.beta *= 1.02
+    other.segments[0].wire("right").law.beta *= 1.02
     monkeypatch.setattr(planning, "Limb", lambda _: Limb(other))
     _, differences = planning.simulated_differences(fig5_plan)
     assert np.rad2deg(differences.max()) > 0.3

@@ -1,0 +1,77 @@
+"""What a wire does with heat: the one place where a wire's law is stated.
+
+Drake's blocks, the planner's constraints and their derivatives, its
+quasi-static start, the calibration's simulation and the temperature limits
+all follow from the methods of a `WireLaw`. A new law is a new subclass, and
+nothing else; ``parameters.segments[0].wires[0].law = MyLaw()`` uses it.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+from limb_systems.schema import Tagged, quantity
+
+TEMPERATURE_SCALE = 50.0  # °C, a change that matters
+
+
+class WireLaw(Tagged):
+    """A shape-memory-alloy wire with its thermocouple; subclasses are dataclasses.
+
+    A law is written for one wire and evaluated for many at once: each state x,
+    the duty D in [0, 1] and the joint angle θ in rad may be numbers or arrays
+    of floats, complex numbers (whose imaginary parts are infinitesimal),
+    AutoDiffXd or Expression, and so may be the law's own fields. It must
+    therefore work element by element, with arithmetic and numpy's functions
+    (`numpy.exp`, `numpy.tanh`, ...), without branches, and be smooth.
+
+    - ``states``: names of the wire's states, the wire temperature ``T``, °C,
+      first, each with the change of it that matters, to which solvers scale.
+    """
+
+    states: ClassVar[dict[str, float]] = {"T": TEMPERATURE_SCALE}
+
+    def rates(self, x: Sequence[Any], D: Any, T0: Any) -> Sequence[Any]:
+        """Time derivatives of the states, in the order of ``states``, per second."""
+        raise NotImplementedError
+
+    def torque(self, x: Sequence[Any], T0: Any, theta: Any) -> Any:
+        """What a wire on the +E2 side exerts on a joint whose angle is θ, N·m."""
+        raise NotImplementedError
+
+    def reading_rate(self, V: Any, x: Sequence[Any]) -> Any:
+        """Time derivative of the temperature V that the thermocouple reads, °C/s."""
+        raise NotImplementedError
+
+    def cold_states(self, T0: float) -> Sequence[float]:
+        """The states of a wire that was never heated, at the temperature T0 of the room."""
+        return [T0] * len(self.states)
+
+
+@dataclasses.dataclass
+class LinearLaw(WireLaw):
+    """The paper's law: linear heat, linear lag, and torque in proportion to temperature.
+
+    - ``a1``: cooling rate towards ambient, 1/s, negative (6).
+    - ``a2``: heating rate at full duty, °C/s (6).
+    - ``a3``: rate of the measurement lag, 1/s, negative (7).
+    - ``beta``: joint torque per degree above ambient, N·m/°C (4). The length
+      of the wire's lever is part of it.
+    """
+
+    a1: float = quantity(-0.07, "1/s", -10.0, -1e-4)
+    a2: float = quantity(20.0, "°C/s", 0.1, 1000.0)
+    a3: float = quantity(-1.0, "1/s", -100.0, -1e-3)
+    beta: float = quantity(4.7e-4, "N·m/°C", 1e-8, 1.0)
+
+    def torque(self, x, T0, theta):
+        """β (T - T0), eqn (4)."""
+        return self.beta * (x[0] - T0)
+
+    def rates(self, x, D, T0):
+        """Ṫ = a1 (T - T0) + a2 D, eqn (6)."""
+        return [self.a1 * (x[0] - T0) + self.a2 * D]
+
+    def reading_rate(self, V, x):
+        """V̇ = a3 (V - T), eqn (7)."""
+        return self.a3 * (V - x[0])

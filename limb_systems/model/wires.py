@@ -1,0 +1,360 @@
+"""All wires of a limb at once: their laws, and the derivatives of these.
+
+The laws are evaluated element by element over any number of points. First
+derivatives are complex steps, exact to rounding; second derivatives are those
+of a Taylor polynomial through points on a small circle in the complex plane,
+which are as good for functions that are smooth.
+"""
+
+import copy
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.symbolic import (
+    DecomposeAffineExpressions,
+    Expression,
+    Variable,
+)
+
+from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw
+
+_STEP = 1e-30  # imaginary, of a complex step
+_RADIUS = 0.01  # of the circle, as a share of the changes that matter
+_CIRCLE = np.exp(1j * np.pi / 8 * np.arange(16))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Alike:
+    """Wires of one law.
+
+    - ``law``: whose fields are arrays with an element for each of them.
+    - ``wires``: which they are among all.
+    - ``states``: (M, G) indices among all states, for M states of G wires.
+    """
+
+    law: WireLaw
+    wires: np.ndarray
+    states: np.ndarray
+
+
+class Wires:
+    """The W wires of a limb, with N states in all.
+
+    The states are the wire temperatures T (W) in the order of the wires, then
+    what other states their laws have: the second state of all wires, the third,
+    and so on. Arrays have the states, the wires or the joints along their last
+    axis and any number of points before it.
+
+    - ``num_wires``, ``num_states``: W and N.
+    - ``state_names``: such as ``S_left``, N.
+    - ``heat_scales``: changes of the states and of the readings that matter (N + W,).
+    - ``cold_states``: of wires that were never heated (N,).
+    - ``directions``: of the wires' torque on the joints (n, W), zero for
+      joints of other segments, else e2 / |(e2, e3)|.
+    - ``rates_are_affine``, ``torque_is_affine``: in states and duty.
+    - ``torque_needs_angle``: whether any torque depends on the joint's angle.
+    - ``heat_pattern``: which of `heat_rates` depend on which of [x, V, D],
+      (N + W, N + 2W), true or false.
+
+    Args:
+        parameters: of the limb.
+    """
+
+    def __init__(self, parameters: LimbParameters):
+        laws = [wire.law for wire in parameters.wires]
+        self.num_wires = len(laws)
+        self._ambient = parameters.ambient_temperature
+        columns: list[list[int]] = [[] for _ in laws]
+        names: list[str] = []
+        scales: list[float] = []
+        cold: list[float] = []
+        for number in range(max(len(law.states) for law in laws)):
+            for index, (law, name) in enumerate(zip(laws, parameters.wire_names, strict=True)):
+                if number < len(law.states):
+                    state, scale = list(law.states.items())[number]
+                    columns[index].append(len(names))
+                    names.append(f"{state}_{name}")
+                    scales.append(scale)
+                    cold.append(law.cold_states(self._ambient)[number])
+        self.num_states, self.state_names = len(names), names
+        self.heat_scales = np.array(scales + [TEMPERATURE_SCALE] * self.num_wires)
+        self.cold_states = np.array(cold, float)
+        self._groups = []
+        for kind in dict.fromkeys(map(type, laws)):
+            wires = [index for index, law in enumerate(laws) if type(law) is kind]
+            self._groups.append(
+                _Alike(
+                    _stacked([laws[index] for index in wires]),
+                    np.array(wires),
+                    np.array([columns[index] for index in wires]).T,
+                )
+            )
+        self.directions = np.zeros((parameters.num_joints, self.num_wires))
+        for joints, wires_of, segment in zip(
+            parameters.joint_slices, parameters.wire_slices, parameters.segments, strict=True
+        ):
+            self.directions[joints, wires_of] = [wire.direction for wire in segment.wires]
+        self._look_at_laws()
+
+    def rates(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """ẋ (..., N) of the states (..., N) under the duty (..., W), per second."""
+        result = np.empty(states.shape, np.result_type(states, duty))
+        for group in self._groups:
+            x = [states[..., column] for column in group.states]
+            rates = group.law.rates(x, duty[..., group.wires], self._ambient)
+            for column, rate in zip(group.states, rates, strict=True):
+                result[..., column] = rate
+        return result
+
+    def torques(self, states: np.ndarray, angles: np.ndarray | None = None) -> np.ndarray:
+        """Torque of each wire (..., W), N·m, as if it ran at +E2.
+
+        With joint angles (..., n) in rad: on each joint, (..., n, W).
+        """
+        theta: np.ndarray | float = 0.0
+        if angles is not None:
+            states, theta = states[..., None, :], angles[..., :, None]
+        shape = np.broadcast_shapes(states.shape[:-1], np.shape(theta)[:-1])
+        kind = np.result_type(states, theta)
+        result = np.empty((*shape, self.num_wires), kind)
+        for group in self._groups:
+            x = [states[..., column] for column in group.states]
+            result[..., group.wires] = group.law.torque(x, self._ambient, theta)
+        return result
+
+    def forces(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """Generalized force f (..., n) on the joints at the angles (..., n), N·m; eqn (4)."""
+        if self.torque_needs_angle:
+            return (self.torques(states, angles) * self.directions).sum(axis=-1)
+        return self.torques(states) @ self.directions.T
+
+    def reading_rates(self, readings: np.ndarray, states: np.ndarray) -> np.ndarray:
+        """V̇ (..., W) of the readings V (..., W), °C/s."""
+        result = np.empty(readings.shape, np.result_type(readings, states))
+        for group in self._groups:
+            x = [states[..., column] for column in group.states]
+            result[..., group.wires] = group.law.reading_rate(readings[..., group.wires], x)
+        return result
+
+    def heat_rates(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """`rates` and `reading_rates` of heat = [x, V] (..., N + W), side by side."""
+        states, readings = np.split(heat, [self.num_states], axis=-1)
+        return np.concatenate(
+            [self.rates(states, duty), self.reading_rates(readings, states)], axis=-1
+        )
+
+    def heat_jacobian(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """Derivative of `heat_rates` by [x, V, D], (..., N + W, N + W + W).
+
+        Where the rates are affine it is the same at all points, and only
+        given once: the axes before the last two have the length 1.
+        """
+        if self.rates_are_affine:
+            first = (0,) * (heat.ndim - 1)
+            heat, duty = np.zeros_like(heat[first], float), np.zeros_like(duty[first], float)
+            heat, duty = (v.reshape((1,) * len(first) + v.shape) for v in (heat, duty))
+        num_heat = self.num_states + self.num_wires
+        kind = np.result_type(heat, duty)
+        result = np.zeros((*heat.shape[:-1], num_heat, num_heat + self.num_wires), kind)
+        for group in self._groups:
+            slots = [*group.states, self.num_states + group.wires, num_heat + group.wires]
+            point = np.concatenate([heat, duty], axis=-1)
+            scales = np.array([*group.law.states.values(), TEMPERATURE_SCALE, 1.0])
+
+            def outputs(arguments: list, law: WireLaw = group.law) -> list:
+                *x, V, D = arguments
+                return [*law.rates(x, D, self._ambient), law.reading_rate(V, x)]
+
+            partials = _gradients(outputs, [point[..., slot] for slot in slots], scales)
+            for row, by in zip(slots, partials, strict=False):
+                for column, values in zip(slots, by, strict=True):
+                    result[..., row, column] = values
+        return result
+
+    def force_derivatives(
+        self, states: np.ndarray, angles: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Derivatives of `forces` by states (..., n, N), and of each by its joint's angle (..., n).
+
+        Where the torque is affine the former has axes of length 1, as that of
+        `heat_jacobian`; the latter is None where no torque depends on the angle.
+        """
+        if self.torque_is_affine:
+            states = np.zeros((1,) * (states.ndim - 1) + states.shape[-1:])
+        theta = angles[..., :, None] if self.torque_needs_angle else np.zeros(1)
+        points = states[..., None, :]
+        kind = np.result_type(states, theta)
+        shape = np.broadcast_shapes(points.shape[:-1], theta.shape[:-1])[:-1]
+        num_joints = len(self.directions)
+        by_states = np.zeros((*shape, num_joints, self.num_states), kind)
+        by_angle = np.zeros((*shape, num_joints), kind) if self.torque_needs_angle else None
+        for group in self._groups:
+            scales = np.array([*group.law.states.values(), 1.0])
+
+            def outputs(arguments: list, law: WireLaw = group.law) -> list:
+                *x, angle = arguments
+                return [law.torque(x, self._ambient, angle)]
+
+            arguments = [points[..., column] for column in group.states]
+            (partials,) = _gradients(outputs, [*arguments, theta], scales)
+            directions = self.directions[:, group.wires]
+            for column, by in zip(group.states, partials[:-1], strict=True):
+                by_states[..., column] += directions * by
+            if by_angle is not None:
+                by_angle += (directions * partials[-1]).sum(axis=-1)
+        return by_states, by_angle
+
+    def affine_rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.
+
+        They are those of the tangent at the states of cold wires without duty,
+        which is the law itself where the rates are affine.
+        """
+        N, W = self.num_states, self.num_wires
+        cold = np.concatenate([self.cold_states, self.cold_states[:W]])
+        slopes = self.heat_jacobian(cold, np.zeros(W)).reshape(N + W, -1)
+        A, B = slopes[:N, :N], slopes[:N, N + W :]
+        return A, B, self.rates(self.cold_states, np.zeros(W)) - A @ self.cold_states
+
+    def at_constant_duty(
+        self, states: np.ndarray, duty: np.ndarray, times: np.ndarray
+    ) -> np.ndarray:
+        """The states (K, N) at times (K,), s, under constant duty (W,), from states (N,) at 0 on.
+
+        By the classical Runge-Kutta method, in steps a tenth of the fastest time constant.
+        """
+        fastest = np.abs(np.linalg.eigvals(self.affine_rates()[0])).max()
+        now, courses = 0.0, []
+        for time in times:
+            num_steps = int(np.ceil((time - now) * 10 * fastest))
+            h = (time - now) / max(1, num_steps)
+            for _ in range(num_steps):
+                k1 = self.rates(states, duty)
+                k2 = self.rates(states + h / 2 * k1, duty)
+                k3 = self.rates(states + h / 2 * k2, duty)
+                k4 = self.rates(states + h * k3, duty)
+                states = states + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+            now = time
+            courses.append(states)
+        return np.array(courses)
+
+    def settled_states(self, temperature: np.ndarray) -> np.ndarray:
+        """The states (N,) when wires that were never heated are held at T (W,), °C, for long.
+
+        Where the laws leave a state where it was, it is that of a cold wire.
+        """
+        W, N = self.num_wires, self.num_states
+        states = np.concatenate([temperature, self.cold_states[W:]])
+        for _ in range(20 if N > W else 0):
+            heat, off = np.concatenate([states, temperature]), np.zeros(W)
+            slopes = self.heat_jacobian(heat, off).reshape(N + W, -1)[W:N, W:N]
+            rates = self.rates(states, off)[W:]
+            states[W:] -= np.linalg.lstsq(slopes, rates, rcond=None)[0]
+        return states
+
+    def _look_at_laws(self) -> None:
+        """What the laws' formulas say of their own form."""
+        num_heat = self.num_states + self.num_wires
+        heat, duty = make_expressions("y", num_heat), make_expressions("D", self.num_wires)
+        angles = make_expressions("theta", len(self.directions))
+        with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
+            rates = self.heat_rates(heat, duty)
+            torques = self.torques(heat[: self.num_states], angles)
+        rates, torques = as_expressions(rates), as_expressions(torques)
+        self.rates_are_affine = _is_affine(rates, [*heat, *duty])
+        self.torque_is_affine = _is_affine(torques, [*heat[: self.num_states], *angles])
+        theta = set(map(str, angles))
+        self.torque_needs_angle = any(_names(torque) & theta for torque in torques.flat)
+        # Which rates depend on what; of states, readings and duty.
+        names = [str(variable) for variable in (*heat, *duty)]
+        self.heat_pattern = np.array([[name in _names(rate) for name in names] for rate in rates])
+
+
+def num_wire_states(parameters: LimbParameters) -> int:
+    """N, how many states the laws of all wires have together, the readings not counted."""
+    return sum(len(wire.law.states) for wire in parameters.wires)
+
+
+def _stacked(laws: list[WireLaw]) -> WireLaw:
+    """A law whose fields are those of several laws of its class, as arrays."""
+    together = copy.copy(laws[0])
+    for field in dataclasses.fields(together):  # type: ignore[arg-type]
+        setattr(together, field.name, np.array([getattr(law, field.name) for law in laws]))
+    return together
+
+
+def _gradients(
+    function: Callable[[list], list], arguments: list[np.ndarray], scales: np.ndarray
+) -> np.ndarray:
+    """Derivatives of each output by each argument, elementwise: (outputs, arguments, ...).
+
+    Arguments may have infinitesimal imaginary parts, and so has the result then.
+    """
+    real = [argument.real for argument in arguments]
+    rows = []
+    for index in range(len(real)):
+        moved = list(real)
+        moved[index] = moved[index] + 1j * _STEP
+        rows.append(
+            np.broadcast_arrays(*[np.imag(o) / _STEP for o in function(moved)], *real)[: -len(real)]
+        )
+    gradients = np.array(rows).swapaxes(0, 1)
+    if not any(np.iscomplexobj(argument) for argument in arguments):
+        return gradients
+    imaginary = np.array(np.broadcast_arrays(*[np.imag(argument) for argument in arguments]))
+    return gradients + 1j * (_hessians(function, real, scales) * imaginary).sum(axis=2)
+
+
+def _hessians(
+    function: Callable[[list], list], arguments: list[np.ndarray], scales: np.ndarray
+) -> np.ndarray:
+    """Second derivatives of each output by two arguments: (outputs, arguments, arguments, ...)."""
+
+    def curvature(direction: np.ndarray) -> np.ndarray:
+        """Second derivative along a direction in scaled arguments, for each output."""
+        total = np.zeros(1)
+        for number, turn in enumerate(_CIRCLE[:9]):  # the other half are complex conjugates
+            moved = [
+                argument + _RADIUS * turn * share
+                for argument, share in zip(arguments, direction * scales, strict=True)
+            ]
+            values = np.array(np.broadcast_arrays(*function(moved), *arguments)[: -len(arguments)])
+            weight = 1.0 if number in (0, 8) else 2.0
+            total = total + weight * (values * turn**-2).real
+        return total / (8 * _RADIUS**2)
+
+    size = len(arguments)
+    one = np.eye(size)
+    rows = [[np.zeros(1)] * size for _ in range(size)]
+    for i in range(size):
+        rows[i][i] = curvature(one[i]) / scales[i] ** 2
+        for j in range(i):
+            mixed = (curvature(one[i] + one[j]) - curvature(one[i] - one[j])) / 4
+            rows[i][j] = rows[j][i] = mixed / (scales[i] * scales[j])
+    return np.moveaxis(np.array(rows), 2, 0)
+
+
+def make_expressions(name: str, size: int) -> np.ndarray:
+    """Symbolic variables (size), as expressions that numpy's functions take."""
+    return np.array([Expression(Variable(f"{name}{index}")) for index in range(size)])
+
+
+def as_expressions(values: np.ndarray) -> np.ndarray:
+    """An array of expressions, some of which may be plain numbers yet."""
+    plain = [value if isinstance(value, Expression) else Expression(value) for value in values.flat]
+    return np.array(plain).reshape(values.shape)
+
+
+def _names(expression: Expression) -> set[str]:
+    return {variable.get_name() for variable in expression.GetVariables()}
+
+
+def _is_affine(expressions: np.ndarray, variables: list[Expression]) -> bool:
+    symbols = [next(iter(variable.GetVariables())) for variable in variables]
+    try:
+        DecomposeAffineExpressions(expressions.ravel(), symbols)
+    except RuntimeError:
+        return False
+    return True
