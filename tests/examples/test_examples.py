@@ -120,7 +120,6 @@ def test_own_reference_of_a_file_and_for_a_limb(tmp_path):
     np.testing.assert_allclose(np.rad2deg(trajectory.bend_angle[0, resting]), 12.0, atol=0.5)
 
 
-@pytest.mark.xdist_group("real_time")
 def test_plan_export_replay(tmp_path):
     """The heated wire alone gets hot, about as (6) says, and bends the limb to its side."""
     said = run([EXAMPLES / "plan_export_replay.py", "-o", tmp_path], tmp_path).stdout

@@ -161,7 +161,6 @@ def test_second_program_on_a_port_is_refused(emulator, link):
     assert said.stderr == f"error: {emulator.port} is in use by another program.\n"
 
 
-@pytest.mark.xdist_group("real_time")
 def test_port_without_a_board_is_named(tmp_path):
     with pytest.raises(HardwareError, match="Cannot open /dev/nothing"):
         BoardLink("/dev/nothing")

@@ -12,8 +12,6 @@ from hardware.firmware import guard, protocol
 
 from .conftest import wait_for
 
-pytestmark = pytest.mark.xdist_group("real_time")
-
 
 @pytest.fixture
 def board():

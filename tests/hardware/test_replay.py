@@ -110,7 +110,6 @@ def beginning(trajectory, num_knots):
     return dataclasses.replace(trajectory, **parts)
 
 
-@pytest.mark.xdist_group("real_time")
 def test_replay_that_is_shown_is_in_real_time_and_the_same(fig5_plan, meshcat):
     trajectory = beginning(fig5_plan, 11)
     start = time.monotonic()
@@ -129,7 +128,6 @@ def test_replay_that_is_shown_is_in_real_time_and_the_same(fig5_plan, meshcat):
     assert meshcat.HasPath("ghosts/plan/link_1")
 
 
-@pytest.mark.xdist_group("real_time")
 def test_two_segments_are_watched_and_shown(two_segments, meshcat):
     recording = watch(LimbTwin(two_segments), 0.2, meshcat=meshcat)
     assert recording.bend_angle.shape == (2, 5)
@@ -138,7 +136,6 @@ def test_two_segments_are_watched_and_shown(two_segments, meshcat):
     assert not meshcat.HasPath("ghosts/plan")
 
 
-@pytest.mark.xdist_group("real_time")
 def test_command_shows_the_limb_and_says_where(fig5_plan, tmp_path, capsys):
     beginning(fig5_plan, 6).save(tmp_path / "plan.csv")
     arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]

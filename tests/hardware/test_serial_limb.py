@@ -249,7 +249,6 @@ def test_orders_that_make_no_sense_are_named():
     assert "'explode' is not understood; orders are: drop RATE" in said.stderr
 
 
-@pytest.mark.xdist_group("real_time")
 def test_orders_that_come_together_are_obeyed_but_for_those_that_make_no_sense():
     command = [sys.executable, "-m", "hardware", "emulate"]
     pipe = subprocess.PIPE
