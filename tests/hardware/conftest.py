@@ -1,6 +1,6 @@
 """Emulated boards: in a process of its own with a host that heats, and in simulated time.
 
-The process is shared by all tests, as it takes seconds to start, and is as new for each.
+The process is shared by the tests of a file, as it takes seconds to start, and as new for each.
 """
 
 import json
@@ -207,8 +207,9 @@ def simulated_board():
     return SimulatedBoard()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def _emulators(tmp_path_factory):
+    """The one in use, if any."""
     emulators = []
     yield emulators
     for emulator in emulators:
@@ -217,13 +218,14 @@ def _emulators(tmp_path_factory):
 
 @pytest.fixture
 def emulator(_emulators, tmp_path_factory):
-    unplugged = _emulators and any(
-        event["order"] == "unplug" for event in _emulators[-1].events("order")
-    )
-    if unplugged or not _emulators:
+    if not _emulators:
         _emulators.append(Emulator(tmp_path_factory.mktemp("emulator")))
-    _emulators[-1].renew()
-    return _emulators[-1]
+    emulator = _emulators[0]
+    emulator.renew()
+    yield emulator
+    if any(event["order"] == "unplug" for event in emulator.events("order")):
+        _emulators.remove(emulator)
+        emulator.stop()
 
 
 @pytest.fixture
