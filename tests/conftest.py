@@ -1,9 +1,58 @@
-"""What several test files share."""
+"""What several test files share, and which tests run beside each other.
+
+Two workers of pytest-xdist run the tests: a file is on one worker, so that what its tests share
+is made once. What is timed is on one worker as well, so that no two such tests run beside each
+other. They wait most of the time; all others leave the processor to them.
+"""
+
+import os
 
 import pytest
+from xdist.scheduler import LoadScopeScheduling
+
+# A worker for each core: more threads would only wait for each other. Before numpy is loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from limb_systems import LimbParameters, SegmentParameters, Trajectory
 from planners import Task, plan, references
+
+REAL_TIME = (
+    "tests/hardware/test_faults.py",
+    "tests/hardware/test_link.py",
+    "tests/hardware/test_replay.py",
+    "tests/hardware/test_serial_limb.py",
+    "tests/examples/test_examples.py::test_plan_export_replay",
+)
+LONGEST = "tests/examples/test_reproduce_paper.py"
+
+
+class Scheduling(LoadScopeScheduling):
+    """By file and `REAL_TIME`; marks of pytest-xdist's own groups do nothing under pytest 9.2."""
+
+    def _split_scope(self, nodeid):
+        return "real time" if nodeid.startswith(REAL_TIME) else nodeid.partition("::")[0]
+
+
+def pytest_xdist_make_scheduler(config, log):
+    return Scheduling(config, log)
+
+
+def pytest_collection_modifyitems(items):
+    """What takes longest goes first."""
+    for item in items:
+        if "emulator" in item.fixturenames and not item.nodeid.startswith(REAL_TIME):
+            raise pytest.UsageError(f"{item.nodeid} is timed; name it in REAL_TIME of conftest.py.")
+
+    def order(item):
+        return not item.nodeid.startswith(REAL_TIME), not item.nodeid.startswith(LONGEST)
+
+    items.sort(key=order)
+
+
+def pytest_runtest_setup(item):
+    """What is not timed gives way, and so do the programs that it starts."""
+    if not item.nodeid.startswith(REAL_TIME) and os.nice(0) == 0:
+        os.nice(5)
 
 
 @pytest.fixture(scope="session")

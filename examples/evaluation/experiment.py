@@ -56,6 +56,14 @@ class Experiment:
     motions: list[Motion]
 
 
+def hand_course(name: str) -> PiecewisePolynomial:
+    """What the hand moves through for a taught motion, rad; it rests at both ends."""
+    times, angles = np.loadtxt(Path(__file__).with_name(HANDS[name]), delimiter=",").T
+    return PiecewisePolynomial.CubicShapePreserving(
+        times, np.deg2rad([angles]), zero_end_point_derivatives=True
+    )
+
+
 def run_experiment(
     specimen: Specimen,
     num_rollouts: int = NUM_ROLLOUTS,
@@ -79,11 +87,8 @@ def run_experiment(
         tell(f"planning the motion {name}, and replaying it {num_rollouts} times")
         taught, reference = None, references.step_and_decaying_sine()
         if name in HANDS:
-            times, angles = np.loadtxt(Path(__file__).with_name(HANDS[name]), delimiter=",").T
-            hand = PiecewisePolynomial.CubicShapePreserving(
-                times, np.deg2rad([angles]), zero_end_point_derivatives=True
-            )
-            taught = watch(LimbTwin(specimen=specimen).again(PAUSE, hand=hand), times[-1])
+            hand = hand_course(name)
+            taught = watch(LimbTwin(specimen=specimen).again(PAUSE, hand=hand), hand.end_time())
             reference = references.from_recording(taught, SMOOTHING_TIME)
         trajectory = plan(calibration.parameters, reference, task=Task.paper())
         rollouts, exact = [], None

@@ -1,7 +1,8 @@
 """An emulated board with an emulated limb on it, for the firmware to run on.
 
 The sensors answer with the bytes of the real ones, the limb is a `LimbTwin`
-that is simulated in real time. The board can be told to misbehave.
+that is simulated along with a clock, the computer's or another. The board can
+be told to misbehave.
 """
 
 import contextlib
@@ -15,6 +16,7 @@ import time
 import tty
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -34,11 +36,17 @@ SIDES = {"left": 0, "right": 1}
 class EmulatedBoard:
     """A board for `firmware.Firmware`; see there for its methods.
 
-    ``on_duty(left, right)`` is called whenever the duty at the wires changes.
+    ``on_duty(left, right)`` is called whenever the duty at the wires changes;
+    ``clock()`` is the time, s, along which the limb is simulated.
     """
 
-    def __init__(self, twin: LimbTwin, on_duty: Callable[[float, float], None]):
-        self._start = time.monotonic()
+    def __init__(
+        self,
+        twin: LimbTwin,
+        on_duty: Callable[[float, float], None],
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        self._clock, self._start = clock, clock()
         self._on_duty = on_duty
         self._duty = [0.0, 0.0]
         self._twin = twin
@@ -49,20 +57,29 @@ class EmulatedBoard:
         self.to_host, self.from_host = bytearray(), bytearray()
         self.serial_number = serial_number(twin.specimen.board).encode()
         self.random = random.SystemRandom().getrandbits(16)
+        self.mend()
+        self.fed = clock()
+
+    def mend(self) -> None:
+        """Leaves no fault in a sensor."""
         self.thermocouple_faults = [0, 0]
         self.frozen_temperature: list[float | None] = [None, None]
         self.frozen_bend: bytes | None = None
         self.bend_is_silent = False
-        self.fed = time.monotonic()
+
+    def cool(self) -> None:
+        """Brings the limb back to where it began: cold and at rest."""
+        self._twin.SetDefaultContext(self._context)
+        self._simulator.Initialize()
 
     def advance(self) -> None:
         """Simulates the limb up to now."""
-        now = time.monotonic() - self._start
+        now = self._clock() - self._start
         if now >= self._context.get_time() + LIMB_PERIOD:
             self._simulator.AdvanceTo(now)
 
     def ticks(self) -> int:
-        return int(1000 * (time.monotonic() - self._start))
+        return round(1000 * (self._clock() - self._start))
 
     def receive(self) -> bytes:
         data = bytes(self.from_host)
@@ -95,7 +112,7 @@ class EmulatedBoard:
         self._on_duty(*self._duty)
 
     def feed(self) -> None:
-        self.fed = time.monotonic()
+        self.fed = self._clock()
 
     def reading(self, name: str) -> np.ndarray:
         """What the sensors of the limb read, by the name of the twin's port."""
@@ -105,10 +122,15 @@ class EmulatedBoard:
 class BadLine:
     """A line that loses, corrupts, doubles, delays and reorders what goes over it."""
 
-    def __init__(self):
+    def __init__(self, clock: Callable[[], float]):
+        self._clock = clock
+        self.mend()
+        self._waiting: list[tuple[float, bytes]] = []
+
+    def mend(self) -> None:
+        """From now on everything comes through at once."""
         self.rates = dict.fromkeys(("drop", "corrupt", "duplicate", "reorder"), 0.0)
         self.delay = 0.0  # s
-        self._waiting: list[tuple[float, bytes]] = []
 
     def pass_on(self, data: bytes) -> bytes:
         """What comes out at the other end now, after ``data`` went in."""
@@ -124,39 +146,81 @@ class BadLine:
             if len(damaged) > 1 and random.random() < self.rates["reorder"]:
                 damaged[-2:] = damaged[-1:-3:-1]
         if damaged:
-            self._waiting.append((time.monotonic() + self.delay, bytes(damaged)))
-        now, arrived = time.monotonic(), b""
+            self._waiting.append((self._clock() + self.delay, bytes(damaged)))
+        now, arrived = self._clock(), b""
         while self._waiting and self._waiting[0][0] <= now:
             arrived += self._waiting.pop(0)[1]
         return arrived
 
 
-class Emulation:
-    """The firmware on an emulated board behind a pseudo-terminal."""
+class Cable(Protocol):
+    """The board's end of what connects it to a host."""
 
-    def __init__(self, twin: LimbTwin, on_event: Callable[..., None] = lambda **_: None):
-        """
-        Args:
-            twin: the limb.
-            on_event: called with what happens, as keyword arguments: ``event``,
-                ``time`` (s, of the monotonic clock) and more.
-        """
-        self._on_event = on_event
+    def read(self) -> bytes:
+        """What came from the host since it was read last, maybe nothing."""
+
+    def write(self, data: bytes) -> None:
+        """Sends to the host; it may get lost."""
+
+    def unplug(self) -> None:
+        """Ends the connection for good."""
+
+
+class PseudoTerminal:
+    """A `Cable` whose other end is a serial port of this computer, named ``port``."""
+
+    def __init__(self):
         self._master, self._slave = os.openpty()
         os.set_blocking(self._master, False)
         tty.setraw(self._slave)
         self.port = os.ttyname(self._slave)
-        self.board = EmulatedBoard(twin, self._report_duty)
-        self._lines = BadLine(), BadLine()  # from and to the host
-        self._plugged, self._stalled_until = True, 0.0
+
+    def read(self) -> bytes:
+        try:
+            return os.read(self._master, 4096)
+        except (BlockingIOError, OSError):
+            return b""
+
+    def write(self, data: bytes) -> None:
+        with contextlib.suppress(OSError):  # nobody reads, and a serial port forgets
+            os.write(self._master, data)
+
+    def unplug(self) -> None:
+        os.close(self._slave)
+        os.close(self._master)
+
+
+class Emulation:
+    """The firmware on an emulated board at the end of a cable."""
+
+    def __init__(
+        self,
+        twin: LimbTwin,
+        cable: Cable,
+        on_event: Callable[..., None] = lambda **_: None,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """
+        Args:
+            twin: the limb.
+            cable: to the host.
+            on_event: called with what happens, as keyword arguments: ``event``,
+                ``time`` (s, of the clock) and more.
+            clock: the time, s. With another than the computer's a test need not
+                wait for what takes long.
+        """
+        self._cable, self._on_event, self._clock = cable, on_event, clock
+        self.board = EmulatedBoard(twin, self._report_duty, clock)
+        self._lines = BadLine(clock), BadLine(clock)  # from and to the host
+        self._plugged, self._stalled_until = True, clock()
         self._recorded = b""
         self.firmware = Firmware(self.board)
 
     def step(self) -> None:
         """One turn: bytes in, firmware, bytes out, limb."""
         self.board.advance()
-        if time.monotonic() < self._stalled_until:
-            if time.monotonic() - self.board.fed < WATCHDOG:
+        if self._clock() < self._stalled_until:
+            if self._clock() - self.board.fed < WATCHDOG:
                 return
             self._reset()
         inwards, outwards = self._lines
@@ -166,8 +230,7 @@ class Emulation:
         data = bytes(self.board.to_host)
         self.board.to_host.clear()
         if self._plugged and (data := outwards.pass_on(data)):
-            with contextlib.suppress(OSError):  # nobody reads, and a serial port forgets
-                os.write(self._master, data)
+            self._cable.write(data)
 
     def misbehave(self, order: str) -> None:
         """Does as it is told by a line such as "corrupt 0.01" or "open right".
@@ -180,7 +243,7 @@ class Emulation:
             self._obey(words)
         except (IndexError, KeyError, ValueError) as error:
             raise LimbError(f"'{order}' is not understood; orders are: {ORDERS}") from error
-        self._on_event(event="order", order=order.strip(), time=time.monotonic())
+        self._on_event(event="order", order=order.strip(), time=self._clock())
 
     def _obey(self, words: list[str]) -> None:
         name = words[0]
@@ -203,17 +266,18 @@ class Emulation:
         elif name == "silence":
             self.board.bend_is_silent = True
         elif name == "mend":
-            self.board.thermocouple_faults = [0, 0]
-            self.board.frozen_temperature = [None, None]
-            self.board.frozen_bend, self.board.bend_is_silent = None, False
+            for part in (self.board, *self._lines):
+                part.mend()
+            self._stalled_until = self._clock()
+        elif name == "cool":
+            self.board.cool()
         elif name == "stall":
-            self._stalled_until = time.monotonic() + float(words[1])
+            self._stalled_until = self._clock() + float(words[1])
         elif name == "reset":
             self._reset()
         elif name == "unplug":
             self._plugged = False
-            os.close(self._slave)
-            os.close(self._master)
+            self._cable.unplug()
         elif name == "replay":
             self.board.from_host += self._recorded
         else:
@@ -223,25 +287,22 @@ class Emulation:
         for wire in (0, 1):
             self.board.set_duty(wire, 0.0)  # as pins of a board in reset
         self.board.random = random.SystemRandom().getrandbits(16)
-        self._stalled_until = 0.0
+        self._stalled_until = self._clock()
         self.firmware = Firmware(self.board)
 
     def _read(self) -> bytes:
-        try:
-            data = os.read(self._master, 4096)
-        except (BlockingIOError, OSError):
-            return b""
+        data = self._cable.read()
         self._recorded = (self._recorded + data)[-4096:]
         return data
 
     def _report_duty(self, left: float, right: float) -> None:
-        self._on_event(event="duty", left=left, right=right, time=time.monotonic())
+        self._on_event(event="duty", left=left, right=right, time=self._clock())
 
 
 ORDERS = (
     "drop RATE, corrupt RATE, duplicate RATE, reorder RATE, delay SECONDS, noise BYTES, "
     "open SIDE, ground SIDE, supply SIDE, hot SIDE, freeze SIDE, freeze bend, silence, mend, "
-    "stall SECONDS, reset, unplug, replay; SIDE is left or right"
+    "cool, stall SECONDS, reset, unplug, replay; SIDE is left or right"
 )
 
 
@@ -265,10 +326,11 @@ def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
             file.write(json.dumps(event) + "\n")
             file.flush()
 
-        emulation = Emulation(twin, note)
+        cable = PseudoTerminal()
+        emulation = Emulation(twin, cable, note)
         for order in orders:
             emulation.misbehave(order)
-        print(emulation.port, flush=True)
+        print(cable.port, flush=True)
         # Without a buffer, in which `select` would not see the lines that wait.
         source = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
         listening = True

@@ -213,18 +213,37 @@ def test_command_that_is_stopped_says_so(tmp_path, capsys, monkeypatch):
 
 
 def test_command_collects_from_a_robot(tmp_path, monkeypatch):
-    called = []
-    monkeypatch.setattr("calibration.__main__.SerialLimb", lambda *arguments: arguments)
-    monkeypatch.setattr("builtins.input", called.append)
+    """With the model in place of the robot."""
+    monkeypatch.setattr("calibration.collect.SAG_TRIALS", 1)
+    monkeypatch.setattr("calibration.collect.RING_DOWNS", 1)
+    ports, asked = [], []
 
-    def collect(connect, limb, folder, ask, *, seed, num_angles):
-        ask("Mount the limb.")
-        called.append((connect(limb), folder, seed, num_angles))
+    class Robot(Limb):
+        __slots__ = ()
 
-    monkeypatch.setattr("calibration.__main__.collect_from_robot", collect)
-    arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path), "--seed", "3"]
-    assert main([*arguments, "--angles", "4"]) == 0
-    assert called == [
-        "Mount the limb.\nPress Enter when it is so. ",
-        (("/dev/robot", LimbParameters()), tmp_path, 3, 4),
-    ]
+        def __init__(self, port, parameters):
+            super().__init__(parameters)
+            ports.append(port)
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    monkeypatch.setattr("calibration.__main__.SerialLimb", Robot)
+    monkeypatch.setattr("builtins.input", asked.append)
+    LimbParameters(ambient_temperature=21.5).save(tmp_path / "limb.yaml")
+    arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path / "new"), "--seed", "3"]
+    assert main([*arguments, "--angles", "2", "-l", str(tmp_path / "limb.yaml")]) == 0
+    assert ports == ["/dev/robot"] * 5
+    names = ["sag_1", "ring_down_1", "right", "left", "both"]
+    assert [what.split(":")[0] for what in asked] == names
+    assert all(what.endswith(".\nPress Enter when it is so. ") for what in asked)
+    found = {path.stem: Recording.load(path) for path in (tmp_path / "new").iterdir()}
+    assert sorted(found) == sorted(names)
+    assert {recording.parameters.ambient_temperature for recording in found.values()} == {21.5}
+    # Each kind has random angles of its own, from the seed on.
+    for name, seed, low in (("right", 3, 0), ("left", 4, -1)):
+        angles = np.deg2rad(45.0) * np.random.default_rng(seed).uniform(low, low + 1, 2)
+        assert np.unique(found[name].reference) == pytest.approx(np.sort(angles))

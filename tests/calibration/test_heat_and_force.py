@@ -17,7 +17,7 @@ from calibration import (
     fit_heat_transfer_from_temperature,
 )
 from calibration.heat import ambient_temperature, simulate_heat
-from limb_systems import JouleHeating, LimbParameters, LinearLaw, ThermocoupleLag
+from limb_systems import JouleHeating, LinearLaw, ThermocoupleLag
 
 SIDES = [(0, "left"), (1, "right")]
 
@@ -218,5 +218,21 @@ def test_two_segments_are_calibrated_one_by_one(two_segments, model_recordings):
         )
 
 
-def test_parameters_of_the_nominal_limb_are_where_fits_may_go():
-    assert LimbParameters().wires[0].law.a3 == -1.0  # inside the bounds of heat.py, 0.02 to 10 1/s
+@pytest.mark.parametrize(
+    ("a1", "a2", "a3"), [(-0.012, 1.5, -0.15), (-0.06, 24.0, -1.3), (-0.6, 300.0, -4.0)]
+)
+def test_heat_transfer_of_slow_and_fast_wires_is_found(model_recordings, a1, a2, a3):
+    """From a thick wire that is hardly cooled to a thin one in water."""
+    (recording,) = model_recordings["right"]
+    duty = np.array([0.0, *np.repeat([0.4, 0.1, 0.3, 0.0], len(recording.time) // 4)])
+    duty = np.pad(duty, (0, len(recording.time)))[: len(recording.time)]
+    measured = simulate_heat(LinearLaw(a1, a2, a3), duty, 0.05, 23.0, (23.0, 23.0), 0.05)[1]
+    made_up = dataclasses.replace(
+        recording,
+        duty=np.array([0 * duty, duty]),
+        measured_temperature=np.array([0 * measured + 23.0, measured]),
+        bend_angle=0 * recording.bend_angle,
+    )
+    fit = fit_heat_transfer_from_temperature(made_up, 1, 23.0)
+    found = [estimate.value for estimate in (fit.a1, fit.a2, fit.a3)]
+    assert found == pytest.approx([a1, a2, a3], rel=0.02)

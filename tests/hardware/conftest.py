@@ -1,6 +1,10 @@
-"""An emulated board in a process of its own, and a host that heats."""
+"""Emulated boards: in a process of its own with a host that heats, and in simulated time.
+
+The process is shared by the tests of a file, as it takes seconds to start, and as new for each.
+"""
 
 import json
+import random
 import subprocess
 import sys
 import threading
@@ -9,22 +13,30 @@ import time
 import numpy as np
 import pytest
 
-from hardware import BoardLink, HardwareError
+from hardware import BoardLink, HardwareError, LimbTwin
+from hardware.emulation.emulated_board import Emulation
+from hardware.firmware import guard, protocol
 
 
 class Emulator:
     """``python -m hardware emulate``, with its log."""
 
-    def __init__(self, folder, *orders):
+    def __init__(self, folder):
         self.log = folder / f"log_{time.monotonic_ns()}.jsonl"
+        self._begin = 0
         command = [sys.executable, "-m", "hardware", "emulate", "--log", str(self.log)]
-        for order in orders:
-            command += ["--do", order]
         self.process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )
         self.port = self.process.stdout.readline().strip()
         assert self.port.startswith("/dev/")
+
+    def renew(self):
+        """Makes board, line and limb as new; what was before is no event any more."""
+        self.order("mend")
+        self.order("cool")
+        self._begin = self.log.stat().st_size
+        self.order("reset")
 
     def order(self, text) -> float:
         """Gives an order; returns when it was obeyed, s of the monotonic clock."""
@@ -35,8 +47,8 @@ class Emulator:
         return self.events("order")[-1]["time"]
 
     def events(self, kind):
-        lines = self.log.read_text().splitlines() if self.log.exists() else []
-        events = [json.loads(line) for line in lines if line.endswith("}")]
+        lines = self.log.read_bytes()[self._begin :].splitlines() if self.log.exists() else []
+        events = [json.loads(line) for line in lines if line.endswith(b"}")]
         return [event for event in events if event["event"] == kind]
 
     def duty(self):
@@ -92,11 +104,143 @@ class Heating:
         self._thread.join()
 
 
+class SimulatedBoard:
+    """An emulated board and a host at its cable, in simulated time, a millisecond at a time.
+
+    A host that goes on commanding whatever the board says. ``duties`` has the time, s, and
+    the duty of each change at the wires.
+    """
+
+    def __init__(self):
+        self.milliseconds = 0
+        self.duties, self.sent = [], []
+        self._to_board, self._sequence, self._session = b"", 0, 0
+        self._parser = protocol.Parser((protocol.SAMPLE,))
+        self.emulation = Emulation(LimbTwin(), self, self._note, lambda: self.now)
+        self.run(0.2)
+
+    @property
+    def now(self):
+        return self.milliseconds / 1000
+
+    def _note(self, event, time, **duty):
+        if event == "duty":
+            self.duties.append((time, duty["left"], duty["right"]))
+
+    # The board's end of the cable.
+
+    def read(self):
+        data, self._to_board = self._to_board, b""
+        return data
+
+    def write(self, data):
+        self.sent += [values for _, values in self._parser.feed(data)]
+
+    # The host's.
+
+    def send(self, *frame):
+        self._to_board += protocol.encode(*frame)
+
+    def command(self, duty):
+        self._sequence += 1
+        ticks = [round(protocol.FULL_DUTY * d) for d in duty]
+        self.send(protocol.COMMAND, self._session, self._sequence, *ticks)
+
+    def arm(self):
+        self._session, self._sequence = self.sent[-1][2], 0
+        self.send(protocol.ARM, self._session)
+        self.run(0.06)
+        return self.sent[-1][3] == guard.ARMED
+
+    def clear(self):
+        self.send(protocol.CLEAR, self.sent[-1][2])
+        self.run(0.06)
+
+    def run(self, seconds, duty=None):
+        """Runs on, and commands a duty every 50 ms if there is one."""
+        for _ in range(round(1000 * seconds)):
+            self.milliseconds += 1
+            if duty is not None and self.milliseconds % 50 == 0:
+                self.command(duty)
+            self.emulation.step()
+
+    def run_to_reading(self, duty):
+        """Runs until the thermocouples were just read, as they are for every other sample."""
+        count = len(self.sent)
+        while len(self.sent) == count or self.sent[-1][0] % 2 == 0:
+            self.run(0.001, duty)
+
+    def heat(self):
+        """The right wire at full duty for more than a second, and hot."""
+        assert self.arm()
+        self.run(1.2, (0.0, 1.0))
+        assert self.duty == (0.0, 1.0)
+        assert self.temperature[1] > 28.0
+
+    def time_to_off(self, limit, duty=(0.0, 1.0)):
+        """s, with a host that goes on commanding unless its duty is None."""
+        start = self.now
+        while self.duty != (0.0, 0.0):
+            self.run(0.001, duty)
+            assert self.now - start <= limit, "still on"
+        return self.now - start
+
+    @property
+    def duty(self):
+        """At the pins."""
+        return self.duties[-1][1:]
+
+    @property
+    def reason(self):
+        """For which the board says it is off."""
+        return self.sent[-1][4]
+
+    @property
+    def temperature(self):
+        """As the board sends it, °C."""
+        return [quarters / 4 for quarters in self.sent[-1][6:8]]
+
+
 @pytest.fixture
-def emulator(tmp_path):
-    emulator = Emulator(tmp_path)
+def simulated_board():
+    random.seed(0)  # of damage and noise
+    return SimulatedBoard()
+
+
+@pytest.fixture(scope="module")
+def _emulators(tmp_path_factory):
+    """The one in use, if any."""
+    emulators = []
+    yield emulators
+    for emulator in emulators:
+        emulator.stop()
+
+
+@pytest.fixture
+def emulator(_emulators, tmp_path_factory):
+    if not _emulators:
+        _emulators.append(Emulator(tmp_path_factory.mktemp("emulator")))
+    emulator = _emulators[0]
+    emulator.renew()
     yield emulator
-    emulator.stop()
+    if any(event["order"] == "unplug" for event in emulator.events("order")):
+        _emulators.remove(emulator)
+        emulator.stop()
+
+
+@pytest.fixture
+def start_host():
+    """Starts a program at the board, as `subprocess.Popen` does; it ends with the test."""
+    hosts = []
+
+    def start(command, **options):
+        hosts.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True, **options))
+        return hosts[-1]
+
+    yield start
+    for host in hosts:
+        host.kill()  # or it would keep the port
+        host.wait()
 
 
 @pytest.fixture

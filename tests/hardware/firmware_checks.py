@@ -207,28 +207,34 @@ def test_thermocouple_faults_latch():
 
 
 def test_too_hot_latches():
-    def hot(board):
-        board.temperatures[1] = guard.TEMPERATURE_LIMIT + 1
-
-    def cool(board):
-        board.temperatures[1] = 40.0
-
     host = Host()
+    host.arm()
+    while host.board.temperatures[1] <= guard.TEMPERATURE_LIMIT:
+        assert host.guard.reason == guard.NONE
+        host.run(1, (0.0, 1.0), 20.0)
+    host.time_to_off(101)
+    assert host.guard.reason == guard.OVER_TEMPERATURE
+    host.arm()
+    assert host.guard.state == guard.DISARMED
+    while host.board.temperatures[1] > 40.0:  # no faster than a wire cools
+        host.run(10, (0.0, 1.0), -40.0)
+    assert host.board.duty == [0.0, 0.0]
+    host.arm()
+    assert (host.guard.state, host.guard.reason) == (guard.DISARMED, guard.OVER_TEMPERATURE)
+    host.send(protocol.CLEAR, host.guard.challenge)
+    host.run(1)
     host.heat()
-    host.board.temperatures[1] = guard.TEMPERATURE_LIMIT - 1  # a jump as such
-    host.run(101, (0.0, 1.0), 0.0)
-    assert host.guard.reason == guard.TEMPERATURE_JUMP
-    warm = Host()
-    warm.arm()
-    while warm.board.temperatures[1] <= guard.TEMPERATURE_LIMIT:
-        assert warm.guard.reason == guard.NONE
-        warm.run(1, (0.0, 1.0), 20.0)
-    warm.time_to_off(101)
-    assert warm.guard.reason == guard.OVER_TEMPERATURE
-    hot(warm.board)
-    cool(warm.board)
-    warm.run(200)
-    assert warm.guard.reason == guard.OVER_TEMPERATURE
+
+
+def test_temperature_that_jumps_latches():
+    def jump(board):
+        board.temperatures[1] += guard.LARGEST_JUMP + 5.0
+
+    def fall(board):
+        board.temperatures[1] -= guard.LARGEST_JUMP + 5.0
+
+    check_latches(jump, fall, guard.TEMPERATURE_JUMP, 101)
+    check_latches(fall, jump, guard.TEMPERATURE_JUMP, 101)
 
 
 def test_silent_bend_sensor_latches():

@@ -8,8 +8,10 @@ import tty
 import pytest
 
 from hardware import BoardLink, HardwareError, SerialLimb
-from hardware.firmware import protocol
+from hardware.firmware import guard, protocol
 from limb_systems import LimbError
+
+from .conftest import wait_for
 
 
 @pytest.fixture
@@ -70,6 +72,31 @@ def test_a_board_with_other_channels_is_refused(board):
     threading.Timer(0.3, os.write, (board[0], greeting(2, channels=4))).start()
     with pytest.raises(LimbError, match=r"has 2 wires, but the board on .* has 4 channels"):
         SerialLimb(board[1])
+
+
+def sample(number, state, reason):
+    return protocol.encode(
+        protocol.SAMPLE, number, 50 * number, 4711, state, reason, 0, 100, 100, 0, 0, 0
+    )
+
+
+@pytest.mark.parametrize("reason", guard.TEXTS)
+def test_the_reason_for_which_a_board_is_off_is_told(board, reason):
+    text = guard.TEXTS[reason]
+    with BoardLink(board[1]) as link:
+        os.write(board[0], sample(1, guard.ARMED, guard.NONE))
+        link.command([0.0, 0.5])
+        os.write(board[0], sample(2, guard.DISARMED, reason))
+        assert wait_for(lambda: not link.sample().armed)
+        with pytest.raises(HardwareError, match=f"{board[1]} switched off: {text}"):
+            link.command([0.0, 0.5])
+        if reason >= guard.LATCHING:
+            with pytest.raises(HardwareError, match=f"refuses to be armed: {text}. Mend it"):
+                link.arm()
+        else:
+            link.clear()  # nothing is latched: asks for nothing
+    sent = protocol.Parser((protocol.ARM, protocol.CLEAR)).feed(os.read(board[0], 4096))
+    assert sent == []
 
 
 def test_a_board_that_takes_no_data_is_hung(board, monkeypatch):

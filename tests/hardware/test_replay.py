@@ -41,8 +41,16 @@ def test_rollouts_behind_sensors_have_errors_of_the_size_of_their_noise(fig5_pla
     assert np.rad2deg(errors.median) == pytest.approx(0.674 * 1.12, rel=0.3)
 
 
-def test_rollouts_on_the_twin_say_that_they_are_emulated(fig5_plan):
-    assert "emulated" in replay(fig5_plan, LimbTwin(seed=1)).source
+def test_rollouts_on_the_twin_say_that_they_are_emulated(fig5_plan, tmp_path):
+    """In the file, too; and they are of the limb that is named, not of the model."""
+    recording = replay(beginning(fig5_plan, 101), LimbTwin(seed=1))
+    recording.save(tmp_path / "rollout.csv")
+    assert Recording.load(tmp_path / "rollout.csv").source == "emulated limb, seed 1"
+    other = replay(beginning(fig5_plan, 101), LimbTwin(seed=2))
+    model = replay(beginning(fig5_plan, 101), Limb())
+    for rollout in (other, model):
+        difference = rollout.measured_temperature[:, -1] - recording.measured_temperature[:, -1]
+        assert np.abs(difference).max() > 3.0
 
 
 def shifted(trajectory, degrees):
