@@ -30,7 +30,6 @@ from planners import (
 from planners.__main__ import main
 from planners.program import TrajectoryProgram
 from planners.quasi_static import solve_quasi_static
-from planners.task import Task
 
 
 def paper_cost(angles, duty, angles_ref):
