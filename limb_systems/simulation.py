@@ -214,7 +214,7 @@ def _duty_course(
     if values.ndim != 1:
         raise SimulationError(f"{needed}, but it is an array of the shape {values.shape}.")
     if duration is None:
-        raise SimulationError("duration is missing; constant duty has no end of its own.")
+        raise SimulationError("duration is missing; constant duty needs one.")
     _check_positive("duration", duration, " s")
     return trajectories.PiecewisePolynomial.ZeroOrderHold(
         [0.0, duration], np.column_stack([values, values])

@@ -43,7 +43,7 @@ class LimbTwin(Diagram):
                   │            └────────────────────────┘
                   └─▶ ThermocoupleLag ──▶ sensor ──▶ measured_temperature
 
-    For a limb of S segments, n joints in all and W = 2 S wires:
+    For a limb of S segments, n joints in all and W wires:
 
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it

@@ -44,7 +44,7 @@ class RecordingHeader:
 
 @dataclasses.dataclass(eq=False, repr=False)
 class Recording(Shown):
-    """Samples from a limb with S segments, n joints and W = 2 S wires.
+    """Samples from a limb with S segments, n joints and W wires.
 
     - ``time``: (K,), s, increasing.
     - ``duty``: (W, K), in [0, 1], in force when the sample was taken; a new

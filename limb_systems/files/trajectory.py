@@ -106,7 +106,7 @@ class TrajectoryHeader:
 
 @dataclasses.dataclass(eq=False, repr=False)
 class Trajectory(Shown):
-    """A feasible motion of a limb with S segments, n joints and W = 2 S wires.
+    """A feasible motion of a limb with S segments, n joints and W wires.
 
     Between the K knots duty is linear and joint angles are cubic, as in
     direct collocation.

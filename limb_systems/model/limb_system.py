@@ -14,7 +14,7 @@ ACCURACY = 1e-3  # of simulations, where a system does not say otherwise
 class LimbSystem(Protocol):
     """Any Drake system with the ports of a limb and these attributes.
 
-    For a limb of S segments and W = 2 S wires it has the input port ``duty`` (W)
+    For a limb of S segments and W wires it has the input port ``duty`` (W)
     and the output ports ``measured_temperature`` (W), °C, and ``bend_angle``
     (S), rad, by these names, and any others.
 

@@ -168,6 +168,7 @@ class SerialBoard(Board):
 
     @property
     def identity(self) -> str:
+        """The serial number."""
         return self.serial_number
 
 
@@ -187,6 +188,7 @@ class EmulatedLimb(Board):
 
     @property
     def identity(self) -> str:
+        """All fields, since each of them makes another limb."""
         return repr((self.seed, self.description, self.absent))
 
 
