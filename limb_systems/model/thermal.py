@@ -28,7 +28,7 @@ class JouleHeating(Diagram):
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``wire_state``: x (N): T (W), °C, then what other states the
       laws have, as in `Wires`
-    - state, continuous: x (N); that of wires that were never heated by default
+    - state, continuous: x (N); by default that of wires that were never heated
     """
 
     __slots__ = ()  # see limb_systems.model.ownership

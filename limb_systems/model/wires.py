@@ -1,9 +1,9 @@
 """All wires of a limb at once: their laws, and the derivatives of these.
 
-The laws are evaluated element by element over any number of points. First
-derivatives are complex steps, exact to rounding; second derivatives are those
+The laws are evaluated element by element at any number of points. First
+derivatives are complex steps, exact to rounding. Second derivatives are those
 of a Taylor polynomial through points on a small circle in the complex plane,
-which are as good for functions that are smooth.
+which are equally accurate if the functions are smooth.
 """
 
 import copy
@@ -21,16 +21,16 @@ from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw
 
 _STEP = 1e-30  # imaginary, of a complex step
-_RADIUS = 0.01  # of the circle, as a share of the changes that matter
+_RADIUS = 0.01  # of the circle, in typical changes of the states
 _CIRCLE = np.exp(1j * np.pi / 8 * np.arange(16))
 
 
 @dataclasses.dataclass(frozen=True)
 class _Alike:
-    """Wires of one law.
+    """Wires with laws of one class.
 
-    - ``law``: whose fields are arrays with an element for each of them.
-    - ``wires``: which they are among all.
+    - ``law``: its fields are arrays with an element for each wire.
+    - ``wires``: indices of the wires among all wires.
     - ``states``: (M, G) indices among all states, for M states of G wires.
     """
 
@@ -43,17 +43,17 @@ class Wires:
     """The W wires of a limb, with N states in all.
 
     The states are the wire temperatures T (W) in the order of the wires, then
-    what other states their laws have: the second state of all wires, the third,
+    the other states of their laws: the second state of all wires, the third,
     and so on. Arrays have the states, the wires or the joints along their last
     axis and any number of points before it.
 
     - ``num_wires``, ``num_states``: W and N.
     - ``state_names``: such as ``S_left``, N.
-    - ``heat_scales``: changes of the states and of the readings that matter (N + W,).
+    - ``heat_scales``: typical changes of the states and of the readings (N + W,).
     - ``cold_states``: of wires that were never heated (N,).
     - ``directions``: of the wires' torque on the joints (n, W), zero for
       joints of other segments, else e2 / |(e2, e3)|.
-    - ``rates_are_affine``, ``torque_is_affine``: in states and duty.
+    - ``rates_are_affine``, ``torque_is_affine``: whether they are, in states and duty.
     - ``torque_needs_angle``: whether any torque depends on the joint's angle.
     - ``heat_pattern``: which of `heat_rates` depend on which of [x, V, D],
       (N + W, N + 2W), true or false.
@@ -148,8 +148,8 @@ class Wires:
     def heat_jacobian(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Derivative of `heat_rates` by [x, V, D], (..., N + W, N + W + W).
 
-        Where the rates are affine it is the same at all points, and only
-        given once: the axes before the last two have the length 1.
+        If the rates are affine, it is the same at all points and returned
+        only once: the axes before the last two have length 1.
         """
         if self.rates_are_affine:
             first = (0,) * (heat.ndim - 1)
@@ -178,8 +178,8 @@ class Wires:
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """Derivatives of `forces` by states (..., n, N), and of each by its joint's angle (..., n).
 
-        Where the torque is affine the former has axes of length 1, as that of
-        `heat_jacobian`; the latter is None where no torque depends on the angle.
+        If the torque is affine, the former has axes of length 1, like that of
+        `heat_jacobian`. The latter is None if no torque depends on the angle.
         """
         if self.torque_is_affine:
             states = np.zeros((1,) * (states.ndim - 1) + states.shape[-1:])
@@ -209,8 +209,8 @@ class Wires:
     def affine_rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.
 
-        They are those of the tangent at the states of cold wires without duty,
-        which is the law itself where the rates are affine.
+        They are those of the tangent at cold wires without duty, which is the
+        law itself if the rates are affine.
         """
         N, W = self.num_states, self.num_wires
         cold = np.concatenate([self.cold_states, self.cold_states[:W]])
@@ -221,7 +221,7 @@ class Wires:
     def at_constant_duty(
         self, states: np.ndarray, duty: np.ndarray, times: np.ndarray
     ) -> np.ndarray:
-        """The states (K, N) at times (K,), s, under constant duty (W,), from states (N,) at 0 on.
+        """The states (K, N) at times (K,), s, under constant duty (W,), from states (N,) at time 0.
 
         By the classical Runge-Kutta method, in steps a tenth of the fastest time constant.
         """
@@ -241,9 +241,9 @@ class Wires:
         return np.array(courses)
 
     def settled_states(self, temperature: np.ndarray) -> np.ndarray:
-        """The states (N,) when wires that were never heated are held at T (W,), °C, for long.
+        """The states (N,) of wires that were held at T (W,), °C, until they settled.
 
-        Where the laws leave a state where it was, it is that of a cold wire.
+        A state that does not change at constant T is that of a cold wire.
         """
         W, N = self.num_wires, self.num_states
         states = np.concatenate([temperature, self.cold_states[W:]])
@@ -255,7 +255,7 @@ class Wires:
         return states
 
     def _look_at_laws(self) -> None:
-        """What the laws' formulas say of their own form."""
+        """Finds out which formulas are affine, and what depends on what."""
         num_heat = self.num_states + self.num_wires
         heat, duty = make_expressions("y", num_heat), make_expressions("D", self.num_wires)
         angles = make_expressions("theta", len(self.directions))
@@ -267,13 +267,13 @@ class Wires:
         self.torque_is_affine = _is_affine(torques, [*heat[: self.num_states], *angles])
         theta = set(map(str, angles))
         self.torque_needs_angle = any(_names(torque) & theta for torque in torques.flat)
-        # Which rates depend on what; of states, readings and duty.
+        # Which rates depend on which states, readings and duty.
         names = [str(variable) for variable in (*heat, *duty)]
         self.heat_pattern = np.array([[name in _names(rate) for name in names] for rate in rates])
 
 
 def num_wire_states(parameters: LimbParameters) -> int:
-    """N, how many states the laws of all wires have together, the readings not counted."""
+    """N, the number of states of all wires' laws, without the readings."""
     return sum(len(wire.law.states) for wire in parameters.wires)
 
 
@@ -290,7 +290,7 @@ def _gradients(
 ) -> np.ndarray:
     """Derivatives of each output by each argument, elementwise: (outputs, arguments, ...).
 
-    Arguments may have infinitesimal imaginary parts, and so has the result then.
+    If arguments have infinitesimal imaginary parts, the result has them, too.
     """
     real = [argument.real for argument in arguments]
     rows = []
@@ -337,12 +337,12 @@ def _hessians(
 
 
 def make_expressions(name: str, size: int) -> np.ndarray:
-    """Symbolic variables (size), as expressions that numpy's functions take."""
+    """Symbolic variables (size), as expressions, which numpy's functions accept."""
     return np.array([Expression(Variable(f"{name}{index}")) for index in range(size)])
 
 
 def as_expressions(values: np.ndarray) -> np.ndarray:
-    """An array of expressions, some of which may be plain numbers yet."""
+    """Turns an array of expressions and plain numbers into one of expressions."""
     plain = [value if isinstance(value, Expression) else Expression(value) for value in values.flat]
     return np.array(plain).reshape(values.shape)
 
