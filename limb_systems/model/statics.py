@@ -49,7 +49,9 @@ def static_equilibrium(
         if np.abs(step).max() < 1e-12:
             break
     else:
-        raise LimbError("There is no static equilibrium that Newton's method finds; is the limb too soft?")
+        raise LimbError(
+            "There is no static equilibrium that Newton's method finds; is the limb too soft?"
+        )
     if np.linalg.eigvalsh((stiffness + stiffness.T) / 2).min() <= 0:
         raise LimbError("The limb's equilibrium is unstable: gravity folds it; is it too soft?")
     return angles, np.linalg.inv(stiffness)
