@@ -1,8 +1,8 @@
 """An emulated board with an emulated limb on it, for the firmware to run on.
 
-The sensors answer with the bytes of the real ones, the limb is a `LimbTwin`
-that is simulated along with a clock, the computer's or another. The board can
-be told to misbehave.
+The sensors answer with the bytes of the real ones. The limb is a `LimbTwin`
+that is simulated along a clock, the computer's or another. Orders inject
+faults.
 """
 
 import contextlib
@@ -26,9 +26,9 @@ from hardware.firmware.firmware import Firmware
 from limb_systems import LimbError, tip_tangent_from_bend_angle
 from limb_systems.simulation import make_simulator
 
-TURN = 0.001  # s, between two turns of the firmware's loop
+TURN = 0.001  # s, between two passes of the firmware's loop
 WATCHDOG = 0.2  # s, as that of board_nrf52dk.py
-LIMB_PERIOD = 0.02  # s, in which the limb is simulated at a time
+LIMB_PERIOD = 0.02  # s, by which the limb is simulated at a time
 THERMOCOUPLE_FAULTS = {"open": 1, "ground": 2, "supply": 4}
 SIDES = {"left": 0, "right": 1}
 
@@ -61,14 +61,14 @@ class EmulatedBoard:
         self.fed = clock()
 
     def mend(self) -> None:
-        """Leaves no fault in a sensor."""
+        """Removes all faults of sensors."""
         self.thermocouple_faults = [0, 0]
         self.frozen_temperature: list[float | None] = [None, None]
         self.frozen_bend: bytes | None = None
         self.bend_is_silent = False
 
     def cool(self) -> None:
-        """Brings the limb back to where it began: cold and at rest."""
+        """Brings the limb back to its initial state: cold and at rest."""
         self._twin.SetDefaultContext(self._context)
         self._simulator.Initialize()
 
@@ -102,7 +102,7 @@ class EmulatedBoard:
         if self.bend_is_silent:
             return b""
         tangent = np.rad2deg(tip_tangent_from_bend_angle(self.reading("bend_angle")[0]))
-        noise = random.gauss(0.0, 0.05)  # below the twin's steps, as every converter has it
+        noise = random.gauss(0.0, 0.05)  # below the twin's steps, like every converter's
         data = struct.pack("<bh", 0, round(64 * (tangent + noise)))
         return data if self.frozen_bend is None else self.frozen_bend
 
@@ -115,12 +115,12 @@ class EmulatedBoard:
         self.fed = self._clock()
 
     def reading(self, name: str) -> np.ndarray:
-        """What the sensors of the limb read, by the name of the twin's port."""
+        """The readings at a port of the twin."""
         return self._twin.GetOutputPort(name).Eval(self._context)
 
 
 class BadLine:
-    """A line that loses, corrupts, doubles, delays and reorders what goes over it."""
+    """A line that loses, corrupts, doubles, delays and reorders bytes."""
 
     def __init__(self, clock: Callable[[], float]):
         self._clock = clock
@@ -182,7 +182,7 @@ class PseudoTerminal:
             return b""
 
     def write(self, data: bytes) -> None:
-        with contextlib.suppress(OSError):  # nobody reads, and a serial port forgets
+        with contextlib.suppress(OSError):  # without a reader, a serial port drops bytes
             os.write(self._master, data)
 
     def unplug(self) -> None:
@@ -233,7 +233,7 @@ class Emulation:
             self._cable.write(data)
 
     def misbehave(self, order: str) -> None:
-        """Does as it is told by a line such as "corrupt 0.01" or "open right".
+        """Carries out an order such as "corrupt 0.01" or "open right".
 
         Raises:
             LimbError: if the order is not understood.
@@ -309,13 +309,12 @@ ORDERS = (
 def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
     """Runs the firmware on an emulated board until the process is stopped.
 
-    Prints the port to connect to, then obeys orders from standard input.
+    Prints the port to connect to, then carries out orders from standard input.
 
     Args:
         twin: the limb on the board.
-        orders: obeyed at once, as of `Emulation.misbehave`.
-        log: file for what happens, a line of JSON for each change of duty
-            and each order.
+        orders: carried out at the start, see `Emulation.misbehave`.
+        log: file with a line of JSON for each change of duty and each order.
 
     Raises:
         LimbError: if an order at the start is not understood.
@@ -331,7 +330,7 @@ def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
         for order in orders:
             emulation.misbehave(order)
         print(cable.port, flush=True)
-        # Without a buffer, in which `select` would not see the lines that wait.
+        # Without a buffer, because `select` does not see lines in a buffer.
         source = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
         listening = True
         while True:

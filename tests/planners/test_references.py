@@ -51,7 +51,7 @@ def test_csv_is_in_degrees_and_starts_at_its_first_sample(tmp_path):
         ("0,0\n1,2,3\n", "line 2 has 3 numbers, but those above have 2"),
         ("0 0\n1 2\n", "two samples or more"),
         ("0\n1\n", "line 1 has one number; there must be a time and an angle"),
-        ("0;1.000,5\n", "line 1 holds '1.000,5'"),
+        ("0;1.000,5\n", "line 1 has '1.000,5'"),
         ("# limb trajectory, format 1\n", "is a plan already, for soft-limb replay"),
         ("# limb recording, format 1\n", "is a recording; references.from_recording"),
         ("format: 2\nsegments:\n- links: 5\n", "describes a limb, and is given with -l"),
