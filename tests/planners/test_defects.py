@@ -66,7 +66,7 @@ STEP = np.array([TIME_STEP])
 
 
 def defects_for(parameters, num_knots=2):
-    return LimbDefects(parameters, num_knots, TIME_STEP)
+    return LimbDefects(Limb(parameters), num_knots, TIME_STEP)
 
 
 def unscaled(parameters, rows):
