@@ -151,7 +151,7 @@ def test_hessian_is_the_difference_quotient_of_the_jacobian(parameters):
     states, duty, _ = random_interval(parameters, np.random.default_rng(7))
     generator = np.random.default_rng(8)
     h = 0.05
-    defects = LimbDefects(parameters, 2, h)
+    defects = LimbDefects(Limb(parameters), 2, h)
     multipliers = generator.normal(size=(1, states.shape[1]))
     point = np.r_[states.ravel(), duty.ravel(), h]
 
