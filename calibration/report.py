@@ -1,4 +1,4 @@
-"""A calibration to read: in lines of text, for programs, as YAML, and as one HTML page."""
+"""A calibration to read: in lines of text, for programs, and as one HTML page."""
 
 import dataclasses
 import math
@@ -11,8 +11,7 @@ from calibration.calibrate import Calibration
 from calibration.damping import DampingFit
 from calibration.figures import plot_damping, plot_stiffness, plot_validation, plot_wire
 from calibration.heat import HeatFit
-from calibration.validation import Validation
-from limb_systems.output import write_atomically
+from calibration.validation import Validation, validation_summary
 from limb_systems.views import page
 from limb_systems.views.figure import Figure
 from limb_systems.views.plots import wire_colors
@@ -44,15 +43,6 @@ def _ranked(calibration: Calibration) -> list[str]:
     return [f"{remark.severity.name.lower()}: {remark}" for remark in calibration.remarks]
 
 
-def validation_summary(validation: Validation) -> str:
-    """The errors of a validation in one line."""
-    degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
-    return (
-        "|φ - φ_sim|: mean {:.2f}°, median {:.2f}°, 90th percentile {:.2f}°; ".format(*degrees)
-        + f"|V - V_sim|: mean {validation.temperature_mean:.1f} °C"
-    )
-
-
 def calibration_facts(calibration: Calibration) -> dict[str, Any]:
     """What `calibration_summary` says, for programs."""
     stiffness, validation = calibration.stiffness, calibration.validation
@@ -75,18 +65,6 @@ def validation_facts(validation: Validation) -> dict[str, float]:
         "bend_angle_percentile_90_deg": math.degrees(validation.percentile_90),
         "temperature_mean_c": validation.temperature_mean,
     }
-
-
-def save_parameters(calibration: Calibration, path: str | Path) -> None:
-    """Writes the calibrated limb as YAML, with the uncertainties in comments."""
-    lines = ["# A calibrated limb; value ± standard error:"]
-    lines += [f"#   {name}: {estimate}" for name, estimate in calibration.estimates.items()]
-    if calibration.validation:
-        lines.append(f"# Validation, open loop: {validation_summary(calibration.validation)}")
-    for kind, sources in calibration.sources.items():
-        lines.append(f"# {len(sources)} of {kind}: {', '.join(sorted(set(sources)))}")
-    text = "\n".join(line.replace("\n", " ") for line in lines)
-    write_atomically(path, f"{text}\n{calibration.parameters.to_yaml()}")
 
 
 def write_report(calibration: Calibration, path: str | Path) -> None:

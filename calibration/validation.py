@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems import Limb, LimbParameters, Recording, simulate
+from limb_systems import Limb, LimbParameters, Recording, Wires, simulate
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,7 +36,8 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     held = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
     duty = PiecewisePolynomial.ZeroOrderHold(times, held)
     first = recording.measured_temperature[:, :20].mean(axis=1)
-    state = np.concatenate([np.zeros(2 * parameters.num_joints), first, first])
+    warm = Wires(parameters).settled_states(first)
+    state = np.concatenate([np.zeros(2 * parameters.num_joints), warm, first])
     simulation = simulate(
         Limb(parameters),
         duty,
@@ -54,4 +55,13 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         median=float(np.median(error)),
         percentile_90=float(np.percentile(error, 90)),
         temperature_mean=float(heat.mean()),
+    )
+
+
+def validation_summary(validation: Validation) -> str:
+    """The errors of a validation in one line."""
+    degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
+    return (
+        "|φ - φ_sim|: mean {:.2f}°, median {:.2f}°, 90th percentile {:.2f}°; ".format(*degrees)
+        + f"|V - V_sim|: mean {validation.temperature_mean:.1f} °C"
     )
