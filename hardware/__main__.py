@@ -12,15 +12,10 @@ from serial.tools import list_ports
 
 from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
 from hardware.emulation.emulator import ORDERS, emulate
+from hardware.emulation.specimen import emulated_limb
 from hardware.firmware import guard
 from hardware.robot.self_test import self_test
-from limb_systems import (
-    EmulatedLimb,
-    LimbParameters,
-    Recording,
-    Trajectory,
-    bend_angle_from_tip_tangent,
-)
+from limb_systems import LimbParameters, Recording, Trajectory, bend_angle_from_tip_tangent
 from limb_systems.command import add_force_option, run_command
 from limb_systems.output import check_outputs
 from limb_systems.tracking import tracking_errors
@@ -274,8 +269,8 @@ def _replay(options) -> int:
 
 def _twin(planned: LimbParameters, options) -> LimbTwin:
     """The emulated limb that a plan is for, which must not be another than the one asked for."""
-    board = planned.board
-    if isinstance(board, EmulatedLimb) and options.emulated not in (None, board.seed):
+    board = emulated_limb(planned.board)
+    if board and options.emulated not in (None, board.seed):
         raise ReplayError(
             f"This trajectory was planned with the calibration of the emulated limb {board.seed}, "
             f"not {options.emulated}; calibrate that one, or leave --emulated out."
