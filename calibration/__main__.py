@@ -18,8 +18,7 @@ from calibration import (
 )
 from calibration.calibrate import HEAT_METHODS
 from calibration.checks import check_recording
-from calibration.report import calibration_facts, validation_facts
-from calibration.validation import validation_summary
+from calibration.report import calibration_facts, validation_facts, validation_summary
 from hardware import LimbTwin, SerialLimb
 from limb_systems import LimbParameters, Recording
 from limb_systems.command import add_force_option, run_command

@@ -22,7 +22,7 @@ from calibration.heat import (
 from calibration.kinds import heated_kinds, kinds_of, only_segment
 from calibration.remarks import Remark, remarks_on_validation, verdict
 from calibration.stiffness import StiffnessFit, fit_stiffness
-from calibration.validation import Validation, validate, validation_summary
+from calibration.validation import Validation, validate
 from limb_systems import CalibrationRecord, LimbParameters, LinearLaw, NoBoard, Recording
 from limb_systems.display import Shown
 from limb_systems.errors import LimbError
@@ -294,5 +294,15 @@ def _record(calibration: Calibration) -> CalibrationRecord:
             f"{len(sources)} of {kind}: {', '.join(sorted(set(sources)))}"
             for kind, sources in calibration.sources.items()
         ],
-        validation=validation_summary(validation) if validation else "",
+        validation=_validated(validation) if validation else "",
+    )
+
+
+def _validated(validation: Validation) -> str:
+    """In ASCII, as YAML files have all else escaped."""
+    degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
+    return (
+        "bend angle off by {:.2f} deg on average, {:.2f} deg at the median, {:.2f} deg at the 90th "
+        "percentile; ".format(*degrees)
+        + f"measured temperature off by {validation.temperature_mean:.1f} deg C on average"
     )

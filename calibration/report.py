@@ -11,7 +11,7 @@ from calibration.calibrate import Calibration
 from calibration.damping import DampingFit
 from calibration.figures import plot_damping, plot_stiffness, plot_validation, plot_wire
 from calibration.heat import HeatFit
-from calibration.validation import Validation, validation_summary
+from calibration.validation import Validation
 from limb_systems.views import page
 from limb_systems.views.figure import Figure
 from limb_systems.views.plots import wire_colors
@@ -41,6 +41,15 @@ def calibration_summary(calibration: Calibration) -> str:
 
 def _ranked(calibration: Calibration) -> list[str]:
     return [f"{remark.severity.name.lower()}: {remark}" for remark in calibration.remarks]
+
+
+def validation_summary(validation: Validation) -> str:
+    """The errors of a validation in one line."""
+    degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
+    return (
+        "|φ - φ_sim|: mean {:.2f}°, median {:.2f}°, 90th percentile {:.2f}°; ".format(*degrees)
+        + f"|V - V_sim|: mean {validation.temperature_mean:.1f} °C"
+    )
 
 
 def calibration_facts(calibration: Calibration) -> dict[str, Any]:

@@ -56,12 +56,3 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         percentile_90=float(np.percentile(error, 90)),
         temperature_mean=float(heat.mean()),
     )
-
-
-def validation_summary(validation: Validation) -> str:
-    """The errors of a validation in one line."""
-    degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
-    return (
-        "|φ - φ_sim|: mean {:.2f}°, median {:.2f}°, 90th percentile {:.2f}°; ".format(*degrees)
-        + f"|V - V_sim|: mean {validation.temperature_mean:.1f} °C"
-    )

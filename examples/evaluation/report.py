@@ -5,8 +5,7 @@ import platform
 from collections.abc import Sequence
 from pathlib import Path
 
-from calibration.report import parameter_table
-from calibration.validation import validation_summary
+from calibration.report import parameter_table, validation_summary
 from evaluation.experiment import NUM_ANGLES, PAUSE, Experiment
 from evaluation.figures import plot_error, plot_limbs, plot_split
 from evaluation.tables import (

@@ -187,6 +187,8 @@ def test_command_fits_and_validates_an_emulated_limb(twin_folder, tmp_path, caps
     assert 0.1 < calibrated.segments[0].stiffness < 0.16  # the draw is 0.112 to 0.137
     assert "# " not in limb.read_text(encoding="utf-8")
     assert calibrated.calibration.names[:3] == ["ambient_temperature", "stiffness", "damping"]
+    told = f"bend angle off by {re.search(r'mean ([0-9.]+)°', said)[1]} deg on average"
+    assert calibrated.calibration.validation.startswith(told)
     page = report.read_text(encoding="utf-8")
     assert page.count("data:image/svg+xml;base64,") == 5
     verdict, *ranked = said.splitlines()[: 1 + len(re.findall("^(stop|care|note): ", said, re.M))]
