@@ -7,6 +7,7 @@ The rules that a calibration is judged by, and why:
 - The verdict is that of the worst remark.
 """
 
+import dataclasses
 import enum
 from collections.abc import Sequence
 
@@ -65,15 +66,15 @@ _VERDICTS = {
 }
 
 
-class Remark(str):
+@dataclasses.dataclass(frozen=True)
+class Remark:
     """A sentence on what recordings lack and what to do, of a kind that has a rule."""
 
     kind: str
+    sentence: str
 
-    def __new__(cls, kind: str, sentence: str) -> "Remark":
-        remark = super().__new__(cls, sentence)
-        remark.kind = kind
-        return remark
+    def __str__(self) -> str:
+        return self.sentence
 
     @property
     def severity(self) -> Severity:

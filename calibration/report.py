@@ -57,7 +57,7 @@ def calibration_facts(calibration: Calibration) -> dict[str, Any]:
     stiffness, validation = calibration.stiffness, calibration.validation
     return {
         "verdict": calibration.verdict,
-        "remarks": calibration.remarks,
+        "remarks": [remark.sentence for remark in calibration.remarks],
         "estimates": {
             name: dataclasses.asdict(estimate) for name, estimate in calibration.estimates.items()
         },

@@ -138,7 +138,7 @@ def _parameters(experiment: Experiment) -> str:
             f"{validation_summary(calibration.validation)}."
         ),
         parameter_table(calibration),
-        page.items(calibration.remarks),
+        page.items([remark.sentence for remark in calibration.remarks]),
         page.preformatted(calibration.parameters.to_yaml()),
         page.preformatted(plans),
     )

@@ -1,23 +1,19 @@
 """The heat of the wires as Drake systems: eqns (6) and (7), and (7) read backwards.
 
-All wires share one block. The dynamics are those of the wires' laws, written
-out symbolically once, so that they run in Drake's C++ for every scalar type:
-as an `AffineSystem` where they are affine, as the paper's are, and else as a
-`SymbolicVectorSystem`.
+All wires share one block, whose dynamics are those of their laws. Where they
+are affine, as the paper's are, the block is an `AffineSystem`, which runs in
+Drake's C++ for every scalar type.
 """
 
-import numpy as np
-from pydrake.symbolic import DecomposeAffineExpressions
-from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import (
-    AffineSystem,
-    Integrator,
-    Multiplexer,
-    SymbolicVectorSystem,
-)
+from collections.abc import Callable
 
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import AffineSystem, Integrator
+
+from limb_systems.model.law_function import LawFunction
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.wires import Wires, as_expressions, make_expressions
+from limb_systems.model.wires import Wires
 
 
 class JouleHeating(Diagram):
@@ -40,13 +36,8 @@ class JouleHeating(Diagram):
         """
         super().__init__()
         wires = Wires(parameters)
-        state, duty = (
-            make_expressions("x", wires.num_states),
-            make_expressions("D", wires.num_wires),
-        )
-        with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
-            rates = wires.rates(state, duty)
-        add_dynamics(self, state, duty, rates, wires.cold_states, ("duty", "wire_state"))
+        A, B, _ = wires.affine_rates()
+        _build_dynamics(self, ("duty", "wire_state"), wires, wires.rates, A, B, wires.cold_states)
         self.set_name("joule_heating")
 
 
@@ -70,61 +61,56 @@ class ThermocoupleLag(Diagram):
         """
         super().__init__()
         wires = Wires(parameters)
-        readings = make_expressions("V", wires.num_wires)
-        state = make_expressions("x", wires.num_states)
-        with np.errstate(invalid="ignore"):
-            rates = wires.reading_rates(readings, state)
         if initial is None:
             initial = np.full(wires.num_wires, parameters.ambient_temperature)
-        add_dynamics(self, readings, state, rates, initial, ("wire_state", "measured_temperature"))
+        N, off = wires.num_states, np.zeros(wires.num_wires)
+        heat = np.concatenate([wires.cold_states, initial])
+        slopes = wires.heat_jacobian(heat, off).reshape(len(heat), -1)[N:]
+        A, B = slopes[:, N : len(heat)], slopes[:, :N]
+        names = ("wire_state", "measured_temperature")
+        _build_dynamics(self, names, wires, wires.reading_rates, A, B, initial)
         self.set_name("thermocouple_lag")
 
 
-def add_dynamics(
+def _build_dynamics(
     diagram: Diagram,
-    state: np.ndarray,
-    inputs: np.ndarray,
-    rates: np.ndarray,
-    initial: np.ndarray,
     names: tuple[str, str],
+    wires: Wires,
+    rates: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    A: np.ndarray,
+    B: np.ndarray,
+    initial: np.ndarray,
 ) -> None:
-    """Builds a diagram whose state is its output and has the given rates.
+    """Makes an empty diagram a system whose output is its state.
 
     Args:
-        diagram: empty.
-        state, inputs: variables, as `make_expressions` makes them.
-        rates: expressions in these, one for each state.
-        initial: default of the state.
         names: of the input and of the output.
+        rates: of the state, from the state and the input.
+        A, B: derivatives of the rates by these, where they are affine.
+        initial: default of the state.
     """
-    builder = DiagramBuilder()
-    symbols = [next(iter(v.GetVariables())) for v in (*state, *inputs)]
-    rates, size = as_expressions(rates), len(state)
-    try:
-        matrix, offset = DecomposeAffineExpressions(rates, symbols)
-    except RuntimeError:  # not affine
-        function = builder.AddSystem(SymbolicVectorSystem(input=np.array(symbols), output=rates))
-        join = builder.AddSystem(Multiplexer([size, len(inputs)]))
-        integrator = builder.AddSystem(Integrator(np.asarray(initial, float)))
-        builder.Connect(join.get_output_port(), function.get_input_port())
-        builder.Connect(function.get_output_port(), integrator.get_input_port())
-        builder.Connect(integrator.get_output_port(), join.get_input_port(0))
-        entry, exit_ = join.get_input_port(1), integrator.get_output_port()
-    else:
+    builder, (size, num_inputs) = DiagramBuilder(), B.shape
+    if wires.rates_are_affine:
         system = builder.AddSystem(
             AffineSystem(
-                A=matrix[:, :size],
-                B=matrix[:, size:],
-                f0=offset,
+                A=A,
+                B=B,
+                f0=rates(np.zeros(size), np.zeros(num_inputs)),
                 C=np.eye(size),
-                D=np.zeros((size, len(inputs))),
+                D=np.zeros_like(B),
                 y0=np.zeros(size),
             )
         )
         system.configure_default_state(initial)
-        entry, exit_ = system.get_input_port(), system.get_output_port()
-    builder.ExportInput(entry, names[0])
-    builder.ExportOutput(exit_, names[1])
+        builder.ExportInput(system.get_input_port(), names[0])
+        builder.ExportOutput(system.get_output_port(), names[1])
+    else:
+        function = builder.AddSystem(LawFunction(rates, [size, num_inputs], size))
+        integrator = builder.AddSystem(Integrator(np.asarray(initial, float)))
+        builder.Connect(function.get_output_port(), integrator.get_input_port())
+        builder.Connect(integrator.get_output_port(), function.get_input_port(0))
+        builder.ExportInput(function.get_input_port(1), names[0])
+        builder.ExportOutput(integrator.get_output_port(), names[1])
     builder.BuildInto(diagram)
 
 

@@ -1,12 +1,12 @@
 """From wire temperature to joint torque, eqn (4)."""
 
 import numpy as np
-from pydrake.symbolic import DecomposeAffineExpressions
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import AffineSystem, Multiplexer, SymbolicVectorSystem
+from pydrake.systems.primitives import AffineSystem, MatrixGain
 
+from limb_systems.model.law_function import LawFunction
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.wires import Wires, as_expressions, make_expressions
+from limb_systems.model.wires import Wires
 
 
 class TorqueMap(Diagram):
@@ -31,37 +31,38 @@ class TorqueMap(Diagram):
         """
         super().__init__()
         wires, num_joints = Wires(parameters), parameters.num_joints
-        state = make_expressions("x", wires.num_states)
-        joints = make_expressions("q", 2 * num_joints if wires.torque_needs_angle else 0)
-        angles = joints[:num_joints] if len(joints) else np.zeros(num_joints)
-        with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
-            forces = as_expressions(wires.forces(state, angles))
-        symbols = [next(iter(v.GetVariables())) for v in (*state, *joints)]
-
-        builder = DiagramBuilder()
-        if wires.torque_is_affine:
-            matrix, offset = DecomposeAffineExpressions(forces, symbols)
+        builder, num_states = DiagramBuilder(), wires.num_states
+        if wires.torque_is_affine and not wires.torque_needs_angle:
+            straight, cold = np.zeros(num_joints), np.zeros(num_states)
+            matrix = wires.force_derivatives(cold, straight)[0].reshape(num_joints, num_states)
             function = builder.AddSystem(
                 AffineSystem(
                     A=np.zeros((0, 0)),
-                    B=np.zeros((0, len(symbols))),
+                    B=np.zeros((0, num_states)),
                     f0=np.zeros(0),
                     C=np.zeros((num_joints, 0)),
                     D=matrix,
-                    y0=offset,
+                    y0=wires.forces(cold, straight),
                 )
             )
-        else:
+        elif wires.torque_needs_angle:
             function = builder.AddSystem(
-                SymbolicVectorSystem(input=np.array(symbols), output=forces)
+                LawFunction(wires.forces, [num_states, num_joints], num_joints)
             )
-        if len(joints):
-            join = builder.AddSystem(Multiplexer([len(state), len(joints)]))
-            builder.Connect(join.get_output_port(), function.get_input_port())
-            builder.ExportInput(join.get_input_port(0), "wire_state")
-            builder.ExportInput(join.get_input_port(1), "joint_state")
+            angles = builder.AddSystem(MatrixGain(np.eye(num_joints, 2 * num_joints)))
+            builder.Connect(angles.get_output_port(), function.get_input_port(1))
         else:
-            builder.ExportInput(function.get_input_port(), "wire_state")
+            angles_do_not_matter = np.zeros(num_joints)
+            function = builder.AddSystem(
+                LawFunction(
+                    lambda states: wires.forces(states, angles_do_not_matter),
+                    [num_states],
+                    num_joints,
+                )
+            )
+        builder.ExportInput(function.get_input_port(0), "wire_state")
+        if wires.torque_needs_angle:
+            builder.ExportInput(angles.get_input_port(), "joint_state")
         builder.ExportOutput(function.get_output_port(), "generalized_force")
         builder.BuildInto(self)
         self.set_name("torque_map")

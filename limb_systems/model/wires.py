@@ -258,18 +258,19 @@ class Wires:
         """What the laws' formulas say of their own form."""
         num_heat = self.num_states + self.num_wires
         heat, duty = make_expressions("y", num_heat), make_expressions("D", self.num_wires)
-        angles = make_expressions("theta", len(self.directions))
+        angle = make_expressions("theta", 1)  # of any joint
         with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
             rates = self.heat_rates(heat, duty)
-            torques = self.torques(heat[: self.num_states], angles)
+            torques = self.torques(heat[: self.num_states], angle)
         rates, torques = as_expressions(rates), as_expressions(torques)
         self.rates_are_affine = _is_affine(rates, [*heat, *duty])
-        self.torque_is_affine = _is_affine(torques, [*heat[: self.num_states], *angles])
-        theta = set(map(str, angles))
+        self.torque_is_affine = _is_affine(torques, [*heat[: self.num_states], *angle])
+        theta = {str(angle[0])}
         self.torque_needs_angle = any(_names(torque) & theta for torque in torques.flat)
         # Which rates depend on what; of states, readings and duty.
         names = [str(variable) for variable in (*heat, *duty)]
-        self.heat_pattern = np.array([[name in _names(rate) for name in names] for rate in rates])
+        depends = [_names(rate) for rate in rates]
+        self.heat_pattern = np.array([[name in needed for name in names] for needed in depends])
 
 
 def num_wire_states(parameters: LimbParameters) -> int:

@@ -65,11 +65,18 @@ def test_description_keeps_what_is_not_calibrated(model_recordings):
     of_a_board.parameters.board = SerialBoard("twin0007")
     calibration = calibrate({"left": [left], "right": [of_a_board, right]}, description)
     assert calibration.parameters.board == SerialBoard("twin0007")
-    assert "Of 2 recordings of the kind right only the first was used." in calibration.remarks
+    assert "Of 2 recordings of the kind right only the first was used." in map(
+        str, calibration.remarks
+    )
     assert calibration.parameters.temperature_limits.maximum == 90.0
     assert calibration.parameters.segments[0].stiffness == description.segments[0].stiffness
     assert calibration.validation is None
-    assert len([remark for remark in calibration.remarks if "There is no recording" in remark]) == 3
+    assert (
+        len(
+            [remark for remark in calibration.remarks if "There is no recording" in remark.sentence]
+        )
+        == 3
+    )
     assert calibration.verdict == (
         "Use with care: it is not validated; mechanics is that of the description."
     )

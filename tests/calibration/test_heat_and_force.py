@@ -191,7 +191,7 @@ def test_bend_that_is_not_proportional_is_remarked(model_recordings):
     (recording,) = model_recordings["right"]
     bent = np.deg2rad(45.0) * (recording.bend_angle / np.deg2rad(45.0)).clip(0) ** 3
     fit = fit_heat_transfer(dataclasses.replace(recording, bend_angle=bent), 1, 23.0)
-    assert any("not proportional" in remark for remark in fit.remarks)
+    assert any("not proportional" in remark.sentence for remark in fit.remarks)
 
 
 def test_clipped_duty_is_remarked(model_recordings):
@@ -199,7 +199,7 @@ def test_clipped_duty_is_remarked(model_recordings):
     duty = recording.duty.copy()
     duty[1] = np.where(duty[1] > 0.1, 1.0, 0.0)
     fit = fit_heat_transfer_from_temperature(dataclasses.replace(recording, duty=duty), 1, 23.0)
-    assert any("at its limit" in remark for remark in fit.remarks)
+    assert any("at its limit" in remark.sentence for remark in fit.remarks)
 
 
 def test_a_limb_that_never_rests_is_refused(true_limb, model_recordings):

@@ -80,9 +80,9 @@ def test_stiffness_is_as_uncertain_as_its_trials_scatter():
 
 def test_few_or_scattered_trials_are_remarked():
     limb = LimbParameters()
-    assert "Only 1 trial" in fit_stiffness(limb, sagging(limb, -0.17)).remarks[0]
+    assert "Only 1 trial" in fit_stiffness(limb, sagging(limb, -0.17)).remarks[0].sentence
     wide = fit_stiffness(limb, sagging(limb, -0.17, trials=4, spread=0.06))
-    assert "differs by 6.9° between trials" in wide.remarks[0]
+    assert "differs by 6.9° between trials" in wide.remarks[0].sentence
 
 
 def test_a_sag_upwards_or_a_limb_in_motion_is_refused():
@@ -173,7 +173,7 @@ def test_a_limb_that_rings_faster_than_its_model_is_remarked(true_limb, model_re
     soft = copy.deepcopy(true_limb)
     soft.segments[0].stiffness *= 0.8
     (remark,) = fit_damping(soft, model_recordings["ring_down"]).remarks
-    assert "rubber is stiffer in fast motion" in remark
+    assert "rubber is stiffer in fast motion" in remark.sentence
 
 
 def test_a_limb_at_rest_does_not_ring_down(true_limb, model_recordings):

@@ -124,8 +124,8 @@ def test_split_of_a_limb_that_is_a_model_finds_its_parameters(evaluation):
     )
     best = evaluation.error_split.best_parameters(experiment)
     for wire, true in zip(best.wires, truth.wires, strict=True):
-        assert wire.law.a1 == pytest.approx(true.a1, rel=0.04)
-        assert wire.law.a2 == pytest.approx(true.a2, rel=0.04)
+        assert wire.law.a1 == pytest.approx(true.law.a1, rel=0.04)
+        assert wire.law.a2 == pytest.approx(true.law.a2, rel=0.04)
     steps = evaluation.error_split.error_split(experiment)["swing"]
     assert steps["collocation"][0] < 0.1
     assert steps["form of the model"][0] < 0.1

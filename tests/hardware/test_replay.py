@@ -199,7 +199,7 @@ def test_command_shows_the_limb_and_says_where(fig5_plan, tmp_path, capsys):
     arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
     assert main([*arguments, "--meshcat"]) == 0
     assert "meshcat     http://localhost:" in capsys.readouterr().out
-    assert main(arguments) == 0
+    assert main([*arguments, "--force"]) == 0
     assert "meshcat" not in capsys.readouterr().out
 
 
@@ -277,6 +277,6 @@ def test_the_shell_and_python_replay_on_the_limb_that_was_recorded(tmp_path, cap
     for name in ("time", "duty", "applied_duty", "measured_temperature", "bend_angle"):
         np.testing.assert_array_equal(getattr(theirs, name), getattr(ours, name))
     capsys.readouterr()
-    assert main(["replay", planned, "-o", output, "--emulated", "5"]) == 1
+    assert main(["replay", planned, "-o", output, "--emulated", "5", "--force"]) == 1
     said = "calibration of the emulated limb 3, not 5; calibrate that one, or leave --emulated out"
     assert said in capsys.readouterr().err

@@ -55,7 +55,7 @@ def test_pictures_of_a_plan_that_starts_late_are_on_the_clock_of_the_recording(l
     (panel, *_) = plot_tracking(late_plan, [recording]).axes
     assert panel.get_xlim() == pytest.approx((0.0, 60.0))
     lines = {line.get_label().split()[0]: line.get_xdata() for line in panel.get_lines()}
-    assert lines["plan"][0] == pytest.approx(lines["recorded"][0]) == 0.0
+    assert lines["plan"][0] == pytest.approx(lines["simulated"][0]) == 0.0
 
 
 def test_a_recording_that_starts_late_is_validated_alike(fig5_plan):

@@ -118,7 +118,13 @@ def test_plan_is_better_than_its_quasi_static_start(fig5_plan):
     parameters, times = fig5_plan.parameters, fig5_plan.time
     wires = np.full(2, parameters.ambient_temperature)
     _, duty = solve_quasi_static(
-        parameters, times, fig5_plan.reference, wires, *static_equilibrium(parameters), Task(), 20.0
+        parameters,
+        times,
+        fig5_plan.reference,
+        wires,
+        *static_equilibrium(parameters),
+        Task.paper(),
+        20.0,
     )
     course = PiecewisePolynomial.FirstOrderHold(times, duty)
     rollout = simulate(Limb(), course, sample_rate=10.0, accuracy=1e-5)

@@ -1,0 +1,61 @@
+"""A function of vectors as a Drake system, for laws that no block in C++ can express.
+
+Drake's SymbolicVectorSystem, which would run in C++, must have a state to be
+part of a continuous diagram.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from limb_systems.model.ownership import weak_method
+
+
+@TemplateSystem.define("LawFunction_")
+def LawFunction_(T):
+    """`LawFunction` for the scalar type T: float, AutoDiffXd or Expression."""
+
+    class Impl(LeafSystem_[T]):
+        """Evaluates a function of its inputs.
+
+        - inputs: vectors of the sizes that are given, in this order
+        - output 0 ``value``: what the function returns for them
+        """
+
+        __slots__ = ()  # see limb_systems.model.ownership
+
+        def _construct(
+            self,
+            function: Callable[..., np.ndarray],
+            input_sizes: Sequence[int],
+            output_size: int,
+            converter=None,
+        ):
+            LeafSystem_[T].__init__(self, converter=converter)
+            self._arguments = function, input_sizes, output_size
+            ports = [
+                self.DeclareVectorInputPort(f"u{index}", size)
+                for index, size in enumerate(input_sizes)
+            ]
+            self.DeclareVectorOutputPort(
+                "value",
+                output_size,
+                weak_method(self._calc),
+                {self.input_port_ticket(port.get_index()) for port in ports},
+            )
+
+        def _construct_copy(self, other, converter=None):
+            Impl._construct(self, *other._arguments, converter=converter)
+
+        def _calc(self, context, output):
+            function, input_sizes, _ = self._arguments
+            inputs = [self.get_input_port(i).Eval(context) for i in range(len(input_sizes))]
+            with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
+                output.SetFromVector(function(*inputs))
+
+    return Impl
+
+
+LawFunction = LawFunction_[None]
