@@ -12,11 +12,10 @@ from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem
 from hardware.emulation.hand import Hand
 from hardware.emulation.rubber import Rubber
 from hardware.emulation.sensors import SampledSensors, limb_sensors
-from hardware.emulation.specimen import SegmentPhysics, Specimen
+from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
 from hardware.emulation.wires import PERIOD, ShapeMemoryWires
 from limb_systems import (
     BendAngle,
-    EmulatedLimb,
     LimbParameters,
     ThermocoupleLag,
     make_manipulator,
@@ -170,15 +169,17 @@ class LimbTwin(Diagram):
         """The very limb that parameters were calibrated on, never used.
 
         Args:
-            parameters: whose ``board`` says which one it is. Where they belong
-                to no emulated limb, it is one of their kind.
+            parameters: whose ``board`` says which one it is, or has the number
+                of an emulated board that says so. Where they belong to no
+                emulated limb, it is one of their kind.
             seed: of that one.
 
         Raises:
-            LimbError: if there is no such limb.
+            LimbError: if there is no such limb, or the board's number does not
+                tell which it is.
         """
-        if isinstance(parameters.board, EmulatedLimb):
-            return cls(specimen=Specimen.of(parameters.board))
+        if board := emulated_limb(parameters.board):
+            return cls(specimen=Specimen.of(board))
         return cls(parameters, seed=seed)
 
     def again(
