@@ -17,7 +17,8 @@ from calibration.estimate import Estimate
 from calibration.figures import plot_validation
 from calibration.force import ForceFit, fit_force
 from calibration.heat import HeatFit, fit_heat_transfer, fit_heat_transfer_from_temperature
-from calibration.report import calibration_summary, save_parameters, write_report
+from calibration.kinds import kinds_of
+from calibration.report import calibration_summary, write_report
 from calibration.stiffness import StiffnessFit, fit_stiffness
 from calibration.validation import Validation, validate
 
@@ -48,9 +49,9 @@ __all__ = [
     "fit_heat_transfer_from_temperature",
     "fit_stiffness",
     "kind_of",
+    "kinds_of",
     "load_recordings",
     "plot_validation",
-    "save_parameters",
     "save_recordings",
     "validate",
     "write_report",

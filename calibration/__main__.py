@@ -12,7 +12,6 @@ from calibration import (
     collect_from_robot,
     collect_from_twin,
     plot_validation,
-    save_parameters,
     save_recordings,
     validate,
     write_report,
@@ -48,7 +47,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "collect",
         help="record all that calibration needs, on a robot or an emulated limb",
         description="Records trials of the sag under gravity, ring-downs from 45°, and equilibria "
-        "held with the right wire, with the left one and with both. A robot is recorded in real "
+        "held with one wire after the other and with all of them. A robot is recorded in real "
         "time, some 40 minutes, and says when it must be remounted or held; what is recorded "
         "already is not recorded again. An emulated limb takes half a minute.",
     )
@@ -84,7 +83,8 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "fit",
         help="fit a limb to a folder of recordings",
         description="Fits stiffness, damping, heat transfer and force to recordings. Files named "
-        "sag*, ring_down*, right*, left* and both* must show that; others go by what they show.",
+        "sag*, ring_down*, both* or as a wire, such as right*, must show that; others go by what "
+        "they show.",
     )
     fit.add_argument("recordings", type=Path, help="folder of recordings (.csv)")
     fit.add_argument(
@@ -157,7 +157,7 @@ def _fit(options) -> int:
     )
     limb = LimbParameters.load(options.limb) if options.limb else None
     calibration = calibrate(options.recordings, limb, heat=options.heat)
-    save_parameters(calibration, options.output)
+    calibration.parameters.save(options.output)
     if options.report:
         write_report(calibration, options.report)
     written = [path for path in (options.output, options.report) if path]

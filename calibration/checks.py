@@ -2,45 +2,61 @@
 
 import numpy as np
 
-from calibration.controller import ACTUATED
 from calibration.errors import CalibrationError
-from limb_systems import Recording
+from calibration.kinds import heated_kinds, kinds_of
+from limb_systems import LimbParameters, Recording
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
 RISE = 3.0  # °C
 BENT = np.deg2rad(2.0)
 
 
-# The kinds of recordings: what each shows, and what is said where something else is seen.
-KINDS = {
-    "sag": (
-        "no wire is heated and gravity bends the limb",
-        "this should show the limb's sag under gravity, unheated, but {}; does its header's "
-        "gravity say how the limb was mounted?",
-    ),
-    "ring_down": (
-        "no wire is heated",
-        "this should show an unheated limb ringing down without gravity, but {}.",
-    ),
-    "left": (
-        "only the left wire is heated",
-        "this should show the left wire heated and the right one off, but {}.",
-    ),
-    "right": (
-        "only the right wire is heated",
-        "this should show the right wire heated and the left one off, but {}.",
-    ),
-    "both": ("both wires are heated", "this should show both wires heated, but {}."),
-}
-
-
 def kind_of(recording: Recording) -> str:
-    """What a recording shows: sag, ring_down, right, left or both."""
-    gravity = np.array(recording.parameters.gravity)
-    heated = recording.duty.max(axis=1) > 0
-    if not heated.any():
-        return "sag" if np.hypot(*gravity[:2]) > 1.0 else "ring_down"
-    return "both" if heated.all() else ("left" if heated[0] else "right")
+    """What a recording shows, one of `kinds_of` its limb.
+
+    Raises:
+        LimbError: if several wires are heated in it, but not all; or if its
+            limb is one that is not calibrated.
+    """
+    parameters = recording.parameters
+    kinds = kinds_of(parameters)
+    heated = np.flatnonzero(recording.duty.max(axis=1) > 0).tolist()
+    if not heated:
+        return "sag" if np.hypot(*np.array(parameters.gravity[:2])) > 1.0 else "ring_down"
+    for kind, wires in kinds.items():
+        if wires == heated:
+            return kind
+    names = " and ".join(parameters.wire_names[index] for index in heated)
+    raise CalibrationError(
+        f"only the wires {names} are heated, but a recording must show one wire heated, or all."
+    )
+
+
+def _shows(parameters: LimbParameters, kind: str) -> str:
+    """What a recording of a kind shows, in words."""
+    if kind == "sag":
+        return "no wire is heated and gravity bends the limb"
+    if kind == "ring_down":
+        return "no wire is heated"
+    return f"{_all(parameters)} are heated" if kind == "both" else f"only the {kind} wire is heated"
+
+
+def _complaint(parameters: LimbParameters, kind: str) -> str:
+    """What is said where a recording should show a kind, but shows {}."""
+    if kind == "sag":
+        return (
+            "this should show the limb's sag under gravity, unheated, but {}; does its header's "
+            "gravity say how the limb was mounted?"
+        )
+    if kind == "ring_down":
+        return "this should show an unheated limb ringing down without gravity, but {}."
+    if kind == "both":
+        return f"this should show {_all(parameters)} heated, but {{}}."
+    return f"this should show the {kind} wire heated and no other, but {{}}."
+
+
+def _all(parameters: LimbParameters) -> str:
+    return "both wires" if len(parameters.wires) == 2 else "all wires"
 
 
 def check_recording(recording: Recording, expected: str | None = None) -> str:
@@ -62,9 +78,10 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     _check_units(recording)
     kind = kind_of(recording)
     if expected and kind != expected:
-        shown, complaint = KINDS[kind][0], KINDS[expected][1]
+        parameters = recording.parameters
+        shown, complaint = _shows(parameters, kind), _complaint(parameters, expected)
         raise CalibrationError(complaint.format(shown))
-    if kind in ACTUATED:
+    if kind in heated_kinds(recording.parameters):
         _check_wires(recording)
     return kind
 
@@ -121,17 +138,17 @@ def _check_wires(recording: Recording) -> None:
     dose = recording.duty.sum(axis=1) / recording.sample_rate
     smooth = np.array([np.convolve(v, np.ones(20) / 20, "valid") for v in measured])
     rise = smooth.max(axis=1) - smooth[:, :20].mean(axis=1)
+    directions = np.array([wire.direction for wire in recording.parameters.wires])
     for index, name in enumerate(names):
-        other = 1 - index
         if dose[index] < HEATED or rise[index] >= RISE:
             continue
+        other = int(np.argmax(np.where(dose < HEATED, rise, -np.inf)))
         if dose[other] < HEATED and rise[other] >= RISE:
             bent = recording.bend_angle[0][np.argmax(smooth[other])]
-            towards = bent if index else -bent
-            if towards < -BENT:
+            if np.sign(directions[index]) * bent < -BENT:
                 raise CalibrationError(
                     f"duty for the {name} wire warms the {names[other]} thermocouple and bends the "
-                    f"limb to the {names[other]}: the wires' outputs are swapped."
+                    "limb away from its own side: the wires' outputs are swapped."
                 )
             raise CalibrationError(
                 f"duty for the {name} wire warms the {names[other]} thermocouple: the "
@@ -143,9 +160,9 @@ def _check_wires(recording: Recording) -> None:
         )
     excess = smooth - smooth[:, :20].mean(axis=1, keepdims=True)
     signal = np.convolve(recording.bend_angle[0], np.ones(20) / 20, "valid")
-    drive = excess[1] - excess[0]
+    drive = directions @ excess
     if np.ptp(signal) > 2 * BENT and np.corrcoef(drive, signal)[0, 1] < -0.5:
         raise CalibrationError(
             "the limb bends away from the wire that is heated: the bend sensor is reversed, or "
-            "both wires and thermocouples are swapped."
+            "wires and thermocouples are swapped alike."
         )

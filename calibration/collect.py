@@ -9,20 +9,14 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
-from calibration.controller import (
-    ACTUATED,
-    PERIOD,
-    BendAngleController,
-    EquilibriumSchedule,
-    check_actuated,
-    only_segment,
-)
+from calibration.controller import PERIOD, BendAngleController, EquilibriumSchedule
+from calibration.kinds import heated_kinds, heated_wires, only_segment
 from hardware import LimbTwin, SerialLimb
 from limb_systems import LimbError, LimbParameters, LimbSystem, Recording, simulate
 from limb_systems.model.limb_system import check_limb
 from limb_systems.simulation import record
 
-CO_CONTRACTION = 0.08  # duty of both wires where both are actuated
+CO_CONTRACTION = 0.08  # duty of the wires where several are actuated
 SAG_TRIALS, RING_DOWNS = 10, 3
 GRAVITY = 9.81  # m/s²
 RING_DOWN_RATE = 100.0  # Hz
@@ -40,12 +34,13 @@ def collect_equilibria(
     """The datasets C^r, C^l and C^m of Sec. V-C: random equilibria, held by PI control.
 
     The angles are uniform between zero and the largest towards the actuated
-    wire, or to both sides.
+    wire, or to both sides. Where several wires are, each has a duty of its own
+    beside what the controller asks for.
 
     Args:
         limb: a `LimbTwin` or any other `LimbSystem`, of one segment; it
             cannot be used again.
-        actuated: "right", "left" or "both".
+        actuated: name of the wire, or "both" for all of them.
         num_angles: how many equilibria.
         largest_deg: bend angle, degrees.
         seed: of the random angles.
@@ -58,7 +53,7 @@ def collect_equilibria(
         LimbError: if an argument makes no sense.
     """
     check_limb(limb)
-    check_actuated(actuated)
+    heated = heated_wires(limb.parameters, actuated)
     if not num_angles >= 1 or not 0 < largest_deg < 90:
         raise LimbError(
             f"num_angles is {num_angles!r} and largest_deg {largest_deg!r}; there must be an angle "
@@ -66,18 +61,20 @@ def collect_equilibria(
         )
     if seed < 0:
         raise LimbError(f"The seed of the random angles is {seed}; it must be zero or more.")
-    low, high = {"right": (0, 1), "left": (-1, 0), "both": (-1, 1)}[actuated]
+    wires = only_segment(limb.parameters).wires
+    sides = np.sign([wires[index].direction for index in heated])
+    low, high = min(0, *sides), max(0, *sides)
     random = np.random.default_rng(seed)
     angles = np.deg2rad(largest_deg) * random.uniform(low, high, num_angles)
 
     builder = DiagramBuilder()
     builder.AddSystem(limb)
-    schedule = builder.AddSystem(EquilibriumSchedule(angles, longest))
+    schedule = builder.AddSystem(EquilibriumSchedule(angles, longest, num_wires=len(wires)))
     controller = builder.AddSystem(
         BendAngleController(
             limb.parameters,
             actuated,
-            co_contraction=CO_CONTRACTION if actuated == "both" else 0.0,
+            co_contraction=CO_CONTRACTION if len(heated) > 1 else 0.0,
         )
     )
     for name in ("bend_angle", "measured_temperature"):
@@ -96,12 +93,16 @@ def collect_equilibria(
 
 def collect_sag(limb: LimbSystem) -> Recording:
     """Sec. V-A: the unheated limb, mounted so that gravity bends it, until it rests (15 s)."""
-    return simulate(limb, np.zeros(2), 15.0)
+    return simulate(limb, _off(limb), 15.0)
 
 
 def collect_ring_down(limb: LimbSystem, sample_rate: float = RING_DOWN_RATE) -> Recording:
     """Sec. V-B: somebody holds the limb at 45° and lets it go within the next 6 s."""
-    return simulate(limb, np.zeros(2), 6.0, sample_rate=sample_rate)
+    return simulate(limb, _off(limb), 6.0, sample_rate=sample_rate)
+
+
+def _off(limb: LimbSystem) -> np.ndarray:
+    return np.zeros(len(limb.parameters.wires))
 
 
 def hand_for_ring_down() -> PiecewisePolynomial:
@@ -121,8 +122,8 @@ def collect_from_twin(
 ) -> dict[str, list[Recording]]:
     """All recordings of Sec. V from an emulated limb, one after the other.
 
-    Trials of the sag, ring-downs, then equilibria with the right wire, with the
-    left one and with both.
+    In the order of `kinds_of`: trials of the sag, ring-downs, then equilibria
+    with one wire after the other, and with all of them.
 
     Args:
         twin: of one segment; `again` is called on it.
@@ -133,7 +134,7 @@ def collect_from_twin(
     Returns:
         recordings by kind, as `calibrate` takes them.
     """
-    only_segment(twin.parameters)
+    kinds = heated_kinds(twin.parameters)
     sags, swings, heated = [], [], {}
     for _ in range(sag_trials):
         twin = twin.again(gravity=(0.0, -GRAVITY, 0.0))
@@ -143,7 +144,7 @@ def collect_from_twin(
             gravity=(0.0, 0.0, 0.0), hand=hand_for_ring_down(), bend_rate=RING_DOWN_RATE
         )
         swings.append(collect_ring_down(twin))
-    for number, actuated in enumerate(ACTUATED):
+    for number, actuated in enumerate(kinds):
         twin = twin.again(cooling_time)
         heated[actuated] = [
             collect_equilibria(
@@ -177,10 +178,13 @@ def collect_from_robot(
     Raises:
         HardwareError: if the robot fails on the way; it is off then.
     """
-    only_segment(parameters)
+    kinds = heated_kinds(parameters)
     mounted, level = copy.deepcopy(parameters), copy.deepcopy(parameters)
     mounted.gravity, level.gravity = [0.0, -GRAVITY, 0.0], [0.0, 0.0, 0.0]
-    sag = "Mount the limb so that gravity bends it to the left, and let it hang still."
+    below = next(wire.name for wire in only_segment(parameters).wires if wire.direction < 0)
+    sag = (
+        f"Mount the limb so that gravity bends it towards its {below} wire, and let it hang still."
+    )
     ring = "Mount the limb level. Bend it to 45° by hand, and let it go 2 s after Enter."
     cool = "Leave the limb level and alone until its wires are cold."
     rate = 1 / PERIOD
@@ -190,7 +194,7 @@ def collect_from_robot(
         (f"ring_down_{n}", level, ring, lambda limb: collect_ring_down(limb, rate))
         for n in range(1, RING_DOWNS + 1)
     ]
-    for number, actuated in enumerate(ACTUATED):
+    for number, actuated in enumerate(kinds):
         collect_held = functools.partial(
             collect_equilibria,
             actuated=actuated,

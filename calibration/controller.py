@@ -5,19 +5,19 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from limb_systems import LimbError, LimbParameters, SegmentParameters, Wires
+from calibration.kinds import heated_wires, only_segment
+from limb_systems import LimbError, LimbParameters, Wires
 from limb_systems.model.ownership import weak_method
 
-ACTUATED = ("right", "left", "both")
 PERIOD = 0.05  # s
 TAPER = 15.0  # °C
 
 
 class BendAngleController(LeafSystem):
-    """PI control of the bend angle of one segment, by one wire or by both.
+    """PI control of the bend angle of one segment, by one of its W wires or by all.
 
         u = k_p e + k_i ∫ e dt,   e = φ_eq - φ
-        D_r = D_c + u,  D_l = D_c - u
+        D = D_c + u  of a wire that bends towards +E2,  D_c - u  of any other
 
     limited to [0, D_max]; a wire that is not actuated stays off. Over the last
     15 °C before the cut-out the limit falls to zero, and a wire whose measured
@@ -28,10 +28,10 @@ class BendAngleController(LeafSystem):
     the controller's zero cancels the pole of (6).
 
     - input 0 ``bend_angle``: φ (1), rad
-    - input 1 ``measured_temperature``: V (2), °C
+    - input 1 ``measured_temperature``: V (W), °C
     - input 2 ``set_point``: φ_eq (1), rad
-    - output 0 ``duty``: D (2), in [0, D_max]
-    - state, discrete, at 20 Hz: [∫ e dt (1), is cut out (2), D (2)], rad s, 0 or 1, 1
+    - output 0 ``duty``: D (W), in [0, D_max]
+    - state, discrete, at 20 Hz: [∫ e dt (1), is cut out (W), D (W)], rad s, 0 or 1, 1
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -48,19 +48,19 @@ class BendAngleController(LeafSystem):
         """
         Args:
             parameters: the limb as far as it is known, of one segment.
-            actuated: "right", "left" or "both".
-            co_contraction: D_c, duty of both wires at u = 0.
+            actuated: name of the wire, or "both" for all of them.
+            co_contraction: D_c, duty of the actuated wires at u = 0.
             maximum_duty: D_max.
             cut_out: measured temperature at which a wire is switched off, °C;
                 5 °C below T_max if None.
 
         Raises:
-            LimbError: if the limb has several segments or an argument is out
-                of its range.
+            LimbError: if the limb has several segments, or wires on one side
+                only, or if an argument is out of its range.
         """
         super().__init__()
         segment = only_segment(parameters)
-        check_actuated(actuated)
+        heated = heated_wires(parameters, actuated)
         if not (0 < maximum_duty <= 1 and 0 <= co_contraction <= maximum_duty):
             raise LimbError(
                 f"maximum_duty is {maximum_duty!r} and co_contraction {co_contraction!r}; they "
@@ -77,40 +77,45 @@ class BendAngleController(LeafSystem):
         slowest = np.abs(np.linalg.eigvals(A)).min()
         self._proportional, self._integral = 1.5 / gain, 1.5 / gain * slowest
         sides = np.sign([wire.direction for wire in segment.wires])
-        names = [wire.name for wire in segment.wires]
-        self._direction = np.where([actuated in ("both", name) for name in names], sides, 0.0)
+        self._direction = np.where(np.isin(np.arange(wires.num_wires), heated), sides, 0.0)
         self._co_contraction, self._maximum_duty = co_contraction, maximum_duty
         maximum = parameters.temperature_limits.maximum
         self._cut_out = maximum - 5.0 if cut_out is None else cut_out
         if not self._cut_out < maximum:
             raise LimbError(f"cut_out is {cut_out!r} °C; it must be below T_max, {maximum:g} °C.")
         self.DeclareVectorInputPort("bend_angle", 1)
-        self.DeclareVectorInputPort("measured_temperature", 2)
+        self.DeclareVectorInputPort("measured_temperature", wires.num_wires)
         self.DeclareVectorInputPort("set_point", 1)
-        state = self.DeclareDiscreteState(5)
+        state = self.DeclareDiscreteState(1 + 2 * wires.num_wires)
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._update))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
         self.DeclareVectorOutputPort(
-            "duty", 2, weak_method(self._calc_duty), {self.discrete_state_ticket(state)}
+            "duty",
+            wires.num_wires,
+            weak_method(self._calc_duty),
+            {self.discrete_state_ticket(state)},
         )
         self.set_name("bend_angle_controller")
 
     def _update(self, context, discrete_state):
         state = context.get_discrete_state_vector().value()
-        integral, was_cut_out = state[0], state[1:3] > 0.5
+        integral, was_cut_out = state[0], state[1 : 1 + len(self._direction)] > 0.5
         bend_angle, measured, set_point = (self.get_input_port(i).Eval(context) for i in range(3))
         error = set_point[0] - bend_angle[0]
         cut_out = measured >= self._cut_out - 5.0 * was_cut_out
         taper = np.clip((self._cut_out - measured) / TAPER, 0.0, 1.0)
         limit = np.where(cut_out, 0.0, self._maximum_duty * taper) * np.abs(self._direction)
         command = self._proportional * error + self._integral * integral
-        if not (command > limit[1] and error > 0) and not (-command > limit[0] and error < 0):
+        towards = np.sign(error)
+        room = limit[self._direction == towards].max(initial=0.0)
+        if not towards * command > room:
             integral += PERIOD * error
         duty = np.clip(self._co_contraction + self._direction * command, 0.0, limit)
         discrete_state.set_value(np.concatenate([[integral], cut_out, duty]))
 
     def _calc_duty(self, context, output):
-        output.SetFromVector(context.get_discrete_state_vector().value()[3:])
+        duty = context.get_discrete_state_vector().value()[-len(self._direction) :]
+        output.SetFromVector(duty)
 
 
 class EquilibriumSchedule(LeafSystem):
@@ -121,10 +126,10 @@ class EquilibriumSchedule(LeafSystem):
     over some seconds, for 5 s. Nothing is held longer than the limit.
 
     - input 0 ``bend_angle``: φ (1), rad
-    - input 1 ``measured_temperature``: V (2), °C
+    - input 1 ``measured_temperature``: V (W), °C
     - output 0 ``set_point``: φ_eq (1), rad
     - state, discrete, at 20 Hz: [index of the angle, time in it, time settled,
-      averaged φ, averaged V (2)], 1, s, s, rad and °C
+      averaged φ, averaged V (W)], 1, s, s, rad and °C
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -134,17 +139,18 @@ class EquilibriumSchedule(LeafSystem):
     NEAR = np.deg2rad(3.0)
     SETTLED_TIME = 5.0  # s
 
-    def __init__(self, angles: Sequence[float], longest: float = 60.0):
+    def __init__(self, angles: Sequence[float], longest: float = 60.0, *, num_wires: int = 2):
         """
         Args:
             angles: φ_eq one after the other, rad.
             longest: time limit for each of them, s.
+            num_wires: W.
         """
         super().__init__()
         self._angles, self._longest = np.asarray(angles, float), longest
         self.DeclareVectorInputPort("bend_angle", 1)
-        self.DeclareVectorInputPort("measured_temperature", 2)
-        state = self.DeclareDiscreteState(6)
+        self.DeclareVectorInputPort("measured_temperature", num_wires)
+        state = self.DeclareDiscreteState(4 + num_wires)
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
         self.DeclareVectorOutputPort(
@@ -178,19 +184,3 @@ class EquilibriumSchedule(LeafSystem):
 
     def _calc(self, context, output):
         output.SetFromVector([self._angle(context.get_discrete_state_vector()[0])])
-
-
-def only_segment(parameters: LimbParameters) -> SegmentParameters:
-    """The limb's one segment; segments are calibrated one by one."""
-    if len(parameters.segments) != 1:
-        raise LimbError(
-            f"This limb has {len(parameters.segments)} segments; calibrate each of them alone, as "
-            "a limb of one segment."
-        )
-    return parameters.segments[0]
-
-
-def check_actuated(actuated: str) -> None:
-    """Raises LimbError unless it is one of `ACTUATED`."""
-    if actuated not in ACTUATED:
-        raise LimbError(f"actuated is {actuated!r}; it must be one of {', '.join(ACTUATED)}.")

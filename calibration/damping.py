@@ -8,11 +8,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq, least_squares
 
-from calibration.controller import only_segment
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
+from calibration.kinds import only_segment
 from calibration.remarks import Remark, remarks_on_estimate
-from limb_systems import Limb, LimbParameters, Recording, joint_angles_from_bend_angle, simulate
+from limb_systems import (
+    Limb,
+    LimbParameters,
+    Recording,
+    Wires,
+    joint_angles_from_bend_angle,
+    simulate,
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -196,11 +203,12 @@ def _fit_recording(parameters, recording: Recording):
     def ring_down(damping: float) -> DampedSinusoid:
         limb = copy.deepcopy(parameters)
         limb.gravity, limb.segments[0].damping = [0.0, 0.0, 0.0], float(damping)
-        wires = np.full(4, limb.ambient_temperature)
+        room = np.full(len(limb.wires), limb.ambient_temperature)
         angles = joint_angles_from_bend_angle(limb, [released])
-        state = np.concatenate([angles, np.zeros_like(angles), wires])
+        cold = Wires(limb).cold_states
+        state = np.concatenate([angles, np.zeros_like(angles), cold, room])
         model = simulate(
-            Limb(limb), [0.0, 0.0], duration, sample_rate=recording.sample_rate, initial_state=state
+            Limb(limb), 0 * room, duration, sample_rate=recording.sample_rate, initial_state=state
         )
         return fit_damped_sinusoid(model.time, model.bend_angle[0])
 

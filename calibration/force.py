@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 
-from calibration.controller import only_segment
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, mean_estimate
 from calibration.heat import HeatFit
+from calibration.kinds import only_segment
 from calibration.remarks import Remark, remarks_on_estimate
 from limb_systems import LimbParameters, Recording, joint_angles_from_bend_angle
 
@@ -53,7 +53,8 @@ def fit_force(
     above T_warm, only these count, as the model fits better there (Sec. VI).
 
     Args:
-        parameters: of the limb; its number of links counts.
+        parameters: of the limb; its number of links and the wire's direction
+            count.
         recording: C^r or C^l, in which this wire alone is heated.
         index: of the wire.
         heat: its heat transfer, whose simulated T is used.
@@ -62,7 +63,7 @@ def fit_force(
     Raises:
         CalibrationError: if there are no equilibria in it.
     """
-    only_segment(parameters)
+    side = only_segment(parameters).wires[index].direction
     starts, ends = _equilibria(recording, heat, parameters.temperature_limits.warm)
     if len(starts) < 3:
         starts, ends = _equilibria(recording, heat, heat.ambient + LUKEWARM)
@@ -75,9 +76,8 @@ def fit_force(
     wire = np.array([heat.wire_temperature[a:b].mean() for a, b in spans])
     angle = np.array([recording.bend_angle[0, a:b].mean() for a, b in spans])
     times = np.array([recording.time[a:b].mean() for a, b in spans])
-    side = 1.0 if index % 2 else -1.0
     theta = joint_angles_from_bend_angle(parameters, angle[np.newaxis])[0]
-    ratios = side * stiffness.value * theta / (wire - heat.ambient)
+    ratios = stiffness.value * theta / (side * (wire - heat.ambient))
     if not ratios.mean() > 0:
         raise CalibrationError(
             f"The {heat.wire} wire bends the limb away from its own side; are the wires swapped or "

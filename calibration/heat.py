@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from scipy.linalg import expm, schur
@@ -13,6 +14,7 @@ from calibration.estimate import Estimate, clustered_covariance
 from calibration.remarks import Remark
 from limb_systems import LinearLaw, Recording, WireLaw
 
+RATES = ("a1", "a2", "a3")
 WINDOW = 2.0  # s, over which a state counts as equilibrium
 BLOCK = 30.0  # s, after which residuals count as independent
 READOUT_DELAY = 0.05, 0.03  # s, mean and deviation where anything up to 0.1 s is as likely
@@ -34,6 +36,7 @@ class HeatFit:
     - ``wire``: its name.
     - ``method``: "bend", the paper's, or "temperature", which does without.
     - ``a1``, ``a2``, ``a3``: 1/s, °C/s and 1/s.
+    - ``covariance``: theirs (3, 3), in the products of their units.
     - ``delay``: by which sensors are read after the duty took effect, s; None
       where it is not fitted. The model has none.
     - ``ambient``: T0 that was used, °C.
@@ -52,6 +55,7 @@ class HeatFit:
     a1: Estimate
     a2: Estimate
     a3: Estimate
+    covariance: np.ndarray
     delay: Estimate | None
     ambient: float
     angle_per_degree: Estimate | None
@@ -376,15 +380,15 @@ def _two_stage(duty, wire, measured, period: float, ambient: float) -> tuple[flo
     return min(a1, -1e-3), max(a2, 0.1), min(a3, -0.05)
 
 
-def _rates(x: np.ndarray, covariance: np.ndarray) -> dict[str, Estimate]:
-    """a1, a2, a3 from their logarithms and the covariance of these."""
-    values = (-np.exp(x[0]), np.exp(x[1]), -np.exp(x[2]))
-    return {
+def _rates(x: np.ndarray, covariance: np.ndarray) -> dict[str, Any]:
+    """a1, a2, a3 and their covariance from their logarithms and the covariance of these."""
+    values = np.array([-np.exp(x[0]), np.exp(x[1]), -np.exp(x[2])])
+    rates = {
         name: Estimate(float(v), float(abs(v) * np.sqrt(covariance[i, i])), unit)
-        for i, (name, v, unit) in enumerate(
-            zip(("a1", "a2", "a3"), values, ("1/s", "°C/s", "1/s"), strict=True)
-        )
+        for i, (name, v, unit) in enumerate(zip(RATES, values, ("1/s", "°C/s", "1/s"), strict=True))
     }
+    together = covariance[:3, :3] * np.outer(values, values)
+    return {**rates, "covariance": (together + together.T) / 2}  # rounding is not symmetric
 
 
 def _delay(value: float, variance: float) -> Estimate:
@@ -410,7 +414,7 @@ def _remarks(name: str, duty, measured, ambient: float, x, covariance) -> list[R
                 "°C above ambient; its parameters hold for that range; record wider bends.",
             )
         )
-    for i, rate in enumerate(("a1", "a2", "a3")):
+    for i, rate in enumerate(RATES):
         error = np.sqrt(covariance[i, i])  # of the logarithm
         if rate == "a3" and x[i] > _HIGHEST[i] - AT_BOUND:
             remarks.append(

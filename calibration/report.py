@@ -1,4 +1,4 @@
-"""A calibration to read: in lines of text, for programs, as YAML, and as one HTML page."""
+"""A calibration to read: in lines of text, for programs, and as one HTML page."""
 
 import dataclasses
 import math
@@ -12,7 +12,6 @@ from calibration.damping import DampingFit
 from calibration.figures import plot_damping, plot_stiffness, plot_validation, plot_wire
 from calibration.heat import HeatFit
 from calibration.validation import Validation
-from limb_systems.output import write_atomically
 from limb_systems.views import page
 from limb_systems.views.figure import Figure
 from limb_systems.views.plots import wire_colors
@@ -75,18 +74,6 @@ def validation_facts(validation: Validation) -> dict[str, float]:
         "bend_angle_percentile_90_deg": math.degrees(validation.percentile_90),
         "temperature_mean_c": validation.temperature_mean,
     }
-
-
-def save_parameters(calibration: Calibration, path: str | Path) -> None:
-    """Writes the calibrated limb as YAML, with the uncertainties in comments."""
-    lines = ["# A calibrated limb; value ± standard error:"]
-    lines += [f"#   {name}: {estimate}" for name, estimate in calibration.estimates.items()]
-    if calibration.validation:
-        lines.append(f"# Validation, open loop: {validation_summary(calibration.validation)}")
-    for kind, sources in calibration.sources.items():
-        lines.append(f"# {len(sources)} of {kind}: {', '.join(sorted(set(sources)))}")
-    text = "\n".join(line.replace("\n", " ") for line in lines)
-    write_atomically(path, f"{text}\n{calibration.parameters.to_yaml()}")
 
 
 def write_report(calibration: Calibration, path: str | Path) -> None:

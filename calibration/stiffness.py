@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.controller import only_segment
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
+from calibration.kinds import only_segment
 from calibration.remarks import Remark, remarks_on_estimate
 from limb_systems import LimbError, LimbParameters, Recording, bend_angle, make_manipulator
 from limb_systems.model.statics import static_equilibrium

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems import Limb, LimbParameters, Recording, simulate
+from limb_systems import Limb, LimbParameters, Recording, Wires, simulate
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,7 +36,8 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     held = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
     duty = PiecewisePolynomial.ZeroOrderHold(times, held)
     first = recording.measured_temperature[:, :20].mean(axis=1)
-    state = np.concatenate([np.zeros(2 * parameters.num_joints), first, first])
+    warm = Wires(parameters).settled_states(first)
+    state = np.concatenate([np.zeros(2 * parameters.num_joints), warm, first])
     simulation = simulate(
         Limb(parameters),
         duty,

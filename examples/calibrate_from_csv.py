@@ -50,10 +50,10 @@ options = parser.parse_args()
 folder = options.folder or log_emulated_limb(options.limb, options.out / "emulated_log")
 recordings = {
     kind: [to_recording(path, options.limb) for path in sorted(folder.glob(f"{kind}*.csv"))]
-    for kind in ("sag", "ring_down", "left", "right", "both")
+    for kind in calibration.kinds_of(options.limb)
 }
 result = calibration.calibrate(recordings, options.limb)
 print(calibration.calibration_summary(result))
-calibration.save_parameters(result, options.out / "limb.yaml")
+result.parameters.save(options.out / "limb.yaml")
 calibration.write_report(result, options.out / "calibration.html")
 print(f"{'written':<22}limb.yaml, calibration.html in {options.out}, from {folder}")

@@ -21,7 +21,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from calibration import save_parameters, save_recordings
+from calibration import save_recordings
 from calibration.report import calibration_summary
 from calibration.report import write_report as write_calibration_report
 from evaluation.experiment import NUM_STEPS, Experiment, run_experiment
@@ -145,7 +145,7 @@ def _run(
 
 def _save(experiment: Experiment, folder: Path) -> None:
     save_recordings(experiment.recordings, folder / "recordings")
-    save_parameters(experiment.calibration, folder / "limb.yaml")
+    experiment.calibration.parameters.save(folder / "limb.yaml")
     write_calibration_report(experiment.calibration, folder / "calibration.html")
     for motion in experiment.motions:
         name = motion.name.replace("&", "_and_").replace(" ", "_").lower()

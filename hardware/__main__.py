@@ -11,10 +11,11 @@ from pydrake.geometry import Meshcat
 from serial.tools import list_ports
 
 from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
-from hardware.emulation.emulated_board import ORDERS, emulate
+from hardware.emulation.emulator import ORDERS, emulate
+from hardware.emulation.specimen import emulated_limb
 from hardware.firmware import guard
 from hardware.robot.self_test import self_test
-from limb_systems import EmulatedLimb, LimbParameters, Recording, Trajectory
+from limb_systems import LimbParameters, Recording, Trajectory, bend_angle_from_tip_tangent
 from limb_systems.command import add_force_option, run_command
 from limb_systems.output import check_outputs
 from limb_systems.tracking import tracking_errors
@@ -172,6 +173,7 @@ def _status(options) -> int:
         if options.clear:
             link.clear()
         sample = link.sample()
+    bend_angle = np.rad2deg(bend_angle_from_tip_tangent(sample.tip_tangent))
     if options.json:
         print(
             json.dumps(
@@ -182,7 +184,7 @@ def _status(options) -> int:
                     "armed": sample.armed,
                     "reason": guard.TEXTS[sample.reason],
                     "measured_temperature_c": sample.temperature.tolist(),
-                    "bend_angle_deg": np.rad2deg(sample.bend_angle),
+                    "bend_angle_deg": float(bend_angle),
                     "duty": sample.duty.tolist(),
                 }
             )
@@ -195,7 +197,7 @@ def _status(options) -> int:
         f"wires       left {left:.2f} °C, right {right:.2f} °C; off at "
         f"{info.temperature_limit:g} °C"
     )
-    print(f"bend angle  {np.rad2deg(sample.bend_angle):.1f}°")
+    print(f"bend angle  {bend_angle:.1f}°")
     return 0
 
 
@@ -268,8 +270,8 @@ def _replay(options) -> int:
 
 def _twin(planned: LimbParameters, options) -> LimbTwin:
     """The emulated limb that a plan is for, which must not be another than the one asked for."""
-    board = planned.board
-    if isinstance(board, EmulatedLimb) and options.emulated not in (None, board.seed):
+    board = emulated_limb(planned.board)
+    if board and options.emulated not in (None, board.seed):
         raise ReplayError(
             f"This trajectory was planned with the calibration of the emulated limb {board.seed}, "
             f"not {options.emulated}; calibrate that one, or leave --emulated out."

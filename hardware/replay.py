@@ -271,15 +271,16 @@ def _add_view(
 
 def _remark(limb: LimbSystem):
     """Angle, temperatures and duty for the progress line."""
+    names = limb.parameters.wire_names
 
     def remark(root: Context) -> str:
         context = limb.GetMyContextFromRoot(root)
-        left, right = limb.GetOutputPort("measured_temperature").Eval(context)
-        (angle,) = limb.GetOutputPort("bend_angle").Eval(context)
+        angles = np.rad2deg(limb.GetOutputPort("bend_angle").Eval(context))
+        measured = limb.GetOutputPort("measured_temperature").Eval(context)
         duty = limb.GetInputPort("duty").Eval(context)
-        return (
-            f"φ {np.rad2deg(angle):+5.1f}°, left {left:.1f} °C at {duty[0]:.2f}, "
-            f"right {right:.1f} °C at {duty[1]:.2f}"
-        )
+        said = [f"φ {', '.join(f'{angle:+5.1f}°' for angle in angles)}"]
+        for name, temperature, share in zip(names, measured, duty, strict=True):
+            said.append(f"{name} {temperature:.1f} °C at {share:.2f}")
+        return ", ".join(said)
 
     return remark

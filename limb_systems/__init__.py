@@ -8,13 +8,17 @@ check_shadows()
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import ActiveConstraint, PlanCheck, Trajectory
+from limb_systems.model.bend_sensor import (
+    BendSensor,
+    TipTangentSensor,
+    bend_angle_from_tip_tangent,
+    tip_tangent_from_bend_angle,
+)
 from limb_systems.model.kinematics import (
     BendAngle,
     bend_angle,
-    bend_angle_from_tip_tangent,
     joint_angles_from_bend_angle,
     tip_position,
-    tip_tangent_from_bend_angle,
 )
 from limb_systems.model.limb import Limb, from_paper_state, split_state, to_paper_state
 from limb_systems.model.limb_system import LimbSystem
@@ -40,6 +44,7 @@ from limb_systems.views.replay_page import write_meshcat_replay
 __all__ = [
     "ActiveConstraint",
     "BendAngle",
+    "BendSensor",
     "CalibrationRecord",
     "EmulatedLimb",
     "InverseThermocoupleLag",
@@ -57,6 +62,7 @@ __all__ = [
     "SerialBoard",
     "TemperatureLimits",
     "ThermocoupleLag",
+    "TipTangentSensor",
     "TorqueMap",
     "Trajectory",
     "WireLaw",

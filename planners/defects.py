@@ -19,7 +19,7 @@ sparse Jacobian, and differs in two ways that leave the solutions as they are:
 
 import numpy as np
 
-from limb_systems import LimbParameters, Wires, make_manipulator
+from limb_systems import Limb, Wires
 from planners.chain import PlanarChain
 
 ANGLE_SCALE = 0.1  # rad, a typical change, which is scaled to one
@@ -45,23 +45,23 @@ class LimbDefects:
       interval's symmetric Hessian, once, its two variables.
 
     Args:
+        limb: whose manipulator and wires it is for.
         num_knots: K.
         typical_time_step: s, for the scaling of rows.
     """
 
-    def __init__(
-        self,
-        parameters: LimbParameters,
-        num_knots: int,
-        typical_time_step: float,
-    ):
-        self._chain = chain = PlanarChain(make_manipulator(parameters))
-        self._wires = Wires(parameters)
+    def __init__(self, limb: Limb, num_knots: int, typical_time_step: float):
+        self._chain = chain = PlanarChain(limb.GetSubsystemByName("manipulator"))
+        self._wires = Wires(limb.parameters)
         self._typical_h = typical_time_step
         self.acceleration_to_angle = chain.straight_mass_matrix / chain.stiffness[:, None]
         self.num_intervals = num_knots - 1
         self.heat_scales = self._wires.heat_scales
         self._lay_out_derivatives()
+        self._linear_heat = None
+        if self._wires.rates_are_affine:
+            none = np.zeros((1, len(self.heat_scales))), np.zeros((1, self._wires.num_wires))
+            self._linear_heat = self._heat_parts(*[self._wires.heat_jacobian(*none)] * 3)
 
     def evaluate(self, states: np.ndarray, duty: np.ndarray, time_steps: np.ndarray) -> np.ndarray:
         """Scaled defects (K - 1, 2n + M), all zero for a feasible trajectory."""
@@ -151,10 +151,7 @@ class LimbDefects:
         ]
         h = time_steps[:, None]
         scale = self._typical_h / self.heat_scales
-        P, Q, R = (
-            (scale[:, None] * term)[:, *self._heat_nonzeros]
-            for term in _heat_terms(first, second, mid_by_heat)
-        )
+        P, Q, R = self._linear_heat or self._heat_parts(first, second, mid_by_heat)
         heat_by_step = (
             -1.5 / h**2 * heat_step
             + (mid_by_heat[:, :, :num_heat] @ column(heat_rate_step))[:, :, 0] / 8
@@ -210,6 +207,12 @@ class LimbDefects:
                 hessian[~first, variable + behind] = change[~first]
         hessian[:, -1] = derivative(states, duty, time_steps + 1j * _IMAGINARY_STEP)
         return hessian[:, self.hessian_rows, self.hessian_columns]
+
+    def _heat_parts(self, first, second, middle):
+        """The nonzeros of P, Q, R of `_heat_terms`, scaled as the rows are."""
+        scale = (self._typical_h / self.heat_scales)[:, None]
+        terms = _heat_terms(first, second, middle)
+        return [(scale * term)[:, *self._heat_nonzeros] for term in terms]
 
     def accelerations(self, states: np.ndarray) -> np.ndarray:
         """θ̈ (K, n) of states (K, 2n + M), rad/s²."""

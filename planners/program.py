@@ -215,7 +215,7 @@ class TrajectoryProgram:
 
     def _make_defects(self) -> "DefectBlock | None":
         time_step = float(np.median(np.diff(self.times)))
-        defects = LimbDefects(self.parameters, len(self.times), time_step)
+        defects = LimbDefects(self.limb, len(self.times), time_step)
         self._acceleration_to_angle = defects.acceleration_to_angle
         if self._largest_disagreement(defects) < 1e-9:
             return DefectBlock(self, defects)

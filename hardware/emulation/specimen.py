@@ -29,6 +29,7 @@ Sources:
 import copy
 import dataclasses
 import hashlib
+import re
 
 import numpy as np
 
@@ -41,6 +42,7 @@ from limb_systems import (
     NoBoard,
     joint_angles_from_bend_angle,
 )
+from limb_systems.model.parameters import Board
 
 EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor")
 
@@ -213,6 +215,27 @@ def serial_number(board: EmulatedLimb) -> str:
     if not board.description and not board.absent and board.seed < 10_000:
         return f"twin{board.seed:04d}"
     return f"t{hashlib.sha256(board.identity.encode()).hexdigest()[:7]}"
+
+
+def emulated_limb(board: Board) -> EmulatedLimb | None:
+    """The emulated limb that a board is or has on it, as far as its serial number tells.
+
+    Limbs that are calibrated through the port of an emulated board carry its
+    number, as those on a robot do. None for any other limb's.
+
+    Raises:
+        LimbError: if it is that of an emulated limb which the number does not tell.
+    """
+    if isinstance(board, EmulatedLimb):
+        return board
+    if match := re.fullmatch(r"twin(\d{4})", board.identity):
+        return EmulatedLimb(int(match[1]))
+    if re.fullmatch(r"t[0-9a-f]{7}", board.identity):
+        raise LimbError(
+            f"The emulated limb {board.identity} was calibrated through its port, and its number "
+            "does not tell which one it is; emulate it again and give its port."
+        )
+    return None
 
 
 def _draw_wire(uniform, wire, rise: float) -> WirePhysics:

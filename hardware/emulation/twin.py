@@ -12,11 +12,10 @@ from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem
 from hardware.emulation.hand import Hand
 from hardware.emulation.rubber import Rubber
 from hardware.emulation.sensors import SampledSensors, limb_sensors
-from hardware.emulation.specimen import SegmentPhysics, Specimen
+from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
 from hardware.emulation.wires import PERIOD, ShapeMemoryWires
 from limb_systems import (
     BendAngle,
-    EmulatedLimb,
     LimbParameters,
     ThermocoupleLag,
     make_manipulator,
@@ -100,7 +99,8 @@ class LimbTwin(Diagram):
         rubber = builder.AddSystem(Rubber(specimen))
         manipulator = builder.AddSystem(make_manipulator(mechanics))
         room = np.full(len(specimen.wires), specimen.ambient)
-        lag = builder.AddSystem(ThermocoupleLag(mechanics, specimen.state.get("measured", room)))
+        lag = builder.AddSystem(ThermocoupleLag(mechanics))
+        lag.configure_default_state(specimen.state.get("measured", room))
         bend_angle = builder.AddSystem(BendAngle(self.parameters))
         split = builder.AddSystem(Demultiplexer([num_joints, num_joints]))
         one = np.eye(num_joints)
@@ -168,15 +168,17 @@ class LimbTwin(Diagram):
         """The emulated limb that parameters were calibrated on, unused.
 
         Args:
-            parameters: their ``board`` identifies the limb. If it is not an
-                emulated one, a limb of their kind is drawn.
+            parameters: their ``board`` identifies the limb, or has the number of
+                an emulated board that does. If it is not an emulated one, a limb
+                of their kind is drawn.
             seed: for that draw.
 
         Raises:
-            LimbError: if the identity is invalid.
+            LimbError: if the identity is invalid, or the board's number does not
+                say which limb it is.
         """
-        if isinstance(parameters.board, EmulatedLimb):
-            return cls(specimen=Specimen.of(parameters.board))
+        if board := emulated_limb(parameters.board):
+            return cls(specimen=Specimen.of(board))
         return cls(parameters, seed=seed)
 
     def again(

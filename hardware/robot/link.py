@@ -13,7 +13,7 @@ import numpy as np
 import serial
 
 from hardware.firmware import guard, protocol
-from limb_systems import LimbError, bend_angle_from_tip_tangent
+from limb_systems import LimbError
 
 FIRMWARE_VERSIONS = (2,)
 BAUD_RATE = 115200
@@ -40,7 +40,7 @@ class Sample:
     - ``reason``: why they may not, one of the reasons of `hardware.firmware.guard`.
     - ``acknowledged``: sequence of the last command, modulo 65536.
     - ``temperature``: V (2), °C.
-    - ``bend_angle``: φ = α/2, eqn (8), rad.
+    - ``tip_tangent``: α, as the bend sensor reads it, rad.
     - ``duty``: applied (2).
     """
 
@@ -52,7 +52,7 @@ class Sample:
     reason: int
     acknowledged: int
     temperature: np.ndarray
-    bend_angle: float
+    tip_tangent: float
     duty: np.ndarray
 
     @property
@@ -311,6 +311,6 @@ class BoardLink:
             reason=reason,
             acknowledged=acknowledged,
             temperature=np.array([left, right]) / 4,
-            bend_angle=float(bend_angle_from_tip_tangent(np.deg2rad(bend / 64))),
+            tip_tangent=float(np.deg2rad(bend / 64)),
             duty=np.array(duty) / protocol.FULL_DUTY,
         )

@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hardware.robot.link import BoardLink, Sample
+from limb_systems import bend_angle_from_tip_tangent
 
 DUTY = 0.3
 HEATING_TIME = 6.0  # s for each wire
@@ -82,4 +83,5 @@ def _average(link: BoardLink) -> np.ndarray:
         if sample.armed:
             link.command(sample.duty)  # as before, or the heartbeat would end it
         time.sleep(PERIOD / 2)
-    return np.mean([[*sample.temperature, sample.bend_angle] for sample in samples], axis=0)
+    average = np.mean([[*sample.temperature, sample.tip_tangent] for sample in samples], axis=0)
+    return np.append(average[:2], bend_angle_from_tip_tangent(average[2]))

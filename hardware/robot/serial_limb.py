@@ -21,7 +21,7 @@ class SerialLimb(LeafSystem):
 
     - input 0 ``duty``: D (2), in [0, 1]
     - output 0 ``measured_temperature``: V (2), °C
-    - output 1 ``bend_angle``: φ (1), rad
+    - output 1 ``bend_angle``: φ (1), rad, from the segment's ``bend_sensor``
     - output 2 ``sample_age``: time since the sample was received, s
     - output 3 ``applied_duty``: the duty that the board had applied at the sample (2)
     - output 4 ``board_time``: time from the start of the board to the sample, s
@@ -65,7 +65,7 @@ class SerialLimb(LeafSystem):
         Raises:
             HardwareError: if no board with a known firmware answers.
             LimbError: if the number of wires is not the board's number of
-                channels.
+                channels, or the limb has several segments, for one bend sensor.
         """
         super().__init__()
         self.parameters = LimbParameters.of(parameters)
@@ -109,12 +109,17 @@ class SerialLimb(LeafSystem):
         self.close()
 
     def _check_channels(self) -> None:
-        """Raises LimbError unless the board has a channel for each wire, and frames for both."""
+        """Raises LimbError unless the board, and its frames, have all that the limb needs."""
         num_wires, channels = len(self.parameters.wires), self.info.channels
         if not num_wires == channels == CHANNELS:
             raise LimbError(
                 f"This limb has {num_wires} wires, but the board on {self.link.port} has "
                 f"{channels} channels; a command is for {CHANNELS}."
+            )
+        if (num_segments := len(self.parameters.segments)) != 1:
+            raise LimbError(
+                f"This limb has {num_segments} segments, but the board on {self.link.port} has one "
+                "bend sensor."
             )
 
     def close(self) -> None:
@@ -143,7 +148,8 @@ class SerialLimb(LeafSystem):
     def _update(self, context, discrete_state):
         sample = self.link.sample()
         received = sample.received - self._start
-        last = [sample.bend_angle, *sample.duty, sample.board_time, received]
+        bend_angle = self.parameters.segments[0].bend_sensor.bend_angle(sample.tip_tangent)
+        last = [bend_angle, *sample.duty, sample.board_time, received]
         discrete_state.set_value(np.append(sample.temperature, last))
 
 

@@ -1,4 +1,4 @@
-"""Forward kinematics of the planar chain and the conversions of eqns (8), (11).
+"""Forward kinematics of the planar chain and the conversion of eqn (11).
 
 Angles are in rad. E1 is the axis of the straight limb, E2 the lateral axis.
 A bend angle is that of the chord from a segment's base to its tip, in the
@@ -66,16 +66,6 @@ def _chord_angle(matrices, joint_angles: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
         links = to_links @ joint_angles
         return np.arctan2(to_chords @ np.sin(links), to_chords @ np.cos(links))
-
-
-def bend_angle_from_tip_tangent(tip_tangent: ArrayLike) -> np.ndarray:
-    """φ = α/2 for the sensor's tip tangent angle α, constant curvature (8)."""
-    return np.asarray(tip_tangent, float) / 2
-
-
-def tip_tangent_from_bend_angle(bend_angle: ArrayLike) -> np.ndarray:
-    """α = 2 φ, what the sensor reads, for constant curvature (8)."""
-    return 2 * np.asarray(bend_angle, float)
 
 
 def joint_angles_from_bend_angle(parameters: LimbParameters, bend_angle: ArrayLike) -> np.ndarray:

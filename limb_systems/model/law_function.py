@@ -1,13 +1,14 @@
-"""A function of vectors as a Drake system, for laws that no block in C++ can express.
+"""Functions and dynamics that are not linear as Drake systems, for laws other than the paper's.
 
-Drake's SymbolicVectorSystem, which would run in C++, must have a state to be
-part of a continuous diagram.
+Drake's SymbolicVectorSystem would run in C++, but it must have a state to be
+part of a continuous diagram, and that state can only start at zero.
 """
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from pydrake.systems.framework import LeafSystem_
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem_
+from pydrake.systems.primitives import Integrator
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from limb_systems.model.ownership import weak_method
@@ -59,3 +60,36 @@ def LawFunction_(T):
 
 
 LawFunction = LawFunction_[None]
+
+
+class LawDynamics(Diagram):
+    """ẋ = f(x, u), with the state as its output.
+
+    - state, continuous: x
+    - input 0 ``u``: u
+    - output 0 ``x``: x
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(
+        self,
+        rates: Callable[[np.ndarray, np.ndarray], np.ndarray],
+        num_inputs: int,
+        initial: np.ndarray,
+    ):
+        """
+        Args:
+            rates: f, for arrays of any of Drake's scalar types.
+            num_inputs: size of u.
+            initial: x of the default state.
+        """
+        super().__init__()
+        builder, size = DiagramBuilder(), len(initial)
+        function = builder.AddSystem(LawFunction(rates, [size, num_inputs], size))
+        integrator = builder.AddSystem(Integrator(np.asarray(initial, float)))
+        builder.Connect(function.get_output_port(), integrator.get_input_port())
+        builder.Connect(integrator.get_output_port(), function.get_input_port(0))
+        builder.ExportInput(function.get_input_port(1), "u")
+        builder.ExportOutput(integrator.get_output_port(), "x")
+        builder.BuildInto(self)

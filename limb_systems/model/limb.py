@@ -4,15 +4,16 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import MatrixGain, Multiplexer
 
 from limb_systems.model.kinematics import BendAngle
+from limb_systems.model.law_function import LawDynamics, LawFunction
 from limb_systems.model.manipulator import make_manipulator
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.thermal import JouleHeating, ThermocoupleLag
 from limb_systems.model.torque_map import TorqueMap
-from limb_systems.model.wires import num_wire_states
+from limb_systems.model.wires import Wires, num_wire_states
 
 
 class Limb(Diagram):
@@ -65,19 +66,17 @@ class Limb(Diagram):
         self.source = "model"
         builder = DiagramBuilder()
         manipulator = builder.AddSystem(make_manipulator(parameters))
-        heating = builder.AddSystem(JouleHeating(parameters))
-        lag = builder.AddSystem(ThermocoupleLag(parameters))
-        torque_map = builder.AddSystem(TorqueMap(parameters))
+        heating, lag, torque_map = map(builder.AddSystem, _blocks(parameters))
         bend_angle = builder.AddSystem(BendAngle(parameters))
         joint_state = manipulator.get_state_output_port()
         wire_state = heating.get_output_port()
         num_wires, num_segments = len(parameters.wires), len(parameters.segments)
         measurement = builder.AddSystem(Multiplexer([num_wires, num_segments]))
 
-        builder.Connect(wire_state, torque_map.GetInputPort("wire_state"))
+        builder.Connect(wire_state, torque_map.get_input_port(0))
         builder.Connect(wire_state, lag.get_input_port())
-        if torque_map.HasInputPort("joint_state"):
-            builder.Connect(joint_state, torque_map.GetInputPort("joint_state"))
+        if torque_map.num_input_ports() > 1:
+            builder.Connect(joint_state, torque_map.get_input_port(1))
         builder.Connect(
             torque_map.get_output_port(), manipulator.get_applied_generalized_force_input_port()
         )
@@ -98,6 +97,38 @@ class Limb(Diagram):
         builder.ExportOutput(measurement.get_output_port(), "measurement")
         builder.BuildInto(self)
         self.set_name(name)
+
+
+def _blocks(parameters: LimbParameters) -> tuple[System, System, System]:
+    """The blocks of heat, measurement and torque, affine if the wires' laws are."""
+    wires, n = Wires(parameters), parameters.num_joints
+    heating: System
+    lag: System
+    torque_map: System
+    if wires.rates_are_affine:
+        heating, lag = JouleHeating(parameters), ThermocoupleLag(parameters)
+    else:
+        cold = wires.cold_states
+        heating = LawDynamics(wires.rates, wires.num_wires, cold)
+        lag = LawDynamics(wires.reading_rates, wires.num_states, cold[: wires.num_wires])
+    if wires.torque_is_affine:
+        torque_map = TorqueMap(parameters)
+    elif wires.torque_needs_angle:
+        torque_map = LawFunction(
+            lambda states, joint_state: wires.forces(states, joint_state[:n]),
+            [wires.num_states, 2 * n],
+            n,
+        )
+    else:
+        straight = np.zeros(n)
+        torque_map = LawFunction(
+            lambda states: wires.forces(states, straight), [wires.num_states], n
+        )
+    for block, name in zip(
+        (heating, lag, torque_map), ("joule_heating", "thermocouple_lag", "torque_map"), strict=True
+    ):
+        block.set_name(name)
+    return heating, lag, torque_map
 
 
 def to_paper_state(parameters: LimbParameters, state: ArrayLike) -> np.ndarray:

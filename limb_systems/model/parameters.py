@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from limb_systems.errors import LimbError
+from limb_systems.model.bend_sensor import BendSensor, TipTangentSensor
 from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.output import write_atomically
 from limb_systems.schema import (
@@ -88,6 +89,7 @@ class SegmentParameters(Strict):
     - ``damping``: damping constant σ of each joint, N·m·s/rad (1).
     - ``wires``: `WireParameters`; by default the paper's two, left and right.
       Heating the right one bends towards +E2.
+    - ``bend_sensor``: what reads the bend; `TipTangentSensor` is the paper's (8).
     """
 
     links: int = quantity(5, "links", 1, 100)
@@ -98,6 +100,7 @@ class SegmentParameters(Strict):
     stiffness: float = quantity(0.1246, "N·m/rad", 1e-6, 1e4)
     damping: float = quantity(1.0e-3, "N·m·s/rad", 0.0, 1e2)
     wires: list[WireParameters] = dataclasses.field(default_factory=_left_and_right)
+    bend_sensor: TipTangentSensor | BendSensor = dataclasses.field(default_factory=TipTangentSensor)
 
     def wire(self, name: str) -> WireParameters:
         """The wire of that name.
@@ -198,11 +201,13 @@ class CalibrationRecord(Strict):
 
     - ``names``: of the P parameters, such as "right.a1".
     - ``values``, ``standard_errors``: of the estimates (P), in their units.
-    - ``covariance``: (P, P), in the products of their units; zero between
-      parameters that were fitted to different recordings.
-    - ``recordings``: sentences on what was recorded.
-    - ``validation``: sentence on how well a recording was predicted that was
-      not used in any fit; empty if there was none.
+    - ``covariance``: (P, P), in the products of their units; its diagonal is
+      that of the squared standard errors. Off it are a1, a2, a3 of each wire
+      among themselves, and what the β of all wires share with k, of which each
+      is a multiple; the rest was not estimated and is zero.
+    - ``recordings``: a line on each kind of recording, how many and of what.
+    - ``validation``: a line on how well a recording was predicted that was not
+      used in any fit; empty if there was none.
     """
 
     names: list[str]

@@ -1,30 +1,27 @@
 """The heat of the wires as Drake systems: eqns (6) and (7), and (7) read backwards.
 
-All wires share one block, whose dynamics are those of their laws. Where they
-are affine, as the paper's are, the block is an `AffineSystem`, which runs in
-Drake's C++ for every scalar type.
+All wires share one block, made of their laws. The blocks here are for laws
+whose heat is linear, as the paper's is: they are affine, so their dynamics run
+in Drake's C++ for every scalar type. `LawDynamics` takes their place for other
+laws. Drake names the ports of an AffineSystem ``u0`` and ``y0``.
 """
 
-from collections.abc import Callable
-
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import AffineSystem, Integrator
+from pydrake.systems.primitives import AffineSystem
 
-from limb_systems.model.law_function import LawFunction
-from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.parameters import LimbParameters, ParameterError
 from limb_systems.model.wires import Wires
 
 
-class JouleHeating(Diagram):
+class JouleHeating(AffineSystem):
     """The states of the wires under Joule heating and convection, eqn (6).
 
-        Ṫ = a1 (T - T0) + a2 D, or what the wires' laws say
+        Ṫ = a1 (T - T0) + a2 D
 
-    - input 0 ``duty``: D (W), in [0, 1]
-    - output 0 ``wire_state``: x (N): T (W), °C, then what other states the
-      laws have, as in `Wires`
-    - state, continuous: x (N); by default that of wires that were never heated
+    - state: x (N): T (W), °C, then what other states the wires' laws have, as
+      in `Wires`; that of wires that were never heated by default
+    - input 0: duty D (W), in [0, 1]
+    - output 0: x (N)
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -33,85 +30,62 @@ class JouleHeating(Diagram):
         """
         Args:
             parameters: of the limb, for its wires.
+
+        Raises:
+            ParameterError: if the heat of a wire is not linear.
         """
-        super().__init__()
-        wires = Wires(parameters)
+        wires = _linear_wires(parameters)
         A, B, _ = wires.affine_rates()
-        _build_dynamics(self, ("duty", "wire_state"), wires, wires.rates, A, B, wires.cold_states)
+        N, W = B.shape
+        offset = wires.rates(np.zeros(N), np.zeros(W))
+        super().__init__(A=A, B=B, f0=offset, C=np.eye(N), D=np.zeros((N, W)), y0=np.zeros(N))
+        self.configure_default_state(wires.cold_states)
         self.set_name("joule_heating")
 
 
-class ThermocoupleLag(Diagram):
+class ThermocoupleLag(AffineSystem):
     """Temperature that the glued-on thermocouple measures, eqn (7).
 
-        V̇ = a3 (V - T), or what the wires' laws say
+        V̇ = a3 (V - T)
 
-    - input 0 ``wire_state``: x (N), as that of `JouleHeating`
-    - output 0 ``measured_temperature``: V (W), °C
-    - state, continuous: V (W), °C; T0 by default
+    - state: V (W), °C; T0 by default
+    - input 0: x (N) of the wires, which begins with T (W), °C
+    - output 0: measured temperature V (W), °C
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, parameters: LimbParameters, initial: np.ndarray | None = None):
+    def __init__(self, parameters: LimbParameters):
         """
         Args:
             parameters: of the limb, for its wires.
-            initial: V (W) of the default state, °C; T0 if None.
+
+        Raises:
+            ParameterError: if the heat of a wire is not linear.
         """
-        super().__init__()
-        wires = Wires(parameters)
-        if initial is None:
-            initial = np.full(wires.num_wires, parameters.ambient_temperature)
-        N, off = wires.num_states, np.zeros(wires.num_wires)
-        heat = np.concatenate([wires.cold_states, initial])
-        slopes = wires.heat_jacobian(heat, off).reshape(len(heat), -1)[N:]
-        A, B = slopes[:, N : len(heat)], slopes[:, :N]
-        names = ("wire_state", "measured_temperature")
-        _build_dynamics(self, names, wires, wires.reading_rates, A, B, initial)
+        wires = _linear_wires(parameters)
+        N, W = wires.num_states, wires.num_wires
+        slopes = wires.heat_jacobian(np.zeros(N + W), np.zeros(W))[N:]
+        super().__init__(
+            A=slopes[:, N : N + W],
+            B=slopes[:, :N],
+            f0=wires.reading_rates(np.zeros(W), np.zeros(N)),
+            C=np.eye(W),
+            D=np.zeros((W, N)),
+            y0=np.zeros(W),
+        )
+        self.configure_default_state(np.full(W, parameters.ambient_temperature))
         self.set_name("thermocouple_lag")
 
 
-def _build_dynamics(
-    diagram: Diagram,
-    names: tuple[str, str],
-    wires: Wires,
-    rates: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    A: np.ndarray,
-    B: np.ndarray,
-    initial: np.ndarray,
-) -> None:
-    """Makes an empty diagram a system whose output is its state.
-
-    Args:
-        names: of the input and of the output.
-        rates: of the state, from the state and the input.
-        A, B: derivatives of the rates by these, where they are affine.
-        initial: default of the state.
-    """
-    builder, (size, num_inputs) = DiagramBuilder(), B.shape
-    if wires.rates_are_affine:
-        system = builder.AddSystem(
-            AffineSystem(
-                A=A,
-                B=B,
-                f0=rates(np.zeros(size), np.zeros(num_inputs)),
-                C=np.eye(size),
-                D=np.zeros_like(B),
-                y0=np.zeros(size),
-            )
+def _linear_wires(parameters: LimbParameters) -> Wires:
+    wires = Wires(parameters)
+    if not wires.rates_are_affine:
+        raise ParameterError(
+            "The heat of a wire of this limb is not linear; use LawDynamics in place of "
+            "JouleHeating and ThermocoupleLag."
         )
-        system.configure_default_state(initial)
-        builder.ExportInput(system.get_input_port(), names[0])
-        builder.ExportOutput(system.get_output_port(), names[1])
-    else:
-        function = builder.AddSystem(LawFunction(rates, [size, num_inputs], size))
-        integrator = builder.AddSystem(Integrator(np.asarray(initial, float)))
-        builder.Connect(function.get_output_port(), integrator.get_input_port())
-        builder.Connect(integrator.get_output_port(), function.get_input_port(0))
-        builder.ExportInput(function.get_input_port(1), names[0])
-        builder.ExportOutput(integrator.get_output_port(), names[1])
-    builder.BuildInto(diagram)
+    return wires
 
 
 class InverseThermocoupleLag(AffineSystem):

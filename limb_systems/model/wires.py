@@ -31,12 +31,20 @@ class _Alike:
 
     - ``law``: its fields are arrays with an element for each wire.
     - ``wires``: indices of the wires among all wires.
-    - ``states``: (M, G) indices among all states, for M states of G wires.
+    - ``states``: for each of the law's states, which they are among all states.
     """
 
     law: WireLaw
-    wires: np.ndarray
-    states: np.ndarray
+    wires: slice | np.ndarray
+    states: list[slice | np.ndarray]
+
+    def slots(self, num_states: int, num_wires: int) -> list[slice | np.ndarray]:
+        """Where their states, reading and duty are in [x, V, D]."""
+        return [
+            *self.states,
+            _shifted(self.wires, num_states),
+            _shifted(self.wires, num_states + num_wires),
+        ]
 
 
 class Wires:
@@ -53,7 +61,8 @@ class Wires:
     - ``cold_states``: of wires that were never heated (N,).
     - ``directions``: of the wires' torque on the joints (n, W), zero for
       joints of other segments, else e2 / |(e2, e3)|.
-    - ``rates_are_affine``, ``torque_is_affine``: whether they are, in states and duty.
+    - ``rates_are_affine``: in states, readings and duty.
+    - ``torque_is_affine``: in the states, and no function of the angle.
     - ``torque_needs_angle``: whether any torque depends on the joint's angle.
     - ``heat_pattern``: which of `heat_rates` depend on which of [x, V, D],
       (N + W, N + 2W), true or false.
@@ -87,8 +96,11 @@ class Wires:
             self._groups.append(
                 _Alike(
                     _stacked([laws[index] for index in wires]),
-                    np.array(wires),
-                    np.array([columns[index] for index in wires]).T,
+                    _as_slice(wires),
+                    [
+                        _as_slice([columns[index][k] for index in wires])
+                        for k in range(len(columns[wires[0]]))
+                    ],
                 )
             )
         self.directions = np.zeros((parameters.num_joints, self.num_wires))
@@ -96,7 +108,21 @@ class Wires:
             parameters.joint_slices, parameters.wire_slices, parameters.segments, strict=True
         ):
             self.directions[joints, wires_of] = [wire.direction for wire in segment.wires]
-        self._look_at_laws()
+        # Symbols take longer than all else here, and a plan makes many `Wires` of the same laws.
+        key = (self._ambient, *((type(law), *vars(law).values()) for law in laws))
+        if key not in _FORMS:
+            _FORMS[key] = self._form()
+            if len(_FORMS) > _MOST_FORMS:
+                del _FORMS[next(iter(_FORMS))]
+        form = _FORMS[key]
+        self.rates_are_affine, self.torque_is_affine = form.rates_are_affine, form.torque_is_affine
+        self.torque_needs_angle, self.heat_pattern = form.torque_needs_angle, form.heat_pattern
+        zero, off = np.zeros(self.num_states + self.num_wires), np.zeros(self.num_wires)
+        if self.rates_are_affine:
+            self._heat_slopes = self._heat_jacobian(zero, off)
+        if self.torque_is_affine:
+            straight = np.zeros(len(self.directions))
+            self._force_slopes, _ = self._force_derivatives(zero[: self.num_states], straight)
 
     def rates(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """ẋ (..., N) of the states (..., N) under the duty (..., W), per second."""
@@ -152,14 +178,15 @@ class Wires:
         only once: the axes before the last two have length 1.
         """
         if self.rates_are_affine:
-            first = (0,) * (heat.ndim - 1)
-            heat, duty = np.zeros_like(heat[first], float), np.zeros_like(duty[first], float)
-            heat, duty = (v.reshape((1,) * len(first) + v.shape) for v in (heat, duty))
+            return self._heat_slopes.reshape((1,) * (heat.ndim - 1) + self._heat_slopes.shape)
+        return self._heat_jacobian(heat, duty)
+
+    def _heat_jacobian(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         num_heat = self.num_states + self.num_wires
         kind = np.result_type(heat, duty)
         result = np.zeros((*heat.shape[:-1], num_heat, num_heat + self.num_wires), kind)
         for group in self._groups:
-            slots = [*group.states, self.num_states + group.wires, num_heat + group.wires]
+            slots = group.slots(self.num_states, self.num_wires)
             point = np.concatenate([heat, duty], axis=-1)
             scales = np.array([*group.law.states.values(), TEMPERATURE_SCALE, 1.0])
 
@@ -170,7 +197,7 @@ class Wires:
             partials = _gradients(outputs, [point[..., slot] for slot in slots], scales)
             for row, by in zip(slots, partials, strict=False):
                 for column, values in zip(slots, by, strict=True):
-                    result[..., row, column] = values
+                    result[..., _indices(row), _indices(column)] = values
         return result
 
     def force_derivatives(
@@ -178,11 +205,18 @@ class Wires:
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """Derivatives of `forces` by states (..., n, N), and of each by its joint's angle (..., n).
 
-        If the torque is affine, the former has axes of length 1, like that of
-        `heat_jacobian`. The latter is None if no torque depends on the angle.
+        Where the torque is affine the former has axes of length 1, as that of
+        `heat_jacobian`; the latter is None where no torque depends on an angle.
         """
         if self.torque_is_affine:
-            states = np.zeros((1,) * (states.ndim - 1) + states.shape[-1:])
+            return self._force_slopes.reshape(
+                (1,) * (states.ndim - 1) + self._force_slopes.shape
+            ), None
+        return self._force_derivatives(states, angles)
+
+    def _force_derivatives(
+        self, states: np.ndarray, angles: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray | None]:
         theta = angles[..., :, None] if self.torque_needs_angle else np.zeros(1)
         points = states[..., None, :]
         kind = np.result_type(states, theta)
@@ -254,28 +288,62 @@ class Wires:
             states[W:] -= np.linalg.lstsq(slopes, rates, rcond=None)[0]
         return states
 
-    def _look_at_laws(self) -> None:
+    def _form(self) -> "_Form":
         """Finds out which formulas are affine, and what depends on what."""
         num_heat = self.num_states + self.num_wires
-        heat, duty = make_expressions("y", num_heat), make_expressions("D", self.num_wires)
-        angle = make_expressions("theta", 1)  # of any joint
+        heat, duty = _variables("y", num_heat), _variables("D", self.num_wires)
+        angle = _variables("theta", 1)  # of any joint
         with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
-            rates = self.heat_rates(heat, duty)
-            torques = self.torques(heat[: self.num_states], angle)
-        rates, torques = as_expressions(rates), as_expressions(torques)
-        self.rates_are_affine = _is_affine(rates, [*heat, *duty])
-        self.torque_is_affine = _is_affine(torques, [*heat[: self.num_states], *angle])
-        theta = {str(angle[0])}
-        self.torque_needs_angle = any(_names(torque) & theta for torque in torques.flat)
-        # Which rates depend on which states, readings and duty.
-        names = [str(variable) for variable in (*heat, *duty)]
+            rates = _expressions(self.heat_rates(heat, duty))
+            torques = _expressions(self.torques(heat[: self.num_states], angle))
         depends = [_names(rate) for rate in rates]
-        self.heat_pattern = np.array([[name in needed for name in names] for needed in depends])
+        needs_angle = any("theta0" in _names(torque) for torque in torques)
+        return _Form(
+            rates_are_affine=_is_affine(rates, np.concatenate([heat, duty])),
+            torque_is_affine=not needs_angle and _is_affine(torques, heat[: self.num_states]),
+            torque_needs_angle=needs_angle,
+            heat_pattern=np.array(
+                [[str(v) in needed for v in (*heat, *duty)] for needed in depends]
+            ),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class _Form:
+    """Which of a limb's laws are linear, and what depends on what; see `Wires`."""
+
+    rates_are_affine: bool
+    torque_is_affine: bool
+    torque_needs_angle: bool
+    heat_pattern: np.ndarray
 
 
 def num_wire_states(parameters: LimbParameters) -> int:
     """N, the number of states of all wires' laws, without the readings."""
     return sum(len(wire.law.states) for wire in parameters.wires)
+
+
+_FORMS: dict[tuple, "_Form"] = {}
+_MOST_FORMS = 64
+
+
+def _as_slice(indices: list[int]) -> slice | np.ndarray:
+    """Indices as a slice, which is read without a copy, if they are in a row."""
+    first = indices[0]
+    in_a_row = indices == list(range(first, first + len(indices)))
+    return slice(first, first + len(indices)) if in_a_row else np.array(indices)
+
+
+def _shifted(indices: slice | np.ndarray, by: int) -> slice | np.ndarray:
+    if isinstance(indices, slice):
+        return slice(indices.start + by, indices.stop + by)
+    return indices + by
+
+
+def _indices(indices: slice | np.ndarray) -> np.ndarray:
+    if isinstance(indices, slice):
+        return np.arange(indices.start, indices.stop)
+    return indices
 
 
 def _stacked(laws: list[WireLaw]) -> WireLaw:
@@ -337,25 +405,23 @@ def _hessians(
     return np.moveaxis(np.array(rows), 2, 0)
 
 
-def make_expressions(name: str, size: int) -> np.ndarray:
-    """Symbolic variables (size), as expressions, which numpy's functions accept."""
+def _variables(name: str, size: int) -> np.ndarray:
     return np.array([Expression(Variable(f"{name}{index}")) for index in range(size)])
 
 
-def as_expressions(values: np.ndarray) -> np.ndarray:
-    """Turns an array of expressions and plain numbers into one of expressions."""
-    plain = [value if isinstance(value, Expression) else Expression(value) for value in values.flat]
-    return np.array(plain).reshape(values.shape)
+def _expressions(values: np.ndarray) -> list[Expression]:
+    """All of an array, some of which may be plain numbers yet."""
+    return [value if isinstance(value, Expression) else Expression(value) for value in values.flat]
 
 
 def _names(expression: Expression) -> set[str]:
     return {variable.get_name() for variable in expression.GetVariables()}
 
 
-def _is_affine(expressions: np.ndarray, variables: list[Expression]) -> bool:
+def _is_affine(expressions: list[Expression], variables: np.ndarray) -> bool:
     symbols = [next(iter(variable.GetVariables())) for variable in variables]
     try:
-        DecomposeAffineExpressions(expressions.ravel(), symbols)
+        DecomposeAffineExpressions(expressions, symbols)
     except RuntimeError:
         return False
     return True

@@ -1,6 +1,7 @@
 """The whole of Sec. V: on the model, whose truth is known, and on an emulated limb."""
 
 import copy
+import dataclasses
 import html
 import json
 import re
@@ -19,7 +20,8 @@ from calibration import (
 )
 from calibration.__main__ import main
 from hardware import LimbTwin
-from limb_systems import Limb, LimbParameters, Recording, SerialBoard, simulate
+from limb_systems import Limb, LimbParameters, Recording, SerialBoard, Trajectory, simulate
+from planners import plan, references
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +83,73 @@ def test_description_keeps_what_is_not_calibrated(model_recordings):
     assert description == LimbParameters(temperature_limits=description.temperature_limits)
 
 
+@pytest.fixture(scope="module")
+def sagging_and_heated(model_recordings):
+    """Recordings with a sag that differs from trial to trial, so that k has an error."""
+
+    def scaled(factor):
+        (sag,) = model_recordings["sag"]
+        sags = [dataclasses.replace(sag, bend_angle=f * factor * sag.bend_angle) for f in SAGS]
+        return {"sag": sags} | {side: model_recordings[side] for side in ("left", "right")}
+
+    return scaled
+
+
+SAGS = (0.95, 0.98, 1.04)
+
+
+def test_errors_and_covariance_of_a_calibration_are_data_in_its_file(sagging_and_heated, tmp_path):
+    calibration = calibrate(sagging_and_heated(1.0))
+    calibration.parameters.save(tmp_path / "limb.yaml")
+    record = LimbParameters.load(tmp_path / "limb.yaml").calibration
+    assert record == calibration.parameters.calibration
+    assert dict(zip(record.names, record.values, strict=True)) == {
+        name: estimate.value for name, estimate in calibration.estimates.items()
+    }
+    assert record.names[:2] == ["ambient_temperature", "stiffness"]
+    assert len(record.names) == 10
+    assert record.recordings[0] == f"3 of sag: {calibration.sources['sag'][0]}"
+    assert record.validation == ""
+    errors, covariance = np.array(record.standard_errors), np.array(record.covariance)
+    np.testing.assert_array_equal(covariance, covariance.T)
+    np.testing.assert_array_equal(np.diag(covariance), errors**2)
+    scales = np.where(errors > 0, errors, 1.0)  # nothing disturbs the model's T0
+    correlation = covariance / np.outer(scales, scales)
+    assert np.linalg.eigvalsh(correlation).min() > -1e-9
+    groups = {name.split(".")[0] for name in record.names}
+    assert groups == {"ambient_temperature", "stiffness", "left", "right"}
+    for row, column in zip(*np.nonzero(np.triu(covariance, 1)), strict=True):
+        pair = record.names[row], record.names[column]
+        rates_of_a_wire = pair[0].split(".")[0] == pair[1].split(".")[0]
+        multiples_of_k = all(name == "stiffness" or name.endswith("beta") for name in pair)
+        assert rates_of_a_wire or multiples_of_k, pair
+    # What β shares with k: both as the whole calibration moves when the limb sags a little more.
+    names = ["stiffness", "left.beta", "right.beta"]
+    more = calibrate(sagging_and_heated(1.001)).estimates
+    moved = [more[name].value - calibration.estimates[name].value for name in names]
+    slopes = np.array(moved) / moved[0]
+    rows = [record.names.index(name) for name in names]
+    expected = errors[rows[0]] ** 2 * np.outer(slopes, slopes)
+    off = ~np.eye(3, dtype=bool)
+    np.testing.assert_allclose(covariance[np.ix_(rows, rows)][off], expected[off], rtol=1e-3)
+
+
+def test_a_record_goes_with_the_limb_until_it_is_calibrated_anew(sagging_and_heated, tmp_path):
+    recordings = sagging_and_heated(1.0)
+    limb = calibrate(recordings).parameters
+    first = limb.calibration
+    held = simulate(Limb(limb), [0.0, 0.1], 1.0)
+    held.save(tmp_path / "held.csv")
+    assert Recording.load(tmp_path / "held.csv").parameters.calibration == first
+    trajectory = plan(limb, references.from_samples([0.0, 2.0], [0.0, 0.05]))
+    trajectory.save(tmp_path / "plan.csv")
+    assert Trajectory.load(tmp_path / "plan.csv").parameters.calibration == first
+    del recordings["sag"]
+    again = calibrate(recordings, limb, heat="temperature")
+    assert again.parameters.calibration.names[:2] == ["ambient_temperature", "left.a1"]
+    assert limb.calibration == first
+
+
 def test_a_calibration_shows_itself_in_short():
     fits = dict.fromkeys(("stiffness", "damping", "validation"))
     lists = {name: [] for name in ("heat", "heat_compared", "force")}
@@ -123,7 +192,10 @@ def test_command_fits_and_validates_an_emulated_limb(twin_folder, tmp_path, caps
     assert "correction factor λ   1.2" in said
     calibrated = LimbParameters.load(limb)
     assert 0.1 < calibrated.segments[0].stiffness < 0.16  # the draw is 0.112 to 0.137
-    assert "# " in limb.read_text(encoding="utf-8")
+    assert "# " not in limb.read_text(encoding="utf-8")
+    assert calibrated.calibration.names[:3] == ["ambient_temperature", "stiffness", "damping"]
+    told = f"bend angle off by {re.search(r'mean ([0-9.]+)°', said)[1]} deg on average"
+    assert calibrated.calibration.validation.startswith(told)
     page = report.read_text(encoding="utf-8")
     assert page.count("data:image/svg+xml;base64,") == 5
     verdict, *ranked = said.splitlines()[: 1 + len(re.findall("^(stop|care|note): ", said, re.M))]

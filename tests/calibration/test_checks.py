@@ -6,12 +6,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration import CalibrationError, check_recording, kind_of
-from calibration.calibrate import KINDS
-from limb_systems import Recording
+from calibration import CalibrationError, check_recording, kind_of, kinds_of
+from limb_systems import LimbParameters, Recording
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", kinds_of(LimbParameters()))
 def test_good_recordings_are_what_they_are(model_recordings, kind):
     (recording,) = model_recordings[kind]
     assert kind_of(recording) == kind

@@ -149,15 +149,23 @@ def test_standard_errors_cover_the_truth(true_limb, model_recordings):
     """A short version of benchmarks/calibration_accuracy.py."""
     wire = true_limb.segments[0].wire("right").law
     covered = dict.fromkeys(("a1", "a2", "a3"), 0)
+    values, told = [], []
     for seed in range(15):
         fit = fit_heat_transfer(noisy(model_recordings["right"][0], seed), 1, 23.0)
         for name in covered:
             estimate, truth = getattr(fit, name), getattr(wire, name)
             assert estimate.value == pytest.approx(truth, rel=0.1)
             covered[name] += abs(estimate.value - truth) < 1.96 * estimate.standard_error
+        values.append([fit.a1.value, fit.a2.value, fit.a3.value])
+        told.append(fit.covariance)
     # 95% of 15 are 14.25; the readings here are not late, unlike what a3's fit expects.
     assert min(covered["a1"], covered["a2"]) >= 11
     assert covered["a3"] >= 7
+    # What is said of errors that go together is how the estimates scatter together.
+    said = np.mean(told, axis=0)
+    said /= np.sqrt(np.outer(np.diag(said), np.diag(said)))
+    assert said[0, 1] == pytest.approx(np.corrcoef(np.transpose(values))[0, 1], abs=0.05)
+    assert said[0, 1] < -0.9  # a wire that heats more must cool more
 
 
 def test_a_wire_that_was_never_warm_is_refused(model_recordings):

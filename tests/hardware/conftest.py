@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from hardware import BoardLink, HardwareError, LimbTwin
-from hardware.emulation.emulated_board import Emulation
+from hardware.emulation.emulator import Emulation
 from hardware.firmware import guard, protocol
 
 

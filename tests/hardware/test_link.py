@@ -1,15 +1,19 @@
 """Boards that are none, are others' or are hung, as the host's end of the cable tells."""
 
+import dataclasses
 import os
 import threading
 import time
 import tty
 
+import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
-from hardware import BoardLink, HardwareError, SerialLimb
-from hardware.firmware import guard, protocol
-from limb_systems import LimbError
+from hardware import BoardLink, HardwareError, LimbTwin, SerialLimb
+from hardware.emulation.emulated_board import EmulatedBoard
+from hardware.firmware import guard, protocol, readings
+from limb_systems import BendSensor, LimbError, LimbParameters, TipTangentSensor
 
 from .conftest import wait_for
 
@@ -74,10 +78,68 @@ def test_a_board_with_other_channels_is_refused(board):
         SerialLimb(board[1])
 
 
-def sample(number, state, reason):
+def sample(number, state, reason, bend=0):
     return protocol.encode(
-        protocol.SAMPLE, number, 50 * number, 4711, state, reason, 0, 100, 100, 0, 0, 0
+        protocol.SAMPLE, number, 50 * number, 4711, state, reason, 0, 100, 100, bend, 0, 0
     )
+
+
+@dataclasses.dataclass
+class ChordSensor(BendSensor):
+    """One that reads the bend angle itself."""
+
+    def bend_angle(self, reading):
+        return np.asarray(reading, float)
+
+    def reading(self, bend_angle):
+        return np.asarray(bend_angle, float)
+
+
+def limb_with(sensor) -> LimbParameters:
+    limb = LimbParameters()
+    limb.segments[0].bend_sensor = sensor
+    return limb
+
+
+@pytest.mark.parametrize(("sensor", "degrees"), [(TipTangentSensor(), 15.0), (ChordSensor(), 30.0)])
+def test_the_segment_tells_what_a_reading_means(board, sensor, degrees):
+    """The board reads 30°, in 1/64 of them."""
+    stop = threading.Event()
+
+    def send():
+        while not stop.wait(0.02):
+            os.write(board[0], greeting(2) + sample(1, guard.DISARMED, 0, bend=64 * 30))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        with SerialLimb(board[1], limb_with(sensor), heated=False) as limb:
+            simulator = Simulator(limb)
+            limb.GetInputPort("duty").FixValue(simulator.get_mutable_context(), [0.0, 0.0])
+            simulator.Initialize()
+            (angle,) = limb.GetOutputPort("bend_angle").Eval(simulator.get_context())
+            assert limb.link.sample().tip_tangent == pytest.approx(np.deg2rad(30.0))
+    finally:
+        stop.set()
+        thread.join()
+    assert angle == pytest.approx(np.deg2rad(degrees))
+
+
+def test_the_emulated_board_s_bytes_are_of_the_segment_s_sensor():
+    """The same limb at rest, some degrees off by its rubber and sensor, read both ways."""
+    said = {}
+    for sensor in (TipTangentSensor(), ChordSensor()):
+        board = EmulatedBoard(LimbTwin(limb_with(sensor), seed=3), lambda *_: None)
+        angle = np.rad2deg(board.reading("bend_angle")[0])
+        said[type(sensor)] = np.mean([readings.bend(board.read_bend()) / 64 for _ in range(50)])
+    assert abs(angle) > 0.5
+    assert said[TipTangentSensor] == pytest.approx(2 * angle, abs=0.05)
+    assert said[ChordSensor] == pytest.approx(angle, abs=0.05)
+
+
+def test_an_emulated_board_is_for_a_limb_of_two_wires(two_segments):
+    with pytest.raises(LimbError, match="this limb has 4 wires in 2 segments"):
+        EmulatedBoard(LimbTwin(two_segments), lambda *_: None)
 
 
 @pytest.mark.parametrize("reason", guard.TEXTS)

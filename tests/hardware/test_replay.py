@@ -15,7 +15,7 @@ from calibration.__main__ import main as calibration_main
 from hardware import LimbTwin, ReplayError, replay, watch
 from hardware.__main__ import main
 from hardware.emulation.sensors import SensedLimb
-from limb_systems import Limb, LimbError, LimbParameters, Recording
+from limb_systems import Limb, LimbError, LimbParameters, Recording, SerialBoard
 from limb_systems.tracking import tracking_errors
 from planners import plan, references
 from planners.__main__ import main as planners_main
@@ -234,6 +234,19 @@ def test_json_says_what_is_in_the_recording(fig5_plan, tmp_path, capsys):
     assert said["source"] == recording.source
     assert said["timing"] is None  # simulated time
     assert said["written"] == [str(output)]
+
+
+def test_a_plan_that_was_calibrated_through_an_emulated_port_is_for_that_limb(
+    fig5_plan, tmp_path, capsys
+):
+    planned = beginning(fig5_plan, 6)
+    parameters = dataclasses.replace(planned.parameters, board=SerialBoard("twin0003"))
+    dataclasses.replace(planned, parameters=parameters).save(tmp_path / "plan.csv")
+    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
+    assert main([*arguments, "--emulated", "5"]) == 1
+    assert "calibration of the emulated limb 3, not 5" in capsys.readouterr().err
+    assert main(arguments) == 0
+    assert Recording.load(tmp_path / "recording.csv").source == "emulated limb, seed 3"
 
 
 def test_command_says_what_is_wrong_with_a_file(tmp_path, capsys):

@@ -133,6 +133,10 @@ def test_a_limb_of_two_segments_has_no_board(emulator, two_segments):
     message = f"has 4 wires, but the board on {emulator.port} has 2 channels"
     with pytest.raises(LimbError, match=message):
         SerialLimb(emulator.port, two_segments)
+    for segment in two_segments.segments:
+        segment.wires.pop()
+    with pytest.raises(LimbError, match=r"has 2 segments, but .* has one bend sensor"):
+        SerialLimb(emulator.port, two_segments)
 
 
 def test_recording_survives_sigkill(emulator, start_host, fig5_plan, tmp_path):

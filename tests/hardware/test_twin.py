@@ -19,7 +19,16 @@ from hardware import LimbTwin
 from hardware.emulation.noise import Noise
 from hardware.emulation.sensors import SampledSensors, SensedLimb, Sensor
 from hardware.emulation.specimen import Specimen, serial_number
-from limb_systems import Limb, LimbParameters, NoBoard, SegmentParameters, simulate
+from limb_systems import (
+    EmulatedLimb,
+    Limb,
+    LimbError,
+    LimbParameters,
+    NoBoard,
+    SegmentParameters,
+    SerialBoard,
+    simulate,
+)
 from limb_systems.simulation import make_simulator
 
 
@@ -237,6 +246,19 @@ def test_an_emulated_limb_is_made_again_from_its_identity():
         np.testing.assert_array_equal(rerun.bend_angle, recording.bend_angle)
         np.testing.assert_array_equal(rerun.measured_temperature, recording.measured_temperature)
     assert LimbTwin.of(LimbParameters(), seed=9).source == "emulated limb, seed 9"
+
+
+def test_a_limb_that_was_calibrated_through_its_port_is_known_by_its_number():
+    def through_port(number):
+        return LimbParameters(board=SerialBoard(number))
+
+    number = serial_number(EmulatedLimb(3))
+    assert LimbTwin.of(through_port(number), seed=9).parameters.board == EmulatedLimb(3)
+    number = serial_number(EmulatedLimb(3, LimbParameters(ambient_temperature=21.0).to_yaml()))
+    with pytest.raises(LimbError, match=f"limb {number} was calibrated through its port"):
+        LimbTwin.of(through_port(number))
+    of_a_robot = LimbTwin.of(through_port("0123456789abcdef"), seed=9)
+    assert of_a_robot.source == "emulated limb, seed 9"
 
 
 def test_a_limb_drawn_around_a_calibrated_one_is_another():

@@ -102,6 +102,9 @@ def test_tip_tangent_of_a_circular_arc_is_twice_its_bend():
     measured = bend_angle_from_tip_tangent(np.radians(60.0))
     assert measured == pytest.approx(np.radians(30.0), rel=1e-15)
     assert bend_angle(parameters, joint_angles)[0] == pytest.approx(measured, rel=0.011)
+    sensor = parameters.segments[0].bend_sensor
+    assert sensor.bend_angle(np.radians(60.0)) == measured
+    assert sensor.reading(measured) == pytest.approx(np.radians(60.0), rel=1e-15)
 
 
 def test_many_samples_at_once_are_as_one_by_one(uneven_limb):

@@ -133,6 +133,7 @@ def test_the_walk_finds_the_fields_of_all_levels():
         "segments[0]",
         "segments[0].wires[0]",
         "segments[0].wires[0].law",
+        "segments[0].bend_sensor",
         "temperature_limits",
         "board",
     ]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia
+from pydrake.multibody.tree import LinearSpringDamper, SpatialInertia
 from pydrake.planning import DirectCollocationConstraint
 
 from limb_systems import (
@@ -66,7 +66,7 @@ STEP = np.array([TIME_STEP])
 
 
 def defects_for(parameters, num_knots=2):
-    return LimbDefects(parameters, num_knots, TIME_STEP)
+    return LimbDefects(Limb(parameters), num_knots, TIME_STEP)
 
 
 def unscaled(parameters, rows):
@@ -151,7 +151,7 @@ def test_hessian_is_the_difference_quotient_of_the_jacobian(parameters):
     states, duty, _ = random_interval(parameters, np.random.default_rng(7))
     generator = np.random.default_rng(8)
     h = 0.05
-    defects = LimbDefects(parameters, 2, h)
+    defects = LimbDefects(Limb(parameters), 2, h)
     multipliers = generator.normal(size=(1, states.shape[1]))
     point = np.r_[states.ravel(), duty.ravel(), h]
 
@@ -196,24 +196,41 @@ def test_accelerations_and_derivatives_are_the_plants(parameters):
         np.testing.assert_allclose(our[0], their, atol=1e-9 * np.abs(their).max())
 
 
-def test_a_limb_that_is_no_planar_chain_is_noticed(monkeypatch):
-    """Another body in the plant, of a gram, and the closed form is not used."""
+def loaded(parameters, add):
+    """The manipulator with something more in it."""
+    plant = MultibodyPlant(time_step=0.0)
+    add_manipulator(plant, parameters)
+    add(plant, plant.GetBodyByName("link_5"))
+    plant.Finalize()
+    plant.set_name("manipulator")
+    return plant
 
-    def with_a_load(parameters):
-        plant = MultibodyPlant(time_step=0.0)
-        add_manipulator(plant, parameters)
-        link = plant.GetBodyByName("link_5")
-        load = plant.AddRigidBody(
-            "load", link.model_instance(), SpatialInertia.SolidSphereWithMass(0.001, 0.01)
-        )
-        plant.WeldFrames(link.body_frame(), load.body_frame())
-        plant.Finalize()
-        plant.set_name("manipulator")
-        return plant
+
+def test_a_limb_that_is_no_planar_chain_is_noticed(monkeypatch):
+    """With a spring from its tip to the wall the closed form is not used."""
+
+    def add_spring(plant, link):
+        wall, tip = [0.1, 0.1, 0.0], [0.02, 0.0, 0.0]
+        spring = LinearSpringDamper(plant.world_body(), wall, link, tip, 0.05, 5.0, 0.0)
+        plant.AddForceElement(spring)
 
     times = np.linspace(0.0, 1.0, 3)
     assert TrajectoryProgram(LimbParameters(), times).defects is not None
-    monkeypatch.setattr(limb, "make_manipulator", with_a_load)
+    monkeypatch.setattr(limb, "make_manipulator", lambda p: loaded(p, add_spring))
     with pytest.warns(UserWarning, match="not the planar chain"):
         program = TrajectoryProgram(LimbParameters(), times)
     assert program.defects is None
+
+
+def test_a_load_on_the_tip_is_part_of_the_chain(monkeypatch):
+    def add_load(plant, link):
+        inertia = SpatialInertia.SolidSphereWithMass(0.01, 0.01)
+        load = plant.AddRigidBody("load", link.model_instance(), inertia)
+        plant.WeldFrames(link.body_frame(), load.body_frame())
+
+    times = np.linspace(0.0, 1.0, 3)
+    unloaded = TrajectoryProgram(LimbParameters(), times).defects
+    monkeypatch.setattr(limb, "make_manipulator", lambda p: loaded(p, add_load))
+    program = TrajectoryProgram(LimbParameters(), times)
+    x = np.random.default_rng(0).uniform(0.1, 0.3, program.prog.num_vars())
+    assert np.abs(program.defects.evaluate(x) - unloaded.evaluate(x)).max() > 1e-3

@@ -211,7 +211,7 @@ def test_constraints_and_their_jacobian_agree_with_drakes_autodiff(limb):
             [step / 8 * weight @ rows[:n], weight @ rows[n : 2 * n], rows[2 * n :] * scales / step]
         )
 
-    defects = LimbDefects(limb, 2, step)
+    defects = LimbDefects(system, 2, step)
     ours = unscaled(defects.evaluate(states, duty, np.array([step]))[0])[:, 0]
     np.testing.assert_allclose(ours, constraint.Eval(variables()), rtol=1e-7, atol=1e-5)
 
@@ -233,7 +233,7 @@ def test_the_hessian_is_the_difference_of_jacobians(limb):
     generator, step = np.random.default_rng(2), 0.1
     states, duty = random_state(limb, generator, 3)
     steps = np.full(2, step)
-    defects = LimbDefects(limb, 3, step)
+    defects = LimbDefects(Limb(limb), 3, step)
     multipliers = generator.normal(size=(2, states.shape[1]))
     found = np.zeros((2, *[2 * states.shape[1] + 2 * duty.shape[1] + 1] * 2))
     found[:, defects.hessian_rows, defects.hessian_columns] = defects.hessian(

@@ -1,0 +1,66 @@
+"""What a limb is calibrated from: which recordings, and which of its wires are heated in each."""
+
+from calibration.errors import CalibrationError
+from limb_systems import LimbError, LimbParameters, SegmentParameters
+
+
+def only_segment(parameters: LimbParameters) -> SegmentParameters:
+    """The limb's one segment; segments are calibrated one by one."""
+    if len(parameters.segments) != 1:
+        raise LimbError(
+            f"This limb has {len(parameters.segments)} segments; calibrate each of them alone, as "
+            "a limb of one segment."
+        )
+    return parameters.segments[0]
+
+
+def kinds_of(parameters: LimbParameters) -> dict[str, list[int]]:
+    """The kinds of recordings of a limb of one segment, in the order of collecting.
+
+    Returns:
+        for each kind the indices of the wires that are heated: none for
+        "sag" and "ring_down"; one for each wire, by its name, those that bend
+        towards +E2 first; and all for "both".
+
+    Raises:
+        CalibrationError: if the limb cannot be held at angles to both sides,
+            as Sec. V does, or if a wire has the name of another kind.
+    """
+    wires = only_segment(parameters).wires
+    for wire in wires:
+        if wire.direction == 0:
+            raise CalibrationError(
+                f"The {wire.name} wire runs at e2 = 0, where it does not bend the limb in its "
+                "plane; there is nothing to calibrate it by."
+            )
+    if len({wire.direction > 0 for wire in wires}) < 2:
+        raise CalibrationError(
+            f"This limb has no wire at e2 {'<' if wires[0].direction > 0 else '>'} 0; calibration "
+            "holds it at angles to both sides, which takes a wire on either."
+        )
+    kinds: dict[str, list[int]] = {"sag": [], "ring_down": []}
+    for index in sorted(range(len(wires)), key=lambda i: wires[i].direction < 0):
+        if wires[index].name in (*kinds, "both"):
+            raise CalibrationError(
+                f"A wire is named {wires[index].name!r}, as is a kind of recording; name it "
+                "otherwise."
+            )
+        kinds[wires[index].name] = [index]
+    return kinds | {"both": list(range(len(wires)))}
+
+
+def heated_kinds(parameters: LimbParameters) -> dict[str, list[int]]:
+    """Those of `kinds_of` in which wires are heated."""
+    return {kind: wires for kind, wires in kinds_of(parameters).items() if wires}
+
+
+def heated_wires(parameters: LimbParameters, actuated: str) -> list[int]:
+    """Indices of the wires that are heated in recordings of a kind.
+
+    Raises:
+        LimbError: if there is no such kind.
+    """
+    kinds = heated_kinds(parameters)
+    if actuated not in kinds:
+        raise LimbError(f"actuated is {actuated!r}; it must be one of {', '.join(kinds)}.")
+    return kinds[actuated]

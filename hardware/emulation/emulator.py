@@ -1,0 +1,253 @@
+"""The emulator: the firmware on an emulated board, at the end of a cable.
+
+Orders inject faults into board, sensors and cable.
+"""
+
+import contextlib
+import json
+import os
+import random
+import select
+import sys
+import time
+import tty
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from hardware.emulation.emulated_board import EmulatedBoard
+from hardware.emulation.twin import LimbTwin
+from hardware.firmware.firmware import Firmware
+from limb_systems import LimbError
+
+TURN = 0.001  # s, between two passes of the firmware's loop
+WATCHDOG = 0.2  # s, as that of board_nrf52dk.py
+THERMOCOUPLE_FAULTS = {"open": 1, "ground": 2, "supply": 4}
+SIDES = {"left": 0, "right": 1}
+
+
+class BadLine:
+    """A line that loses, corrupts, doubles, delays and reorders bytes."""
+
+    def __init__(self, clock: Callable[[], float]):
+        self._clock = clock
+        self.mend()
+        self._waiting: list[tuple[float, bytes]] = []
+
+    def mend(self) -> None:
+        """Removes all faults: bytes arrive undamaged and without delay."""
+        self.rates = dict.fromkeys(("drop", "corrupt", "duplicate", "reorder"), 0.0)
+        self.delay = 0.0  # s
+
+    def pass_on(self, data: bytes) -> bytes:
+        """Puts ``data`` in at one end, and returns what comes out at the other end now."""
+        damaged = bytearray()
+        for byte in data:
+            if random.random() < self.rates["drop"]:
+                continue
+            if random.random() < self.rates["corrupt"]:
+                byte = random.getrandbits(8)
+            damaged.append(byte)
+            if random.random() < self.rates["duplicate"]:
+                damaged.append(byte)
+            if len(damaged) > 1 and random.random() < self.rates["reorder"]:
+                damaged[-2:] = damaged[-1:-3:-1]
+        if damaged:
+            self._waiting.append((self._clock() + self.delay, bytes(damaged)))
+        now, arrived = self._clock(), b""
+        while self._waiting and self._waiting[0][0] <= now:
+            arrived += self._waiting.pop(0)[1]
+        return arrived
+
+
+class Cable(Protocol):
+    """The board's end of a connection to a host."""
+
+    def read(self) -> bytes:
+        """The bytes from the host since the last call, possibly none."""
+
+    def write(self, data: bytes) -> None:
+        """Sends to the host; it may get lost."""
+
+    def unplug(self) -> None:
+        """Ends the connection for good."""
+
+
+class PseudoTerminal:
+    """A `Cable` whose other end is a serial port of this computer, named ``port``."""
+
+    def __init__(self):
+        self._master, self._slave = os.openpty()
+        os.set_blocking(self._master, False)
+        tty.setraw(self._slave)
+        self.port = os.ttyname(self._slave)
+
+    def read(self) -> bytes:
+        try:
+            return os.read(self._master, 4096)
+        except (BlockingIOError, OSError):
+            return b""
+
+    def write(self, data: bytes) -> None:
+        with contextlib.suppress(OSError):  # without a reader, a serial port drops bytes
+            os.write(self._master, data)
+
+    def unplug(self) -> None:
+        os.close(self._slave)
+        os.close(self._master)
+
+
+class Emulation:
+    """The firmware on an emulated board at the end of a cable."""
+
+    def __init__(
+        self,
+        twin: LimbTwin,
+        cable: Cable,
+        on_event: Callable[..., None] = lambda **_: None,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """
+        Args:
+            twin: the limb.
+            cable: to the host.
+            on_event: called with what happens, as keyword arguments: ``event``,
+                ``time`` (s, of the clock) and more.
+            clock: the time, s. With another than the computer's a test need not
+                wait for what takes long.
+        """
+        self._cable, self._on_event, self._clock = cable, on_event, clock
+        self.board = EmulatedBoard(twin, self._report_duty, clock)
+        self._lines = BadLine(clock), BadLine(clock)  # from and to the host
+        self._plugged, self._stalled_until = True, clock()
+        self._recorded = b""
+        self.firmware = Firmware(self.board)
+
+    def step(self) -> None:
+        """One pass: bytes in, firmware, bytes out, limb."""
+        self.board.advance()
+        if self._clock() < self._stalled_until:
+            if self._clock() - self.board.fed < WATCHDOG:
+                return
+            self._reset()
+        inwards, outwards = self._lines
+        if self._plugged:
+            self.board.from_host += inwards.pass_on(self._read())
+        self.firmware.step()
+        data = bytes(self.board.to_host)
+        self.board.to_host.clear()
+        if self._plugged and (data := outwards.pass_on(data)):
+            self._cable.write(data)
+
+    def misbehave(self, order: str) -> None:
+        """Carries out an order such as "corrupt 0.01" or "open right".
+
+        Raises:
+            LimbError: if the order is not understood.
+        """
+        words = order.split()
+        try:
+            self._obey(words)
+        except (IndexError, KeyError, ValueError) as error:
+            raise LimbError(f"'{order}' is not understood; orders are: {ORDERS}") from error
+        self._on_event(event="order", order=order.strip(), time=self._clock())
+
+    def _obey(self, words: list[str]) -> None:
+        name = words[0]
+        if name in self._lines[0].rates:
+            for line in self._lines:
+                line.rates[name] = float(words[1])
+        elif name == "delay":
+            for line in self._lines:
+                line.delay = float(words[1])
+        elif name == "noise":
+            self.board.from_host += random.randbytes(int(words[1]))
+        elif name in THERMOCOUPLE_FAULTS:
+            self.board.thermocouple_faults[SIDES[words[1]]] = THERMOCOUPLE_FAULTS[name]
+        elif name == "freeze" and words[1] == "bend":
+            self.board.frozen_bend = self.board.read_bend()
+        elif name in ("freeze", "hot"):
+            side = SIDES[words[1]]
+            now = self.board.reading("measured_temperature")[side]
+            self.board.frozen_temperature[side] = 115.0 if name == "hot" else now
+        elif name == "silence":
+            self.board.bend_is_silent = True
+        elif name == "mend":
+            for part in (self.board, *self._lines):
+                part.mend()
+            self._stalled_until = self._clock()
+        elif name == "cool":
+            self.board.cool()
+        elif name == "stall":
+            self._stalled_until = self._clock() + float(words[1])
+        elif name == "reset":
+            self._reset()
+        elif name == "unplug":
+            self._plugged = False
+            self._cable.unplug()
+        elif name == "replay":
+            self.board.from_host += self._recorded
+        else:
+            raise KeyError(name)
+
+    def _reset(self) -> None:
+        for wire in (0, 1):
+            self.board.set_duty(wire, 0.0)  # as pins of a board in reset
+        self.board.random = random.SystemRandom().getrandbits(16)
+        self._stalled_until = self._clock()
+        self.firmware = Firmware(self.board)
+
+    def _read(self) -> bytes:
+        data = self._cable.read()
+        self._recorded = (self._recorded + data)[-4096:]
+        return data
+
+    def _report_duty(self, left: float, right: float) -> None:
+        self._on_event(event="duty", left=left, right=right, time=self._clock())
+
+
+ORDERS = (
+    "drop RATE, corrupt RATE, duplicate RATE, reorder RATE, delay SECONDS, noise BYTES, "
+    "open SIDE, ground SIDE, supply SIDE, hot SIDE, freeze SIDE, freeze bend, silence, mend, "
+    "cool, stall SECONDS, reset, unplug, replay; SIDE is left or right"
+)
+
+
+def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
+    """Runs the firmware on an emulated board until the process is stopped.
+
+    Prints the port to connect to, then carries out orders from standard input.
+
+    Args:
+        twin: the limb on the board.
+        orders: carried out at the start, see `Emulation.misbehave`.
+        log: file with a line of JSON for each change of duty and each order.
+
+    Raises:
+        LimbError: if an order at the start is not understood.
+    """
+    with open(log or os.devnull, "w", encoding="utf-8") as file:
+
+        def note(**event) -> None:
+            file.write(json.dumps(event) + "\n")
+            file.flush()
+
+        cable = PseudoTerminal()
+        emulation = Emulation(twin, cable, note)
+        for order in orders:
+            emulation.misbehave(order)
+        print(cable.port, flush=True)
+        # Without a buffer, because `select` does not see lines in a buffer.
+        source = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
+        listening = True
+        while True:
+            emulation.step()
+            if listening and select.select([source], [], [], 0)[0]:
+                line = source.readline().decode(errors="replace")
+                listening = bool(line)
+                try:
+                    if line.strip():
+                        emulation.misbehave(line)
+                except LimbError as error:
+                    print(f"error: {error}", file=sys.stderr)
+            time.sleep(TURN)

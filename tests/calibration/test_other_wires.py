@@ -1,0 +1,200 @@
+"""Limbs whose wires are not left and right: other names, another order, another number."""
+
+import copy
+import re
+
+import numpy as np
+import pytest
+
+from calibration import (
+    CalibrationError,
+    calibrate,
+    check_recording,
+    collect_equilibria,
+    collect_from_robot,
+    collect_sag,
+    kind_of,
+    kinds_of,
+    load_recordings,
+    save_recordings,
+)
+from hardware import replay
+from limb_systems import (
+    Limb,
+    LimbParameters,
+    LinearLaw,
+    Recording,
+    WireParameters,
+    joint_angles_from_bend_angle,
+    simulate,
+)
+from planners import plan, references
+
+
+def limb_with(*wires) -> LimbParameters:
+    limb = LimbParameters(ambient_temperature=23.0)
+    limb.segments[0].wires = list(wires)
+    return limb
+
+
+@pytest.fixture(scope="module")
+def dorsal_and_ventral() -> LimbParameters:
+    """The wire that bends towards +E2 is the first, and oblique: 0.8 of its torque bends."""
+    limb = limb_with(
+        WireParameters("dorsal", 0.004, 0.003, LinearLaw(-0.06, 24.0, -1.3, 6.0e-4)),
+        WireParameters("ventral", -0.003, 0.0, LinearLaw(-0.07, 20.0, -0.8, 4.7e-4)),
+    )
+    limb.segments[0].stiffness = 0.115
+    return limb
+
+
+@pytest.fixture(scope="module")
+def folder(dorsal_and_ventral, tmp_path_factory):
+    """Recordings of the model, as files."""
+    folder = tmp_path_factory.mktemp("dorsal")
+    mounted = copy.deepcopy(dorsal_and_ventral)
+    mounted.gravity = [0.0, -9.81, 0.0]
+    bent = joint_angles_from_bend_angle(dorsal_and_ventral, [np.pi / 4])
+    state = np.concatenate([bent, 0 * bent, np.full(4, 23.0)])
+    swing = simulate(
+        Limb(dorsal_and_ventral), [0.0, 0.0], 4.0, sample_rate=100.0, initial_state=state
+    )
+    recordings = {"sag": [collect_sag(Limb(mounted))], "ring_down": [swing]}
+    for seed, kind in enumerate(("dorsal", "ventral", "both")):
+        limb = Limb(dorsal_and_ventral)
+        recordings[kind] = [collect_equilibria(limb, kind, num_angles=4, seed=seed, longest=40.0)]
+    save_recordings(recordings, folder)
+    return folder
+
+
+def test_kinds_are_in_the_order_of_collecting(dorsal_and_ventral):
+    """As ever for the nominal limb."""
+    assert kinds_of(LimbParameters()) == {
+        "sag": [],
+        "ring_down": [],
+        "right": [1],
+        "left": [0],
+        "both": [0, 1],
+    }
+    assert list(kinds_of(dorsal_and_ventral)) == ["sag", "ring_down", "dorsal", "ventral", "both"]
+
+
+def test_dorsal_and_ventral_are_calibrated_to_their_own_parameters(dorsal_and_ventral, folder):
+    calibration = calibrate(folder)
+    found, true = calibration.parameters.segments[0], dorsal_and_ventral.segments[0]
+    assert found.stiffness == pytest.approx(true.stiffness, rel=0.01)
+    for name in ("dorsal", "ventral"):
+        for parameter in ("a1", "a2", "a3", "beta"):
+            value, truth = (getattr(s.wire(name).law, parameter) for s in (found, true))
+            assert value == pytest.approx(truth, rel=0.03)
+    assert np.rad2deg(calibration.validation.percentile_90) < 0.3
+    assert list(calibration.sources) == ["sag", "ring_down", "dorsal", "ventral", "both"]
+    assert calibration.parameters.calibration.names[3:5] == ["dorsal.a1", "dorsal.a2"]
+
+
+def test_equilibria_are_on_the_side_of_the_wire(folder):
+    recordings = load_recordings(folder)
+    (dorsal,), (ventral,) = recordings["dorsal"], recordings["ventral"]
+    assert dorsal.bend_angle[0, -1] > 0 > ventral.bend_angle[0, -1]
+    assert not dorsal.duty[1].any()
+    assert not ventral.duty[0].any()
+
+
+def test_troubles_name_the_wires(dorsal_and_ventral, folder):
+    dorsal = load_recordings(folder)["dorsal"][0]
+    swapped = copy.deepcopy(dorsal)
+    swapped.measured_temperature = swapped.measured_temperature[::-1].copy()
+    with pytest.raises(CalibrationError, match="dorsal wire warms the ventral thermocouple: the t"):
+        check_recording(swapped)
+    swapped.bend_angle = -swapped.bend_angle
+    with pytest.raises(CalibrationError, match="away from its own side: the wires' outputs are"):
+        check_recording(swapped)
+    dorsal = copy.deepcopy(dorsal)
+    dorsal.bend_angle = -dorsal.bend_angle
+    with pytest.raises(CalibrationError, match="the bend sensor is reversed"):
+        check_recording(dorsal)
+    with pytest.raises(CalibrationError, match="ventral wire heated and no other, but only the d"):
+        check_recording(dorsal, "ventral")
+    with pytest.raises(CalibrationError, match=r"of the wires dorsal, ventral, .* left, right"):
+        calibrate(folder, LimbParameters())
+
+
+def test_dorsal_and_ventral_are_planned_and_replayed(dorsal_and_ventral, monkeypatch):
+    """In real time, as a robot is, which shows its wires while it runs."""
+    reference = references.from_samples([0.0, 2.0], [0.0, 0.1])
+    trajectory = plan(dorsal_and_ventral, reference)
+
+    class Robot(Limb):
+        __slots__ = ()
+
+        real_time = True
+
+        def close(self):
+            pass
+
+    said = []
+    monkeypatch.setattr(
+        "limb_systems.progress.Progress.update", lambda _, done, remark="": said.append(remark)
+    )
+    recording = replay(trajectory, Robot(dorsal_and_ventral))
+    shown = r"φ  \+\d\.\d°, dorsal \d\d\.\d °C at 0\.\d\d, ventral 23\.0 °C at 0\.00"
+    assert re.fullmatch(shown, said[-1]), said[-1]
+    np.testing.assert_allclose(recording.bend_angle[0, -1], trajectory.bend_angle[0, -1], atol=2e-3)
+    assert recording.measured_temperature[0, -1] > recording.measured_temperature[1, -1]
+
+
+def test_three_wires_are_collected_as_four_kinds(tmp_path, monkeypatch):
+    """Two of them on one side: the limb is held by each, and by all."""
+    monkeypatch.setattr("calibration.collect.SAG_TRIALS", 1)
+    monkeypatch.setattr("calibration.collect.RING_DOWNS", 1)
+    asked = []
+
+    class Robot(Limb):
+        __slots__ = ()
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    limb = limb_with(
+        WireParameters("low", -0.0034),
+        WireParameters("near", 0.0034, 0.003),
+        WireParameters("far", 0.0034, -0.003),
+    )
+    collect_from_robot(Robot, limb, tmp_path, asked.append, num_angles=2, longest=30.0)
+    names = ["sag_1", "ring_down_1", "near", "far", "low", "both"]
+    assert [what.split(":")[0] for what in asked] == names
+    assert "towards its low wire" in asked[0]
+    found = {path.stem: Recording.load(path) for path in tmp_path.iterdir()}
+    for name, heated in (("near", [1]), ("low", [0]), ("both", [0, 1, 2]), ("sag_1", [])):
+        assert np.flatnonzero(found[name].duty.max(axis=1)).tolist() == heated
+        assert kind_of(found[name]) == name.removesuffix("_1")
+    found["both"].duty[0] = 0.0
+    with pytest.raises(CalibrationError, match="only the wires near and far are heated"):
+        kind_of(found["both"])
+
+
+@pytest.mark.parametrize(
+    ("wires", "sentence"),
+    [
+        ([WireParameters("only", 0.0034)], "no wire at e2 < 0; calibration holds it at angles to"),
+        ([WireParameters("a", -0.003), WireParameters("b", -0.002)], "no wire at e2 > 0"),
+        (
+            [WireParameters("a", 0.0, 0.003), WireParameters("b", 0.002)],
+            "a wire runs at e2 = 0",
+        ),
+        ([WireParameters("sag", -0.003), WireParameters("b", 0.002)], "A wire is named 'sag'"),
+        ([WireParameters("both", -0.003), WireParameters("b", 0.002)], "A wire is named 'both'"),
+    ],
+)
+def test_limbs_that_are_not_calibrated_are_told_so(wires, sentence):
+    limb = limb_with(*wires)
+    for refuse in (
+        lambda: kinds_of(limb),
+        lambda: collect_equilibria(Limb(limb), "both"),
+        lambda: calibrate({"both": [simulate(Limb(limb), [0.1] * len(wires), 2.0)]}),
+    ):
+        with pytest.raises(CalibrationError, match=sentence):
+            refuse()
