@@ -39,6 +39,8 @@ PASSED = PlanCheck(
 SPECIAL = [5e-324, -5e-324, -0.0, 1e-300, np.pi, -np.pi, np.nextafter(np.pi, 0), 1 / 3]
 HUGE = [1.7976931348623157e308, -1e308, 1e22, 123456789.123456789]
 
+TOP = 27  # lines of a recording's header, before the names of its columns
+
 
 def make_recording(parameters=None, samples=4, **changes) -> Recording:
     parameters = parameters or LimbParameters(segments=[SegmentParameters(links=2)])
@@ -323,7 +325,7 @@ def write_sealed(path, lines):
 
 @pytest.fixture
 def lines(tmp_path) -> list[str]:
-    """Of a recording that is then changed; its first sample stands in line 28."""
+    """Of a recording that is then changed; its first sample stands in line TOP + 2."""
     return saved_lines(make_recording(), tmp_path / "file.csv")
 
 
@@ -346,7 +348,7 @@ def test_sealing_an_unchanged_file_leaves_it_good(tmp_path, lines):
 
 
 def test_the_lines_are_counted_as_in_an_editor(lines):
-    assert names_line(lines) == 26  # line 27, counted from 1
+    assert names_line(lines) == TOP  # which is line TOP + 1, counted from 1
 
 
 def test_what_only_robots_know_comes_back(tmp_path):
@@ -375,13 +377,13 @@ def test_another_version_is_refused(lines, refuse_sealed):
 
 
 def test_shuffled_rows_are_refused(lines, refuse_sealed):
-    lines[28], lines[29] = lines[29], lines[28]
-    refuse_sealed(lines, "time", "line 30", "increas")
+    lines[TOP + 2], lines[TOP + 3] = lines[TOP + 3], lines[TOP + 2]
+    refuse_sealed(lines, "time", f"line {TOP + 4}", "increas")
 
 
 def test_duplicate_rows_are_refused(lines, refuse_sealed):
-    lines.insert(28, lines[28])
-    refuse_sealed(lines, "time", "line 30", "increas")
+    lines.insert(TOP + 2, lines[TOP + 2])
+    refuse_sealed(lines, "time", f"line {TOP + 4}", "increas")
 
 
 def test_wrong_count_of_rows_is_refused(tmp_path, refused):
@@ -405,21 +407,21 @@ def test_changed_value_under_the_old_checksum_is_refused(tmp_path, refused, line
 @pytest.mark.parametrize("name", ["time_s", "duty_left", "bend_angle_deg", "joint_rate_2_deg_s"])
 def test_value_that_is_not_finite_is_refused_with_its_place(lines, refuse_sealed, name, text):
     set_cell(lines, 2, name, text)
-    refuse_sealed(lines, name, "line 30")
+    refuse_sealed(lines, name, f"line {TOP + 4}")
 
 
 @pytest.mark.parametrize("text", ["", "abc", "0x1", "snan", "1.2.3", "--1"])
 @pytest.mark.parametrize("name", ["time_s", "duty_left", "bend_angle_deg"])
 def test_cell_that_is_no_number_is_refused_with_its_place(lines, refuse_sealed, name, text):
     set_cell(lines, 2, name, text)
-    refuse_sealed(lines, "line 30")
+    refuse_sealed(lines, f"line {TOP + 4}")
 
 
 @pytest.mark.parametrize("exponent", ["400", "99999", "9999999", "9" * 20, "9" * 5000])
 @pytest.mark.parametrize("name", ["duty_left", "bend_angle_deg", "joint_angle_1_deg"])
 def test_number_beyond_any_double_is_refused_with_its_place(lines, refuse_sealed, name, exponent):
     set_cell(lines, 2, name, f"-1e{exponent}")
-    refuse_sealed(lines, "line 30")
+    refuse_sealed(lines, f"line {TOP + 4}")
 
 
 @pytest.mark.parametrize(
@@ -471,35 +473,35 @@ def test_missing_column_is_refused_by_name(lines, refuse_sealed, name):
 
 def test_missing_time_is_refused(tmp_path, refused, lines):
     path = tmp_path / "file.csv"
-    lines[26] = lines[26].replace("time_s", "time_ms")
+    lines[TOP] = lines[TOP].replace("time_s", "time_ms")
     body = "\n".join(lines) + "\n"
     path.write_text(f"{body}# end, 4 rows, sha256 {hashlib.sha256(body.encode()).hexdigest()}\n")
-    with refused(FileFormatError, path, "line 27", "time_s"):
+    with refused(FileFormatError, path, f"line {TOP + 1}", "time_s"):
         Recording.load(path)
 
 
 @pytest.mark.parametrize("name", ["reference_angle_2_deg", "duty_left_2", "note"])
 def test_extra_column_is_refused_by_name(lines, refuse_sealed, name):
-    for index in range(26, len(lines)):
-        lines[index] += f",{name}" if index == 26 else ",0.5"
+    for index in range(TOP, len(lines)):
+        lines[index] += f",{name}" if index == TOP else ",0.5"
     refuse_sealed(lines, name, "does not belong")
 
 
 def test_column_given_twice_is_refused(lines, refuse_sealed):
-    lines[26] = lines[26].replace("duty_right", "duty_left")
-    refuse_sealed(lines, "line 27")
+    lines[TOP] = lines[TOP].replace("duty_right", "duty_left")
+    refuse_sealed(lines, f"line {TOP + 1}")
 
 
 @pytest.mark.parametrize("change", [lambda row: row + ",1.0", lambda row: row.rsplit(",", 1)[0]])
 def test_row_of_another_length_is_refused_with_its_place(lines, refuse_sealed, change):
-    lines[29] = change(lines[29])
-    refuse_sealed(lines, "line 30", "12 columns")
+    lines[TOP + 3] = change(lines[TOP + 3])
+    refuse_sealed(lines, f"line {TOP + 4}", "12 columns")
 
 
 @pytest.mark.parametrize("text", ["", "# a remark"])
 def test_row_that_is_none_is_refused_with_its_place(lines, refuse_sealed, text):
-    lines.insert(29, text)
-    refuse_sealed(lines, "line 30")
+    lines.insert(TOP + 3, text)
+    refuse_sealed(lines, f"line {TOP + 4}")
 
 
 @pytest.mark.parametrize(
