@@ -34,7 +34,7 @@ def collect_equilibria(
     """The datasets C^r, C^l and C^m of Sec. V-C: random equilibria, held by PI control.
 
     The angles are uniform between zero and the largest towards the actuated
-    wire, or to both sides. Where several wires are, each has a duty of its own
+    wire, or to both sides. Where several wires are, each has its own duty
     beside what the controller asks for.
 
     Args:

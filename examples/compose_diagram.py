@@ -1,4 +1,4 @@
-"""A limb in a diagram of one's own: heat the right wire, and see where it bends.
+"""A limb in your own diagram: heats the right wire and prints the bend angle.
 
 python examples/compose_diagram.py
 """

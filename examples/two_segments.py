@@ -1,4 +1,4 @@
-"""A limb of two segments in series, each of which follows a reference of its own.
+"""A limb of two segments in series, each of which follows its own reference.
 
     python examples/two_segments.py [REFERENCE.csv] [-l LIMB.yaml] [-o FOLDER]
 
@@ -41,7 +41,7 @@ def main(options):
     print(plan_summary(trajectory))
     for number, error in enumerate(np.rad2deg(errors.max(axis=1)), 1):
         print(f"segment {number}   simulated within {error:.3f}° of the plan")
-    title = "Each segment with a reference of its own: plan and simulation"
+    title = "Each segment with its own reference: plan and simulation"
     save_figure(plot_tracking(trajectory, [recording], title), options.out / "two_segments.png")
     write_meshcat_replay(options.out / "two_segments.html", recording, title=title)
     print(f"written     two_segments .csv, .png and .html in {options.out}")

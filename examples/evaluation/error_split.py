@@ -55,10 +55,9 @@ def best_parameters(experiment: Experiment) -> LimbParameters:
     """The parameters with which the model of Sec. IV describes a limb best.
 
     Stiffness, damping, ambient temperature and the thermocouples' lag are the
-    limb's own. Where it has no such number, a1 and a2 of either wire, those
-    with the smallest squared difference of the bend angle in all motions are
-    taken, which nobody knows beforehand. Since a2 and β only count as their
-    product, β stays as it was calibrated.
+    limb's true values. The limb has no true a1 and a2, so these are fitted in
+    hindsight to the bend angle in all motions, by least squares. β stays as
+    calibrated, because only the product of a2 and β matters.
     """
     limb = experiment.specimen.mechanics()
     (segment,) = limb.segments

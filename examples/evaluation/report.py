@@ -91,13 +91,13 @@ def _table_1(summaries: Sequence[Summary]) -> str:
 def _error_split(summaries: Sequence[Summary]) -> str:
     parts = [
         page.paragraph(
-            "Between the plan and the reading of the sensor one thing is swapped at a time: the "
-            "plan for the simulated model, the calibrated parameters for those that describe this "
-            "very limb best in hindsight, the model for the limb, and the limb for what its sensor "
-            "reads of it. First rollouts; the steps partly cancel each other, so that they do not "
-            "add up."
+            "From the plan to the sensor's reading, one thing is replaced at a time: the "
+            "plan by the simulated model, the calibrated parameters by those that fit this limb "
+            "best in hindsight, the model by the limb, and the limb's angle by its sensor's "
+            "reading. Only first rollouts are used. The steps partly cancel each other, so they do "
+            "not add up."
         ),
-        page.picture(plot_split(summaries), "What each step makes of the bend angle"),
+        page.picture(plot_split(summaries), "Change of the bend angle by each step"),
         page.table(
             ["step", *PAPER_TABLE_1],
             split_table(summaries, 0),
@@ -106,18 +106,18 @@ def _error_split(summaries: Sequence[Summary]) -> str:
         page.table(
             ["without the step", *PAPER_TABLE_1],
             split_table(summaries, 1),
-            "What would be left of the error if that step made no difference, in degrees.",
+            "Error that would remain if the step made no difference, in degrees.",
         ),
     ]
     if len(complete(summaries)) < len(summaries):
         parts += [
             page.paragraph(
-                "Then the form of the model is taken apart, by swapping the limb for one without "
-                "an effect that the model leaves out, and doing everything again with it, from "
-                "the recordings on: silicone is the second thermal mass; without stress there is "
-                "no latent heat, nor does bending change the torque. A limb without any of them "
-                "still has torque that follows temperature along an S-curve, where the model has "
-                "a line (4)."
+                "The next table splits the error of the model's form. An effect that it lacks "
+                "is taken out of the limb, and everything is done again with this limb, "
+                "from the recordings on. Silicone is the second thermal mass; without stress there "
+                "is no latent heat, and bending does not change the torque. In a limb without any "
+                "of these effects, torque still follows temperature along an S-curve, where the "
+                "model has a line (4)."
             ),
             page.table(
                 ["limb", *PAPER_TABLE_1],
