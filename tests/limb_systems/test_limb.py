@@ -306,15 +306,6 @@ def test_two_limbs_share_a_diagram_and_are_simulated_as_each_alone(uneven_limb):
         np.testing.assert_allclose(bend, alone.bend_angle[:, -1], atol=1e-5)
 
 
-def test_two_limbs_of_one_name_are_refused_by_drake_and_the_nominal_name_is_limb():
-    assert Limb().get_name() == "limb"
-    builder = DiagramBuilder()
-    builder.AddSystem(Limb())
-    builder.AddSystem(Limb())
-    with pytest.raises(RuntimeError, match="limb"):
-        builder.Build()
-
-
 def test_a_limb_may_be_given_as_a_file(tmp_path, uneven_limb):
     uneven_limb.save(tmp_path / "limb.yaml")
     assert Limb(tmp_path / "limb.yaml").parameters == uneven_limb
