@@ -30,7 +30,7 @@ def main(arguments: list[str] | None = None, prog: str = "python -m calibration"
     options = _parser(prog).parse_args(arguments)
     command = {"collect": _collect, "fit": _fit, "validate": _validate}[options.command]
     return run_command(
-        lambda: command(options), "stopped; what was finished is kept, and wires are off"
+        lambda: command(options), "stopped; finished recordings are kept, and wires are off"
     )
 
 
@@ -48,8 +48,8 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="record all that calibration needs, on a robot or an emulated limb",
         description="Records trials of the sag under gravity, ring-downs from 45°, and equilibria "
         "held with one wire after the other and with all of them. A robot is recorded in real "
-        "time, some 40 minutes, and says when it must be remounted or held; what is recorded "
-        "already is not recorded again. An emulated limb takes half a minute.",
+        "time, in some 40 minutes; the program says when to remount or hold the limb, and keeps "
+        "recordings that exist. An emulated limb takes half a minute.",
     )
     collect.add_argument(
         "-o", "--output", required=True, type=Path, help="folder to write the recordings to"
@@ -61,15 +61,14 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="description of the limb (.yaml); the nominal one if left out",
     )
     collect.add_argument(
-        "-p", "--port", help="of the robot: a serial port or any URL of pyserial's"
+        "-p", "--port", help="of the robot: a serial port or any URL that pyserial accepts"
     )
     collect.add_argument(
         "--emulated",
         type=int,
         default=0,
         metavar="SEED",
-        help="seed of the emulated limb that stands in where there is no port (default "
-        "%(default)s)",
+        help="seed of the emulated limb that is recorded without a port (default %(default)s)",
     )
     collect.add_argument(
         "--angles", type=int, default=8, help="equilibria in each recording (default %(default)s)"
@@ -83,8 +82,8 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "fit",
         help="fit a limb to a folder of recordings",
         description="Fits stiffness, damping, heat transfer and force to recordings. Files named "
-        "sag*, ring_down*, both* or as a wire, such as right*, must show that; others go by what "
-        "they show.",
+        "sag*, ring_down*, both* or as a wire, such as right*, must contain what the name says; "
+        "the kind of other files is taken from their data.",
     )
     fit.add_argument("recordings", type=Path, help="folder of recordings (.csv)")
     fit.add_argument(
@@ -104,8 +103,8 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "--heat",
         choices=HEAT_METHODS,
         default="bend",
-        help="what tells wire temperature: the bend, as in the paper, or the measured temperature "
-        "alone (default %(default)s)",
+        help="source of the wire temperature: the bend, as in the paper, or the measured "
+        "temperature alone (default %(default)s)",
     )
     fit.add_argument("--json", action="store_true", help="print JSON")
     add_force_option(fit)
@@ -132,7 +131,7 @@ def _collect(options) -> int:
             lambda parameters: SerialLimb(options.port, parameters),
             limb,
             options.output,
-            lambda what: input(f"{what}\nPress Enter when it is so. "),
+            lambda what: input(f"{what}\nPress Enter when this is done. "),
             seed=options.seed,
             num_angles=options.angles,
         )

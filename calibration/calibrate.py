@@ -173,7 +173,7 @@ def calibrate(
             temperature alone. The other is fitted for comparison.
 
     Raises:
-        CalibrationError: if recordings are missing or tell too little.
+        CalibrationError: if recordings are missing or do not determine a parameter.
     """
     if heat not in HEAT_METHODS:
         raise CalibrationError(f"heat is {heat!r}; it must be one of {', '.join(HEAT_METHODS)}.")

@@ -1,4 +1,4 @@
-"""What is wrong with a recording, said before anything is fitted to it."""
+"""Checks of recordings, before anything is fitted to them."""
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def kind_of(recording: Recording) -> str:
 
 
 def _shows(parameters: LimbParameters, kind: str) -> str:
-    """What a recording of a kind shows, in words."""
+    """What a recording of a kind must show, in words."""
     if kind == "sag":
         return "no wire is heated and gravity bends the limb"
     if kind == "ring_down":
@@ -42,7 +42,7 @@ def _shows(parameters: LimbParameters, kind: str) -> str:
 
 
 def _complaint(parameters: LimbParameters, kind: str) -> str:
-    """What is said where a recording should show a kind, but shows {}."""
+    """The error if a recording should show a kind, but shows {}."""
     if kind == "sag":
         return (
             "this should show the limb's sag under gravity, unheated, but {}; does its header's "
@@ -126,8 +126,8 @@ def _check_units(recording: Recording) -> None:
     warmed = np.ptp(recording.measured_temperature, axis=1).max()
     if heated > HEATED and warmed > 20.0 and 1e-3 < largest < np.deg2rad(1.6):
         raise CalibrationError(
-            f"the bend angle is {np.rad2deg(largest):.2f}° at the most while a wire warms by "
-            f"{warmed:.0f} °C; is it in radians? Files want degrees."
+            f"the bend angle is at most {np.rad2deg(largest):.2f}° while a wire warms by "
+            f"{warmed:.0f} °C; is it in radians? Files must have degrees."
         )
 
 

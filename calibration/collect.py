@@ -97,7 +97,7 @@ def collect_sag(limb: LimbSystem) -> Recording:
 
 
 def collect_ring_down(limb: LimbSystem, sample_rate: float = RING_DOWN_RATE) -> Recording:
-    """Sec. V-B: somebody holds the limb at 45° and lets it go within the next 6 s."""
+    """Sec. V-B: a person holds the limb at 45° and releases it within the next 6 s."""
     return simulate(limb, _off(limb), 6.0, sample_rate=sample_rate)
 
 
@@ -106,7 +106,7 @@ def _off(limb: LimbSystem) -> np.ndarray:
 
 
 def hand_for_ring_down() -> PiecewisePolynomial:
-    """A hand's course for `LimbTwin`: to 45° within 1 s, let go after 2 s, in rad."""
+    """A hand's course for `LimbTwin`: to 45° within 1 s, released after 2 s, in rad."""
     return PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], [[0.0, np.pi / 4, np.pi / 4]])
 
 
@@ -172,7 +172,7 @@ def collect_from_robot(
         connect: makes a `SerialLimb` with the given description.
         parameters: the limb's description, of one segment.
         folder: for the recordings, named after their kinds.
-        ask: tells the operator what to do, and returns when it is done.
+        ask: shows an instruction to the operator, and returns when it is done.
         seed, num_angles, longest: as for `collect_equilibria`.
 
     Raises:
@@ -185,7 +185,7 @@ def collect_from_robot(
     sag = (
         f"Mount the limb so that gravity bends it towards its {below} wire, and let it hang still."
     )
-    ring = "Mount the limb level. Bend it to 45° by hand, and let it go 2 s after Enter."
+    ring = "Mount the limb level. Bend it to 45° by hand, and release it 2 s after Enter."
     cool = "Leave the limb level and alone until its wires are cold."
     rate = 1 / PERIOD
     tasks: list[tuple[str, LimbParameters, str, Callable[[LimbSystem], Recording]]]

@@ -1,4 +1,4 @@
-"""Holding a limb at bend angles: the PI controller and the schedule of Sec. V-C."""
+"""Holds a limb at bend angles: the PI controller and the schedule of Sec. V-C."""
 
 from collections.abc import Sequence
 
@@ -47,7 +47,7 @@ class BendAngleController(LeafSystem):
     ):
         """
         Args:
-            parameters: the limb as far as it is known, of one segment.
+            parameters: of the limb, as far as they are known, of one segment.
             actuated: name of the wire, or "both" for all of them.
             co_contraction: D_c, duty of the actuated wires at u = 0.
             maximum_duty: D_max.

@@ -78,20 +78,20 @@ class DampingFit:
 def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
     """fitDS of Algorithm 1: a damped sinusoid with an offset, by least squares.
 
-    What comes before the release, a hold by hand for example, is left out by
-    itself: the fit starts where the signal moves fastest. A, ϕ and b are
-    linear in disguise and are eliminated, so that only ζ and ω are searched.
+    The fit starts where the signal moves fastest, so that a hold by hand before
+    the release is left out. In A cos ϕ, A sin ϕ and b the fit is linear, so these
+    are eliminated and only ζ and ω are searched.
 
     Args:
         time: (K,), s, evenly spaced.
         signal: (K,), in any unit.
 
     Raises:
-        CalibrationError: if nothing oscillates in it.
+        CalibrationError: if the signal does not oscillate.
     """
     time, signal = np.asarray(time, float), np.asarray(signal, float)
     if time.shape != signal.shape or len(time) < 20:
-        raise CalibrationError("A ring-down needs 20 samples or more, and a time for each.")
+        raise CalibrationError("A ring-down needs at least 20 samples, and a time for each.")
     period = (time[-1] - time[0]) / (len(time) - 1)
     start = int(np.argmax(np.abs(np.gradient(signal))))
     since, values = time[start:] - time[start], signal[start:]
@@ -114,7 +114,7 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
         columns = basis(logarithms)
         return columns @ np.linalg.lstsq(columns, values, rcond=None)[0] - values
 
-    # Several starts around the peak of the spectrum, which one of them fits.
+    # Several starts around the peak of the spectrum; the best fit is taken.
     padded = 8 * len(values)
     spectrum = np.abs(np.fft.rfft(values - values[-len(values) // 4 :].mean(), padded))
     frequencies = np.fft.rfftfreq(padded, period)
@@ -130,7 +130,7 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
     if amplitude < 3 * rms or not 1.0 / since[-1] < turning / (2 * np.pi) < 0.5 / period:
         raise CalibrationError(
             f"No oscillation stands out after {time[start]:.2f} s: its amplitude would be "
-            f"{amplitude:.3g}, beside residuals of {rms:.3g}."
+            f"{amplitude:.3g}, compared with residuals of {rms:.3g}."
         )
     error = np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0]) * rms  # of the logarithm
     natural = np.hypot(decay, turning)
@@ -147,7 +147,7 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
 
 
 def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> DampingFit:
-    """fitData of Algorithm 1: σ with which the model rings down as the limb does.
+    """fitData of Algorithm 1: σ with which the model rings down like the limb.
 
     Args:
         parameters: of the limb, with its calibrated stiffness.
@@ -179,7 +179,8 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
     if any(fit.residual > 0.15 * fit.amplitude for fit in measured):
         remarks.append(
             Remark(
-                "ringing", "The ring-down is far from a damped sinusoid; let go of it in one move."
+                "ringing",
+                "The ring-down is far from a damped sinusoid; release the limb in one move.",
             )
         )
     estimate = Estimate(float(values.mean()), float(error), "N·m·s/rad")

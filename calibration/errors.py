@@ -4,4 +4,4 @@ from limb_systems import LimbError
 
 
 class CalibrationError(LimbError):
-    """Recordings are missing or tell nothing about what is to be calibrated."""
+    """Recordings are missing, or a parameter cannot be estimated from them."""

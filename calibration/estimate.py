@@ -21,17 +21,17 @@ class Estimate:
 
     @property
     def told(self) -> bool:
-        """Whether the data tell it: its standard error is no larger than itself."""
+        """Whether the data determine it: its standard error is no larger than itself."""
         return self.standard_error <= abs(self.value)
 
     def __str__(self) -> str:
         if not self.told:
-            return f"{self.value:.4g} {self.unit} (the data do not tell)"
+            return f"{self.value:.4g} {self.unit} (the data do not determine it)"
         return f"{self.value:.4g} ± {self.standard_error:.2g} {self.unit}"
 
 
 def mean_estimate(values: ArrayLike, unit: str, relative_error: float = 0.0) -> Estimate:
-    """The mean of independent values (K,), two at least.
+    """The mean of independent values (K,), at least two.
 
     Args:
         relative_error: standard error of a factor that all values share.
@@ -43,7 +43,7 @@ def mean_estimate(values: ArrayLike, unit: str, relative_error: float = 0.0) -> 
 
 
 def standard_error(values: np.ndarray) -> float:
-    """Of the mean of independent values (K,), widened as Student's t is for few."""
+    """Standard error of the mean of independent values (K,), widened for few by Student's t."""
     spread = np.std(values, ddof=1) / np.sqrt(len(values))
     return float(spread * t.ppf(0.975, len(values) - 1) / norm.ppf(0.975))
 

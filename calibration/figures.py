@@ -91,7 +91,7 @@ def plot_damping(fit: DampingFit) -> Figure:
     axis.plot(fit.time, np.rad2deg(fit.bend_angle), ".", color=ROLLOUT_COLOR, ms=3, label="limb")
     span = measured.start + np.linspace(0, min(2.0, fit.time[-1] - measured.start), 400)
     axis.plot(span, np.rad2deg(measured(span)), color="k", lw=0.8, label="its sinusoid")
-    # The model's fit starts at a release of its own: drawn with the limb's phase and offset.
+    # The model's fit has another release: it is drawn with the limb's phase and offset.
     model = np.exp(-simulated.damping_ratio * simulated.natural_frequency * (span - span[0]))
     axis.plot(
         span,

@@ -11,9 +11,9 @@ from calibration.kinds import only_segment
 from calibration.remarks import Remark, remarks_on_estimate
 from limb_systems import LimbParameters, Recording, joint_angles_from_bend_angle
 
-WINDOW = 2.0  # s, that an equilibrium lasts at the least
-STILL = np.deg2rad(0.5)  # rad/s, that counts as φ̇ ≈ 0
-STEADY = 0.5  # °C/s, that counts as Ṫ ≈ 0
+WINDOW = 2.0  # s, shortest duration of an equilibrium
+STILL = np.deg2rad(0.5)  # rad/s, below which φ̇ ≈ 0
+STEADY = 0.5  # °C/s, below which Ṫ ≈ 0
 LUKEWARM = 10.0  # °C above ambient, below which a torque is hidden by noise
 
 

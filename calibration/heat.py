@@ -20,9 +20,9 @@ BLOCK = 30.0  # s, after which residuals count as independent
 READOUT_DELAY = 0.05, 0.03  # s, mean and deviation where anything up to 0.1 s is as likely
 REWEIGHTINGS = 2
 LONGEST_DELAY = 5.0  # s
-ANGLE_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 1.0  # rad and °C that weigh alike at first
+ANGLE_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 1.0  # rad and °C of equal weight at first
 
-# Logarithms of -a1, a2 and -a3 that a fit may reach, and from where it starts at the most.
+# Bounds of the logarithms of -a1, a2 and -a3 in a fit, and of its start.
 _LOWEST, _HIGHEST = np.log([[1e-3, 0.1, 0.02], [2.0, 1000.0, 10.0]])
 _INNER_LOWEST, _INNER_HIGHEST = np.log([[2e-3, 0.2, 0.05], [1.0, 500.0, 5.0]])
 
@@ -31,14 +31,14 @@ AT_BOUND = 0.01  # by which a logarithm may stay inside its bound and count as a
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HeatFit:
-    """Heat transfer of one wire, (6)-(7), and what the fit looks like.
+    """Heat transfer of one wire, (6)-(7), with the data of the fit.
 
     - ``wire``: its name.
-    - ``method``: "bend", the paper's, or "temperature", which does without.
+    - ``method``: "bend", the paper's, or "temperature", without the bend.
     - ``a1``, ``a2``, ``a3``: 1/s, °C/s and 1/s.
     - ``covariance``: theirs (3, 3), in the products of their units.
-    - ``delay``: by which sensors are read after the duty took effect, s; None
-      where it is not fitted. The model has none.
+    - ``delay``: of the readings after the duty, s; None if it is not fitted. The
+      model has none.
     - ``ambient``: T0 that was used, °C.
     - ``angle_per_degree``: 1/b, bend per °C of the wire, rad/°C; None without bend.
     - ``equilibrium``: (φ, V) from which b was started, rad and °C, likewise.
@@ -123,10 +123,10 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     throughout. A two-stage collocation gives a start: the smoothed records in
     the integrated (6), (7), which are linear in a1, a2, a3. The refinement
     simulates (6)-(7) and fits them to V and to φ = (T - T0) / b, with b free as
-    well. Where a robot says which duty it applied and how old its samples are,
-    these are used (`at_sample_times`). Elsewhere a pure delay of the readings
-    is fitted, too: sensors that are read in turn are late by up to 0.1 s, which
-    is what is assumed of it beforehand, and which would count as lag otherwise.
+    well. If a recording has the applied duty and the age of its samples, as a
+    robot's does, these are used (`at_sample_times`). If not, a pure delay of the
+    readings is fitted, too, because it would otherwise be taken for lag. Its
+    prior is a delay of up to 0.1 s, which sensors have that are read in turn.
 
     Args:
         recording: C^r or C^l, in which this wire alone is heated.
@@ -147,7 +147,7 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     if abs(angle_eq) < np.deg2rad(3.0):
         raise CalibrationError(
             f"The {name} wire bends the limb by {np.rad2deg(angle_eq):.1f}° where it is "
-            f"{measured_eq:.0f} °C; that is too little to tell its temperature from."
+            f"{measured_eq:.0f} °C; that is too little to estimate its temperature."
         )
     wire_start = b * angle + ambient
     start = _two_stage(duty, wire_start, measured, period, ambient)
@@ -175,8 +175,8 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
         [*_HIGHEST, np.inf, np.inf, np.inf] + [LONGEST_DELAY] * late,
     )
     fit = least_squares(residuals, guess, bounds=bounds, x_scale=scale)
-    # Each record then weighs by what it is found to be worth: a sensor that drifts says less
-    # than one with as much noise that does not.
+    # Then weight each signal by the standard deviation of its residuals. A sensor that drifts gets
+    # less weight than one with the same noise that does not drift.
     blocks = (recording.time / BLOCK).astype(int)
     for _ in range(REWEIGHTINGS):
         _, sensed, bent = simulated(fit.x)
@@ -213,9 +213,9 @@ def fit_heat_transfer_from_temperature(
 ) -> HeatFit:
     """a1, a2, a3 of one wire from duty and measured temperature alone.
 
-    The records of (6)-(7) from D to V, with a pure delay if wanted: for limbs
+    Fits (6)-(7) from D to V, on request with a pure delay. This is for limbs
     whose bend is not proportional to temperature. The slower of the two rates
-    is a1, as duty and V alone cannot tell them apart.
+    is taken as a1, because D and V alone do not distinguish a1 from a3.
 
     Args:
         recording: in which this wire is heated.
@@ -278,10 +278,10 @@ def fit_heat_transfer_from_temperature(
 def at_sample_times(recording: Recording) -> Recording:
     """A robot's recording with the applied duty, and its readings when they were taken.
 
-    They are known from the age of its samples; readings are linear between
-    them. The duty at a sample counts as in force since the one before, and its
-    mean over each interval is what is left of it here. A recording without
-    applied duty or age stays as it is.
+    The times of its samples follow from their age; readings are interpolated
+    linearly. The duty at a sample is taken as in force since the previous
+    sample, and averaged over each interval. A recording without applied duty or
+    age is returned unchanged.
     """
     if recording.applied_duty is None or recording.sample_age is None:
         return recording
@@ -319,7 +319,7 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
         if not recording.duty[index].any()
     ]
     if not medians:
-        raise CalibrationError("No recording has an unheated wire, which would tell T0.")
+        raise CalibrationError("No recording has an unheated wire, from which T0 is measured.")
     spread = np.std(medians, ddof=1) / np.sqrt(len(medians)) if len(medians) > 1 else 0.25
     return Estimate(float(np.mean(medians)), float(spread), "°C")
 
@@ -330,7 +330,7 @@ def _law(x: np.ndarray) -> LinearLaw:
 
 
 def _worth(residual: np.ndarray, blocks: np.ndarray) -> float:
-    """Standard deviation of independent noise that would blur block means as much."""
+    """Standard deviation of independent noise whose block means scatter as much."""
     means = np.array([residual[blocks == block].mean() for block in np.unique(blocks)])
     return max(_rms(residual), _rms(means) * np.sqrt(len(residual) / len(means)))
 
@@ -436,14 +436,14 @@ def _remarks(name: str, duty, measured, ambient: float, x, covariance) -> list[R
             remarks.append(
                 Remark(
                     "untold",
-                    f"The data do not tell {rate} of the {name} wire; record more equilibria.",
+                    f"The data do not determine {rate} of the {name} wire; record more equilibria.",
                 )
             )
         elif error > 0.3:
             remarks.append(
                 Remark(
                     "hardly told",
-                    f"The recording hardly tells {rate} of the {name} wire; record more "
+                    f"The recording hardly determines {rate} of the {name} wire; record more "
                     "equilibria.",
                 )
             )
@@ -451,7 +451,7 @@ def _remarks(name: str, duty, measured, ambient: float, x, covariance) -> list[R
         remarks.append(
             Remark(
                 "alike",
-                f"The {name} wire's a1 and a3 are close together and hard to tell apart.",
+                f"The {name} wire's a1 and a3 are close together and hard to distinguish.",
             )
         )
     return remarks

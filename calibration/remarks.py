@@ -1,10 +1,10 @@
-"""What recordings lack, how much that matters, and whether to plan with what came of them.
+"""Remarks on recordings and fits, and a verdict: whether to plan with a calibration.
 
-The rules that a calibration is judged by, and why:
+The rules of the verdict, and their reasons:
 
-- ``RULES`` says for each kind of remark how much it matters.
-- ``GOOD_ERROR`` and ``WORST_ERROR`` say what the validation must show.
-- The verdict is that of the worst remark.
+- ``RULES`` has the severity of each kind of remark.
+- ``GOOD_ERROR`` and ``WORST_ERROR`` are limits of the validation's error.
+- The worst remark decides the verdict.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ from calibration.validation import Validation
 
 
 class Severity(enum.IntEnum):
-    """How much a remark matters to plans."""
+    """The effect of a remark on plans."""
 
     NOTE = 0  # good to know
     CARE = 1  # plans may be further off than the validation says
@@ -29,33 +29,33 @@ class Severity(enum.IntEnum):
 GOOD_ERROR = 0.1  # 6° of 60°: the paper's robot is 3.4° to 5.3° from its plans in Table I
 WORST_ERROR = 0.25  # that of a limb which stays in the middle of a range that φ fills evenly
 
-# Kind of remark: how much it matters, and what the verdict says of it.
+# For each kind of remark: its severity, and the reason that the verdict gives.
 RULES = {
-    # What is uncertain by more than itself could be anything, and so could every plan.
+    # If the uncertainty is larger than the value, the value could be anything.
     "untold": (Severity.STOP, "a parameter is unknown"),
-    # Of a fit that ends at its bound nobody knows where it would have ended.
+    # If a fit ends at its bound, the true value is beyond it by an unknown amount.
     "bound": (Severity.STOP, "a parameter is at its bound"),
-    # Of the validation, whose error the verdict has anyway.
+    # For the validation; the verdict contains its error anyway.
     "far": (Severity.STOP, ""),
     "off": (Severity.CARE, ""),
-    # Nothing says how well the model predicts what it was not fitted to.
+    # It is unknown how well the model predicts data that it was not fitted to.
     "not validated": (Severity.CARE, "it is not validated"),
-    # Standard errors are of the few trials; mounting and drift are in each of them.
+    # Standard errors come from few trials, each with errors of mounting and drift.
     "few": (Severity.CARE, "too few trials"),
     "scatter": (Severity.CARE, "trials scatter"),
-    # The lag relates T to what is measured. Plans bound T, which they go by without it.
+    # The lag relates T to the measured temperature. Plans bound T, without using the lag.
     "lag": (Severity.CARE, "the thermocouples' lag is unknown"),
-    # Uncertain by a third and more: so is the temperature that a plan reaches.
+    # Uncertain by a third or more, and so is the temperature that a plan reaches.
     "hardly told": (Severity.CARE, "a parameter is uncertain"),
-    # Whatever is beyond the recorded range is extrapolated.
+    # Motions beyond the recorded range are extrapolated.
     "range": (Severity.CARE, "the recordings span little"),
-    # β is fitted as a multiple of k: the bend follows all the same, but not what gravity adds.
+    # β is fitted as a multiple of k, so the bend is right in spite of k, except for gravity.
     "kept": (Severity.CARE, "mechanics is that of the description"),
-    # The model's law is a line; what the limb does is not. The validation says what that costs.
+    # The model's law is a line, the limb's is not. The validation shows the effect.
     "law": (Severity.NOTE, ""),
-    # Heat is a hundred times slower than the ringing, which plans hardly excite.
+    # Heat is a hundred times slower than the ringing, so plans hardly excite it.
     "ringing": (Severity.NOTE, ""),
-    # Both together predict V, whichever is which.
+    # Both together predict V, also if they are exchanged.
     "alike": (Severity.NOTE, ""),
     "unused": (Severity.NOTE, ""),
 }
@@ -68,7 +68,7 @@ _VERDICTS = {
 
 @dataclasses.dataclass(frozen=True)
 class Remark:
-    """A sentence on what recordings lack and what to do, of a kind that has a rule."""
+    """A sentence on a weakness of recordings or fits and what to do; its kind has a rule."""
 
     kind: str
     sentence: str
@@ -78,19 +78,19 @@ class Remark:
 
     @property
     def severity(self) -> Severity:
-        """How much it matters."""
+        """The severity of its kind."""
         return RULES[self.kind][0]
 
 
 def remarks_on_estimate(name: str, estimate: Estimate) -> list[Remark]:
-    """Whether the data tell a quantity, which cannot be zero, at all."""
+    """A remark if the data do not determine a quantity, which cannot be zero."""
     if estimate.told:
         return []
-    return [Remark("untold", f"The data do not tell {name}; record more trials of it.")]
+    return [Remark("untold", f"The data do not determine {name}; record more trials of it.")]
 
 
 def remarks_on_validation(validation: Validation | None) -> list[Remark]:
-    """Whether the model misses the motion that it is validated with."""
+    """A remark if the model misses the motion that it is validated with."""
     if validation is None:
         return [
             Remark(

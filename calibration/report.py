@@ -53,7 +53,7 @@ def validation_summary(validation: Validation) -> str:
 
 
 def calibration_facts(calibration: Calibration) -> dict[str, Any]:
-    """What `calibration_summary` says, for programs."""
+    """The content of `calibration_summary`, for programs."""
     stiffness, validation = calibration.stiffness, calibration.validation
     return {
         "verdict": calibration.verdict,
@@ -67,7 +67,7 @@ def calibration_facts(calibration: Calibration) -> dict[str, Any]:
 
 
 def validation_facts(validation: Validation) -> dict[str, float]:
-    """What `validation_summary` says, for programs: numbers by names that carry the unit."""
+    """The content of `validation_summary` for programs: numbers, with the unit in the name."""
     return {
         "bend_angle_mean_deg": math.degrees(validation.mean),
         "bend_angle_median_deg": math.degrees(validation.median),
@@ -83,9 +83,7 @@ def write_report(calibration: Calibration, path: str | Path) -> None:
     if calibration.remarks:
         parts.append(page.section("What to do next", page.items(_ranked(calibration))))
     parts.append(
-        page.section(
-            "What came of it", page.paragraph(f"From recordings of: {', '.join(sources)}.")
-        )
+        page.section("Result", page.paragraph(f"From recordings of: {', '.join(sources)}."))
     )
     if calibration.validation:
         parts.append(page.paragraph(f"{validation_summary(calibration.validation)}."))

@@ -36,9 +36,9 @@ class StiffnessFit:
 
 
 def shape_factors(links: int) -> np.ndarray:
-    """b_i of eqn (9), (links,): how a sag shares itself among the joints.
+    """b_i of eqn (9), (links,): the shares of the joints in a sag.
 
-    The denominator is Σ (N - j + 1)², not Σ (N - j)² as it is printed.
+    The denominator is Σ (N - j + 1)², not Σ (N - j)² as printed.
     """
     squares = np.arange(links, 0, -1.0) ** 2
     return squares / squares.sum()

@@ -187,7 +187,7 @@ limb -> validation -> report;
 ROBOT = """
 rankdir=TB;
 subgraph cluster_host { label="host"; labeljust=l; color="#999999"; style=rounded;
-  source [label="TrajectorySource\\nduty of the plan"];
+  source [label="TrajectorySource,\\nor a controller"];
   serial [label="SerialLimb\\na LeafSystem at 20 Hz"];
   journal [label="Journal\\neach sample to disk"];
   link [label="BoardLink\\nthreads read and write"];
@@ -197,7 +197,7 @@ subgraph cluster_board { label="board: hardware/firmware"; labeljust=l; color="#
   style=rounded;
   protocol [label="protocol.py\\nframes, CRC-32"];
   guard [label="guard.py\\nmay wires be heated?"];
-  sensors [label="sensors.py\\nMAX31855, bend"];
+  sensors [label="readings.py\\nMAX31855, bend"];
   {rank=same; protocol -> guard [dir=both, label=" COMMAND, SAMPLE "];
    guard -> sensors [dir=back, label=" V, α "];} }
 limb [label="limb: MOSFETs, wires, sensors", fillcolor=white];

@@ -39,7 +39,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     ports = commands.add_parser("ports", help="list the serial ports of this computer")
     ports.add_argument("--json", action="store_true", help="print JSON")
 
-    status = commands.add_parser("status", help="say how a board is")
+    status = commands.add_parser("status", help="print the state of a board")
     status.add_argument("port", help="of the board")
     status.add_argument("--clear", action="store_true", help="clear a fault that is latched")
     status.add_argument("--json", action="store_true", help="print JSON")
@@ -47,7 +47,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     check = commands.add_parser(
         "arm-check",
         help="test sensors and wires one by one; heats each wire a little",
-        description="Looks whether sensors are alive, and whether each wire warms its own "
+        description="Tests whether the sensors work, and whether each wire warms its own "
         "thermocouple and bends the limb to its own side. Heats each wire for 6 s.",
     )
     check.add_argument("port", help="of the board")
@@ -57,8 +57,8 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "replay",
         help="replay a trajectory open loop and record it",
         description="Drives a limb with a trajectory's duty: a robot in real time, or without a "
-        "port an emulated limb in simulated time. On a robot every sample is in the recording as "
-        "soon as it comes. With --meshcat a browser shows the limb as it is measured, the plan as "
+        "port an emulated limb in simulated time. On a robot every sample is written when it "
+        "arrives. With --meshcat a browser shows the limb as it is measured, the plan as "
         "a blue ghost, its reference as a grey one, and the duty of the left and the right wire "
         "as bars.",
     )
@@ -72,7 +72,8 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "--emulated",
         type=int,
         metavar="SEED",
-        help="seed of the emulated limb; that which the plan was calibrated on if left out, or 0",
+        help="seed of the emulated limb; if left out, the limb that the plan was calibrated on, "
+        "or else 0",
     )
     run.add_argument(
         "--plot", type=Path, help="picture of plan and recording to write (.png, .pdf, .svg)"
@@ -110,8 +111,8 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "emulate",
         help="emulate a board and a limb on a pseudo-terminal",
         description="Runs the board's firmware on an emulated board with an emulated limb, in real "
-        "time, and prints the port to connect to. Misbehaves on orders, a line each on standard "
-        f"input: {ORDERS}.",
+        "time, and prints the port to connect to. Reads orders for faults from standard input, one "
+        f"in each line: {ORDERS}.",
     )
     emulation.add_argument(
         "--emulated",
@@ -127,7 +128,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="description of the limb (.yaml); the nominal one if left out",
     )
     emulation.add_argument(
-        "--do", action="append", default=[], metavar="ORDER", help="an order to begin with"
+        "--do", action="append", default=[], metavar="ORDER", help="an order to start with"
     )
     emulation.add_argument(
         "--log", type=Path, help="file for changes of duty and orders, a line of JSON each"
@@ -140,7 +141,7 @@ def _add_meshcat_option(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--meshcat",
         action="store_true",
-        help="show the limb in a browser meanwhile, an emulated one in real time",
+        help="show the limb in a browser while it runs, an emulated limb in real time",
     )
 
 

@@ -1,4 +1,4 @@
-"""Replaying a planned trajectory, and recording a limb that is moved by hand."""
+"""Replays a planned trajectory, or records a limb that is moved by hand."""
 
 import contextlib
 from pathlib import Path
@@ -47,9 +47,9 @@ def replay(
 ) -> Recording:
     """Drives a limb along a trajectory and records it.
 
-    A `SerialLimb` is driven in real time and closed at the end, whatever the
-    end is: the wires are off then. All else is simulated, in real time if it
-    is shown.
+    A `SerialLimb` is driven in real time and closed at the end, also after an
+    error, so that the wires are off. Other limbs are simulated, in real time if
+    they are shown.
 
     Args:
         trajectory: a plan that passed its check.
@@ -60,12 +60,12 @@ def replay(
             °C, ``bend_angle`` (S), rad, and ``measurement``, both of them.
             Time is that since the start of the plan. The trajectory's duty,
             open loop, if None.
-        unchecked: whether a plan may be replayed that nobody has checked, such
-            as one of `Trajectory.from_collocation`; one that failed its check
-            never is.
+        unchecked: whether to replay a plan without a check, such as one of
+            `Trajectory.from_collocation`. A plan that failed its check is
+            always refused.
         sample_rate: of the recording, Hz.
-        journal: file to which each sample goes as it comes.
-        meshcat: where to show the limb meanwhile, by its bend angle, measured
+        journal: file to which each sample is written when it arrives.
+        meshcat: where to show the limb while it runs: its bend angle, measured
             temperatures and duty, with ghosts of the plan and its reference.
 
     Raises:
@@ -112,7 +112,7 @@ def watch(
 
 
 def _closing(limb: LimbSystem):
-    """Closes a robot at the end, whatever the end is."""
+    """Closes a robot at the end, also after an error."""
     check_limb(limb)
     return contextlib.closing(limb) if limb.real_time else contextlib.nullcontext()
 
@@ -122,8 +122,8 @@ def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: boo
     if trajectory.check.is_missing:
         if not unchecked:
             raise ReplayError(
-                "This trajectory was never checked and is not replayed; simulate it, and ask for "
-                "it with unchecked=True."
+                "This trajectory was never checked and is not replayed; simulate it first, then "
+                "replay it with unchecked=True."
             )
     elif failure := trajectory.check.failure():
         raise ReplayError(f"This trajectory failed its check and is not replayed: {failure}")
@@ -144,7 +144,7 @@ def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: boo
 
 
 def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
-    """What only a robot can tell: who it is, and how warm."""
+    """Checks of a robot: the plan is for this board, and the wires are as warm as in the plan."""
     board, planned = limb.info.serial_number, trajectory.parameters
     number = planned.board.identity
     if isinstance(planned.board, EmulatedLimb):
@@ -173,7 +173,7 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
 
 
 def _check_controller(controller: System, limb: LimbSystem) -> None:
-    """Raises ReplayError unless all ports of a controller find theirs on the limb."""
+    """Raises ReplayError unless the limb has a port for each port of the controller."""
     name, num_wires = type(controller).__name__, len(limb.parameters.wires)
     sizes = {"measured_temperature": num_wires, "bend_angle": len(limb.parameters.segments)}
     sizes["measurement"] = sum(sizes.values())
@@ -185,8 +185,8 @@ def _check_controller(controller: System, limb: LimbSystem) -> None:
         port = controller.get_input_port(index)
         if port.get_name() not in sizes:
             raise ReplayError(
-                f"{name} has an input port {port.get_name()}; a limb has only "
-                f"{', '.join(sizes)} for it."
+                f"{name} has an input port {port.get_name()}, but a limb has only the outputs "
+                f"{', '.join(sizes)}."
             )
         if port.size() != (size := sizes[port.get_name()]):
             raise ReplayError(
@@ -232,7 +232,7 @@ def _run(
 
 
 def _connect_readings(builder: DiagramBuilder, limb: LimbSystem, controller: System) -> None:
-    """Gives a controller what it wants to know of the limb."""
+    """Connects the limb's outputs to the controller's inputs."""
     for index in range(controller.num_input_ports()):
         port = controller.get_input_port(index)
         name = port.get_name()
@@ -253,7 +253,7 @@ def _add_view(
     meshcat: Meshcat,
     plan: Trajectory | None,
 ) -> None:
-    """Shows a limb as it is measured; its joint angles follow from the bend angle by eqn (11)."""
+    """Shows a limb as measured; its joint angles follow from the bend angle by eqn (11)."""
     angles = joint_angles_from_bend_angle(
         limb.parameters, np.eye(limb.GetOutputPort("bend_angle").size())
     )

@@ -1,4 +1,4 @@
-"""``soft-limb``, the one door to all commands, and how commands end."""
+"""``soft-limb``, which runs all commands, and how commands end."""
 
 import argparse
 import importlib
@@ -12,8 +12,8 @@ from typing import Any
 
 from limb_systems.errors import LimbError
 
-# For each command its package, whose `__main__` is imported when it is run, so that nothing here
-# depends on what is built on this package; and what it does.
+# For each command: its package and what it does. The package's `__main__` is imported when the
+# command runs, so that this module does not depend on packages that import it.
 COMMANDS = {
     "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
     "collect": ("calibration", "record all that calibration needs"),
@@ -21,7 +21,7 @@ COMMANDS = {
     "validate": ("calibration", "compare a calibrated limb with a recording, open loop"),
     "replay": ("hardware", "replay a trajectory on a robot or an emulated limb"),
     "teach": ("hardware", "record the bend while the limb is moved by hand"),
-    "status": ("hardware", "say how a board is"),
+    "status": ("hardware", "print the state of a board"),
     "arm-check": ("hardware", "test sensors and wires one by one"),
     "ports": ("hardware", "list the serial ports of this computer"),
     "recover": ("hardware", "finish the recording of a program that was killed"),
@@ -34,10 +34,10 @@ def main(arguments: list[str] | None = None) -> int:
     width = max(map(len, COMMANDS))
     parser = argparse.ArgumentParser(
         prog="soft-limb",
-        description="Models, calibrates, plans for and drives soft limbs bent by heat.",
+        description="Calibrates, plans for and drives soft limbs that are bent by heat.",
         epilog="commands:\n"
         + "".join(f"  {name:<{width}}  {what}\n" for name, (_, what) in COMMANDS.items())
-        + "\nsoft-limb COMMAND --help says more about each.",
+        + "\nsoft-limb COMMAND --help explains each of them.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"soft-limb {version('soft-limb')}")
@@ -46,7 +46,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     package, _ = COMMANDS[options.command]
     run = importlib.import_module(f"{package}.__main__").main
-    if package == "planners":  # whose door has one command, without a name
+    if package == "planners":  # it has only one command, without a name
         return run(options.arguments, prog="soft-limb plan")
     return run([options.command, *options.arguments], prog="soft-limb")
 
@@ -59,10 +59,9 @@ def add_force_option(command: argparse.ArgumentParser) -> None:
 def run_command(command: Callable[[], int], stopped: str) -> int:
     """Runs a command to its exit status, with one sentence for an error or a warning.
 
-    SIGTERM and SIGHUP end it as Ctrl-C does, so that what holds a resource,
-    such as hot wires, lets go of it on the way out. So does SIGINT where a
-    shell ignores it, as in the background; a SIGHUP that `nohup` ignores stays
-    ignored.
+    SIGTERM and SIGHUP end it as Ctrl-C does, so that resources are released
+    and hot wires switched off. SIGINT does so also where a shell ignores it, as
+    in the background; a SIGHUP that `nohup` ignores stays ignored.
 
     Args:
         command: returns its own exit status.
@@ -82,7 +81,7 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         sys.stdout.flush()
         return status
     except BrokenPipeError:
-        # Nobody reads any more, as after `| head`; what is left must not be flushed at exit.
+        # The reader has gone, as after `| head`; the rest must not be flushed at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (LimbError, OSError, MemoryError) as error:

@@ -7,11 +7,11 @@ class Shown:
     """Has a line of its `facts` as its ``repr``, and a small table of them in notebooks."""
 
     def facts(self) -> dict[str, str]:
-        """What there is to say in short, by what it is about."""
+        """Short facts, each under a name."""
         raise NotImplementedError
 
     def details(self) -> dict[str, str]:
-        """What a notebook's table adds to the facts."""
+        """Further facts, which only a notebook's table shows."""
         return {}
 
     def __repr__(self) -> str:

@@ -9,7 +9,7 @@ from limb_systems.errors import LimbError
 
 
 class OutputError(LimbError):
-    """A file must not or cannot be written where it was asked for."""
+    """A file must not or cannot be written at the given path."""
 
 
 def write_atomically(path: str | Path, text: str) -> None:
@@ -36,10 +36,10 @@ def check_outputs(
     pictures: Sequence[Path | None] = (),
     force: bool = False,
 ) -> None:
-    """Refuses what a command could not or should not write, before its work.
+    """Before a command starts, refuses outputs that it cannot or should not write.
 
     Args:
-        outputs: files to be written; None stands for what was not asked for.
+        outputs: files to be written; None for those that were not asked for.
         inputs: files that are read, which are never replaced.
         pictures: those of the outputs that are pictures.
         force: whether files that exist may be replaced.
@@ -62,10 +62,10 @@ def check_outputs(
 
 
 def check_folder(folder: Path) -> None:
-    """Refuses a folder that is not there and cannot be made, or that cannot be written to.
+    """Refuses a folder that cannot be created or written to.
 
     Raises:
-        OutputError: with one sentence naming what is in the way.
+        OutputError: with one sentence naming the obstacle.
     """
     there = next(path for path in (folder, *folder.parents) if path.exists())
     if not there.is_dir():

@@ -1,11 +1,11 @@
-"""A line on the terminal for work that takes longer than a moment."""
+"""A line on the terminal that shows the progress of long work."""
 
 import sys
 import time
 
 
 class Progress:
-    """Shows how far a long task has come, on stderr, and then clears it.
+    """Shows the progress of a long task on stderr, and clears it at the end.
 
     Nothing is shown for work that ends within a second. On a terminal one
     line is kept up to date; elsewhere a line is added every ten seconds.
@@ -30,7 +30,7 @@ class Progress:
             self._write("\r" + " " * self._width + "\r")
 
     def update(self, done: float, remark: str = "") -> None:
-        """Tells how much of the total is done, in the unit of the total."""
+        """Shows how much of the total is done, in the unit of the total."""
         now = time.monotonic()
         if now < self._next:
             return

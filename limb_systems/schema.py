@@ -1,9 +1,9 @@
 """Typed dataclasses and their YAML: fields with units and ranges, tagged unions, plain errors.
 
 The documents are those of `pydrake.common.yaml`: mappings for dataclasses, and
-a tag such as ``!LinearLaw`` where one of several classes may stand. They are
-read here rather than by `yaml_load_typed`, which knows no ranges, no classes
-that are defined later, and not where in the document a mistake is.
+a tag such as ``!LinearLaw`` where there is a choice of classes. They are read
+here, because `yaml_load_typed` has no ranges, does not know classes that are
+defined later, and does not say where in the document a mistake is.
 """
 
 import collections.abc
@@ -52,7 +52,7 @@ class Strict:
 
 
 class Tagged(Strict):
-    """A dataclass that YAML marks with its name as the tag, as one of several that may stand."""
+    """A dataclass that is written to YAML with its name as the tag, as one of several choices."""
 
 
 def dump_typed(value: Any) -> str:
@@ -66,8 +66,8 @@ def load_typed(schema: type[T], text: str) -> T:
     A field that is left out has its default; one without a default must be
     there. No field may be unknown, and each number must be in its range. A
     dataclass may have a class method ``upgrade`` that turns what older
-    versions wrote into what it has now. A field whose metadata say so,
-    ``{"in_files": False}``, is none of a file's.
+    versions wrote into what it has now. A field with the metadata
+    ``{"in_files": False}`` cannot be in a file.
 
     Raises:
         SchemaError: with one sentence naming the field.
@@ -141,7 +141,7 @@ def _plain(value: Any) -> Any:
 
 
 class _Loader(yaml.SafeLoader):
-    """Keeps tags, and refuses fields that are given twice, of which PyYAML takes the last."""
+    """Keeps tags, and refuses fields that are given twice (PyYAML would take the last)."""
 
     def construct_mapping(self, node, deep=False):
         keys = [self.construct_object(key, deep=True) for key, _ in node.value]
@@ -227,7 +227,7 @@ def _build_fields(data: Any, schema: type, path: str, where: str) -> Any:
 
 
 def _chosen(data: Any, schema: Any, where: str) -> type:
-    """The class among those of a union, and all that are derived from them, that is meant."""
+    """The class that is meant, of those in a union and all classes derived from them."""
     given = [choice for choice in typing.get_args(schema) if choice is not type(None)]
     choices = {choice.__name__: choice for choice in _with_subclasses(given)}
     if not isinstance(data, dict):
@@ -265,13 +265,13 @@ def _is_union(schema: Any) -> bool:
 
 
 def nearest(name: str, names: list[str]) -> str:
-    """What to add to an error about a name that is not known: the one that may be meant."""
+    """For an error about an unknown name: a hint at the known name that may be meant."""
     match = difflib.get_close_matches(name, names, n=1)
     return f" (did you mean {match[0]}?)" if match else ""
 
 
 def _is_number(data: Any, schema: type) -> bool:
-    """Whether it converts: numbers, and text that Python reads as such."""
+    """Whether it can be converted: a number, or text that Python reads as one."""
     if isinstance(data, bool):
         return False
     if isinstance(data, str):  # what PyYAML makes of 1e-3, without a dot

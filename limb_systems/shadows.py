@@ -1,4 +1,4 @@
-"""Modules of a user's own that have the name of one of our packages."""
+"""Modules of the user that have the name of one of our packages."""
 
 import importlib.util
 import warnings
@@ -8,10 +8,10 @@ NEEDED, OTHERS = ("urdf",), ("planners", "calibration", "hardware")
 
 
 def check_shadows() -> None:
-    """Says which modules are found in place of ours, as those beside a script are.
+    """Warns of modules that Python finds in place of ours, such as those beside a script.
 
     Raises:
-        ImportError: if `limb_systems` cannot do without ours.
+        ImportError: if `limb_systems` itself needs the hidden package.
     """
     ours = Path(__file__).resolve().parents[1]
     for name in NEEDED + OTHERS:

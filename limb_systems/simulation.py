@@ -1,4 +1,4 @@
-"""Simulating a limb, or anything with its ports, over a course of duty."""
+"""Simulates a limb, or any system with its ports, with a given duty."""
 
 import copy
 import time
@@ -22,7 +22,7 @@ from limb_systems.progress import Progress
 
 
 class SimulationError(LimbError):
-    """A simulation was asked for something impossible, or did not get through."""
+    """An argument of a simulation is invalid, or the integrator failed."""
 
 
 # The chain has eigenvalues to -15 000 1/s beside the wires' -0.07 1/s. Of
@@ -62,8 +62,8 @@ def simulate(
         has the ports.
 
     Raises:
-        SimulationError: if an argument makes no sense or the integrator fails.
-        LimbError: if the system is no `LimbSystem`.
+        SimulationError: if an argument is invalid or the integrator fails.
+        LimbError: if the system is not a `LimbSystem`.
     """
     check_limb(system)
     _check_positive("sample_rate", sample_rate, "")
@@ -104,23 +104,24 @@ def record(
 ) -> Recording:
     """Runs a diagram with a limb in it and records the limb.
 
-    This is `simulate` for duty from anywhere, a controller for example. A
-    system that is in real time, as a robot, is run so.
+    This is `simulate` for duty from any output port, for example that of a
+    controller. A system with ``real_time``, such as a robot, runs in real time.
 
     Args:
-        builder: of a diagram that holds the system and what drives it.
+        builder: of a diagram that contains the system and what drives it.
         system: a `Limb`, or any other `LimbSystem`.
         duty: the port that drives the limb; it is connected here.
-        duration: s, at the most.
-        reference: the bend angle that is asked for (S), rad, to be recorded.
-        remark: what to show of the diagram's context while it runs.
-        until: of the diagram's context; the recording ends when it holds.
-        real_time: whether any other system is, too, as when somebody watches.
+        duration: at most, s.
+        reference: port of the desired bend angle (S), rad, to be recorded.
+        until: function of the diagram's context; the recording ends when it is true.
+        remark: function of the diagram's context; text for the progress line.
+        real_time: whether to run in real time although the system does not need
+            it, for example because a person watches.
         sample_rate, accuracy, initial_state: as for `simulate`.
 
     Raises:
         SimulationError: if the integrator fails.
-        LimbError: if the duty left [0, 1], or the system is no `LimbSystem`.
+        LimbError: if the duty left [0, 1], or the system is not a `LimbSystem`.
     """
     check_limb(system)
     builder.Connect(duty, system.GetInputPort("duty"))
@@ -182,7 +183,7 @@ def make_simulator(system: System, accuracy: float = ACCURACY) -> Simulator:
 def _duty_course(
     duty, duration: float | None, num_wires: int
 ) -> tuple[trajectories.Trajectory, float]:
-    """Duty from time 0 on, a row for each wire, and how long to simulate it, s."""
+    """Duty over time from 0, a row for each wire, and how long to simulate it, s."""
     needed = f"duty must be a number or a trajectory's row for each of {num_wires} wires"
     if isinstance(duty, Trajectory):
         duty = duty.since_start().duty_trajectory()
@@ -196,7 +197,7 @@ def _duty_course(
         if duty.start_time() != 0:
             if not isinstance(duty, trajectories.PiecewisePolynomial):
                 raise SimulationError(
-                    f"duty starts at {duty.start_time():g} s; other than a piecewise polynomial "
+                    f"duty starts at {duty.start_time():g} s; unless it is a piecewise polynomial, "
                     "it must start at 0 s."
                 )
             duty = copy.deepcopy(duty)
@@ -214,7 +215,7 @@ def _duty_course(
     if values.ndim != 1:
         raise SimulationError(f"{needed}, but it is an array of the shape {values.shape}.")
     if duration is None:
-        raise SimulationError("duration is missing; constant duty has no end of its own.")
+        raise SimulationError("duration is missing; constant duty needs one.")
     _check_positive("duration", duration, " s")
     return trajectories.PiecewisePolynomial.ZeroOrderHold(
         [0.0, duration], np.column_stack([values, values])
@@ -243,8 +244,8 @@ def _set_state(context, state) -> None:
     state = np.asarray(state, float)
     if state.shape != (context.num_continuous_states(),) or not np.isfinite(state).all():
         raise SimulationError(
-            f"initial_state must be {context.num_continuous_states()} finite numbers, but has "
-            f"the shape {state.shape} or holds others."
+            f"initial_state must be {context.num_continuous_states()} finite numbers, but it has "
+            f"the shape {state.shape} or contains values that are not finite."
         )
     context.SetContinuousState(state)
 
@@ -253,8 +254,8 @@ def _logged_ports(system: LimbSystem) -> list[str]:
     names = ["measured_temperature", "bend_angle", "wire_temperature", "joint_state"]
     names += ["applied_duty", "board_time", "sample_age"]
     if isinstance(system, Limb):
-        # Its bend angle follows from its joint state, and calculated for all
-        # samples at once it does not stop the C++ loop at each of them.
+        # Its bend angle is calculated from its joint state for all samples at
+        # once, so that the C++ loop does not call Python at each of them.
         names.remove("bend_angle")
     return [name for name in names if system.HasOutputPort(name)]
 

@@ -25,7 +25,7 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
     Args:
         trajectory: the plan φ*.
         recordings: of one or more rollouts; samples after the end of the
-            plan do not count.
+            plan are ignored.
 
     Raises:
         LimbError: if there is nothing to compare.

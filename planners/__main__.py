@@ -40,7 +40,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--task",
-        help="weights and limits: a file (.yaml), or 'paper' for the paper's; those of "
+        help="weights and limits: a file (.yaml), or 'paper' for the paper's; the defaults of "
         "planners.Task if left out",
     )
     parser.add_argument("--plot", type=Path, help="picture of the plan to write (.png, .pdf, .svg)")
@@ -56,19 +56,19 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "--max-knots",
         type=int,
         default=MAX_KNOTS,
-        help="refuse to plan with more knots than that (default %(default)s)",
+        help="refuse to plan with more knots than this (default %(default)s)",
     )
     parser.add_argument(
         "--tolerance",
         type=float,
         default=0.1,
-        help="degrees that the plan may differ from its simulation (default %(default)g)",
+        help="largest difference of the plan from its simulation, degrees (default %(default)g)",
     )
     parser.add_argument(
         "--smooth",
         type=float,
         default=0.5,
-        help="s over which a recording's bend angle is smoothed (default %(default)g)",
+        help="window for smoothing a recording's bend angle, s (default %(default)g)",
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
     add_force_option(parser)

@@ -1,7 +1,7 @@
 """The planar chain of eqn (2) in closed form, for many states at once.
 
-The `MultibodyPlant` stays the one truth: all constants are read from it, and
-a program compares accelerations with those of its `Limb` before it uses them.
+All constants are read from the `MultibodyPlant`, and a program compares the
+accelerations with those of its `Limb` before it uses them.
 
 In absolute link angles φ = L θ (L lower triangular, all ones) the kinetic
 energy of any serial chain in a plane depends on differences of angles only,

@@ -22,7 +22,7 @@ import numpy as np
 from limb_systems import Limb, Wires
 from planners.chain import PlanarChain
 
-ANGLE_SCALE = 0.1  # rad, a change that matters, which scaling takes as one
+ANGLE_SCALE = 0.1  # rad, a typical change, which is scaled to one
 
 _IMAGINARY_STEP = 1e-30
 
@@ -38,7 +38,7 @@ class LimbDefects:
 
     - ``num_intervals``: K - 1.
     - ``acceleration_to_angle``: K⁻¹ M(0) (n, n), s².
-    - ``heat_scales``: changes of the heat that matter (M,).
+    - ``heat_scales``: typical changes of the heat (M,).
     - ``rows``, ``columns``: for each nonzero of an interval's Jacobian its
       row, and its column among the interval's variables.
     - ``hessian_rows``, ``hessian_columns``: for each nonzero of an

@@ -25,8 +25,8 @@ except ImportError:  # no wheel for this machine
 
 OPTIONS = {
     "mu_strategy": "adaptive",
-    # Of the objective scaled to 100 at the most: costs are right to 1e-6. Ten
-    # times more would save an iteration and leave small costs 2e-5 too high.
+    # For an objective that is scaled to at most 100: costs are right to 1e-6. A
+    # ten times larger value saves an iteration and leaves small costs 2e-5 too high.
     "tol": 1e-5,
     "constr_viol_tol": 1e-8,
     # Else bounds are relaxed, and the projection onto them at the end moves
@@ -57,7 +57,7 @@ STATUS = {
     -13: "invalid number detected",
 }
 
-# How far scaled constraints may be violated at a point that counts as feasible.
+# Largest violation of scaled constraints at a feasible point.
 FEASIBLE = 1e-7
 
 
@@ -89,7 +89,7 @@ class ConstraintBlock(Protocol):
 
 @dataclasses.dataclass
 class IpoptDetails:
-    """What IPOPT said: its status in words, iterations, and time, s.
+    """IPOPT's status in words, iterations, and time, s.
 
     - ``violation``: the largest of the scaled constraints at the solution.
     - ``multipliers``: of the scaled constraints, of lower and of upper bounds.
@@ -154,7 +154,7 @@ class ExactHessianIpoptSolver:
             constraints are calculated; programs whose cost is linear need it.
         nonlinear: evaluates all nonlinear constraints of the program instead
             of themselves, up to a scaling of their rows.
-        on_iteration: is told the iteration, cost and constraint violation.
+        on_iteration: function that is called with iteration, cost and constraint violation.
     """
 
     def __init__(
@@ -428,7 +428,7 @@ class _Cost:
 
 @contextlib.contextmanager
 def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
-    """Lets Ctrl-C stop IPOPT after the iteration under way."""
+    """Lets Ctrl-C stop IPOPT after the current iteration."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -1,4 +1,4 @@
-"""From a reference to a feasible trajectory that was checked by simulation."""
+"""Plans a feasible trajectory for a reference, and checks it by simulation."""
 
 import time
 from pathlib import Path
@@ -32,7 +32,7 @@ from planners.task import Task
 CHECK_ACCURACY = 3e-4
 CHECK_RATE = 20.0  # Hz, of the comparison, or that of the knots if it is higher
 
-MAX_KNOTS = 20_000  # a minute and more on two cores; most often time in ms
+MAX_KNOTS = 20_000  # over a minute on two cores; more is most often a time in ms
 MAX_REFINEMENTS = 4
 RINGING = 0.3  # s, in which the limb's first mode decays to a third
 
@@ -56,12 +56,12 @@ def plan(
     """Plans the feasible trajectory nearest to a reference, eqns (15)-(20).
 
     Where the plan differs from its simulation by more than the tolerance,
-    knots are added and it is solved again.
+    knots are added and the program is solved again.
 
     Args:
         parameters: of the limb, or their YAML file; the nominal limb if None.
         reference: φ_ref in rad, a row for each segment, from time 0 on; it
-            need not be feasible, nor continuous. See `planners.references`.
+            need not be feasible or continuous. See `planners.references`.
         task: weights and limits; `Task()` if None.
         knot_rate: knots per second to begin with, Hz. The duration of the
             reference is rounded to whole intervals.
@@ -70,7 +70,7 @@ def plan(
         tolerance_deg: how far the bend angle of the plan may be from that of
             an accurate simulation of its duty, degrees.
         max_knots: a plan that needs more is refused.
-        solver: one of Drake's, such as `SnoptSolver()`, to be used instead of
+        solver: one of Drake's solvers, such as `SnoptSolver()`, in place of
             those of `planners.solving`.
 
     Returns:
@@ -78,8 +78,8 @@ def plan(
 
     Raises:
         InfeasibleError: if the temperature constraints cannot be met.
-        PlanningError: if an argument makes no sense, no solver converges or
-            the plan fails its check.
+        PlanningError: if an argument is invalid, no solver converges or the
+            plan fails its check.
     """
     started = time.perf_counter()
     parameters = LimbParameters.of(parameters)
@@ -105,11 +105,11 @@ def plan(
 
 
 class Planner:
-    """Plans for one limb, task and set of knots, again and again.
+    """Plans repeatedly for one limb, task and set of knots.
 
     The program is built once; each call of `plan` replaces the reference and
-    the initial state in it. This is what a loop wants: planning anew from the
-    state that was reached, with the reference as it is now.
+    the initial state in it. A control loop can thus plan again from the state
+    that was reached, with a new reference.
 
     Args:
         parameters: of the limb, or their YAML file; the nominal limb if None.
@@ -133,7 +133,7 @@ class Planner:
         self.task = task or Task()
         self.times = np.asarray(times, float)
         if self.times.ndim != 1 or len(self.times) < 2 or not (np.diff(self.times) > 0).all():
-            raise PlanningError("times must be two knots or more, increasing.")
+            raise PlanningError("times must be at least two knots, increasing.")
         if self.times[0] != 0:
             raise PlanningError(f"times start at {self.times[0]:g} s; they must start at 0 s.")
         self._tolerance_deg, self._solver = tolerance_deg, solver
@@ -149,15 +149,15 @@ class Planner:
         *,
         elapsed: float = 0.0,
     ) -> Trajectory:
-        """Plans from a state, as `planners.plan` does but for adding knots.
+        """Plans from a state as `planners.plan` does, but never adds knots.
 
-        The solver starts from the plan before where reference and state are
+        The solver starts from the previous plan if reference and state are
         nearly the same, and else from the quasi-static plan.
 
         Args:
-            reference: φ_ref in rad from now on; after its end its last angle.
+            reference: φ_ref in rad, from now on; its last angle is held.
             initial_state: x_init, a state of `Limb`.
-            elapsed: how much of the warm-up (20) is over, s.
+            elapsed: part of the warm-up (20) that is over, s.
         """
         started = time.perf_counter()
         trajectory, _, _ = self.plan_unchecked(reference, initial_state, elapsed=elapsed)
@@ -240,7 +240,7 @@ class Planner:
         )
 
     def _fill_in(self, initial_state, wire_states: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        """States (2n + M, K) that go with a quasi-static plan's x (N, K) and D (W, K)."""
+        """States (2n + M, K) for a quasi-static plan's x (N, K) and D (W, K)."""
         wires, x = self._wires, wire_states.T
         angles, slopes = quasi_static_angles(wires, x, self._rest_angles, self._compliance)
         rates = np.einsum("kij,kj->ki", slopes, wires.rates(x, duty.T))
@@ -284,7 +284,7 @@ def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarra
 
 
 def active_constraints(trajectory: Trajectory, warm_up_time: float) -> list[ActiveConstraint]:
-    """Where the plan runs along a bound of (18)-(20), as stretches of time."""
+    """Where bounds of (18)-(20) are active, as intervals of time."""
     limits, names = trajectory.parameters.temperature_limits, trajectory.parameters.wire_names
     warm = trajectory.time > warm_up_time
     near_duty, near_temperature = 1e-4, 1e-3 * TEMPERATURE_SCALE
@@ -313,13 +313,13 @@ def check_positive(name: str, value: Any, unit: str) -> None:
 
 
 def number_of_knots(reference: trajectories.Trajectory, knot_rate: float, max_knots: int) -> int:
-    """How many knots a plan begins with.
+    """Number of knots that a plan starts with.
 
     Args:
         reference, knot_rate, max_knots: as in `plan`.
 
     Raises:
-        PlanningError: if that is fewer than two or more than the most.
+        PlanningError: if it is less than two or more than ``max_knots``.
     """
     duration = reference.end_time()
     check_positive("knot_rate", knot_rate, "Hz")
@@ -379,8 +379,8 @@ def _refined(
 ) -> np.ndarray:
     """Knots with a new one in the middle of each interval that caused a difference.
 
-    An interval is to blame for a difference in it and, as the limb rings, for
-    a moment after it.
+    An interval may cause a difference within it and, because the limb rings,
+    shortly after it.
     """
     starts, ends = times[:-1], times[1:]
     bad = offsets[differences > tolerance / 2]

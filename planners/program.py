@@ -11,12 +11,12 @@ from limb_systems import Limb, LimbParameters, Wires, joint_angles_from_bend_ang
 from planners.defects import ANGLE_SCALE, LimbDefects
 from planners.task import Task, TaskError
 
-REST_RATE = np.deg2rad(0.5)  # rad/s, a bend rate that counts as rest
+REST_RATE = np.deg2rad(0.5)  # rad/s, largest bend rate at rest
 REACH_TOLERANCE = np.deg2rad(0.1)  # rad
 
 
 class TrajectoryProgram:
-    """Eqns (15)-(20) for one limb, and what the task adds.
+    """Eqns (15)-(20) for one limb, with the task's further costs and limits.
 
     The reference and the initial state are those of the last `update`.
 
@@ -27,7 +27,7 @@ class TrajectoryProgram:
     - ``states``, ``duty``, ``time_steps``: indices of x_k, u_k and h_k among
       the decision variables, (N, 2n + M), (N, W) and (N - 1), for the heat
       (M) of W wires, their states and readings.
-    - ``state_scales``: changes of the states that matter (2n + M,).
+    - ``state_scales``: typical changes of the states (2n + M,).
     - ``defects``: (17) in closed form, or None where it disagrees with the
       limb's `MultibodyPlant`.
 
@@ -59,7 +59,7 @@ class TrajectoryProgram:
             self.task.customize(self)
 
     def update(self, reference: np.ndarray, initial_state: np.ndarray, warm_up_time: float) -> None:
-        """Sets what changes from plan to plan.
+        """Sets the values that change from plan to plan.
 
         Args:
             reference: φ_ref at the knots (S, N), rad.
@@ -96,7 +96,7 @@ class TrajectoryProgram:
         return np.append(0.0, np.cumsum(x[self.time_steps]))
 
     def signals(self, x: np.ndarray) -> dict[str, np.ndarray]:
-        """The signals of a `Trajectory` that all decision variables hold."""
+        """The signals of a `Trajectory`, from all decision variables."""
         angles, rates, wire, measured = split_state(self.parameters, x[self.states].T)
         num_wires = self._wires.num_wires
         return {
@@ -108,7 +108,7 @@ class TrajectoryProgram:
         }
 
     def cost(self, x: np.ndarray) -> float:
-        """Eqn (15), and what the task adds."""
+        """Eqn (15), with the task's further costs."""
         return float(self.prog.EvalBindings(self.prog.GetAllCosts(), x).sum())
 
     def defects_of(self, x: np.ndarray) -> np.ndarray:
@@ -198,7 +198,7 @@ class TrajectoryProgram:
             links = joints.stop - joints.start
             to_bend = np.full((1, links), (links + 1) / (2 * links))  # (11)
             angles, rates = self._states[:, :n][:, joints], self._states[:, n : 2 * n][:, joints]
-            # The initial state is given, so its rate is nothing to plan.
+            # The initial state is given, so its rate cannot be planned.
             for k in np.flatnonzero(np.isfinite(limits[1:])) + 1:
                 prog.AddLinearConstraint(to_bend, [-limits[k]], [limits[k]], rates[k])
             if task.reach:
@@ -227,7 +227,7 @@ class TrajectoryProgram:
         return None
 
     def _largest_disagreement(self, defects: LimbDefects) -> float:
-        """Of the closed form's accelerations with the limb's, relative, at random states."""
+        """Largest relative difference of the closed form's accelerations from the limb's."""
         generator, num_states = np.random.default_rng(0), 5
         n, wires = self.parameters.num_joints, self._wires
         cold = np.concatenate([wires.cold_states, wires.cold_states[: wires.num_wires]])
@@ -315,7 +315,7 @@ def add_duty_cost(
 
 
 def hold_duty(prog: MathematicalProgram, times: np.ndarray, duty: np.ndarray, task: Task) -> None:
-    """Keeps duty constant before the end, for as long as the task says.
+    """Keeps duty constant before the end, for the time in the task.
 
     Args:
         times, duty: as for `add_duty_cost`.

@@ -1,10 +1,10 @@
-"""The quasi-static plan: a convex program, the start for the real one.
+"""The quasi-static plan: a convex program, from which the trajectory program starts.
 
-The mechanics is fast (5 Hz) and the heat is slow (0.1 Hz), so joint angles
-nearly are where the wires' torques hold them: K θ = f(x). With that, the cost
+The mechanics is fast (5 Hz) and the heat is slow (0.1 Hz), so the joint angles
+nearly are where the wires' torques hold them: K θ = f(x). With this, the cost
 (15) is quadratic in the wires' states and duty, whose dynamics (6) and bounds
-(18)-(20) are linear. Where a law's torque is not linear, its tangents at the
-plan before take its place, a few times over.
+(18)-(20) are linear. If a law's torque is not affine, it is replaced by its
+tangents at the previous solution, a few times.
 """
 
 import functools
@@ -25,7 +25,7 @@ from planners.solving import PlanningError
 from planners.task import Task
 
 MAX_TANGENTS = 6  # times that the torque is linearized
-SAME_STATES = 0.01  # of the changes that matter, within which tangents need not be drawn anew
+SAME_STATES = 0.01  # in typical changes; within this, the tangents are not updated
 
 
 class InfeasibleError(PlanningError):
@@ -38,9 +38,9 @@ def check_temperature_limits(
     initial_states: np.ndarray,
     warm_up_time: float,
 ) -> None:
-    """Tells whether (19)-(20) can be met at all, wire by wire.
+    """Checks whether (19)-(20) can be met at all, wire by wire.
 
-    More duty is more heat at all later times, so the temperatures at full
+    More duty means more heat at all later times, so the temperatures at full
     and at zero duty enclose all others.
 
     Args:
@@ -49,8 +49,8 @@ def check_temperature_limits(
         warm_up_time: k_warm, s from the first knot.
 
     Raises:
-        InfeasibleError: with the wire, the constraint and from when it could
-            be met.
+        InfeasibleError: names the wire, the constraint and the time from which
+            it could be met.
     """
     limits, wires = parameters.temperature_limits, Wires(parameters)
     warm_knots = times > warm_up_time
@@ -189,7 +189,7 @@ def quasi_static_angles(
 
 
 def _settling_time(wires: Wires) -> float:
-    """After which wires at constant duty are where they stay, s."""
+    """Time after which wires at constant duty have settled, s."""
     return 12.0 / np.abs(np.linalg.eigvals(wires.affine_rates()[0])).min()
 
 

@@ -1,7 +1,7 @@
 """Reference bend angles: what the limb should do, feasible or not.
 
 A reference is a Drake trajectory of φ_ref in rad, a row for each segment,
-that starts at time zero. Any `pydrake.trajectories.Trajectory` will do; the
+that starts at time zero. It may be any `pydrake.trajectories.Trajectory`; the
 functions here make the usual ones.
 """
 
@@ -51,12 +51,12 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
     """Teach and repeat: the bend angle of a recording as the reference.
 
     Args:
-        smoothing_time: s; longer than zero, quadratic polynomials are fitted
-            to as much of the recording around each sample (Savitzky-Golay),
-            which takes the sensor's noise away and leaves the motion.
+        smoothing_time: s; if it is not zero, a quadratic polynomial is fitted
+            to a window of this length around each sample (Savitzky-Golay),
+            which removes the sensor's noise and keeps the motion.
 
     Raises:
-        LimbError: if the recording is shorter than that.
+        LimbError: if the recording is shorter than the window.
     """
     angles = recording.bend_angle
     window = 2 * round(smoothing_time * recording.sample_rate / 2) + 1
@@ -76,22 +76,22 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
 def load(path: str | Path) -> PiecewisePolynomial:
     """A reference from a CSV: time in s, then a column of degrees for each segment.
 
-    As spreadsheets write it: between columns stand commas, semicolons or tabs
-    (with either of these a number may have a decimal comma), there may be
-    lines of titles above the numbers, quotes, and empty lines and last
-    columns. What follows a ``#`` is a comment. Warns of what looks like a
-    mistake: radians, steps of more than 100°, a start at another time than
-    zero, which is shifted there.
+    The file may look as spreadsheets write it: columns are separated by commas,
+    semicolons or tabs (with semicolons or tabs, numbers may have a decimal
+    comma); there may be lines of titles above the numbers, quotes, empty lines
+    and empty last columns. Text after a ``#`` is a comment. Warns of likely
+    mistakes: radians, steps of more than 100°, and a start at another time than
+    zero, which is shifted to zero.
 
     Raises:
-        LimbError: if it cannot be read as such.
+        LimbError: if the file cannot be read as a reference.
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
     except OSError as error:
         raise LimbError(f"Cannot read the reference: {error}.") from error
     except UnicodeDecodeError as error:
-        raise LimbError(f"{path}: this is no text file, let alone CSV.") from error
+        raise LimbError(f"{path}: this is not a text file.") from error
     if foreign := _foreign(text):
         raise LimbError(f"{path} {foreign}.")
     try:
@@ -105,11 +105,9 @@ def load(path: str | Path) -> PiecewisePolynomial:
 
 
 def _foreign(text: str) -> str | None:
-    """What a file is that is none of numbers, if that can be told."""
+    """What a file of ours is, if it is not a table of numbers."""
     if text.startswith("# limb trajectory"):
-        return (
-            "is a plan already, which soft-limb replay takes; a reference is a CSV or a recording"
-        )
+        return "is a plan already, for soft-limb replay; a reference is a CSV or a recording"
     if text.startswith("# limb recording"):
         return "is a recording; references.from_recording makes a reference of it"
     if re.search(r"^segments:", text, re.MULTILINE):
@@ -133,7 +131,7 @@ def _parse(text: str) -> np.ndarray:
             continue  # titles
         for cell, value in zip(cells, values, strict=True):
             if value is None:
-                raise LimbError(f"line {number} holds {cell!r}, which is no number.")
+                raise LimbError(f"line {number} has {cell!r}, which is not a number.")
         if len(values) < 2:
             raise LimbError(f"line {number} has one number; there must be a time and an angle.")
         if rows and len(values) != len(rows[0]):
@@ -157,7 +155,7 @@ def _doubts(table: np.ndarray) -> Iterator[str]:
     times, angles = table[:, 0], table[:, 1:]
     largest, steps = np.abs(angles).max(), np.abs(np.diff(angles, axis=0)).max(axis=1)
     if 0.1 < largest < 3.2:
-        yield f"the largest angle is {largest:.2g}; are these radians? Files want degrees."
+        yield f"the largest angle is {largest:.2g}; are these radians? Files must have degrees."
     if steps.max() > 100:
         at = times[int(steps.argmax()) + 1]
         yield f"the angle changes by {steps.max():.0f}° from one sample to the next at {at:g} s."

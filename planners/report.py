@@ -1,4 +1,4 @@
-"""What there is to say about a plan, in words and in a picture."""
+"""A summary of a plan, in words, in numbers and as a picture."""
 
 from typing import Any
 
@@ -44,7 +44,7 @@ def plan_summary(trajectory: Trajectory) -> str:
 
 
 def plan_facts(trajectory: Trajectory) -> dict[str, Any]:
-    """What `plan_summary` says, for programs: numbers by names that carry the unit."""
+    """The content of `plan_summary` for programs: numbers, with the unit in the name."""
     check = trajectory.check
     missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))
     return {
@@ -71,10 +71,10 @@ def plan_facts(trajectory: Trajectory) -> dict[str, Any]:
 
 
 def plot_diagnostics(trajectory: Trajectory) -> Figure:
-    """What the solver left: violation of dynamics, room to the bounds, and the Jacobian.
+    """A solution: violation of the dynamics, distance to the bounds, and the Jacobian.
 
-    Everything is scaled as it is for the solver. The Jacobian is that of the
-    first intervals; all others look the same.
+    Everything is scaled as for the solver. The Jacobian is that of the first
+    intervals; all others look the same.
     """
     parameters, time = trajectory.parameters, trajectory.time
     n, num_states = parameters.num_joints, len(trajectory.state)

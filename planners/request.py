@@ -1,4 +1,4 @@
-"""Plans that are asked for by the names of files, and can be stopped at any time."""
+"""Plans whose inputs are files, and which can be stopped at any time."""
 
 import concurrent.futures.process
 import dataclasses
@@ -15,13 +15,13 @@ from planners.planning import number_of_knots, plan
 from planners.solving import PlanningError
 from planners.task import Task
 
-# Knots times joints from which on single calls into Drake take a second and more.
+# Knots times joints above which single calls into Drake take a second or more.
 LARGE = 5000
 
 
 @dataclasses.dataclass(frozen=True)
 class Request:
-    """What the command line asks for; another process can be told.
+    """What the command line asks for; it can be sent to another process.
 
     - ``reference``: "fig5", or the path of a recording or a CSV.
     - ``limb``: path of the parameters; None for the nominal limb.
@@ -40,11 +40,11 @@ class Request:
 
 
 def make_plan(request: Request) -> Trajectory:
-    """Plans, large plans in a process of its own.
+    """Plans; large plans in a separate process.
 
-    Python heeds Ctrl-C and signals between calls into Drake and the solvers, of
-    which a large plan has some that take many seconds. A process can be ended
-    at once, and nothing is lost, as it writes nothing.
+    Python handles Ctrl-C and signals only between calls into Drake and the
+    solvers, and in a large plan some of these take many seconds. A process can
+    be killed at once, and it writes no files.
 
     Raises:
         PlanningError: as of `planners.plan`.
@@ -53,14 +53,14 @@ def make_plan(request: Request) -> Trajectory:
     num_knots = number_of_knots(reference, request.knot_rate, request.max_knots)
     if num_knots * limb.num_joints < LARGE:
         return _plan(request, limb, reference)
-    # Not forked, as what runs in threads does not survive that.
+    # Not forked, because threads do not survive a fork.
     context = multiprocessing.get_context("spawn")
     with concurrent.futures.ProcessPoolExecutor(1, context, _leave_signals_alone) as pool:
         try:
             return pool.submit(_plan_apart, request).result()
         except concurrent.futures.process.BrokenProcessPool as error:
             raise PlanningError(
-                "The process that made the plan was killed, most likely for want of memory; ask "
+                "The process that made the plan was killed, probably because memory ran out; ask "
                 "for fewer knots."
             ) from error
         except KeyboardInterrupt:
@@ -82,13 +82,13 @@ def _plan(request: Request, limb: LimbParameters, reference) -> Trajectory:
 
 def _plan_apart(request: Request) -> Trajectory:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what there is to say of the reference was said
+        warnings.simplefilter("ignore")  # the first process has already warned
         reference = _reference(request)
     return _plan(request, _limb(request), reference)
 
 
 def _leave_signals_alone() -> None:
-    """Ctrl-C reaches both processes; the other one decides."""
+    """Ctrl-C reaches both processes, and the parent decides."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

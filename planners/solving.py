@@ -1,4 +1,4 @@
-"""Solving a trajectory program: what is tried, in which order."""
+"""Solves a trajectory program: which solvers are tried, in which order."""
 
 import dataclasses
 import time
@@ -25,8 +25,8 @@ class Solution:
 
     - ``x``: all decision variables.
     - ``cost``, ``iterations``, ``solve_time``: s, of all attempts together.
-    - ``solver``: who solved it, and who failed before.
-    - ``status``: what the solver said.
+    - ``solver``: which solver solved it, and which failed before.
+    - ``status``: the solver's status.
     - ``multipliers``: for a warm start, or None.
     """
 
@@ -48,17 +48,17 @@ def solve_program(
     """Solves a trajectory program by the first of these that succeeds.
 
     1. IPOPT with the Hessian of the cost alone (Gauss-Newton), unless the
-       duration is free, where the cost bends too little to tell anything;
+       duration is free: then the curvature of the cost alone is not enough;
     2. IPOPT with the Hessian of the Lagrangian;
     3. the same with a monotone barrier;
     4. SNOPT.
 
-    Where `ipyopt` is not installed Drake's `IpoptSolver` stands in for 1 to 3.
+    If `ipyopt` is not installed, Drake's `IpoptSolver` replaces 1 to 3.
 
     Args:
         guess: for all decision variables.
         multipliers: those of a neighbouring solution, for a warm start.
-        solver: one of Drake's, to be used instead of all these.
+        solver: one of Drake's solvers, in place of all these.
 
     Raises:
         PlanningError: if all fail.

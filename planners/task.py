@@ -1,4 +1,4 @@
-"""What a plan shall do: the weights of (15), and what else it is asked for."""
+"""The task of a plan: the weights of (15), and further costs and limits."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ from limb_systems.schema import load_typed, nearest
 
 
 class TaskError(LimbError):
-    """A task asks for something that makes no sense."""
+    """A field of a task is invalid."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,10 +40,11 @@ class Phase:
 class Task:
     """Weights and limits of a plan.
 
-    The defaults are the paper's (15) but for its end: there duty at the last
-    knot costs nothing and the last angle a thousandfold, so that duty chatters
-    and jumps in the last second. Here it is held, and the last angle weighs
-    less; `Task.paper` is (15) as it is printed.
+    The defaults are those of the paper's (15), except at the end of the plan. In
+    (15), duty at the last knot has no weight and the last angle has 1000 times
+    the weight of the others, so that duty chatters and jumps in the last second.
+    Here duty is constant in the last second, and the last angle has less weight.
+    `Task.paper` is (15) as printed.
 
     Cost:
 
@@ -51,26 +52,26 @@ class Task:
     - ``duty_weight``: R, on each wire's duty squared.
     - ``terminal_factor``: Q_N / Q.
     - ``phases``: other Q and R from given times on.
-    - ``energy_weight``: on the sum of duty over wires and knots, which is
-      proportional to the energy that heats them; for minimum energy.
-    - ``time_weight``: on the duration, 1/s; for minimum time.
+    - ``energy_weight``: of the sum of duty over wires and knots, which is
+      proportional to the heating energy; for minimum energy.
+    - ``time_weight``: of the duration, 1/s; for minimum time.
 
-    Limits beside (18)-(20), all linear; the bend rate is that of (11):
+    Limits in addition to (18)-(20), all linear; the bend rate is that of (11):
 
     - ``max_bend_rate``: of each segment at the knots, rad/s.
     - ``max_temperature_rate``: of each wire, °C/s.
-    - ``reach``: whether each segment ends at the reference's last angle, to
-      0.1°, and as good as at rest, to 0.5°/s.
-    - ``final_hold``: for how long before the end the limb is as good as at
-      rest, s.
-    - ``duty_hold``: for how long before the end duty is constant, s; over the
-      last interval at least, unless it is zero.
-    - ``stretch``: the shortest and longest that the plan may take, as factors
-      of the reference's duration, whose time is stretched; None for 1. The
-      warm-up (20) stretches with it.
+    - ``reach``: whether each segment must end within 0.1° of the reference's
+      last angle, with a bend rate of at most 0.5°/s.
+    - ``final_hold``: time before the end in which the bend rate is at most
+      0.5°/s, s.
+    - ``duty_hold``: time before the end in which duty is constant, s; at least
+      the last interval, unless it is zero.
+    - ``stretch``: shortest and longest duration of the plan, as factors of the
+      reference's duration; None if both are 1. Reference and warm-up (20) are
+      stretched alike.
 
-    - ``customize``: is called with the `TrajectoryProgram` before it is
-      solved, to add costs and constraints of one's own to its ``prog``.
+    - ``customize``: function that is called with the `TrajectoryProgram` before
+      it is solved, to add your own costs and constraints to its ``prog``.
     """
 
     angle_weight: float = 100.0
@@ -88,7 +89,7 @@ class Task:
     customize: Callable | None = dataclasses.field(default=None, metadata={"in_files": False})
 
     def __new__(cls, *_, **given):
-        """Refuses fields that there are not, with the name that may be meant."""
+        """Refuses unknown fields, with a hint at the name that may be meant."""
         names = [field.name for field in dataclasses.fields(cls)]
         for name in given:
             if name not in names:
@@ -139,7 +140,7 @@ class Task:
 
     @classmethod
     def load(cls, path: str | Path) -> "Task":
-        """Reads a YAML file of fields; each that is left out has its default.
+        """Reads a YAML file of fields; those that are left out have their defaults.
 
         Raises:
             TaskError: with one sentence naming the file and the field.
@@ -149,16 +150,16 @@ class Task:
         except OSError as error:
             raise TaskError(f"Cannot read the task: {error}.") from error
         except UnicodeDecodeError as error:
-            raise TaskError(f"{path}: this is no text file, let alone YAML.") from error
+            raise TaskError(f"{path}: this is not a text file.") from error
         except LimbError as error:
             raise TaskError(f"{path}: {error}") from error
 
     def weights(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Q and R at the knots, each (N,); the last Q is Q_N, and the last R counts for nothing.
+        """Q and R at the knots, each (N,); the last Q is Q_N, and the last R has no effect.
 
-        (15) is a sum over knots. Where knots are closer than the widest
-        spacing they weigh accordingly less, so that the sum stays the same
-        sum when knots are added.
+        (15) is a sum over knots. Knots that are closer than the widest spacing
+        have proportionally less weight, so that adding knots does not change
+        the sum.
         """
         angle = np.full(len(times), self.angle_weight)
         duty = np.full(len(times), self.duty_weight)
@@ -174,7 +175,7 @@ class Task:
         """The weight of each knot (N,): 1 where knots are evenly spaced."""
         steps = np.diff(times)
         widest = steps.max()
-        # Spacings that are one but for rounding weigh exactly one.
+        # Spacings that are equal except for rounding get exactly the weight one.
         return np.append(np.where(np.isclose(steps, widest, rtol=1e-9), 1.0, steps / widest), 1.0)
 
 

@@ -33,6 +33,7 @@ from limb_systems import (
     Limb,
     LimbParameters,
     LimbVisualizer,
+    LinearLaw,
     SegmentParameters,
     TemperatureLimits,
     ThermocoupleLag,
@@ -332,11 +333,22 @@ def test_pictures_have_the_systems_of_the_diagrams(picture, make):
 
 
 def test_parameters_on_the_page_are_the_nominal_ones():
-    (text,) = (code for code, _ in blocks(TEXTS[PAGES["limb_systems"]], "yaml"))
-    assert yaml.safe_load(text) == yaml.safe_load(LimbParameters().to_yaml())
+    text, *others = (code for code, _ in blocks(TEXTS[PAGES["limb_systems"]], "yaml"))
+    assert LimbParameters.from_yaml(text) == LimbParameters()
+    # Tags aside: no field is left out on the page.
+    plain = [yaml.load(t, yaml.BaseLoader) for t in (text, LimbParameters().to_yaml())]
+    assert plain[0] == plain[1]
+    for other in others:
+        LimbParameters.from_yaml(other)
     ranges = {
         field: metadata
-        for kind in (SegmentParameters, WireParameters, TemperatureLimits, LimbParameters)
+        for kind in (
+            SegmentParameters,
+            WireParameters,
+            LinearLaw,
+            TemperatureLimits,
+            LimbParameters,
+        )
         for field, metadata in (
             (name, field.metadata) for name, field in kind.__dataclass_fields__.items()
         )

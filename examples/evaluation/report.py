@@ -63,7 +63,7 @@ def write_report(
             "Error over time",
             page.paragraph(
                 "Rollouts against their plan, beside the plan against its reference, which moves "
-                "faster than wires cool or is, by the weights of (15), not worth its duty."
+                "faster than the wires cool, or costs more duty than its weight in (15) allows."
             ),
             page.picture(plot_error(experiment), "Error of all rollouts over time"),
         ),

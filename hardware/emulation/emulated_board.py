@@ -1,8 +1,8 @@
 """An emulated board with an emulated limb on it, for the firmware to run on.
 
-The sensors answer with the bytes of the real ones, the limb is a `LimbTwin`
-that is simulated along with a clock, the computer's or another. Its sensors can
-be made to fail.
+The sensors answer with the bytes of the real ones. The limb is a `LimbTwin`
+that is simulated along a clock, the computer's or another. Its sensors can be
+made to fail.
 """
 
 import random
@@ -18,7 +18,7 @@ from hardware.firmware.firmware import CHANNELS
 from limb_systems import LimbError
 from limb_systems.simulation import make_simulator
 
-LIMB_PERIOD = 0.02  # s, in which the limb is simulated at a time
+LIMB_PERIOD = 0.02  # s, by which the limb is simulated at a time
 
 
 class EmulatedBoard:
@@ -59,14 +59,14 @@ class EmulatedBoard:
         self.fed = clock()
 
     def mend(self) -> None:
-        """Leaves no fault in a sensor."""
+        """Removes all faults of sensors."""
         self.thermocouple_faults = [0, 0]
         self.frozen_temperature: list[float | None] = [None, None]
         self.frozen_bend: bytes | None = None
         self.bend_is_silent = False
 
     def cool(self) -> None:
-        """Brings the limb back to where it began: cold and at rest."""
+        """Brings the limb back to its initial state: cold and at rest."""
         self._twin.SetDefaultContext(self._context)
         self._simulator.Initialize()
 
@@ -101,7 +101,7 @@ class EmulatedBoard:
             return b""
         sensor = self._twin.parameters.segments[0].bend_sensor
         tangent = np.rad2deg(sensor.reading(self.reading("bend_angle")[0]))
-        noise = random.gauss(0.0, 0.05)  # below the twin's steps, as every converter has it
+        noise = random.gauss(0.0, 0.05)  # below the twin's steps, like every converter's
         data = struct.pack("<bh", 0, round(64 * (tangent + noise)))
         return data if self.frozen_bend is None else self.frozen_bend
 
@@ -114,5 +114,5 @@ class EmulatedBoard:
         self.fed = self._clock()
 
     def reading(self, name: str) -> np.ndarray:
-        """What the sensors of the limb read, by the name of the twin's port."""
+        """The readings at a port of the twin."""
         return self._twin.GetOutputPort(name).Eval(self._context)

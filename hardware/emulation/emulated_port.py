@@ -1,4 +1,4 @@
-"""A port that acts like a robot's, for scripts where there is none."""
+"""A port with an emulated robot, for scripts without a robot."""
 
 import contextlib
 import subprocess
@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 @contextlib.contextmanager
 def emulated_port(seed: int = 0) -> Iterator[str]:
-    """A port with an emulated board and limb on it, in a process of their own.
+    """A port with an emulated board and limb, which run in a separate process.
 
     Args:
         seed: of the limb.

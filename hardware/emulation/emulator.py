@@ -1,6 +1,6 @@
 """The emulator: the firmware on an emulated board, at the end of a cable.
 
-Board, sensors and cable misbehave on orders.
+Orders inject faults into board, sensors and cable.
 """
 
 import contextlib
@@ -20,14 +20,14 @@ from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import Firmware
 from limb_systems import LimbError
 
-TURN = 0.001  # s, between two turns of the firmware's loop
+TURN = 0.001  # s, between two passes of the firmware's loop
 WATCHDOG = 0.2  # s, as that of board_nrf52dk.py
 THERMOCOUPLE_FAULTS = {"open": 1, "ground": 2, "supply": 4}
 SIDES = {"left": 0, "right": 1}
 
 
 class BadLine:
-    """A line that loses, corrupts, doubles, delays and reorders what goes over it."""
+    """A line that loses, corrupts, doubles, delays and reorders bytes."""
 
     def __init__(self, clock: Callable[[], float]):
         self._clock = clock
@@ -35,12 +35,12 @@ class BadLine:
         self._waiting: list[tuple[float, bytes]] = []
 
     def mend(self) -> None:
-        """From now on everything comes through at once."""
+        """Removes all faults: bytes arrive undamaged and without delay."""
         self.rates = dict.fromkeys(("drop", "corrupt", "duplicate", "reorder"), 0.0)
         self.delay = 0.0  # s
 
     def pass_on(self, data: bytes) -> bytes:
-        """What comes out at the other end now, after ``data`` went in."""
+        """Puts ``data`` in at one end, and returns what comes out at the other end now."""
         damaged = bytearray()
         for byte in data:
             if random.random() < self.rates["drop"]:
@@ -61,10 +61,10 @@ class BadLine:
 
 
 class Cable(Protocol):
-    """The board's end of what connects it to a host."""
+    """The board's end of a connection to a host."""
 
     def read(self) -> bytes:
-        """What came from the host since it was read last, maybe nothing."""
+        """The bytes from the host since the last call, possibly none."""
 
     def write(self, data: bytes) -> None:
         """Sends to the host; it may get lost."""
@@ -89,7 +89,7 @@ class PseudoTerminal:
             return b""
 
     def write(self, data: bytes) -> None:
-        with contextlib.suppress(OSError):  # nobody reads, and a serial port forgets
+        with contextlib.suppress(OSError):  # without a reader, a serial port drops bytes
             os.write(self._master, data)
 
     def unplug(self) -> None:
@@ -124,7 +124,7 @@ class Emulation:
         self.firmware = Firmware(self.board)
 
     def step(self) -> None:
-        """One turn: bytes in, firmware, bytes out, limb."""
+        """One pass: bytes in, firmware, bytes out, limb."""
         self.board.advance()
         if self._clock() < self._stalled_until:
             if self._clock() - self.board.fed < WATCHDOG:
@@ -140,7 +140,7 @@ class Emulation:
             self._cable.write(data)
 
     def misbehave(self, order: str) -> None:
-        """Does as it is told by a line such as "corrupt 0.01" or "open right".
+        """Carries out an order such as "corrupt 0.01" or "open right".
 
         Raises:
             LimbError: if the order is not understood.
@@ -216,13 +216,12 @@ ORDERS = (
 def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
     """Runs the firmware on an emulated board until the process is stopped.
 
-    Prints the port to connect to, then obeys orders from standard input.
+    Prints the port to connect to, then carries out orders from standard input.
 
     Args:
         twin: the limb on the board.
-        orders: obeyed at once, as of `Emulation.misbehave`.
-        log: file for what happens, a line of JSON for each change of duty
-            and each order.
+        orders: carried out at the start, see `Emulation.misbehave`.
+        log: file with a line of JSON for each change of duty and each order.
 
     Raises:
         LimbError: if an order at the start is not understood.
@@ -238,7 +237,7 @@ def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
         for order in orders:
             emulation.misbehave(order)
         print(cable.port, flush=True)
-        # Without a buffer, in which `select` would not see the lines that wait.
+        # Without a buffer, because `select` does not see lines in a buffer.
         source = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
         listening = True
         while True:

@@ -7,14 +7,14 @@ from pydrake.trajectories import Trajectory
 from limb_systems import LimbParameters, bend_angle
 from limb_systems.model.ownership import weak_method
 
-GRIP = 20.0  # bending stiffness of the limb, by which the hand is stiffer
+GRIP = 20.0  # stiffness of the hand over bending stiffness of the limb
 GRIP_TIME = 0.05  # s, of the hand's damping
 
 
 class Hand(LeafSystem):
-    """Pushes the limb's tip across its chord, towards a bend angle, then lets go.
+    """Pushes the limb's tip across its chord, towards a bend angle, then releases it.
 
-    As a hand it is stiffer than the limb, but not rigid. It touches the limb
+    Like a hand it is stiffer than the limb, but not rigid. It holds the limb
     until the end of its course.
 
     - input 0 ``joint_state``: [θ, θ̇] (2n), rad and rad/s
@@ -29,7 +29,7 @@ class Hand(LeafSystem):
         """
         Args:
             parameters: of the limb.
-            course: bend angle over time, rad, that the hand moves the limb to.
+            course: bend angle over time, rad, to which the hand moves the limb.
         """
         super().__init__()
         self._parameters, self._course = parameters, course

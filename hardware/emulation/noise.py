@@ -1,4 +1,4 @@
-"""Noise that lives in a Context: the number of the next draw is all there is to keep."""
+"""Noise whose state in a Context is only the number of the next draw."""
 
 import numpy as np
 
@@ -6,9 +6,9 @@ import numpy as np
 class Noise:
     """Standard normal numbers in the order in which a generator draws them.
 
-    A system that keeps how many it has used in its state goes on alike from
-    every copy of its Context, which one generator for all of them would not
-    let it do: numbers that were drawn once are kept for the others.
+    A system keeps in its state how many numbers it has used. It therefore
+    continues with the same numbers from every copy of its Context, because numbers
+    that were drawn once are kept. With a plain generator it would not.
     """
 
     def __init__(self, generator: np.random.Generator):

@@ -1,4 +1,4 @@
-"""The emulated rubber: what it adds to the linear spring and damper of eqn (1)."""
+"""The emulated rubber: its effects beyond the linear spring and damper of eqn (1)."""
 
 import numpy as np
 from pydrake.symbolic import MakeVectorVariable
@@ -8,18 +8,18 @@ from hardware.emulation.specimen import Specimen
 
 
 class Rubber(SymbolicVectorSystem):
-    """Stiffening and relaxation of silicone, and the angle at which it rests.
+    """Stiffening and relaxation of silicone, and its angle at rest.
 
         f = k θ_rest - k s (θ / θ_45)² θ - k v (θ - q),   q̇ = (θ - q) / τ
 
-    for each joint: stiffening by the share s where the segment bends by 45°,
-    and a spring v k in series with a damper, a standard linear solid together
-    with the k of the manipulator.
+    for each joint: stiffening by the share s at a bend of 45°, and a spring v k
+    in series with a damper, which make a standard linear solid together with the
+    k of the manipulator.
 
     - input 0: [θ, θ̇] (2n), rad and rad/s
     - output 0: [f (n), q (n)], N·m and rad
-    - state, continuous: q (n) less what it was when the limb was last used,
-      rad, since Drake lets no system of this kind start elsewhere than at zero
+    - state, continuous: q (n) minus its value after the limb's last use, rad,
+      because the state of a SymbolicVectorSystem starts at zero
     """
 
     __slots__ = ()  # see limb_systems.model.ownership

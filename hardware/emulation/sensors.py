@@ -1,4 +1,4 @@
-"""Sensors as the robot has them: sampled, noisy, drifting, in steps."""
+"""Sensors like the robot's: sampled, noisy, drifting, with steps."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -27,9 +27,9 @@ BEND_DRIFT_TIME = 120.0  # s
 
 @dataclasses.dataclass(frozen=True)
 class Sensor:
-    """How a vector signal is read: sampled, with noise, drift and in steps.
+    """How a vector signal is read: sampled, with noise, drift and steps.
 
-    - ``name``: of the signal and of what is read of it.
+    - ``name``: of the signal and of its reading.
     - ``size``: of the signal.
     - ``period``: s between samples.
     - ``step``: quantization q, in the unit of the signal.
@@ -37,7 +37,7 @@ class Sensor:
       in the unit of the signal.
     - ``drift``: standard deviation δ of the drift, likewise.
     - ``drift_time``: correlation time τ of the drift, s.
-    - ``response``: what the sensor reads for a signal, r; exact by default.
+    - ``response``: reading for a signal, r; exact by default.
     """
 
     name: str
@@ -63,10 +63,10 @@ class SampledSensors(LeafSystem):
     - output N ``measurement``: all y, one after the other
     - output N + 1 ``draws``: how many numbers of the noise were used
     - state, discrete: y of all; d of all; draws. Updated each period and at
-      initialization, where drift is drawn anew
+      initialization, where a new drift is drawn
 
-    The sensors draw from one noise in turn, as those of a limb always have;
-    where it is begun, and what was drawn since, is in the Context.
+    The sensors draw from one sequence of noise in turn; the position in the
+    sequence is in the Context.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -74,7 +74,7 @@ class SampledSensors(LeafSystem):
     def __init__(self, sensors: Sequence[Sensor], noise: Noise | None = None, start: int = 0):
         """
         Args:
-            sensors: one or more; those that are due at once draw in this order.
+            sensors: one or more; those that are due at the same time draw in this order.
             noise: of noise and drift; that of the seed 0 if None.
             start: how many numbers of the noise were used before.
         """

@@ -1,9 +1,9 @@
-"""One particular limb, as nobody modelled it: what the emulation knows and calibration must not.
+"""The true properties of one emulated limb, which planner and calibration must not see.
 
-A `Specimen` is drawn by a seed around a description of its kind. Each draw is
-uniform within a range that stands below with where it comes from; "ours"
-marks ranges without a published source, chosen for the effects that the paper
-reports. None was fitted to make the model look good or bad.
+A seed draws a `Specimen` around a description of its kind. Each draw is uniform
+within a range that is listed below with its source; "ours" marks ranges without
+a published source, chosen for the effects that the paper reports. No range was
+fitted to make the model look good or bad.
 
 Sources:
 
@@ -53,19 +53,19 @@ class WirePhysics:
 
     - ``heating``: rate at full duty, °C/s.
     - ``fast_time``, ``slow_time``: time constants of cooling, s.
-    - ``silicone_share``: of the temperature rise that the silicone takes part
-      in when the duty lasts.
+    - ``silicone_share``: share of the steady temperature rise that is in the
+      silicone.
     - ``lag_rate``: of the thermocouple, 1/s, negative.
     - ``latent_heat``: of the transformation, as °C of the wire.
     - ``austenite``, ``martensite``: temperature at which half of the wire is
       transformed on heating and on cooling, free of stress, °C.
     - ``austenite_width``, ``martensite_width``: of the logistic curves, °C.
-    - ``stress_shift``: by which full stress moves both curves up, °C.
-    - ``torque``: on each joint of the fully transformed wire when the limb is
+    - ``stress_shift``: shift of both curves upwards at full stress, °C.
+    - ``torque``: of the fully transformed wire on each joint when the limb is
       held straight, N·m.
     - ``modulus_ratio``: G of martensite over G of austenite.
-    - ``strain_relief``: recoverable strain that bending by one radian towards
-      the wire uses up.
+    - ``strain_relief``: recoverable strain that is lost by bending one radian
+      towards the wire.
     - ``expansion``: Θ of (3) over the stress of full transformation, 1/°C.
     """
 
@@ -93,8 +93,8 @@ class SegmentPhysics:
     - ``stiffness``: k of each joint when bent slowly, N·m/rad.
     - ``damping``: σ of each joint, N·m·s/rad.
     - ``stiffening``: share that is added to k where the segment bends by 45°.
-    - ``viscous_share``: share of k that a fast motion feels in addition.
-    - ``relaxation_time``: with which that addition fades, s.
+    - ``viscous_share``: additional share of k in fast motions.
+    - ``relaxation_time``: time constant with which this share decays, s.
     - ``rest_angle``: bend angle at rest, rad.
     - ``sensor_gain``: slope of the bend sensor at zero.
     - ``sensor_curvature``: share of the reading that is lost or gained at 45°.
@@ -117,17 +117,17 @@ class Specimen:
     """A particular limb: its physics, and the state in which it was left.
 
     - ``description``: `LimbParameters` as a lab would know them beforehand.
-    - ``seed``: that drew the rest.
+    - ``seed``: of the draw.
     - ``wires``: `WirePhysics` (W), in the order of the description.
     - ``segments``: `SegmentPhysics` (S).
     - ``ambient``: the temperature of the room, °C.
-    - ``state``: of each part of the emulation when it ran last, by name;
+    - ``state``: of each part of the emulation after its last run, by name;
       empty for a limb that was never used.
-    - ``noise``: of the sensors, which runs on; the state says how far.
+    - ``noise``: of the sensors; the state says how much of it was used.
     - ``absent``: the effects that were taken out, see `without`.
 
-    A new one has never been used: its wires are cold and its rubber at rest,
-    and its noise is at the beginning.
+    A new specimen is unused: its wires are cold, its rubber is at rest, and its
+    noise is at the beginning.
     """
 
     def __init__(self, description: LimbParameters, seed: int):
@@ -152,10 +152,10 @@ class Specimen:
 
     @classmethod
     def of(cls, board: EmulatedLimb) -> "Specimen":
-        """The limb of an identity, as it was before it was ever used.
+        """The limb with an identity, unused.
 
         Raises:
-            LimbError: if there is no such limb.
+            LimbError: if the identity is invalid.
         """
         text = board.description
         description = LimbParameters.from_yaml(text) if text else LimbParameters()
@@ -163,11 +163,11 @@ class Specimen:
 
     @property
     def board(self) -> EmulatedLimb:
-        """Its identity, from which `of` makes it again."""
+        """The limb's identity, from which `of` makes it again."""
         return EmulatedLimb(self.seed, self._drawn_around, list(self.absent))
 
     def without(self, *effects: str) -> "Specimen":
-        """This limb as it is now, its noise to come included, but for some of its effects.
+        """This limb in its present state and with the same noise, without some of its effects.
 
         Args:
             effects: any of
@@ -175,18 +175,19 @@ class Specimen:
                 - "hysteresis": heating and cooling follow one curve, midway;
                 - "silicone": the second thermal mass stays at the temperature
                   of the room;
-                - "stress": no latent heat, nor does stress or strain change
-                  the transformation; torque is an S-curve of temperature;
-                - "rubber": it is linear and rests straight;
-                - "bend sensor": it reads the bend angle but for its steps.
+                - "stress": there is no latent heat, and stress and strain do not
+                  change the transformation; torque is an S-curve of temperature;
+                - "rubber": it is linear and straight at rest;
+                - "bend sensor": it reads the bend angle exactly, except for its
+                  steps.
 
         Raises:
-            LimbError: if there is no such effect.
+            LimbError: if an effect is unknown.
         """
         specimen = copy.deepcopy(self)
         for effect in effects:
             if effect not in EFFECTS:
-                raise LimbError(f"{effect!r} is none of the effects {', '.join(EFFECTS)}.")
+                raise LimbError(f"{effect!r} is not one of the effects {', '.join(EFFECTS)}.")
             specimen.wires = [_wire_without(effect, wire) for wire in specimen.wires]
             changes = _SEGMENT_WITHOUT.get(effect, {})
             specimen.segments = [dataclasses.replace(s, **changes) for s in specimen.segments]
@@ -194,7 +195,7 @@ class Specimen:
         return specimen
 
     def rest_angles(self) -> np.ndarray:
-        """Joint angles of the limb when it was never used (n,), rad, by eqn (11)."""
+        """Joint angles of the unused limb at rest (n,), rad, by eqn (11)."""
         rest = [segment.rest_angle for segment in self.segments]
         return joint_angles_from_bend_angle(self.description, rest)
 
@@ -210,7 +211,7 @@ class Specimen:
 
 
 def serial_number(board: EmulatedLimb) -> str:
-    """Of the emulated board that an emulated limb is on: eight letters and digits."""
+    """Serial number of the emulated board of an emulated limb: eight letters and digits."""
     if not board.description and not board.absent and board.seed < 10_000:
         return f"twin{board.seed:04d}"
     return f"t{hashlib.sha256(board.identity.encode()).hexdigest()[:7]}"
@@ -254,7 +255,7 @@ def _draw_wire(uniform, wire, rise: float) -> WirePhysics:
         austenite_width=uniform(9.0, 13.0),  # ours: saturates towards T_max
         martensite_width=uniform(6.0, 9.0),  # ours
         stress_shift=uniform(5.0, 12.0),  # 70-170 MPa at 7-14 MPa/°C [Flexinol], [Cheng]
-        torque=law.beta * rise * uniform(0.9, 1.1),  # ours: sides are not made alike
+        torque=law.beta * rise * uniform(0.9, 1.1),  # ours: the sides differ
         modulus_ratio=uniform(0.35, 0.5),  # 7.5 of 18 GPa [An]
         strain_relief=uniform(0.10, 0.20),  # ours: 3.4 mm off axis, stretched by 50 mm
         expansion=-uniform(2e-4, 6e-4),  # small, as the paper assumes [Cheng]

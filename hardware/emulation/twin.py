@@ -1,4 +1,4 @@
-"""The emulated limb: what scripts use where there is no robot."""
+"""The emulated limb, for scripts without a robot."""
 
 import copy
 from collections.abc import Sequence
@@ -23,16 +23,16 @@ from limb_systems import (
 )
 from limb_systems.model.ownership import weak_method
 
-SMOOTHING_TIME = 0.05  # s, of the wires' torque, which comes in steps
+SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
 
 
 class LimbTwin(Diagram):
     """An emulated limb, with the ports of `Limb` and more physics than the model.
 
-    It emulates; it is no measurement of a robot. The seed draws a `Specimen`,
-    whose wires are shape-memory alloy with hysteresis, heat silicone around
-    them and differ from each other (`ShapeMemoryWires`), whose rubber stiffens
-    and relaxes (`Rubber`), and whose sensors are sampled, noisy, drifting and
+    It is an emulation, not a measurement of a robot. The seed draws a
+    `Specimen`. Its wires are shape-memory alloy with hysteresis, heat the silicone
+    around them and differ from each other (`ShapeMemoryWires`). Its rubber
+    stiffens and relaxes (`Rubber`). Its sensors are sampled, noisy, drifting and
     not quite linear (`SampledSensors`):
 
                 ┌──────────────────┐    ┌─────────────┐
@@ -42,7 +42,7 @@ class LimbTwin(Diagram):
                   │            └────────────────────────┘
                   └─▶ ThermocoupleLag ──▶ sensor ──▶ measured_temperature
 
-    For a limb of S segments, n joints in all and W = 2 S wires:
+    For a limb of S segments, n joints in all and W wires:
 
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
@@ -50,12 +50,11 @@ class LimbTwin(Diagram):
     - output 2 ``applied_duty``: D (W) in the steps of the PWM
     - output 3 ``measurement``: [V (W), φ (S)], as they are read
 
-    ``parameters`` is the limb as one would describe it before calibration:
-    geometry and mass are true, the rest are not. Their ``board`` is its
-    identity, which recordings, calibrated limbs and plans carry on, and from
-    which `of` makes it again. What was done to the limb
-    stays: a wire that was hot is warm, and hysteresis remembers. `again` is
-    the same limb, later.
+    ``parameters`` describes the limb as a lab would before calibration: only
+    geometry and mass are true. Their ``board`` is the limb's identity, which
+    recordings, calibrated limbs and plans carry along, and from which `of` makes
+    the limb again. The limb keeps its state after a simulation: a wire that was
+    hot is warm, and hysteresis has a memory. `again` is the same limb, later.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -75,13 +74,13 @@ class LimbTwin(Diagram):
     ):
         """
         Args:
-            parameters: the kind of limb, or their YAML file; the nominal one if None. Geometry,
-                mass, gravity and limits are taken as they are, all else is
-                where the seed's draw is centred.
+            parameters: of the kind of limb, or their YAML file; the nominal limb
+                if None. Geometry, mass, gravity and limits are used unchanged;
+                the seed draws all other values around the given ones.
             seed: of the particular limb and its sensors' noise.
-            specimen: the particular limb itself, in place of these two.
-            hand: bend angle over time, rad, to which somebody bends the limb
-                by hand until the end of the trajectory.
+            specimen: the particular limb, in place of these two.
+            hand: bend angle over time, rad, to which a hand bends the limb until
+                the end of the trajectory.
             bend_rate: at which the bend sensors are read, Hz.
             wire_period: s, of the steps of `ShapeMemoryWires`.
 
@@ -166,17 +165,17 @@ class LimbTwin(Diagram):
 
     @classmethod
     def of(cls, parameters: LimbParameters, seed: int = 0) -> "LimbTwin":
-        """The very limb that parameters were calibrated on, never used.
+        """The emulated limb that parameters were calibrated on, unused.
 
         Args:
-            parameters: whose ``board`` says which one it is, or has the number
-                of an emulated board that says so. Where they belong to no
-                emulated limb, it is one of their kind.
-            seed: of that one.
+            parameters: their ``board`` identifies the limb, or has the number of
+                an emulated board that does. If it is not an emulated one, a limb
+                of their kind is drawn.
+            seed: for that draw.
 
         Raises:
-            LimbError: if there is no such limb, or the board's number does not
-                tell which it is.
+            LimbError: if the identity is invalid, or the board's number does not
+                say which limb it is.
         """
         if board := emulated_limb(parameters.board):
             return cls(specimen=Specimen.of(board))
@@ -190,11 +189,11 @@ class LimbTwin(Diagram):
         hand: trajectories.Trajectory | None = None,
         bend_rate: float = 20.0,
     ) -> "LimbTwin":
-        """The same limb as it is now, or after a while without heat.
+        """The same limb in its present state, or after a pause without heat.
 
         Args:
             pause: s, to cool down.
-            gravity: m/s² along (E1, E2, E3) if the limb is mounted otherwise
+            gravity: m/s² along (E1, E2, E3), if the limb is mounted differently
                 from now on.
             hand, bend_rate: as for the constructor.
         """
@@ -202,18 +201,18 @@ class LimbTwin(Diagram):
             self.specimen.description.gravity = list(gravity)
         if pause > 0:
             off = np.zeros(len(self.specimen.wires))
-            # Nothing is fast where nothing is heated, but the first swing; coarse steps will do.
+            # Without heat only the first swing is fast, so coarse steps are enough.
             resting = LimbTwin(specimen=self.specimen, bend_rate=1.0, wire_period=0.1)
             simulate(resting, off, pause, sample_rate=1.0)
         return LimbTwin(specimen=self.specimen, hand=hand, bend_rate=bend_rate)
 
 
 class _Memory(LeafSystem):
-    """Keeps the state of the parts in their specimen, for the limbs that are made of it later.
+    """Keeps the state of the parts in their specimen, for limbs that are made from it later.
 
-    An input port of the part's name for each of them. Nothing in this diagram
-    reads what is kept: simulations of two copies of its Context go on alike,
-    and the limb later is as the one that ran last left it.
+    It has an input port for each part, with the part's name. Nothing in this
+    diagram reads the kept state, so simulations of two copies of its Context do
+    not affect each other. A later limb starts from the state of the last run.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -234,7 +233,7 @@ class _Memory(LeafSystem):
 
 
 def _bend_response(segments: Sequence[SegmentPhysics]):
-    """What the bend sensors read (S,), rad, for the bend angles (S,), rad."""
+    """A function from bend angles (S,), rad, to the bend sensors' readings (S,), rad."""
     gain = np.array([segment.sensor_gain for segment in segments])
     curvature = np.array([segment.sensor_curvature for segment in segments])
     return lambda angle: gain * angle * (1 + curvature * angle / (np.pi / 4))

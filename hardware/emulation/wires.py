@@ -13,7 +13,7 @@ PWM_STEP = 1 / 255  # of a timer of eight bits
 
 
 class ShapeMemoryWires(LeafSystem):
-    """Wires that the model's eqns (4) and (6) are approximations of.
+    """Wires with the physics that the model's eqns (4) and (6) approximate.
 
     Heat flows from the wire, T, to the silicone around it, S, and from there
     to the room:
@@ -24,9 +24,9 @@ class ShapeMemoryWires(LeafSystem):
     with the duty D in the steps of the PWM.
 
     The martensite fraction ξ follows the logistic curves of Ikuta, one for
-    heating and one for cooling, in Duhem's form, which remembers where a
-    motion turned back. With the temperature less what stress shifts,
-    T' = T - s τ,
+    heating and one for cooling, in Duhem's form, whose memory is where heating
+    and cooling changed. With T' = T - s τ, the temperature minus the shift by
+    stress,
 
         ξ̇ = -ξ (1 - ξ_A(T')) / w_A Ṫ'   where T' rises
         ξ̇ = -(1 - ξ) ξ_M(T') / w_M Ṫ'   where it falls
@@ -36,13 +36,13 @@ class ShapeMemoryWires(LeafSystem):
 
         τ = G(ξ) (ε + 1 - ξ) + Θ (T - T_room),  G(ξ) = 1 - ξ (1 - G_M/G_A)
 
-    with the strain ε = -r φ_own relieved by bending towards the wire's own
-    side. The torque on each joint of the segment is proportional to it. A
+    with the strain ε = -r φ_own, which bending towards the wire's own side
+    reduces. The torque on each joint of the segment is proportional to τ. A
     straight limb at the temperature of the room is free of torque. All this is
-    stepped by Euler's method, at 20 Hz by default.
+    integrated by Euler's method, at 20 Hz by default.
 
     - input 0 ``duty``: D (W), in [0, 1]
-    - input 1 ``joint_state``: [θ, θ̇] (2n), rad and rad/s; its angles count
+    - input 1 ``joint_state``: [θ, θ̇] (2n), rad and rad/s; only angles are used
     - output 0 ``generalized_force``: f (n), N·m
     - output 1 ``wire_temperature``: T (W), °C
     - output 2 ``state``: as below
@@ -55,7 +55,7 @@ class ShapeMemoryWires(LeafSystem):
     def __init__(self, specimen: Specimen, period: float = PERIOD):
         """
         Args:
-            specimen: the limb, and the state in which it was left.
+            specimen: the limb, with the state after its last use.
             period: s, of the steps.
         """
         super().__init__()

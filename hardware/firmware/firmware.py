@@ -17,11 +17,11 @@ from . import guard, protocol, readings
 FIRMWARE_VERSION = 2
 CHANNELS = 2  # wires, each with its thermocouple
 SAMPLE_PERIOD = 50  # ms
-THERMOCOUPLE_TURN = 2  # samples: a MAX31855 that is read within 100 ms does not convert
+THERMOCOUPLE_TURN = 2  # samples: a MAX31855 needs 100 ms between readings to convert
 
 
 class Firmware:
-    """All that the board does, a step at a time."""
+    """The board's program, in steps."""
 
     def __init__(self, board):
         self._board = board
@@ -39,7 +39,7 @@ class Firmware:
         self._apply()
 
     def step(self):
-        """One turn of the loop; the board turns it some hundred times a second."""
+        """One pass of the loop; the board makes some hundred per second."""
         board = self._board
         now = board.ticks()
         for kind, values in self._parser.feed(board.receive()):

@@ -1,4 +1,4 @@
-"""Whether the wires may be heated. Everything that is safe about the board is here.
+"""Decides whether the wires may be heated. All of the board's safety rules are here.
 
 Runs under MicroPython and CPython alike. Times are in ms and count on without
 wrapping; duty is in [0, 1]; temperatures are in °C.
@@ -9,8 +9,8 @@ DISARMED, ARMED = 0, 1
 
 # Reasons for which the board is off, in every sample.
 NONE = 0
-NO_COMMAND = 1  # nothing valid came for HEARTBEAT
-OUT_OF_RANGE = 2  # a command asked for what no command may
+NO_COMMAND = 1  # no valid command came for HEARTBEAT
+OUT_OF_RANGE = 2  # a command had a duty out of range
 HOST = 3  # the host disarmed it
 POWER_UP = 4
 # From here on they latch until they are cleared.
@@ -43,14 +43,14 @@ TEXTS = {
 HEARTBEAT = 250  # ms
 TEMPERATURE_LIMIT = 110.0  # °C, measured
 LARGEST_JUMP = 20.0  # °C from one sample to the next
-HOLDING_DUTY = 0.3  # at which no wire gets hotter than the limit, so that it need not warm
-UNANSWERED_HEAT = 1.0  # s of full duty beyond that, without the temperature rising by
+HOLDING_DUTY = 0.3  # enough to hold any temperature below the limit; more must warm the wire
+UNANSWERED_HEAT = 1.0  # s of full duty above it, within which the temperature must rise by
 RISE = 1.0  # °C
-STUCK_SAMPLES = 10  # alike to the last bit, which a working bend sensor never sends
+STUCK_SAMPLES = 10  # equal to the last bit, which a working bend sensor never sends
 
 
 class Guard:
-    """Holds the duty, and lets it go to zero whenever anything is wrong."""
+    """Holds the duty, and sets it to zero after any fault."""
 
     def __init__(self, now, challenge):
         """now: ms. challenge: number that the next arming must repeat."""
@@ -92,23 +92,23 @@ class Guard:
         self._heard = now
 
     def disarm(self):
-        """By the host."""
+        """Disarms the board, on the host's request."""
         if self.state == ARMED:
             self.trip(HOST)
 
     def clear(self, challenge):
-        """Forgets a latched reason; the board stays off until it is armed."""
+        """Clears a latched reason; the board stays off until it is armed."""
         if challenge == self.challenge and self.reason >= LATCHING:
             self.reason = HOST
             self._renew()
 
     def tick(self, now):
-        """The heartbeat; to be called all the time."""
+        """Checks the heartbeat; must be called continually."""
         if self.state == ARMED and now - self._heard >= HEARTBEAT:
             self.trip(NO_COMMAND)
 
     def sample(self, now, temperatures, faults, bend):
-        """Looks at a sample of all sensors.
+        """Checks a sample of all sensors.
 
         temperatures: °C, left and right; faults: of their amplifiers;
         bend: raw, or None if the sensor does not answer.
@@ -136,7 +136,7 @@ class Guard:
         before = self._temperatures[wire]
         if before is not None and abs(temperature - before) > LARGEST_JUMP:
             self.trip(TEMPERATURE_JUMP)
-        # Heat beyond what holds any temperature must show, from the lowest reading on.
+        # Duty above HOLDING_DUTY must raise the reading, counted from the lowest reading.
         if self._lowest[wire] is None or temperature < self._lowest[wire]:
             self._lowest[wire] = temperature
         if temperature >= self._lowest[wire] + RISE:
@@ -147,7 +147,7 @@ class Guard:
             self.trip(NOT_WARMING)
 
     def trip(self, reason):
-        """Switches off. The first latching reason stays; others give way to newer ones."""
+        """Switches off. The first latching reason is kept; others are replaced by newer ones."""
         self.duty[0] = self.duty[1] = 0.0
         if self.reason < LATCHING:
             self.reason = reason
@@ -156,6 +156,6 @@ class Guard:
             self._renew()
 
     def _renew(self):
-        """A new challenge: whatever was sent to arm or command before is void."""
+        """Sets a new challenge: frames that were sent before can neither arm nor command."""
         self.session = None
         self.challenge = (self.challenge * 25173 + 13849) & 0xFFFF

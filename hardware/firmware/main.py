@@ -1,4 +1,4 @@
-"""What the board runs when it is switched on."""
+"""The board runs this when it is switched on."""
 
 from firmware.board_nrf52dk import Board
 from firmware.firmware import Firmware

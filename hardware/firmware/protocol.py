@@ -69,7 +69,7 @@ def encode(kind, *values):
 
 
 class Parser:
-    """Finds frames in a stream of bytes, whatever else is in it.
+    """Finds frames in a stream that may contain other bytes.
 
     ``rejected`` counts what looked like frames and were none. ``other_version``
     is the version of the last frame that was of another one, None if none was.

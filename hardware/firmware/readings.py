@@ -1,4 +1,4 @@
-"""What the bytes of the sensors mean. Runs under MicroPython and CPython alike."""
+"""Decodes the bytes of the sensors. Runs under MicroPython and CPython alike."""
 
 import struct
 
@@ -25,7 +25,7 @@ def thermocouple(data):
 
 
 def bend(data):
-    """Tip tangent angle in 1/64 degrees from the 3 bytes of a Bend Labs sensor; None if it is none.
+    """Tip tangent angle in 1/64 degrees from the 3 bytes of a Bend Labs sensor; None if invalid.
 
     A sample is the byte 0 and a signed 16-bit number, low byte first.
     """

@@ -1,4 +1,4 @@
-"""Recordings that are on disk while they are made."""
+"""Recordings that are written to disk sample by sample."""
 
 from pathlib import Path
 
@@ -16,10 +16,10 @@ OF_ROBOTS = ("applied_duty", "board_time", "sample_age")  # where the limb has t
 
 
 class Journal(LeafSystem):
-    """Writes each sample of a limb to a file as it comes.
+    """Writes each sample of a limb to a file when it arrives.
 
-    The file is a recording without its end until `close`; whatever happens to
-    the program, `Recording.load(path, unfinished=True)` reads what is there.
+    Until `close`, the file is a recording without its end line. If the program
+    dies, `Recording.load(path, unfinished=True)` reads the samples up to then.
 
     - input 0 ``duty``: D (2), in [0, 1]
     - input 1 ``measured_temperature``: V (2), °C
@@ -49,7 +49,7 @@ class Journal(LeafSystem):
         self.set_name("journal")
 
     def close(self) -> None:
-        """Ends the file."""
+        """Writes the end line and closes the file."""
         self._writer.close()
 
     def _append(self, context):
@@ -60,7 +60,7 @@ class Journal(LeafSystem):
 
 
 def journaled(limb: LimbSystem) -> list[str]:
-    """The outputs of a limb that go into its journal."""
+    """Names of the limb's outputs that are written to its journal."""
     return [*SIGNALS, *(name for name in OF_ROBOTS if limb.HasOutputPort(name))]
 
 

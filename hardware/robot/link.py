@@ -1,4 +1,4 @@
-"""The host's end of the cable: frames in and out, on threads of their own."""
+"""The host's end of the cable: sends and receives frames, in separate threads."""
 
 import contextlib
 import dataclasses
@@ -17,27 +17,27 @@ from limb_systems import LimbError
 
 FIRMWARE_VERSIONS = (2,)
 BAUD_RATE = 115200
-STALE = 0.25  # s, after which a sample is too old to go on
-ANSWER_TIME = 1.0  # s, in which a board that is there answers
+STALE = 0.25  # s, age after which a sample must not be used
+ANSWER_TIME = 1.0  # s, within which a board answers
 WAITING_FRAMES = 8
 
 Answer = TypeVar("Answer")
 
 
 class HardwareError(LimbError):
-    """The board, its cable or its sensors do not do what they should; wires are off."""
+    """The board, its cable or its sensors failed; the wires are off."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Sample:
     """What the board measured.
 
-    - ``received``: s, of this computer's monotonic clock.
-    - ``sequence``: number of the sample, which counts on modulo 65536.
-    - ``board_time``: s since the board was started.
-    - ``challenge``: what the next arming must repeat.
+    - ``received``: time of arrival by this computer's monotonic clock, s.
+    - ``sequence``: number of the sample, modulo 65536.
+    - ``board_time``: time since the board was started, s.
+    - ``challenge``: number that the next arming must repeat.
     - ``armed``: whether the wires may be heated.
-    - ``reason``: why not, one of `hardware.firmware.guard`'s.
+    - ``reason``: why they may not, one of the reasons of `hardware.firmware.guard`.
     - ``acknowledged``: sequence of the last command, modulo 65536.
     - ``temperature``: V (2), °C.
     - ``tip_tangent``: α, as the bend sensor reads it, rad.
@@ -57,19 +57,19 @@ class Sample:
 
     @property
     def age(self) -> float:
-        """s since it was received."""
+        """Time since it was received, s."""
         return time.monotonic() - self.received
 
 
 @dataclasses.dataclass(frozen=True)
 class BoardInfo:
-    """What the board says of itself.
+    """A board's description of itself.
 
     - ``firmware_version``.
     - ``sample_period``: s.
     - ``temperature_limit``: °C, measured, at which it switches off.
     - ``serial_number``.
-    - ``channels``: how many wires it drives.
+    - ``channels``: number of wires that it drives.
     """
 
     firmware_version: int
@@ -80,11 +80,11 @@ class BoardInfo:
 
 
 class BoardLink:
-    """A connection to a board, which it never arms by itself.
+    """A connection to a board. It arms the board only in `arm`.
 
-    Reading and writing happen on threads; no method waits for the cable, but
-    for `info`, `arm` and `clear`, which wait for an answer and no longer than
-    a second. Use as a context manager, or `close` it: both disarm the board.
+    Threads read and write. Only `info`, `arm` and `clear` wait for the cable: for
+    an answer, and at most a second. Use it as a context manager, or `close` it:
+    both disarm the board.
     """
 
     def __init__(self, port: str):
@@ -101,7 +101,7 @@ class BoardLink:
                 port, BAUD_RATE, timeout=0.01, write_timeout=0.2, do_not_open=True
             )
             with contextlib.suppress(AttributeError, ValueError):
-                self._serial.exclusive = True  # ports only; URLs of sockets have no such thing
+                self._serial.exclusive = True  # only for ports, not for URLs of sockets
             self._serial.open()
         except (serial.SerialException, ValueError, OSError) as error:
             if "exclusively lock" in str(error):
@@ -132,7 +132,7 @@ class BoardLink:
         self.close()
 
     def info(self) -> BoardInfo:
-        """Asks the board what it is.
+        """Asks the board for its description.
 
         Raises:
             HardwareError: if it does not answer, or speaks another protocol.
@@ -152,7 +152,7 @@ class BoardLink:
             HardwareError: if it is older than 0.25 s, or the cable is gone.
         """
         self._check()
-        sample = self._sample or self._wait(lambda: self._sample, "being opened")
+        sample = self._sample or self._wait(lambda: self._sample, "after the port was opened")
         if sample.age > STALE:
             raise HardwareError(
                 f"Nothing came from the board on {self.port} for {sample.age:.2f} s."
@@ -160,7 +160,7 @@ class BoardLink:
         return sample
 
     def arm(self) -> None:
-        """Arms the board: from here on commands heat.
+        """Arms the board: commands heat from now on.
 
         Raises:
             HardwareError: if it does not let itself be armed, with its reason.
@@ -218,7 +218,7 @@ class BoardLink:
         )
 
     def close(self) -> None:
-        """Disarms the board and lets the port go; more than once does nothing."""
+        """Disarms the board and closes the port; a second call does nothing."""
         if self._closing:
             return
         for _ in range(3):  # a frame may get lost
@@ -232,7 +232,7 @@ class BoardLink:
             self._serial.close()
 
     def _ask(self, frame: bytes, answer: Callable[[], Answer | None], what: str) -> Answer:
-        """Sends a frame until it is answered, as it may get lost."""
+        """Sends a frame until it is answered, because frames may get lost."""
         end = time.monotonic() + ANSWER_TIME
         while time.monotonic() < end:
             self._send(frame)

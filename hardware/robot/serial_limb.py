@@ -1,4 +1,4 @@
-"""A limb on a serial cable, as a system with the ports of `Limb`."""
+"""A limb on a serial port, as a system with the ports of `Limb`."""
 
 import time
 from pathlib import Path
@@ -21,25 +21,25 @@ class SerialLimb(LeafSystem):
 
     - input 0 ``duty``: D (2), in [0, 1]
     - output 0 ``measured_temperature``: V (2), °C
-    - output 1 ``bend_angle``: φ (1), rad, as the segment's ``bend_sensor`` tells it
-    - output 2 ``sample_age``: s since the sample was received
+    - output 1 ``bend_angle``: φ (1), rad, from the segment's ``bend_sensor``
+    - output 2 ``sample_age``: time since the sample was received, s
     - output 3 ``applied_duty``: the duty that the board had applied at the sample (2)
-    - output 4 ``board_time``: s since the board was started, at the sample
+    - output 4 ``board_time``: time from the start of the board to the sample, s
     - output 5 ``measurement``: [V (2), φ]
     - state, discrete, at 20 Hz: [V (2), φ, applied duty (2), board time, time of
       reception on the simulation's clock]
 
-    The outputs hold the last sample; only its age goes on. The board is armed
-    at initialization, and at each period gets a new duty, in the thread of the
-    Simulator, but without waiting for the cable.
+    The outputs hold the last sample; only its age increases between samples. The
+    board is armed at initialization. Once per period a new duty is sent from the
+    thread of the Simulator, which does not wait for the cable.
 
-    Simulate it in real time (`limb_systems.simulation.record` does). A board
-    that switches off, samples older than 0.25 s, a duty that is out of range
-    and a simulation that is more than 0.1 s late end the simulation with a
-    `HardwareError`. Call `close`, or use it as a context manager: the wires are
-    off then. If this process dies, the board switches off after 250 ms.
+    Simulate it in real time, as `limb_systems.simulation.record` does. The
+    simulation ends with a `HardwareError` if the board switches off, samples are
+    older than 0.25 s, the duty is out of range, or the simulation is more than
+    0.1 s late. To switch the wires off, call `close` or use the system as a
+    context manager. If this process dies, the board switches off after 250 ms.
 
-    ``timing_errors`` holds, for each command, by how much it was late, s.
+    ``timing_errors`` has the delay of each command, s.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -56,16 +56,16 @@ class SerialLimb(LeafSystem):
     ):
         """
         Args:
-            port: name of a serial port, or any URL of pyserial's.
-            parameters: the limb as far as it is known, or their YAML file; the
-                nominal one if None.
-            heated: whether the board is armed; else the limb is only watched,
-                whatever its ``duty``, as when somebody teaches it.
+            port: name of a serial port, or any URL that pyserial accepts.
+            parameters: of the limb, as far as they are known, or their YAML file;
+                the nominal limb if None.
+            heated: whether the board is armed. If not, the limb is only watched
+                and its ``duty`` ignored, for example for teaching.
 
         Raises:
-            HardwareError: if there is no board there, or it is none of ours.
-            LimbError: if the limb has another number of wires than the board
-                has channels, or several segments for its one bend sensor.
+            HardwareError: if no board with a known firmware answers.
+            LimbError: if the number of wires is not the board's number of
+                channels, or the limb has several segments, for one bend sensor.
         """
         super().__init__()
         self.parameters = LimbParameters.of(parameters)
@@ -123,7 +123,7 @@ class SerialLimb(LeafSystem):
             )
 
     def close(self) -> None:
-        """Switches the wires off and lets the port go."""
+        """Switches the wires off and closes the port."""
         self.link.close()
 
     def _begin(self, context, discrete_state):

@@ -1,1 +1,1 @@
-"""The files that recordings and trajectories are kept in."""
+"""Recordings and trajectories, and their files."""

@@ -30,9 +30,9 @@ OPTIONAL = (
 
 @dataclasses.dataclass
 class RecordingHeader:
-    """What a recording's file says before its columns begin.
+    """The header of a recording's file.
 
-    - ``source``: what was recorded, in words.
+    - ``source``: text that names what was recorded.
     - ``sample_rate_hz``: nominal rate of the samples, Hz.
     - ``parameters``: of the limb as it was known when it was recorded.
     """
@@ -44,23 +44,25 @@ class RecordingHeader:
 
 @dataclasses.dataclass(eq=False, repr=False)
 class Recording(Shown):
-    """Samples from a limb with S segments, n joints and W = 2 S wires.
+    """Samples from a limb with S segments, n joints and W wires.
 
     - ``time``: (K,), s, increasing.
-    - ``duty``: (W, K), in [0, 1], in force when the sample was taken; a new
-      command at that very time is seen one sample later.
+    - ``duty``: (W, K), in [0, 1], in force when the sample was taken; a command
+      that changes at that very time appears in the next sample.
     - ``measured_temperature``: V (W, K), °C.
     - ``bend_angle``: φ (S, K), rad.
-    - ``parameters``: of the limb as it is known.
-    - ``source``: what was recorded, in words.
+    - ``parameters``: of the limb, as far as it is known.
+    - ``source``: text that names what was recorded.
     - ``sample_rate``: nominal, Hz.
-    - ``wire_temperature``: T (W, K), °C; only a model can tell, else None.
-    - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s; likewise.
-    - ``reference``: the bend angle that was asked for (S, K), rad, if any was.
-    - ``applied_duty``: what reached the wires (W, K), in [0, 1], when the sample
-      was taken, as a board says; None where it is not known.
-    - ``board_time``: when the sample was taken (K,), s, by the board's clock; likewise.
-    - ``sample_age``: for how long it had been here at ``time`` (K,), s; likewise.
+    - ``wire_temperature``: T (W, K), °C, of a model; else None.
+    - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s, of a model; else None.
+    - ``reference``: the bend angle that was asked for (S, K), rad; None if none was.
+    - ``applied_duty``: duty that was applied to the wires when the sample was
+      taken (W, K), in [0, 1]; None if it is not known.
+    - ``board_time``: when the sample was taken, by the board's clock (K,), s;
+      None without a board.
+    - ``sample_age``: time from the sample's arrival to ``time`` (K,), s; None
+      without a board.
 
     Raises:
         LimbError: at construction, if shapes disagree or values are not
@@ -101,11 +103,10 @@ class Recording(Shown):
 
     @property
     def how(self) -> str:
-        """How it came about, in a word for labels: "simulated", "emulated" or "recorded".
+        """How it was made, in a word for labels: "simulated", "emulated" or "recorded".
 
-        Told by the source: an emulated limb's names it, also where it was
-        recorded through an emulated board, and so does the model's. Only a model
-        knows T and the joints.
+        The source of an emulated limb says so, also if it was recorded through an
+        emulated board, and so does that of the model. Only models have T and joints.
         """
         if self.source.startswith(("emulated limb", "limb twin")):
             return "emulated"

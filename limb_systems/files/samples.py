@@ -15,15 +15,15 @@ from limb_systems.files.tables import FileFormatError
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wires import Wires
 
-TIMES = ("time", "board_time", "sample_age")  # signals of a number a sample
+TIMES = ("time", "board_time", "sample_age")  # signals with one number for each sample
 
 
 def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
     """For each signal the names of its columns; the unit is in the name.
 
-    Signals of joints are split in angles and rates, wires go by their names,
-    and where there are several segments their number follows. Only wires with
-    other states than their temperature have the signal ``other_wire_state``.
+    Signals of joints are split into angles and rates. Columns of wires have the
+    wires' names; with several segments, the number of the segment follows. The
+    signal ``other_wire_state`` is there only if wires have states other than T.
     """
     wires, suffixes = parameters.wire_names, parameters.segment_suffixes
     joints = range(1, parameters.num_joints + 1)
@@ -91,7 +91,7 @@ def group_columns(
     """The signals (size, K) that a table's columns make up; those in `TIMES` are (K,).
 
     Raises:
-        FileFormatError: if a column is missing or none of these signals'.
+        FileFormatError: if a column is missing or belongs to no signal.
     """
     known = {column for group in names.values() for column in group}
     for column in columns:
@@ -123,7 +123,7 @@ def bend_range(bend_angle: np.ndarray) -> str:
     return f"bend {low:.0f}° to {high:.0f}°"
 
 
-# Beyond these a value is a mistake, of units most often, in any recording.
+# A value outside these is a mistake in any recording, most often of units.
 _RANGES = {
     "duty": (0.0, 1.0, ""),
     "applied_duty": (0.0, 1.0, ""),

@@ -10,8 +10,8 @@ with ``#``:
     0.0,0.0,0.25,...
     # end, 1 rows, sha256 1b4f0e98...
 
-The end line makes truncation visible at every byte, its digest any other
-change. Numbers are written so that they read back as the same doubles; angles
+With the end line, truncation at any byte is noticed, and with its digest any
+other change. Numbers are written so that they read back as the same doubles; angles
 are in degrees in the file and in radians in memory.
 """
 
@@ -35,7 +35,7 @@ _RADIAN = _DECIMAL.divide(
 
 
 class FileFormatError(LimbError):
-    """A recording or trajectory file is damaged, foreign or of another version."""
+    """A recording or trajectory file is damaged, of another kind or of another version."""
 
 
 def write_table(
@@ -116,8 +116,8 @@ def read_table(
 
     Args:
         unfinished: whether the end line may be missing, because the program
-            that wrote the table died; what comes after the last whole line is
-            left out then.
+            that wrote the table died; an incomplete last line is then left
+            out.
 
     Returns:
         The header's YAML text, and the columns (K,) by name, angles in rad.
@@ -137,7 +137,7 @@ def read_table(
 
 
 def _finish(data: bytes) -> bytes:
-    """Adds the end line to what there is of a table."""
+    """Adds the end line to a table that lacks it."""
     body = data[: data.rfind(b"\n") + 1]
     rows = [line for line in body.splitlines()[1:] if not line.startswith(b"# ")][1:]
     return body + f"# end, {len(rows)} rows, sha256 {hashlib.sha256(body).hexdigest()}\n".encode()
@@ -198,7 +198,7 @@ def _parse_rows(lines: list[str], first_line: int) -> dict[str, np.ndarray]:
         try:
             rows.append([parse(cell) for parse, cell in zip(parsers, cells, strict=True)])
         except (ValueError, ArithmeticError) as error:
-            raise FileFormatError(f"line {number} holds something that is no number.") from error
+            raise FileFormatError(f"line {number} contains a cell that is not a number.") from error
     table = np.array(rows, float).reshape(len(rows), len(names)).T
     columns = dict(zip(names, np.ascontiguousarray(table), strict=True))
     _check_values(columns, [f"line {first_line + 1 + index}" for index in range(len(rows))])

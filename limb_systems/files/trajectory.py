@@ -1,4 +1,4 @@
-"""A planned state-input trajectory with the record of its check."""
+"""A planned state-input trajectory with the results of its check."""
 
 import dataclasses
 import math
@@ -30,7 +30,7 @@ DEFECT_TOLERANCE = 1e-6
 
 @dataclasses.dataclass
 class ActiveConstraint:
-    """A bound of eqns (18)-(20) that holds a plan back from ``start`` to ``end``, s."""
+    """A bound of eqns (18)-(20) that is active from ``start`` to ``end``, s."""
 
     bound: str = ""
     start: float = 0.0
@@ -39,9 +39,9 @@ class ActiveConstraint:
 
 @dataclasses.dataclass
 class PlanCheck:
-    """How a plan was found and what came of simulating it again.
+    """How a plan was found, and how far a simulation of its duty is from it.
 
-    - ``solver``, ``status``: who solved the program, and what it said.
+    - ``solver``, ``status``: which solver found it, and the solver's status.
     - ``iterations``, ``solve_time``, ``total_time``: of the solver, s; from
       the request to the checked plan, s.
     - ``refinements``: how often knots were added to meet the tolerance.
@@ -51,7 +51,7 @@ class PlanCheck:
       them, acceleration scaled by M(0)/k to rad, others by their time step.
     - ``largest_difference_deg``: between the bend angle of the plan and that
       of an accurate simulation of its duty, degrees.
-    - ``tolerance_deg``: what the difference was allowed to be, degrees.
+    - ``tolerance_deg``: largest difference that was allowed, degrees.
     - ``active_constraints``: where the plan runs along a bound.
     """
 
@@ -70,7 +70,7 @@ class PlanCheck:
 
     @property
     def is_missing(self) -> bool:
-        """Whether nobody has checked the plan."""
+        """Whether the plan was never checked."""
         return math.isnan(self.largest_defect + self.largest_difference_deg + self.tolerance_deg)
 
     def failure(self) -> str | None:
@@ -92,7 +92,7 @@ class PlanCheck:
 
 @dataclasses.dataclass
 class TrajectoryHeader:
-    """What a trajectory's file says before its columns begin.
+    """The header of a trajectory's file.
 
     - ``sample_rate_hz``: of the knots, Hz.
     - ``check``: how the plan was found and checked.
@@ -106,20 +106,20 @@ class TrajectoryHeader:
 
 @dataclasses.dataclass(eq=False, repr=False)
 class Trajectory(Shown):
-    """A feasible motion of a limb with S segments, n joints and W = 2 S wires.
+    """A feasible motion of a limb with S segments, n joints and W wires.
 
     Between the K knots duty is linear and joint angles are cubic, as in
     direct collocation.
 
     - ``time``: of the knots (K,), s.
-    - ``reference``: φ_ref (S, K), rad, what was asked for.
+    - ``reference``: φ_ref (S, K), rad.
     - ``duty``: D (W, K), in [0, 1].
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s.
     - ``wire_temperature``, ``measured_temperature``: T, V (W, K), °C.
     - ``parameters``: of the limb that it was planned for.
     - ``check``: how it was found and checked.
-    - ``other_wire_state``: what other states than T the wires' laws have
-      (N - W, K), in the order of `Wires`; None if they have no others.
+    - ``other_wire_state``: the states of the wires' laws other than T
+      (N - W, K), in the order of `Wires`; None if there are no others.
 
     Raises:
         LimbError: at construction, if shapes disagree, values are not finite,
@@ -140,7 +140,7 @@ class Trajectory(Shown):
         self.parameters.validate()
         check_samples(self)
         if len(self.time) < 2:
-            raise LimbError("a trajectory needs two knots at least.")
+            raise LimbError("a trajectory needs at least two knots.")
 
     def facts(self) -> dict[str, str]:
         """Duration, knots, range of the bend angle, and whether it passed its check."""
@@ -180,7 +180,7 @@ class Trajectory(Shown):
         )
 
     def since_start(self) -> "Trajectory":
-        """The same with time that counts from its own start, as that of what is recorded of it."""
+        """The same plan with time zero at its start, as in recordings of its replay."""
         start = float(self.time[0])
         if start == 0:
             return self
@@ -198,7 +198,7 @@ class Trajectory(Shown):
     def state_trajectory(self) -> PiecewisePolynomial:
         """States of `Limb` between the knots, cubic as in direct collocation.
 
-        Their slopes at the knots are what the dynamics say there.
+        Their slopes at the knots are those of the dynamics.
         """
         limb = Limb(self.parameters)
         context = limb.CreateDefaultContext()
@@ -213,9 +213,9 @@ class Trajectory(Shown):
     def resample(self, rate: float) -> "Trajectory":
         """The same motion with knots at about another rate, Hz, from its first knot to its last.
 
-        Duty is linear and states are cubic between the old knots. Between the
-        new ones they are so again, which is not quite the same: nobody has
-        checked this plan.
+        Duty is linear and states are cubic between the old knots, and again
+        between the new knots. This changes the motion slightly, so the new plan
+        counts as not checked.
 
         Raises:
             LimbError: if the rate makes fewer than two knots.
@@ -242,9 +242,9 @@ class Trajectory(Shown):
         parameters: LimbParameters,
         reference: ArrayLike | None = None,
     ) -> "Trajectory":
-        """A plan by Drake's `DirectCollocation` of a `Limb`, which nobody has checked.
+        """A plan by Drake's `DirectCollocation` of a `Limb`, which is not checked.
 
-        `replay` refuses it unless it is asked for plans without a check.
+        `replay` refuses it without ``unchecked=True``.
 
         Args:
             collocation: of ``Limb(parameters)`` with its port ``duty``.
@@ -254,7 +254,7 @@ class Trajectory(Shown):
 
         Raises:
             LimbError: if the collocation was of another system, or the result
-                is no trajectory.
+                is not a trajectory.
         """
         duty, states = collocation.GetInputSamples(result), collocation.GetStateSamples(result)
         num_states = Limb(parameters).num_continuous_states()
@@ -296,9 +296,9 @@ class Trajectory(Shown):
         )
 
     def bend_angle_at(self, times: ArrayLike) -> np.ndarray:
-        """φ* at any times (M,) of its own clock, (S, M), rad.
+        """φ* at any times (M,), (S, M), rad.
 
-        A recording has the clock of `since_start`.
+        For the times of a recording, use it on `since_start`.
         """
         if not np.isfinite(times).all():
             raise LimbError("times must be finite.")
@@ -326,8 +326,8 @@ class Trajectory(Shown):
         """Writes the trajectory whole or not at all.
 
         Raises:
-            LimbError: if its check failed; such a plan is not written. One that
-                nobody has checked is, and says so.
+            LimbError: if its check failed; such a plan is not written. A plan
+                without a check is written, and its file says so.
         """
         if not self.check.is_missing and (failure := self.check.failure()):
             raise LimbError(f"This plan failed its check and is not saved: {failure}")

@@ -1,4 +1,4 @@
-"""What a bend sensor reads of the bend of its segment, and back."""
+"""Converts between the reading of a bend sensor and the bend angle of its segment."""
 
 import dataclasses
 
@@ -22,11 +22,11 @@ class BendSensor(Tagged):
     """The bend sensor of a segment; subclasses are dataclasses."""
 
     def bend_angle(self, reading: ArrayLike) -> np.ndarray:
-        """φ, rad, of any shape, for what the sensor reads, rad."""
+        """φ, rad, of any shape, from the sensor's reading, rad."""
         raise NotImplementedError
 
     def reading(self, bend_angle: ArrayLike) -> np.ndarray:
-        """What the sensor reads, rad, of any shape, for φ, rad."""
+        """The sensor's reading, rad, of any shape, from φ, rad."""
         raise NotImplementedError
 
 

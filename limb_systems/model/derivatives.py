@@ -2,7 +2,7 @@
 
 First derivatives are complex steps, exact to rounding; second derivatives are
 those of the Taylor polynomial through points on a small circle in the complex
-plane, which are as good for smooth functions.
+plane, which are equally accurate if the functions are smooth.
 """
 
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 _STEP = 1e-30  # imaginary, of a complex step
-_RADIUS = 0.01  # of the circle, as a share of the changes that matter
+_RADIUS = 0.01  # of the circle, in typical changes
 _CIRCLE = np.exp(1j * np.pi / 8 * np.arange(9))  # its upper half; the other is complex conjugate
 
 
@@ -22,9 +22,9 @@ def gradients(
     Args:
         function: takes a list of P arrays and returns a list of Q arrays,
             whose elements only depend on the same elements of the arguments.
-        arguments: arrays that broadcast to one shape. They may have imaginary
-            parts, infinitesimal ones, and so has the result then.
-        scales: a change of each argument that matters (P,).
+        arguments: arrays that broadcast to one shape. If they have
+            infinitesimal imaginary parts, the result has them, too.
+        scales: a typical change of each argument (P,).
 
     Returns:
         (Q, P, ...) of each output by each argument.

@@ -40,11 +40,11 @@ class Limb(Diagram):
     - state, all continuous: [θ (n), θ̇ (n), x (N), V (W)], in rad, rad/s, the
       wires' units and °C; by default at rest, straight, at ambient temperature
 
-    The wires' states x are T (W), °C, where they have the paper's law; those of
-    other laws follow. Duty is not clipped here: what a plan or a controller
-    asks for outside [0, 1] is its mistake, and robots refuse it. The diagram
-    converts to AutoDiffXd and symbolic::Expression; accelerations of more than
-    one link are beyond what Drake's plant evaluates symbolically.
+    With the paper's law, the wires' states x are T (W), °C; the states that
+    other laws have besides T follow. Duty is not clipped: duty outside [0, 1]
+    is an error of the plan or controller, and robots refuse it. The diagram
+    converts to AutoDiffXd and symbolic::Expression, but Drake's plant cannot
+    evaluate accelerations of more than one link symbolically.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -56,7 +56,7 @@ class Limb(Diagram):
         Args:
             parameters: of the limb, or their YAML file; the nominal limb if
                 None. The limb keeps a copy, its attribute ``parameters``.
-            name: of the system; that of each limb in a diagram is its own.
+            name: of the system; limbs in one diagram need different names.
 
         Raises:
             ParameterError: if a parameter is out of its range.
@@ -100,7 +100,7 @@ class Limb(Diagram):
 
 
 def _blocks(parameters: LimbParameters) -> tuple[System, System, System]:
-    """What heats, what reads and what maps to torque, linear or not as the wires' laws are."""
+    """The blocks of heat, measurement and torque, affine if the wires' laws are."""
     wires, n = Wires(parameters), parameters.num_joints
     heating: System
     lag: System

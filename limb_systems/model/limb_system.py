@@ -1,4 +1,4 @@
-"""What stands in for a limb: the model, the emulated limb, the robot, or a system of one's own."""
+"""What can stand in for a limb: the model, the emulated limb, the robot, or your own system."""
 
 from typing import Protocol, runtime_checkable
 
@@ -14,13 +14,13 @@ ACCURACY = 1e-3  # of simulations, where a system does not say otherwise
 class LimbSystem(Protocol):
     """Any Drake system with the ports of a limb and these attributes.
 
-    For a limb of S segments and W = 2 S wires it has the input port ``duty`` (W)
+    For a limb of S segments and W wires it has the input port ``duty`` (W)
     and the output ports ``measured_temperature`` (W), °C, and ``bend_angle``
-    (S), rad, by these names, and any others.
+    (S), rad. It may have other ports.
 
     - ``parameters``: of the limb, as far as it is known.
-    - ``source``: what it is, in words, for what is recorded of it.
-    - ``real_time``: whether it must be run in real time and closed at the end,
+    - ``source``: text that names the system in recordings of it.
+    - ``real_time``: whether it must run in real time and be closed at the end
       by its method ``close``, as a robot must; False if left out.
     - ``accuracy``: relative accuracy of the integrator that it needs; 1e-3 if
       left out.
@@ -31,7 +31,7 @@ class LimbSystem(Protocol):
     real_time: bool
     accuracy: float
 
-    # Of what every Drake system has, that which is used here.
+    # The methods of Drake systems that are used here.
     def HasOutputPort(self, port_name: str) -> bool:
         """Whether there is an output port of a name."""
 
@@ -45,14 +45,14 @@ class LimbSystem(Protocol):
         """The system's own part of the Context of a diagram."""
 
     def GetMyMutableContextFromRoot(self, root_context: Context) -> Context:
-        """The same, to write to."""
+        """The same Context, mutable."""
 
 
 def check_limb(system: System) -> LimbSystem:
-    """A system as what stands in for a limb, with the attributes that may be left out.
+    """Checks that a system can stand in for a limb, and sets attributes that it leaves out.
 
     Raises:
-        LimbError: one sentence that names all that is missing.
+        LimbError: one sentence that names every missing port and attribute.
     """
     missing = [
         f"the {kind} port {name}"

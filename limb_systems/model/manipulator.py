@@ -11,13 +11,13 @@ from urdf import limb_urdf
 def add_manipulator(plant: MultibodyPlant, parameters: LimbParameters) -> None:
     """Parses the limb's URDF into a plant, clamps its base and adds the springs.
 
-    The plant is left unfinalized, so that bodies can be added to it. Joints
+    The plant is not finalized, so that you can add bodies to it. Joints
     are named ``joint_1`` ... from the base to the tip, torsional springs have
-    their set point at the straight limb, and gravity is the parameters'.
+    their set point at the straight limb, and gravity is that of the parameters.
     The torques f(T) of eqn (2) enter at ``applied_generalized_force``.
 
     Args:
-        plant: not finalized; with a SceneGraph if it shall be seen.
+        plant: not finalized; registered with a SceneGraph if it is to be displayed.
         parameters: geometry, mass, stiffness and damping of the limb.
     """
     parameters.validate()

@@ -1,12 +1,12 @@
-"""Letting go of systems: what a Python subclass of a Drake system needs to be freed.
+"""Memory: what a Python subclass of a Drake system needs so that it is freed.
 
-A system that is subclassed in Python and never freed is a leak of megabytes
-for each plan. Two things keep it alive:
+If a system that is subclassed in Python is never freed, each plan leaks
+megabytes. Two things keep such a system alive:
 
 - Python visits the attributes of a subclass of a pybind11 class twice when it
   looks for reference cycles, miscounts, and keeps the cycle of a diagram and
-  its builder. Subclasses with ``__slots__ = ()`` have no attributes beside
-  those of Drake's class, which are counted once.
+  its builder. Subclasses with ``__slots__ = ()`` have only the attributes of
+  Drake's class, which are counted once.
 - A bound method that is given to Drake as a callback refers to its system
   from C++, out of sight of the garbage collector; `weak_method` does not.
 """

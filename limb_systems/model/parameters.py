@@ -59,15 +59,15 @@ class WireParameters(Strict):
 
     @property
     def linear_law(self) -> LinearLaw:
-        """Its law, for what is only defined for the paper's.
+        """Its law, where only the paper's is supported.
 
         Raises:
-            ParameterError: if it has another one.
+            ParameterError: if it has another law.
         """
         if not isinstance(self.law, LinearLaw):
             raise ParameterError(
-                f"The {self.name} wire has a {type(self.law).__name__}; this needs the paper's "
-                "LinearLaw."
+                f"The {self.name} wire has a {type(self.law).__name__}, but only the paper's "
+                "LinearLaw is supported here."
             )
         return self.law
 
@@ -120,8 +120,8 @@ class SegmentParameters(Strict):
         if not isinstance(data, dict) or not {"left", "right"} & set(data):
             return data
         warnings.warn(
-            f"These limb parameters are of format 1, with a left and a right wire; they are read, "
-            f"and written as format {FORMAT}, with a list of wires, when they are saved.",
+            f"These limb parameters are of format 1, with a left and a right wire; when they are "
+            f"saved, they are written as format {FORMAT}, with a list of wires.",
             stacklevel=2,
         )
         data = dict(data)
@@ -154,7 +154,7 @@ class Board(Tagged):
 
     @property
     def identity(self) -> str:
-        """Text that two boards share only if they are the same; empty if there is none."""
+        """Text that differs between any two boards; empty if there is none."""
         return ""
 
 
@@ -171,6 +171,7 @@ class SerialBoard(Board):
 
     @property
     def identity(self) -> str:
+        """The serial number."""
         return self.serial_number
 
 
@@ -178,7 +179,7 @@ class SerialBoard(Board):
 class EmulatedLimb(Board):
     """An emulated limb.
 
-    - ``seed``: that drew it.
+    - ``seed``: of the random numbers that it was drawn with.
     - ``description``: YAML text of the `LimbParameters` that it was drawn
       around; empty for the nominal limb.
     - ``absent``: the effects that were taken out of it.
@@ -190,6 +191,7 @@ class EmulatedLimb(Board):
 
     @property
     def identity(self) -> str:
+        """All fields, since each of them makes another limb."""
         return repr((self.seed, self.description, self.absent))
 
 
@@ -279,7 +281,7 @@ class LimbParameters(Strict):
         except OSError as error:
             raise ParameterError(f"Cannot read the limb parameters: {error}.") from error
         except UnicodeDecodeError as error:
-            raise ParameterError(f"{path}: this is no text file, let alone YAML.") from error
+            raise ParameterError(f"{path}: this is not a text file.") from error
         try:
             return cls.from_yaml(text)
         except ParameterError as error:
@@ -291,7 +293,7 @@ class LimbParameters(Strict):
 
     @classmethod
     def from_yaml(cls, text: str) -> "LimbParameters":
-        """Parses YAML text; what is left out has its default, and nothing may be unknown.
+        """Parses YAML text; fields that are left out have their defaults, unknown ones are refused.
 
         Raises:
             ParameterError: with one sentence naming the field.
@@ -305,7 +307,7 @@ class LimbParameters(Strict):
 
     @classmethod
     def upgrade(cls, data: Any) -> Any:
-        """Reads the format of a document, and the board's number of format 1.
+        """Checks the format of a document, and converts the board of format 1.
 
         Raises:
             ParameterError: if the document is of a later format.
@@ -383,7 +385,7 @@ class LimbParameters(Strict):
 
     @property
     def segment_suffixes(self) -> list[str]:
-        """What tells the segments apart in names: nothing for one segment."""
+        """Suffixes of names, one for each segment; empty if there is only one."""
         if len(self.segments) == 1:
             return [""]
         return [f"_{number}" for number in range(1, len(self.segments) + 1)]
@@ -411,9 +413,11 @@ def _validate_wires(wires: list[WireParameters], where: str) -> None:
             )
         if wire.name in names[:index]:
             raise ParameterError(
-                f"{where}[{index}].name is {wire.name!r}, as that of another wire of the segment."
+                f"{where}[{index}].name is {wire.name!r}, but another wire of the segment has this "
+                "name; give each wire its own."
             )
         if wire.e2 == wire.e3 == 0:
             raise ParameterError(
-                f"{where}[{index}] runs along the axis (e2 = e3 = 0), where a wire bends nothing."
+                f"{where}[{index}] runs along the axis (e2 = e3 = 0), where it cannot bend the "
+                "limb; move it off the axis."
             )

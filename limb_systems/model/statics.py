@@ -15,17 +15,17 @@ from limb_systems.model.wires import Wires
 def static_equilibrium(
     parameters: LimbParameters, wire_temperature: ArrayLike | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Joint angles at rest, and how they give way to generalized forces.
+    """Joint angles at rest, and their compliance to generalized forces.
 
     Args:
-        wire_temperature: T (W,), °C, held until all is settled; ambient if None.
+        wire_temperature: T (W,), °C, held until the limb has settled; ambient if None.
 
     Returns:
         θ (n,), rad, and the compliance ∂θ/∂f (n, n), rad/(N·m).
 
     Raises:
-        LimbError: if Newton's method finds no equilibrium, as for a limb that
-            gravity folds.
+        LimbError: if Newton's method finds no stable equilibrium, for example
+            because gravity folds the limb.
     """
     ambient = np.full(len(parameters.wires), parameters.ambient_temperature)
     wire = ambient if wire_temperature is None else np.asarray(wire_temperature, float)
@@ -44,12 +44,14 @@ def static_equilibrium(
         if by_angle is not None:
             stiffness = stiffness - np.diag(by_angle)
         step = np.linalg.solve(stiffness, force - load)
-        # A step of one radian per joint at the most keeps within one fold.
+        # Steps of at most one radian per joint, so that no joint turns over.
         angles = angles + step / max(1.0, np.abs(step).max())
         if np.abs(step).max() < 1e-12:
             break
     else:
-        raise LimbError("The limb has no static equilibrium that was found; is it too soft?")
+        raise LimbError(
+            "There is no static equilibrium that Newton's method finds; is the limb too soft?"
+        )
     if np.linalg.eigvalsh((stiffness + stiffness.T) / 2).min() <= 0:
         raise LimbError("The limb's equilibrium is unstable: gravity folds it; is it too soft?")
     return angles, np.linalg.inv(stiffness)

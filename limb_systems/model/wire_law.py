@@ -1,9 +1,9 @@
-"""What a wire does with heat: the one place where a wire's law is stated.
+"""How a wire heats, pulls and is measured: the one place where a wire's law is stated.
 
 Drake's blocks, the planner's constraints and their derivatives, its
 quasi-static start, the calibration's simulation and the temperature limits
-all follow from the methods of a `WireLaw`. A new law is a new subclass, and
-nothing else; ``parameters.segments[0].wires[0].law = MyLaw()`` uses it.
+all follow from the methods of a `WireLaw`. A new law needs one new subclass;
+``parameters.segments[0].wires[0].law = MyLaw()`` uses it.
 """
 
 import dataclasses
@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from limb_systems.schema import Tagged, quantity
 
-TEMPERATURE_SCALE = 50.0  # °C, a change that matters
+TEMPERATURE_SCALE = 50.0  # °C, a typical change
 
 
 class WireLaw(Tagged):
@@ -21,12 +21,12 @@ class WireLaw(Tagged):
     A law is written for one wire and evaluated for many at once: each state x,
     the duty D in [0, 1] and the joint angle θ in rad may be numbers or arrays
     of floats, complex numbers (whose imaginary parts are infinitesimal),
-    AutoDiffXd or Expression, and so may be the law's own fields. It must
-    therefore work element by element, with arithmetic and numpy's functions
-    (`numpy.exp`, `numpy.tanh`, ...), without branches, and be smooth.
+    AutoDiffXd or Expression. The law's own fields may be arrays, too. The
+    methods must therefore work element by element, with arithmetic and numpy's
+    functions (`numpy.exp`, `numpy.tanh`, ...), without branches, and be smooth.
 
     - ``states``: names of the wire's states, the wire temperature ``T``, °C,
-      first, each with the change of it that matters, to which solvers scale.
+      first. The value of each is a typical change, by which solvers scale it.
     """
 
     states: ClassVar[dict[str, float]] = {"T": TEMPERATURE_SCALE}
@@ -36,7 +36,7 @@ class WireLaw(Tagged):
         raise NotImplementedError
 
     def torque(self, x: Sequence[Any], T0: Any, theta: Any) -> Any:
-        """What a wire on the +E2 side exerts on a joint whose angle is θ, N·m."""
+        """Torque of a wire on the +E2 side on a joint whose angle is θ, N·m."""
         raise NotImplementedError
 
     def reading_rate(self, V: Any, x: Sequence[Any]) -> Any:
@@ -44,19 +44,19 @@ class WireLaw(Tagged):
         raise NotImplementedError
 
     def cold_states(self, T0: float) -> Sequence[float]:
-        """The states of a wire that was never heated, at the temperature T0 of the room."""
+        """The states of a wire that was never heated, at ambient temperature T0."""
         return [T0] * len(self.states)
 
 
 @dataclasses.dataclass
 class LinearLaw(WireLaw):
-    """The paper's law: linear heat, linear lag, and torque in proportion to temperature.
+    """The paper's law: linear heat, linear lag, and torque proportional to temperature.
 
     - ``a1``: cooling rate towards ambient, 1/s, negative (6).
     - ``a2``: heating rate at full duty, °C/s (6).
     - ``a3``: rate of the measurement lag, 1/s, negative (7).
     - ``beta``: joint torque per degree above ambient, N·m/°C (4). The length
-      of the wire's lever is part of it.
+      of the wire's lever is included.
     """
 
     a1: float = quantity(-0.07, "1/s", -10.0, -1e-4)

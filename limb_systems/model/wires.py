@@ -17,10 +17,10 @@ from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw
 
 @dataclasses.dataclass(frozen=True)
 class _Alike:
-    """Wires of one law.
+    """Wires with laws of one class.
 
-    - ``law``: whose fields are arrays with an element for each of them.
-    - ``wires``: which they are among all.
+    - ``law``: its fields are arrays with an element for each wire.
+    - ``wires``: indices of the wires among all wires.
     - ``states``: for each of the law's states, which they are among all states.
     """
 
@@ -41,13 +41,13 @@ class Wires:
     """The W wires of a limb, with N states in all.
 
     The states are the wire temperatures T (W) in the order of the wires, then
-    what other states their laws have: the second state of all wires, the third,
+    the other states of their laws: the second state of all wires, the third,
     and so on. Arrays have the states, the wires or the joints along their last
     axis and any number of points before it.
 
     - ``num_wires``, ``num_states``: W and N.
     - ``state_names``: such as ``S_left``, N.
-    - ``heat_scales``: changes of the states and of the readings that matter (N + W,).
+    - ``heat_scales``: typical changes of the states and of the readings (N + W,).
     - ``cold_states``: of wires that were never heated (N,).
     - ``directions``: of the wires' torque on the joints (n, W), zero for
       joints of other segments, else e2 / |(e2, e3)|.
@@ -164,8 +164,8 @@ class Wires:
     def heat_jacobian(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Derivative of `heat_rates` by [x, V, D], (..., N + W, N + W + W).
 
-        Where the rates are affine it is the same at all points, and only
-        given once: the axes before the last two have the length 1.
+        If the rates are affine, it is the same at all points and returned
+        only once: the axes before the last two have length 1.
         """
         if self.rates_are_affine:
             return self._heat_slopes.reshape((1,) * (heat.ndim - 1) + self._heat_slopes.shape)
@@ -233,8 +233,8 @@ class Wires:
     def affine_rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.
 
-        They are those of the tangent at the states of cold wires without duty,
-        which is the law itself where the rates are affine.
+        They are those of the tangent at cold wires without duty, which is the
+        law itself if the rates are affine.
         """
         N, W = self.num_states, self.num_wires
         cold = np.concatenate([self.cold_states, self.cold_states[:W]])
@@ -245,7 +245,7 @@ class Wires:
     def at_constant_duty(
         self, states: np.ndarray, duty: np.ndarray, times: np.ndarray
     ) -> np.ndarray:
-        """The states (K, N) at times (K,), s, under constant duty (W,), from states (N,) at 0 on.
+        """The states (K, N) at times (K,), s, under constant duty (W,), from states (N,) at time 0.
 
         By the classical Runge-Kutta method, in steps a tenth of the fastest time constant.
         """
@@ -265,9 +265,9 @@ class Wires:
         return np.array(courses)
 
     def settled_states(self, temperature: np.ndarray) -> np.ndarray:
-        """The states (N,) when wires that were never heated are held at T (W,), °C, for long.
+        """The states (N,) of wires that were held at T (W,), °C, until they settled.
 
-        Where the laws leave a state where it was, it is that of a cold wire.
+        A state that does not change at constant T is that of a cold wire.
         """
         W, N = self.num_wires, self.num_states
         states = np.concatenate([temperature, self.cold_states[W:]])
@@ -279,7 +279,7 @@ class Wires:
         return states
 
     def _form(self) -> "_Form":
-        """What the laws' formulas say of their own form."""
+        """Finds out which formulas are affine, and what depends on what."""
         num_heat = self.num_states + self.num_wires
         heat, duty = _variables("y", num_heat), _variables("D", self.num_wires)
         angle = _variables("theta", 1)  # of any joint
@@ -309,7 +309,7 @@ class _Form:
 
 
 def num_wire_states(parameters: LimbParameters) -> int:
-    """N, how many states the laws of all wires have together, the readings not counted."""
+    """N, the number of states of all wires' laws, without the readings."""
     return sum(len(wire.law.states) for wire in parameters.wires)
 
 

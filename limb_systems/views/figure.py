@@ -6,7 +6,7 @@ import matplotlib.figure
 
 
 class Figure(matplotlib.figure.Figure):
-    """Matplotlib's, which a notebook shows by itself only if it is made with pyplot."""
+    """A figure that notebooks display although it was not made with pyplot."""
 
     def _repr_png_(self) -> bytes:
         buffer = io.BytesIO()

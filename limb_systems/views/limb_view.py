@@ -1,6 +1,6 @@
-"""What Meshcat shows around a limb: ghosts of it, bars of duty, and the camera that sees all.
+"""What Meshcat shows around a limb: its ghosts, bars of duty, and the camera.
 
-Of several limbs in one Meshcat each has its own folders there, below a ``root``
+If several limbs share a Meshcat, each has its own folders, below a ``root``
 that is empty or ends with a slash.
 """
 
@@ -31,7 +31,7 @@ _in_view: weakref.WeakKeyDictionary[Meshcat, dict[str, np.ndarray]] = weakref.We
 
 @dataclasses.dataclass(frozen=True)
 class Ghost:
-    """A translucent limb without wires, which shows how the limb was to bend.
+    """A translucent limb without wires, which shows how the limb should bend.
 
     - ``name``: ``reference`` or ``plan``.
     - ``course``: θ (n) over the time of the view, rad; held before and after.
@@ -79,7 +79,7 @@ def ghosts_of_plan(parameters: LimbParameters, plan: Trajectory, start: float = 
 
 
 def ghost_of_reference(motion: Recording | Trajectory) -> Ghost:
-    """The reference that a motion carries, by eqn (11), over the motion's time."""
+    """The reference in a motion, by eqn (11), over the motion's time."""
     return Ghost("reference", _bend_angle_course(motion.parameters, motion.time, motion.reference))
 
 
@@ -101,11 +101,11 @@ def add_ghosts(
 ) -> None:
     """Puts ghosts into the scene, in place of those that are there.
 
-    A ghost is a flat strip just below the limb's top, narrower than the limb, so
-    that where they coincide the limb hides it and nothing flickers; what shows
-    beside the limb is their difference. What is seen always is its centre line,
-    which runs above the limb and between its wires, that of the next ghost above
-    that of the one before, and narrower.
+    A ghost is a flat strip just below the limb's top and narrower than the limb.
+    Where both coincide the limb hides it, so that nothing flickers; where they
+    differ it is visible beside the limb. Its centre line is always visible: it
+    runs above the limb and between the wires. The line of the next ghost is above
+    that of the previous one, and narrower.
     """
     meshcat.Delete(f"{root}ghosts")
     for level, ghost in enumerate(ghosts):
@@ -134,7 +134,7 @@ def add_ghosts(
 def pose_ghost(
     meshcat: Meshcat, root: str, parameters: LimbParameters, ghost: Ghost, time: float
 ) -> None:
-    """Bends a ghost as it is at a time, s, at which it also goes into a recording of Meshcat's."""
+    """Bends a ghost as it is at a time, s; a recording by Meshcat shows it at this time, too."""
     origin = 0.0
     segments, paths = _segment_of_link(parameters), _link_paths(root, parameters, ghost)
     for segment, path, angle in zip(segments, paths, ghost.course.value(time)[:, 0], strict=True):
@@ -155,7 +155,7 @@ def _link_paths(root: str, parameters: LimbParameters, ghost: Ghost) -> list[str
 
 
 def add_duty_bars(meshcat: Meshcat, root: str, parameters: LimbParameters) -> None:
-    """Puts a bar for each wire beside the base: a track, as long as duty 1, that it fills."""
+    """Draws a bar for each wire beside the base, in a track that is as long as duty 1."""
     unit = _bar_unit(parameters)
     meshcat.Delete(f"{root}duty")
     for name, x in zip(parameters.wire_names, _bar_positions(parameters), strict=True):
@@ -175,7 +175,7 @@ def add_duty_bars(meshcat: Meshcat, root: str, parameters: LimbParameters) -> No
 def show_duty(
     meshcat: Meshcat, root: str, parameters: LimbParameters, duty: np.ndarray, time: float
 ) -> None:
-    """Fills the bars up to a duty (W); for a recording of Meshcat's at a time, s."""
+    """Sets the bars to a duty (W); a recording by Meshcat shows it at the time, s."""
     for name, value in zip(parameters.wire_names, duty, strict=True):
         meshcat.SetProperty(f"{root}duty/{name}/fill", "scale", [1.0, float(value), 1.0], time)
 
@@ -185,7 +185,7 @@ def _bar_unit(parameters: LimbParameters) -> float:
 
 
 def _bar_positions(parameters: LimbParameters) -> np.ndarray:
-    """Of the wires' bars along E1, m: left of the base, in order, segments a little apart."""
+    """Positions of the wires' bars along E1, m: left of the base, with gaps between segments."""
     unit = _bar_unit(parameters)
     steps = np.full(len(parameters.wires), 0.95)
     steps[[wires.start for wires in parameters.wire_slices]] = 1.25
@@ -200,9 +200,9 @@ def set_scene(
     joint_angles: np.ndarray,
     base_pose: RigidTransform,
 ) -> float:
-    """Sets the background, the lights, and a camera that sees all of a motion and the bars.
+    """Sets the background, the lights, and a camera that shows a whole motion and the bars.
 
-    It goes on seeing what it was set to see of limbs with other roots.
+    The camera still shows what it was set to show of limbs with other roots.
 
     Args:
         joint_angles: θ, (n, K), rad.

@@ -1,4 +1,4 @@
-"""The limb in 3D, live beside a simulation.
+"""The limb in 3D, live during a simulation.
 
 The view is down on the bending plane: E1 points to the right and E2 up, so that
 a positive bend angle bends the limb up, as in a plot, towards its right wire.
@@ -40,7 +40,7 @@ def wire_color(parameters: LimbParameters, temperature: ArrayLike) -> np.ndarray
 
     Args:
         parameters: whose ambient and maximum temperature span the colours;
-            beyond them the colour stays as it is there.
+            beyond them the colour does not change further.
         temperature: °C, any shape.
 
     Returns:
@@ -61,16 +61,16 @@ class LimbVisualizer(Diagram):
     - input 2 ``duty``: D (W), in [0, 1], shown as bars beside the base; may be
       left unconnected
 
-    Connect them to the ports of a `Limb` that have the same names. The view
-    is updated at a period of simulated time; let the simulator
-    keep to real time with ``set_target_realtime_rate(1.0)``.
+    Connect them to the ports of a `Limb` with the same names. The view is
+    updated periodically in simulated time; to watch in real time, call the
+    simulator's ``set_target_realtime_rate(1.0)``.
 
     With a plan, translucent ghosts show its reference (grey) and the plan
     itself (blue) as they are at the context's time, time 0 being the plan's
-    start; after its end they stay where they are.
+    start; after its end they stay in their last pose.
 
     Several limbs share a Meshcat, or a diagram, if each of their views has a
-    ``prefix`` of its own; a ``base_pose`` puts them beside each other.
+    different ``prefix``; ``base_pose`` places them beside each other.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -88,7 +88,7 @@ class LimbVisualizer(Diagram):
         """Args:
             parameters: of the limb.
             meshcat: where it is shown; background, lights and camera are set.
-            plan: to show beside it.
+            plan: to show as a ghost, with its reference.
             prefix: of the limb's paths in Meshcat, ``visualizer``, ``ghosts`` and
                 ``duty``, and of the system's name.
             base_pose: of the limb's frame (E1, E2, E3) in Meshcat's world; there
@@ -182,7 +182,7 @@ def add_view(
     ghosts: list[Ghost],
     period: float,
 ) -> tuple[InputPort, InputPort]:
-    """Adds what shows a limb's pose, its ghosts and its duty, every period, s.
+    """Adds systems that show a limb's pose, ghosts and duty once per period, s.
 
     Returns:
         The input ports for [θ, θ̇] (2n) and D (W).
@@ -199,7 +199,7 @@ def _add_limb_view(
     parameters: LimbParameters,
     period: float,
 ) -> InputPort:
-    """Adds what shows a limb's pose, and returns its input port, [θ, θ̇] (2n)."""
+    """Adds systems that show a limb's pose; returns their input port, [θ, θ̇] (2n)."""
     scene_graph = builder.AddSystem(SceneGraph())
     plant = MultibodyPlant(time_step=0.0)
     source = plant.RegisterAsSourceForSceneGraph(scene_graph)
@@ -231,5 +231,5 @@ def wire_paths(root: str, parameters: LimbParameters) -> list[list[str]]:
 
 
 def linear(color: np.ndarray) -> np.ndarray:
-    """Linear RGB, in which Meshcat's materials reckon, from sRGB."""
+    """Linear RGB, which Meshcat's materials use, from sRGB."""
     return np.where(color > 0.04045, ((color + 0.055) / 1.055) ** 2.4, color / 12.92)

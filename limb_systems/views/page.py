@@ -1,4 +1,4 @@
-"""Reports in one HTML file that needs nothing but itself, for desktops, phones and paper."""
+"""Reports as one HTML file without further files, for desktops, phones and paper."""
 
 import base64
 import html
@@ -40,7 +40,7 @@ def write_page(path: str | Path, title: str, parts: Sequence[str]) -> None:
 
     Args:
         path: of the HTML file.
-        title: plain text, its heading as well.
+        title: plain text, also used as the heading.
         parts: of its body, HTML.
     """
     title = html.escape(title)
@@ -77,7 +77,7 @@ def picture(figure: Figure, description: str) -> str:
     """A figure as part of a page, sharp at any size.
 
     Args:
-        description: plain text, for those who do not see it.
+        description: plain text, for readers who cannot see the picture.
     """
     buffer = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "limb"}):  # the same picture, the same bytes
@@ -94,7 +94,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "
 
     Args:
         header: a text for each column.
-        rows: a text for each column, each.
+        rows: each with a text for each column.
         caption: below the table.
     """
     numeric = [

@@ -1,4 +1,4 @@
-"""Pictures of plans and rollouts, as in the paper's Figs. 5 and 6, and how all pictures look."""
+"""Pictures of plans and rollouts, as in Figs. 5 and 6, and the style of all pictures."""
 
 import itertools
 from collections.abc import Sequence
@@ -22,13 +22,12 @@ WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
 def plot_tracking(
     trajectory: Trajectory, recordings: Sequence[Recording] = (), title: str = ""
 ) -> Figure:
-    """Fig. 5: bend angle, temperatures and duty of a plan and of what came of it.
+    """Fig. 5: bend angle, temperatures and duty of a plan and of its rollouts.
 
-    Time is that since the start of the plan. Plans are dashed; the legend says
-    whether the rest was simulated, emulated or recorded. Several recordings are
-    drawn as their mean and the band of
-    95%, mean ± 1.96 standard deviations, on the sample times of the first. Each
-    segment has its own three panels.
+    Time counts from the start of the plan. Plans are dashed; the legend says
+    whether the rollouts were simulated, emulated or recorded. Several recordings
+    are drawn as their mean and the band of 95%, mean ± 1.96 standard deviations,
+    at the sample times of the first. Each segment has its own three panels.
 
     Args:
         trajectory: the plan.
@@ -64,7 +63,7 @@ def wire_colors(number: int) -> list[str]:
 
 
 def dress(axis: Axes) -> None:
-    """Gives a panel the look of all others: a light grid, and its legend above it."""
+    """Applies the common style to a panel: a light grid, and the legend above it."""
     axis.grid(alpha=0.25)
     axis.spines[["top", "right"]].set_visible(False)
     num_entries = len(axis.get_legend_handles_labels()[1])
@@ -163,7 +162,7 @@ def _plot_duty(axis, trajectory, recordings, wires) -> None:
 
 
 def _how(recordings: Sequence[Recording]) -> str:
-    """How recordings came about; if not all alike, each way."""
+    """How recordings were made; all ways, if they differ."""
     return " and ".join(dict.fromkeys(recording.how for recording in recordings))
 
 

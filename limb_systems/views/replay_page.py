@@ -50,31 +50,31 @@ def write_meshcat_replay(
 ) -> None:
     """Writes a page that replays a motion in 3D, over and over, in any browser.
 
-    The page needs nothing but itself; the browser runs it in real time. It has
-    a button (or the space bar) that stops it and a slider to any moment, and
-    says φ, temperatures and duty of the moment that it shows. Where
-    a recording has no joint angles they follow from its bend angle by constant
-    curvature, eqn (11). Wires show T, or V where T is not known, and bars
-    beside the base the duty. Translucent ghosts show the plan and its
-    reference, or if no plan is given the reference that the motion carries.
+    The page needs no other file; the browser runs it in real time. It has a
+    button (or the space bar) to pause and a slider for the time, and shows φ,
+    temperatures and duty at that time as numbers. If a recording has no joint
+    angles, they follow from its bend angle by constant curvature, eqn (11). The
+    wires' colour shows T, or V where T is not known, and bars beside the base
+    show the duty. Translucent ghosts show the plan and its reference, or without
+    a plan the reference in the motion.
 
     Args:
         path: of the HTML file, which is written whole or not at all.
         motion: what to replay.
-        plan: to show beside it. A recording's time counts from the plan's
-            start, as for `tracking_errors`; after its end the plan stays
-            where it is.
+        plan: to show as a ghost. A recording's time starts with the plan, as
+            for `tracking_errors`; after its end the plan stays in its last
+            pose.
         title: of the page.
         frames_per_second: about how many poses to store, Hz; the browser
             interpolates. 20 Hz and five links take 30 kB per second, and nearly as
             much again for two ghosts.
 
     Raises:
-        LimbError: if the motion is a single sample, the rate no rate or the
-            plan for a limb of another shape.
+        LimbError: if the motion has fewer than two samples, the rate is not
+            positive, or the plan is for a limb of another shape.
     """
     if len(motion.time) < 2:
-        raise LimbError("A replay needs two samples at least.")
+        raise LimbError("A replay needs at least two samples.")
     if not (np.isfinite(frames_per_second) and frames_per_second > 0):
         raise LimbError(f"frames_per_second is {frames_per_second!r}; it must be positive.")
     start, end = motion.time[[0, -1]]
@@ -130,7 +130,7 @@ class _Frames:
 
 
 def _ghosts_beside(motion: Recording | Trajectory, plan: Trajectory | None) -> list[Ghost]:
-    """What to show beside a motion, over the time since the motion's start."""
+    """The ghosts of a motion, over the time since the motion's start."""
     if plan is not None:
         # The time of a recording is that since the start of its plan.
         start = motion.time[0] if isinstance(motion, Recording) else 0.0

@@ -288,7 +288,7 @@ def test_command_that_is_stopped_says_so(tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr("calibration.__main__.collect_from_twin", stop)
     assert main(["collect", "-o", str(tmp_path / "new")]) == 130
-    assert capsys.readouterr().err == "stopped; what was finished is kept, and wires are off\n"
+    assert capsys.readouterr().err == "stopped; finished recordings are kept, and wires are off\n"
 
 
 def test_command_collects_from_a_robot(tmp_path, monkeypatch):
@@ -318,7 +318,7 @@ def test_command_collects_from_a_robot(tmp_path, monkeypatch):
     assert ports == ["/dev/robot"] * 5
     names = ["sag_1", "ring_down_1", "right", "left", "both"]
     assert [what.split(":")[0] for what in asked] == names
-    assert all(what.endswith(".\nPress Enter when it is so. ") for what in asked)
+    assert all(what.endswith(".\nPress Enter when this is done. ") for what in asked)
     found = {path.stem: Recording.load(path) for path in (tmp_path / "new").iterdir()}
     assert sorted(found) == sorted(names)
     assert {recording.parameters.ambient_temperature for recording in found.values()} == {21.5}

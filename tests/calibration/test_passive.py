@@ -196,7 +196,7 @@ def test_what_is_too_little_is_refused():
         fit_stiffness(limb, [])
     with pytest.raises(CalibrationError, match="no recording of a ring-down"):
         fit_damping(limb, [])
-    with pytest.raises(CalibrationError, match="needs 20 samples or more"):
+    with pytest.raises(CalibrationError, match="needs at least 20 samples"):
         fit_damped_sinusoid(time[:10], time[:10])
     with pytest.raises(CalibrationError, match=r"moves fastest at 0\.9\d s, at its end"):
         fit_damped_sinusoid(time, np.where(time > 0.955, 1.0, 0.0))

@@ -72,4 +72,4 @@ def test_what_the_data_do_not_tell_stops():
     assert remarks_on_estimate("β", Estimate(1.0, 0.9, "")) == []
     (remark,) = remarks_on_estimate("β", Estimate(-1.0, 1.1, ""))
     assert remark.severity == Severity.STOP
-    assert remark.sentence == "The data do not tell β; record more trials of it."
+    assert remark.sentence == "The data do not determine β; record more trials of it."

@@ -35,7 +35,7 @@ def greeting(version, channels=2):
 def test_a_port_without_a_board_is_named(board):
     with pytest.raises(HardwareError, match=f"The board on {board[1]} does not answer a greeting"):
         SerialLimb(board[1])
-    message = "does not answer being opened"  # but may be opened again
+    message = "does not answer after the port was opened"  # but may be opened again
     with BoardLink(board[1]) as link, pytest.raises(HardwareError, match=message):
         link.sample()
 

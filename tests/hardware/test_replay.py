@@ -141,7 +141,10 @@ def test_a_controller_beyond_duty_is_named(fig5_plan):
     ("controller", "sentence"),
     [
         (ConstantVectorSource([0.1, 0.1]), "ConstantVectorSource has no output port duty"),
-        (Steady(wire_force=2), "Steady has an input port wire_force; a limb has only measured"),
+        (
+            Steady(wire_force=2),
+            "Steady has an input port wire_force, but a limb has only the outputs measured",
+        ),
         (Steady(bend_angle=2), "Steady takes 2 values at bend_angle, but the limb has 1"),
     ],
 )

@@ -256,7 +256,9 @@ def test_without_is_a_copy_and_names_what_it_does_not_know():
     wires = list(specimen.wires)
     assert specimen.without("hysteresis").wires != wires
     assert specimen.wires == wires
-    with pytest.raises(LimbError, match="'friction' is none of the effects hysteresis, silicone"):
+    with pytest.raises(
+        LimbError, match="'friction' is not one of the effects hysteresis, silicone"
+    ):
         specimen.without("friction")
 
 
