@@ -24,7 +24,7 @@ from pathlib import Path
 from calibration import save_recordings
 from calibration.report import calibration_summary
 from calibration.report import write_report as write_calibration_report
-from evaluation.experiment import NUM_STEPS, Experiment, run_experiment
+from evaluation.experiment import NUM_ROLLOUTS, NUM_STEPS, Experiment, run_experiment
 from evaluation.figures import figures
 from evaluation.report import EMULATED, write_report
 from evaluation.tables import STATISTICS, Summary, findings, summarize, table_1
@@ -48,9 +48,12 @@ def main() -> int:
     parser.add_argument(
         "--quick", action="store_true", help="one limb, and none that is without an effect"
     )
+    parser.add_argument(
+        "--rollouts", type=int, default=NUM_ROLLOUTS, help="of each plan (default %(default)s)"
+    )
     options = parser.parse_args()
-    if options.limbs < 1:
-        parser.error("--limbs must be one or more")
+    if options.limbs < 1 or options.rollouts < 1:
+        parser.error("--limbs and --rollouts must be one or more")
     stopped = f"stopped; limbs that were finished are in {options.folder}"
     return run_command(lambda: _reproduce(options), stopped)
 
@@ -58,16 +61,16 @@ def main() -> int:
 def _reproduce(options) -> int:
     folder, started = options.folder, time.perf_counter()
     seeds = range(1 if options.quick else options.limbs)
-    jobs = [(seed, ()) for seed in seeds]
+    jobs = [(seed, (), options.rollouts) for seed in seeds]
     if not options.quick:
-        jobs += [(seed, absent) for seed in seeds for absent in ABSENCES]
+        jobs += [(seed, absent, 1) for seed in seeds for absent in ABSENCES]
     if len(jobs) == 1:
         steps = itertools.count(1)
 
         def tell(step: str) -> None:
             print(f"{next(steps)}/{NUM_STEPS + 1} {step} ...", flush=True)
 
-        results = [_run(0, (), folder, tell)]
+        results = [_run(0, (), options.rollouts, folder, tell)]
         tell("drawing figures, and writing the report")
     else:
         results = _run_all(jobs, folder)
@@ -90,7 +93,7 @@ def _reproduce(options) -> int:
     )
 
     print(f"\n{calibration_summary(shown.calibration)}\n")
-    print("Table I: tracking error |φ* - φ| of five open-loop rollouts, in degrees")
+    print(f"Table I: tracking error |φ* - φ|, rollouts per plan: {options.rollouts}, in degrees")
     line = "{:<12}{:<20}{:>16}{:>16}{:>18}"
     print(line.format("", "", *STATISTICS))
     for row in table_1(summaries):
@@ -110,7 +113,7 @@ def _run_all(jobs: list, folder: Path) -> list[tuple[Summary, Experiment | None]
         futures = {pool.submit(_run, *job, folder): job for job in jobs}
         try:
             for future in concurrent.futures.as_completed(futures):
-                seed, absent = job = futures[future]
+                seed, absent, _ = job = futures[future]
                 results[job] = future.result()
                 errors = ", ".join(f"{e:.1f}°" for e in results[job][0].first.values())
                 without = f" without {', '.join(absent)}" if absent else ""
@@ -132,12 +135,13 @@ def _hush() -> None:
 def _run(
     seed: int,
     absent: tuple[str, ...],
+    num_rollouts: int,
     folder: Path,
     tell: Callable[[str], object] = lambda step: None,
 ) -> tuple[Summary, Experiment | None]:
     """One limb; its files are written, and the first limb is returned as well."""
     specimen = Specimen(LimbParameters(), seed).without(*absent)
-    experiment = run_experiment(specimen, num_rollouts=1 if absent else 5, tell=tell)
+    experiment = run_experiment(specimen, num_rollouts, tell)
     if not absent:
         _save(experiment, folder / f"limb_{seed}")
     return summarize(experiment), None if seed or absent else experiment

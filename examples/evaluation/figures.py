@@ -155,13 +155,13 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure, str]]:
         ),
         "fig5": (
             plot_tracking(validation.trajectory, validation.rollouts),
-            "Fig. 5: two steps and a decaying sinusoid, plan and five rollouts",
+            "Fig. 5: two steps and a decaying sinusoid, plan and rollouts",
         ),
     }
     for letter, motion in zip("ab", taught, strict=True):
         result[f"fig6{letter}"] = (
             plot_tracking(motion.trajectory, motion.rollouts),
-            f"Fig. 6, {motion.name}: a motion that was taught, plan and five rollouts",
+            f"Fig. 6, {motion.name}: a motion that was taught, plan and rollouts",
         )
     result["fig7"] = (
         plot_taught(experiment),

@@ -74,7 +74,7 @@ def write_report(
 
 
 def _table_1(summaries: Sequence[Summary]) -> str:
-    caption = "Tracking error |φ* − φ| of five open-loop rollouts of each plan, in degrees."
+    caption = "Tracking error |φ* − φ| of the open-loop rollouts of each plan, in degrees."
     header = ["trajectory", "", *STATISTICS]
     if len(complete(summaries)) == 1:
         return page.section(
@@ -161,7 +161,8 @@ def _how_it_was_made(summaries: Sequence[Summary], experiment: Experiment, comma
                 "Motions: the reference of Fig. 5 drawn by hand, and two that a hand moves the "
                 "limb through with its wires off, one faster and narrow, one wide with holds. The "
                 "paper gives no numbers for them; these are ours.",
-                f"Rollouts: five of each plan, open loop, each after {PAUSE:g} s without heat.",
+                f"Rollouts of each plan: {len(experiment.motions[0].rollouts)}, open loop, after "
+                f"{PAUSE:g} s without heat each.",
                 "Bands in the figures are mean ± 1.96 standard deviations of the rollouts.",
                 f"Software: {versions}, Python {platform.python_version()}.",
             ]

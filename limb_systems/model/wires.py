@@ -1,14 +1,7 @@
-"""All wires of a limb at once: their laws, and the derivatives of these.
-
-The laws are evaluated element by element at any number of points. First
-derivatives are complex steps, exact to rounding. Second derivatives are those
-of a Taylor polynomial through points on a small circle in the complex plane,
-which are equally accurate if the functions are smooth.
-"""
+"""All wires of a limb at once: their laws, element by element over any number of points."""
 
 import copy
 import dataclasses
-from collections.abc import Callable
 
 import numpy as np
 from pydrake.symbolic import (
@@ -17,12 +10,9 @@ from pydrake.symbolic import (
     Variable,
 )
 
+from limb_systems.model.derivatives import gradients
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw
-
-_STEP = 1e-30  # imaginary, of a complex step
-_RADIUS = 0.01  # of the circle, in typical changes of the states
-_CIRCLE = np.exp(1j * np.pi / 8 * np.arange(16))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -194,7 +184,7 @@ class Wires:
                 *x, V, D = arguments
                 return [*law.rates(x, D, self._ambient), law.reading_rate(V, x)]
 
-            partials = _gradients(outputs, [point[..., slot] for slot in slots], scales)
+            partials = gradients(outputs, [point[..., slot] for slot in slots], scales)
             for row, by in zip(slots, partials, strict=False):
                 for column, values in zip(slots, by, strict=True):
                     result[..., _indices(row), _indices(column)] = values
@@ -232,7 +222,7 @@ class Wires:
                 return [law.torque(x, self._ambient, angle)]
 
             arguments = [points[..., column] for column in group.states]
-            (partials,) = _gradients(outputs, [*arguments, theta], scales)
+            (partials,) = gradients(outputs, [*arguments, theta], scales)
             directions = self.directions[:, group.wires]
             for column, by in zip(group.states, partials[:-1], strict=True):
                 by_states[..., column] += directions * by
@@ -352,57 +342,6 @@ def _stacked(laws: list[WireLaw]) -> WireLaw:
     for field in dataclasses.fields(together):  # type: ignore[arg-type]
         setattr(together, field.name, np.array([getattr(law, field.name) for law in laws]))
     return together
-
-
-def _gradients(
-    function: Callable[[list], list], arguments: list[np.ndarray], scales: np.ndarray
-) -> np.ndarray:
-    """Derivatives of each output by each argument, elementwise: (outputs, arguments, ...).
-
-    If arguments have infinitesimal imaginary parts, the result has them, too.
-    """
-    real = [argument.real for argument in arguments]
-    rows = []
-    for index in range(len(real)):
-        moved = list(real)
-        moved[index] = moved[index] + 1j * _STEP
-        rows.append(
-            np.broadcast_arrays(*[np.imag(o) / _STEP for o in function(moved)], *real)[: -len(real)]
-        )
-    gradients = np.array(rows).swapaxes(0, 1)
-    if not any(np.iscomplexobj(argument) for argument in arguments):
-        return gradients
-    imaginary = np.array(np.broadcast_arrays(*[np.imag(argument) for argument in arguments]))
-    return gradients + 1j * (_hessians(function, real, scales) * imaginary).sum(axis=2)
-
-
-def _hessians(
-    function: Callable[[list], list], arguments: list[np.ndarray], scales: np.ndarray
-) -> np.ndarray:
-    """Second derivatives of each output by two arguments: (outputs, arguments, arguments, ...)."""
-
-    def curvature(direction: np.ndarray) -> np.ndarray:
-        """Second derivative along a direction in scaled arguments, for each output."""
-        total = np.zeros(1)
-        for number, turn in enumerate(_CIRCLE[:9]):  # the other half are complex conjugates
-            moved = [
-                argument + _RADIUS * turn * share
-                for argument, share in zip(arguments, direction * scales, strict=True)
-            ]
-            values = np.array(np.broadcast_arrays(*function(moved), *arguments)[: -len(arguments)])
-            weight = 1.0 if number in (0, 8) else 2.0
-            total = total + weight * (values * turn**-2).real
-        return total / (8 * _RADIUS**2)
-
-    size = len(arguments)
-    one = np.eye(size)
-    rows = [[np.zeros(1)] * size for _ in range(size)]
-    for i in range(size):
-        rows[i][i] = curvature(one[i]) / scales[i] ** 2
-        for j in range(i):
-            mixed = (curvature(one[i] + one[j]) - curvature(one[i] - one[j])) / 4
-            rows[i][j] = rows[j][i] = mixed / (scales[i] * scales[j])
-    return np.moveaxis(np.array(rows), 2, 0)
 
 
 def _variables(name: str, size: int) -> np.ndarray:

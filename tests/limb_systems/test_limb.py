@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.symbolic import Expression, Variable
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
 
 from limb_systems import (
     Limb,
@@ -17,6 +19,7 @@ from limb_systems import (
     to_paper_state,
 )
 from limb_systems.model.parameters import ParameterError
+from limb_systems.simulation import make_simulator
 
 OUTPUTS = ["measured_temperature", "bend_angle", "wire_temperature", "joint_state", "measurement"]
 
@@ -280,3 +283,32 @@ def test_split_state_names_the_parts(uneven_limb):
     parts = split_state(uneven_limb, np.arange(18.0))
     assert [len(part) for part in parts] == [5, 5, 4, 4]
     np.testing.assert_array_equal(np.concatenate(parts), np.arange(18.0))
+
+
+def test_two_limbs_share_a_diagram_and_are_simulated_as_each_alone(uneven_limb):
+    builder = DiagramBuilder()
+    limbs = [builder.AddSystem(Limb(name="one")), builder.AddSystem(Limb(uneven_limb, name="two"))]
+    for limb in limbs:
+        num_wires = limb.GetInputPort("duty").size()
+        source = builder.AddSystem(ConstantVectorSource(np.linspace(0.1, 0.4, num_wires)))
+        builder.Connect(source.get_output_port(), limb.GetInputPort("duty"))
+    simulator = make_simulator(builder.Build(), 1e-5)
+    simulator.AdvanceTo(3.0)
+    for limb in limbs:
+        context = limb.GetMyContextFromRoot(simulator.get_context())
+        alone = simulate(
+            Limb(limb.parameters),
+            np.linspace(0.1, 0.4, limb.GetInputPort("duty").size()),
+            3.0,
+            accuracy=1e-5,
+        )
+        bend = limb.GetOutputPort("bend_angle").Eval(context)
+        np.testing.assert_allclose(bend, alone.bend_angle[:, -1], atol=1e-5)
+
+
+def test_a_limb_may_be_given_as_a_file(tmp_path, uneven_limb):
+    uneven_limb.save(tmp_path / "limb.yaml")
+    assert Limb(tmp_path / "limb.yaml").parameters == uneven_limb
+    assert Limb(str(tmp_path / "limb.yaml")).parameters == uneven_limb
+    with pytest.raises(ParameterError, match="LimbParameters or the path of their YAML file"):
+        Limb(5)
