@@ -165,7 +165,7 @@ def test_command_refuses_no_limbs():
         check=False,
     )
     assert done.returncode == 2
-    assert "--limbs must be one or more" in done.stderr
+    assert "--limbs and --rollouts must be one or more" in done.stderr
     assert "Traceback" not in done.stderr
 
 
