@@ -118,9 +118,9 @@ class LimbDefects:
         )
         first, second = (by_heat[:-1], by_heat[1:]) if len(by_heat) > 1 else (by_heat, by_heat)
         num_heat = heat.shape[1]
-        moving = np.r_[:num_states, num_heat : by_heat.shape[2]]
-        x0, u0 = np.split(mid_wire @ first[:, :num_states, moving], [num_states], axis=2)
-        x1, u1 = np.split(mid_wire @ second[:, :num_states, moving], [num_states], axis=2)
+        x0, u0 = x1, u1 = self._split_by_wires(mid_wire @ self._moving(first))
+        if second is not first:
+            x1, u1 = self._split_by_wires(mid_wire @ self._moving(second))
 
         def column(vectors):
             return vectors[:, :, None]
@@ -277,6 +277,16 @@ class LimbDefects:
         given = bends[rows, columns]
         self.hessian_rows = np.where(given, rows, columns)
         self.hessian_columns = np.where(given, columns, rows)
+
+    def _moving(self, heat_jacobian):
+        """Derivatives of the wires' states alone, by these and by duty (.., N, N + W)."""
+        N, W = self._wires.num_states, self._wires.num_wires
+        return np.concatenate([heat_jacobian[:, :N, :N], heat_jacobian[:, :N, N + W :]], axis=2)
+
+    def _split_by_wires(self, derivatives):
+        """Parts of derivatives by states and by duty."""
+        N = self._wires.num_states
+        return derivatives[:, :, :N], derivatives[:, :, N:]
 
     def _split(self, states):
         """θ, θ̇ and y of states (K, 2n + M)."""
