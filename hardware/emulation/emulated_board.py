@@ -5,6 +5,7 @@ that is simulated along a clock, the computer's or another. Its sensors can be
 made to fail.
 """
 
+import dataclasses
 import random
 import struct
 import time
@@ -12,19 +13,42 @@ from collections.abc import Callable
 
 import numpy as np
 
+from hardware.emulation.sensors import BEND_NOISE, THERMOCOUPLE_NOISE
 from hardware.emulation.specimen import serial_number
 from hardware.emulation.twin import LimbTwin
-from hardware.firmware.firmware import CHANNELS
+from hardware.firmware.firmware import CHANNELS, POWER_ON
 from limb_systems import LimbError
 from limb_systems.simulation import make_simulator
 
 LIMB_PERIOD = 0.02  # s, by which the limb is simulated at a time
+AMPLIFIERS = 1.0  # °C, by which they are warmer than the room
+SUPPLY_TIME = 0.1  # s, for which the charge pump holds the supply's relay
+
+
+@dataclasses.dataclass
+class Thermocouple:
+    """What is wrong with a thermocouple, or nothing.
+
+    - ``faults``: bits that its amplifier sets.
+    - ``frozen``: °C that it keeps reading.
+    - ``share``: of the temperature above the room that it reads; -1 if it is
+      reversed, 0 if it has come off the wire.
+    - ``offset``, ``drift``: °C that it reads too much, and °C/s by which that grows.
+    - ``noise``: standard deviation that is added to its noise, °C.
+    """
+
+    faults: int = 0
+    frozen: float | None = None
+    share: float = 1.0
+    offset: float = 0.0
+    drift: float = 0.0
+    noise: float = 0.0
 
 
 class EmulatedBoard:
     """A board for `firmware.Firmware`; see there for its methods.
 
-    ``on_duty(left, right)`` is called whenever the duty at the wires changes;
+    ``on_duty(left, right)`` is called whenever the duty at the pins changes;
     ``clock()`` is the time, s, along which the limb is simulated.
 
     Raises:
@@ -55,15 +79,30 @@ class EmulatedBoard:
         self.to_host, self.from_host = bytearray(), bytearray()
         self.serial_number = serial_number(twin.specimen.board).encode()
         self.random = random.SystemRandom().getrandbits(16)
+        self.reset_cause, self.remembered = POWER_ON, 0
+        self.fed = self._held = clock()
         self.mend()
-        self.fed = clock()
 
     def mend(self) -> None:
         """Removes all faults of sensors."""
-        self.thermocouple_faults = [0, 0]
-        self.frozen_temperature: list[float | None] = [None, None]
+        self.thermocouples = [Thermocouple(), Thermocouple()]
+        self._faulty_since = self._clock()
+        self._stopped_at: int | None = None
         self.frozen_bend: bytes | None = None
+        self.stuck_bend: float | None = None  # degrees, on which there is noise
         self.bend_is_silent = False
+        self.heat_share = 1.0  # of the heat that the duty asks for, in a weak supply
+        self.shorted = [False, False]  # MOSFETs
+        self._heat()
+
+    def fail(self, wire: int, **faults) -> None:
+        """Gives a thermocouple faults, in addition to those that it has; see `Thermocouple`."""
+        self.thermocouples[wire] = dataclasses.replace(self.thermocouples[wire], **faults)
+        self._faulty_since = self._clock()
+
+    def stop_clock(self) -> None:
+        """Lets the board's clock stand still from now on, while the limb's goes on."""
+        self._stopped_at = self.ticks()
 
     def cool(self) -> None:
         """Brings the limb back to its initial state: cold and at rest."""
@@ -74,10 +113,19 @@ class EmulatedBoard:
         """Simulates the limb up to now."""
         now = self._clock() - self._start
         if now >= self._context.get_time() + LIMB_PERIOD:
+            self._heat()
             self._simulator.AdvanceTo(now)
 
+    def _heat(self) -> None:
+        """Heats the wires by the duty at the pins, and what is wrong with MOSFETs and supply."""
+        supplied = self._clock() - self._held < SUPPLY_TIME
+        short = np.array(self.shorted) & supplied
+        heat = np.where(short, 1.0, self.heat_share * np.array(self._duty))
+        self._input.GetMutableData().set_value(heat)
+
     def ticks(self) -> int:
-        return round(1000 * (self._clock() - self._start))
+        now = round(1000 * (self._clock() - self._start))
+        return now if self._stopped_at is None else self._stopped_at
 
     def receive(self) -> bytes:
         data = bytes(self.from_host)
@@ -88,31 +136,58 @@ class EmulatedBoard:
         self.to_host += data
 
     def read_thermocouple(self, wire: int) -> bytes:
+        room, fault = self._twin.specimen.ambient, self.thermocouples[wire]
         temperature = self.reading("measured_temperature")[wire]
-        if self.frozen_temperature[wire] is not None:
-            temperature = self.frozen_temperature[wire]
-        faults = self.thermocouple_faults[wire]
-        internal = 22 * 16  # of the amplifier, in 1/16 °C
-        word = (round(4 * temperature) & 0x3FFF) << 18 | internal << 4 | faults
-        return struct.pack(">I", word | (0x10000 if faults else 0))
+        if fault.share == 0:
+            temperature = random.gauss(room, THERMOCOUPLE_NOISE)
+        temperature = room + fault.share * (temperature - room) + fault.offset
+        temperature += fault.drift * (self._clock() - self._faulty_since)
+        temperature += random.gauss(0.0, fault.noise) if fault.noise else 0.0
+        if fault.frozen is not None:
+            temperature = fault.frozen
+        junction = round(16 * (room + AMPLIFIERS))
+        word = (round(4 * temperature) & 0x3FFF) << 18 | junction << 4 | fault.faults
+        return struct.pack(">I", word | (0x10000 if fault.faults else 0))
 
     def read_bend(self) -> bytes:
         if self.bend_is_silent:
             return b""
         sensor = self._twin.parameters.segments[0].bend_sensor
         tangent = np.rad2deg(sensor.reading(self.reading("bend_angle")[0]))
+        if self.stuck_bend is not None:
+            tangent = self.stuck_bend + random.gauss(0.0, 2 * np.rad2deg(BEND_NOISE))
         noise = random.gauss(0.0, 0.05)  # below the twin's steps, like every converter's
         data = struct.pack("<bh", 0, round(64 * (tangent + noise)))
         return data if self.frozen_bend is None else self.frozen_bend
 
     def set_duty(self, wire: int, duty: float) -> None:
         self._duty[wire] = duty
-        self._input.GetMutableData().set_value(np.array(self._duty))
+        self._heat()
         self._on_duty(*self._duty)
 
+    def keep_supply(self) -> None:
+        self._held = self._clock()
+
     def feed(self) -> None:
+        self.fed = self._clock()
+
+    def remember(self, reason: int) -> None:
+        self.remembered = reason
+
+    def reset(self, cause: int) -> None:
+        """Resets the board, for one of the causes that `firmware` lists."""
+        for wire in range(CHANNELS):
+            self.set_duty(wire, 0.0)  # as pins of a board in reset
+        if cause == POWER_ON:
+            self.remembered = 0
+        self.reset_cause, self.random = cause, random.SystemRandom().getrandbits(16)
         self.fed = self._clock()
 
     def reading(self, name: str) -> np.ndarray:
         """The readings at a port of the twin."""
         return self._twin.GetOutputPort(name).Eval(self._context)
+
+    def wire_temperature(self) -> np.ndarray:
+        """T (2), °C, which no board can read."""
+        wires = self._twin.GetSubsystemByName("shape_memory_wires")
+        return wires.GetOutputPort("wire_temperature").Eval(wires.GetMyContextFromRoot(self._context))

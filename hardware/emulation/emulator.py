@@ -15,14 +15,17 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from hardware.emulation.emulated_board import EmulatedBoard
 from hardware.emulation.twin import LimbTwin
-from hardware.firmware.firmware import Firmware
+from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firmware
 from limb_systems import LimbError
 
 TURN = 0.001  # s, between two passes of the firmware's loop
 WATCHDOG = 0.2  # s, as that of board_nrf52dk.py
 THERMOCOUPLE_FAULTS = {"open": 1, "ground": 2, "supply": 4}
+SHARES = {"detach": 0.0, "reverse": -1.0}  # of the rise in temperature that is read
 SIDES = {"left": 0, "right": 1}
 
 
@@ -126,14 +129,13 @@ class Emulation:
     def step(self) -> None:
         """One pass: bytes in, firmware, bytes out, limb."""
         self.board.advance()
-        if self._clock() < self._stalled_until:
-            if self._clock() - self.board.fed < WATCHDOG:
-                return
-            self._reset()
         inwards, outwards = self._lines
         if self._plugged:
             self.board.from_host += inwards.pass_on(self._read())
-        self.firmware.step()
+        if self._clock() >= self._stalled_until:
+            self.firmware.step()
+        if self._clock() - self.board.fed > WATCHDOG:
+            self._reset(WATCHDOG_RESET)
         data = bytes(self.board.to_host)
         self.board.to_host.clear()
         if self._plugged and (data := outwards.pass_on(data)):
@@ -163,15 +165,28 @@ class Emulation:
         elif name == "noise":
             self.board.from_host += random.randbytes(int(words[1]))
         elif name in THERMOCOUPLE_FAULTS:
-            self.board.thermocouple_faults[SIDES[words[1]]] = THERMOCOUPLE_FAULTS[name]
+            self.board.fail(SIDES[words[1]], faults=THERMOCOUPLE_FAULTS[name])
         elif name == "freeze" and words[1] == "bend":
             self.board.frozen_bend = self.board.read_bend()
+        elif name == "stick":
+            (self.board.stuck_bend,) = np.rad2deg(self.board.reading("bend_angle"))
         elif name in ("freeze", "hot"):
             side = SIDES[words[1]]
             now = self.board.reading("measured_temperature")[side]
-            self.board.frozen_temperature[side] = 115.0 if name == "hot" else now
+            self.board.fail(side, frozen=115.0 if name == "hot" else now)
+        elif name in SHARES:
+            self.board.fail(SIDES[words[1]], share=SHARES[name])
+        elif name in ("share", "offset", "drift", "jitter"):
+            field = "noise" if name == "jitter" else name
+            self.board.fail(SIDES[words[1]], **{field: float(words[2])})
+        elif name == "weaken":
+            self.board.heat_share = float(words[1])
+        elif name == "short":
+            self.board.shorted[SIDES[words[1]]] = True
         elif name == "silence":
             self.board.bend_is_silent = True
+        elif name == "stop":
+            self.board.stop_clock()
         elif name == "mend":
             for part in (self.board, *self._lines):
                 part.mend()
@@ -180,8 +195,8 @@ class Emulation:
             self.board.cool()
         elif name == "stall":
             self._stalled_until = self._clock() + float(words[1])
-        elif name == "reset":
-            self._reset()
+        elif name in ("reset", "restart"):
+            self._reset(PIN_RESET if name == "reset" else POWER_ON)
         elif name == "unplug":
             self._plugged = False
             self._cable.unplug()
@@ -190,10 +205,8 @@ class Emulation:
         else:
             raise KeyError(name)
 
-    def _reset(self) -> None:
-        for wire in (0, 1):
-            self.board.set_duty(wire, 0.0)  # as pins of a board in reset
-        self.board.random = random.SystemRandom().getrandbits(16)
+    def _reset(self, cause: int) -> None:
+        self.board.reset(cause)
         self._stalled_until = self._clock()
         self.firmware = Firmware(self.board)
 
@@ -207,9 +220,12 @@ class Emulation:
 
 
 ORDERS = (
-    "drop RATE, corrupt RATE, duplicate RATE, reorder RATE, delay SECONDS, noise BYTES, "
-    "open SIDE, ground SIDE, supply SIDE, hot SIDE, freeze SIDE, freeze bend, silence, mend, "
-    "cool, stall SECONDS, reset, unplug, replay; SIDE is left or right"
+    "drop RATE, corrupt RATE, duplicate RATE, reorder RATE, delay SECONDS, noise BYTES (cable); "
+    "open SIDE, ground SIDE, supply SIDE, hot SIDE, freeze SIDE, detach SIDE, reverse SIDE, "
+    "share SIDE SHARE, offset SIDE CELSIUS, drift SIDE CELSIUS_PER_S, jitter SIDE CELSIUS "
+    "(thermocouples); freeze bend, stick bend, silence (bend sensor); weaken SHARE, short SIDE "
+    "(supply and MOSFETs); stall SECONDS, stop clock, reset, restart (board); unplug, replay, mend, "
+    "cool; SIDE is left or right"
 )
 
 

@@ -1,8 +1,10 @@
-"""Decides whether the wires may be heated. All of the board's safety rules are here.
+"""Decides whether the wires may be heated, and how much. All safety rules of the board are here.
 
 Runs under MicroPython and CPython alike. Times are in ms and count on without
 wrapping; duty is in [0, 1]; temperatures are in °C.
 """
+
+from . import heat
 
 # States. Only in ARMED is there any duty.
 DISARMED, ARMED = 0, 1
@@ -13,6 +15,10 @@ NO_COMMAND = 1  # no valid command came for HEARTBEAT
 OUT_OF_RANGE = 2  # a command had a duty out of range
 HOST = 3  # the host disarmed it
 POWER_UP = 4
+RESET = 5  # by its button, or by a program
+LATE_COMMANDS = 6  # those that came were older than HEARTBEAT
+BAD_BOUNDS = 7  # the host armed it with bounds out of their ranges
+DISAGREEING = 8  # thermocouples and amplifiers of cold wires, when it was to be armed
 # From here on they latch until they are cleared.
 OVER_TEMPERATURE = 16
 THERMOCOUPLE_OPEN = 17
@@ -22,6 +28,10 @@ TEMPERATURE_JUMP = 20
 NOT_WARMING = 21
 BEND_SILENT = 22
 BEND_STUCK = 23
+TOO_WARM = 24
+BELOW_ROOM = 25
+AMPLIFIER = 26
+RESTARTED = 27
 LATCHING = 16
 
 TEXTS = {
@@ -30,71 +40,118 @@ TEXTS = {
     OUT_OF_RANGE: "a command was out of range",
     HOST: "the host switched it off",
     POWER_UP: "it was just switched on",
+    RESET: "it was reset",
+    LATE_COMMANDS: "commands come more than 250 ms late",
+    BAD_BOUNDS: "the limb's heat_bounds are out of the board's range",
+    DISAGREEING: "thermocouples and amplifiers disagree; let the wires cool, then check them",
     OVER_TEMPERATURE: "a wire is too hot",
     THERMOCOUPLE_OPEN: "a thermocouple is open",
     THERMOCOUPLE_TO_GROUND: "a thermocouple is shorted to ground",
     THERMOCOUPLE_TO_SUPPLY: "a thermocouple is shorted to supply",
     TEMPERATURE_JUMP: "a measured temperature jumped as no wire's can",
-    NOT_WARMING: "a wire is heated, but its thermocouple does not warm",
+    NOT_WARMING: "a wire is heated, but its thermocouple does not show it",
     BEND_SILENT: "the bend sensor does not answer",
     BEND_STUCK: "the bend sensor is stuck",
+    TOO_WARM: "a wire is warmer than its duty can make it",
+    BELOW_ROOM: "a thermocouple reads less than the room's temperature",
+    AMPLIFIER: "an amplifier sends bits that it should not",
+    RESTARTED: "it restarted by itself",
 }
 
-HEARTBEAT = 250  # ms
+AVERAGING_TIME = 1000  # ms, over which readings are averaged against their noise
+HEARTBEAT = 250  # ms, for which a duty holds after the sample that its command answers
+SETTLING_SAMPLES = 40  # before it can be armed
 TEMPERATURE_LIMIT = 110.0  # °C, measured
-LARGEST_JUMP = 20.0  # °C from one sample to the next
-HOLDING_DUTY = 0.3  # enough to hold any temperature below the limit; more must warm the wire
-UNANSWERED_HEAT = 1.0  # s of full duty above it, within which the temperature must rise by
-RISE = 1.0  # °C
+TAPER = 5.0  # °C below that limit, over which the duty is reduced to zero
+HOT_SAMPLES = 4  # above the limit: two readings, so that noise alone does not do it
+HIGHEST = 125.0  # °C, the most that a wire may have by the heat that it was given
+LARGEST_JUMP = 10.0  # °C from one reading to the next
+SHORTFALL = 3.0  # °C, of a reading below the least that its wire's heat explains
+EXCESS = 15.0  # °C, of a reading above the most
+CROSSTALK = 0.25  # share of the other wire's temperature that may reach this one through the limb
+COLD = 3.0  # °C above the room: wires whose readings must agree
+TOLERANCE = 8.0  # °C, of that agreement
 STUCK_SAMPLES = 10  # equal to the last bit, which a working bend sensor never sends
+MOVED = 3 * 64  # 1/64 degrees, by which the tip must turn when the wires'
+PULL = 60.0  # °C of difference between right and left change
+_CHANNELS = (0, 1)
 
 
 class Guard:
-    """Holds the duty, and sets it to zero after any fault."""
+    """Holds the duty: reduces it where a wire gets hot, sets it to zero after any fault."""
 
-    def __init__(self, now, challenge):
-        """now: ms. challenge: number that the next arming must repeat."""
+    def __init__(self, now, challenge, reason=POWER_UP):
+        """now: ms. challenge: number that the next arming must repeat. reason: why it is off."""
         self.state = DISARMED
-        self.reason = POWER_UP
+        self.reason = reason
         self.challenge = challenge
         self.session = None
         self.acknowledged = 0
         self.duty = [0.0, 0.0]
-        self._heard = now
-        self._sampled = None  # ms, of the sample before
-        self._temperatures = [None, None]
-        self._lowest = [None, None]
-        self._unanswered = [0.0, 0.0]
-        self._bend = None
-        self._alike = 0
+        # Nobody knows how warm the wires are after a reset.
+        most = 0.0 if reason == POWER_UP else HIGHEST
+        self.observers = [heat.WireObserver(most) for _ in _CHANNELS]
+        self._asked, self._allowed, self._total = [0.0, 0.0], [0.0, 0.0], 0.0
+        self._given, self._since = [0.0, 0.0], now  # duty times ms since the last sample
+        self._answered, self._late = now, False
+        self._samples, self._sampled = 0, now
+        self._temperatures = self._averages = self._junctions = None
+        self._offsets, self._rooms = [0.0, 0.0], [0.0, 0.0]
+        self._hot = [0, 0]
+        self._bend, self._alike = None, 0
+        self._tip, self._tip_before, self._pull_before = None, 0.0, 0.0
 
-    def arm(self, challenge, now):
-        """Arms the board if the host repeats the challenge and nothing is latched."""
-        if challenge != self.challenge or self.reason >= LATCHING or self._sampled is None:
+    def arm(self, challenge, bounds, total, now):
+        """Arms the board if the host repeats the challenge, nothing is latched and sensors agree.
+
+        bounds: of left and right, see `heat`; total: the largest sum of both duties.
+        """
+        if challenge != self.challenge or self.state == ARMED or self.reason >= LATCHING:
             return
-        if self.state == ARMED:
+        if self._samples < SETTLING_SAMPLES:
+            return
+        if not (0.0 < total <= 2.0 and all(heat.acceptable(bound) for bound in bounds)):
+            self.reason = BAD_BOUNDS
+            return
+        if not self._agree():
+            self.reason = DISAGREEING
             return
         self.state, self.reason = ARMED, NONE
         self.session, self.acknowledged = challenge, 0
-        self._heard = now
-        self._lowest = list(self._temperatures)
-        self._unanswered = [0.0, 0.0]
+        self._answered, self._late = now, False
+        self._total = total
+        for observer, bound in zip(self.observers, bounds):
+            observer.bounds = bound
 
-    def command(self, session, sequence, left, right, now):
-        """Takes a duty if it is newer than any before in this session."""
+    def _agree(self):
+        """Whether cold wires and both amplifiers have the same temperature."""
+        cold = [self._averages[n] for n in _CHANNELS if self.observers[n].most < COLD]
+        cold += self._junctions
+        return max(cold) - min(cold) <= TOLERANCE
+
+    def command(self, session, sequence, heard, left, right, now):
+        """Takes a duty if it is newer than any before in this session.
+
+        heard: time of the newest sample that the host had, ms modulo 2**32.
+        """
         if self.state != ARMED or session != self.session or sequence <= self.acknowledged:
             return
         if not (0.0 <= left <= 1.0 and 0.0 <= right <= 1.0):
-            self.trip(OUT_OF_RANGE)
+            self.trip(OUT_OF_RANGE, now)
+            return
+        age = (now - heard) & 0xFFFFFFFF
+        if age >= HEARTBEAT:
+            self._late = True
             return
         self.acknowledged = sequence
-        self.duty[0], self.duty[1] = left, right
-        self._heard = now
+        self._answered, self._late = max(self._answered, now - age), False
+        self._asked = [left, right]
+        self._apply(now)
 
-    def disarm(self):
+    def disarm(self, now):
         """Disarms the board, on the host's request."""
         if self.state == ARMED:
-            self.trip(HOST)
+            self.trip(HOST, now)
 
     def clear(self, challenge):
         """Clears a latched reason; the board stays off until it is armed."""
@@ -104,51 +161,113 @@ class Guard:
 
     def tick(self, now):
         """Checks the heartbeat; must be called continually."""
-        if self.state == ARMED and now - self._heard >= HEARTBEAT:
-            self.trip(NO_COMMAND)
+        if self.state == ARMED and now - self._answered >= HEARTBEAT:
+            self.trip(LATE_COMMANDS if self._late else NO_COMMAND, now)
 
-    def sample(self, now, temperatures, faults, bend):
+    def sample(self, now, temperatures, junctions, faults, bend):
         """Checks a sample of all sensors.
 
-        temperatures: °C, left and right; faults: of their amplifiers;
-        bend: raw, or None if the sensor does not answer.
+        temperatures: °C, left and right; junctions: of their amplifiers, °C;
+        faults: of their amplifiers; bend: raw, or None if the sensor does not answer.
         """
-        interval = 0.0 if self._sampled is None else (now - self._sampled) / 1000
-        for wire in (0, 1):
-            self._check_wire(wire, temperatures[wire], faults[wire], interval)
+        self._account(now)
+        elapsed = now - self._sampled
+        self._average(temperatures, junctions, elapsed)
+        for wire in _CHANNELS:
+            self._check_wire(wire, temperatures[wire], faults[wire], elapsed, now)
+        self._check_bend(bend, elapsed, now)
+        self._given = [0.0, 0.0]
+        self._temperatures, self._sampled = list(temperatures), now
+        self._samples += 1
+        self._apply(now)
+
+    def _average(self, temperatures, junctions, elapsed):
+        """Averages over noise, and learns what thermocouples read in the room."""
+        if not self._samples:
+            self._averages, self._junctions = list(temperatures), list(junctions)
+        share = min(1.0, elapsed / AVERAGING_TIME)
+        for wire in _CHANNELS:
+            self._averages[wire] += share * (temperatures[wire] - self._averages[wire])
+            self._junctions[wire] += share * (junctions[wire] - self._junctions[wire])
+        amplifiers = (self._junctions[0] + self._junctions[1]) / 2
+        for wire in _CHANNELS:
+            offset = self._averages[wire] - amplifiers
+            if offset < -TOLERANCE:
+                self.trip(BELOW_ROOM, self._since)
+            offset = min(TOLERANCE, max(-TOLERANCE, offset))
+            # No wire is below the room, so the least difference is that of a cold wire.
+            if self._samples > SETTLING_SAMPLES:
+                offset = min(offset, self._offsets[wire])
+            self._offsets[wire] = offset
+            self._rooms[wire] = amplifiers + offset
+
+    def _check_wire(self, wire, temperature, faults, elapsed, now):
+        if faults & 1:
+            self.trip(THERMOCOUPLE_OPEN, now)
+        elif faults & 2:
+            self.trip(THERMOCOUPLE_TO_GROUND, now)
+        elif faults & 4:
+            self.trip(THERMOCOUPLE_TO_SUPPLY, now)
+        elif faults:
+            self.trip(AMPLIFIER, now)
+        self._hot[wire] = self._hot[wire] + 1 if temperature > TEMPERATURE_LIMIT else 0
+        if self._hot[wire] >= HOT_SAMPLES:
+            self.trip(OVER_TEMPERATURE, now)
+        if self._temperatures and abs(temperature - self._temperatures[wire]) > LARGEST_JUMP:
+            self.trip(TEMPERATURE_JUMP, now)
+        observer, room = self.observers[wire], self._rooms[wire]
+        if self._samples <= SETTLING_SAMPLES:
+            observer.most = max(observer.most, self._averages[wire] - room)
+        if elapsed > 0:
+            observer.advance(self._given[wire] / elapsed, elapsed / 1000, temperature - room)
+        if observer.shortfall > SHORTFALL:
+            self.trip(NOT_WARMING, now)
+        if observer.excess > EXCESS + CROSSTALK * self.observers[1 - wire].most:
+            self.trip(TOO_WARM, now)
+        tapered = (TEMPERATURE_LIMIT - self._averages[wire]) / TAPER
+        self._allowed[wire] = max(0.0, min(tapered, observer.allowed_duty(HIGHEST - room)))
+
+    def _check_bend(self, bend, elapsed, now):
         if bend is None:
-            self.trip(BEND_SILENT)
+            self.trip(BEND_SILENT, now)
+            return
         self._alike = self._alike + 1 if bend == self._bend else 0
         if self._alike >= STUCK_SAMPLES:
-            self.trip(BEND_STUCK)
-        self._bend, self._sampled = bend, now
-        self._temperatures = list(temperatures)
+            self.trip(BEND_STUCK, now)
+        self._bend = bend
+        if self._tip is None:
+            self._tip = bend
+        self._tip += min(1.0, elapsed / AVERAGING_TIME) * (bend - self._tip)
+        pull = self.observers[1].least - self.observers[0].least
+        if abs(self._tip - self._tip_before) > MOVED:
+            self._tip_before, self._pull_before = self._tip, pull
+        elif abs(pull - self._pull_before) > PULL:
+            self.trip(BEND_STUCK, now)
 
-    def _check_wire(self, wire, temperature, faults, interval):
-        if faults & 1:
-            self.trip(THERMOCOUPLE_OPEN)
-        elif faults & 2:
-            self.trip(THERMOCOUPLE_TO_GROUND)
-        elif faults & 4:
-            self.trip(THERMOCOUPLE_TO_SUPPLY)
-        elif temperature > TEMPERATURE_LIMIT:
-            self.trip(OVER_TEMPERATURE)
-        before = self._temperatures[wire]
-        if before is not None and abs(temperature - before) > LARGEST_JUMP:
-            self.trip(TEMPERATURE_JUMP)
-        # Duty above HOLDING_DUTY must raise the reading, counted from the lowest reading.
-        if self._lowest[wire] is None or temperature < self._lowest[wire]:
-            self._lowest[wire] = temperature
-        if temperature >= self._lowest[wire] + RISE:
-            self._lowest[wire] = temperature
-            self._unanswered[wire] = 0.0
-        self._unanswered[wire] += max(0.0, self.duty[wire] - HOLDING_DUTY) * interval
-        if self._unanswered[wire] > UNANSWERED_HEAT:
-            self.trip(NOT_WARMING)
+    def _account(self, now):
+        """Counts the heat that the wires were given up to now."""
+        for wire in _CHANNELS:
+            self._given[wire] += self.duty[wire] * (now - self._since)
+        self._since = now
 
-    def trip(self, reason):
+    def _apply(self, now):
+        """Sets the duty to what was asked for, as far as temperatures and power allow it."""
+        self._account(now)
+        for wire in _CHANNELS:
+            self.duty[wire] = min(self._asked[wire], self._allowed[wire])
+        total = self.duty[0] + self.duty[1]
+        if total > self._total:
+            for wire in _CHANNELS:
+                self.duty[wire] *= self._total / total
+
+    def warmest(self, wire):
+        """The most that a wire can have by the heat that it was given, °C, in a byte."""
+        return min(255, max(0, int(self._rooms[wire] + self.observers[wire].most + 0.5)))
+
+    def trip(self, reason, now):
         """Switches off. The first latching reason is kept; others are replaced by newer ones."""
-        self.duty[0] = self.duty[1] = 0.0
+        self._asked = [0.0, 0.0]
+        self._apply(now)
         if self.reason < LATCHING:
             self.reason = reason
         if self.state == ARMED:

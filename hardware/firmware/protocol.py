@@ -5,9 +5,10 @@ Runs under MicroPython and CPython alike, hence the plain style.
 
 import struct
 
-VERSION = 2
+VERSION = 3
 MAX_PAYLOAD = 24  # bytes; with its CRC and every byte escaped a frame stays below 64
 FULL_DUTY = 10000  # a duty of 1 in a frame
+HEATING_SCALE, RATE_SCALE = 100, 1000  # of a2, and of a1 and a3, in a frame
 
 # From the host to the board.
 HELLO, ARM, COMMAND, DISARM, CLEAR = 0x01, 0x02, 0x03, 0x04, 0x05
@@ -16,16 +17,23 @@ INFO, SAMPLE = 0x81, 0x82
 
 _FORMATS = {
     HELLO: "<",  # nothing
-    ARM: "<H",  # challenge
-    COMMAND: "<HIHH",  # session, sequence, duty of left and right in 1/10000
+    # challenge, then of left and of right: a1 (slowest, fastest) in 1/1000 1/s, a2 (least, most) in
+    # 1/100 °C/s, a3 (slowest) in 1/1000 1/s; largest sum of duties in 1/10000
+    ARM: "<HHHHHHHHHHHH",
+    # session, sequence, time of the newest sample in ms, duty of left and right in 1/10000
+    COMMAND: "<HIIHH",
     DISARM: "<",  # nothing
     CLEAR: "<H",  # challenge
-    # firmware version, sample period in ms, limit in 1/4 °C, serial number, channels
-    INFO: "<HHh8sB",
+    # firmware version, sample period in ms, limit in 1/4 °C, serial number, channels, cause of the
+    # last reset
+    INFO: "<HHh8sBB",
     # sequence, time in ms, challenge, state, fault, acknowledged sequence, temperatures of left
-    # and right in 1/4 °C, tip tangent in 1/64 degrees, applied duty of left and right in 1/10000
-    SAMPLE: "<HIHBBHhhhHH",
+    # and right in 1/4 °C, tip tangent in 1/64 degrees, applied duty of left and right in 1/10000,
+    # the most that left and right can have in °C
+    SAMPLE: "<HIHBBHhhhHHBB",
 }
+
+_BOUNDS = RATE_SCALE, RATE_SCALE, HEATING_SCALE, HEATING_SCALE, RATE_SCALE  # of a wire
 
 _FLAG, _ESCAPE, _FLIP = 0x7E, 0x7D, 0x20
 _ESCAPED = (_FLAG, _ESCAPE, 0x03)  # 0x03 interrupts a MicroPython that is at its prompt
@@ -66,6 +74,26 @@ def encode(kind, *values):
         frame.append(byte)
     frame.append(_FLAG)
     return bytes(frame)
+
+
+def arm_values(challenge, bounds, total):
+    """Values of an ARM.
+
+    bounds: of left and right, see `heat`; total: the largest sum of both duties.
+    """
+    values = [challenge]
+    for wire in bounds:
+        values += [int(value * scale + 0.5) for value, scale in zip(wire, _BOUNDS)]
+    return (*values, int(total * FULL_DUTY + 0.5))
+
+
+def read_arm_values(values):
+    """Challenge, bounds and total of an ARM's values."""
+    bounds = [
+        tuple([value / scale for value, scale in zip(values[start : start + 5], _BOUNDS)])
+        for start in (1, 6)
+    ]
+    return values[0], bounds, values[11] / FULL_DUTY
 
 
 class Parser:

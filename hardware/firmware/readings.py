@@ -2,12 +2,16 @@
 
 import struct
 
-# Faults that a MAX31855 reports in its lowest bits (datasheet 19-5793, table 3).
-OPEN, SHORT_TO_GROUND, SHORT_TO_SUPPLY = 1, 2, 4
+# Faults that a MAX31855 reports in its lowest bits (datasheet 19-5793, table 3), and one that is
+# ours: a frame that no MAX31855 sends.
+OPEN, SHORT_TO_GROUND, SHORT_TO_SUPPLY, INVALID = 1, 2, 4, 8
+
+_RESERVED = 1 << 17 | 1 << 3  # bits that are always 0
+_FAULT = 1 << 16  # set if any fault is
 
 
 def thermocouple(data):
-    """Temperature in quarters of a °C, and fault bits, from the 4 bytes of a MAX31855.
+    """Of the 4 bytes of a MAX31855: temperature in 1/4 °C, its own in 1/16 °C, and fault bits.
 
     A bus that answers nothing reads all zeros or all ones, which no working
     amplifier sends: that counts as an open thermocouple.
@@ -16,12 +20,13 @@ def thermocouple(data):
     faults = word & 7
     if word in (0, 0xFFFFFFFF):
         faults |= OPEN
-    elif word & 0x10000 and not faults:
-        faults = OPEN
-    quarters = word >> 18
-    if quarters & 0x2000:
-        quarters -= 0x4000
-    return quarters, faults
+    elif word & _RESERVED or bool(word & _FAULT) != bool(faults):
+        faults |= INVALID
+    return _signed(word >> 18, 14), _signed(word >> 4 & 0xFFF, 12), faults
+
+
+def _signed(bits, width):
+    return bits - (1 << width) if bits >> (width - 1) else bits
 
 
 def bend(data):

@@ -16,6 +16,7 @@ import numpy as np
 
 from limb_systems.errors import LimbError
 from limb_systems.model.bend_sensor import BendSensor, TipTangentSensor
+from limb_systems.model.heat_bounds import HeatBounds
 from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.output import write_atomically
 from limb_systems.schema import (
@@ -45,12 +46,15 @@ class WireParameters(Strict):
       torque has the direction of this lever: a wire at e2 > 0, e3 = 0 bends
       towards +E2 with all of its law's torque, one at 45° with 1/√2 of it.
     - ``law``: what it does with heat; `LinearLaw` is the paper's.
+    - ``heat_bounds``: within which a board expects it to heat and cool; None
+      until it is calibrated, which means bounds around its law.
     """
 
     name: str = ""
     e2: float = quantity(0.0034, "m", -1.0, 1.0)
     e3: float = quantity(0.0, "m", -1.0, 1.0)
     law: LinearLaw | WireLaw = dataclasses.field(default_factory=LinearLaw)
+    heat_bounds: HeatBounds | None = None
 
     @property
     def direction(self) -> float:
@@ -232,6 +236,8 @@ class LimbParameters(Strict):
       default, is the paper's mounting, with the bending axis vertical and
       stiff against gravity; (0, -9.81, 0) is the cantilever of Sec. V-A.
     - ``temperature_limits``: eqns (19)-(20).
+    - ``total_duty``: the largest sum of the duties of all wires at a time, for
+      which supply and limb are made.
     - ``board``: the particular limb that these parameters were calibrated on,
       `SerialBoard` or `EmulatedLimb`; `NoBoard` if none.
     - ``calibration``: how well they are known, `CalibrationRecord`; None if
@@ -248,6 +254,7 @@ class LimbParameters(Strict):
     ambient_temperature: float = quantity(25.0, "°C", -50.0, 100.0)
     gravity: list[float] = quantity((0.0, 0.0, 0.0), "m/s²", -100.0, 100.0)
     temperature_limits: TemperatureLimits = dataclasses.field(default_factory=TemperatureLimits)
+    total_duty: float = quantity(1.0, "", 0.01, 100.0)
     board: NoBoard | Board = dataclasses.field(default_factory=NoBoard)
     calibration: CalibrationRecord | None = None
 
@@ -376,6 +383,21 @@ class LimbParameters(Strict):
             f"{wire.name}{suffix}"
             for segment, suffix in zip(self.segments, self.segment_suffixes, strict=True)
             for wire in segment.wires
+        ]
+
+    @property
+    def heat_bounds(self) -> list[HeatBounds]:
+        """Those of all wires (W): as calibrated, or else around their laws.
+
+        A law that was fitted without bounds is about plans, not about heat, so
+        that its wire has the bounds of the nominal one.
+
+        Raises:
+            LimbError: if a law is not the paper's, or beyond what a board accepts.
+        """
+        return [
+            wire.heat_bounds or HeatBounds.around(LinearLaw() if self.calibration else wire.linear_law)
+            for wire in self.wires
         ]
 
     @property

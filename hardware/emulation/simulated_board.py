@@ -1,0 +1,111 @@
+"""An emulated board with a host at its cable, in simulated time, for faults that take long."""
+
+import dataclasses
+
+from hardware.emulation.emulator import Emulation
+from hardware.emulation.twin import LimbTwin
+from hardware.firmware import guard, protocol
+from limb_systems import LimbParameters
+
+COMMAND_PERIOD = 50  # ms
+
+
+class SimulatedBoard:
+    """An emulated board, and a host that commands it whatever the board says.
+
+    It is the board's `Cable`, too. Faults are given to ``emulation.misbehave``.
+
+    - ``duties``: time, s, and duty of left and right, of each change at the pins.
+    - ``sent``: values of each SAMPLE, as in docs/protocol.md.
+    - ``events``: orders, as `Emulation` reports them.
+    """
+
+    def __init__(
+        self, twin: LimbTwin | None = None, parameters: LimbParameters | None = None, step: int = 1
+    ):
+        """
+        Args:
+            twin: the limb; a nominal one of the seed 0 if None.
+            parameters: those that the host arms the board with; the twin's if None.
+            step: ms, between two passes of the firmware's loop.
+        """
+        twin = twin or LimbTwin()
+        self.milliseconds, self._step = 0, step
+        self.duties: list[tuple[float, float, float]] = []
+        self.sent: list[tuple] = []
+        self._to_board, self._sequence, self._session = b"", 0, 0
+        described = parameters or twin.parameters
+        self._bounds = [dataclasses.astuple(bounds) for bounds in described.heat_bounds]
+        self._total = described.total_duty
+        self._parser = protocol.Parser((protocol.SAMPLE,))
+        self.emulation = Emulation(twin, self, self._note, lambda: self.now)
+
+    @property
+    def now(self) -> float:
+        """s, since it was switched on."""
+        return self.milliseconds / 1000
+
+    def _note(self, event, time, **duty):
+        if event == "duty":
+            self.duties.append((time, duty["left"], duty["right"]))
+
+    # The board's end of the cable.
+
+    def read(self) -> bytes:
+        data, self._to_board = self._to_board, b""
+        return data
+
+    def write(self, data: bytes) -> None:
+        self.sent += [values for _, values in self._parser.feed(data)]
+
+    def unplug(self) -> None:
+        pass
+
+    # The host's.
+
+    def send(self, *frame) -> None:
+        """Sends a frame: its kind and its values."""
+        self._to_board += protocol.encode(*frame)
+
+    def command(self, duty) -> None:
+        """Sends a duty (2), in answer to the newest sample."""
+        self._sequence += 1
+        ticks = [round(protocol.FULL_DUTY * d) for d in duty]
+        heard = self.sent[-1][1]
+        self.send(protocol.COMMAND, self._session, self._sequence, heard, *ticks)
+
+    def arm(self) -> bool:
+        """Arms the board; whether it let itself be armed."""
+        self._session, self._sequence = self.sent[-1][2], 0
+        self.send(protocol.ARM, *protocol.arm_values(self._session, self._bounds, self._total))
+        self.run(0.06)
+        return self.sent[-1][3] == guard.ARMED
+
+    def clear(self) -> None:
+        """Clears a latched fault."""
+        self.send(protocol.CLEAR, self.sent[-1][2])
+        self.run(0.06)
+
+    def run(self, seconds: float, duty=None) -> None:
+        """Runs on, and commands a duty (2) every 50 ms if there is one."""
+        end = self.milliseconds + round(1000 * seconds)
+        while self.milliseconds < end:
+            self.milliseconds += self._step
+            if duty is not None and self.milliseconds % COMMAND_PERIOD == 0:
+                self.command(duty)
+            self.emulation.step()
+
+    @property
+    def duty(self) -> tuple[float, float]:
+        """At the pins."""
+        return self.duties[-1][1:]
+
+    @property
+    def reason(self) -> int:
+        """For which the board says it is off."""
+        return self.sent[-1][4]
+
+    @property
+    def temperature(self) -> list[float]:
+        """V (2), as the board sends it, °C."""
+        return [quarters / 4 for quarters in self.sent[-1][6:8]]

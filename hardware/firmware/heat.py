@@ -1,0 +1,68 @@
+"""Bounds how warm a wire is, from the heat that it was given: the paper's eqns (6) and (7).
+
+Runs under MicroPython and CPython alike. Bounds of a wire are the five numbers
+(a1 slowest, a1 fastest, a2 least, a2 most, a3 slowest), all positive, in 1/s
+and °C/s. Temperatures are in °C above the room.
+"""
+
+# The range of each bound that is accepted, and bounds of the nominal limb.
+RANGES = ((0.005, 0.2), (0.01, 0.5), (4.0, 60.0), (8.0, 100.0), (0.1, 4.0))
+NOMINAL = (0.042, 0.095, 17.0, 23.0, 0.5)
+
+# The silicone around a wire takes up heat, and holds it: in a lasting heat it is at most this
+# share of the wire's temperature, and it gets there within a minute.
+SILICONE_SHARE = 0.35
+SILICONE_RATE = 0.02  # 1/s
+
+AVERAGING_TIME = 1.0  # s, over which what is compared with a reading is averaged
+LONGEST_STEP = 0.1  # s, of Euler's method
+APPROACH_TIME = 0.5  # s, within which a wire may reach the highest temperature
+
+
+def acceptable(bounds):
+    """Whether bounds are in their ranges and in order."""
+    for bound, (low, high) in zip(bounds, RANGES):
+        if not low <= bound <= high:
+            return False
+    return bounds[0] <= bounds[1] and bounds[2] <= bounds[3]
+
+
+class WireObserver:
+    """What the duty of a wire says about its temperature, whatever its thermocouple reads.
+
+    - ``least``: the wire is at least as warm, if all of its heat arrives.
+    - ``most``: it is at most as warm.
+    - ``shortfall``: how far the reading is below what it must be at least, averaged.
+    - ``excess``: how far it is above the most that the wire can have, averaged.
+    """
+
+    def __init__(self, most):
+        """most: that the wire can have at the start."""
+        self.bounds = NOMINAL
+        self.least = self._reading = 0.0
+        self.most, self._silicone = most, SILICONE_SHARE * most
+        self.shortfall, self.excess = 0.0, -most
+
+    def advance(self, duty, interval, reading):
+        """duty: mean since the last call; interval: s since then; reading: °C above the room."""
+        steps = int(interval / LONGEST_STEP) + 1
+        for _ in range(steps):
+            self._step(duty, interval / steps, reading)
+
+    def _step(self, duty, interval, reading):
+        a1_slow, a1_fast, a2_least, a2_most, a3_slow = self.bounds
+        least, most, silicone = self.least, self.most, self._silicone
+        self._reading += interval * a3_slow * (least - self._reading)
+        self.least += interval * (a2_least * duty - a1_fast * least)
+        self.most += interval * (a2_most * duty - a1_slow * (most - silicone))
+        self._silicone += interval * SILICONE_RATE * (SILICONE_SHARE * most - silicone)
+        share = interval / AVERAGING_TIME
+        self.shortfall += share * (self._reading - reading - self.shortfall)
+        self.excess += share * (reading - self.most - self.excess)
+
+    def allowed_duty(self, highest):
+        """The duty, in [0, 1], at which the wire cannot get above ``highest``."""
+        a1_slow, _, _, a2_most, _ = self.bounds
+        loss = a1_slow * (self.most - self._silicone)
+        duty = (loss + (highest - self.most) / APPROACH_TIME) / a2_most
+        return min(1.0, max(0.0, duty))
