@@ -13,7 +13,6 @@ from serial.tools import list_ports
 from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import emulated_limb
-from hardware.firmware import guard
 from hardware.robot.self_test import self_test
 from limb_systems import LimbParameters, Recording, Trajectory, bend_angle_from_tip_tangent
 from limb_systems.command import add_force_option, run_command
@@ -182,7 +181,9 @@ def _status(options) -> int:
                     "firmware_version": info.firmware_version,
                     "temperature_limit_c": info.temperature_limit,
                     "armed": sample.armed,
-                    "reason": guard.TEXTS[sample.reason],
+                    "reason": sample.reason_text,
+                    "reset_cause": info.reset_cause,
+                    "highest_temperature_c": sample.warmest.tolist(),
                     "measured_temperature_c": sample.temperature.tolist(),
                     "bend_angle_deg": float(bend_angle),
                     "duty": sample.duty.tolist(),
@@ -191,12 +192,15 @@ def _status(options) -> int:
         )
         return 0
     print(f"board       {info.serial_number}, firmware {info.firmware_version}")
-    print(f"state       {'armed' if sample.armed else 'off: ' + guard.TEXTS[sample.reason]}")
+    print(f"state       {'armed' if sample.armed else 'off: ' + sample.reason_text}")
+    print(f"last reset  {info.reset_cause}")
     left, right = sample.temperature
     print(
         f"wires       left {left:.2f} °C, right {right:.2f} °C; off at "
         f"{info.temperature_limit:g} °C"
     )
+    left, right = sample.warmest
+    print(f"heat        left at most {left:.0f} °C, right at most {right:.0f} °C, by their duty")
     print(f"bend angle  {bend_angle:.1f}°")
     return 0
 
@@ -234,6 +238,7 @@ def _replay(options) -> int:
             "late_median_ms": float(np.median(late)),
             "late_percentile_99_ms": float(np.percentile(late, 99)),
             "lost_samples": limb.link.lost_samples,
+            "reduced_s": reduced_time(recording),
         }
     else:
         recording = replay(trajectory, _twin(trajectory.parameters, options), meshcat=meshcat)
@@ -259,6 +264,11 @@ def _replay(options) -> int:
             f"{timing['late_percentile_99_ms']:.1f} ms (99%); {timing['lost_samples']} samples "
             "were lost"
         )
+        if timing["reduced_s"]:
+            print(
+                f"reduced     the board reduced the duty for {timing['reduced_s']:.1f} s, as a wire "
+                "got hot or both asked for too much"
+            )
     print(f"source      {recording.source}")
     print(
         f"tracking    |φ* - φ|: mean {mean:.2f}°, median {median:.2f}°, "
@@ -266,6 +276,14 @@ def _replay(options) -> int:
     )
     print(f"written     {', '.join(written)}")
     return 0
+
+
+def reduced_time(recording: Recording) -> float:
+    """s for which the board applied less than a duty that was commanded before and after."""
+    assert recording.applied_duty is not None  # a robot's
+    commanded = np.minimum(recording.duty[:, :-2], recording.duty[:, 1:-1])
+    reduced = (recording.applied_duty[:, 2:] < commanded - 2e-3).any(axis=0)
+    return float(np.sum(reduced) / recording.sample_rate)
 
 
 def _twin(planned: LimbParameters, options) -> LimbTwin:

@@ -56,7 +56,9 @@ class SimulatedBoard:
         return data
 
     def write(self, data: bytes) -> None:
-        self.sent += [values for _, values in self._parser.feed(data)]
+        for _, values in self._parser.feed(data):
+            if not self.sent or self.sent[-1][0] != values[0]:  # they come twice
+                self.sent.append(values)
 
     def unplug(self) -> None:
         pass
@@ -72,7 +74,8 @@ class SimulatedBoard:
         self._sequence += 1
         ticks = [round(protocol.FULL_DUTY * d) for d in duty]
         heard = self.sent[-1][1]
-        self.send(protocol.COMMAND, self._session, self._sequence, heard, *ticks)
+        for _ in (1, 2):  # as `BoardLink` does
+            self.send(protocol.COMMAND, self._session, self._sequence, heard, *ticks)
 
     def arm(self) -> bool:
         """Arms the board; whether it let itself be armed."""

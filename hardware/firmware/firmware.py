@@ -117,22 +117,21 @@ class Firmware:
 
     def _send_sample(self, now):
         self._sequence = (self._sequence + 1) & 0xFFFF
-        self._board.send(
-            protocol.encode(
-                protocol.SAMPLE,
-                self._sequence,
-                now & 0xFFFFFFFF,
-                self.guard.challenge,
-                self.guard.state,
-                self.guard.reason,
-                self.guard.acknowledged & 0xFFFF,
-                self._quarters[0],
-                self._quarters[1],
-                0 if self._bend is None else self._bend,
-                int(protocol.FULL_DUTY * self._applied[0] + 0.5),
-                int(protocol.FULL_DUTY * self._applied[1] + 0.5),
-                self.guard.warmest(0),
-                self.guard.warmest(1),
-            )
+        frame = protocol.encode(
+            protocol.SAMPLE,
+            self._sequence,
+            now & 0xFFFFFFFF,
+            self.guard.challenge,
+            self.guard.state,
+            self.guard.reason,
+            self.guard.acknowledged & 0xFFFF,
+            self._quarters[0],
+            self._quarters[1],
+            0 if self._bend is None else self._bend,
+            int(protocol.FULL_DUTY * self._applied[0] + 0.5),
+            int(protocol.FULL_DUTY * self._applied[1] + 0.5),
+            self.guard.warmest(0),
+            self.guard.warmest(1),
         )
-
+        for _ in (1, 2):  # one may get lost, and a host that hears nothing may not heat
+            self._board.send(frame)

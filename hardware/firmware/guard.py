@@ -59,8 +59,9 @@ TEXTS = {
 }
 
 AVERAGING_TIME = 1000  # ms, over which readings are averaged against their noise
-HEARTBEAT = 250  # ms, for which a duty holds after the sample that its command answers
-SETTLING_SAMPLES = 40  # before it can be armed
+HEARTBEAT = 250  # ms, for which a duty holds, and the age of a sample that is answered too late
+LONGEST_HOLD = 290  # ms, for which a duty holds after the sample that its command answered
+SETTLING_SAMPLES = 10  # before it can be armed: its clock runs, and noise is averaged
 TEMPERATURE_LIMIT = 110.0  # °C, measured
 TAPER = 5.0  # °C below that limit, over which the duty is reduced to zero
 HOT_SAMPLES = 4  # above the limit: two readings, so that noise alone does not do it
@@ -93,7 +94,7 @@ class Guard:
         self.observers = [heat.WireObserver(most) for _ in _CHANNELS]
         self._asked, self._allowed, self._total = [0.0, 0.0], [0.0, 0.0], 0.0
         self._given, self._since = [0.0, 0.0], now  # duty times ms since the last sample
-        self._answered, self._late = now, False
+        self._heard, self._answered, self._late = now, now, False
         self._samples, self._sampled = 0, now
         self._temperatures = self._averages = self._junctions = None
         self._offsets, self._rooms = [0.0, 0.0], [0.0, 0.0]
@@ -118,7 +119,7 @@ class Guard:
             return
         self.state, self.reason = ARMED, NONE
         self.session, self.acknowledged = challenge, 0
-        self._answered, self._late = now, False
+        self._heard, self._answered, self._late = now, now, False
         self._total = total
         for observer, bound in zip(self.observers, bounds):
             observer.bounds = bound
@@ -144,7 +145,7 @@ class Guard:
             self._late = True
             return
         self.acknowledged = sequence
-        self._answered, self._late = max(self._answered, now - age), False
+        self._heard, self._answered, self._late = now, max(self._answered, now - age), False
         self._asked = [left, right]
         self._apply(now)
 
@@ -161,7 +162,9 @@ class Guard:
 
     def tick(self, now):
         """Checks the heartbeat; must be called continually."""
-        if self.state == ARMED and now - self._answered >= HEARTBEAT:
+        if self.state == ARMED and (
+            now - self._heard >= HEARTBEAT or now - self._answered >= LONGEST_HOLD
+        ):
             self.trip(LATE_COMMANDS if self._late else NO_COMMAND, now)
 
     def sample(self, now, temperatures, junctions, faults, bend):
@@ -189,9 +192,9 @@ class Guard:
         for wire in _CHANNELS:
             self._averages[wire] += share * (temperatures[wire] - self._averages[wire])
             self._junctions[wire] += share * (junctions[wire] - self._junctions[wire])
-        amplifiers = (self._junctions[0] + self._junctions[1]) / 2
+        self._amplifiers = (self._junctions[0] + self._junctions[1]) / 2
         for wire in _CHANNELS:
-            offset = self._averages[wire] - amplifiers
+            offset = self._averages[wire] - self._amplifiers
             if offset < -TOLERANCE:
                 self.trip(BELOW_ROOM, self._since)
             offset = min(TOLERANCE, max(-TOLERANCE, offset))
@@ -199,7 +202,7 @@ class Guard:
             if self._samples > SETTLING_SAMPLES:
                 offset = min(offset, self._offsets[wire])
             self._offsets[wire] = offset
-            self._rooms[wire] = amplifiers + offset
+            self._rooms[wire] = self._amplifiers + offset
 
     def _check_wire(self, wire, temperature, faults, elapsed, now):
         if faults & 1:
@@ -225,7 +228,8 @@ class Guard:
         if observer.excess > EXCESS + CROSSTALK * self.observers[1 - wire].most:
             self.trip(TOO_WARM, now)
         tapered = (TEMPERATURE_LIMIT - self._averages[wire]) / TAPER
-        self._allowed[wire] = max(0.0, min(tapered, observer.allowed_duty(HIGHEST - room)))
+        highest = HIGHEST - max(room, self._amplifiers)  # if in doubt, the room is warm
+        self._allowed[wire] = max(0.0, min(tapered, observer.allowed_duty(highest)))
 
     def _check_bend(self, bend, elapsed, now):
         if bend is None:

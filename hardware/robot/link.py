@@ -1,25 +1,38 @@
 """The host's end of the cable: sends and receives frames, in separate threads."""
 
+import collections
 import contextlib
 import dataclasses
 import os
 import queue
 import threading
 import time
-from collections.abc import Callable
-from typing import TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 import serial
 
-from hardware.firmware import guard, protocol
+from hardware.firmware import firmware, guard, protocol
 from limb_systems import LimbError
+from limb_systems.model.heat_bounds import HeatBounds
 
-FIRMWARE_VERSIONS = (2,)
+FIRMWARE_VERSIONS = (3,)
 BAUD_RATE = 115200
-STALE = 0.25  # s, age after which a sample must not be used
+STALE = 0.25  # s, age after which a sample must not be used, nor a command be unanswered
+CLOCK_ERROR = 2e-4  # by which the board's clock may run slower than this computer's
+SESSION_END = 0.5  # s, within which a session that nobody commands has ended
 ANSWER_TIME = 1.0  # s, within which a board answers
+ARMING_TIME = 3.0  # s, in which a board that was just switched on has settled
 WAITING_FRAMES = 8
+RESET_CAUSES = {
+    firmware.POWER_ON: "switched on",
+    firmware.PIN_RESET: "reset button",
+    firmware.WATCHDOG_RESET: "watchdog, because its program hung",
+    firmware.SOFT_RESET: "a program",
+    firmware.LOCKUP_RESET: "lock-up of its processor",
+    firmware.UNKNOWN_RESET: "unknown",
+}
 
 Answer = TypeVar("Answer")
 
@@ -41,7 +54,9 @@ class Sample:
     - ``acknowledged``: sequence of the last command, modulo 65536.
     - ``temperature``: V (2), °C.
     - ``tip_tangent``: α, as the bend sensor reads it, rad.
-    - ``duty``: applied (2).
+    - ``duty``: applied (2); the board reduces what was commanded where a wire
+      gets hot, or both of them ask for too much.
+    - ``warmest``: the most that wires can have by the heat that they were given (2), °C.
     """
 
     received: float
@@ -54,11 +69,18 @@ class Sample:
     temperature: np.ndarray
     tip_tangent: float
     duty: np.ndarray
+    warmest: np.ndarray
 
     @property
     def age(self) -> float:
         """Time since it was received, s."""
         return time.monotonic() - self.received
+
+    @property
+    def reason_text(self) -> str:
+        """The reason in words."""
+        unknown = f"for a reason that this program does not know, {self.reason}"
+        return guard.TEXTS.get(self.reason, unknown)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,6 +92,7 @@ class BoardInfo:
     - ``temperature_limit``: °C, measured, at which it switches off.
     - ``serial_number``.
     - ``channels``: number of wires that it drives.
+    - ``reset_cause``: of its last reset, in words.
     """
 
     firmware_version: int
@@ -77,14 +100,19 @@ class BoardInfo:
     temperature_limit: float
     serial_number: str
     channels: int
+    reset_cause: str
 
 
 class BoardLink:
     """A connection to a board. It arms the board only in `arm`.
 
     Threads read and write. Only `info`, `arm` and `clear` wait for the cable: for
-    an answer, and at most a second. Use it as a context manager, or `close` it:
-    both disarm the board.
+    an answer, and at most some seconds. Use it as a context manager, or `close`
+    it: both disarm the board.
+
+    - ``lost_samples``: how many did not arrive.
+    - ``delay``: s, by which the newest sample was longer on its way than the
+      fastest one.
     """
 
     def __init__(self, port: str):
@@ -114,6 +142,10 @@ class BoardLink:
         self._sample: Sample | None = None
         self._info: BoardInfo | None = None
         self._session, self._sequence = 0, 0
+        self._unanswered: collections.deque[tuple[int, float]] = collections.deque(maxlen=100)
+        self._clock_offset = np.inf  # s, between both clocks, of the sample that came fastest
+        self.delay = 0.0
+        self._restarts = self._restarts_when_armed = 0
         self._failure: str | None = None
         self._arrived = threading.Condition()
         self._outgoing: queue.Queue[bytes | None] = queue.Queue(WAITING_FRAMES)
@@ -155,47 +187,86 @@ class BoardLink:
         sample = self._sample or self._wait(lambda: self._sample, "after the port was opened")
         if sample.age > STALE:
             raise HardwareError(
-                f"Nothing came from the board on {self.port} for {sample.age:.2f} s."
+                f"Nothing new came from the board on {self.port} for {sample.age:.2f} s."
+            )
+        if self.delay > STALE:
+            raise HardwareError(
+                f"Samples from the board on {self.port} come {self.delay:.2f} s late; is this "
+                "computer or the connection too busy?"
             )
         return sample
 
-    def arm(self) -> None:
+    def arm(self, bounds: Sequence[HeatBounds], total_duty: float = 1.0) -> None:
         """Arms the board: commands heat from now on.
 
+        Args:
+            bounds: of both wires, as `LimbParameters.heat_bounds` has them.
+            total_duty: the largest sum of both duties.
+
         Raises:
-            HardwareError: if it does not let itself be armed, with its reason.
+            HardwareError: if it does not let itself be armed, with its reason,
+                or if another program has armed it.
         """
         sample = self.sample()
+        if sample.armed:
+            self._wait_for(lambda: not self._sample_now().armed, SESSION_END)
+            sample = self.sample()
+            if sample.armed:
+                raise HardwareError(f"The board on {self.port} is in use by another program.")
         if sample.reason >= guard.LATCHING:
             raise HardwareError(
-                f"The board on {self.port} refuses to be armed: {guard.TEXTS[sample.reason]}. "
+                f"The board on {self.port} refuses to be armed: {sample.reason_text}. "
                 "Mend it, then clear the fault: python -m hardware status PORT --clear."
             )
         self._session, self._sequence = sample.challenge, 0
-        self._ask(
-            protocol.encode(protocol.ARM, sample.challenge),
-            lambda: self._sample and self._sample.armed,
-            "arming",
+        self._unanswered.clear()
+        self._restarts_when_armed = self._restarts
+        values = protocol.arm_values(
+            sample.challenge, [dataclasses.astuple(bound) for bound in bounds], total_duty
         )
+        armed = self._send_until(
+            protocol.encode(protocol.ARM, *values), lambda: self._sample_now().armed, ARMING_TIME
+        )
+        if not armed:
+            raise HardwareError(
+                f"The board on {self.port} does not let itself be armed: "
+                f"{self.sample().reason_text}."
+            )
 
     def command(self, duty: np.ndarray) -> None:
         """Sends a duty (2), in [0, 1]; it holds for 250 ms.
 
         Raises:
             HardwareError: if it is out of range or not a number, if the board
-                is not armed, or if samples no longer come.
+                is not armed, if samples no longer come, or if commands do not
+                arrive in time.
         """
         duty = np.asarray(duty, float)
         if duty.shape != (2,) or not ((duty >= 0) & (duty <= 1)).all():  # NaN is not
             raise HardwareError(f"duty is {duty.tolist()}; it must be two numbers from 0 to 1.")
         sample = self.sample()
         if not sample.armed:
-            raise HardwareError(
-                f"The board on {self.port} switched off: {guard.TEXTS[sample.reason]}."
-            )
+            raise HardwareError(f"The board on {self.port} switched off: {sample.reason_text}.")
+        if self._restarts != self._restarts_when_armed:
+            raise HardwareError(f"The time of the board on {self.port} went back; reset it.")
+        self._check_answers(sample)
         self._sequence += 1
+        self._unanswered.append((self._sequence, time.monotonic()))
         ticks = np.round(protocol.FULL_DUTY * duty).astype(int).tolist()
-        self._send(protocol.encode(protocol.COMMAND, self._session, self._sequence, *ticks))
+        heard = round(1000 * sample.board_time)
+        frame = protocol.encode(protocol.COMMAND, self._session, self._sequence, heard, *ticks)
+        self._send(2 * frame)  # one may get lost; the board takes each once
+
+    def _check_answers(self, sample: Sample) -> None:
+        """Raises HardwareError if the oldest command without an answer is too old."""
+        waiting = self._unanswered
+        while waiting and (sample.acknowledged - waiting[0][0]) & 0xFFFF < 0x8000:
+            waiting.popleft()
+        if waiting and (late := time.monotonic() - waiting[0][1]) > STALE:
+            raise HardwareError(
+                f"The board on {self.port} did not get a command within {late:.2f} s; commands "
+                "arrive late or not at all."
+            )
 
     def disarm(self) -> None:
         """Switches the wires off. Does not wait, and never raises."""
@@ -211,11 +282,15 @@ class BoardLink:
         sample = self.sample()
         if sample.reason < guard.LATCHING:
             return
-        self._ask(
+        cleared = self._send_until(
             protocol.encode(protocol.CLEAR, sample.challenge),
-            lambda: self._sample and self._sample.reason < guard.LATCHING,
-            f"clearing, as {guard.TEXTS[sample.reason]}",
+            lambda: self._sample_now().reason < guard.LATCHING,
+            ANSWER_TIME,
         )
+        if not cleared:
+            raise HardwareError(
+                f"The fault of the board on {self.port} is still there: {self.sample().reason_text}."
+            )
 
     def close(self) -> None:
         """Disarms the board and closes the port; a second call does nothing."""
@@ -232,19 +307,31 @@ class BoardLink:
             self._serial.close()
 
     def _ask(self, frame: bytes, answer: Callable[[], Answer | None], what: str) -> Answer:
-        """Sends a frame until it is answered, because frames may get lost."""
-        end = time.monotonic() + ANSWER_TIME
-        while time.monotonic() < end:
-            self._send(frame)
-            with self._arrived:
-                if self._arrived.wait_for(lambda: answer() or self._failure, 0.1):
-                    break
+        self._send_until(frame, answer, ANSWER_TIME)
         return self._answer(answer, what)
 
+    def _send_until(self, frame: bytes, done: Callable[[], Any], limit: float) -> bool:
+        """Sends a frame until something is so, because frames may get lost; whether it is."""
+        end = time.monotonic() + limit
+        while time.monotonic() < end:
+            self._send(frame)
+            if self._wait_for(done, 0.1):
+                break
+        self._check()
+        return bool(done())
+
     def _wait(self, answer: Callable[[], Answer | None], what: str) -> Answer:
-        with self._arrived:
-            self._arrived.wait_for(lambda: answer() or self._failure, ANSWER_TIME)
+        self._wait_for(answer, ANSWER_TIME)
         return self._answer(answer, what)
+
+    def _wait_for(self, done: Callable[[], Any], limit: float) -> bool:
+        """Waits until something is so, or the cable is gone."""
+        with self._arrived:
+            return bool(self._arrived.wait_for(lambda: done() or self._failure, limit))
+
+    def _sample_now(self) -> Sample:
+        assert self._sample  # whoever asks had one before
+        return self._sample
 
     def _answer(self, answer: Callable[[], Answer | None], what: str) -> Answer:
         self._check()
@@ -294,16 +381,28 @@ class BoardLink:
 
     def _take(self, kind: int, values: tuple) -> None:
         if kind == protocol.INFO:
-            version, period, limit, number, channels = values
+            version, period, limit, number, channels, cause = values
             text = number.rstrip(b"\0")
             name = text.decode() if text.isalnum() else number.hex()
-            self._info = BoardInfo(version, period / 1000, limit / 4, name, channels)
+            cause = RESET_CAUSES.get(cause, f"unknown ({cause})")
+            self._info = BoardInfo(version, period / 1000, limit / 4, name, channels, cause)
             return
-        sequence, ticks, challenge, state, reason, acknowledged, left, right, bend, *duty = values
-        if self._sample is not None:
-            self.lost_samples += (sequence - self._sample.sequence - 1) & 0xFFFF
+        sequence, ticks, challenge, state, reason, acknowledged, left, right, bend = values[:9]
+        received = time.monotonic()
+        if (before := self._sample) is not None:
+            step = (sequence - before.sequence) & 0xFFFF
+            if step == 0 or ticks == round(1000 * before.board_time):
+                return  # the same again: nothing new
+            self.lost_samples += step - 1 if step < 0x8000 else 0
+            if ticks < 1000 * before.board_time:  # it was restarted, or sends old samples
+                self._restarts += 1
+                self._clock_offset = np.inf
+            self._clock_offset += CLOCK_ERROR * (received - before.received)
+        offset = received - ticks / 1000
+        self._clock_offset = min(self._clock_offset, offset)
+        self.delay = offset - self._clock_offset
         self._sample = Sample(
-            received=time.monotonic(),
+            received=received,
             sequence=sequence,
             board_time=ticks / 1000,
             challenge=challenge,
@@ -312,5 +411,7 @@ class BoardLink:
             acknowledged=acknowledged,
             temperature=np.array([left, right]) / 4,
             tip_tangent=float(np.deg2rad(bend / 64)),
-            duty=np.array(duty) / protocol.FULL_DUTY,
+            duty=np.array(values[9:11]) / protocol.FULL_DUTY,
+            warmest=np.array(values[11:13], float),
         )
+

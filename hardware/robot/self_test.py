@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 
 from hardware.robot.link import BoardLink, Sample
-from limb_systems import bend_angle_from_tip_tangent
+from limb_systems import LimbParameters, bend_angle_from_tip_tangent
 
 DUTY = 0.3
 HEATING_TIME = 6.0  # s for each wire
@@ -15,6 +15,7 @@ ROOM = (5.0, 45.0)  # °C, that cold wires may have
 RISE = 3.0  # °C
 BEND = np.deg2rad(1.0)
 SIDES = ("left", "right")
+BOUNDS = LimbParameters().heat_bounds  # of the nominal limb
 
 
 def self_test(link: BoardLink, say: Callable[[bool, str], None]) -> bool:
@@ -50,7 +51,7 @@ def self_test(link: BoardLink, say: Callable[[bool, str], None]) -> bool:
     try:
         for wire, side in enumerate(SIDES):
             before = _average(link)
-            link.arm()
+            link.arm(BOUNDS)
             end = time.monotonic() + HEATING_TIME
             while time.monotonic() < end:
                 link.command(DUTY * np.eye(2)[wire])

@@ -128,7 +128,7 @@ class SerialLimb(LeafSystem):
 
     def _begin(self, context, discrete_state):
         if self._heated:
-            self.link.arm()
+            self.link.arm(self.parameters.heat_bounds, self.parameters.total_duty)
         self.timing_errors.clear()
         self._start = time.monotonic() - context.get_time()
         self._update(context, discrete_state)

@@ -13,9 +13,12 @@ import time
 import numpy as np
 import pytest
 
-from hardware import BoardLink, HardwareError, LimbTwin
-from hardware.emulation.emulator import Emulation
-from hardware.firmware import guard, protocol
+from hardware import BoardLink, HardwareError
+from hardware.emulation import simulated_board
+from limb_systems import LimbParameters
+
+BOUNDS = LimbParameters().heat_bounds
+SETTLING_TIME = 0.6  # s, of a board that was switched on, before it can be armed
 
 
 class Emulator:
@@ -36,7 +39,7 @@ class Emulator:
         self.order("mend")
         self.order("cool")
         self._begin = self.log.stat().st_size
-        self.order("reset")
+        self.order("restart")
 
     def order(self, text) -> float:
         """Gives an order; returns when it was obeyed, s of the monotonic clock."""
@@ -83,7 +86,7 @@ class Heating:
 
     def __init__(self, link, duty=(0.0, 1.0)):
         self.error, self._stop, self._duty = None, threading.Event(), np.array(duty)
-        link.arm()
+        link.arm(BOUNDS)
         self._thread = threading.Thread(target=self._run, args=(link,), daemon=True)
         self._thread.start()
 
@@ -104,65 +107,12 @@ class Heating:
         self._thread.join()
 
 
-class SimulatedBoard:
-    """An emulated board and a host at its cable, in simulated time, a millisecond at a time.
+class SimulatedBoard(simulated_board.SimulatedBoard):
+    """The nominal limb's, switched on a while ago, with what tests ask of it."""
 
-    A host that goes on commanding whatever the board says. ``duties`` has the time, s, and
-    the duty of each change at the wires.
-    """
-
-    def __init__(self):
-        self.milliseconds = 0
-        self.duties, self.sent = [], []
-        self._to_board, self._sequence, self._session = b"", 0, 0
-        self._parser = protocol.Parser((protocol.SAMPLE,))
-        self.emulation = Emulation(LimbTwin(), self, self._note, lambda: self.now)
-        self.run(0.2)
-
-    @property
-    def now(self):
-        return self.milliseconds / 1000
-
-    def _note(self, event, time, **duty):
-        if event == "duty":
-            self.duties.append((time, duty["left"], duty["right"]))
-
-    # The board's end of the cable.
-
-    def read(self):
-        data, self._to_board = self._to_board, b""
-        return data
-
-    def write(self, data):
-        self.sent += [values for _, values in self._parser.feed(data)]
-
-    # The host's.
-
-    def send(self, *frame):
-        self._to_board += protocol.encode(*frame)
-
-    def command(self, duty):
-        self._sequence += 1
-        ticks = [round(protocol.FULL_DUTY * d) for d in duty]
-        self.send(protocol.COMMAND, self._session, self._sequence, *ticks)
-
-    def arm(self):
-        self._session, self._sequence = self.sent[-1][2], 0
-        self.send(protocol.ARM, self._session)
-        self.run(0.06)
-        return self.sent[-1][3] == guard.ARMED
-
-    def clear(self):
-        self.send(protocol.CLEAR, self.sent[-1][2])
-        self.run(0.06)
-
-    def run(self, seconds, duty=None):
-        """Runs on, and commands a duty every 50 ms if there is one."""
-        for _ in range(round(1000 * seconds)):
-            self.milliseconds += 1
-            if duty is not None and self.milliseconds % 50 == 0:
-                self.command(duty)
-            self.emulation.step()
+    def __init__(self, twin=None, step=1):
+        super().__init__(twin, step=step)
+        self.run(SETTLING_TIME)
 
     def run_to_reading(self, duty):
         """Runs until the thermocouples were just read, as they are for every other sample."""
@@ -185,24 +135,9 @@ class SimulatedBoard:
             assert self.now - start <= limit, "still on"
         return self.now - start
 
-    @property
-    def duty(self):
-        """At the pins."""
-        return self.duties[-1][1:]
-
-    @property
-    def reason(self):
-        """For which the board says it is off."""
-        return self.sent[-1][4]
-
-    @property
-    def temperature(self):
-        """As the board sends it, °C."""
-        return [quarters / 4 for quarters in self.sent[-1][6:8]]
-
 
 @pytest.fixture
-def simulated_board():
+def board_in_simulated_time():
     random.seed(0)  # of damage and noise
     return SimulatedBoard()
 

@@ -17,7 +17,7 @@ import pytest
 from hardware import BoardLink, HardwareError, SerialLimb
 from limb_systems import simulate
 
-from .conftest import Heating, wait_for
+from .conftest import BOUNDS, Heating, wait_for
 
 HEARTBEAT = 0.3  # s
 SAMPLE = 0.13  # s: thermocouples are read every 100 ms, and the machine may be busy
@@ -95,11 +95,11 @@ def test_sensor_fault_latches_until_cleared(emulator, link, heating, record_prop
     assert off < SAMPLE
     assert "a thermocouple is open" in heating.failure()
     with pytest.raises(HardwareError, match=r"refuses to be armed.*Mend it"):
-        link.arm()
+        link.arm(BOUNDS)
     emulator.order("mend")
     time.sleep(0.3)
     with pytest.raises(HardwareError, match="refuses to be armed"):
-        link.arm()  # mended is not cleared
+        link.arm(BOUNDS)  # mended is not cleared
     link.clear()
     assert emulator.duty() == [0.0, 0.0]
     again = Heating(link, (0.0, 0.2))  # and now it heats again
@@ -122,7 +122,7 @@ def test_board_that_is_no_longer_heard_is_noticed_by_the_host(emulator, heating)
 
 @pytest.mark.parametrize("duty", [(0.0, 1.01), (-0.1, 0.0), (np.nan, 0.0), (0.0, np.inf)])
 def test_duty_out_of_range_is_not_sent(emulator, link, duty):
-    link.arm()
+    link.arm(BOUNDS)
     with pytest.raises(HardwareError, match="must be two numbers from 0 to 1"):
         link.command(np.array(duty))
     assert emulator.duty() == [0.0, 0.0]

@@ -15,7 +15,7 @@ from hardware.emulation.emulated_board import EmulatedBoard
 from hardware.firmware import guard, protocol, readings
 from limb_systems import BendSensor, LimbError, LimbParameters, TipTangentSensor
 
-from .conftest import wait_for
+from .conftest import BOUNDS, wait_for
 
 
 @pytest.fixture
@@ -154,7 +154,7 @@ def test_the_reason_for_which_a_board_is_off_is_told(board, reason):
             link.command([0.0, 0.5])
         if reason >= guard.LATCHING:
             with pytest.raises(HardwareError, match=f"refuses to be armed: {text}. Mend it"):
-                link.arm()
+                link.arm(BOUNDS)
         else:
             link.clear()  # nothing is latched: asks for nothing
     sent = protocol.Parser((protocol.ARM, protocol.CLEAR)).feed(os.read(board[0], 4096))

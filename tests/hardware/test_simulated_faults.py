@@ -54,10 +54,10 @@ def assert_stays_off(board, duty=HOT, seconds=0.5):
 
 
 @pytest.mark.parametrize("damage", ["corrupt", "drop", "duplicate", "reorder"])
-def test_bytes_that_are_damaged_now_and_then(simulated_board, damage):
+def test_bytes_that_are_damaged_now_and_then(board_in_simulated_time, damage):
     """1%: nothing but what was commanded gets to the wires, and the next command does."""
     commanded = [(0.0, 0.3), (0.11, 0.2), (0.25, 0.05)]
-    board = simulated_board
+    board = board_in_simulated_time
     assert board.arm()
     board.emulation.misbehave(f"{damage} 0.01")
     for duty in itertools.islice(itertools.cycle(commanded), 300):
@@ -103,8 +103,8 @@ def test_stream_of_random_bytes(longest):
         assert_stays_off(board)
 
 
-def test_stale_frames_do_not_heat_again(simulated_board):
-    board = simulated_board
+def test_stale_frames_do_not_heat_again(board_in_simulated_time):
+    board = board_in_simulated_time
     board.heat()
     board.time_to_off(HEARTBEAT, None)
     assert len(board.emulation._recorded) > 400  # everything that the host sent, arming included
@@ -169,8 +169,8 @@ def test_command_out_of_range_switches_off(longest):
         assert_stays_off(board)
 
 
-def test_mending_and_cooling_make_board_line_and_limb_as_new(simulated_board):
-    board = simulated_board
+def test_mending_and_cooling_make_board_line_and_limb_as_new(board_in_simulated_time):
+    board = board_in_simulated_time
     began = board.temperature
     board.heat()
     for fault in ("delay 0.4", "drop 1.0", "hot left", "open right", "freeze bend", "silence"):
