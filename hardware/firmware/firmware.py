@@ -14,6 +14,9 @@ A board is an object with
 
 from . import guard, protocol, readings
 
+# What reset the board at its last start, as it tells the firmware.
+POWER_ON, PIN_RESET, WATCHDOG_RESET, SOFT_RESET, LOCKUP_RESET, UNKNOWN_RESET = 0, 1, 2, 3, 4, 5
+
 FIRMWARE_VERSION = 2
 CHANNELS = 2  # wires, each with its thermocouple
 SAMPLE_PERIOD = 50  # ms
