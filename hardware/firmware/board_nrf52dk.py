@@ -55,8 +55,8 @@ _WATCHDOG_RELOAD = 0x40010600
 _RELOAD_KEY = 0x6E524635
 _WATCHDOG_MS = 200
 
-# The last word of the stack, just above the heap. MicroPython raises an exception when there
-# are some 400 bytes of stack left, and nothing clears it at a reset.
+# The lowest word of the stack, just above the heap: MicroPython raises an exception when some
+# 400 bytes of stack are left, and clears neither stack nor heap at a reset.
 _RAM = 0x2000E000
 _RAM_KEY = 0x5AC396  # in the upper 24 bits; after power-up they are random
 
@@ -109,7 +109,7 @@ class Board:
         """Sets `remembered` and `reset_cause`."""
         word = machine.mem32[_RAM]
         survived = word >> 8 == _RAM_KEY
-        # The register outlasts a soft reset, but no watchdog's; the RAM in practice does.
+        # The register outlasts a soft reset, but hardly a watchdog's; the RAM in practice does.
         self.remembered = machine.mem32[_RETAINED] or (word & 0xFF if survived else 0)
         self.remember(self.remembered)
         self.reset_cause = {
