@@ -1,37 +1,87 @@
-"""The nRF52-DK under MicroPython (board PCA10040, 1.24 or later): pins and peripherals.
+"""The nRF52-DK (PCA10040, nRF52832) under MicroPython 1.24 to 1.28: pins and peripherals.
 
-Pins are GPIO numbers; the README has them by their names on the board.
+Pins are GPIO numbers; the README has them by their names on the board, and says which facts
+of this MicroPython are worked around here. See `firmware` for what a board is.
 """
 
-import os
-import time
-
 import machine
-import micropython
 
 HEATERS = (11, 12)  # P0.11, P0.12: gates of the MOSFETs of left and right
-CHIP_SELECTS = (13, 14)  # P0.13, P0.14: MAX31855 of left and right
+CHIP_SELECTS = (3, 4)  # P0.03, P0.04: MAX31855 of left and right
+SUPPLY = 22  # P0.22: the charge pump that holds the relay in the wires' supply
 SCK, MOSI, MISO = 25, 23, 24  # P0.25, P0.23, P0.24; the amplifiers have no MOSI
 SCL, SDA = 27, 26  # P0.27, P0.26
 BEND_ADDRESS = 0x12
 PWM_FREQUENCY = 1000  # Hz
 
-# Registers of the nRF52832's watchdog (product specification, chapter 44), for which this
-# MicroPython has no class. It resets the board, and a board in reset heats nothing.
-_WATCHDOG = 0x40010000
-_START, _RELOAD_VALUE, _ENABLE, _CONFIG, _RELOAD = 0x000, 0x504, 0x508, 0x50C, 0x600
+_PWM_ENABLE = 0x4001C500  # of the device 0, which drives both gates
+
+
+def gates_low():
+    """Holds both gates low, also if the PWM has them, which goes on without the program."""
+    for pin in HEATERS:
+        machine.Pin(pin, machine.Pin.OUT, value=0)
+    machine.mem32[_PWM_ENABLE] = 0
+
+
+gates_low()  # before the other imports, which take a while on the board
+
+import os  # noqa: E402
+import time  # noqa: E402
+
+import micropython  # noqa: E402
+
+from .firmware import (  # noqa: E402
+    LOCKUP_RESET,
+    PIN_RESET,
+    POWER_ON,
+    SOFT_RESET,
+    UNKNOWN_RESET,
+    WATCHDOG_RESET,
+)
+
+_PERIOD = 1000000000 // PWM_FREQUENCY  # ns
+
+# Registers for which this MicroPython has no class (product specification of the nRF52832).
+# It reads them as signed numbers.
+_DEVICE_ID = (0x10000060, 0x10000064)
+_RESET_REASONS = 0x40000400
+_RETAINED = 0x40000520  # GPREGRET2: 8 bits; bootloaders like to use GPREGRET
+_WATCHDOG_START = 0x40010000
+_WATCHDOG_TICKS = 0x40010504  # of 32768 Hz, less one
+_WATCHDOG_ENABLE = 0x40010508
+_WATCHDOG_CONFIG = 0x4001050C
+_WATCHDOG_RELOAD = 0x40010600
 _RELOAD_KEY = 0x6E524635
 _WATCHDOG_MS = 200
+
+# The lowest word of the stack, just above the heap: MicroPython raises an exception when some
+# 400 bytes of stack are left, and clears neither stack nor heap at a reset.
+_RAM = 0x2000E000
+_RAM_KEY = 0x5AC396  # in the upper 24 bits; after power-up they are random
+
+_ROOM = 128  # bytes that wait to be sent: two of the longest frames
+_DRAIN_TIME = 2000  # us in one call; a byte takes 87
 
 
 class Board:
     """See `firmware` for what a board is."""
 
     def __init__(self):
+        machine.mem32[_WATCHDOG_TICKS] = _WATCHDOG_MS * 32768 // 1000 - 1
+        machine.mem32[_WATCHDOG_CONFIG] = 9  # goes on in sleep and while a debugger halts the CPU
+        machine.mem32[_WATCHDOG_ENABLE] = 1
+        machine.mem32[_WATCHDOG_START] = 1
+        self._recall()
+        self.serial_number = b"".join(
+            (machine.mem32[address] & 0xFFFFFFFF).to_bytes(4, "little") for address in _DEVICE_ID
+        )
+        self.random = int.from_bytes(os.urandom(2), "little")
+        self._supply = machine.Pin(SUPPLY, machine.Pin.OUT, value=0)
+        self._supply_level = 0
         micropython.kbd_intr(-1)  # 0x03 is a byte like any other from here on
-        self._heaters = [
-            machine.PWM(machine.Pin(pin), freq=PWM_FREQUENCY, duty_u16=0) for pin in HEATERS
-        ]
+        self._uart = os.dupterm(None)  # takes it from the prompt, which would get all bytes
+        self._outgoing = b""
         self._selects = [machine.Pin(pin, machine.Pin.OUT, value=1) for pin in CHIP_SELECTS]
         self._spi = machine.SPI(
             0,
@@ -40,21 +90,37 @@ class Board:
             mosi=machine.Pin(MOSI),
             miso=machine.Pin(MISO),
         )
-        self._i2c = machine.I2C(0, scl=machine.Pin(SCL), sda=machine.Pin(SDA))
-        self._uart = machine.UART(0, 115200)
+        # Not the I2C 0, which is one peripheral with the SPI 0.
+        self._i2c = machine.I2C(1, scl=machine.Pin(SCL), sda=machine.Pin(SDA))
         self._frame = bytearray(4)
+        # Without a device, a second PWM would write past the end of a table of this MicroPython.
+        self._heaters = [
+            machine.PWM(machine.Pin(pin), freq=PWM_FREQUENCY, duty_ns=0, device=0, channel=channel)
+            for channel, pin in enumerate(HEATERS)
+        ]
         self._now = 0
         self._ticks = time.ticks_ms()
-        self.serial_number = machine.unique_id()[:8]
-        self.random = int.from_bytes(os.urandom(2), "little")
         try:
             self._i2c.writeto(BEND_ADDRESS, b"\x00\x01\x00")  # run freely
         except OSError:
             pass  # its silence is noticed at the first sample
-        machine.mem32[_WATCHDOG + _RELOAD_VALUE] = _WATCHDOG_MS * 32768 // 1000
-        machine.mem32[_WATCHDOG + _CONFIG] = 1  # goes on in sleep
-        machine.mem32[_WATCHDOG + _ENABLE] = 1
-        machine.mem32[_WATCHDOG + _START] = 1
+
+    def _recall(self):
+        """Sets `remembered` and `reset_cause`."""
+        word = machine.mem32[_RAM]
+        survived = word >> 8 == _RAM_KEY
+        # The register outlasts a soft reset, but hardly a watchdog's; the RAM in practice does.
+        self.remembered = machine.mem32[_RETAINED] or (word & 0xFF if survived else 0)
+        self.remember(self.remembered)
+        self.reset_cause = {
+            machine.HARD_RESET: PIN_RESET,
+            machine.WDT_RESET: WATCHDOG_RESET,
+            machine.SOFT_RESET: SOFT_RESET,
+            machine.LOCKUP_RESET: LOCKUP_RESET,
+        }.get(machine.reset_cause(), UNKNOWN_RESET)
+        if self.reset_cause == PIN_RESET and not survived:
+            self.reset_cause = POWER_ON  # this MicroPython has one number for both
+        machine.mem32[_RESET_REASONS] = 0xFFFFFFFF  # it cleared one reason; others would stay
 
     def ticks(self):
         ticks = time.ticks_ms()
@@ -63,10 +129,26 @@ class Board:
         return self._now
 
     def receive(self):
-        return self._uart.read(self._uart.any()) or b"" if self._uart.any() else b""
+        self._drain()
+        count = self._uart.any()
+        return self._uart.read(count) if count else b""
 
     def send(self, data):
-        self._uart.write(data)
+        if len(self._outgoing) + len(data) <= _ROOM:
+            self._outgoing += data
+        self._drain()
+
+    def _drain(self):
+        """Sends what waits, byte by byte, as `write` waits for a computer that may not listen."""
+        begin = time.ticks_us()
+        sent = 0
+        while sent < len(self._outgoing):
+            if self._uart.txdone():
+                self._uart.writechar(self._outgoing[sent])
+                sent += 1
+            elif time.ticks_diff(time.ticks_us(), begin) > _DRAIN_TIME:
+                break
+        self._outgoing = self._outgoing[sent:]
 
     def read_thermocouple(self, wire):
         select = self._selects[wire]
@@ -82,7 +164,16 @@ class Board:
             return b""
 
     def set_duty(self, wire, duty):
-        self._heaters[wire].duty_u16(int(65535 * duty))
+        # In ns, as a full duty_u16 is one count short of full in MicroPython 1.24.
+        self._heaters[wire].duty_ns(int(_PERIOD * duty + 0.5))
+
+    def keep_supply(self):
+        self._supply_level ^= 1
+        self._supply.value(self._supply_level)
 
     def feed(self):
-        machine.mem32[_WATCHDOG + _RELOAD] = _RELOAD_KEY
+        machine.mem32[_WATCHDOG_RELOAD] = _RELOAD_KEY
+
+    def remember(self, reason):
+        machine.mem32[_RETAINED] = reason
+        machine.mem32[_RAM] = _RAM_KEY << 8 | reason

@@ -74,7 +74,7 @@ COLD = 3.0  # °C above the room: wires whose readings must agree
 TOLERANCE = 8.0  # °C, of that agreement
 STUCK_SAMPLES = 10  # equal to the last bit, which a working bend sensor never sends
 MOVED = 3 * 64  # 1/64 degrees, by which the tip must turn when the wires'
-PULL = 60.0  # °C of difference between right and left change
+PULL = 60.0  # °C, of difference between right and left, change
 _CHANNELS = (0, 1)
 
 
@@ -100,7 +100,7 @@ class Guard:
         self._offsets, self._rooms = [0.0, 0.0], [0.0, 0.0]
         self._hot = [0, 0]
         self._bend, self._alike = None, 0
-        self._tip, self._tip_before, self._pull_before = None, 0.0, 0.0
+        self._tip, self._tip_before, self._pulls = None, 0.0, (0.0, 0.0)  # since it moved
 
     def arm(self, challenge, bounds, total, now):
         """Arms the board if the host repeats the challenge, nothing is latched and sensors agree.
@@ -244,8 +244,9 @@ class Guard:
         self._tip += min(1.0, elapsed / AVERAGING_TIME) * (bend - self._tip)
         pull = self.observers[1].least - self.observers[0].least
         if abs(self._tip - self._tip_before) > MOVED:
-            self._tip_before, self._pull_before = self._tip, pull
-        elif abs(pull - self._pull_before) > PULL:
+            self._tip_before, self._pulls = self._tip, (pull, pull)
+        self._pulls = min(self._pulls[0], pull), max(self._pulls[1], pull)
+        if self._pulls[1] - self._pulls[0] > PULL:
             self.trip(BEND_STUCK, now)
 
     def _account(self, now):

@@ -1,8 +1,11 @@
 """The board runs this when it is switched on."""
 
-from firmware.board_nrf52dk import Board
+from firmware.board_nrf52dk import Board, gates_low
 from firmware.firmware import Firmware
 
-firmware = Firmware(Board())
-while True:
-    firmware.step()  # an exception ends the loop, and then the watchdog resets the board
+try:
+    firmware = Firmware(Board())
+    while True:
+        firmware.step()
+finally:
+    gates_low()  # an exception ends the loop, and then the watchdog resets the board

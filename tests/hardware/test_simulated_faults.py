@@ -126,7 +126,7 @@ def test_stale_frames_do_not_heat_again(board_in_simulated_time):
         ("open right", guard.THERMOCOUPLE_OPEN, 0.102),
         ("ground right", guard.THERMOCOUPLE_TO_GROUND, 0.102),
         ("supply left", guard.THERMOCOUPLE_TO_SUPPLY, 0.102),
-        ("hot right", guard.OVER_TEMPERATURE, 0.102),
+        ("hot right", guard.TEMPERATURE_JUMP, 0.102),
         ("silence", guard.BEND_SILENT, 0.052),
         ("freeze bend", guard.BEND_STUCK, 0.552),  # ten samples alike
         ("freeze right", guard.NOT_WARMING, 1.6),  # 1 s of full duty beyond the holding duty of 0.3
@@ -151,15 +151,17 @@ def test_sensor_faults_latch_until_cleared(longest, fault, reason, limit):
 
 
 def test_board_that_resets(longest):
-    for board in longest(order("reset"), 0.001):
-        assert_stays_off(board)
-        assert board.reason == guard.POWER_UP
+    for cause, reason in (("reset", guard.RESET), ("restart", guard.POWER_UP)):
+        for board in longest(order(cause), 0.001):
+            assert_stays_off(board)
+            assert board.reason == reason
 
 
 def test_board_that_hangs_is_reset_by_its_watchdog(longest):
     for board in longest(order("stall 5.0"), 0.202, moments=[1, 30]):
-        assert_stays_off(board)
-        assert board.reason == guard.POWER_UP
+        assert_stays_off(board, seconds=6.0)
+        assert board.reason == guard.RESTARTED
+        assert not board.arm()
 
 
 def test_command_out_of_range_switches_off(longest):
@@ -176,7 +178,7 @@ def test_mending_and_cooling_make_board_line_and_limb_as_new(board_in_simulated_
     for fault in ("delay 0.4", "drop 1.0", "hot left", "open right", "freeze bend", "silence"):
         board.emulation.misbehave(fault)
     board.run(1.0)
-    for mending in ("mend", "cool", "reset"):
+    for mending in ("mend", "cool", "restart"):
         board.emulation.misbehave(mending)
     board.run(1.0)
     assert board.temperature == pytest.approx(began, abs=1.0)
