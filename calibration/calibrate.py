@@ -19,6 +19,7 @@ from calibration.heat import (
     fit_heat_transfer,
     fit_heat_transfer_from_temperature,
 )
+from calibration.heat_bounds import fit_heat_bounds
 from calibration.kinds import heated_kinds, kinds_of, only_segment
 from calibration.remarks import Remark, remarks_on_validation, verdict
 from calibration.stiffness import StiffnessFit, fit_stiffness
@@ -200,6 +201,9 @@ def calibrate(
 
     num_steps = 2 + 2 * len(heated)
     with Progress("calibrating", num_steps, "steps") as progress:
+        every = [recording for kind in heated_kinds(described) for recording in recordings.get(kind, [])]
+        for wire, bounds in zip(segment.wires, fit_heat_bounds(every, described), strict=True):
+            wire.heat_bounds = bounds
         ambient = ambient_temperature(heated.values())
         limb.ambient_temperature = ambient.value
         progress.update(0, "stiffness")

@@ -34,9 +34,7 @@ class SimulatedBoard:
         self.duties: list[tuple[float, float, float]] = []
         self.sent: list[tuple] = []
         self._to_board, self._sequence, self._session = b"", 0, 0
-        described = parameters or twin.parameters
-        self._bounds = [dataclasses.astuple(bounds) for bounds in described.heat_bounds]
-        self._total = described.total_duty
+        self.use(parameters or twin.parameters)
         self._parser = protocol.Parser((protocol.SAMPLE,))
         self.emulation = Emulation(twin, self, self._note, lambda: self.now)
 
@@ -76,6 +74,11 @@ class SimulatedBoard:
         heard = self.sent[-1][1]
         for _ in (1, 2):  # as `BoardLink` does
             self.send(protocol.COMMAND, self._session, self._sequence, heard, *ticks)
+
+    def use(self, parameters: LimbParameters) -> None:
+        """Arms the board with other parameters from now on."""
+        self._bounds = [dataclasses.astuple(bounds) for bounds in parameters.heat_bounds]
+        self._total = parameters.total_duty
 
     def arm(self) -> bool:
         """Arms the board; whether it let itself be armed."""

@@ -63,9 +63,12 @@ HEARTBEAT = 250  # ms, for which a duty holds, and the age of a sample that is a
 LONGEST_HOLD = 290  # ms, for which a duty holds after the sample that its command answered
 SETTLING_SAMPLES = 10  # before it can be armed: its clock runs, and noise is averaged
 TEMPERATURE_LIMIT = 110.0  # °C, measured
-TAPER = 5.0  # °C below that limit, over which the duty is reduced to zero
-HOT_SAMPLES = 4  # above the limit: two readings, so that noise alone does not do it
-HIGHEST = 125.0  # °C, the most that a wire may have by the heat that it was given
+OVERSHOOT = 10.0  # °C above that limit, of a wire whose thermocouple lags behind
+LEAD = 2.5  # AVERAGING_TIMEs, by which average and thermocouple do
+WARMEST = 106.0  # °C, of a wire, at which there is no duty
+TAPER = 5.0  # °C below that, over which the duty is reduced
+HOT_SAMPLES = 4  # above that limit: two readings, so that noise alone does not do it
+HIGHEST = 127.0  # °C, the most that a wire may have by the heat that it was given
 LARGEST_JUMP = 10.0  # °C from one reading to the next
 SHORTFALL = 3.0  # °C, of a reading below the least that its wire's heat explains
 EXCESS = 15.0  # °C, of a reading above the most
@@ -96,7 +99,7 @@ class Guard:
         self._given, self._since = [0.0, 0.0], now  # duty times ms since the last sample
         self._heard, self._answered, self._late = now, now, False
         self._samples, self._sampled = 0, now
-        self._temperatures = self._averages = self._junctions = None
+        self._temperatures = self._averages = self._trends = self._junctions = None
         self._offsets, self._rooms = [0.0, 0.0], [0.0, 0.0]
         self._hot = [0, 0]
         self._bend, self._alike = None, 0
@@ -188,9 +191,11 @@ class Guard:
         """Averages over noise, and learns what thermocouples read in the room."""
         if not self._samples:
             self._averages, self._junctions = list(temperatures), list(junctions)
+            self._trends = list(temperatures)
         share = min(1.0, elapsed / AVERAGING_TIME)
         for wire in _CHANNELS:
             self._averages[wire] += share * (temperatures[wire] - self._averages[wire])
+            self._trends[wire] += share * (self._averages[wire] - self._trends[wire])
             self._junctions[wire] += share * (junctions[wire] - self._junctions[wire])
         self._amplifiers = (self._junctions[0] + self._junctions[1]) / 2
         for wire in _CHANNELS:
@@ -225,9 +230,13 @@ class Guard:
             observer.advance(self._given[wire] / elapsed, elapsed / 1000, temperature - room)
         if observer.shortfall > SHORTFALL:
             self.trip(NOT_WARMING, now)
-        if observer.excess > EXCESS + CROSSTALK * self.observers[1 - wire].most:
+        rise = LEAD * max(0.0, self._averages[wire] - self._trends[wire])
+        ahead = self._averages[wire] + rise  # of its thermocouple, as the wire is
+        if ahead > TEMPERATURE_LIMIT + OVERSHOOT:
+            self.trip(OVER_TEMPERATURE, now)
+        if ahead - room > observer.most + EXCESS + CROSSTALK * self.observers[1 - wire].most:
             self.trip(TOO_WARM, now)
-        tapered = (TEMPERATURE_LIMIT - self._averages[wire]) / TAPER
+        tapered = (WARMEST - ahead) / TAPER
         highest = HIGHEST - max(room, self._amplifiers)  # if in doubt, the room is warm
         self._allowed[wire] = max(0.0, min(tapered, observer.allowed_duty(highest)))
 

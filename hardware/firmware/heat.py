@@ -14,7 +14,7 @@ NOMINAL = (0.042, 0.095, 17.0, 23.0, 0.5)
 SILICONE_SHARE = 0.35
 SILICONE_RATE = 0.02  # 1/s
 
-AVERAGING_TIME = 1.0  # s, over which what is compared with a reading is averaged
+AVERAGING_TIME = 1.0  # s, over which a difference from readings is averaged
 LONGEST_STEP = 0.1  # s, of Euler's method
 APPROACH_TIME = 0.5  # s, within which a wire may reach the highest temperature
 
@@ -31,17 +31,17 @@ class WireObserver:
     """What the duty of a wire says about its temperature, whatever its thermocouple reads.
 
     - ``least``: the wire is at least as warm, if all of its heat arrives.
+    - ``least_reading``: its thermocouple then reads at least as much.
     - ``most``: it is at most as warm.
     - ``shortfall``: how far the reading is below what it must be at least, averaged.
-    - ``excess``: how far it is above the most that the wire can have, averaged.
     """
 
     def __init__(self, most):
         """most: that the wire can have at the start."""
         self.bounds = NOMINAL
-        self.least = self._reading = 0.0
+        self.least = self.least_reading = 0.0
         self.most, self._silicone = most, SILICONE_SHARE * most
-        self.shortfall, self.excess = 0.0, -most
+        self.shortfall = 0.0
 
     def advance(self, duty, interval, reading):
         """duty: mean since the last call; interval: s since then; reading: °C above the room."""
@@ -52,13 +52,12 @@ class WireObserver:
     def _step(self, duty, interval, reading):
         a1_slow, a1_fast, a2_least, a2_most, a3_slow = self.bounds
         least, most, silicone = self.least, self.most, self._silicone
-        self._reading += interval * a3_slow * (least - self._reading)
+        self.least_reading += interval * a3_slow * (least - self.least_reading)
         self.least += interval * (a2_least * duty - a1_fast * least)
         self.most += interval * (a2_most * duty - a1_slow * (most - silicone))
         self._silicone += interval * SILICONE_RATE * (SILICONE_SHARE * most - silicone)
-        share = interval / AVERAGING_TIME
-        self.shortfall += share * (self._reading - reading - self.shortfall)
-        self.excess += share * (reading - self.most - self.excess)
+        below = self.least_reading - reading
+        self.shortfall += interval / AVERAGING_TIME * (below - self.shortfall)
 
     def allowed_duty(self, highest):
         """The duty, in [0, 1], at which the wire cannot get above ``highest``."""

@@ -359,7 +359,7 @@ def test_duty_is_reduced_before_a_wire_may_be_too_hot():
     assert 0.05 < host.board.duty[1] < 0.3
     sample = host.last_sample()
     assert close(sample[10] / protocol.FULL_DUTY, host.board.duty[1], 1e-4)  # and the host is told
-    assert sample[12] == 125
+    assert sample[12] == 127
 
 
 def test_both_wires_share_the_power():

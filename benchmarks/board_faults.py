@@ -1,0 +1,277 @@
+"""The board's fault table on many emulated limbs, and false alarms in ordinary use.
+
+Everything is in simulated time: the firmware's own files, an emulated board and
+limb, and a host that goes on commanding whatever happens. It is an emulation,
+not a measurement of wires.
+
+    python benchmarks/board_faults.py faults [--limbs 50] [--jobs 2]
+    python benchmarks/board_faults.py ordinary [--limbs 50] [--jobs 2]
+
+``faults`` prints for each fault and duty the share of runs in which a wire got
+above 130 °C, the hottest, and the time until the board was off; for a fault
+that it bears, the duty goes on. The fault is there from the beginning, or comes
+while the wire is hot. Half of the runs are with three times the noise of the
+emulated thermocouples.
+
+``ordinary`` collects, calibrates, plans, replays and teaches on each limb, once
+with that noise and once with three times it, and counts what switched off.
+"""
+
+import argparse
+import itertools
+import multiprocessing
+import random
+import sys
+import time
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from calibration import calibrate, collect_equilibria
+from hardware import LimbTwin
+from hardware.emulation.sensors import THERMOCOUPLE_NOISE
+from hardware.emulation.simulated_board import SimulatedBoard
+from hardware.firmware import guard
+from limb_systems import LimbParameters, bend_angle_from_tip_tangent
+from planners import plan, references
+
+STEP = 10  # ms, between two passes of the firmware's loop
+DUTIES = (0.1, 0.3, 0.5, 1.0)
+NOISES = (1, 3)  # times that of the emulated thermocouples
+HOTTEST = 130.0  # °C, true, that no wire should pass
+WARM_TIME = 20.0  # s of the duty before a fault comes
+LONGEST = 90.0  # s with the fault
+SIDES = ("left", "right")
+FROM_BEGINNING, WHEN_HOT = "from the beginning", "when hot"
+
+# Orders of `Emulation.misbehave`, where {side} is the heated wire's.
+FAULTS = {
+    "thermocouple has come off": ["detach {side}"],
+    "thermocouple reversed": ["reverse {side}"],
+    "thermocouple reads 30% of the rise": ["share {side} 0.3"],
+    "thermocouple reads 60% of the rise": ["share {side} 0.6"],
+    "thermocouple reads 19 °C too little": ["offset {side} -19"],
+    "thermocouple drifts by -0.5 °C/s": ["drift {side} -0.5"],
+    "thermocouple frozen": ["freeze {side}"],
+    "thermocouple open": ["open {side}"],
+    "half of the heat arrives": ["weaken 0.5"],
+    "no heat arrives": ["weaken 0"],
+    "MOSFET shorted": ["short {side}"],
+    "bend sensor stuck, with noise": ["stick bend"],
+    "bend sensor frozen": ["freeze bend"],
+    "clock stands still": ["stop clock"],
+    "no fault, both wires hot": [],
+}
+
+
+def prepare(board: SimulatedBoard, noise: int) -> None:
+    """Adds noise to the thermocouples, and waits until the board can be armed."""
+    for side in SIDES:
+        extra = THERMOCOUPLE_NOISE * np.sqrt(noise**2 - 1)
+        board.emulation.misbehave(f"jitter {side} {extra}")
+    board.run(1.0)
+
+
+def run_fault(job: tuple[str, str, float, int, int]) -> dict:
+    """One run; what became of it."""
+    fault, when, duty, noise, seed = job
+    random.seed(repr(job))
+    wire = seed % 2
+    board = SimulatedBoard(LimbTwin(seed=seed), step=STEP)
+    orders = [order.format(side=SIDES[wire]) for order in FAULTS[fault]]
+    duties = [duty, duty] if not orders else [duty * (wire == side) for side in (0, 1)]
+    if when == FROM_BEGINNING:
+        for order in orders:
+            board.emulation.misbehave(order)
+    prepare(board, noise)
+    hottest = -np.inf
+    armed = board.arm()
+    if armed and when == WHEN_HOT:
+        for _ in range(round(WARM_TIME)):
+            board.run(1.0, duties)
+        for order in orders:
+            board.emulation.misbehave(order)
+    start, off = board.now, None
+    while armed and board.now < start + LONGEST:
+        board.run(0.05, duties)
+        hottest = max(hottest, board.emulation.board.wire_temperature().max())
+        if board.duty == (0.0, 0.0) and board.emulation.firmware.guard.state == guard.DISARMED:
+            off = board.duties[-1][0] - start
+            break
+    for _ in range(100 if off is not None else 0):  # it may go on to warm
+        board.run(0.05, duties)
+        hottest = max(hottest, board.emulation.board.wire_temperature().max())
+    return {
+        "job": job,
+        "hottest": hottest,
+        "off": off if armed else 0.0,
+        "armed": armed,
+        "reason": board.emulation.firmware.guard.reason,
+    }
+
+
+def print_faults(results: list[dict]) -> None:
+    print("fault                                 when                duty  hotter  hottest", end="")
+    print("   off after: median  largest  never  why")
+    for fault, when, duty in itertools.product(FAULTS, (FROM_BEGINNING, WHEN_HOT), DUTIES):
+        runs = [r for r in results if r["job"][:3] == (fault, when, duty)]
+        if not runs:
+            continue
+        times = [r["off"] for r in runs if r["off"] is not None]
+        hot = [r["hottest"] for r in runs if r["armed"]]
+        reasons = sorted({r["reason"] for r in runs} - {guard.NONE})
+        print(
+            f"{fault:<38}{when:<20}{duty:<4}{np.mean([h > HOTTEST for h in hot] or [0]):>8.0%}"
+            f"{max(hot, default=np.nan):>8.1f}"
+            f"{np.median(times) if times else np.nan:>20.2f}{max(times, default=np.nan):>9.2f}"
+            f"{len(runs) - len(times):>7}  {', '.join(map(str, reasons))}"
+        )
+
+
+class SimulatedRobot(LeafSystem):
+    """A `SimulatedBoard` with the ports of `Limb`, armed, as a limb of a diagram."""
+
+    __slots__ = ()
+    real_time, accuracy = False, 1e-2
+    PERIOD = 0.05  # s
+
+    def __init__(self, board: SimulatedBoard, parameters: LimbParameters):
+        super().__init__()
+        self.board, self.parameters, self.source = board, parameters, "emulated limb on its board"
+        self.reduced = 0.0
+        self.DeclareVectorInputPort("duty", 2)
+        state = self.DeclareDiscreteState(5)
+        self.DeclareInitializationDiscreteUpdateEvent(self._read)
+        self.DeclarePeriodicDiscreteUpdateEvent(self.PERIOD, 0.0, self._update)
+        for name, part in (
+            ("measured_temperature", slice(0, 2)),
+            ("bend_angle", slice(2, 3)),
+            ("applied_duty", slice(3, 5)),
+        ):
+            self.DeclareVectorOutputPort(
+                name,
+                part.stop - part.start,
+                lambda context, output, part=part: output.SetFromVector(
+                    context.get_discrete_state_vector().value()[part]
+                ),
+                {self.discrete_state_ticket(state)},
+            )
+
+    def _update(self, context, state):
+        duty = np.clip(self.get_input_port().Eval(context), 0.0, 1.0)
+        self.board.run(self.PERIOD, duty)
+        self.reduced += self.PERIOD * bool(np.sum(self.board.duty) < np.sum(duty) - 0.02)
+        self._read(context, state)
+
+    def _read(self, context, state):
+        sample = self.board.sent[-1]
+        bend = bend_angle_from_tip_tangent(np.deg2rad(sample[8] / 64))
+        duty = [ticks / 10000 for ticks in sample[9:11]]
+        state.set_value([*self.board.temperature, bend, *duty])
+
+
+def run_ordinary(job: tuple[int, int]) -> dict:
+    """A limb from its first collection to its plans, on one board; what switched off."""
+    seed, noise = job
+    random.seed(repr(job))
+    twin = LimbTwin(seed=seed)
+    parameters = twin.parameters
+    board = SimulatedBoard(twin, step=STEP)
+    prepare(board, noise)
+    alarms: list[str] = []
+    heated, reduced, hottest = 0.0, {"collect": 0.0, "plan": 0.0}, 0.0
+
+    def drive(what, run, parameters):
+        nonlocal heated, hottest
+        if not board.arm():
+            alarms.append(f"{what}: not armed: {guard.TEXTS[board.reason]}")
+            return None
+        robot, start = SimulatedRobot(board, parameters), board.now
+        result = run(robot)
+        heated += board.now - start
+        reduced[what] += robot.reduced
+        hottest = max(hottest, board.emulation.board.wire_temperature().max())
+        if board.sent[-1][3] != guard.ARMED:
+            alarms.append(f"{what}: {guard.TEXTS[board.reason]}")
+            board.clear()
+        return result
+
+    recordings = {}
+    for number, kind in enumerate(("left", "right", "both")):
+        recordings[kind] = [
+            drive(
+                "collect",
+                lambda robot, kind=kind, number=number: collect_equilibria(
+                    robot, kind, seed=number
+                ),
+                parameters,
+            )
+        ]
+        board.run(240.0)
+    if None in (group[0] for group in recordings.values()):
+        return {"job": job, "hours": board.now / 3600, "alarms": alarms, "reduced": reduced,
+                "heated": heated, "hottest": hottest}  # fmt: skip
+    calibrated = calibrate(recordings).parameters
+    board.use(calibrated)
+    slow = references.from_samples([0.0, 15.0, 30.0, 60.0], np.deg2rad([0.0, 12.0, -12.0, 5.0]))
+    for reference in 2 * [references.step_and_decaying_sine(), slow]:
+        trajectory = plan(calibrated, reference)
+        from limb_systems import simulate
+
+        drive("plan", lambda robot, t=trajectory: simulate(robot, t.duty_trajectory(), t.duration),
+              calibrated)  # fmt: skip
+        board.run(180.0)
+    board.run(300.0)  # teaching: by hand, with the wires off
+    if board.sent[-1][4] >= guard.LATCHING:
+        alarms.append(f"teach: {guard.TEXTS[board.reason]}")
+    return {"job": job, "hours": board.now / 3600, "alarms": alarms, "reduced": reduced,
+            "heated": heated, "hottest": hottest}  # fmt: skip
+
+
+def print_ordinary(results: list[dict]) -> None:
+    hours = sum(r["hours"] for r in results)
+    heated = sum(r["heated"] for r in results) / 3600
+    alarms = [(r["job"], alarm) for r in results for alarm in r["alarms"]]
+    print(f"{hours:.1f} h on {len({r['job'][0] for r in results})} limbs, {heated:.1f} h armed")
+    print(f"false alarms: {len(alarms)}")
+    for job, alarm in alarms:
+        print(f"  limb {job[0]}, noise x {job[1]}: {alarm}")
+    for what in ("collect", "plan"):
+        times = [r["reduced"][what] for r in results]
+        print(f"duty reduced in {what}: {np.mean(times):.1f} s a limb, at most {max(times):.1f} s")
+    print(f"hottest wire at the end of a run: {max(r['hottest'] for r in results):.1f} °C")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("what", choices=("faults", "ordinary"))
+    parser.add_argument("--limbs", type=int, default=50)
+    parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--fault", help="only faults whose name contains this")
+    options = parser.parse_args()
+    start = time.perf_counter()
+    jobs: list[tuple]
+    if options.what == "faults":
+        run, show = run_fault, print_faults
+        faults = [f for f in FAULTS if (options.fault or "") in f]
+        jobs = [
+            (*job, seed)
+            for seed in range(options.limbs)
+            for job in itertools.product(faults, (FROM_BEGINNING, WHEN_HOT), DUTIES, NOISES)
+            if FAULTS[job[0]] or job[1] == FROM_BEGINNING
+        ]
+    else:
+        run, show = run_ordinary, print_ordinary
+        jobs = list(itertools.product(range(options.limbs), NOISES))
+    results = []
+    with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
+        for number, result in enumerate(pool.imap_unordered(run, jobs), 1):
+            results.append(result)
+            print(f"\r{number} of {len(jobs)} runs", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    show(results)
+    print(f"{time.perf_counter() - start:.0f} s")
+
+
+if __name__ == "__main__":
+    main()
