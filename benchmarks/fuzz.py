@@ -29,12 +29,14 @@ def valid_frame(rng: random.Random) -> bytes:
     kind = rng.choice(("command", "arm", "sample"))
     if kind == "command":
         ticks = (rng.randrange(10001), rng.randrange(10001))
-        return protocol.encode(protocol.COMMAND, word(), rng.getrandbits(32), *ticks)
+        numbers = rng.getrandbits(32), rng.getrandbits(32)
+        return protocol.encode(protocol.COMMAND, word(), *numbers, *ticks)
     if kind == "arm":
-        return protocol.encode(protocol.ARM, word())
+        return protocol.encode(protocol.ARM, *[word() for _ in range(12)])
     numbers = [rng.randrange(-2000, 2000) for _ in range(3)]
     return protocol.encode(
-        protocol.SAMPLE, word(), rng.getrandbits(32), word(), 1, 0, word(), *numbers, 5000, 0
+        protocol.SAMPLE,
+        *(word(), rng.getrandbits(32), word(), 1, 0, word(), *numbers, 5000, 0, 40, 25),
     )
 
 

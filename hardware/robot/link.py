@@ -337,11 +337,16 @@ class BoardLink:
         self._check()
         if found := answer():
             return found
-        if self.parser.other_version is not None:
+        if (other := self.parser.other_version) is not None:
+            older = other < protocol.VERSION
             raise HardwareError(
-                f"The board on {self.port} speaks version {self.parser.other_version} of the "
-                f"protocol, but this program version {protocol.VERSION}; flash the board with the "
-                "firmware that came with this program."
+                f"The board on {self.port} speaks version {other} of the protocol, but this "
+                f"program {'' if older else 'only '}version {protocol.VERSION}; "
+                + (
+                    "flash the board with the firmware that came with this program."
+                    if older
+                    else "use a newer version of this program."
+                )
             )
         raise HardwareError(f"The board on {self.port} does not answer {what}.")
 

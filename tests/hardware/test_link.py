@@ -1,6 +1,7 @@
 """Boards that are none, are others' or are hung, as the host's end of the cable tells."""
 
 import dataclasses
+import itertools
 import os
 import threading
 import time
@@ -11,9 +12,11 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from hardware import BoardLink, HardwareError, LimbTwin, SerialLimb
+from hardware.__main__ import main
 from hardware.emulation.emulated_board import EmulatedBoard
 from hardware.firmware import guard, protocol, readings
 from limb_systems import BendSensor, LimbError, LimbParameters, TipTangentSensor
+from limb_systems.model.heat_bounds import HeatBounds
 
 from .conftest import BOUNDS, wait_for
 
@@ -29,7 +32,7 @@ def board():
 
 
 def greeting(version, channels=2):
-    return protocol.encode(protocol.INFO, version, 20, 440, b"mine0001", channels)
+    return protocol.encode(protocol.INFO, version, 20, 440, b"mine0001", channels, 0)
 
 
 def test_a_port_without_a_board_is_named(board):
@@ -43,7 +46,7 @@ def test_a_port_without_a_board_is_named(board):
 def test_a_board_with_other_firmware_is_refused(board):
     with BoardLink(board[1]) as link:
         os.write(board[0], greeting(7))
-        with pytest.raises(HardwareError, match="has firmware 7; this program needs 2"):
+        with pytest.raises(HardwareError, match="has firmware 7; this program needs 3"):
             link.info()
 
 
@@ -55,9 +58,28 @@ def test_a_board_with_another_protocol_is_refused(board, monkeypatch):
         os.write(board[0], frame)
         with pytest.raises(
             HardwareError,
-            match="speaks version 1 of the protocol, but this program version 2; flash",
+            match="speaks version 1 of the protocol, but this program version 3; flash",
         ):
             link.info()
+
+
+def test_a_newer_board_is_told_from_an_older_one(board, monkeypatch):
+    with monkeypatch.context() as other:
+        other.setattr(protocol, "VERSION", protocol.VERSION + 1)
+        frame = greeting(9)
+    with BoardLink(board[1]) as link:
+        os.write(board[0], frame)
+        with pytest.raises(HardwareError, match="only version 3; use a newer version of this"):
+            link.info()
+
+
+def test_an_older_host_notices_this_board(monkeypatch):
+    """Its parser tells the board's version, as all versions do."""
+    frame = sample(1, guard.DISARMED, guard.NONE)
+    monkeypatch.setattr(protocol, "VERSION", 2)
+    parser = protocol.Parser((protocol.SAMPLE,))
+    assert parser.feed(frame) == []
+    assert parser.other_version == 3
 
 
 def test_a_board_of_the_first_version_is_told_from_noise(board):
@@ -71,16 +93,18 @@ def test_a_board_of_the_first_version_is_told_from_noise(board):
 
 def test_a_board_with_other_channels_is_refused(board):
     with BoardLink(board[1]) as link:
-        os.write(board[0], greeting(2, channels=4))
+        os.write(board[0], greeting(3, channels=4))
         assert link.info().channels == 4
-    threading.Timer(0.3, os.write, (board[0], greeting(2, channels=4))).start()
+    threading.Timer(0.3, os.write, (board[0], greeting(3, channels=4))).start()
     with pytest.raises(LimbError, match=r"has 2 wires, but the board on .* has 4 channels"):
         SerialLimb(board[1])
 
 
-def sample(number, state, reason, bend=0):
+def sample(number, state, reason, bend=0, acknowledged=0, time_ms=None):
+    time_ms = 50 * number if time_ms is None else time_ms
+    readings = 100, 100, bend, 0, 0, 25, 25
     return protocol.encode(
-        protocol.SAMPLE, number, 50 * number, 4711, state, reason, 0, 100, 100, bend, 0, 0
+        protocol.SAMPLE, number, time_ms, 4711, state, reason, acknowledged, *readings
     )
 
 
@@ -104,11 +128,11 @@ def limb_with(sensor) -> LimbParameters:
 @pytest.mark.parametrize(("sensor", "degrees"), [(TipTangentSensor(), 15.0), (ChordSensor(), 30.0)])
 def test_the_segment_tells_what_a_reading_means(board, sensor, degrees):
     """The board reads 30°, in 1/64 of them."""
-    stop = threading.Event()
+    stop, numbers = threading.Event(), itertools.count(1)
 
     def send():
         while not stop.wait(0.02):
-            os.write(board[0], greeting(2) + sample(1, guard.DISARMED, 0, bend=64 * 30))
+            os.write(board[0], greeting(3) + sample(next(numbers), guard.DISARMED, 0, bend=64 * 30))
 
     thread = threading.Thread(target=send)
     thread.start()
@@ -159,6 +183,128 @@ def test_the_reason_for_which_a_board_is_off_is_told(board, reason):
             link.clear()  # nothing is latched: asks for nothing
     sent = protocol.Parser((protocol.ARM, protocol.CLEAR)).feed(os.read(board[0], 4096))
     assert sent == []
+
+
+def test_a_reason_that_is_not_known_is_a_sentence(board, capsys):
+    stop, numbers = threading.Event(), itertools.count(1)
+
+    def send():
+        while not stop.wait(0.02):
+            os.write(board[0], greeting(3) + sample(next(numbers), guard.DISARMED, 77))
+
+    thread = threading.Thread(target=send)
+    thread.start()
+    try:
+        assert main(["status", board[1]]) == 0
+    finally:
+        stop.set()
+        thread.join()
+    assert "off: for a reason that this program does not know, 77" in capsys.readouterr().out
+
+
+class Talking:
+    """A board that sends armed samples each 50 ms, made by a function of their number."""
+
+    def __init__(self, end, make):
+        self._stop, self._end, self._make = threading.Event(), end, make
+        self._thread = threading.Thread(target=self._send)
+
+    def __enter__(self):
+        self._thread.start()
+
+    def __exit__(self, *_):
+        self._stop.set()
+        self._thread.join()
+
+    def _send(self):
+        for number in itertools.count(1):
+            os.write(self._end, self._make(number))
+            if self._stop.wait(0.05):
+                return
+
+
+def keep_commanding(link, seconds=1.5):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        link.command([0.0, 0.5])
+        time.sleep(0.05)
+
+
+def test_a_sample_that_repeats_is_not_new(board):
+    same = sample(7, guard.ARMED, guard.NONE, acknowledged=100)
+    with (
+        BoardLink(board[1]) as link,
+        Talking(board[0], lambda _: same),
+        pytest.raises(HardwareError, match="Nothing new came from the board"),
+    ):
+        keep_commanding(link)
+
+
+def test_old_samples_in_turn_are_not_new(board):
+    def make(number):
+        return sample(7 + number % 2, guard.ARMED, guard.NONE, acknowledged=100)
+
+    with (
+        BoardLink(board[1]) as link,
+        Talking(board[0], make),
+        pytest.raises(HardwareError, match="time of the board on .* went back"),
+    ):
+        keep_commanding(link)
+
+
+def test_samples_that_come_later_and_later_are_noticed(board):
+    """Behind a buffer that grows: half of a second for each second."""
+
+    def make(number):
+        return sample(number, guard.ARMED, guard.NONE, acknowledged=number, time_ms=25 * number)
+
+    with (
+        BoardLink(board[1]) as link,
+        Talking(board[0], make),
+        pytest.raises(HardwareError, match=r"come 0\.\d+ s late; is this computer or the conn"),
+    ):
+        keep_commanding(link)
+
+
+def test_commands_that_do_not_arrive_are_noticed(board):
+    with (
+        BoardLink(board[1]) as link,
+        Talking(board[0], lambda number: sample(number, guard.ARMED, guard.NONE)),
+        pytest.raises(HardwareError, match=r"did not get a command within 0\.\d+ s; commands arrive"),
+    ):
+        keep_commanding(link)
+
+
+def test_commands_that_are_answered_go_on(board):
+    with (
+        BoardLink(board[1]) as link,
+        Talking(board[0], lambda n: 2 * sample(n, guard.ARMED, guard.NONE, acknowledged=n)),
+    ):
+        keep_commanding(link, 0.6)
+        assert link.lost_samples == 0  # those that are doubled are not lost
+
+
+def test_a_board_that_another_program_has_armed_is_left_to_it(board):
+    with (
+        BoardLink(board[1]) as link,
+        Talking(board[0], lambda number: sample(number, guard.ARMED, guard.NONE)),
+        pytest.raises(HardwareError, match="is in use by another program"),
+    ):
+        link.arm(BOUNDS)
+
+
+def test_the_bounds_of_a_limb_are_in_the_frame_that_arms(board):
+    limb = LimbParameters()
+    limb.total_duty = 0.7
+    limb.wires[1].heat_bounds = HeatBounds(0.05, 0.08, 18.0, 21.5, 0.75)
+    with BoardLink(board[1]) as link, Talking(board[0], lambda n: sample(n, guard.DISARMED, 0)):
+        with pytest.raises(HardwareError, match="does not let itself be armed: all is well"):
+            link.arm(limb.heat_bounds, limb.total_duty)
+    frames = protocol.Parser((protocol.ARM,)).feed(os.read(board[0], 65536))
+    challenge, bounds, total = protocol.read_arm_values(frames[0][1])
+    assert (challenge, total) == (4711, 0.7)
+    np.testing.assert_allclose(bounds[0], (0.042, 0.095, 17.0, 23.0, 0.5))
+    np.testing.assert_allclose(bounds[1], (0.05, 0.08, 18.0, 21.5, 0.75))
 
 
 def test_a_board_that_takes_no_data_is_hung(board, monkeypatch):
