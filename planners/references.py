@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, Recording
+from limb_systems.input import LARGEST_TABLE, read_text
 
 
 def from_samples(times: ArrayLike, bend_angles: ArrayLike) -> PiecewisePolynomial:
@@ -86,16 +87,11 @@ def load(path: str | Path) -> PiecewisePolynomial:
     Raises:
         LimbError: if the file cannot be read as a reference.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise LimbError(f"Cannot read the reference: {error}.") from error
-    except UnicodeDecodeError as error:
-        raise LimbError(f"{path}: this is not a text file.") from error
+    text = read_text(path, "reference", LimbError, LARGEST_TABLE)
     if foreign := _foreign(text):
         raise LimbError(f"{path} {foreign}.")
     try:
-        table = _parse(text)
+        table = _table(text)
         reference = from_samples(table[:, 0], np.deg2rad(table[:, 1:].T))
     except LimbError as error:
         raise LimbError(f"{path}: {error}") from error
@@ -113,6 +109,13 @@ def _foreign(text: str) -> str | None:
     if re.search(r"^segments:", text, re.MULTILINE):
         return "describes a limb, and is given with -l; a reference is a CSV or a recording"
     return None
+
+
+def _table(text: str) -> np.ndarray:
+    try:
+        return _parse(text)
+    except csv.Error as error:
+        raise LimbError(f"this is no table: {error}.") from error
 
 
 def _parse(text: str) -> np.ndarray:

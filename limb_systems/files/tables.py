@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from limb_systems.errors import LimbError
+from limb_systems.input import LARGEST_TABLE, read_bytes
 from limb_systems.output import write_atomically
 
 FORMAT_VERSION = 2
@@ -125,13 +126,11 @@ def read_table(
     Raises:
         FileFormatError: one sentence that says what is wrong and where.
     """
+    data = read_bytes(path, kind, LARGEST_TABLE, FileFormatError)
     try:
-        data = Path(path).read_bytes()
         if unfinished and not re.search(rb"\n# end, .*\n$", data):
             data = _finish(data)
         return _parse_table(data, kind)
-    except OSError as error:
-        raise FileFormatError(f"Cannot read the {kind}: {error}.") from error
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
 

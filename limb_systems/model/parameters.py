@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from limb_systems.errors import LimbError
+from limb_systems.input import read_text
 from limb_systems.model.bend_sensor import BendSensor, TipTangentSensor
 from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.output import write_atomically
@@ -276,12 +277,7 @@ class LimbParameters(Strict):
         Raises:
             ParameterError: with one sentence naming the file and the field.
         """
-        try:
-            text = Path(path).read_text(encoding="utf-8")
-        except OSError as error:
-            raise ParameterError(f"Cannot read the limb parameters: {error}.") from error
-        except UnicodeDecodeError as error:
-            raise ParameterError(f"{path}: this is not a text file.") from error
+        text = read_text(path, "limb parameters", ParameterError)
         try:
             return cls.from_yaml(text)
         except ParameterError as error:
