@@ -6,7 +6,7 @@ import stat
 from limb_systems.errors import LimbError
 
 LARGEST_TABLE = 200_000_000  # bytes: at 20 Hz a robot's samples of about 18 hours
-LARGEST_TEXT = 1_000_000  # bytes of a YAML document
+LARGEST_TEXT = 250_000  # bytes of a YAML document; more would take seconds
 
 
 def read_bytes(

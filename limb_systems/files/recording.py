@@ -16,7 +16,7 @@ from limb_systems.files.samples import (
 )
 from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.schema import dump_typed, load_typed
+from limb_systems.schema import check_text, dump_typed, load_typed
 
 OPTIONAL = (
     "wire_temperature",
@@ -52,7 +52,7 @@ class Recording(Shown):
     - ``measured_temperature``: V (W, K), °C.
     - ``bend_angle``: φ (S, K), rad.
     - ``parameters``: of the limb, as far as it is known.
-    - ``source``: text that names what was recorded.
+    - ``source``: a line of text that names what was recorded.
     - ``sample_rate``: nominal, Hz.
     - ``wire_temperature``: T (W, K), °C, of a model; else None.
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s, of a model; else None.
@@ -66,7 +66,8 @@ class Recording(Shown):
 
     Raises:
         LimbError: at construction, if shapes disagree or values are not
-            finite, if time does not increase or duty leaves [0, 1].
+            finite, if time does not increase or duty leaves [0, 1], or if the
+            source cannot be printed.
     """
 
     time: np.ndarray
@@ -85,6 +86,7 @@ class Recording(Shown):
 
     def __post_init__(self):
         self.parameters.validate()
+        check_text(self.source, "source")
         check_samples(self, optional=OPTIONAL)
         if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
             raise LimbError(f"sample_rate is {self.sample_rate!r} Hz; it must be positive.")

@@ -177,7 +177,8 @@ def _parse_table(data: bytes, kind: str) -> tuple[str, dict[str, np.ndarray]]:
             "the content does not match the checksum in the end line; "
             "the file was changed or damaged after it was written."
         )
-    header = "\n".join(line.removeprefix("# ") for line in lines[1:header_size])
+    # An empty line for the first one, so that errors count lines as the file does.
+    header = "\n".join(["", *(line.removeprefix("# ") for line in lines[1:header_size])])
     return header, columns
 
 

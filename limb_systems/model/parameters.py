@@ -26,6 +26,7 @@ from limb_systems.schema import (
     dump_typed,
     load_typed,
     quantity,
+    shown,
     validate,
 )
 
@@ -187,7 +188,7 @@ class EmulatedLimb(Board):
     """
 
     seed: int
-    description: str = ""
+    description: str = dataclasses.field(default="", metadata={"lines": True})
     absent: list[str] = dataclasses.field(default_factory=list)
 
     @property
@@ -314,8 +315,8 @@ class LimbParameters(Strict):
         version = data.pop("format", FORMAT)
         if version not in (1, FORMAT):
             raise ParameterError(
-                f"these limb parameters are of format {version!r}; this program reads formats 1 "
-                f"and {FORMAT}."
+                f"these limb parameters are of format {shown(version)}; this program reads "
+                f"formats 1 and {FORMAT}."
             )
         if isinstance(data.get("board"), str):
             number = data.pop("board")

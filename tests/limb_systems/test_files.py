@@ -14,12 +14,15 @@ import pytest
 
 from limb_systems import (
     ActiveConstraint,
+    Limb,
     LimbError,
     LimbParameters,
     PlanCheck,
     Recording,
     SegmentParameters,
+    SerialBoard,
     Trajectory,
+    simulate,
 )
 from limb_systems.files.tables import FileFormatError
 
@@ -148,7 +151,19 @@ def test_random_doubles_of_every_size_come_back_exactly(tmp_path):
 @pytest.mark.parametrize(
     "source",
     [
-        *["", "two\nlines", "\r\n", "\u2028", "\x85", " spaces ", "a " * 200, "wörds °C"],
+        *[
+            "",
+            " spaces ",
+            "a " * 200,
+            "wörds °C",
+            "2001-01-01",
+            "0x_",
+            "1:30",
+            "<<",
+            "=",
+            "&a",
+            "*a",
+        ],
         *["# end, 4 rows", "key: value", "- item", "007", "1e3", "null", "yes", "'\"", "{"],
     ],
 )
@@ -156,6 +171,35 @@ def test_any_source_text_comes_back(tmp_path, source):
     original = make_recording()
     original.source = source
     assert save_and_load(original, tmp_path / "file.csv").source == source
+
+
+@pytest.mark.parametrize("text", ["two\nlines", "\r", "\u2028", "\u2029", "\x85", "\x1b[31m", "\0"])
+def test_text_that_cannot_be_printed_is_refused_where_it_is_given_and_read(tmp_path, refused, text):
+    path = tmp_path / "file.csv"
+    said = f"source is {text!r}; it must be one line of printable text"
+    with refused(LimbError, said):
+        dataclasses.replace(make_recording(), source=text)
+    recording = make_recording()
+    recording.source = text
+    with refused(LimbError, said):
+        recording.save(path)
+    lines = saved_lines(make_recording(), path)
+    escaped = "".join(f"\\U{ord(character):08x}" for character in text)
+    lines[lines.index("# source: a test")] = f'# source: "{escaped}"'
+    write_sealed(path, lines)
+    with refused(FileFormatError, path, said):
+        Recording.load(path)
+
+
+def test_a_limb_whose_recording_could_not_be_written_is_refused_before_it_moves(refused):
+    limb = Limb()
+    limb.source = "two\nlines"
+    with refused(LimbError, "source is 'two\\nlines'"):
+        simulate(limb, [0.0, 0.0], 1.0)
+    limb = Limb()
+    limb.parameters.board = SerialBoard("\x1b[2J")
+    with refused(LimbError, "board.serial_number is '\\x1b[2J'"):
+        simulate(limb, [0.0, 0.0], 1.0)
 
 
 def test_check_comes_back_with_its_active_constraints(tmp_path):
@@ -512,6 +556,7 @@ def test_row_that_is_none_is_refused_with_its_place(lines, refuse_sealed, text):
         ("# sample_rate_hz: 10.0", "# sample_rate_hz: .nan", ["sample_rate"]),
         ("# sample_rate_hz: 10.0", "# sample_rate_hz: -10.0", ["sample_rate"]),
         ("# sample_rate_hz: 10.0", "# sample_rate_hz: [", ["YAML"]),
+        ("# sample_rate_hz: 10.0", "# sample_rate_hz: !!int foo", ["YAML", f"in line {TOP - 1}."]),
         ("#     links: 2", "#     links: 0", ["segments[0].links"]),
         ("#     links: 2", "#     links: 2.5", ["links", "whole number"]),
         ("#     links: 2", "#     links: 3", ["joint_angle_3_deg", "missing"]),
