@@ -1,7 +1,6 @@
 """``python -m hardware``: the robot, and its emulation, from the shell."""
 
 import argparse
-import contextlib
 import json
 import sys
 from pathlib import Path
@@ -15,7 +14,13 @@ from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import emulated_limb
 from hardware.firmware import guard
 from hardware.robot.self_test import self_test
-from limb_systems import LimbParameters, Recording, Trajectory, bend_angle_from_tip_tangent
+from limb_systems import (
+    LimbError,
+    LimbParameters,
+    Recording,
+    Trajectory,
+    bend_angle_from_tip_tangent,
+)
 from limb_systems.command import add_force_option, run_command
 from limb_systems.output import check_outputs
 from limb_systems.tracking import tracking_errors
@@ -285,9 +290,7 @@ def _teach(options) -> int:
     meshcat = _start_meshcat(options)
     robot = SerialLimb(options.port, limb, heated=False)
     print("Move the limb by hand; Ctrl-C ends the recording.", flush=True)
-    with contextlib.suppress(KeyboardInterrupt):  # the journal has it all
-        watch(robot, options.time, journal=options.output, meshcat=meshcat)
-    recording = Recording.load(options.output)
+    recording = watch(robot, options.time, journal=options.output, meshcat=meshcat)
     low, high = np.rad2deg([recording.bend_angle.min(), recording.bend_angle.max()])
     print(f"taught      {recording.time[-1]:.1f} s, from {low:.1f}° to {high:.1f}°")
     print(f"written     {options.output}")
@@ -297,8 +300,12 @@ def _teach(options) -> int:
 def _recover(options) -> int:
     check_outputs([options.output], inputs=[options.recording], force=options.force)
     recording = Recording.load(options.recording, unfinished=True)
+    if not len(recording.time):
+        raise LimbError(f"{options.recording} has no samples; there is nothing to recover.")
     recording.save(options.output)
     print(f"recovered   {len(recording.time)} samples, {recording.time[-1]:.2f} s")
+    if recording.interrupted:
+        print(f"interrupted {recording.interrupted}")
     print(f"written     {options.output}")
     return 0
 

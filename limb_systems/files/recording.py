@@ -63,6 +63,8 @@ class Recording(Shown):
       None without a board.
     - ``sample_age``: time from the sample's arrival to ``time`` (K,), s; None
       without a board.
+    - ``interrupted``: why it ended before its time, in a line of text, such as the
+      fault of a board; empty if it did not.
 
     Raises:
         LimbError: at construction, if shapes disagree or values are not
@@ -83,24 +85,28 @@ class Recording(Shown):
     applied_duty: np.ndarray | None = None
     board_time: np.ndarray | None = None
     sample_age: np.ndarray | None = None
+    interrupted: str = ""
 
     def __post_init__(self):
         self.parameters.validate()
         check_text(self.source, "source")
+        check_text(self.interrupted, "interrupted")
         check_samples(self, optional=OPTIONAL)
         if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
             raise LimbError(f"sample_rate is {self.sample_rate!r} Hz; it must be positive.")
 
     def facts(self) -> dict[str, str]:
-        """Source, duration, samples, range of the bend angle, largest temperature."""
+        """Source, duration, samples, range of the bend angle, largest temperature; its trouble."""
+        trouble = {"end": f"interrupted: {self.interrupted}"} if self.interrupted else {}
         if not len(self.time):
-            return {"source": self.source, "samples": "no samples"}
+            return {"source": self.source, "samples": "no samples", **trouble}
         return {
             "source": self.source,
             "duration": f"{self.time[-1] - self.time[0]:g} s",
             "samples": f"{len(self.time)} samples",
             "motion": bend_range(self.bend_angle),
             "heat": f"up to {self.measured_temperature.max():.0f} °C",
+            **trouble,
         }
 
     @property
@@ -123,21 +129,22 @@ class Recording(Shown):
 
         Args:
             unfinished: whether the file may lack its end, because the program
-                that recorded was killed.
+                that recorded was killed; it is then ``interrupted``.
 
         Raises:
             FileFormatError: one sentence that says what is wrong and where.
         """
-        header_text, columns = read_table(path, "recording", unfinished=unfinished)
+        table = read_table(path, "recording", unfinished=unfinished)
         try:
-            header = load_typed(RecordingHeader, header_text)
+            header = load_typed(RecordingHeader, table.header)
             header.parameters.validate()
             names = columns_of(cls, header.parameters)
             return cls(
-                **group_columns(columns, names, optional=OPTIONAL),
+                **group_columns(table.columns, names, optional=OPTIONAL),
                 parameters=header.parameters,
                 source=header.source,
                 sample_rate=header.sample_rate_hz,
+                interrupted=table.interrupted,
             )
         except LimbError as error:
             raise FileFormatError(f"{path}: {error}") from error
@@ -146,4 +153,4 @@ class Recording(Shown):
         """Writes the recording whole or not at all."""
         header = RecordingHeader(self.source, float(self.sample_rate), self.parameters)
         columns = ungroup_columns(self, columns_of(Recording, self.parameters))
-        write_table(path, "recording", dump_typed(header), columns)
+        write_table(path, "recording", dump_typed(header), columns, self.interrupted)

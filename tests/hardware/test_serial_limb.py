@@ -141,21 +141,23 @@ def test_a_limb_of_two_segments_has_no_board(emulator, two_segments):
 
 def test_recording_survives_sigkill(emulator, start_host, fig5_plan, tmp_path):
     fig5_plan.save(tmp_path / "plan.csv")
-    output = tmp_path / "recording.csv"
+    output, journal = tmp_path / "recording.csv", tmp_path / "recording.unfinished.csv"
+    output.write_text("old")
     command = [sys.executable, "-m", "hardware", "replay", tmp_path / "plan.csv", "-o", output]
-    process = start_host([*command, "-p", emulator.port])
+    process = start_host([*command, "-p", emulator.port, "--force"])
     assert wait_for(lambda: max(emulator.duty()) > 0.0, 20.0)
     start = next(e["time"] for e in emulator.events("duty") if e["right"] > 0)
     time.sleep(2.0)
     process.send_signal(signal.SIGKILL)
     lasted = time.monotonic() - start
     process.wait()
+    assert output.read_text() == "old"
     with pytest.raises(LimbError, match="truncated"):
-        Recording.load(output)
-    recording = Recording.load(output, unfinished=True)
+        Recording.load(journal)
+    recording = Recording.load(journal, unfinished=True)
     assert recording.time[-1] > lasted - 0.1 - 0.05  # the board's first duty came one sample late
     assert recording.duty[1, -1] > 0.0
-    assert main(["recover", str(output), "-o", str(tmp_path / "whole.csv")]) == 0
+    assert main(["recover", str(journal), "-o", str(tmp_path / "whole.csv")]) == 0
     assert len(Recording.load(tmp_path / "whole.csv").time) == len(recording.time)
 
 
