@@ -265,12 +265,20 @@ def _replay(options) -> int:
             "were lost"
         )
     print(f"source      {recording.source}")
+    _print_trouble(recording)
     print(
         f"tracking    |φ* - φ|: mean {mean:.2f}°, median {median:.2f}°, "
         f"90th percentile {percentile_90:.2f}°"
     )
     print(f"written     {', '.join(written)}")
     return 0
+
+
+def _print_trouble(recording: Recording) -> None:
+    if recording.interrupted:
+        print(f"interrupted {recording.interrupted}")
+    if recording.doubt:
+        print(f"doubt       {recording.doubt}")
 
 
 def _twin(planned: LimbParameters, options) -> LimbTwin:
@@ -293,6 +301,7 @@ def _teach(options) -> int:
     recording = watch(robot, options.time, journal=options.output, meshcat=meshcat)
     low, high = np.rad2deg([recording.bend_angle.min(), recording.bend_angle.max()])
     print(f"taught      {recording.time[-1]:.1f} s, from {low:.1f}° to {high:.1f}°")
+    _print_trouble(recording)
     print(f"written     {options.output}")
     return 0
 
@@ -304,8 +313,7 @@ def _recover(options) -> int:
         raise LimbError(f"{options.recording} has no samples; there is nothing to recover.")
     recording.save(options.output)
     print(f"recovered   {len(recording.time)} samples, {recording.time[-1]:.2f} s")
-    if recording.interrupted:
-        print(f"interrupted {recording.interrupted}")
+    _print_trouble(recording)
     print(f"written     {options.output}")
     return 0
 

@@ -57,8 +57,10 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
             which removes the sensor's noise and keeps the motion.
 
     Raises:
-        LimbError: if the recording is shorter than the window.
+        LimbError: if the recording is shorter than the window, or a value in it
+            is not plausible.
     """
+    recording.check_plausible()
     angles = recording.bend_angle
     window = 2 * round(smoothing_time * recording.sample_rate / 2) + 1
     if window > angles.shape[1] or not smoothing_time >= 0:

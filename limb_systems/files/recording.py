@@ -11,13 +11,16 @@ from limb_systems.files.samples import (
     bend_range,
     check_samples,
     columns_of,
+    first_outside,
     group_columns,
+    samples_outside,
     ungroup_columns,
 )
 from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.schema import check_text, dump_typed, load_typed
 
+MEASURED = ("measured_temperature", "bend_angle")
 OPTIONAL = (
     "wire_temperature",
     "joint_state",
@@ -45,6 +48,9 @@ class RecordingHeader:
 @dataclasses.dataclass(eq=False, repr=False)
 class Recording(Shown):
     """Samples from a limb with S segments, n joints and W wires.
+
+    Measured values are kept whatever they are: a reading of 700 °C is a fact
+    about its sensor. `check_plausible` is for who calculates with them.
 
     - ``time``: (K,), s, increasing.
     - ``duty``: (W, K), in [0, 1], in force when the sample was taken; a command
@@ -91,13 +97,36 @@ class Recording(Shown):
         self.parameters.validate()
         check_text(self.source, "source")
         check_text(self.interrupted, "interrupted")
-        check_samples(self, optional=OPTIONAL)
+        check_samples(self, optional=OPTIONAL, measured=MEASURED)
         if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
             raise LimbError(f"sample_rate is {self.sample_rate!r} Hz; it must be positive.")
+
+    @property
+    def implausible(self) -> np.ndarray:
+        """Whether V or φ is beyond what any limb does, at each sample (K,).
+
+        That is, beyond -60 °C to 600 °C, or -π to π.
+        """
+        return samples_outside(self, MEASURED)
+
+    @property
+    def doubt(self) -> str:
+        """How many samples are not plausible, and since when; empty if there are none."""
+        if not (count := int(self.implausible.sum())):
+            return ""
+        first = self.time[np.argmax(self.implausible)]
+        return f"{count} of {len(self.time)} samples out of range, the first at {first:g} s"
+
+    def check_plausible(self) -> None:
+        """Raises LimbError, with the first value that is not plausible, if there is one."""
+        if self.implausible.any():
+            raise LimbError(first_outside(self, MEASURED))
 
     def facts(self) -> dict[str, str]:
         """Source, duration, samples, range of the bend angle, largest temperature; its trouble."""
         trouble = {"end": f"interrupted: {self.interrupted}"} if self.interrupted else {}
+        if doubt := self.doubt:
+            trouble["doubt"] = doubt
         if not len(self.time):
             return {"source": self.source, "samples": "no samples", **trouble}
         return {
