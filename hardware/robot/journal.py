@@ -5,11 +5,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from limb_systems import LimbError, LimbSystem
 from limb_systems.files.recording import RecordingHeader
-from limb_systems.files.samples import column_names
+from limb_systems.files.samples import column_names, without_rounding
 from limb_systems.files.table_writer import TableWriter
 from limb_systems.model.ownership import weak_method
 from limb_systems.schema import dump_typed
@@ -62,10 +63,10 @@ class Journal(LeafSystem):
         self.writer = TableWriter(path, "recording", dump_typed(header), columns)
 
     def _append(self, context):
-        values = [context.get_time()]
-        for index in range(self.num_input_ports()):
-            values += self.get_input_port(index).Eval(context).tolist()
-        self.writer.append(values)
+        duty, *others = (
+            self.get_input_port(index).Eval(context) for index in range(self.num_input_ports())
+        )
+        self.writer.append([context.get_time(), *without_rounding(duty), *np.concatenate(others)])
 
 
 def journaled_outputs(limb: LimbSystem) -> list[str]:

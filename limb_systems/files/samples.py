@@ -122,6 +122,12 @@ def ungroup_columns(samples: Any, names: Mapping[str, list[str]]) -> dict[str, n
     return columns
 
 
+def without_rounding(duty: np.ndarray) -> np.ndarray:
+    """Duty within rounding of [0, 1] brought into it; more is a mistake, and left to be named."""
+    clipped = np.clip(duty, 0.0, 1.0)
+    return clipped if np.abs(clipped - duty).max() < 1e-9 else duty
+
+
 def bend_range(bend_angle: np.ndarray) -> str:
     """The range of bend angles (S, K), rad, in words and degrees."""
     low, high = np.rad2deg([bend_angle.min(), bend_angle.max()])

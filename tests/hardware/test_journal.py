@@ -5,6 +5,7 @@ import threading
 
 import numpy as np
 import pytest
+from pydrake.systems.framework import LeafSystem
 
 from hardware import HardwareError, LimbTwin, replay, watch
 from hardware.__main__ import main
@@ -158,14 +159,33 @@ def test_a_journal_without_rows_is_not_recovered(path, capsys):
 
 
 def test_what_is_recovered_says_that_it_was_interrupted(path, capsys):
-    watch(LimbTwin(), 2.0).save(path)
+    recording = watch(LimbTwin(), 2.0)
+    recording.measured_temperature = recording.measured_temperature.copy()
+    recording.measured_temperature[1, 7] = 700.0
+    recording.save(path)
     path.write_bytes(path.read_bytes()[: path.read_bytes().index(b"# end") - 10])
     whole = path.with_name("whole.csv")
     assert main(["recover", str(path), "-o", str(whole)]) == 0
     said = capsys.readouterr().out
     assert "recovered   40 samples, 1.95 s" in said
     assert f"interrupted {KILLED}\n" in said
+    assert "doubt       1 of 40 samples out of range, the first at 0.35 s\n" in said
     assert Recording.load(whole).interrupted == KILLED
+    np.testing.assert_array_equal(Recording.load(whole).measured_temperature[1, 7], 700.0)
+
+
+def test_duty_is_rounded_into_its_range_as_in_the_recording(plan_of_3_s, path):
+    recording = replay(plan_of_3_s, Limb(), controller=AlmostOff(), journal=path)
+    np.testing.assert_array_equal(recording.duty, 0.0)
+    np.testing.assert_array_equal(Recording.load(path).duty, 0.0)
+
+
+class AlmostOff(LeafSystem):
+    """A controller with an error of rounding."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorOutputPort("duty", 2, lambda _, duty: duty.SetFromVector([-1e-15, 0.0]))
 
 
 def test_a_stalled_disk_ends_the_run_with_the_wires_off(path, monkeypatch):

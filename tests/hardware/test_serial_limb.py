@@ -29,6 +29,7 @@ from limb_systems import (
     SerialBoard,
     simulate,
 )
+from limb_systems.progress import Progress
 from planners import plan, references
 
 from .conftest import wait_for
@@ -333,26 +334,35 @@ def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
         options = {"num_angles": 1, "longest": 20.0}
         collect_from_robot(Closing, LimbParameters(), tmp_path, ask, **options)
 
-    def stop(*_):
-        assert in_use == [[0.0, 0.0, 0.0]]
-        raise KeyboardInterrupt
+    def stop(_, done, remark=""):
+        if asked[-1] == "ring_down_1" and done >= 3.0:
+            assert in_use == [[0.0, 0.0, 0.0]]
+            raise KeyboardInterrupt
 
     with monkeypatch.context() as interrupted:
-        interrupted.setattr("calibration.collect.collect_ring_down", stop)
-        with pytest.raises(KeyboardInterrupt):
+        interrupted.setattr(Progress, "update", stop)
+        with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
             collect()
     assert not in_use
     assert asked == ["sag_1", "sag_2", "ring_down_1"]
     finished = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    assert sorted(path.name for path in finished) == ["sag_1.csv", "sag_2.csv"]
+    left = tmp_path / "ring_down_1.unfinished.csv"
+    assert sorted(finished) == [left, tmp_path / "sag_1.csv", tmp_path / "sag_2.csv"]
+    assert Recording.load(left).time[-1] == pytest.approx(3.0)
 
-    collect()
+    message = rf"{left} was interrupted; .* calibration ignores it, and ring_down_1 is recorded"
+    with pytest.warns(UserWarning, match=message) as warned:
+        collect()
+    assert len(warned) == 1
     assert asked[3:] == ["ring_down_1", "right", "left", "both"]
     assert {path: path.read_bytes() for path in finished} == finished
+    left.unlink()
     found = {path.stem: Recording.load(path) for path in tmp_path.iterdir()}
     assert sorted(found) == sorted({*asked})
     for name, heated in (("sag_2", []), ("ring_down_1", []), ("left", [0]), ("both", [0, 1])):
         assert np.flatnonzero(found[name].duty.max(axis=1)).tolist() == heated
+    assert found["both"].reference is not None
+    assert not any(recording.interrupted for recording in found.values())
     assert found["sag_1"].parameters.gravity == [0.0, -9.81, 0.0]
     assert found["right"].parameters.gravity == [0.0, 0.0, 0.0]
     collect()
