@@ -63,9 +63,9 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="replay a trajectory open loop and record it",
         description="Drives a limb with a trajectory's duty: a robot in real time, or without a "
         "port an emulated limb in simulated time. On a robot every sample is written when it "
-        "arrives. With --meshcat a browser shows the limb as it is measured, the plan as "
-        "a blue ghost, its reference as a grey one, and the duty of the left and the right wire "
-        "as bars.",
+        "arrives, to NAME.unfinished.csv; it becomes NAME.csv when the plan has ended. With "
+        "--meshcat a browser shows the limb as it is measured, the plan as a blue ghost, its "
+        "reference as a grey one, and the duty of the left and the right wire as bars.",
     )
     run.add_argument("trajectory", type=Path, help="trajectory file (.csv)")
     run.add_argument("--json", action="store_true", help="print JSON")
@@ -106,7 +106,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     recover = commands.add_parser(
         "recover", help="finish the recording of a program that was killed"
     )
-    recover.add_argument("recording", type=Path, help="recording without its end (.csv)")
+    recover.add_argument("recording", type=Path, help="recording without its end (.unfinished.csv)")
     recover.add_argument(
         "-o", "--output", required=True, type=Path, help="recording file to write (.csv)"
     )
