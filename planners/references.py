@@ -62,6 +62,8 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
     """
     recording.check_plausible()
     angles = recording.bend_angle
+    if angles.shape[1] < 2:
+        return from_samples(recording.time, angles)  # which says that there are too few
     window = 2 * round(smoothing_time * recording.sample_rate / 2) + 1
     if window > angles.shape[1] or not smoothing_time >= 0:
         raise LimbError(
