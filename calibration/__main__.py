@@ -48,8 +48,8 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="record all that calibration needs, on a robot or an emulated limb",
         description="Records trials of the sag under gravity, ring-downs from 45°, and equilibria "
         "held with one wire after the other and with all of them. A robot is recorded in real "
-        "time, in some 40 minutes; the program says when to remount or hold the limb, and keeps "
-        "recordings that exist. An emulated limb takes half a minute.",
+        "time, in some 40 minutes; the program says when to remount or hold the limb. Started "
+        "again, it keeps recordings that are complete. An emulated limb takes half a minute.",
     )
     collect.add_argument(
         "-o", "--output", required=True, type=Path, help="folder to write the recordings to"

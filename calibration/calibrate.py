@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.checks import check_recording
+from calibration.checks import check_recording, check_whole
 from calibration.damping import DampingFit, fit_damping
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
@@ -27,6 +27,7 @@ from calibration.validation import Validation, validate
 from limb_systems import CalibrationRecord, LimbParameters, LinearLaw, NoBoard, Recording
 from limb_systems.display import Shown
 from limb_systems.errors import LimbError
+from limb_systems.files.table_writer import is_unfinished
 from limb_systems.progress import Progress
 
 HEAT_METHODS = ("bend", "temperature")
@@ -136,7 +137,7 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
 
     Files named after a kind (``right.csv``, ``sag_3.csv``), one of `kinds_of`
     the limb in their header, must show it; files with other names go by what
-    they show.
+    they show. Unfinished ones (``right.unfinished.csv``) are ignored.
 
     Raises:
         CalibrationError: with one sentence naming the file and the trouble.
@@ -146,8 +147,11 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
         raise CalibrationError(f"There is no folder {folder}.")
     recordings: dict[str, list[Recording]] = {}
     for path in sorted(folder.glob("*.csv")):
+        if is_unfinished(path):
+            continue
         recording = Recording.load(path)
         try:
+            check_whole(recording)
             named = [kind for kind in kinds_of(recording.parameters) if path.stem.startswith(kind)]
             kind = check_recording(recording, max(named, key=len, default=None))
             recordings.setdefault(kind, []).append(recording)
@@ -201,7 +205,9 @@ def calibrate(
 
     num_steps = 2 + 2 * len(heated)
     with Progress("calibrating", num_steps, "steps") as progress:
-        every = [recording for kind in heated_kinds(described) for recording in recordings.get(kind, [])]
+        every = [
+            recording for kind in heated_kinds(described) for recording in recordings.get(kind, [])
+        ]
         for wire, bounds in zip(segment.wires, fit_heat_bounds(every, described), strict=True):
             wire.heat_bounds = bounds
         ambient = ambient_temperature(heated.values())
@@ -268,6 +274,7 @@ def _check_kinds(
             raise CalibrationError(f"{kind!r} is no kind of recording: {', '.join(kinds)}.")
         for recording in group:
             try:
+                check_whole(recording)
                 check_recording(recording, kind)
             except LimbError as error:
                 raise CalibrationError(f"{recording.source}: {error}") from error

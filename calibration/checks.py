@@ -4,7 +4,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.kinds import heated_kinds, kinds_of
-from limb_systems import LimbParameters, Recording
+from limb_systems import LimbError, LimbParameters, Recording
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
 RISE = 3.0  # °C
@@ -71,10 +71,12 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
 
     Raises:
         CalibrationError: one sentence that names the trouble: gaps, times in
-            another unit, a dead thermocouple, swapped wires, thermocouples or
-            bend sensor, other units, or another kind than expected.
+            another unit, values that are not plausible, a dead thermocouple,
+            swapped wires, thermocouples or bend sensor, other units, or another
+            kind than expected.
     """
     _check_time(recording)
+    check_values(recording)
     _check_units(recording)
     kind = kind_of(recording)
     if expected and kind != expected:
@@ -84,6 +86,30 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     if kind in heated_kinds(recording.parameters):
         _check_wires(recording)
     return kind
+
+
+def check_values(recording: Recording) -> None:
+    """Refuses recordings with values that no limb has, which would spoil any fit.
+
+    Raises:
+        CalibrationError: one sentence that names signal, value and time.
+    """
+    try:
+        recording.check_plausible()
+    except LimbError as error:
+        raise CalibrationError(f"{str(error)[:-1]}, so record it again.") from error
+
+
+def check_whole(recording: Recording) -> None:
+    """Refuses recordings that were interrupted: their last equilibrium is none.
+
+    Raises:
+        CalibrationError: one sentence that says why it was interrupted.
+    """
+    if recording.interrupted:
+        raise CalibrationError(
+            f"this was interrupted ({recording.interrupted.rstrip('.')}), so record it again."
+        )
 
 
 def _check_time(recording: Recording) -> None:

@@ -2,24 +2,29 @@
 
 import copy
 import functools
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.controller import PERIOD, BendAngleController, EquilibriumSchedule
 from calibration.kinds import heated_kinds, heated_wires, only_segment
 from hardware import LimbTwin, SerialLimb
-from limb_systems import LimbError, LimbParameters, LimbSystem, Recording, simulate
+from hardware.robot.journal import journaled
+from limb_systems import LimbError, LimbParameters, LimbSystem, Recording
+from limb_systems.files.table_writer import is_unfinished
 from limb_systems.model.limb_system import check_limb
 from limb_systems.simulation import record
 
 CO_CONTRACTION = 0.08  # duty of the wires where several are actuated
 SAG_TRIALS, RING_DOWNS = 10, 3
 GRAVITY = 9.81  # m/s²
-RING_DOWN_RATE = 100.0  # Hz
+SAG_RATE = HEATED_RATE = 20.0  # Hz
+RING_DOWN_RATE = 100.0
 
 
 def collect_equilibria(
@@ -30,6 +35,7 @@ def collect_equilibria(
     largest_deg: float = 45.0,
     seed: int = 0,
     longest: float = 60.0,
+    journal: str | Path | None = None,
 ) -> Recording:
     """The datasets C^r, C^l and C^m of Sec. V-C: random equilibria, held by PI control.
 
@@ -45,6 +51,7 @@ def collect_equilibria(
         largest_deg: bend angle, degrees.
         seed: of the random angles.
         longest: s that one of them is held.
+        journal: file of the recording, as for `hardware.replay`.
 
     Returns:
         A recording with the set points φ_eq as its ``reference``.
@@ -81,28 +88,41 @@ def collect_equilibria(
         for system in (schedule, controller):
             builder.Connect(limb.GetOutputPort(name), system.GetInputPort(name))
     builder.Connect(schedule.get_output_port(), controller.GetInputPort("set_point"))
-    return record(
-        builder,
-        limb,
-        controller.get_output_port(),
-        num_angles * longest,
-        reference=schedule.get_output_port(),
-        until=lambda context: schedule.is_finished(schedule.GetMyContextFromRoot(context)),
-    )
+    duty, reference = controller.get_output_port(), schedule.get_output_port()
+    with journaled(builder, journal, limb, duty, HEATED_RATE, reference=reference):
+        return record(
+            builder,
+            limb,
+            duty,
+            num_angles * longest,
+            reference=reference,
+            until=lambda context: schedule.is_finished(schedule.GetMyContextFromRoot(context)),
+            sample_rate=HEATED_RATE,
+        )
 
 
-def collect_sag(limb: LimbSystem) -> Recording:
+def collect_sag(limb: LimbSystem, *, journal: str | Path | None = None) -> Recording:
     """Sec. V-A: the unheated limb, mounted so that gravity bends it, until it rests (15 s)."""
-    return simulate(limb, _off(limb), 15.0)
+    return _collect_unheated(limb, 15.0, SAG_RATE, journal)
 
 
-def collect_ring_down(limb: LimbSystem, sample_rate: float = RING_DOWN_RATE) -> Recording:
+def collect_ring_down(
+    limb: LimbSystem, sample_rate: float = RING_DOWN_RATE, *, journal: str | Path | None = None
+) -> Recording:
     """Sec. V-B: a person holds the limb at 45° and releases it within the next 6 s."""
-    return simulate(limb, _off(limb), 6.0, sample_rate=sample_rate)
+    return _collect_unheated(limb, 6.0, sample_rate, journal)
 
 
-def _off(limb: LimbSystem) -> np.ndarray:
-    return np.zeros(len(limb.parameters.wires))
+def _collect_unheated(
+    limb: LimbSystem, duration: float, sample_rate: float, journal: str | Path | None
+) -> Recording:
+    check_limb(limb)
+    builder = DiagramBuilder()
+    off = builder.AddSystem(ConstantVectorSource(np.zeros(len(limb.parameters.wires))))
+    builder.AddSystem(limb)
+    duty = off.get_output_port()
+    with journaled(builder, journal, limb, duty, sample_rate):
+        return record(builder, limb, duty, duration, sample_rate=sample_rate)
 
 
 def hand_for_ring_down() -> PiecewisePolynomial:
@@ -166,7 +186,10 @@ def collect_from_robot(
 ) -> None:
     """All recordings of Sec. V from a robot, in real time, one file after the other.
 
-    Files that are there already are kept, so that it can be interrupted.
+    Each sample goes to a file when it arrives, which gets its name when the
+    recording is complete. Recordings that are complete are kept, so that it can be
+    interrupted. One that was interrupted is made again; what there is of it is
+    kept under its name of an unfinished file, with a warning.
 
     Args:
         connect: makes a `SerialLimb` with the given description.
@@ -177,6 +200,7 @@ def collect_from_robot(
 
     Raises:
         HardwareError: if the robot fails on the way; it is off then.
+        OutputError: as for `hardware.replay`.
     """
     kinds = heated_kinds(parameters)
     mounted, level = copy.deepcopy(parameters), copy.deepcopy(parameters)
@@ -188,10 +212,10 @@ def collect_from_robot(
     ring = "Mount the limb level. Bend it to 45° by hand, and release it 2 s after Enter."
     cool = "Leave the limb level and alone until its wires are cold."
     rate = 1 / PERIOD
-    tasks: list[tuple[str, LimbParameters, str, Callable[[LimbSystem], Recording]]]
+    tasks: list[tuple[str, LimbParameters, str, Callable[..., Recording]]]
     tasks = [(f"sag_{n}", mounted, sag, collect_sag) for n in range(1, SAG_TRIALS + 1)]
     tasks += [
-        (f"ring_down_{n}", level, ring, lambda limb: collect_ring_down(limb, rate))
+        (f"ring_down_{n}", level, ring, functools.partial(collect_ring_down, sample_rate=rate))
         for n in range(1, RING_DOWNS + 1)
     ]
     for number, actuated in enumerate(kinds):
@@ -207,9 +231,15 @@ def collect_from_robot(
         path = Path(folder) / f"{name}.csv"
         if path.exists():
             continue
+        for left in filter(is_unfinished, sorted(path.parent.glob(f"{name}.*"))):
+            warnings.warn(
+                f"{left} was interrupted; it is kept, calibration ignores it, and {name} is "
+                "recorded again.",
+                stacklevel=2,
+            )
         ask(f"{name}: {instruction}")
         with connect(description) as limb:
-            collect(limb).save(path)
+            collect(limb, journal=path)
 
 
 def save_recordings(recordings: dict[str, list[Recording]], folder: str | Path) -> list[Path]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq, least_squares
 
+from calibration.checks import check_values
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
 from calibration.kinds import only_segment
@@ -197,6 +198,7 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
 
 def _fit_recording(parameters, recording: Recording):
     """σ and its standard error, and the sinusoids of limb and model."""
+    check_values(recording)
     measured = fit_damped_sinusoid(recording.time, recording.bend_angle[0])
     released = np.abs(recording.bend_angle[0] - measured.offset).max()
     duration = recording.time[-1] - measured.start

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from calibration.checks import check_values
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, mean_estimate
 from calibration.heat import HeatFit
@@ -63,6 +64,7 @@ def fit_force(
     Raises:
         CalibrationError: if there are no equilibria in it.
     """
+    check_values(recording)
     side = only_segment(parameters).wires[index].direction
     starts, ends = _equilibria(recording, heat, parameters.temperature_limits.warm)
     if len(starts) < 3:

@@ -9,6 +9,7 @@ from scipy.linalg import expm, schur
 from scipy.optimize import least_squares
 from scipy.signal import lfilter, savgol_filter
 
+from calibration.checks import check_values
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, clustered_covariance
 from calibration.remarks import Remark
@@ -136,6 +137,7 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     Raises:
         CalibrationError: if the wire was never warm or the limb never bent.
     """
+    check_values(recording)
     late = recording.applied_duty is None or recording.sample_age is None
     recording = at_sample_times(recording)
     duty, measured = recording.duty[index], recording.measured_temperature[index]
@@ -226,6 +228,7 @@ def fit_heat_transfer_from_temperature(
     Raises:
         CalibrationError: if the wire was never warm.
     """
+    check_values(recording)
     duty, measured = recording.duty[index], recording.measured_temperature[index]
     period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
     _check_excitation(name, duty, measured, ambient, period)

@@ -46,9 +46,11 @@ def _ranked(calibration: Calibration) -> list[str]:
 def validation_summary(validation: Validation) -> str:
     """The errors of a validation in one line."""
     degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
+    interrupted = validation.recording.interrupted.rstrip(".")
     return (
         "|φ - φ_sim|: mean {:.2f}°, median {:.2f}°, 90th percentile {:.2f}°; ".format(*degrees)
         + f"|V - V_sim|: mean {validation.temperature_mean:.1f} °C"
+        + (f"; until it was interrupted: {interrupted}" if interrupted else "")
     )
 
 

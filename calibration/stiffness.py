@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibration.checks import check_values
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
 from calibration.kinds import only_segment
@@ -60,6 +61,8 @@ def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -
     """
     if not recordings:
         raise CalibrationError("There is no recording of the limb's sag under gravity.")
+    for recording in recordings:
+        check_values(recording)
     sags = np.array([_resting_angle(recording) for recording in recordings])
     gravity = np.array(recordings[0].parameters.gravity)
     for recording in recordings[1:]:

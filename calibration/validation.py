@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
+from calibration.checks import check_values
 from limb_systems import Limb, LimbParameters, Recording, Wires, simulate
 
 
@@ -30,7 +31,12 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     """Simulates the duty of a recording, open loop, and compares.
 
     The model starts at rest with its wires at the first measured temperatures.
+    An interrupted recording counts as far as it came.
+
+    Raises:
+        CalibrationError: if a value of the recording is not plausible.
     """
+    check_values(recording)
     times = recording.time - recording.time[0]
     # The duty at a sample was in force since the sample before.
     held = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])

@@ -1,7 +1,6 @@
 """``python -m hardware``: the robot, and its emulation, from the shell."""
 
 import argparse
-import contextlib
 import json
 import sys
 from pathlib import Path
@@ -14,7 +13,13 @@ from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import emulated_limb
 from hardware.robot.self_test import self_test
-from limb_systems import LimbParameters, Recording, Trajectory, bend_angle_from_tip_tangent
+from limb_systems import (
+    LimbError,
+    LimbParameters,
+    Recording,
+    Trajectory,
+    bend_angle_from_tip_tangent,
+)
 from limb_systems.command import add_force_option, run_command
 from limb_systems.output import check_outputs
 from limb_systems.tracking import tracking_errors
@@ -57,9 +62,9 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="replay a trajectory open loop and record it",
         description="Drives a limb with a trajectory's duty: a robot in real time, or without a "
         "port an emulated limb in simulated time. On a robot every sample is written when it "
-        "arrives. With --meshcat a browser shows the limb as it is measured, the plan as "
-        "a blue ghost, its reference as a grey one, and the duty of the left and the right wire "
-        "as bars.",
+        "arrives, to NAME.unfinished.csv; it becomes NAME.csv when the plan has ended. With "
+        "--meshcat a browser shows the limb as it is measured, the plan as a blue ghost, its "
+        "reference as a grey one, and the duty of the left and the right wire as bars.",
     )
     run.add_argument("trajectory", type=Path, help="trajectory file (.csv)")
     run.add_argument("--json", action="store_true", help="print JSON")
@@ -100,7 +105,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     recover = commands.add_parser(
         "recover", help="finish the recording of a program that was killed"
     )
-    recover.add_argument("recording", type=Path, help="recording without its end (.csv)")
+    recover.add_argument("recording", type=Path, help="recording without its end (.unfinished.csv)")
     recover.add_argument(
         "-o", "--output", required=True, type=Path, help="recording file to write (.csv)"
     )
@@ -270,6 +275,7 @@ def _replay(options) -> int:
                 "got hot or both asked for too much"
             )
     print(f"source      {recording.source}")
+    _print_trouble(recording)
     print(
         f"tracking    |φ* - φ|: mean {mean:.2f}°, median {median:.2f}°, "
         f"90th percentile {percentile_90:.2f}°"
@@ -284,6 +290,13 @@ def reduced_time(recording: Recording) -> float:
     commanded = np.minimum(recording.duty[:, :-2], recording.duty[:, 1:-1])
     reduced = (recording.applied_duty[:, 2:] < commanded - 2e-3).any(axis=0)
     return float(np.sum(reduced) / recording.sample_rate)
+
+
+def _print_trouble(recording: Recording) -> None:
+    if recording.interrupted:
+        print(f"interrupted {recording.interrupted}")
+    if recording.doubt:
+        print(f"doubt       {recording.doubt}")
 
 
 def _twin(planned: LimbParameters, options) -> LimbTwin:
@@ -303,11 +316,10 @@ def _teach(options) -> int:
     meshcat = _start_meshcat(options)
     robot = SerialLimb(options.port, limb, heated=False)
     print("Move the limb by hand; Ctrl-C ends the recording.", flush=True)
-    with contextlib.suppress(KeyboardInterrupt):  # the journal has it all
-        watch(robot, options.time, journal=options.output, meshcat=meshcat)
-    recording = Recording.load(options.output)
+    recording = watch(robot, options.time, journal=options.output, meshcat=meshcat)
     low, high = np.rad2deg([recording.bend_angle.min(), recording.bend_angle.max()])
     print(f"taught      {recording.time[-1]:.1f} s, from {low:.1f}° to {high:.1f}°")
+    _print_trouble(recording)
     print(f"written     {options.output}")
     return 0
 
@@ -315,8 +327,11 @@ def _teach(options) -> int:
 def _recover(options) -> int:
     check_outputs([options.output], inputs=[options.recording], force=options.force)
     recording = Recording.load(options.recording, unfinished=True)
+    if not len(recording.time):
+        raise LimbError(f"{options.recording} has no samples; there is nothing to recover.")
     recording.save(options.output)
     print(f"recovered   {len(recording.time)} samples, {recording.time[-1]:.2f} s")
+    _print_trouble(recording)
     print(f"written     {options.output}")
     return 0
 

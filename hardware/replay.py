@@ -14,7 +14,7 @@ from pydrake.systems.primitives import (
 )
 
 from hardware.emulation.specimen import serial_number
-from hardware.robot.journal import add_journal
+from hardware.robot.journal import journaled
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
     EmulatedLimb,
@@ -64,7 +64,9 @@ def replay(
             `Trajectory.from_collocation`. A plan that failed its check is
             always refused.
         sample_rate: of the recording, Hz.
-        journal: file to which each sample is written when it arrives.
+        journal: file of the recording, to which each sample goes when it arrives;
+            its name is that of a `TableWriter`'s until the plan has ended. A
+            file that is there is replaced then.
         meshcat: where to show the limb while it runs: its bend angle, measured
             temperatures and duty, with ghosts of the plan and its reference.
 
@@ -73,6 +75,8 @@ def replay(
             another limb, hotter than this one allows or from another
             temperature than its wires have, or if the controller has other
             ports.
+        OutputError: if the disk is full or stalled, or the journal cannot be
+            written for another reason.
         HardwareError: if the robot fails on the way, or gets a duty that is
             out of range.
         LimbError: if it is to be shown, and is of another shape than the
@@ -99,16 +103,20 @@ def watch(
 ) -> Recording:
     """Records a limb with its wires off, while it hangs, swings or is moved by hand.
 
+    With a journal, Ctrl-C ends the recording, which says so, and returns it.
+
     Args:
         duration: s.
         limb, sample_rate, journal, meshcat: as for `replay`.
 
     Raises:
         HardwareError: if the robot fails on the way.
+        LimbError: if it was ended before there was a sample.
+        OutputError: as for `replay`.
     """
     with _closing(limb):
         off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
-        return _run(limb, off, duration, sample_rate, journal, meshcat)
+        return _run(limb, off, duration, sample_rate, journal, meshcat, ended_by_hand=True)
 
 
 def _closing(limb: LimbSystem):
@@ -202,6 +210,8 @@ def _run(
     journal,
     meshcat: Meshcat | None,
     plan: Trajectory | None = None,
+    *,
+    ended_by_hand: bool = False,
 ) -> Recording:
     builder = DiagramBuilder()
     builder.AddSystem(controller)
@@ -213,8 +223,7 @@ def _run(
         if controller.HasOutputPort("duty")
         else controller.get_output_port()
     )
-    writer = add_journal(builder, journal, limb, duty, sample_rate) if journal else None
-    try:
+    with journaled(builder, journal, limb, duty, sample_rate, ended_by_hand=ended_by_hand):
         if meshcat is not None:
             _add_view(builder, limb, duty, meshcat, plan)
         return record(
@@ -226,9 +235,7 @@ def _run(
             sample_rate=sample_rate,
             remark=_remark(limb) if limb.real_time else None,
         )
-    finally:
-        if writer:
-            writer.close()
+    return Recording.load(journal)  # as far as it came before it was ended by hand
 
 
 def _connect_readings(builder: DiagramBuilder, limb: LimbSystem, controller: System) -> None:

@@ -49,16 +49,23 @@ def check_outputs(
     """
     for picture in filter(None, pictures):
         check_picture(picture)
-    taken = {path.resolve(): "read" for path in filter(None, inputs)}
+    taken = [(path, "read") for path in filter(None, inputs)]
     for path in filter(None, outputs):
-        if use := taken.get(path.resolve()):
+        if use := next((use for other, use in taken if _is_same(path, other)), None):
             raise OutputError(f"{path} is {use} by the same command; give another name.")
-        taken[path.resolve()] = "written"
+        taken.append((path, "written"))
         if path.is_dir():
             raise OutputError(f"{path} is a folder; give the name of a file in it.")
         check_folder(path.parent)
         if path.exists() and not force:
             raise OutputError(f"{path} exists; give another name, or --force to replace it.")
+
+
+def _is_same(path: Path, other: Path) -> bool:
+    """Whether two paths lead to one file, by links of any kind."""
+    if path.resolve() == other.resolve():
+        return True
+    return path.exists() and other.exists() and path.samefile(other)
 
 
 def check_folder(folder: Path) -> None:

@@ -10,6 +10,7 @@ import collections.abc
 import dataclasses
 import difflib
 import functools
+import re
 import types
 import typing
 from typing import Any
@@ -18,8 +19,10 @@ import yaml
 from pydrake.common.yaml import yaml_dump
 
 from limb_systems.errors import LimbError
+from limb_systems.input import LARGEST_TEXT
 
 T = typing.TypeVar("T")
+_NONE: typing.Mapping = types.MappingProxyType({})
 
 
 class SchemaError(LimbError):
@@ -56,8 +59,15 @@ class Tagged(Strict):
 
 
 def dump_typed(value: Any) -> str:
-    """YAML text of a dataclass, with all of its fields and every float exact."""
-    return yaml_dump(_plain(value))
+    """YAML text of a dataclass, with all of its fields and every float exact.
+
+    Raises:
+        SchemaError: if `load_typed` would not read it: a text that cannot be
+            printed, or more than is read.
+    """
+    text = yaml_dump(_plain(value))
+    _check_size(text)
+    return text
 
 
 def load_typed(schema: type[T], text: str) -> T:
@@ -69,16 +79,15 @@ def load_typed(schema: type[T], text: str) -> T:
     versions wrote into what it has now. A field with the metadata
     ``{"in_files": False}`` cannot be in a file.
 
+    Texts are of one line of printable characters, or of several if the field has
+    the metadata ``{"lines": True}``. Of YAML's types there are null, bool, int,
+    float and str, which a value has by its looks, and no anchors or aliases: small
+    documents can make huge values with these.
+
     Raises:
-        SchemaError: with one sentence naming the field.
+        SchemaError: with one sentence naming the field, or the line.
     """
-    try:
-        data = yaml.load(text, Loader=_Loader)
-    except yaml.YAMLError as error:
-        raise SchemaError(f"not valid YAML: {' '.join(str(error).split())}.") from error
-    except RecursionError as error:
-        raise SchemaError("not valid YAML: it is nested too deeply.") from error
-    return _build(data, schema, "")
+    return _build(_parse(text), schema, "")
 
 
 def validate(target: Any, path: str = "") -> None:
@@ -113,8 +122,7 @@ def _validate(value: Any, schema: Any, name: str, metadata: typing.Mapping) -> N
             raise SchemaError(f"{name} is not a {typing.cast(type, schema).__name__}.")
         validate(value, f"{name}.")
     elif schema is str:
-        if not isinstance(value, str):
-            raise SchemaError(f"{name} is {value!r}; it must be text.")
+        check_text(value, name, metadata)
     elif metadata:
         _validate_number(value, name, schema, metadata)
 
@@ -130,72 +138,155 @@ def _validate_number(value: Any, name: str, schema: type, metadata: typing.Mappi
         )
 
 
-def _plain(value: Any) -> Any:
+def check_text(value: Any, name: str, metadata: typing.Mapping = _NONE) -> None:
+    """Raises SchemaError unless it is text that can be printed anywhere; see `load_typed`."""
+    if not isinstance(value, str):
+        raise SchemaError(f"{name} is {shown(value)}; it must be text.")
+    lines = value.split("\n") if metadata.get("lines") else [value]
+    if not all(line.isprintable() for line in lines):
+        raise SchemaError(f"{name} is {shown(value)}; it must be one line of printable text.")
+
+
+def shown(value: Any) -> str:
+    """Any value for an error: its ``repr``, the beginning of it if it is long."""
+    text = repr(value)
+    return text if len(text) <= 100 else f"{text[:97]}..."
+
+
+def _plain(value: Any, name: str = "", metadata: typing.Mapping = _NONE) -> Any:
     if dataclasses.is_dataclass(value):
-        plain = {f.name: _plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        fields = dataclasses.fields(value)
+        plain = {f.name: _plain(getattr(value, f.name), f.name, f.metadata) for f in fields}
         plain = {name: item for name, item in plain.items() if item is not None}
         return {"_tag": f"!{type(value).__name__}", **plain} if isinstance(value, Tagged) else plain
     if isinstance(value, list):
-        return [_plain(item) for item in value]
+        return [_plain(item, name, metadata) for item in value]
+    if isinstance(value, str):
+        check_text(value, name, metadata)
     return float(value) if isinstance(value, float) else value  # not numpy's
 
 
 class _Loader(yaml.SafeLoader):
-    """Keeps tags, and refuses fields that are given twice (PyYAML would take the last)."""
+    """Keeps tags of classes; refuses what `load_typed` does, and fields that are given twice."""
+
+    # A part of what PyYAML's dumper takes for numbers, and puts quotes around if they are text.
+    # It takes for text what other YAML calls numbers, such as 1e3; `_is_number` sees to these.
+    yaml_implicit_resolvers: typing.ClassVar[dict] = {}
+
+    def compose_node(self, parent, index):
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
+            raise _problem("anchors and aliases (& and *) are not read", event)
+        if event.tag and not re.fullmatch(r"!\w*", event.tag):
+            raise _problem(f"the tag {shown(event.tag)} is not read", event)
+        return super().compose_node(parent, index)
 
     def construct_mapping(self, node, deep=False):
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for index, key in enumerate(keys):
-            if key in keys[:index]:
-                raise yaml.MarkedYAMLError(
-                    problem=f"{key!r} is given twice", problem_mark=node.value[index][0].start_mark
-                )
+        given = set()  # PyYAML would take the last one of two
+        for key, _ in node.value:
+            name = self.construct_object(key, deep=True)
+            if not isinstance(name, str):
+                raise _problem(f"{shown(name)} is no name of a field", key)
+            if name in given:
+                raise _problem(f"{shown(name)} is given twice", key)
+            given.add(name)
         return super().construct_mapping(node, deep)
+
+
+for _tag, _looks, _first in (
+    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+    (
+        "bool",
+        r"(?:yes|no|true|false|on|off)|(?:Yes|No|True|False|On|Off)|(?:YES|NO|TRUE|FALSE|ON|OFF)",
+        list("yYnNtTfFoO"),
+    ),
+    # With more digits, which Python does not convert, it is text.
+    ("int", r"[-+]?(?:0|[1-9][0-9]{0,299})", list("-+0123456789")),
+    (
+        "float",
+        r"[-+]?[0-9]+\.[0-9]*(?:[eE][-+][0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
+        list("-+0123456789."),
+    ),
+):
+    _Loader.add_implicit_resolver(
+        f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_looks})$"), _first
+    )
 
 
 def _construct_tagged(loader: _Loader, tag: str, node: yaml.Node) -> dict:
     if not isinstance(node, yaml.MappingNode):
-        raise yaml.MarkedYAMLError(problem=f"!{tag} must have fields", problem_mark=node.start_mark)
+        raise _problem(f"!{tag} must have fields", node)
     return {"_tag": tag, **loader.construct_mapping(node, deep=True)}
 
 
 _Loader.add_multi_constructor("!", _construct_tagged)
 
 
-def _build(data: Any, schema: Any, path: str) -> Any:
+def _problem(what: str, part: yaml.Node | yaml.Event) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(problem=what, problem_mark=part.start_mark)
+
+
+def _check_size(text: str) -> None:
+    if len(text) > LARGEST_TEXT:
+        raise SchemaError(
+            f"it has {len(text)} characters of YAML, but at most {LARGEST_TEXT} are read."
+        )
+
+
+def _parse(text: str) -> Any:
+    """Lists, dicts, numbers and texts of a YAML document."""
+    _check_size(text)
+    try:
+        loader = _Loader(text)
+    except yaml.YAMLError as error:  # a character
+        raise SchemaError(f"not valid YAML: {' '.join(str(error).split())}.") from error
+    try:
+        return loader.get_single_data()
+    except yaml.MarkedYAMLError as error:
+        what = " ".join(" ".join(filter(None, (error.context, error.problem))).split())
+        line = error.problem_mark.line + 1 if error.problem_mark else loader.line + 1
+        raise SchemaError(f"not valid YAML: {what} in line {line}.") from error
+    except RecursionError as error:
+        raise SchemaError("not valid YAML: it is nested too deeply.") from error
+    except (ValueError, OverflowError) as error:  # an escape for a character that there is not
+        raise SchemaError(f"not valid YAML: {error} in line {loader.line + 1}.") from error
+
+
+def _build(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE) -> Any:
     where = path or "the document"
     if typing.get_origin(schema) is tuple:
         kinds = typing.get_args(schema)
         if not isinstance(data, list) or len(data) != len(kinds):
-            raise SchemaError(f"{where} must be a list of {len(kinds)}, but is {data!r}.")
+            raise SchemaError(f"{where} must be a list of {len(kinds)}, but is {shown(data)}.")
         pairs = enumerate(zip(data, kinds, strict=True))
         return tuple(_build(value, kind, f"{path}[{index}]") for index, (value, kind) in pairs)
     if typing.get_origin(schema) in (list, collections.abc.Sequence):
         if not isinstance(data, list):
-            raise SchemaError(f"{where} must be a list, but is {data!r}.")
+            raise SchemaError(f"{where} must be a list, but is {shown(data)}.")
         item = typing.get_args(schema)[0]
-        return [_build(value, item, f"{path}[{index}]") for index, value in enumerate(data)]
+        return [
+            _build(value, item, f"{path}[{index}]", metadata) for index, value in enumerate(data)
+        ]
     if _is_union(schema):
         if data is None and type(None) in typing.get_args(schema):
             return None
         plain = [c for c in typing.get_args(schema) if c is not type(None)]
         if len(plain) == 1 and not dataclasses.is_dataclass(plain[0]):
-            return _build(data, plain[0], path)
+            return _build(data, plain[0], path, metadata)
         schema = _chosen(data, schema, where)
         data = {key: value for key, value in data.items() if key != "_tag"}
     if dataclasses.is_dataclass(schema):
         return _build_fields(data, typing.cast(type, schema), path, where)
     if schema is str:
-        if not isinstance(data, str):
-            raise SchemaError(f"{path} is {data!r}; it must be text.")
+        check_text(data, path, metadata)
         return data
     if schema is bool:
         if not isinstance(data, bool):
-            raise SchemaError(f"{path} is {data!r}; it must be true or false.")
+            raise SchemaError(f"{path} is {shown(data)}; it must be true or false.")
         return data
     if not _is_number(data, schema):
         kind = "a whole number" if schema is int else "a number"
-        raise SchemaError(f"{path} is {data!r}; it must be {kind}.")
+        raise SchemaError(f"{path} is {shown(data)}; it must be {kind}.")
     return schema(data)
 
 
@@ -206,20 +297,20 @@ def _build_fields(data: Any, schema: type, path: str, where: str) -> Any:
     if hasattr(schema, "upgrade"):
         data = schema.upgrade(data)
     if not isinstance(data, dict):
-        raise SchemaError(f"{where} must have the fields {', '.join(names)}, but is {data!r}.")
+        raise SchemaError(f"{where} must have the fields {', '.join(names)}, but is {shown(data)}.")
     prefix = f"{path}." if path else ""
     for key in data:
         if key not in names:
-            unknown = f"{prefix}{key}" if str(key).isprintable() else repr(key)
+            unknown = f"{prefix}{key}" if key.isprintable() and len(key) < 80 else shown(key)
             raise SchemaError(
-                f"{unknown} is not a known field{nearest(str(key), names)}; {where} has the "
+                f"{unknown} is not a known field{nearest(key, names)}; {where} has the "
                 f"fields {', '.join(names)}."
             )
     values = {}
     for field in fields:
         if field.name in data:
             values[field.name] = _build(
-                data[field.name], hints[field.name], f"{prefix}{field.name}"
+                data[field.name], hints[field.name], f"{prefix}{field.name}", field.metadata
             )
         elif field.default is field.default_factory is dataclasses.MISSING:
             raise SchemaError(f"{prefix}{field.name} is missing.")
@@ -231,7 +322,7 @@ def _chosen(data: Any, schema: Any, where: str) -> type:
     given = [choice for choice in typing.get_args(schema) if choice is not type(None)]
     choices = {choice.__name__: choice for choice in _with_subclasses(given)}
     if not isinstance(data, dict):
-        raise SchemaError(f"{where} must be one of {_tags(choices)}, but is {data!r}.")
+        raise SchemaError(f"{where} must be one of {_tags(choices)}, but is {shown(data)}.")
     tag = data.get("_tag", given[0].__name__)
     if tag not in choices:
         raise SchemaError(

@@ -13,7 +13,7 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
-from limb_systems.files.samples import TIMES
+from limb_systems.files.samples import TIMES, without_rounding
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb
@@ -149,9 +149,7 @@ def record(
 
     signals = {name: sink.FindLog(context).data() for name, sink in sinks.items()}
     signals |= {name: signals[name][0] for name in TIMES if name in signals}
-    clipped = np.clip(signals["duty"], 0.0, 1.0)
-    if np.abs(clipped - signals["duty"]).max() < 1e-9:  # rounding; more is a mistake, and is named
-        signals["duty"] = clipped
+    signals["duty"] = without_rounding(signals["duty"])
     if isinstance(system, Limb):
         angles = signals["joint_state"][: system.parameters.num_joints]
         signals["bend_angle"] = bend_angle(system.parameters, angles)

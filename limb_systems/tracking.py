@@ -1,6 +1,7 @@
 """How well a limb followed its plan: the numbers of Table I."""
 
 import dataclasses
+import warnings
 from collections.abc import Sequence
 
 import numpy as np
@@ -25,14 +26,17 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
     Args:
         trajectory: the plan φ*.
         recordings: of one or more rollouts; samples after the end of the
-            plan are ignored.
+            plan are ignored, and those that are not plausible left out with
+            a warning. An interrupted rollout counts as far as it came.
 
     Raises:
         LimbError: if there is nothing to compare.
     """
     errors, plan = [], trajectory.since_start()
     for recording in recordings:
-        during = recording.time <= trajectory.duration
+        if recording.implausible.any():
+            warnings.warn(f"Left out of the tracking errors: {recording.doubt}.", stacklevel=2)
+        during = (recording.time <= trajectory.duration) & ~recording.implausible
         planned = plan.bend_angle_at(recording.time[during])
         errors.append(np.abs(planned - recording.bend_angle[:, during]).ravel())
     if not sum(error.size for error in errors):

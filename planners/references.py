@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbError, Recording
+from limb_systems.input import LARGEST_TABLE, read_text
 
 
 def from_samples(times: ArrayLike, bend_angles: ArrayLike) -> PiecewisePolynomial:
@@ -56,9 +57,13 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
             which removes the sensor's noise and keeps the motion.
 
     Raises:
-        LimbError: if the recording is shorter than the window.
+        LimbError: if the recording is shorter than the window, or a value in it
+            is not plausible.
     """
+    recording.check_plausible()
     angles = recording.bend_angle
+    if angles.shape[1] < 2:
+        return from_samples(recording.time, angles)  # which says that there are too few
     window = 2 * round(smoothing_time * recording.sample_rate / 2) + 1
     if window > angles.shape[1] or not smoothing_time >= 0:
         raise LimbError(
@@ -86,16 +91,11 @@ def load(path: str | Path) -> PiecewisePolynomial:
     Raises:
         LimbError: if the file cannot be read as a reference.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise LimbError(f"Cannot read the reference: {error}.") from error
-    except UnicodeDecodeError as error:
-        raise LimbError(f"{path}: this is not a text file.") from error
+    text = read_text(path, "reference", LimbError, LARGEST_TABLE)
     if foreign := _foreign(text):
         raise LimbError(f"{path} {foreign}.")
     try:
-        table = _parse(text)
+        table = _table(text)
         reference = from_samples(table[:, 0], np.deg2rad(table[:, 1:].T))
     except LimbError as error:
         raise LimbError(f"{path}: {error}") from error
@@ -113,6 +113,13 @@ def _foreign(text: str) -> str | None:
     if re.search(r"^segments:", text, re.MULTILINE):
         return "describes a limb, and is given with -l; a reference is a CSV or a recording"
     return None
+
+
+def _table(text: str) -> np.ndarray:
+    try:
+        return _parse(text)
+    except csv.Error as error:
+        raise LimbError(f"this is no table: {error}.") from error
 
 
 def _parse(text: str) -> np.ndarray:

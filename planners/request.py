@@ -17,6 +17,7 @@ from planners.task import Task
 
 # Knots times joints above which single calls into Drake take a second or more.
 LARGE = 5000
+RECORDED = b"# limb recording"  # with which the file of a recording starts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,6 +101,9 @@ def _reference(request: Request) -> trajectories.Trajectory:
     if request.reference == "fig5":
         return references.step_and_decaying_sine()
     path = Path(request.reference)
-    if path.is_file() and path.read_bytes().startswith(b"# limb recording"):
-        return references.from_recording(Recording.load(path), request.smoothing_time)
+    if path.is_file():
+        with path.open("rb") as file:
+            recorded = file.read(len(RECORDED)) == RECORDED
+        if recorded:
+            return references.from_recording(Recording.load(path), request.smoothing_time)
     return references.load(path)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from limb_systems import LimbError
+from limb_systems.input import read_text
 from limb_systems.schema import load_typed, nearest
 
 
@@ -145,12 +146,9 @@ class Task:
         Raises:
             TaskError: with one sentence naming the file and the field.
         """
+        text = read_text(path, "task", TaskError)
         try:
-            return load_typed(cls, Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise TaskError(f"Cannot read the task: {error}.") from error
-        except UnicodeDecodeError as error:
-            raise TaskError(f"{path}: this is not a text file.") from error
+            return load_typed(cls, text)
         except LimbError as error:
             raise TaskError(f"{path}: {error}") from error
 

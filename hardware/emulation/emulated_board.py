@@ -190,4 +190,6 @@ class EmulatedBoard:
     def wire_temperature(self) -> np.ndarray:
         """T (2), °C, which no board can read."""
         wires = self._twin.GetSubsystemByName("shape_memory_wires")
-        return wires.GetOutputPort("wire_temperature").Eval(wires.GetMyContextFromRoot(self._context))
+        return wires.GetOutputPort("wire_temperature").Eval(
+            wires.GetMyContextFromRoot(self._context)
+        )

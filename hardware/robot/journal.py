@@ -1,79 +1,139 @@
 """Recordings that are written to disk sample by sample."""
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
-from limb_systems import LimbSystem
+from limb_systems import LimbError, LimbSystem
 from limb_systems.files.recording import RecordingHeader
-from limb_systems.files.samples import column_names
-from limb_systems.files.tables import TableWriter
+from limb_systems.files.samples import column_names, without_rounding
+from limb_systems.files.table_writer import TableWriter
 from limb_systems.model.ownership import weak_method
 from limb_systems.schema import dump_typed
 
 SIGNALS = ("measured_temperature", "bend_angle")
 OF_ROBOTS = ("applied_duty", "board_time", "sample_age")  # where the limb has them
+STOPPED = "stopped by Ctrl-C or a signal"
 
 
 class Journal(LeafSystem):
-    """Writes each sample of a limb to a file when it arrives.
+    """Hands each sample of a limb to a `TableWriter` when it arrives.
 
-    Until `close`, the file is a recording without its end line. If the program
-    dies, `Recording.load(path, unfinished=True)` reads the samples up to then.
+    If the program dies, `Recording.load(journal.writer.path, unfinished=True)`
+    reads the samples up to then.
 
     - input 0 ``duty``: D (2), in [0, 1]
     - input 1 ``measured_temperature``: V (2), °C
     - input 2 ``bend_angle``: φ (1), rad
     - from input 3 on, where the limb has such outputs: ``applied_duty`` (2),
-      ``board_time`` and ``sample_age`` (1), s
+      ``board_time`` and ``sample_age`` (1), s; last, if there is one,
+      ``reference`` (1), rad
+
+    ``writer`` has the file.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, path: str | Path, limb: LimbSystem, sample_rate: float):
+    def __init__(
+        self, path: str | Path, limb: LimbSystem, sample_rate: float, *, has_reference: bool = False
+    ):
         """
         Args:
-            path: of the file, which is written anew.
+            path: of the file when it is finished.
             limb: whose ``parameters`` and ``source`` go into the header.
             sample_rate: Hz.
+            has_reference: whether there is an input for the bend angle that is asked for.
+
+        Raises:
+            OutputError: if no file can be made there.
         """
         super().__init__()
         names = column_names(limb.parameters)
         header = RecordingHeader(limb.source, sample_rate, limb.parameters)
-        signals = ["duty", *journaled(limb)]
+        signals = ["duty", *journaled_outputs(limb), *(["reference"] if has_reference else [])]
         columns = [column for signal in ("time", *signals) for column in names[signal]]
-        self._writer = TableWriter(path, "recording", dump_typed(header), columns)
         for signal in signals:
             self.DeclareVectorInputPort(signal, len(names[signal]))
         self.DeclarePeriodicPublishEvent(1 / sample_rate, 0.0, weak_method(self._append))
         self.set_name("journal")
-
-    def close(self) -> None:
-        """Writes the end line and closes the file."""
-        self._writer.close()
+        self.writer = TableWriter(path, "recording", dump_typed(header), columns)
 
     def _append(self, context):
-        values = [context.get_time()]
-        for index in range(self.num_input_ports()):
-            values += self.get_input_port(index).Eval(context).tolist()
-        self._writer.append(values)
+        duty, *others = (
+            self.get_input_port(index).Eval(context) for index in range(self.num_input_ports())
+        )
+        self.writer.append([context.get_time(), *without_rounding(duty), *np.concatenate(others)])
 
 
-def journaled(limb: LimbSystem) -> list[str]:
+def journaled_outputs(limb: LimbSystem) -> list[str]:
     """Names of the limb's outputs that are written to its journal."""
     return [*SIGNALS, *(name for name in OF_ROBOTS if limb.HasOutputPort(name))]
 
 
-def add_journal(
+@contextlib.contextmanager
+def journaled(
     builder: DiagramBuilder,
-    path: str | Path,
+    path: str | Path | None,
     limb: LimbSystem,
     duty: OutputPort,
     sample_rate: float,
-) -> Journal:
-    """Adds a journal of a limb, driven by a port of duty, to a diagram."""
-    journal = builder.AddSystem(Journal(path, limb, sample_rate))
-    builder.Connect(duty, journal.GetInputPort("duty"))
-    for name in journaled(limb):
-        builder.Connect(limb.GetOutputPort(name), journal.GetInputPort(name))
-    return journal
+    *,
+    reference: OutputPort | None = None,
+    ended_by_hand: bool = False,
+) -> Iterator[None]:
+    """A context in which a diagram is built and run, with a journal of its limb.
+
+    The file gets its name when the context ends. If it ends with an error, the
+    file says so and keeps the name of an unfinished one. A robot is closed before
+    the disk is waited for.
+
+    Args:
+        builder: of the diagram, to which the journal is added.
+        path: of the file; there is no journal if it is None.
+        duty: the port that drives the limb.
+        reference: port of the bend angle that is asked for.
+        ended_by_hand: whether Ctrl-C is how the recording ends. It then ends the
+            context and not the program, and the file gets its name.
+
+    Raises:
+        LimbError: if it was ended before there was a sample.
+        OutputError: if the file cannot be made, or is not on the disk in the end.
+    """
+    if path is None:
+        yield
+        return
+    journal = Journal(path, limb, sample_rate, has_reference=reference is not None)
+    writer = journal.writer
+    try:
+        builder.AddSystem(journal)
+        ports = {"duty": duty, **({"reference": reference} if reference else {})}
+        ports |= {name: limb.GetOutputPort(name) for name in journaled_outputs(limb)}
+        for name, port in ports.items():
+            builder.Connect(port, journal.GetInputPort(name))
+        yield
+    except KeyboardInterrupt as error:
+        _close(limb)
+        if not ended_by_hand:
+            writer.abandon(STOPPED)
+            raise
+        if not writer.num_rows:
+            writer.abandon(STOPPED)
+            raise LimbError("It was stopped before there was a sample to record.") from error
+        writer.finish(STOPPED)
+    except BaseException as error:
+        _close(limb)
+        writer.abandon(str(error) or type(error).__name__)
+        raise
+    else:
+        _close(limb)
+        writer.finish()
+
+
+def _close(limb: Any) -> None:
+    """Closes a robot; other limbs have nothing to close."""
+    if limb.real_time:
+        limb.close()

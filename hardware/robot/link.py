@@ -419,4 +419,3 @@ class BoardLink:
             duty=np.array(values[9:11]) / protocol.FULL_DUTY,
             warmest=np.array(values[11:13], float),
         )
-

@@ -11,13 +11,16 @@ from limb_systems.files.samples import (
     bend_range,
     check_samples,
     columns_of,
+    first_outside,
     group_columns,
+    samples_outside,
     ungroup_columns,
 )
 from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.schema import dump_typed, load_typed
+from limb_systems.schema import check_text, dump_typed, load_typed
 
+MEASURED = ("measured_temperature", "bend_angle")
 OPTIONAL = (
     "wire_temperature",
     "joint_state",
@@ -46,13 +49,16 @@ class RecordingHeader:
 class Recording(Shown):
     """Samples from a limb with S segments, n joints and W wires.
 
+    Measured values are kept whatever they are: a reading of 700 °C is a fact
+    about its sensor. `check_plausible` is for who calculates with them.
+
     - ``time``: (K,), s, increasing.
     - ``duty``: (W, K), in [0, 1], in force when the sample was taken; a command
       that changes at that very time appears in the next sample.
     - ``measured_temperature``: V (W, K), °C.
     - ``bend_angle``: φ (S, K), rad.
     - ``parameters``: of the limb, as far as it is known.
-    - ``source``: text that names what was recorded.
+    - ``source``: a line of text that names what was recorded.
     - ``sample_rate``: nominal, Hz.
     - ``wire_temperature``: T (W, K), °C, of a model; else None.
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s, of a model; else None.
@@ -63,10 +69,13 @@ class Recording(Shown):
       None without a board.
     - ``sample_age``: time from the sample's arrival to ``time`` (K,), s; None
       without a board.
+    - ``interrupted``: why it ended before its time, in a line of text, such as the
+      fault of a board; empty if it did not.
 
     Raises:
         LimbError: at construction, if shapes disagree or values are not
-            finite, if time does not increase or duty leaves [0, 1].
+            finite, if time does not increase or duty leaves [0, 1], or if the
+            source cannot be printed.
     """
 
     time: np.ndarray
@@ -82,23 +91,51 @@ class Recording(Shown):
     applied_duty: np.ndarray | None = None
     board_time: np.ndarray | None = None
     sample_age: np.ndarray | None = None
+    interrupted: str = ""
 
     def __post_init__(self):
         self.parameters.validate()
-        check_samples(self, optional=OPTIONAL)
+        check_text(self.source, "source")
+        check_text(self.interrupted, "interrupted")
+        check_samples(self, optional=OPTIONAL, measured=MEASURED)
         if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
             raise LimbError(f"sample_rate is {self.sample_rate!r} Hz; it must be positive.")
 
+    @property
+    def implausible(self) -> np.ndarray:
+        """Whether V or φ is beyond what any limb does, at each sample (K,).
+
+        That is, beyond -60 °C to 600 °C, or -π to π.
+        """
+        return samples_outside(self, MEASURED)
+
+    @property
+    def doubt(self) -> str:
+        """How many samples are not plausible, and since when; empty if there are none."""
+        if not (count := int(self.implausible.sum())):
+            return ""
+        first = self.time[np.argmax(self.implausible)]
+        return f"{count} of {len(self.time)} samples out of range, the first at {first:g} s"
+
+    def check_plausible(self) -> None:
+        """Raises LimbError, with the first value that is not plausible, if there is one."""
+        if self.implausible.any():
+            raise LimbError(first_outside(self, MEASURED))
+
     def facts(self) -> dict[str, str]:
-        """Source, duration, samples, range of the bend angle, largest temperature."""
+        """Source, duration, samples, range of the bend angle, largest temperature; its trouble."""
+        trouble = {"end": f"interrupted: {self.interrupted}"} if self.interrupted else {}
+        if doubt := self.doubt:
+            trouble["doubt"] = doubt
         if not len(self.time):
-            return {"source": self.source, "samples": "no samples"}
+            return {"source": self.source, "samples": "no samples", **trouble}
         return {
             "source": self.source,
             "duration": f"{self.time[-1] - self.time[0]:g} s",
             "samples": f"{len(self.time)} samples",
             "motion": bend_range(self.bend_angle),
             "heat": f"up to {self.measured_temperature.max():.0f} °C",
+            **trouble,
         }
 
     @property
@@ -121,21 +158,22 @@ class Recording(Shown):
 
         Args:
             unfinished: whether the file may lack its end, because the program
-                that recorded was killed.
+                that recorded was killed; it is then ``interrupted``.
 
         Raises:
             FileFormatError: one sentence that says what is wrong and where.
         """
-        header_text, columns = read_table(path, "recording", unfinished=unfinished)
+        table = read_table(path, "recording", unfinished=unfinished)
         try:
-            header = load_typed(RecordingHeader, header_text)
+            header = load_typed(RecordingHeader, table.header)
             header.parameters.validate()
             names = columns_of(cls, header.parameters)
             return cls(
-                **group_columns(columns, names, optional=OPTIONAL),
+                **group_columns(table.columns, names, optional=OPTIONAL),
                 parameters=header.parameters,
                 source=header.source,
                 sample_rate=header.sample_rate_hz,
+                interrupted=table.interrupted,
             )
         except LimbError as error:
             raise FileFormatError(f"{path}: {error}") from error
@@ -144,4 +182,4 @@ class Recording(Shown):
         """Writes the recording whole or not at all."""
         header = RecordingHeader(self.source, float(self.sample_rate), self.parameters)
         columns = ungroup_columns(self, columns_of(Recording, self.parameters))
-        write_table(path, "recording", dump_typed(header), columns)
+        write_table(path, "recording", dump_typed(header), columns, self.interrupted)

@@ -50,13 +50,17 @@ def columns_of(kind: type, parameters: LimbParameters) -> dict[str, list[str]]:
     return {name: names for name, names in column_names(parameters).items() if name in signals}
 
 
-def check_samples(samples: Any, optional: Collection[str] = ()) -> None:
+def check_samples(
+    samples: Any, optional: Collection[str] = (), measured: Collection[str] = ()
+) -> None:
     """Turns the signals of an object into arrays and checks them.
 
     Args:
         samples: a dataclass with ``parameters``, ``time`` (K,) and some of
             the signals.
         optional: the signals that may be None.
+        measured: the signals that may leave their range, because what was
+            measured is what it is.
 
     Raises:
         LimbError: if shapes disagree or values are not finite, if time does
@@ -78,7 +82,8 @@ def check_samples(samples: Any, optional: Collection[str] = ()) -> None:
             )
         if not np.isfinite(value).all():
             raise LimbError(f"{name} holds values that are not finite.")
-        _check_range(samples, name, np.atleast_2d(value))
+        if name not in measured and samples_outside(samples, [name]).any():
+            raise LimbError(first_outside(samples, [name]))
     if not np.isfinite(samples.time).all() or (np.diff(samples.time) <= 0).any():
         raise LimbError("time must be finite and increasing.")
 
@@ -117,13 +122,19 @@ def ungroup_columns(samples: Any, names: Mapping[str, list[str]]) -> dict[str, n
     return columns
 
 
+def without_rounding(duty: np.ndarray) -> np.ndarray:
+    """Duty within rounding of [0, 1] brought into it; more is a mistake, and left to be named."""
+    clipped = np.clip(duty, 0.0, 1.0)
+    return clipped if np.abs(clipped - duty).max() < 1e-9 else duty
+
+
 def bend_range(bend_angle: np.ndarray) -> str:
     """The range of bend angles (S, K), rad, in words and degrees."""
     low, high = np.rad2deg([bend_angle.min(), bend_angle.max()])
     return f"bend {low:.0f}° to {high:.0f}°"
 
 
-# A value outside these is a mistake in any recording, most often of units.
+# A value outside these is a mistake, of units or of a sensor.
 _RANGES = {
     "duty": (0.0, 1.0, ""),
     "applied_duty": (0.0, 1.0, ""),
@@ -134,12 +145,29 @@ _RANGES = {
 }
 
 
-def _check_range(samples, name: str, value: np.ndarray) -> None:
-    low, high, unit = _RANGES.get(name, (-np.inf, np.inf, ""))
-    outside = ((value < low) | (value > high)).any(axis=0)
-    if outside.any():
-        index = int(np.argmax(outside))
-        raise LimbError(
-            f"{name} is {value[:, index].tolist()}{unit} at {samples.time[index]:g} s; "
-            f"it must stay from {low:g} to {high:g}{unit}."
-        )
+def samples_outside(samples: Any, names: Collection[str]) -> np.ndarray:
+    """Whether some of an object's signals leave their ranges, at each sample (K,)."""
+    outside = np.zeros(len(samples.time), bool)
+    for name in names:
+        low, high, _ = _range(name)
+        value = np.atleast_2d(getattr(samples, name))
+        outside |= ((value < low) | (value > high)).any(axis=0)
+    return outside
+
+
+def first_outside(samples: Any, names: Collection[str]) -> str:
+    """One sentence on the first sample at which some signals leave their ranges."""
+    index = int(np.argmax(samples_outside(samples, names)))
+    for name in names:
+        low, high, unit = _range(name)
+        value = np.atleast_2d(getattr(samples, name))[:, index]
+        if ((value < low) | (value > high)).any():
+            return (
+                f"{name} is {value.tolist()}{unit} at {samples.time[index]:g} s; "
+                f"it must stay from {low:g} to {high:g}{unit}."
+            )
+    raise AssertionError("all signals are in their ranges")
+
+
+def _range(name: str) -> tuple[float, float, str]:
+    return _RANGES.get(name, (-np.inf, np.inf, ""))

@@ -10,24 +10,30 @@ with ``#``:
     0.0,0.0,0.25,...
     # end, 1 rows, sha256 1b4f0e98...
 
-With the end line, truncation at any byte is noticed, and with its digest any
-other change. Numbers are written so that they read back as the same doubles; angles
-are in degrees in the file and in radians in memory.
+A table that is not all that it should be has a line before its end line that
+starts with ``# interrupted:`` and says why. With the end line, truncation at any
+byte is noticed, and with its digest any other change. Numbers are written so that
+they read back as the same doubles; angles are in degrees in the file and in
+radians in memory.
 """
 
 import decimal
 import hashlib
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from limb_systems.errors import LimbError
+from limb_systems.input import LARGEST_TABLE, read_bytes
 from limb_systems.output import write_atomically
 
 FORMAT_VERSION = 2
 READABLE = (1, FORMAT_VERSION)  # format 1 had fewer columns
+KILLED = "the program that recorded it was killed"
+_INTERRUPTED = "# interrupted: "
 _DECIMAL = decimal.Context(prec=40)
 _RADIAN = _DECIMAL.divide(
     decimal.Decimal(180), decimal.Decimal("3.141592653589793238462643383279502884197169")
@@ -38,8 +44,25 @@ class FileFormatError(LimbError):
     """A recording or trajectory file is damaged, of another kind or of another version."""
 
 
+class Table(NamedTuple):
+    """What is in a table's file.
+
+    - ``header``: YAML text.
+    - ``columns``: values (K,) by name, angles in rad.
+    - ``interrupted``: why the table is not all that it should be; empty if it is.
+    """
+
+    header: str
+    columns: dict[str, np.ndarray]
+    interrupted: str
+
+
 def write_table(
-    path: str | Path, kind: str, header: str, columns: Mapping[str, np.ndarray]
+    path: str | Path,
+    kind: str,
+    header: str,
+    columns: Mapping[str, np.ndarray],
+    interrupted: str = "",
 ) -> None:
     """Writes a table; see the module's docstring.
 
@@ -48,60 +71,33 @@ def write_table(
         header: YAML text that describes the table.
         columns: name to values (K,). Names ending in ``_deg`` or ``_deg_s``
             are converted from rad or rad/s.
+        interrupted: why the table is not all that it should be; empty if it is.
 
     Raises:
-        FileFormatError: if a value is not finite or time is not increasing.
+        FileFormatError: if a value is not finite, time is not increasing or
+            the file would be larger than is read.
     """
     _check_values(columns, [f"sample {index}" for index in range(len(columns["time_s"]))])
-    rows = list(_format_rows(columns))
-    body = f"{_format_head(kind, header, columns)}{''.join(rows)}"
-    digest = hashlib.sha256(body.encode()).hexdigest()
-    write_atomically(path, f"{body}# end, {len(rows)} rows, sha256 {digest}\n")
+    rows = list(format_rows(columns))
+    body = f"{format_head(kind, header, columns)}{''.join(rows)}"
+    if len(body) > LARGEST_TABLE:
+        raise FileFormatError(
+            f"This {kind} needs {len(body) / 1e6:.0f} MB, but at most {LARGEST_TABLE / 1e6:g} MB "
+            "are read again; save a part of it, or fewer samples per second."
+        )
+    end = end_of_table(hashlib.sha256(body.encode()), len(rows), interrupted)
+    write_atomically(path, "".join([body, *end]))
 
 
-class TableWriter:
-    """Writes a table row by row, each on disk before the next; `close` ends it.
-
-    Until then the file lacks its end line; `read_table` reads it when asked to.
-    """
-
-    def __init__(self, path: str | Path, kind: str, header: str, names: Sequence[str]):
-        """
-        Args:
-            path, kind, header: as for `write_table`.
-            names: of the columns.
-        """
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        self._names = list(names)
-        self._digest, self._num_rows = hashlib.sha256(), 0
-        self._file = open(path, "w", encoding="utf-8", newline="\n")  # noqa: SIM115
-        self._write(_format_head(kind, header, self._names))
-
-    def append(self, values: Sequence[float]) -> None:
-        """Adds a row of values, angles in rad."""
-        (row,) = _format_rows({n: np.array([v]) for n, v in zip(self._names, values, strict=True)})
-        self._write(row)
-        self._num_rows += 1
-
-    def close(self) -> None:
-        """Writes the end line; more than once does nothing."""
-        if not self._file.closed:
-            self._file.write(f"# end, {self._num_rows} rows, sha256 {self._digest.hexdigest()}\n")
-            self._file.close()
-
-    def _write(self, text: str) -> None:
-        self._digest.update(text.encode())
-        self._file.write(text)
-        self._file.flush()  # to the kernel, where it outlives this process
-
-
-def _format_head(kind: str, header: str, names: Iterable[str]) -> str:
+def format_head(kind: str, header: str, names: Iterable[str]) -> str:
+    """All lines of a table before its rows."""
     lines = [f"# limb {kind}, format {FORMAT_VERSION}"]
     lines += [f"# {line}" for line in header.splitlines()]
     return "\n".join([*lines, ",".join(names)]) + "\n"
 
 
-def _format_rows(columns: Mapping[str, np.ndarray]) -> Iterator[str]:
+def format_rows(columns: Mapping[str, np.ndarray]) -> Iterator[str]:
+    """The rows of a table, each with its line's end."""
     texts = [
         map(_format_degrees if _is_angle(name) else repr, values.tolist())
         for name, values in columns.items()
@@ -109,41 +105,54 @@ def _format_rows(columns: Mapping[str, np.ndarray]) -> Iterator[str]:
     return (",".join(row) + "\n" for row in zip(*texts, strict=True))
 
 
-def read_table(
-    path: str | Path, kind: str, *, unfinished: bool = False
-) -> tuple[str, dict[str, np.ndarray]]:
-    """Reads what `write_table` or `TableWriter` wrote.
+def end_of_table(digest: Any, num_rows: int, interrupted: str) -> list[str]:
+    """The lines after the rows of a table.
+
+    Args:
+        digest: hash object of all that is before; what is added here is added to it.
+        num_rows: how many rows there are.
+        interrupted: as for `write_table`.
+    """
+    lines = []
+    if interrupted:
+        # One line, of which no character moves a cursor or starts another line.
+        printed = "".join(c if c.isprintable() else "?" for c in " ".join(interrupted.split()))
+        lines.append(f"{_INTERRUPTED}{printed}\n")
+        digest.update(lines[0].encode())
+    return [*lines, f"# end, {num_rows} rows, sha256 {digest.hexdigest()}\n"]
+
+
+def read_table(path: str | Path, kind: str, *, unfinished: bool = False) -> Table:
+    """Reads what `write_table` or a `TableWriter` wrote.
 
     Args:
         unfinished: whether the end line may be missing, because the program
             that wrote the table died; an incomplete last line is then left
-            out.
-
-    Returns:
-        The header's YAML text, and the columns (K,) by name, angles in rad.
+            out, and the table is an interrupted one.
 
     Raises:
         FileFormatError: one sentence that says what is wrong and where.
     """
+    data = read_bytes(path, kind, LARGEST_TABLE, FileFormatError)
     try:
-        data = Path(path).read_bytes()
         if unfinished and not re.search(rb"\n# end, .*\n$", data):
             data = _finish(data)
         return _parse_table(data, kind)
-    except OSError as error:
-        raise FileFormatError(f"Cannot read the {kind}: {error}.") from error
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
 
 
 def _finish(data: bytes) -> bytes:
-    """Adds the end line to a table that lacks it."""
+    """Adds the end to a table that lacks it."""
     body = data[: data.rfind(b"\n") + 1]
-    rows = [line for line in body.splitlines()[1:] if not line.startswith(b"# ")][1:]
-    return body + f"# end, {len(rows)} rows, sha256 {hashlib.sha256(body).hexdigest()}\n".encode()
+    lines = body.splitlines()
+    said = bool(lines) and lines[-1].startswith(_INTERRUPTED.encode())
+    rows = [line for line in lines[1:] if not line.startswith(b"# ")][1:]
+    end = end_of_table(hashlib.sha256(body), len(rows), "" if said else KILLED)
+    return body + "".join(end).encode()
 
 
-def _parse_table(data: bytes, kind: str) -> tuple[str, dict[str, np.ndarray]]:
+def _parse_table(data: bytes, kind: str) -> Table:
     try:
         lines = data.decode("utf-8").split("\n")
     except UnicodeDecodeError as error:
@@ -168,7 +177,8 @@ def _parse_table(data: bytes, kind: str) -> tuple[str, dict[str, np.ndarray]]:
     header_size = next(i for i, line in enumerate(lines[1:], 1) if not line.startswith("# "))
     if header_size >= len(lines) - 2:
         raise FileFormatError("there is no line of column names; the file is damaged.")
-    columns = _parse_rows(lines[header_size:-2], header_size + 1)
+    interrupted = lines[-3].startswith(_INTERRUPTED)
+    columns = _parse_rows(lines[header_size : -3 if interrupted else -2], header_size + 1)
     num_rows = len(next(iter(columns.values())))
     if num_rows != int(end[1]):
         raise FileFormatError(f"there are {num_rows} rows, but the end line counts {end[1]}.")
@@ -178,8 +188,9 @@ def _parse_table(data: bytes, kind: str) -> tuple[str, dict[str, np.ndarray]]:
             "the content does not match the checksum in the end line; "
             "the file was changed or damaged after it was written."
         )
-    header = "\n".join(line.removeprefix("# ") for line in lines[1:header_size])
-    return header, columns
+    # An empty line for the first one, so that errors count lines as the file does.
+    header = "\n".join(["", *(line.removeprefix("# ") for line in lines[1:header_size])])
+    return Table(header, columns, lines[-3].removeprefix(_INTERRUPTED) if interrupted else "")
 
 
 def _parse_rows(lines: list[str], first_line: int) -> dict[str, np.ndarray]:

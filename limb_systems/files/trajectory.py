@@ -312,11 +312,11 @@ class Trajectory(Shown):
         Raises:
             FileFormatError: one sentence that says what is wrong and where.
         """
-        header_text, columns = read_table(path, "trajectory")
+        table = read_table(path, "trajectory")
         try:
-            header = load_typed(TrajectoryHeader, header_text)
+            header = load_typed(TrajectoryHeader, table.header)
             header.parameters.validate()
-            signals = group_columns(columns, columns_of(cls, header.parameters))
+            signals = group_columns(table.columns, columns_of(cls, header.parameters))
             del signals["bend_angle"]  # it follows from the joint angles
             return cls(**signals, parameters=header.parameters, check=header.check)
         except LimbError as error:

@@ -6,6 +6,7 @@ from pydrake.systems.framework import Context, InputPort, OutputPort, System
 
 from limb_systems.errors import LimbError
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.schema import check_text
 
 ACCURACY = 1e-3  # of simulations, where a system does not say otherwise
 
@@ -19,7 +20,7 @@ class LimbSystem(Protocol):
     (S), rad. It may have other ports.
 
     - ``parameters``: of the limb, as far as it is known.
-    - ``source``: text that names the system in recordings of it.
+    - ``source``: a line of text that names the system in recordings of it.
     - ``real_time``: whether it must run in real time and be closed at the end
       by its method ``close``, as a robot must; False if left out.
     - ``accuracy``: relative accuracy of the integrator that it needs; 1e-3 if
@@ -52,7 +53,8 @@ def check_limb(system: System) -> LimbSystem:
     """Checks that a system can stand in for a limb, and sets attributes that it leaves out.
 
     Raises:
-        LimbError: one sentence that names every missing port and attribute.
+        LimbError: one sentence that names every missing port and attribute, or
+            says why no recording of it could be written.
     """
     missing = [
         f"the {kind} port {name}"
@@ -70,6 +72,8 @@ def check_limb(system: System) -> LimbSystem:
         raise LimbError(
             f"{type(system).__name__} cannot stand in for a limb: it lacks {', '.join(missing)}."
         )
+    check_text(system.source, "source")
+    system.parameters.validate()
     for name, value in (("real_time", False), ("accuracy", ACCURACY)):
         if not hasattr(system, name):
             setattr(system, name, value)

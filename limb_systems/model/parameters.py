@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from limb_systems.errors import LimbError
+from limb_systems.input import read_text
 from limb_systems.model.bend_sensor import BendSensor, TipTangentSensor
 from limb_systems.model.heat_bounds import HeatBounds
 from limb_systems.model.wire_law import LinearLaw, WireLaw
@@ -26,6 +27,7 @@ from limb_systems.schema import (
     dump_typed,
     load_typed,
     quantity,
+    shown,
     validate,
 )
 
@@ -190,7 +192,7 @@ class EmulatedLimb(Board):
     """
 
     seed: int
-    description: str = ""
+    description: str = dataclasses.field(default="", metadata={"lines": True})
     absent: list[str] = dataclasses.field(default_factory=list)
 
     @property
@@ -283,12 +285,7 @@ class LimbParameters(Strict):
         Raises:
             ParameterError: with one sentence naming the file and the field.
         """
-        try:
-            text = Path(path).read_text(encoding="utf-8")
-        except OSError as error:
-            raise ParameterError(f"Cannot read the limb parameters: {error}.") from error
-        except UnicodeDecodeError as error:
-            raise ParameterError(f"{path}: this is not a text file.") from error
+        text = read_text(path, "limb parameters", ParameterError)
         try:
             return cls.from_yaml(text)
         except ParameterError as error:
@@ -325,8 +322,8 @@ class LimbParameters(Strict):
         version = data.pop("format", FORMAT)
         if version not in (1, FORMAT):
             raise ParameterError(
-                f"these limb parameters are of format {version!r}; this program reads formats 1 "
-                f"and {FORMAT}."
+                f"these limb parameters are of format {shown(version)}; this program reads "
+                f"formats 1 and {FORMAT}."
             )
         if isinstance(data.get("board"), str):
             number = data.pop("board")

@@ -6,7 +6,22 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration import CalibrationError, check_recording, kind_of, kinds_of
+from calibration import (
+    CalibrationError,
+    Estimate,
+    calibrate,
+    check_recording,
+    fit_damping,
+    fit_force,
+    fit_heat_transfer,
+    fit_heat_transfer_from_temperature,
+    fit_stiffness,
+    kind_of,
+    kinds_of,
+    load_recordings,
+    validate,
+)
+from calibration.report import validation_summary
 from limb_systems import LimbParameters, Recording
 
 
@@ -101,3 +116,64 @@ def test_gravity_along_the_axis_of_bending_is_no_sag(model_recordings):
     recording.parameters = copy.deepcopy(recording.parameters)
     recording.parameters.gravity = [0.0, 0.0, -9.81]
     assert kind_of(recording) == "ring_down"
+
+
+def spoilt(recording, sample=100):
+    """With one reading that no limb has: as a bend sensor and a thermocouple may give."""
+    angle, measured = recording.bend_angle.copy(), recording.measured_temperature.copy()
+    angle[0, sample], measured[0, sample] = np.deg2rad(32767 / 64), 700.0
+    return (
+        dataclasses.replace(recording, bend_angle=angle),
+        dataclasses.replace(recording, measured_temperature=measured),
+    )
+
+
+def test_a_value_that_no_limb_has_is_named(model_recordings, true_limb):
+    """By everything that calculates with it."""
+    right, both = model_recordings["right"][0], model_recordings["both"][0]
+    (sag,), (ring,) = model_recordings["sag"], model_recordings["ring_down"]
+    heat = fit_heat_transfer(right, 1, 25.0)
+    spring = Estimate(0.1, 0.0, "N·m/rad")
+    uses = [
+        (right, check_recording),
+        (both, lambda recording: validate(true_limb, recording)),
+        (sag, lambda recording: fit_stiffness(true_limb, [sag, recording])),
+        (ring, lambda recording: fit_damping(true_limb, [ring, recording])),
+        (right, lambda recording: fit_heat_transfer(recording, 1, 25.0)),
+        (right, lambda recording: fit_heat_transfer_from_temperature(recording, 1, 25.0)),
+        (right, lambda recording: fit_force(true_limb, recording, 1, heat, spring)),
+        (right, lambda recording: calibrate({**model_recordings, "right": [recording]})),
+    ]
+    for recording, use in uses:
+        bent, hot = spoilt(recording)
+        at = f"{recording.time[100]:g} s; it must stay from"
+        with pytest.raises(CalibrationError, match=rf"bend_angle is \[8\.93.* at {at}.* again\.$"):
+            use(bent)
+        with pytest.raises(CalibrationError, match=r"measured_temperature is \[700\.0, .*again\.$"):
+            use(hot)
+
+
+def test_what_was_interrupted_calibrates_nothing_but_is_validated_with(
+    model_recordings, true_limb, tmp_path
+):
+    right, both = (
+        dataclasses.replace(model_recordings[kind][0], interrupted="The cable is cut.")
+        for kind in ("right", "both")
+    )
+    message = r"this was interrupted \(The cable is cut\), so record it again\."
+    with pytest.raises(CalibrationError, match=message):
+        calibrate({**model_recordings, "right": [right]})
+    right.save(tmp_path / "some_name.csv")
+    with pytest.raises(CalibrationError, match=rf"some_name\.csv: {message}"):
+        load_recordings(tmp_path)
+    summary = validation_summary(validate(true_limb, both))
+    assert summary.endswith("until it was interrupted: The cable is cut")
+    whole = validation_summary(validate(true_limb, model_recordings["both"][0]))
+    assert "interrupted" not in whole
+
+
+def test_unfinished_files_are_ignored(model_recordings, tmp_path):
+    model_recordings["right"][0].save(tmp_path / "right.csv")
+    for name in ("right.unfinished.csv", "left.unfinished_2.csv"):
+        (tmp_path / name).write_text("# limb recording, format 2\n")
+    assert {kind: len(group) for kind, group in load_recordings(tmp_path).items()} == {"right": 1}

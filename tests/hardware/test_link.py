@@ -270,7 +270,9 @@ def test_commands_that_do_not_arrive_are_noticed(board):
     with (
         BoardLink(board[1]) as link,
         Talking(board[0], lambda number: sample(number, guard.ARMED, guard.NONE)),
-        pytest.raises(HardwareError, match=r"did not get a command within 0\.\d+ s; commands arrive"),
+        pytest.raises(
+            HardwareError, match=r"did not get a command within 0\.\d+ s; commands arrive"
+        ),
     ):
         keep_commanding(link)
 

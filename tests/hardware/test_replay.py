@@ -75,6 +75,15 @@ def test_tracking_errors_are_those_counted_by_hand(fig5_plan):
     assert np.rad2deg(errors.percentile_90) == pytest.approx(8.1)
 
 
+def test_what_no_limb_does_is_left_out_of_tracking_errors(fig5_plan):
+    spoilt = shifted(fig5_plan, [0, -1, 2, -3, 4])
+    spoilt.bend_angle[0, 2] = np.deg2rad(32767 / 64)
+    said = r"Left out of the tracking errors: 1 of 5 samples out of range, the first at 30 s\."
+    with pytest.warns(UserWarning, match=said):
+        errors = tracking_errors(fig5_plan, [spoilt])
+    assert np.rad2deg(errors.mean) == pytest.approx(2.0)
+
+
 def test_nothing_to_compare_is_said(fig5_plan):
     with pytest.raises(LimbError, match="no recorded samples"):
         tracking_errors(fig5_plan, [])

@@ -29,6 +29,7 @@ from limb_systems import (
     SerialBoard,
     simulate,
 )
+from limb_systems.progress import Progress
 from planners import plan, references
 
 from .conftest import wait_for
@@ -141,21 +142,23 @@ def test_a_limb_of_two_segments_has_no_board(emulator, two_segments):
 
 def test_recording_survives_sigkill(emulator, start_host, fig5_plan, tmp_path):
     fig5_plan.save(tmp_path / "plan.csv")
-    output = tmp_path / "recording.csv"
+    output, journal = tmp_path / "recording.csv", tmp_path / "recording.unfinished.csv"
+    output.write_text("old")
     command = [sys.executable, "-m", "hardware", "replay", tmp_path / "plan.csv", "-o", output]
-    process = start_host([*command, "-p", emulator.port])
+    process = start_host([*command, "-p", emulator.port, "--force"])
     assert wait_for(lambda: max(emulator.duty()) > 0.0, 20.0)
     start = next(e["time"] for e in emulator.events("duty") if e["right"] > 0)
     time.sleep(2.0)
     process.send_signal(signal.SIGKILL)
     lasted = time.monotonic() - start
     process.wait()
+    assert output.read_text() == "old"
     with pytest.raises(LimbError, match="truncated"):
-        Recording.load(output)
-    recording = Recording.load(output, unfinished=True)
+        Recording.load(journal)
+    recording = Recording.load(journal, unfinished=True)
     assert recording.time[-1] > lasted - 0.1 - 0.05  # the board's first duty came one sample late
     assert recording.duty[1, -1] > 0.0
-    assert main(["recover", str(output), "-o", str(tmp_path / "whole.csv")]) == 0
+    assert main(["recover", str(journal), "-o", str(tmp_path / "whole.csv")]) == 0
     assert len(Recording.load(tmp_path / "whole.csv").time) == len(recording.time)
 
 
@@ -331,26 +334,35 @@ def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
         options = {"num_angles": 1, "longest": 20.0}
         collect_from_robot(Closing, LimbParameters(), tmp_path, ask, **options)
 
-    def stop(*_):
-        assert in_use == [[0.0, 0.0, 0.0]]
-        raise KeyboardInterrupt
+    def stop(_, done, remark=""):
+        if asked[-1] == "ring_down_1" and done >= 3.0:
+            assert in_use == [[0.0, 0.0, 0.0]]
+            raise KeyboardInterrupt
 
     with monkeypatch.context() as interrupted:
-        interrupted.setattr("calibration.collect.collect_ring_down", stop)
-        with pytest.raises(KeyboardInterrupt):
+        interrupted.setattr(Progress, "update", stop)
+        with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
             collect()
     assert not in_use
     assert asked == ["sag_1", "sag_2", "ring_down_1"]
     finished = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    assert sorted(path.name for path in finished) == ["sag_1.csv", "sag_2.csv"]
+    left = tmp_path / "ring_down_1.unfinished.csv"
+    assert sorted(finished) == [left, tmp_path / "sag_1.csv", tmp_path / "sag_2.csv"]
+    assert Recording.load(left).time[-1] == pytest.approx(3.0)
 
-    collect()
+    message = rf"{left} was interrupted; .* calibration ignores it, and ring_down_1 is recorded"
+    with pytest.warns(UserWarning, match=message) as warned:
+        collect()
+    assert len(warned) == 1
     assert asked[3:] == ["ring_down_1", "right", "left", "both"]
     assert {path: path.read_bytes() for path in finished} == finished
+    left.unlink()
     found = {path.stem: Recording.load(path) for path in tmp_path.iterdir()}
     assert sorted(found) == sorted({*asked})
     for name, heated in (("sag_2", []), ("ring_down_1", []), ("left", [0]), ("both", [0, 1])):
         assert np.flatnonzero(found[name].duty.max(axis=1)).tolist() == heated
+    assert found["both"].reference is not None
+    assert not any(recording.interrupted for recording in found.values())
     assert found["sag_1"].parameters.gravity == [0.0, -9.81, 0.0]
     assert found["right"].parameters.gravity == [0.0, 0.0, 0.0]
     collect()

@@ -14,12 +14,15 @@ import pytest
 
 from limb_systems import (
     ActiveConstraint,
+    Limb,
     LimbError,
     LimbParameters,
     PlanCheck,
     Recording,
     SegmentParameters,
+    SerialBoard,
     Trajectory,
+    simulate,
 )
 from limb_systems.files.tables import FileFormatError
 
@@ -148,7 +151,19 @@ def test_random_doubles_of_every_size_come_back_exactly(tmp_path):
 @pytest.mark.parametrize(
     "source",
     [
-        *["", "two\nlines", "\r\n", "\u2028", "\x85", " spaces ", "a " * 200, "wörds °C"],
+        *[
+            "",
+            " spaces ",
+            "a " * 200,
+            "wörds °C",
+            "2001-01-01",
+            "0x_",
+            "1:30",
+            "<<",
+            "=",
+            "&a",
+            "*a",
+        ],
         *["# end, 4 rows", "key: value", "- item", "007", "1e3", "null", "yes", "'\"", "{"],
     ],
 )
@@ -156,6 +171,35 @@ def test_any_source_text_comes_back(tmp_path, source):
     original = make_recording()
     original.source = source
     assert save_and_load(original, tmp_path / "file.csv").source == source
+
+
+@pytest.mark.parametrize("text", ["two\nlines", "\r", "\u2028", "\u2029", "\x85", "\x1b[31m", "\0"])
+def test_text_that_cannot_be_printed_is_refused_where_it_is_given_and_read(tmp_path, refused, text):
+    path = tmp_path / "file.csv"
+    said = f"source is {text!r}; it must be one line of printable text"
+    with refused(LimbError, said):
+        dataclasses.replace(make_recording(), source=text)
+    recording = make_recording()
+    recording.source = text
+    with refused(LimbError, said):
+        recording.save(path)
+    lines = saved_lines(make_recording(), path)
+    escaped = "".join(f"\\U{ord(character):08x}" for character in text)
+    lines[lines.index("# source: a test")] = f'# source: "{escaped}"'
+    write_sealed(path, lines)
+    with refused(FileFormatError, path, said):
+        Recording.load(path)
+
+
+def test_a_limb_whose_recording_could_not_be_written_is_refused_before_it_moves(refused):
+    limb = Limb()
+    limb.source = "two\nlines"
+    with refused(LimbError, "source is 'two\\nlines'"):
+        simulate(limb, [0.0, 0.0], 1.0)
+    limb = Limb()
+    limb.parameters.board = SerialBoard("\x1b[2J")
+    with refused(LimbError, "board.serial_number is '\\x1b[2J'"):
+        simulate(limb, [0.0, 0.0], 1.0)
 
 
 def test_check_comes_back_with_its_active_constraints(tmp_path):
@@ -429,9 +473,6 @@ def test_number_beyond_any_double_is_refused_with_its_place(lines, refuse_sealed
     [
         ("duty_right", "1.0000000000000002", ["duty", "0 to 1"]),
         ("duty_left", "-5e-324", ["duty", "0 to 1"]),
-        ("bend_angle_deg", "180.0000001", ["bend_angle"]),
-        ("bend_angle_deg", "-200.0", ["bend_angle"]),
-        ("measured_temperature_left_c", "600.1", ["measured_temperature", "600"]),
         ("wire_temperature_right_c", "-273.15", ["wire_temperature", "-60"]),
     ],
 )
@@ -512,6 +553,7 @@ def test_row_that_is_none_is_refused_with_its_place(lines, refuse_sealed, text):
         ("# sample_rate_hz: 10.0", "# sample_rate_hz: .nan", ["sample_rate"]),
         ("# sample_rate_hz: 10.0", "# sample_rate_hz: -10.0", ["sample_rate"]),
         ("# sample_rate_hz: 10.0", "# sample_rate_hz: [", ["YAML"]),
+        ("# sample_rate_hz: 10.0", "# sample_rate_hz: !!int foo", ["YAML", f"in line {TOP - 1}."]),
         ("#     links: 2", "#     links: 0", ["segments[0].links"]),
         ("#     links: 2", "#     links: 2.5", ["links", "whole number"]),
         ("#     links: 2", "#     links: 3", ["joint_angle_3_deg", "missing"]),
@@ -556,7 +598,7 @@ def test_trajectory_of_one_knot_is_refused(tmp_path, refuse_sealed):
         ({"duty": np.zeros((4, 2))}, ["duty", "(4, 2)", "(2, 4)"]),
         ({"duty": np.zeros((2, 5))}, ["duty", "(2, 5)", "(2, 4)"]),
         ({"duty": np.zeros((3, 4))}, ["duty", "(3, 4)", "(2, 4)"]),
-        ({"measured_temperature": np.full((2, 4), 1000.0)}, ["measured_temperature", "600"]),
+        ({"measured_temperature": np.full((2, 4), np.inf)}, ["measured_temperature"]),
         ({"wire_temperature": np.full((2, 4), np.inf)}, ["wire_temperature"]),
         ({"joint_state": np.zeros((3, 4))}, ["joint_state"]),
         ({"time": np.array([0.0, 0.1, 0.1, 0.2])}, ["time", "increasing"]),
@@ -570,9 +612,49 @@ def test_signals_that_do_not_fit_are_refused(refused, make, changes, words):
         make(**changes)
 
 
-def test_bend_angle_in_degrees_by_mistake_is_refused(refused):
-    with refused(LimbError, "bend_angle", "rad"):
-        make_recording(bend_angle=np.full((1, 4), 30.0))
+OUTLIERS = [
+    ("bend_angle_deg", 32767 / 64, "bend_angle is [8.93", "from -3.14159 to 3.14159 rad"),
+    ("bend_angle_deg", -180.0000001, "bend_angle is [-3.14", "from -3.14159 to 3.14159 rad"),
+    ("measured_temperature_left_c", 700.0, "measured_temperature is [700.0,", "-60 to 600 °C"),
+    ("measured_temperature_right_c", -1e300, "measured_temperature is [", "-60 to 600 °C"),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "said", "allowed"), OUTLIERS)
+def test_a_measured_value_of_any_size_is_kept_and_told(
+    tmp_path, refused, lines, name, value, said, allowed
+):
+    for sample in (2, 3):
+        set_cell(lines, sample, name, repr(value))
+    path = tmp_path / "file.csv"
+    write_sealed(path, lines)
+    recording = Recording.load(path)
+    assert recording.implausible.tolist() == [False, False, True, True]
+    assert_identical(save_and_load(recording, path), recording)
+    time = make_recording().time[2]
+    assert f"2 of 4 samples out of range, the first at {time:g} s" in recording.facts().values()
+    with refused(LimbError, said, f"at {time:g} s", allowed):
+        recording.check_plausible()
+
+
+def test_a_recording_without_outliers_has_no_doubt():
+    recording = make_recording()
+    recording.check_plausible()
+    assert recording.doubt == ""
+    assert "doubt" not in recording.facts()
+    assert not make_recording(samples=0).implausible.any()
+
+
+@pytest.mark.parametrize("name", ["measured_temperature", "wire_temperature"])
+def test_a_plan_has_no_outliers(refused, name):
+    with refused(LimbError, f"{name} is [700.0, 700.0] °C", "-60 to 600"):
+        make_trajectory(**{name: np.full((2, 4), 700.0)})
+
+
+def test_bend_angle_in_degrees_by_mistake_is_told(refused):
+    recording = make_recording(bend_angle=np.full((1, 4), 30.0))
+    with refused(LimbError, "bend_angle is [30.0] rad", "from -3.14159"):
+        recording.check_plausible()
 
 
 @pytest.mark.parametrize("rate", [0.0, -10.0, np.nan, np.inf])

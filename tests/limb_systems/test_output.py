@@ -2,6 +2,7 @@
 
 import json
 import os
+from pathlib import Path
 
 import pytest
 
@@ -41,6 +42,25 @@ def test_force_replaces_files_but_never_inputs(folder):
             check_outputs([same], inputs=[path], force=True)
     with pytest.raises(OutputError, match=r"new\.csv is written by the same command"):
         check_outputs([folder / "new.csv", folder / "new.csv"], force=True)
+
+
+def test_an_input_is_not_replaced_through_a_link(folder, monkeypatch):
+    path = folder / "file.csv"
+    (folder / "soft.csv").symlink_to(path)
+    (folder / "hard.csv").hardlink_to(path)
+    monkeypatch.chdir(folder)
+    for read in (path, folder / "soft.csv", folder / "hard.csv"):
+        for same in (
+            "file.csv",
+            "./file.csv",
+            "soft.csv",
+            "hard.csv",
+            f"../{folder.name}/hard.csv",
+        ):
+            with pytest.raises(OutputError, match="is read by the same command"):
+                check_outputs([Path(same)], inputs=[read], force=True)
+    with pytest.raises(OutputError, match="is written by the same command"):
+        check_outputs([path, folder / "hard.csv"], force=True)
 
 
 def test_folders_that_are_not_there_yet_are_fine(folder):

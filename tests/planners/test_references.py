@@ -30,6 +30,21 @@ def test_recording_becomes_its_bend_angle_from_time_zero():
     )
 
 
+def test_a_value_that_no_limb_has_is_no_reference():
+    recording = simulate(Limb(), [0.0, 0.3], 2.0)
+    recording.bend_angle[0, 3] = np.deg2rad(32767 / 64)
+    with pytest.raises(LimbError, match=r"bend_angle is \[8\.9.*\] rad at 0\.15 s"):
+        references.from_recording(recording, smoothing_time=0.5)
+
+
+def test_a_recording_without_samples_is_no_reference():
+    empty = simulate(Limb(), [0.0, 0.3], 2.0)
+    for name in ("time", "duty", "measured_temperature", "bend_angle"):
+        setattr(empty, name, getattr(empty, name)[..., :0])
+    with pytest.raises(LimbError, match="needs two samples or more"):
+        references.from_recording(empty, smoothing_time=0.5)
+
+
 def test_csv_is_in_degrees_and_starts_at_its_first_sample(tmp_path):
     path = tmp_path / "reference.csv"
     path.write_text("# s, deg\n5,0\n7,-30\n")

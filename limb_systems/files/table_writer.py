@@ -1,0 +1,177 @@
+"""Tables that are written while they are recorded."""
+
+import hashlib
+import itertools
+import os
+import queue
+import threading
+import time
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from limb_systems.files.tables import end_of_table, format_head, format_rows
+from limb_systems.input import LARGEST_TABLE
+from limb_systems.output import OutputError
+
+MOST_WAITING = 1000  # rows: 50 s of a robot's samples
+SYNC_PERIOD = 1.0  # s
+PATIENCE = 2.0  # s, that the end waits for the disk
+
+_UNFINISHED = ".unfinished"
+
+
+def is_unfinished(path: Path) -> bool:
+    """Whether a file is what a `TableWriter` was writing when its program ended."""
+    return _UNFINISHED in path.name
+
+
+class TableWriter:
+    """Writes a table row by row, in a thread of its own: who appends never waits for the disk.
+
+    The table ``name.csv`` is in ``name.unfinished.csv`` until `finish` gives it its
+    name, or in ``name.unfinished_2.csv`` and so on if that is taken: a file that is
+    there is never opened. `read_table` reads unfinished ones when asked to.
+
+    The thread gives each row to the operating system when it comes, from where on
+    the death of this program does not harm it. It forces rows to the disk about
+    once a second and at the end; a power loss costs those since.
+
+    - ``path``: of the unfinished file.
+    - ``num_rows``: that were appended.
+    """
+
+    def __init__(self, path: str | Path, kind: str, header: str, names: Sequence[str]):
+        """
+        Args:
+            path, kind, header: as for `write_table`; a file at the path is
+                replaced by `finish`, not before.
+            names: of the columns.
+
+        Raises:
+            OutputError: if no file can be made there.
+        """
+        self._target = Path(path)
+        self._names = list(names)
+        self._digest, self._size, self.num_rows = hashlib.sha256(), 0, 0
+        self._rows: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._failure: OSError | None = None
+        self._rename = self._ended = False
+        try:
+            self._target.parent.mkdir(parents=True, exist_ok=True)
+            self.path, self._file = self._open()
+        except OSError as error:
+            raise OutputError(f"Cannot write {path}: {error}.") from error
+        self._hand_over(format_head(kind, header, self._names))
+        # A daemon, because a program must end even if the disk never answers.
+        self._thread = threading.Thread(target=self._write, name="journal", daemon=True)
+        self._thread.start()
+
+    def append(self, values: Sequence[float]) -> None:
+        """Adds a row of values, angles in rad.
+
+        Raises:
+            OutputError: if the disk is full, broken or stalled, or the file as
+                large as can be read.
+        """
+        (row,) = format_rows({n: np.array([v]) for n, v in zip(self._names, values, strict=True)})
+        if self._failure:
+            raise OutputError(f"Cannot write {self.path}: {self._failure}.")
+        if self._rows.qsize() >= MOST_WAITING:
+            raise OutputError(
+                f"The disk is stalled: {MOST_WAITING} rows wait to be written to {self.path}."
+            )
+        if self._size + len(row) > LARGEST_TABLE:
+            raise OutputError(
+                f"{self.path} has reached the {LARGEST_TABLE / 1e6:g} MB that can be read again."
+            )
+        self._hand_over(row)
+        self.num_rows += 1
+
+    def finish(self, interrupted: str = "") -> None:
+        """Writes the end and gives the file its name; after that, nothing.
+
+        Args:
+            interrupted: why the table is not all that it should be; empty if it is.
+
+        Raises:
+            OutputError: if not all is on the disk, in the end or within 2 s.
+        """
+        if complaint := self._end(interrupted, rename=True):
+            raise OutputError(complaint)
+
+    def abandon(self, interrupted: str) -> None:
+        """Writes the end of what was interrupted, and warns where it is; no rows leave no file.
+
+        It warns as well if not all of it is on the disk.
+        """
+        if self._ended:
+            return
+        if complaint := self._end(interrupted, rename=False):
+            warnings.warn(complaint, stacklevel=2)
+        elif self.num_rows:
+            warnings.warn(f"What was recorded until then is in {self.path}.", stacklevel=2)
+
+    def _open(self) -> tuple[Path, int]:
+        for number in itertools.count(1):
+            mark = _UNFINISHED if number == 1 else f"{_UNFINISHED}_{number}"
+            path = self._target.with_name(f"{self._target.stem}{mark}{self._target.suffix}")
+            try:
+                return path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+            except FileExistsError:
+                continue
+        raise AssertionError("there are numbers without end")
+
+    def _end(self, interrupted: str, rename: bool) -> str | None:
+        """Ends the file, and returns what is wrong with it on the disk, if anything."""
+        if self._ended:
+            return None
+        self._ended, self._rename = True, rename
+        for line in end_of_table(self._digest, self.num_rows, interrupted):
+            self._rows.put(line)
+        self._rows.put(None)
+        self._thread.join(PATIENCE)
+        if self._failure:
+            return f"Cannot write {self.path}: {self._failure}."
+        if self._thread.is_alive():
+            missing = min(self.num_rows, max(1, self._rows.qsize() - 2))
+            return f"The disk is stalled: the last {missing} rows of {self.path} are not on it."
+        return None
+
+    def _hand_over(self, text: str) -> None:
+        self._digest.update(text.encode())
+        self._size += len(text)
+        self._rows.put(text)
+
+    def _write(self) -> None:
+        """What the thread does; without Python's buffers, which a stalled thread would lock."""
+        try:
+            synced = time.monotonic()
+            while (text := self._rows.get()) is not None:
+                data = text.encode()
+                while data:
+                    data = data[os.write(self._file, data) :]
+                if time.monotonic() - synced >= SYNC_PERIOD:
+                    os.fsync(self._file)
+                    synced = time.monotonic()
+            os.fsync(self._file)
+            if self._rename:
+                os.replace(self.path, self._target)
+            elif not self.num_rows:
+                os.unlink(self.path)
+            _sync_folder(self._target.parent)
+        except OSError as error:
+            self._failure = error
+        finally:
+            os.close(self._file)
+
+
+def _sync_folder(folder: Path) -> None:
+    """Forces the names of files to the disk."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

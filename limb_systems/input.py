@@ -1,0 +1,49 @@
+"""Reading files."""
+
+import os
+import stat
+
+from limb_systems.errors import LimbError
+
+LARGEST_TABLE = 200_000_000  # bytes: at 20 Hz a robot's samples of about 18 hours
+LARGEST_TEXT = 250_000  # bytes of a YAML document; more would take seconds
+
+
+def read_bytes(
+    path: str | os.PathLike, what: str, largest: int, error_type: type[LimbError]
+) -> bytes:
+    """Reads an input file whole, but no device, no pipe and no file beyond a limit.
+
+    Args:
+        what: the file is meant to be, for the error.
+        largest: size that is read, bytes.
+        error_type: of what is raised.
+
+    Raises:
+        LimbError: of that type, with one sentence naming the file.
+    """
+    try:
+        # Before it is opened, because opening a pipe waits and opening a port resets its board.
+        status = os.stat(path)
+        if not stat.S_ISREG(status.st_mode):
+            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or a pipe"
+            raise error_type(f"Cannot read the {what}: {path} is {kind}, but must be a file.")
+        if status.st_size <= largest:
+            with open(path, "rb") as file:
+                if len(data := file.read(largest + 1)) <= largest:
+                    return data
+    except (OSError, ValueError) as error:  # the latter for a path that no file can have
+        raise error_type(f"Cannot read the {what}: {error}.") from error
+    raise error_type(
+        f"Cannot read the {what}: {path} is larger than the {largest / 1e6:g} MB that are read."
+    )
+
+
+def read_text(
+    path: str | os.PathLike, what: str, error_type: type[LimbError], largest: int = LARGEST_TEXT
+) -> str:
+    """Reads a text file in UTF-8, with or without a byte order mark; as `read_bytes`."""
+    try:
+        return read_bytes(path, what, largest, error_type).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise error_type(f"{path}: this is not a text file.") from error

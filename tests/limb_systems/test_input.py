@@ -1,0 +1,84 @@
+"""Every input file is a regular file of a size that is stated; nothing else is waited for."""
+
+import os
+
+import pytest
+
+from hardware.__main__ import main as hardware
+from limb_systems import LimbError, LimbParameters, Recording, Trajectory
+from limb_systems.input import LARGEST_TABLE, LARGEST_TEXT, read_bytes
+from planners import Task, references
+from planners.__main__ import main as planners
+
+READERS = {
+    "limb": (LimbParameters.load, LARGEST_TEXT),
+    "task": (Task.load, LARGEST_TEXT),
+    "reference": (references.load, LARGEST_TABLE),
+    "recording": (Recording.load, LARGEST_TABLE),
+    "trajectory": (Trajectory.load, LARGEST_TABLE),
+}
+each_reader = pytest.mark.parametrize(("load", "largest"), READERS.values(), ids=READERS)
+
+
+@pytest.fixture
+def pipe(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    return tmp_path / "pipe"
+
+
+@each_reader
+def test_devices_pipes_and_folders_are_refused_at_once(refused, pipe, load, largest):
+    with refused(LimbError, "/dev/zero is a device or a pipe, but must be a file"):
+        load("/dev/zero")
+    with refused(LimbError, f"{pipe} is a device or a pipe"):
+        load(pipe)
+    with refused(LimbError, f"{pipe.parent} is a folder"):
+        load(pipe.parent)
+    with refused(LimbError, "Cannot read", "null"):
+        load("a\0b")
+
+
+@each_reader
+def test_files_beyond_the_limit_are_refused_unread(refused, tmp_path, load, largest):
+    path = tmp_path / "large"
+    path.touch()
+    os.truncate(path, largest + 1)
+    with refused(LimbError, path, f"larger than the {largest / 1e6:g} MB that are read"):
+        load(path)
+
+
+def test_files_that_grow_or_hide_their_size_are_read_to_the_limit(refused):
+    status = "/proc/self/status"
+    assert os.stat(status).st_size == 0
+    assert read_bytes(status, "status", 10**6, LimbError).startswith(b"Name:")
+    with refused(LimbError, "larger than the 1e-05 MB"):
+        read_bytes(status, "status", 10, LimbError)
+
+
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        (hardware, "replay {} -o new.csv"),
+        (hardware, "recover {} -o new.csv"),
+        (hardware, "emulate -l {}"),
+        (planners, "{} -o new.csv"),
+        (planners, "fig5 -l {} -o new.csv"),
+        (planners, "fig5 --task {} -o new.csv"),
+    ],
+)
+def test_commands_say_so_in_one_sentence(pipe, command, line, monkeypatch, capsys):
+    monkeypatch.chdir(pipe.parent)
+    for path in (pipe, "/dev/zero"):
+        assert command(line.format(path).split()) == 1
+        error = capsys.readouterr().err
+        assert error.startswith(f"error: Cannot read the {error.split()[4]}")
+        assert f"{path} is a device or a pipe, but must be a file." in error
+        assert error.count("\n") == 1
+    assert list(pipe.parent.iterdir()) == [pipe]
+
+
+def test_a_reference_of_one_endless_cell_is_one_sentence(refused, tmp_path):
+    path = tmp_path / "reference.csv"
+    path.write_text("0" * 200_000 + ",1\n")
+    with refused(LimbError, path, "field larger than field limit"):
+        references.load(path)
