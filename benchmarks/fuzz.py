@@ -4,6 +4,11 @@ Nothing may raise, no frame may be accepted that was not sent, and a board that
 is armed and heats must not change its duty for any of them. Frames that pass
 the CRC by chance are counted; one in four thousand million does.
 
+Then a million whole frames, right and wrong ones of the present session, with
+all that sensors may read and with time passing, through the firmware: whatever
+comes, there is no duty unless the board is armed, its command fresh and its
+wires within their bounds.
+
     python benchmarks/fuzz.py [--frames 1000000] [--seed 0]
 """
 
@@ -18,7 +23,8 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "hardware"))
 from firmware_checks import Host  # noqa: E402
 
-from hardware.firmware import protocol  # noqa: E402
+from hardware.firmware import guard, heat, protocol  # noqa: E402
+from hardware.firmware.firmware import Firmware  # noqa: E402
 
 HOST_KINDS, BOARD_KINDS = (protocol.INFO, protocol.SAMPLE), (protocol.COMMAND, protocol.ARM)
 
@@ -88,14 +94,87 @@ def fuzz(num_frames: int, seed: int) -> dict[str, int]:
     return counts
 
 
+def check_guard(subject: guard.Guard, now: int) -> None:
+    """Raises AssertionError if there is duty that should not be, after a tick at that time."""
+    assert all(0.0 <= duty <= 1.0 for duty in subject.duty)
+    assert sum(subject.duty) <= subject._total + 1e-9, "more than the power of both"
+    if subject.duty != [0.0, 0.0]:
+        assert subject.state == guard.ARMED, "not armed"
+        assert subject.reason == guard.NONE, "off for a reason"
+        assert now - subject._answered < guard.LONGEST_HOLD, "nothing fresh"
+        assert now - subject._heard < guard.HEARTBEAT, "no command"
+    for duty, observer, room in zip(subject.duty, subject.observers, subject._rooms, strict=True):
+        if duty:
+            assert observer.shortfall <= guard.SHORTFALL, "out of its band"
+            if observer.most + room > guard.HIGHEST + 0.1:  # after a reset nobody knows
+                a1_slow, _, _, a2_most, _ = observer.bounds
+                loss = a1_slow * (observer.most - observer._silicone)
+                assert a2_most * duty <= loss + 1e-9, "too hot, and warming"
+
+
+def fuzz_guard(num_frames: int, seed: int) -> dict[str, int]:
+    """Counts of frames and of steps with duty; raises AssertionError if there was too much."""
+    rng = random.Random(seed)
+    host = Host()
+    board, program = host.board, host.firmware
+    heated = latched = resets = 0
+    for _ in range(num_frames):
+        # Mostly what a host sends and a limb reads, so that much of it is while the board heats.
+        subject = program.guard
+        what = rng.random()
+        if subject.state == guard.DISARMED and what < 0.5:
+            cleared = protocol.encode(protocol.CLEAR, subject.challenge)
+            bounds = tuple(rng.uniform(0.95 * low, 1.05 * high) for low, high in heat.RANGES)
+            given = heat.NOMINAL if rng.random() < 0.8 else bounds
+            values = protocol.arm_values(
+                subject.challenge, (given, heat.NOMINAL), rng.uniform(0, 2.1)
+            )
+            board.incoming += cleared + protocol.encode(protocol.ARM, *values)
+        elif what < 0.97:
+            sequence = max(0, subject.acknowledged + rng.choice((1, 1, 1, 1, 0, -1, 7)))
+            heard = board.now - int(rng.expovariate(1 / 60))
+            session = subject.session if rng.random() < 0.95 else rng.getrandbits(16)
+            ticks = [rng.choice((0, 2000, 10000, rng.randrange(10001))) for _ in (0, 1)]
+            if rng.random() < 0.002:
+                ticks[0] = rng.randrange(10001, 65536)
+            values = session or 0, sequence, heard & 0xFFFFFFFF, *ticks
+            board.incoming += protocol.encode(protocol.COMMAND, *values)
+        elif what < 0.98:
+            board.incoming += protocol.encode(rng.choice((protocol.DISARM, protocol.HELLO)))
+        elif what < 0.99:
+            board.errors[rng.randrange(2)] = rng.choice((0.0, 0.0, 0.0, -20.0, rng.gauss(0, 9)))
+            board.faults[rng.randrange(2)] = rng.choice((0, 0, 0, 0, 1, 2, 4))
+            board.silent = rng.random() < 0.1
+        elif what < 0.9905:
+            board.reset_cause = rng.randrange(6)
+            board.duty = [0.0, 0.0]
+            program = Firmware(board)
+            host.firmware, host.guard = program, program.guard
+            resets += 1
+        elif what < 0.991:
+            board.wires = [25.0, 25.0]
+            board.temperatures = [25.0, 25.0]
+            board.errors, board.faults, board.silent = [0.0, 0.0], [0, 0], False
+        for _ in range(int(rng.expovariate(0.05)) + 1):
+            board.pass_time()
+        program.step()
+        board.sent.clear()
+        check_guard(program.guard, board.now)
+        heated += board.duty != [0.0, 0.0]
+        latched += program.guard.reason >= guard.LATCHING
+    return {"frames to the guard": num_frames, "steps with duty": heated,
+            "steps latched": latched, "resets": resets}  # fmt: skip
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     start = time.perf_counter()
-    for name, count in fuzz(options.frames, options.seed).items():
-        print(f"{name:<22}{count:>10}")
+    for counts in (fuzz(options.frames, options.seed), fuzz_guard(options.frames, options.seed)):
+        for name, count in counts.items():
+            print(f"{name:<22}{count:>10}", flush=True)
     print(f"{'seconds':<22}{time.perf_counter() - start:>10.0f}")
 
 

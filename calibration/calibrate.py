@@ -1,5 +1,6 @@
 """The whole of Sec. V: recordings in, a calibrated limb out."""
 
+import contextlib
 import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
@@ -8,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.checks import check_recording, check_whole
+from calibration.collect import WARM_UP
 from calibration.damping import DampingFit, fit_damping
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
@@ -137,7 +139,7 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
 
     Files named after a kind (``right.csv``, ``sag_3.csv``), one of `kinds_of`
     the limb in their header, must show it; files with other names go by what
-    they show. Unfinished ones (``right.unfinished.csv``) are ignored.
+    they show. Unfinished ones (``right.unfinished.csv``) and the warm-up are ignored.
 
     Raises:
         CalibrationError: with one sentence naming the file and the trouble.
@@ -147,7 +149,7 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
         raise CalibrationError(f"There is no folder {folder}.")
     recordings: dict[str, list[Recording]] = {}
     for path in sorted(folder.glob("*.csv")):
-        if is_unfinished(path):
+        if is_unfinished(path) or path.stem == WARM_UP:
             continue
         recording = Recording.load(path)
         try:
@@ -205,11 +207,7 @@ def calibrate(
 
     num_steps = 2 + 2 * len(heated)
     with Progress("calibrating", num_steps, "steps") as progress:
-        every = [
-            recording for kind in heated_kinds(described) for recording in recordings.get(kind, [])
-        ]
-        for wire, bounds in zip(segment.wires, fit_heat_bounds(every, described), strict=True):
-            wire.heat_bounds = bounds
+        _fit_heat_bounds(limb, recordings)
         ambient = ambient_temperature(heated.values())
         limb.ambient_temperature = ambient.value
         progress.update(0, "stiffness")
@@ -256,6 +254,14 @@ def calibrate(
     )
     limb.calibration = _record(calibration)
     return calibration
+
+
+def _fit_heat_bounds(limb: LimbParameters, recordings: Mapping[str, Sequence[Recording]]) -> None:
+    """Gives the wires bounds for the board; none to those of a kind that boards do not accept."""
+    heated = [r for kind in heated_kinds(limb) for r in recordings.get(kind, [])]
+    with contextlib.suppress(LimbError):
+        for wire, bounds in zip(limb.wires, fit_heat_bounds(heated, limb), strict=True):
+            wire.heat_bounds = bounds
 
 
 def _first(recordings: Mapping[str, Sequence[Recording]]) -> Recording:

@@ -7,11 +7,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.controller import PERIOD, BendAngleController, EquilibriumSchedule
+from calibration.heat_bounds import fit_heat_bounds
 from calibration.kinds import heated_kinds, heated_wires, only_segment
 from hardware import LimbTwin, SerialLimb
 from hardware.robot.journal import journaled
@@ -25,6 +26,9 @@ SAG_TRIALS, RING_DOWNS = 10, 3
 GRAVITY = 9.81  # m/s²
 SAG_RATE = HEATED_RATE = 20.0  # Hz
 RING_DOWN_RATE = 100.0
+WARM_UP = "warm_up"  # name of the recording from which the board's bounds come
+WARM_UP_DUTY, WARM_UP_TIME, WARM_UP_END = 0.15, 60.0, 100.0  # s; no wire gets too hot by it
+WARM_UP_MARGIN = 0.25  # share by which its bounds are widened, as it is short and not hot
 
 
 def collect_equilibria(
@@ -113,14 +117,33 @@ def collect_ring_down(
     return _collect_unheated(limb, 6.0, sample_rate, journal)
 
 
+def collect_warm_up(limb: LimbSystem, *, journal: str | Path | None = None) -> Recording:
+    """All wires a little heated at once, for a minute, from which `fit_heat_bounds` learns."""
+    num_wires = len(limb.parameters.wires)
+    course = np.outer(np.ones(num_wires), [WARM_UP_DUTY, 0.0, 0.0])
+    duty = PiecewisePolynomial.ZeroOrderHold([0.0, WARM_UP_TIME, WARM_UP_END], course)
+    return _collect(limb, TrajectorySource(duty), WARM_UP_END, HEATED_RATE, journal)
+
+
 def _collect_unheated(
     limb: LimbSystem, duration: float, sample_rate: float, journal: str | Path | None
 ) -> Recording:
+    off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
+    return _collect(limb, off, duration, sample_rate, journal)
+
+
+def _collect(
+    limb: LimbSystem,
+    source: LeafSystem,
+    duration: float,
+    sample_rate: float,
+    journal: str | Path | None,
+) -> Recording:
     check_limb(limb)
     builder = DiagramBuilder()
-    off = builder.AddSystem(ConstantVectorSource(np.zeros(len(limb.parameters.wires))))
+    builder.AddSystem(source)
     builder.AddSystem(limb)
-    duty = off.get_output_port()
+    duty = source.get_output_port()
     with journaled(builder, journal, limb, duty, sample_rate):
         return record(builder, limb, duty, duration, sample_rate=sample_rate)
 
@@ -186,6 +209,9 @@ def collect_from_robot(
 ) -> None:
     """All recordings of Sec. V from a robot, in real time, one file after the other.
 
+    Before the heated ones the wires are warmed up a little, to tell the board what
+    to expect of these wires: without that it reduces the duty of most limbs.
+
     Each sample goes to a file when it arrives, which gets its name when the
     recording is complete. Recordings that are complete are kept, so that it can be
     interrupted. One that was interrupted is made again; what there is of it is
@@ -218,6 +244,7 @@ def collect_from_robot(
         (f"ring_down_{n}", level, ring, functools.partial(collect_ring_down, sample_rate=rate))
         for n in range(1, RING_DOWNS + 1)
     ]
+    tasks.append((WARM_UP, level, cool, collect_warm_up))
     for number, actuated in enumerate(kinds):
         collect_held = functools.partial(
             collect_equilibria,
@@ -229,6 +256,8 @@ def collect_from_robot(
         tasks.append((actuated, level, cool, collect_held))
     for name, description, instruction, collect in tasks:
         path = Path(folder) / f"{name}.csv"
+        if name in kinds:
+            _set_heat_bounds(description, Path(folder) / f"{WARM_UP}.csv")
         if path.exists():
             continue
         for left in filter(is_unfinished, sorted(path.parent.glob(f"{name}.*"))):
@@ -240,6 +269,13 @@ def collect_from_robot(
         ask(f"{name}: {instruction}")
         with connect(description) as limb:
             collect(limb, journal=path)
+
+
+def _set_heat_bounds(description: LimbParameters, path: Path) -> None:
+    """Gives wires that have no bounds of their own those that a warm-up shows."""
+    fitted = fit_heat_bounds([Recording.load(path)], description, WARM_UP_MARGIN)
+    for wire, bounds in zip(description.wires, fitted, strict=True):
+        wire.heat_bounds = wire.heat_bounds or bounds
 
 
 def save_recordings(recordings: dict[str, list[Recording]], folder: str | Path) -> list[Path]:

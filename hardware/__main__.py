@@ -271,8 +271,8 @@ def _replay(options) -> int:
         )
         if timing["reduced_s"]:
             print(
-                f"reduced     the board reduced the duty for {timing['reduced_s']:.1f} s, as a wire "
-                "got hot or both asked for too much"
+                f"reduced     the board reduced the duty for {timing['reduced_s']:.1f} s, as a "
+                "wire got hot or both asked for too much"
             )
     print(f"source      {recording.source}")
     _print_trouble(recording)

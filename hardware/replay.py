@@ -169,6 +169,13 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
             f"{limb.info.temperature_limit:g} °C; plan it again with a lower "
             "temperature_limits.maximum."
         )
+    total, budget = trajectory.duty.sum(axis=0), limb.parameters.total_duty
+    if total.max() > budget + 1e-3:
+        raise ReplayError(
+            f"This trajectory's duties add up to {total.max():.2f} at "
+            f"{trajectory.time[np.argmax(total)]:.1f} s, but this limb's total_duty is {budget:g}; "
+            "raise it if the supply and the limb are made for that, or plan another motion."
+        )
     measured = limb.link.sample().temperature
     for name, now, start in zip(
         planned.wire_names, measured, trajectory.measured_temperature[:, 0], strict=True

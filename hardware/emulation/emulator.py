@@ -224,8 +224,8 @@ ORDERS = (
     "open SIDE, ground SIDE, supply SIDE, hot SIDE, freeze SIDE, detach SIDE, reverse SIDE, "
     "share SIDE SHARE, offset SIDE CELSIUS, drift SIDE CELSIUS_PER_S, jitter SIDE CELSIUS "
     "(thermocouples); freeze bend, stick bend, silence (bend sensor); weaken SHARE, short SIDE "
-    "(supply and MOSFETs); stall SECONDS, stop clock, reset, restart (board); unplug, replay, mend, "
-    "cool; SIDE is left or right"
+    "(supply and MOSFETs); stall SECONDS, stop clock, reset, restart (board); unplug, replay, "
+    "mend, cool; SIDE is left or right"
 )
 
 

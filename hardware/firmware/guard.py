@@ -98,7 +98,7 @@ class Guard:
         self._asked, self._allowed, self._total = [0.0, 0.0], [0.0, 0.0], 0.0
         self._given, self._since = [0.0, 0.0], now  # duty times ms since the last sample
         self._heard, self._answered, self._late = now, now, False
-        self._samples, self._sampled = 0, now
+        self._samples, self._sampled, self._faulty = 0, now, False
         self._temperatures = self._averages = self._trends = self._junctions = None
         self._offsets, self._rooms = [0.0, 0.0], [0.0, 0.0]
         self._hot = [0, 0]
@@ -112,7 +112,7 @@ class Guard:
         """
         if challenge != self.challenge or self.state == ARMED or self.reason >= LATCHING:
             return
-        if self._samples < SETTLING_SAMPLES:
+        if self._samples < SETTLING_SAMPLES or self._faulty:
             return
         if not (0.0 < total <= 2.0 and all(heat.acceptable(bound) for bound in bounds)):
             self.reason = BAD_BOUNDS
@@ -176,6 +176,7 @@ class Guard:
         temperatures: °C, left and right; junctions: of their amplifiers, °C;
         faults: of their amplifiers; bend: raw, or None if the sensor does not answer.
         """
+        self._faulty = False
         self._account(now)
         elapsed = now - self._sampled
         self._average(temperatures, junctions, elapsed)
@@ -282,6 +283,7 @@ class Guard:
         """Switches off. The first latching reason is kept; others are replaced by newer ones."""
         self._asked = [0.0, 0.0]
         self._apply(now)
+        self._faulty = self._faulty or reason >= LATCHING
         if self.reason < LATCHING:
             self.reason = reason
         if self.state == ARMED:

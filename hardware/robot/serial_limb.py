@@ -35,8 +35,9 @@ class SerialLimb(LeafSystem):
 
     Simulate it in real time, as `limb_systems.simulation.record` does. The
     simulation ends with a `HardwareError` if the board switches off, samples are
-    older than 0.25 s, the duty is out of range, or the simulation is more than
-    0.1 s late. To switch the wires off, call `close` or use the system as a
+    older than 0.25 s or come late, commands are not answered, the duty is out of
+    range, or the simulation is more than 0.1 s late. For a period before that, the
+    outputs show the last sample, so that it is recorded. To switch the wires off, call `close` or use the system as a
     context manager. If this process dies, the board switches off after 250 ms.
 
     ``timing_errors`` has the delay of each command, s.
@@ -82,6 +83,8 @@ class SerialLimb(LeafSystem):
         self.source = f"limb {self.info.serial_number} on {port}"
         self.timing_errors: list[float] = []
         self._heated, self._start = heated, 0.0
+        self._failure: HardwareError | None = None
+        self._failure_is_recorded = False
         self.DeclareVectorInputPort("duty", 2)
         state = self.DeclareDiscreteState(7)
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._begin))
@@ -130,11 +133,12 @@ class SerialLimb(LeafSystem):
         if self._heated:
             self.link.arm(self.parameters.heat_bounds, self.parameters.total_duty)
         self.timing_errors.clear()
+        self._failure, self._failure_is_recorded = None, False
         self._start = time.monotonic() - context.get_time()
         self._update(context, discrete_state)
 
     def _command(self, context):
-        if not self._heated:
+        if not self._heated or self._failure:
             return
         late = time.monotonic() - self._start - context.get_time()
         self.timing_errors.append(late)
@@ -143,9 +147,18 @@ class SerialLimb(LeafSystem):
                 f"The simulation fell behind by {late:.2f} s at {context.get_time():.2f} s; the "
                 "computer is too busy to drive the limb."
             )
-        self.link.command(self.get_input_port().Eval(context))
+        duty = self.get_input_port().Eval(context)
+        try:
+            self.link.command(duty)
+        except HardwareError as error:
+            self.link.disarm()
+            self._failure = error
 
     def _update(self, context, discrete_state):
+        if self._failure_is_recorded:
+            assert self._failure
+            raise self._failure
+        self._failure_is_recorded = self._failure is not None
         sample = self.link.sample()
         received = sample.received - self._start
         bend_angle = self.parameters.segments[0].bend_sensor.bend_angle(sample.tip_tangent)

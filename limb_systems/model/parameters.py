@@ -393,7 +393,8 @@ class LimbParameters(Strict):
             LimbError: if a law is not the paper's, or beyond what a board accepts.
         """
         return [
-            wire.heat_bounds or HeatBounds.around(LinearLaw() if self.calibration else wire.linear_law)
+            wire.heat_bounds
+            or HeatBounds.around(LinearLaw() if self.calibration else wire.linear_law)
             for wire in self.wires
         ]
 

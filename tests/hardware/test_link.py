@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
+from calibration import collect_sag
 from hardware import BoardLink, HardwareError, LimbTwin, SerialLimb
 from hardware.__main__ import main
 from hardware.emulation.emulated_board import EmulatedBoard
 from hardware.firmware import guard, protocol, readings
-from limb_systems import BendSensor, LimbError, LimbParameters, TipTangentSensor
+from limb_systems import BendSensor, LimbError, LimbParameters, Recording, TipTangentSensor
 from limb_systems.model.heat_bounds import HeatBounds
 
 from .conftest import BOUNDS, wait_for
@@ -247,7 +248,7 @@ def test_old_samples_in_turn_are_not_new(board):
     with (
         BoardLink(board[1]) as link,
         Talking(board[0], make),
-        pytest.raises(HardwareError, match="time of the board on .* went back"),
+        pytest.raises(HardwareError, match=r"time of the board on .* went back"),
     ):
         keep_commanding(link)
 
@@ -286,6 +287,23 @@ def test_commands_that_are_answered_go_on(board):
         assert link.lost_samples == 0  # those that are doubled are not lost
 
 
+def test_the_sample_that_says_that_the_board_is_off_is_recorded(board, tmp_path):
+    def make(number):
+        state, reason = guard.DISARMED, guard.NONE
+        if 20 < number:
+            state = guard.ARMED
+        if 40 < number:
+            state, reason = guard.DISARMED, guard.THERMOCOUPLE_OPEN
+        bend = 64 * (7 if number > 40 else 3)
+        return greeting(3) + sample(number, state, reason, bend, acknowledged=number)
+
+    with Talking(board[0], make), pytest.raises(HardwareError, match="a thermocouple is open"):
+        collect_sag(SerialLimb(board[1]), journal=tmp_path / "sag.csv")
+    recording = Recording.load(tmp_path / "sag.unfinished.csv", unfinished=True)
+    assert "a thermocouple is open" in recording.interrupted
+    np.testing.assert_allclose(np.rad2deg(recording.bend_angle[0, -3:]), [1.5, 1.5, 3.5])
+
+
 def test_a_board_that_another_program_has_armed_is_left_to_it(board):
     with (
         BoardLink(board[1]) as link,
@@ -299,9 +317,12 @@ def test_the_bounds_of_a_limb_are_in_the_frame_that_arms(board):
     limb = LimbParameters()
     limb.total_duty = 0.7
     limb.wires[1].heat_bounds = HeatBounds(0.05, 0.08, 18.0, 21.5, 0.75)
-    with BoardLink(board[1]) as link, Talking(board[0], lambda n: sample(n, guard.DISARMED, 0)):
-        with pytest.raises(HardwareError, match="does not let itself be armed: all is well"):
-            link.arm(limb.heat_bounds, limb.total_duty)
+    with (
+        BoardLink(board[1]) as link,
+        Talking(board[0], lambda n: sample(n, guard.DISARMED, 0)),
+        pytest.raises(HardwareError, match="does not let itself be armed: all is well"),
+    ):
+        link.arm(limb.heat_bounds, limb.total_duty)
     frames = protocol.Parser((protocol.ARM,)).feed(os.read(board[0], 65536))
     challenge, bounds, total = protocol.read_arm_values(frames[0][1])
     assert (challenge, total) == (4711, 0.7)
