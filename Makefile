@@ -23,9 +23,10 @@ bench: $(VENV)/ready
 
 # Needs Node.js and npm.
 micropython: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[firmware]'
 	npm install --silent --no-save --prefix $(VENV)/micropython @micropython/micropython-webassembly-pyscript@1.27.0
 	MICROPYTHON=$(VENV)/micropython/node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs \
-	    $(BIN)/python -m pytest tests/hardware/test_firmware.py -rs
+	    $(BIN)/python -m pytest -n 0 tests/hardware/test_firmware.py -rsP
 
 # Which lines no test runs.
 coverage: $(VENV)/ready

@@ -32,6 +32,7 @@ from hardware import LimbTwin
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.emulation.simulated_board import SimulatedBoard
 from hardware.firmware import guard
+from hardware.robot.reasons import REASONS
 from limb_systems import LimbParameters, bend_angle_from_tip_tangent
 from planners import plan, references
 
@@ -184,7 +185,7 @@ def run_ordinary(job: tuple[int, int]) -> dict:
     def drive(what, run, parameters):
         nonlocal heated, hottest
         if not board.arm():
-            alarms.append(f"{what}: not armed: {guard.TEXTS[board.reason]}")
+            alarms.append(f"{what}: not armed: {REASONS[board.reason]}")
             return None
         robot, start = SimulatedRobot(board, parameters), board.now
         result = run(robot)
@@ -192,7 +193,7 @@ def run_ordinary(job: tuple[int, int]) -> dict:
         reduced[what] += robot.reduced
         hottest = max(hottest, board.emulation.board.wire_temperature().max())
         if board.sent[-1][3] != guard.ARMED:
-            alarms.append(f"{what}: {guard.TEXTS[board.reason]}")
+            alarms.append(f"{what}: {REASONS[board.reason]}")
             board.clear()
         return result
 
@@ -223,7 +224,7 @@ def run_ordinary(job: tuple[int, int]) -> dict:
         board.run(180.0)
     board.run(300.0)  # teaching: by hand, with the wires off
     if board.sent[-1][4] >= guard.LATCHING:
-        alarms.append(f"teach: {guard.TEXTS[board.reason]}")
+        alarms.append(f"teach: {REASONS[board.reason]}")
     return {"job": job, "hours": board.now / 3600, "alarms": alarms, "reduced": reduced,
             "heated": heated, "hottest": hottest}  # fmt: skip
 

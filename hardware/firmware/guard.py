@@ -34,30 +34,6 @@ AMPLIFIER = 26
 RESTARTED = 27
 LATCHING = 16
 
-TEXTS = {
-    NONE: "all is well",
-    NO_COMMAND: "no valid command came for 250 ms",
-    OUT_OF_RANGE: "a command was out of range",
-    HOST: "the host switched it off",
-    POWER_UP: "it was just switched on",
-    RESET: "it was reset",
-    LATE_COMMANDS: "commands come more than 250 ms late",
-    BAD_BOUNDS: "the limb's heat_bounds are out of the board's range",
-    DISAGREEING: "thermocouples and amplifiers disagree; let the wires cool, then check them",
-    OVER_TEMPERATURE: "a wire is too hot",
-    THERMOCOUPLE_OPEN: "a thermocouple is open",
-    THERMOCOUPLE_TO_GROUND: "a thermocouple is shorted to ground",
-    THERMOCOUPLE_TO_SUPPLY: "a thermocouple is shorted to supply",
-    TEMPERATURE_JUMP: "a measured temperature jumped as no wire's can",
-    NOT_WARMING: "a wire is heated, but its thermocouple does not show it",
-    BEND_SILENT: "the bend sensor does not answer",
-    BEND_STUCK: "the bend sensor is stuck",
-    TOO_WARM: "a wire is warmer than its duty can make it",
-    BELOW_ROOM: "a thermocouple reads less than the room's temperature",
-    AMPLIFIER: "an amplifier sends bits that it should not",
-    RESTARTED: "it restarted by itself",
-}
-
 AVERAGING_TIME = 1000  # ms, over which readings are averaged against their noise
 HEARTBEAT = 250  # ms, for which a duty holds, and the age of a sample that is answered too late
 LONGEST_HOLD = 290  # ms, for which a duty holds after the sample that its command answered

@@ -41,31 +41,37 @@ _MAX_BODY = 2 + MAX_PAYLOAD + 4
 
 
 def _crc_table():
-    table = []
+    """Low and high halves, as MicroPython allocates memory for integers of more than 30 bits."""
+    low, high = [], []
     for value in range(16):
         for _ in range(4):
             value = (value >> 1) ^ (0xEDB88320 if value & 1 else 0)
-        table.append(value)
-    return tuple(table)
+        low.append(value & 0xFFFF)
+        high.append(value >> 16)
+    return tuple(low), tuple(high)
 
 
-_TABLE = _crc_table()
+_LOW, _HIGH = _crc_table()
 
 
 def crc32(data):
-    """CRC-32 (ISO-HDLC), by half bytes: small enough for the board."""
-    crc = 0xFFFFFFFF
+    """The 4 bytes of the CRC-32 (ISO-HDLC), low byte first; by half bytes, small enough for us."""
+    low = high = 0xFFFF
     for byte in data:
-        crc ^= byte
-        crc = (crc >> 4) ^ _TABLE[crc & 15]
-        crc = (crc >> 4) ^ _TABLE[crc & 15]
-    return crc ^ 0xFFFFFFFF
+        low ^= byte
+        index = low & 15  # twice the same, as a loop would allocate memory
+        low = (low >> 4 | (high & 15) << 12) ^ _LOW[index]
+        high = high >> 4 ^ _HIGH[index]
+        index = low & 15
+        low = (low >> 4 | (high & 15) << 12) ^ _LOW[index]
+        high = high >> 4 ^ _HIGH[index]
+    return struct.pack("<HH", low ^ 0xFFFF, high ^ 0xFFFF)
 
 
 def encode(kind, *values):
     """The bytes of one frame."""
     body = bytes((VERSION, kind)) + struct.pack(_FORMATS[kind], *values)
-    body += struct.pack("<I", crc32(body))
+    body += crc32(body)
     frame = bytearray((_FLAG,))
     for byte in body:
         if byte in _ESCAPED:
@@ -84,7 +90,8 @@ def arm_values(challenge, bounds, total):
     values = [challenge]
     for wire in bounds:
         values += [int(value * scale + 0.5) for value, scale in zip(wire, _BOUNDS)]
-    return (*values, int(total * FULL_DUTY + 0.5))
+    values.append(int(total * FULL_DUTY + 0.5))
+    return values
 
 
 def read_arm_values(values):
@@ -148,7 +155,7 @@ class Parser:
 
     def _finish(self, frames):
         body = bytes(self._body)
-        if len(body) < 6 or struct.unpack("<I", body[-4:])[0] != crc32(body[:-4]):
+        if len(body) < 6 or body[-4:] != crc32(body[:-4]):
             self.rejected += 1
         elif body[0] != VERSION:
             self.other_version = body[0]

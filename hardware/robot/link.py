@@ -14,6 +14,7 @@ import numpy as np
 import serial
 
 from hardware.firmware import firmware, guard, protocol
+from hardware.robot.reasons import REASONS
 from limb_systems import LimbError
 from limb_systems.model.heat_bounds import HeatBounds
 
@@ -80,7 +81,7 @@ class Sample:
     def reason_text(self) -> str:
         """The reason in words."""
         unknown = f"for a reason that this program does not know, {self.reason}"
-        return guard.TEXTS.get(self.reason, unknown)
+        return REASONS.get(self.reason, unknown)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -288,9 +289,8 @@ class BoardLink:
             ANSWER_TIME,
         )
         if not cleared:
-            raise HardwareError(
-                f"The fault of the board on {self.port} is still there: {self.sample().reason_text}."
-            )
+            reason = self.sample().reason_text
+            raise HardwareError(f"The fault of the board on {self.port} is still there: {reason}.")
 
     def close(self) -> None:
         """Disarms the board and closes the port; a second call does nothing."""

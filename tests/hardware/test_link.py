@@ -16,6 +16,7 @@ from hardware import BoardLink, HardwareError, LimbTwin, SerialLimb
 from hardware.__main__ import main
 from hardware.emulation.emulated_board import EmulatedBoard
 from hardware.firmware import guard, protocol, readings
+from hardware.robot.reasons import REASONS
 from limb_systems import BendSensor, LimbError, LimbParameters, Recording, TipTangentSensor
 from limb_systems.model.heat_bounds import HeatBounds
 
@@ -167,9 +168,9 @@ def test_an_emulated_board_is_for_a_limb_of_two_wires(two_segments):
         EmulatedBoard(LimbTwin(two_segments), lambda *_: None)
 
 
-@pytest.mark.parametrize("reason", guard.TEXTS)
+@pytest.mark.parametrize("reason", REASONS)
 def test_the_reason_for_which_a_board_is_off_is_told(board, reason):
-    text = guard.TEXTS[reason]
+    text = REASONS[reason]
     with BoardLink(board[1]) as link:
         os.write(board[0], sample(1, guard.ARMED, guard.NONE))
         link.command([0.0, 0.5])
@@ -290,9 +291,9 @@ def test_commands_that_are_answered_go_on(board):
 def test_the_sample_that_says_that_the_board_is_off_is_recorded(board, tmp_path):
     def make(number):
         state, reason = guard.DISARMED, guard.NONE
-        if 20 < number:
+        if number > 20:
             state = guard.ARMED
-        if 40 < number:
+        if number > 40:
             state, reason = guard.DISARMED, guard.THERMOCOUPLE_OPEN
         bend = 64 * (7 if number > 40 else 3)
         return greeting(3) + sample(number, state, reason, bend, acknowledged=number)

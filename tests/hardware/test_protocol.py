@@ -55,7 +55,7 @@ def test_frames_of_other_kinds_and_versions_are_refused():
     assert parser.feed(protocol.encode(protocol.CLEAR, 1)) == []
     assert parser.rejected == 1
     body = bytes((protocol.VERSION + 1, protocol.SAMPLE)) + b"0123"
-    body += protocol.crc32(body).to_bytes(4, "little")
+    body += protocol.crc32(body)
     assert parser.feed(b"\x7e" + body + b"\x7e") == []
     assert parser.other_version == protocol.VERSION + 1
 

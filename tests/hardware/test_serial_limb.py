@@ -18,8 +18,8 @@ from serial.tools.list_ports_common import ListPortInfo
 from calibration import collect_equilibria, collect_from_robot
 from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
 from hardware.__main__ import main
-from hardware.firmware import guard
 from hardware.replay import check_replayable
+from hardware.robot.reasons import REASONS
 from limb_systems import (
     EmulatedLimb,
     Limb,
@@ -294,7 +294,7 @@ def test_orders_that_come_together_are_obeyed_but_for_those_that_make_no_sense()
             board.stdin.flush()
             assert "'explode" in board.stderr.readline()
             with BoardLink(port) as link:
-                assert wait_for(lambda: "open" in guard.TEXTS[link.sample().reason])
+                assert wait_for(lambda: "open" in REASONS[link.sample().reason])
         finally:
             board.terminate()
 

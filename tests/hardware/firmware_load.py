@@ -1,0 +1,88 @@
+"""How much time and memory the firmware takes, for MicroPython alone.
+
+This MicroPython collects garbage only between two calls from JavaScript, so
+that each pass is one call; see run_micropython.mjs.
+"""
+
+import gc
+import time
+
+
+class Board:
+    """A limb at rest."""
+
+    def __init__(self):
+        self.now, self.random, self.reset_cause, self.remembered = 0, 4711, 0, 0
+        self.serial_number, self.incoming = b"\0" * 8, b""
+        self.duty, self.bend = [0.0, 0.0], 0
+
+    def ticks(self):
+        return self.now
+
+    def receive(self):
+        data, self.incoming = self.incoming, b""
+        return data
+
+    def read_thermocouple(self, wire):
+        return b"\x01\x90\x19\x00"  # 25 °C, and 25 °C of the amplifier
+
+    def read_bend(self):
+        self.bend = (self.bend + 1) % 9
+        return bytes((0, self.bend, 0))
+
+    def set_duty(self, wire, duty):
+        self.duty[wire] = duty
+
+    def send(self, data):
+        pass
+
+    def keep_supply(self):
+        pass
+
+    def feed(self):
+        pass
+
+    def remember(self, reason):
+        pass
+
+
+class Load:
+    """A firmware that is armed and commanded, a pass at a time."""
+
+    def __init__(self, board, firmware):
+        from hardware.firmware import heat, protocol
+
+        self._protocol, self._bounds = protocol, (heat.NOMINAL, heat.NOMINAL)
+        self._board, self._firmware = board, firmware
+        self._number = self._time = self._longest = self._garbage = 0
+
+    def run(self):
+        """One pass, with a sample and with a command that comes twice."""
+        board, guard, protocol = self._board, self._firmware.guard, self._protocol
+        board.now += 50
+        self._number += 1
+        if guard.session is None:
+            values = protocol.arm_values(guard.challenge, self._bounds, 1.0)
+            board.incoming = protocol.encode(protocol.ARM, *values)
+        else:
+            values = guard.session, guard.acknowledged + 1, board.now - 50, 100, 100
+            board.incoming = 2 * protocol.encode(protocol.COMMAND, *values)
+        before, start = gc.mem_alloc(), time.ticks_us()
+        self._firmware.step()
+        taken, garbage = time.ticks_diff(time.ticks_us(), start), gc.mem_alloc() - before
+        if self._number > 50:
+            self._time += taken
+            self._garbage = max(self._garbage, garbage)
+
+    def tell(self, in_use):
+        """Prints the mean time and the most memory of a pass, and what is in use."""
+        assert self._board.duty[0] > 0
+        mean = self._time // (self._number - 50)
+        print("a pass with a sample and two commands takes", mean, "us and", self._garbage, "bytes")
+        print("code and data are", in_use, "bytes")
+
+
+def live():
+    """Bytes in use."""
+    gc.collect()
+    return gc.mem_alloc()
