@@ -197,7 +197,7 @@ class BoardLink:
             )
         return sample
 
-    def arm(self, bounds: Sequence[HeatBounds], total_duty: float = 1.0) -> None:
+    def arm(self, bounds: Sequence[HeatBounds], total_duty: float = 1.5) -> None:
         """Arms the board: commands heat from now on.
 
         Args:
