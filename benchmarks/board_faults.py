@@ -67,6 +67,22 @@ FAULTS = {
 }
 
 
+# Faults whose detection has nothing to do with duty, which are tried at one.
+WITHOUT_DUTY = ("thermocouple open", "bend sensor frozen", "clock stands still")
+
+
+def fault_jobs(limbs: int, part: str) -> list[tuple[str, str, float, int, int]]:
+    """Fault, when, duty, noise and limb of each run, of faults whose name contains the part."""
+    jobs = []
+    for fault, when in itertools.product(FAULTS, (FROM_BEGINNING, WHEN_HOT)):
+        if part not in fault or (when == WHEN_HOT and not FAULTS[fault]):
+            continue
+        duties = DUTIES if when == FROM_BEGINNING else (0.3, 1.0)
+        duties = (0.3,) if fault in WITHOUT_DUTY else duties
+        jobs += list(itertools.product((fault,), (when,), duties, NOISES, range(limbs)))
+    return sorted(jobs, key=lambda job: job[-1])
+
+
 def prepare(board: SimulatedBoard, noise: int) -> None:
     """Adds noise to the thermocouples, and waits until the board can be armed."""
     for side in SIDES:
@@ -261,13 +277,7 @@ def main() -> None:
     jobs: list[tuple]
     if options.what == "faults":
         run, show = run_fault, print_faults
-        faults = [f for f in FAULTS if (options.fault or "") in f]
-        jobs = [
-            (*job, seed)
-            for seed in range(options.limbs)
-            for job in itertools.product(faults, (FROM_BEGINNING, WHEN_HOT), DUTIES, NOISES)
-            if FAULTS[job[0]] or job[1] == FROM_BEGINNING
-        ]
+        jobs = fault_jobs(options.limbs, options.fault or "")
     else:
         run, show = run_ordinary, print_ordinary
         jobs = [(seed, NOISES[seed % 2]) for seed in range(options.limbs)]

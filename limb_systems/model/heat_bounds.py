@@ -15,6 +15,8 @@ SPREAD = {
     "most_heating": 1.15,
     "slowest_reading": 0.5,
 }
+# Pairs of a lower and an upper bound.
+BOUNDED = (("slowest_cooling", "fastest_cooling"), ("least_heating", "most_heating"))
 
 
 @dataclasses.dataclass

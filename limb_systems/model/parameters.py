@@ -17,7 +17,7 @@ import numpy as np
 from limb_systems.errors import LimbError
 from limb_systems.input import read_text
 from limb_systems.model.bend_sensor import BendSensor, TipTangentSensor
-from limb_systems.model.heat_bounds import HeatBounds
+from limb_systems.model.heat_bounds import BOUNDED, HeatBounds
 from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.output import write_atomically
 from limb_systems.schema import (
@@ -436,6 +436,13 @@ def _validate_wires(wires: list[WireParameters], where: str) -> None:
                 f"{where}[{index}].name is {wire.name!r}, but another wire of the segment has this "
                 "name; give each wire its own."
             )
+        bounds = wire.heat_bounds
+        for low, high in BOUNDED if bounds else ():
+            if getattr(bounds, low) > getattr(bounds, high):
+                raise ParameterError(
+                    f"{where}[{index}].heat_bounds.{low} is {getattr(bounds, low):g}; it must not "
+                    f"be above {high}, which is {getattr(bounds, high):g}."
+                )
         if wire.e2 == wire.e3 == 0:
             raise ParameterError(
                 f"{where}[{index}] runs along the axis (e2 = e3 = 0), where it cannot bend the "

@@ -315,8 +315,8 @@ def test_command_collects_from_a_robot(tmp_path, monkeypatch):
     LimbParameters(ambient_temperature=21.5).save(tmp_path / "limb.yaml")
     arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path / "new"), "--seed", "3"]
     assert main([*arguments, "--angles", "2", "-l", str(tmp_path / "limb.yaml")]) == 0
-    assert ports == ["/dev/robot"] * 5
-    names = ["sag_1", "ring_down_1", "right", "left", "both"]
+    assert ports == ["/dev/robot"] * 6
+    names = ["sag_1", "ring_down_1", "warm_up", "right", "left", "both"]
     assert [what.split(":")[0] for what in asked] == names
     assert all(what.endswith(".\nPress Enter when this is done. ") for what in asked)
     found = {path.stem: Recording.load(path) for path in (tmp_path / "new").iterdir()}

@@ -206,7 +206,7 @@ def model_like_recording():
 def test_status_says_how_the_board_is(emulator, capsys):
     assert main(["status", emulator.port]) == 0
     said = capsys.readouterr().out
-    assert "board       twin0000, firmware 2" in said
+    assert "board       twin0000, firmware 3" in said
     assert "off: it was just switched on" in said
     assert main(["status", emulator.port, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["armed"] is False
@@ -354,7 +354,7 @@ def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     with pytest.warns(UserWarning, match=message) as warned:
         collect()
     assert len(warned) == 1
-    assert asked[3:] == ["ring_down_1", "right", "left", "both"]
+    assert asked[3:] == ["ring_down_1", "warm_up", "right", "left", "both"]
     assert {path: path.read_bytes() for path in finished} == finished
     left.unlink()
     found = {path.stem: Recording.load(path) for path in tmp_path.iterdir()}

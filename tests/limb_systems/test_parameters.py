@@ -19,6 +19,7 @@ import yaml
 from limb_systems import (
     CalibrationRecord,
     EmulatedLimb,
+    LimbError,
     LimbParameters,
     LinearLaw,
     SegmentParameters,
@@ -26,6 +27,7 @@ from limb_systems import (
     TemperatureLimits,
     WireParameters,
 )
+from limb_systems.model.heat_bounds import BOUNDED, HeatBounds
 from limb_systems.model.parameters import ParameterError
 from limb_systems.schema import SchemaError
 
@@ -78,9 +80,16 @@ GRAVITY = [leaf for leaf in LEAVES if leaf.keys[0] == "gravity"]
 each_leaf = pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: leaf.path)
 
 
+def nominal() -> LimbParameters:
+    """The nominal limb, with all that a description may have."""
+    parameters = LimbParameters()
+    parameters.wires[0].heat_bounds = HeatBounds()
+    return parameters
+
+
 def document() -> dict:
     """The nominal limb's; without tags, which leaves the defaults of the unions."""
-    return yaml.safe_load(re.sub(r"!\w+ ", "", LimbParameters().to_yaml()))
+    return yaml.safe_load(re.sub(r"!\w+ ", "", nominal().to_yaml()))
 
 
 def edited(keys, value) -> str:
@@ -104,7 +113,7 @@ def value_at(parameters: LimbParameters, keys):
 
 def with_value(keys, value) -> LimbParameters:
     """The nominal limb as an object, with one value replaced."""
-    parameters = LimbParameters()
+    parameters = nominal()
     owner = value_at(parameters, keys[:-1])
     if isinstance(keys[-1], int):
         owner[keys[-1]] = value
@@ -133,6 +142,7 @@ def test_the_walk_finds_the_fields_of_all_levels():
         "segments[0]",
         "segments[0].wires[0]",
         "segments[0].wires[0].law",
+        "segments[0].wires[0].heat_bounds",
         "segments[0].bend_sensor",
         "temperature_limits",
         "board",
@@ -158,13 +168,22 @@ def random_limb(rng) -> LimbParameters:
                 data[leaf.keys[-1]] = random_value(rng, leaf)
         wires = []
         for number in range(rng.integers(1, 4)):
-            wire, law = {}, {}
+            wire, law, heat = {}, {}, {}
             for leaf in LEAVES:
                 if "law" in leaf.keys:
                     law[leaf.keys[-1]] = random_value(rng, leaf)
+                elif "heat_bounds" in leaf.keys:
+                    heat[leaf.keys[-1]] = random_value(rng, leaf)
                 elif "wires" in leaf.keys:
                     wire[leaf.keys[-1]] = random_value(rng, leaf)
-            wires.append(WireParameters(f"wire{number}", **wire, law=LinearLaw(**law)))
+            for low, high in BOUNDED:
+                heat[low], heat[high] = sorted((heat[low], heat[high]))
+                heat[low] = max(heat[low], getattr(HeatBounds(), low))
+                heat[high] = max(heat[low], heat[high])
+            described = LinearLaw(**law), HeatBounds(**heat) if rng.uniform() < 0.5 else None
+            wires.append(
+                WireParameters(f"wire{number}", **wire, law=described[0], heat_bounds=described[1])
+            )
         segments.append(SegmentParameters(**data, wires=wires))
     return LimbParameters(
         segments=segments,
@@ -304,6 +323,8 @@ def test_field_given_twice_is_refused(refused):
 def test_group_of_fields_that_is_none_is_refused(refused, keys, value):
     if keys == ("board",) and isinstance(value, str):
         return  # a serial number, as in format 1
+    if keys[-1] == "heat_bounds" and value is None:
+        return  # there are none
     with refused(ParameterError, path_of(keys), "must "):
         LimbParameters.from_yaml(edited(keys, value))
 
@@ -341,7 +362,32 @@ def test_number_of_links_that_is_not_whole_is_refused(refused, value):
 @pytest.mark.parametrize("keys", GROUPS[1:], ids=path_of)
 def test_object_with_a_group_of_another_type_is_refused(refused, keys):
     with refused(ParameterError, path_of(keys)):
-        with_value(keys, None).validate()
+        with_value(keys, 1.0 if keys[-1] == "heat_bounds" else None).validate()
+
+
+@pytest.mark.parametrize(("low", "high"), BOUNDED)
+def test_heat_bounds_out_of_order_are_refused(refused, low, high):
+    bounds = HeatBounds()
+    setattr(bounds, low, 1.1 * getattr(bounds, high))
+    with refused(ParameterError, f"heat_bounds.{low} is", f"must not be above {high}, which is"):
+        with_value(("segments", 0, "wires", 0, "heat_bounds"), bounds).validate()
+
+
+def test_heat_bounds_are_around_a_law_that_is_described():
+    """But not around one that was fitted to a bend."""
+    parameters = LimbParameters()
+    parameters.wires[1].law = LinearLaw(-0.05, 30.0, -2.0)
+    left, right = parameters.heat_bounds
+    assert dataclasses.astuple(left) == pytest.approx((0.042, 0.0952, 17.0, 23.0, 0.5))
+    assert dataclasses.astuple(right) == pytest.approx((0.03, 0.068, 25.5, 34.5, 1.0))
+    parameters.calibration = CalibrationRecord([], [], [], [])
+    assert parameters.heat_bounds == [left, left]
+    parameters.wires[1].heat_bounds = right
+    assert parameters.heat_bounds == [left, right]
+    parameters.calibration = None
+    parameters.wires[0].law = LinearLaw(-5.0, 500.0, -2.0)
+    with pytest.raises(LimbError, match="slowest_cooling would be 3 1/s by its law, but a board"):
+        _ = parameters.heat_bounds
 
 
 # Values out of range
@@ -393,7 +439,8 @@ def test_range_is_closed_and_exact(refused, leaf):
 
 
 NEGATIVE = {"a1", "a3"}
-POSITIVE = {"a2", "beta", "links", "length", "mass", "width", "thickness", "stiffness"}
+POSITIVE = {"total_duty", *(field.name for field in dataclasses.fields(HeatBounds))}
+POSITIVE |= {"a2", "beta", "links", "length", "mass", "width", "thickness", "stiffness"}
 NOT_NEGATIVE = {"damping", "warm_up_time"}
 ANY_SIGN = {"ambient_temperature", "gravity", "maximum", "warm", "e2", "e3"}
 
@@ -410,7 +457,7 @@ def test_the_sign_of_every_quantity_is_known_to_this_test():
     "leaf", [x for x in LEAVES if name_of(x) not in ANY_SIGN], ids=lambda x: x.path
 )
 def test_value_of_the_wrong_sign_is_refused(refused, leaf):
-    value = value_at(LimbParameters(), leaf.keys)
+    value = value_at(nominal(), leaf.keys)
     assert (value < 0) == (name_of(leaf) in NEGATIVE)
     with refused(ParameterError, leaf.path, -value, range_text(leaf)):
         LimbParameters.from_yaml(edited(leaf.keys, -value))

@@ -1,0 +1,90 @@
+"""Bounds of heat that recordings show, as the board uses them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from calibration import calibrate
+from calibration.collect import WARM_UP_MARGIN, collect_from_twin, collect_warm_up
+from calibration.heat_bounds import fit_heat_bounds
+from hardware import LimbTwin
+from hardware.emulation.simulated_board import SimulatedBoard
+from hardware.firmware import guard, heat
+from limb_systems import Limb, LimbParameters, simulate
+from limb_systems.model.heat_bounds import HeatBounds
+
+
+def test_bounds_of_a_limb_contain_its_other_motions():
+    """The model, (6) and (7), in closed form: T - T0 = a2 D / a1 (1 - exp(-a1 t))."""
+    limb = LimbParameters()
+    described = HeatBounds.around(limb.wires[0].linear_law)
+    for fitted in fit_heat_bounds([simulate(Limb(limb), [0.2, 0.3], 30.0)], limb):
+        assert fitted.slowest_cooling > described.slowest_cooling
+        assert fitted.least_heating > described.least_heating
+        unfitted = {
+            "least_heating": described.least_heating,
+            "slowest_cooling": described.slowest_cooling,
+        }
+        assert dataclasses.replace(fitted, **unfitted) == described  # what readings do not tell
+        observer = heat.WireObserver(0.0)
+        observer.bounds = dataclasses.astuple(fitted)
+        for time in np.arange(0.05, 12.0, 0.05):
+            observer.advance(0.45, 0.05, 0.0)
+            wire = 20.0 * 0.45 / 0.07 * (1 - np.exp(-0.07 * time))
+            assert observer.least_reading < wire < observer.most + 0.5
+
+
+def test_a_wire_that_was_not_heated_keeps_its_bounds():
+    limb = LimbParameters()
+    left, right = fit_heat_bounds([simulate(Limb(limb), [0.0, 0.3], 20.0)], limb)
+    assert left == limb.heat_bounds[0]
+    assert right != limb.heat_bounds[1]
+
+
+def test_a_wider_margin_makes_wider_bounds():
+    limb = LimbParameters()
+    recording = simulate(Limb(limb), [0.2, 0.3], 20.0)
+    for narrow, wide in zip(
+        fit_heat_bounds([recording], limb, 0.05),
+        fit_heat_bounds([recording], limb, 0.25),
+        strict=True,
+    ):
+        assert wide.least_heating < narrow.least_heating
+        assert wide.slowest_cooling < narrow.slowest_cooling
+
+
+@pytest.mark.parametrize("seed", [2, 7])
+def test_an_emulated_limb_is_warmed_up_and_then_hot_within_its_bounds(seed):
+    warm_up = collect_warm_up(LimbTwin(seed=seed))
+    assert warm_up.measured_temperature.max() < 100.0
+    parameters = LimbParameters()
+    fitted = fit_heat_bounds([warm_up], parameters, WARM_UP_MARGIN)
+    for wire, bounds in zip(parameters.wires, fitted, strict=True):
+        wire.heat_bounds = bounds
+    board = SimulatedBoard(LimbTwin(seed=seed), parameters, step=10)
+    board.run(1.0)
+    assert board.arm()
+    hottest = 0.0
+    for duty in (0.5, 0.3, 1.0, 0.2):
+        for _ in range(100):
+            board.run(0.05, (0.0, duty))
+            warmest = board.emulation.firmware.guard.warmest(1)
+            temperature = board.emulation.board.wire_temperature()[1]
+            hottest = max(hottest, temperature)
+            assert temperature < warmest + 1.0
+        assert board.reason == guard.NONE
+    assert hottest > 80.0
+
+
+def test_calibration_has_bounds_and_keeps_them_in_its_file(tmp_path):
+    recordings = collect_from_twin(
+        LimbTwin(seed=5), num_angles=3, cooling_time=60.0, sag_trials=1, ring_downs=1
+    )
+    calibrated = calibrate(recordings).parameters
+    calibrated.save(tmp_path / "limb.yaml")
+    loaded = LimbParameters.load(tmp_path / "limb.yaml")
+    for wire, bounds in zip(loaded.wires, calibrated.heat_bounds, strict=True):
+        assert wire.heat_bounds == bounds
+        assert bounds != HeatBounds()
+    np.testing.assert_array_less(0.042, [b.slowest_cooling for b in loaded.heat_bounds])
