@@ -2,7 +2,7 @@
 
 Everything is in simulated time: the firmware's own files, an emulated board and
 limb, and a host that goes on commanding whatever happens. It is an emulation,
-not a measurement of wires.
+not a measurement of wires. It takes some hours; Ctrl-C shows what there is.
 
     python benchmarks/board_faults.py faults [--limbs 50] [--jobs 2]
     python benchmarks/board_faults.py ordinary [--limbs 50] [--jobs 2]
@@ -18,6 +18,7 @@ other one with three times the noise, and counts what switched off.
 """
 
 import argparse
+import contextlib
 import itertools
 import multiprocessing
 import random
@@ -283,9 +284,10 @@ def main() -> None:
         jobs = [(seed, NOISES[seed % 2]) for seed in range(options.limbs)]
     results = []
     with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
-        for number, result in enumerate(pool.imap_unordered(run, jobs), 1):
-            results.append(result)
-            print(f"\r{number} of {len(jobs)} runs", end="", file=sys.stderr, flush=True)
+        with contextlib.suppress(KeyboardInterrupt):  # which shows what there is
+            for number, result in enumerate(pool.imap_unordered(run, jobs), 1):
+                results.append(result)
+                print(f"\r{number} of {len(jobs)} runs", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     show(results)
     print(f"{time.perf_counter() - start:.0f} s")

@@ -23,6 +23,7 @@ from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firm
 from limb_systems import LimbError
 
 TURN = 0.001  # s, between two passes of the firmware's loop
+LONGEST_DELAY = 3.0  # s, of a buffer that is full
 WATCHDOG = 0.2  # s, as that of board_nrf52dk.py
 THERMOCOUPLE_FAULTS = {"open": 1, "ground": 2, "supply": 4}
 SHARES = {"detach": 0.0, "reverse": -1.0}  # of the rise in temperature that is read
@@ -40,7 +41,12 @@ class BadLine:
     def mend(self) -> None:
         """Removes all faults: bytes arrive undamaged and without delay."""
         self.rates = dict.fromkeys(("drop", "corrupt", "duplicate", "reorder"), 0.0)
-        self.delay = 0.0  # s
+        self.delay, self.creep = 0.0, 0.0  # s, and s by which it grows each second
+        self._creeping_since = self._clock()
+
+    def start_to_creep(self, rate: float) -> None:
+        """Lets the delay grow from now on, as a buffer that fills up does."""
+        self.creep, self._creeping_since = rate, self._clock()
 
     def pass_on(self, data: bytes) -> bytes:
         """Puts ``data`` in at one end, and returns what comes out at the other end now."""
@@ -56,7 +62,9 @@ class BadLine:
             if len(damaged) > 1 and random.random() < self.rates["reorder"]:
                 damaged[-2:] = damaged[-1:-3:-1]
         if damaged:
-            self._waiting.append((self._clock() + self.delay, bytes(damaged)))
+            crept = self.creep * (self._clock() - self._creeping_since)
+            delay = self.delay + min(crept, LONGEST_DELAY)
+            self._waiting.append((self._clock() + delay, bytes(damaged)))
         now, arrived = self._clock(), b""
         while self._waiting and self._waiting[0][0] <= now:
             arrived += self._waiting.pop(0)[1]
@@ -162,6 +170,9 @@ class Emulation:
         elif name == "delay":
             for line in self._lines:
                 line.delay = float(words[1])
+        elif name == "creep":
+            for line in self._lines:
+                line.start_to_creep(float(words[1]))
         elif name == "noise":
             self.board.from_host += random.randbytes(int(words[1]))
         elif name in THERMOCOUPLE_FAULTS:
@@ -220,7 +231,8 @@ class Emulation:
 
 
 ORDERS = (
-    "drop RATE, corrupt RATE, duplicate RATE, reorder RATE, delay SECONDS, noise BYTES (cable); "
+    "drop RATE, corrupt RATE, duplicate RATE, reorder RATE, delay SECONDS, "
+    "creep SECONDS_PER_S, noise BYTES (cable); "
     "open SIDE, ground SIDE, supply SIDE, hot SIDE, freeze SIDE, detach SIDE, reverse SIDE, "
     "share SIDE SHARE, offset SIDE CELSIUS, drift SIDE CELSIUS_PER_S, jitter SIDE CELSIUS "
     "(thermocouples); freeze bend, stick bend, silence (bend sensor); weaken SHARE, short SIDE "

@@ -10,7 +10,7 @@ import random
 
 import pytest
 
-from hardware.firmware import guard
+from hardware.firmware import guard, protocol
 
 from .conftest import SimulatedBoard
 
@@ -83,6 +83,41 @@ def test_commands_that_are_late(longest):
         assert board.emulation.firmware.guard.reason == guard.NO_COMMAND
         assert_stays_off(board)  # late ones do not heat again
         assert board.reason == guard.NO_COMMAND
+
+
+@pytest.mark.parametrize("event", ["killed", "stopped", "unplugged", "nothing"])
+@pytest.mark.parametrize("rate", [0.05, 0.3, 1.0])
+def test_commands_that_are_later_and_later(event, rate, record_property):
+    """Behind a buffer that grows up to 3 s, until the host is no more, or nobody notices."""
+    longest = 0.0
+    for moment in (0.02, 0.1, 0.25, 0.4, 1.0, 3.0):
+        random.seed(0)
+        board = SimulatedBoard()
+        board.heat()
+        board.emulation.misbehave(f"creep {rate}")
+        guarded, late = board.emulation.firmware.guard, None
+        happened = board.now + (moment if event != "nothing" else 1e9)
+        while board.duty != (0.0, 0.0):
+            if board.now < happened:
+                board.run(0.001, HOT)
+            elif event == "killed":
+                board.run(0.001)
+            elif event == "stopped":
+                board.send(protocol.DISARM)
+                board.run(0.001)
+            else:
+                board.emulation.misbehave("unplug")
+                board.run(0.3)
+            if late is None and guarded._late:
+                late = board.now  # the first command that is 250 ms old has come
+            assert board.now < 100.0, "still on"
+        off = next(t for t, left, right in board.duties[::-1] if left == right == 0.0)
+        longest = max(longest, off - min(happened, late or happened))
+        assert guarded.reason in (guard.NO_COMMAND, guard.LATE_COMMANDS, guard.HOST)
+        assert_stays_off(board, None)
+    record_property("off after", f"{1000 * longest:.0f} ms")
+    print(f"\noff after {1000 * longest:.0f} ms")
+    assert longest <= 0.3
 
 
 def test_bytes_that_are_mostly_corrupted(longest):
