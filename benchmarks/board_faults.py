@@ -283,11 +283,13 @@ def main() -> None:
         run, show = run_ordinary, print_ordinary
         jobs = [(seed, NOISES[seed % 2]) for seed in range(options.limbs)]
     results = []
-    with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
-        with contextlib.suppress(KeyboardInterrupt):  # which shows what there is
-            for number, result in enumerate(pool.imap_unordered(run, jobs), 1):
-                results.append(result)
-                print(f"\r{number} of {len(jobs)} runs", end="", file=sys.stderr, flush=True)
+    with (
+        contextlib.suppress(KeyboardInterrupt),  # which shows what there is
+        multiprocessing.get_context("spawn").Pool(options.jobs) as pool,
+    ):
+        for number, result in enumerate(pool.imap_unordered(run, jobs), 1):
+            results.append(result)
+            print(f"\r{number} of {len(jobs)} runs", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     show(results)
     print(f"{time.perf_counter() - start:.0f} s")

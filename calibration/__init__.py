@@ -8,6 +8,7 @@ from calibration.collect import (
     collect_from_twin,
     collect_ring_down,
     collect_sag,
+    collect_warm_up,
     save_recordings,
 )
 from calibration.controller import BendAngleController, EquilibriumSchedule
@@ -17,6 +18,7 @@ from calibration.estimate import Estimate
 from calibration.figures import plot_validation
 from calibration.force import ForceFit, fit_force
 from calibration.heat import HeatFit, fit_heat_transfer, fit_heat_transfer_from_temperature
+from calibration.heat_bounds import fit_heat_bounds
 from calibration.kinds import kinds_of
 from calibration.report import calibration_summary, write_report
 from calibration.stiffness import StiffnessFit, fit_stiffness
@@ -42,9 +44,11 @@ __all__ = [
     "collect_from_twin",
     "collect_ring_down",
     "collect_sag",
+    "collect_warm_up",
     "fit_damped_sinusoid",
     "fit_damping",
     "fit_force",
+    "fit_heat_bounds",
     "fit_heat_transfer",
     "fit_heat_transfer_from_temperature",
     "fit_stiffness",

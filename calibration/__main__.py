@@ -48,7 +48,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="record all that calibration needs, on a robot or an emulated limb",
         description="Records trials of the sag under gravity, ring-downs from 45°, and equilibria "
         "held with one wire after the other and with all of them. A robot is recorded in real "
-        "time, in some 40 minutes; the program says when to remount or hold the limb. Started "
+        "time, in some 45 minutes; the program says when to remount or hold the limb. Started "
         "again, it keeps recordings that are complete. An emulated limb takes half a minute.",
     )
     collect.add_argument(

@@ -14,6 +14,7 @@ from limb_systems.model.bend_sensor import (
     bend_angle_from_tip_tangent,
     tip_tangent_from_bend_angle,
 )
+from limb_systems.model.heat_bounds import HeatBounds
 from limb_systems.model.kinematics import (
     BendAngle,
     bend_angle,
@@ -47,6 +48,7 @@ __all__ = [
     "BendSensor",
     "CalibrationRecord",
     "EmulatedLimb",
+    "HeatBounds",
     "InverseThermocoupleLag",
     "JouleHeating",
     "Limb",

@@ -28,6 +28,7 @@ from hardware.emulation.wires import ShapeMemoryWires
 from hardware.robot.journal import Journal
 from limb_systems import (
     BendAngle,
+    HeatBounds,
     InverseThermocoupleLag,
     JouleHeating,
     Limb,
@@ -346,6 +347,7 @@ def test_parameters_on_the_page_are_the_nominal_ones():
             SegmentParameters,
             WireParameters,
             LinearLaw,
+            HeatBounds,
             TemperatureLimits,
             LimbParameters,
         )

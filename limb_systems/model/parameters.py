@@ -256,7 +256,7 @@ class LimbParameters(Strict):
     ambient_temperature: float = quantity(25.0, "°C", -50.0, 100.0)
     gravity: list[float] = quantity((0.0, 0.0, 0.0), "m/s²", -100.0, 100.0)
     temperature_limits: TemperatureLimits = dataclasses.field(default_factory=TemperatureLimits)
-    total_duty: float = quantity(1.5, "", 0.01, 100.0)
+    total_duty: float = quantity(1.5, "of full duty", 0.01, 100.0)
     board: NoBoard | Board = dataclasses.field(default_factory=NoBoard)
     calibration: CalibrationRecord | None = None
 
