@@ -61,6 +61,21 @@ def test_has_the_ports_of_the_limb(emulator):
         builder.AddSystem(robot)
 
 
+def test_replay_waits_after_a_reset(emulator, short_plan):
+    emulator.order("reset")
+    limb = SerialLimb(emulator.port, short_plan.parameters)
+    with pytest.raises(ReplayError, match=r"may be at 1\d\d °C by the heat .* wait a minute"):
+        replay(short_plan, limb)
+
+
+def test_a_plan_for_more_power_than_the_limb_s_is_refused(emulator, short_plan):
+    weak = copy.deepcopy(short_plan.parameters)
+    weak.total_duty = 0.1
+    message = r"duties add up to \d\.\d\d at \d\.\d s, but this limb's total_duty is 0.1; raise"
+    with pytest.raises(ReplayError, match=message):
+        replay(short_plan, SerialLimb(emulator.port, weak))
+
+
 def test_replay_sends_the_plan_and_records_all_of_it(emulator, short_plan, tmp_path):
     limb = SerialLimb(emulator.port, short_plan.parameters)
     start = time.monotonic()
