@@ -179,9 +179,9 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
     sample = limb.link.sample()
     if (warmest := sample.warmest.max()) > limit:
         raise ReplayError(
-            f"A wire of the limb on {limb.link.port} may be at {warmest:.0f} °C by the heat that it "
-            "was given, or the board was reset and does not know; the board would reduce the duty: "
-            "wait a minute or two."
+            f"A wire of the limb on {limb.link.port} may be at {warmest:.0f} °C by the heat that "
+            "it was given, or the board was reset and does not know; the board would reduce the "
+            "duty: wait a minute or two."
         )
     measured = sample.temperature
     for name, now, start in zip(

@@ -17,7 +17,6 @@ class SimulatedBoard:
 
     - ``duties``: time, s, and duty of left and right, of each change at the pins.
     - ``sent``: values of each SAMPLE, as in docs/protocol.md.
-    - ``events``: orders, as `Emulation` reports them.
     """
 
     def __init__(

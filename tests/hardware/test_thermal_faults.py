@@ -1,0 +1,78 @@
+"""Faults of thermocouples and of heat on some emulated limbs; benchmarks/board_faults.py has more.
+
+What a wire truly has is asked of the emulation. No wire may pass 130 °C, whatever fails but its
+MOSFET.
+"""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from hardware.firmware import guard
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+import board_faults
+from board_faults import FROM_BEGINNING, HOTTEST, WHEN_HOT
+
+
+@pytest.mark.parametrize(
+    ("fault", "duty", "limit"),
+    [
+        ("thermocouple has come off", 0.1, 6.0),
+        ("thermocouple has come off", 0.4, 3.0),
+        ("thermocouple has come off", 1.0, 2.0),
+        ("thermocouple reversed", 0.1, 4.5),
+        ("thermocouple reversed", 0.5, 2.0),
+        ("thermocouple reads 30% of the rise", 0.1, 10.0),
+        ("thermocouple reads 30% of the rise", 0.5, 4.0),
+        ("thermocouple frozen", 1.0, 2.0),
+        ("no heat arrives", 0.3, 4.0),
+        ("half of the heat arrives", 0.5, 8.0),
+    ],
+)
+@pytest.mark.parametrize(("noise", "limb"), [(1, 11), (3, 14)])
+def test_heat_that_a_thermocouple_does_not_show(fault, duty, limit, noise, limb):
+    result = board_faults.run_fault((fault, FROM_BEGINNING, duty, noise, limb))
+    assert result["reason"] == guard.NOT_WARMING
+    assert result["off"] < limit
+    assert result["hottest"] < 80.0
+
+
+@pytest.mark.parametrize(
+    ("fault", "when"),
+    [
+        ("thermocouple reads 60% of the rise", FROM_BEGINNING),
+        ("thermocouple frozen", WHEN_HOT),
+        ("thermocouple drifts by -0.5 °C/s", WHEN_HOT),
+    ],
+)
+def test_a_fault_that_the_board_bears_does_not_make_a_wire_too_hot(fault, when):
+    """A limb whose left wire gets hotter than most."""
+    result = board_faults.run_fault((fault, when, 0.5, 3, 0))
+    assert 90.0 < result["hottest"] < HOTTEST
+
+
+@pytest.mark.parametrize("fault", ["thermocouple reads 19 °C too little", "clock stands still"])
+def test_a_board_does_not_arm_with_a_fault(fault):
+    assert not board_faults.run_fault((fault, FROM_BEGINNING, 0.3, 1, 5))["armed"]
+
+
+@pytest.mark.parametrize("noise", [1, 3])
+def test_a_reading_that_falls_while_hot_is_no_wire_s(noise):
+    job = ("thermocouple reads 19 °C too little", WHEN_HOT, 0.3, noise, 4)
+    result = board_faults.run_fault(job)
+    assert result["reason"] == guard.TEMPERATURE_JUMP
+    assert result["off"] < 0.2
+
+
+def test_a_mosfet_that_is_shorted_is_noticed_and_the_supply_let_go():
+    result = board_faults.run_fault(("MOSFET shorted", FROM_BEGINNING, 0.1, 3, 6))
+    assert result["reason"] == guard.TOO_WARM
+    assert result["hottest"] < 90.0  # and it cools, though its MOSFET conducts
+
+
+def test_both_wires_stay_below_the_limit_for_as_long_as_they_are_heated():
+    result = board_faults.run_fault(("no fault, both wires hot", FROM_BEGINNING, 1.0, 3, 0))
+    assert result["off"] is None
+    assert 95.0 < result["hottest"] < HOTTEST
