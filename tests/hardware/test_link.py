@@ -298,7 +298,11 @@ def test_the_sample_that_says_that_the_board_is_off_is_recorded(board, tmp_path)
         bend = 64 * (7 if number > 40 else 3)
         return greeting(3) + sample(number, state, reason, bend, acknowledged=number)
 
-    with Talking(board[0], make), pytest.raises(HardwareError, match="a thermocouple is open"):
+    with (
+        Talking(board[0], make),
+        pytest.warns(UserWarning, match="recorded until then is in"),
+        pytest.raises(HardwareError, match="a thermocouple is open"),
+    ):
         collect_sag(SerialLimb(board[1]), journal=tmp_path / "sag.csv")
     recording = Recording.load(tmp_path / "sag.unfinished.csv", unfinished=True)
     assert "a thermocouple is open" in recording.interrupted

@@ -380,5 +380,8 @@ def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     assert not any(recording.interrupted for recording in found.values())
     assert found["sag_1"].parameters.gravity == [0.0, -9.81, 0.0]
     assert found["right"].parameters.gravity == [0.0, 0.0, 0.0]
+    # From the warm-up on the board is told what to expect of these wires.
+    assert found["warm_up"].parameters.wires[0].heat_bounds is None
+    assert found["right"].parameters.wires[0].heat_bounds is not None
     collect()
-    assert len(asked) == 7
+    assert len(asked) == 8
