@@ -45,46 +45,71 @@ def fit_heat_bounds(
 def _fit_wire(
     recordings: Sequence[Recording], wire: int, bounds: HeatBounds, margin: float
 ) -> HeatBounds:
-    heating, rate = np.inf, np.inf
-    for recording in recordings:
-        reading, least, most = _follow(recording, wire, bounds)
+    least_share, most_share, rate = np.inf, 0.0, bounds.fastest_cooling
+    for course in [_Course(recording, wire) for recording in recordings]:
+        least, most = course.bounded(bounds)
         shown = least > SHORTEST * bounds.least_heating
-        ratios = (reading + NOISE[1])[shown] / least[shown]
-        heating = min(heating, bounds.least_heating * ratios.min(initial=np.inf))
-        low, high = bounds.slowest_cooling, bounds.fastest_cooling
-        if not shown.any() or (reading - NOISE[0] > most).any():
+        if not shown.any():
             continue
-        for _ in range(STEPS):
+        # Both bounds are proportional to their rates of heating.
+        least_share = min(least_share, ((course.reading + NOISE[1])[shown] / least[shown]).min())
+        most_share = max(most_share, ((course.reading - NOISE[0])[shown] / most[shown]).max())
+        low, high = bounds.slowest_cooling, rate
+        for _ in range(STEPS if most_share < 1 else 0):
             middle = (low + high) / 2
-            faster = dataclasses.replace(bounds, slowest_cooling=middle)
-            reading, _, most = _follow(recording, wire, faster)
-            low, high = (low, middle) if (reading - NOISE[0] > most).any() else (middle, high)
-        rate = min(rate, low)
-    fitted = dataclasses.replace(bounds)
-    if np.isfinite(heating):
-        heating = np.clip((1 - margin) * heating, bounds.least_heating, bounds.most_heating)
-        fitted.least_heating = float(heating)
-    if np.isfinite(rate):
-        fitted.slowest_cooling = float(max(rate / (1 + margin), bounds.slowest_cooling))
-    return fitted
+            _, most = course.bounded(dataclasses.replace(bounds, slowest_cooling=middle))
+            low, high = (
+                (low, middle) if (course.reading - NOISE[0] > most).any() else (middle, high)
+            )
+        rate = low
+    if not most_share:  # it was not heated
+        return bounds
+    ranges = {field.name: field.metadata["range"] for field in dataclasses.fields(bounds)}
+    slowest = max(bounds.slowest_cooling, rate / (1 + margin))
+    # Of a limb that is not as it was described the bounds become wider.
+    least_share = max(least_share * (1 - margin), min(1.0, least_share))
+    most_share = most_share * (1 + margin) if most_share > 1 else 1.0
+    least_heating = max(bounds.least_heating * least_share, ranges["least_heating"][0])
+    most_heating = min(bounds.most_heating * most_share, ranges["most_heating"][1])
+    return dataclasses.replace(
+        bounds,
+        slowest_cooling=float(slowest),
+        least_heating=float(min(least_heating, bounds.most_heating)),
+        most_heating=float(most_heating),
+    )
 
 
-def _follow(
-    recording: Recording, wire: int, bounds: HeatBounds
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of a wire over time (K), °C above the room: its reading, the least that is read, and the most
-    that the wire can have; the first two averaged as the board averages them."""
-    duty = recording.duty if recording.applied_duty is None else recording.applied_duty
-    observer = heat.WireObserver(0.0)
-    observer.bounds = dataclasses.astuple(bounds)
-    readings = recording.measured_temperature[wire]
-    start = readings[recording.time < recording.time[0] + heat.AVERAGING_TIME].mean()
-    signals = np.zeros((3, len(recording.time)))
-    averages = np.zeros(2)
-    for index, interval in enumerate(np.diff(recording.time), 1):
-        observer.advance(duty[wire, index - 1], interval, 0.0)
-        now = np.array([readings[index] - start, observer.least_reading])
-        averages += min(1.0, interval / heat.AVERAGING_TIME) * (now - averages)
-        signals[:, index] = *averages, observer.most
-    reading, least, most = signals
-    return reading, least, most
+class _Course:
+    """A recording of a wire in steps of the board's observer.
+
+    - ``reading``: above the room, averaged as the board averages it (K), °C.
+    """
+
+    def __init__(self, recording: Recording, wire: int):
+        applied = recording.duty if recording.applied_duty is None else recording.applied_duty
+        readings = recording.measured_temperature[wire]
+        start = readings[recording.time < recording.time[0] + heat.AVERAGING_TIME].mean()
+        stride = max(1, round(heat.LONGEST_STEP * recording.sample_rate))
+        # What is applied from one sample to the next, and read at the end of a step.
+        duty = np.add.reduceat(applied[wire, :-1], np.arange(0, len(readings) - 1, stride)) / stride
+        self._duty, self._interval = duty.tolist(), stride / recording.sample_rate
+        ends = np.minimum(np.arange(1, len(duty) + 1) * stride, len(readings) - 1)
+        self.reading = self._average((readings[ends] - start).tolist())
+
+    def _average(self, signal: list[float]) -> np.ndarray:
+        average, averages = 0.0, []
+        for value in signal:
+            average += min(1.0, self._interval / heat.AVERAGING_TIME) * (value - average)
+            averages.append(average)
+        return np.array(averages)
+
+    def bounded(self, bounds: HeatBounds) -> tuple[np.ndarray, np.ndarray]:
+        """The least that is read, averaged, and the most that the wire can have (K), °C."""
+        observer = heat.WireObserver(0.0)
+        observer.bounds = dataclasses.astuple(bounds)
+        least, most = [], []
+        for duty in self._duty:
+            observer.advance(duty, self._interval, 0.0)
+            least.append(observer.least_reading)
+            most.append(observer.most)
+        return self._average(least), np.array(most)

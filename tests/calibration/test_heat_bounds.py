@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration import calibrate
-from calibration.collect import WARM_UP_MARGIN, collect_from_twin, collect_warm_up
+from calibration.collect import WARM_UP_MARGIN, collect_warm_up
 from calibration.heat_bounds import fit_heat_bounds
 from hardware import LimbTwin
 from hardware.emulation.simulated_board import SimulatedBoard
@@ -77,14 +77,29 @@ def test_an_emulated_limb_is_warmed_up_and_then_hot_within_its_bounds(seed):
     assert hottest > 80.0
 
 
-def test_calibration_has_bounds_and_keeps_them_in_its_file(tmp_path):
-    recordings = collect_from_twin(
-        LimbTwin(seed=5), num_angles=3, cooling_time=60.0, sag_trials=1, ring_downs=1
-    )
-    calibrated = calibrate(recordings).parameters
+@pytest.mark.parametrize("described", [10.0, 30.0])
+def test_a_limb_that_is_not_as_described_has_wider_bounds(described):
+    limb = LimbParameters()
+    recording = simulate(Limb(limb), [0.2, 0.3], 30.0)  # of 20 °C/s
+    for wire in limb.wires:
+        wire.law.a2 = described
+    for fitted, around in zip(fit_heat_bounds([recording], limb), limb.heat_bounds, strict=True):
+        observer = heat.WireObserver(0.0)
+        observer.bounds = dataclasses.astuple(fitted)
+        for time in np.arange(0.05, 12.0, 0.05):
+            observer.advance(0.45, 0.05, 0.0)
+            wire = 20.0 * 0.45 / 0.07 * (1 - np.exp(-0.07 * time))
+            assert observer.least_reading < wire < observer.most + 0.5
+        if described < 20.0:
+            assert fitted.most_heating > around.most_heating
+        else:
+            assert fitted.least_heating < around.least_heating
+
+
+def test_calibration_has_bounds_and_keeps_them_in_its_file(model_recordings, tmp_path):
+    calibrated = calibrate(model_recordings).parameters
     calibrated.save(tmp_path / "limb.yaml")
     loaded = LimbParameters.load(tmp_path / "limb.yaml")
     for wire, bounds in zip(loaded.wires, calibrated.heat_bounds, strict=True):
         assert wire.heat_bounds == bounds
-        assert bounds != HeatBounds()
-    np.testing.assert_array_less(0.042, [b.slowest_cooling for b in loaded.heat_bounds])
+        assert bounds.slowest_cooling > 0.05  # around the nominal law it would be 0.042

@@ -123,7 +123,7 @@ class GuardMachine(RuleBasedStateMachine):
 
 TestGuard = GuardMachine.TestCase
 TestGuard.settings = settings(
-    max_examples=150, stateful_step_count=40, deadline=None, derandomize=True
+    max_examples=100, stateful_step_count=40, deadline=None, derandomize=True
 )
 
 

@@ -86,11 +86,11 @@ def test_commands_that_are_late(longest):
 
 
 @pytest.mark.parametrize("event", ["killed", "stopped", "unplugged", "nothing"])
-@pytest.mark.parametrize("rate", [0.05, 0.3, 1.0])
+@pytest.mark.parametrize("rate", [0.1, 0.3])
 def test_commands_that_are_later_and_later(event, rate, record_property):
     """Behind a buffer that grows up to 3 s, until the host is no more, or nobody notices."""
     longest = 0.0
-    for moment in (0.02, 0.1, 0.25, 0.4, 1.0, 3.0):
+    for moment in (0.02, 0.15, 0.4, 3.0):
         random.seed(0)
         board = SimulatedBoard()
         board.heat()
@@ -194,7 +194,7 @@ def test_board_that_resets(longest):
 
 def test_board_that_hangs_is_reset_by_its_watchdog(longest):
     for board in longest(order("stall 5.0"), 0.202, moments=[1, 30]):
-        assert_stays_off(board, seconds=6.0)
+        assert_stays_off(board, seconds=1.0)
         assert board.reason == guard.RESTARTED
         assert not board.arm()
 
