@@ -11,6 +11,7 @@ from limb_systems.model.heat_bounds import HeatBounds
 
 MARGIN = 0.1  # share by which bounds are widened: other motions show somewhat more
 NOISE = (2.0, 1.0)  # °C that readings may be above and below their bounds
+HIDDEN = 1.5  # by how much faster a wire may heat at first than its thermocouple shows
 SHORTEST = 1.0  # s at full duty, from which on heat tells a rate
 STEPS = 5  # of bisection
 
@@ -68,7 +69,7 @@ def _fit_wire(
     slowest = max(bounds.slowest_cooling, rate / (1 + margin))
     # Of a limb that is not as it was described the bounds become wider.
     least_share = max(least_share * (1 - margin), min(1.0, least_share))
-    most_share = most_share * (1 + margin) if most_share > 1 else 1.0
+    most_share = most_share * (1 + margin) * HIDDEN if most_share > 1 else 1.0
     least_heating = max(bounds.least_heating * least_share, ranges["least_heating"][0])
     most_heating = min(bounds.most_heating * most_share, ranges["most_heating"][1])
     return dataclasses.replace(
