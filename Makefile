@@ -18,6 +18,8 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/sweep.py
 	$(BIN)/python benchmarks/calibration_accuracy.py
 	$(BIN)/python benchmarks/fuzz.py
+	$(BIN)/python benchmarks/board_faults.py faults --limbs 2
+	$(BIN)/python benchmarks/board_faults.py ordinary --limbs 2
 	$(BIN)/python benchmarks/serial_replay.py
 	$(BIN)/python benchmarks/planning.py
 

@@ -79,6 +79,14 @@ def test_cable_that_is_unplugged(emulator, heating, record_property):
     assert "The cable to" in heating.failure() or "Nothing new came" in heating.failure()
 
 
+def test_commands_that_come_later_and_later(emulator, heating, record_property):
+    """Behind a buffer that fills up: after 0.4 s they answer samples of 250 ms before."""
+    off = emulator.off_after(emulator.order("creep 0.3"))
+    report(record_property, "delay creeping up", off)
+    assert off < 1.0
+    assert "late" in heating.failure()
+
+
 def test_a_line_that_damages_most_bytes(emulator, heating, record_property):
     off = emulator.off_after(emulator.order("corrupt 0.3"))
     report(record_property, "30% of bytes corrupted", off)
