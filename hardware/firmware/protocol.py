@@ -90,7 +90,7 @@ def arm_values(challenge, bounds, total):
     values = [challenge]
     for wire in bounds:
         values += [int(value * scale + 0.5) for value, scale in zip(wire, _BOUNDS)]
-    values.append(int(total * FULL_DUTY + 0.5))
+    values.append(int(min(total, 2.0) * FULL_DUTY + 0.5))  # two wires cannot have more
     return values
 
 

@@ -66,3 +66,13 @@ def test_every_single_bit_error_is_found():
         broken = bytearray(frame)
         broken[bit // 8] ^= 1 << bit % 8
         assert protocol.Parser(KINDS).feed(bytes(broken)) == []
+
+
+def test_what_arms_comes_back_and_no_two_wires_have_more_than_two():
+    bounds = [(0.042, 0.095, 17.0, 23.0, 0.5), (0.005, 0.5, 60.0, 100.0, 4.0)]
+    for total, sent in ((0.75, 0.75), (2.0, 2.0), (100.0, 2.0)):
+        values = protocol.arm_values(7, bounds, total)
+        ((_, received),) = protocol.Parser(KINDS).feed(protocol.encode(protocol.ARM, *values))
+        challenge, read, budget = protocol.read_arm_values(received)
+        assert (challenge, budget) == (7, sent)
+        assert read == bounds
