@@ -111,6 +111,7 @@ def run_fault(job: tuple[str, str, float, int, int]) -> dict:
             board.run(1.0, duties)
         for order in orders:
             board.emulation.misbehave(order)
+        armed = board.sent[-1][3] == guard.ARMED  # it may have been too hot already
     start, off = board.now, None
     while armed and board.now < start + LONGEST:
         board.run(0.05, duties)
@@ -289,6 +290,8 @@ def main() -> None:
     ):
         for number, result in enumerate(pool.imap_unordered(run, jobs), 1):
             results.append(result)
+            for alarm in result.get("alarms", ()):
+                print(f"\nlimb {result['job'][0]}: {alarm}", file=sys.stderr)
             print(f"\r{number} of {len(jobs)} runs", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     show(results)
