@@ -314,8 +314,12 @@ def test_bounds_out_of_range_do_not_arm():
     a1_slow, a1_fast, a2_least, a2_most, a3_slow = heat.NOMINAL
     host.arm((a1_slow, a1_fast, a2_most, a2_least, a3_slow))
     assert host.guard.reason == guard.BAD_BOUNDS
-    host.arm(heat.NOMINAL, 2.1)
-    assert host.guard.reason == guard.BAD_BOUNDS
+    values = protocol.arm_values(host.guard.challenge, (heat.NOMINAL, heat.NOMINAL), 1.0)
+    for total in (0, 20001):
+        values[-1] = total
+        host.send(protocol.ARM, *values)
+        host.run(1)
+        assert host.guard.reason == guard.BAD_BOUNDS
     host.arm()
     assert host.guard.state == guard.ARMED
 

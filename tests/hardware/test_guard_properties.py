@@ -123,12 +123,12 @@ class GuardMachine(RuleBasedStateMachine):
 
 TestGuard = GuardMachine.TestCase
 TestGuard.settings = settings(
-    max_examples=100, stateful_step_count=40, deadline=None, derandomize=True
+    max_examples=60, stateful_step_count=40, deadline=None, derandomize=True
 )
 
 
 def test_frames_of_the_present_session():
-    counts = fuzz.fuzz_guard(20_000, seed=1)
-    assert counts["steps with duty"] > 2000
-    assert counts["steps latched"] > 500
-    assert counts["resets"] > 3
+    counts = fuzz.fuzz_guard(10_000, seed=1)
+    assert counts["steps with duty"] > 1000
+    assert counts["steps latched"] > 300
+    assert counts["resets"] >= 1

@@ -318,7 +318,8 @@ def test_a_board_that_another_program_has_armed_is_left_to_it(board):
         link.arm(BOUNDS)
 
 
-def test_the_bounds_of_a_limb_are_in_the_frame_that_arms(board):
+def test_the_bounds_of_a_limb_are_in_the_frame_that_arms(board, monkeypatch):
+    monkeypatch.setattr("hardware.robot.link.ARMING_TIME", 0.3)
     limb = LimbParameters()
     limb.total_duty = 0.7
     limb.wires[1].heat_bounds = HeatBounds(0.05, 0.08, 18.0, 21.5, 0.75)

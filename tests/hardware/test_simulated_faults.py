@@ -90,7 +90,7 @@ def test_commands_that_are_late(longest):
 def test_commands_that_are_later_and_later(event, rate, record_property):
     """Behind a buffer that grows up to 3 s, until the host is no more, or nobody notices."""
     longest = 0.0
-    for moment in (0.02, 0.15, 0.4, 3.0):
+    for moment in (0.02, 0.15, 3.0):
         random.seed(0)
         board = SimulatedBoard()
         board.heat()
@@ -174,7 +174,7 @@ def test_sensor_faults_latch_until_cleared(longest, fault, reason, limit):
     assert not board.arm()
     assert_stays_off(board, seconds=0.3)
     board.emulation.misbehave("mend")
-    assert_stays_off(board, seconds=8.0)  # until averages of readings are right again
+    assert_stays_off(board, seconds=6.0)  # until averages of readings are right again
     assert not board.arm()  # mended is not cleared
     assert board.reason == reason
     board.clear()
