@@ -182,7 +182,8 @@ class BoardLink:
         """The newest sample.
 
         Raises:
-            HardwareError: if it is older than 0.25 s, or the cable is gone.
+            HardwareError: if it is older than 0.25 s or came that late, or the
+                cable is gone.
         """
         self._check()
         sample = self._sample or self._wait(lambda: self._sample, "after the port was opened")
