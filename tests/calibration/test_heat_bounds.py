@@ -15,8 +15,26 @@ from limb_systems import Limb, LimbParameters, simulate
 from limb_systems.model.heat_bounds import HeatBounds
 
 
+def assert_contains_another_motion(bounds):
+    """Of the nominal limb, in closed form: T - T0 = a2 D / a1 (1 - exp(-a1 t)), (6)."""
+    observer = heat.WireObserver(0.0)
+    observer.bounds = dataclasses.astuple(bounds)
+    for time in np.arange(0.05, 12.0, 0.05):
+        observer.advance(0.45, 0.05, 0.0)
+        wire = 20.0 * 0.45 / 0.07 * (1 - np.exp(-0.07 * time))
+        assert observer.least_reading < wire < observer.most + 0.5
+
+
+def test_host_and_board_have_the_same_ranges_and_nominal_bounds():
+    """The board cannot import the host's."""
+    ranges = [field.metadata["range"] for field in dataclasses.fields(HeatBounds)]
+    assert ranges == list(heat.RANGES)
+    nominal = HeatBounds.around(LimbParameters().wires[0].linear_law)
+    for bounds in (HeatBounds(), nominal):
+        np.testing.assert_allclose(dataclasses.astuple(bounds), heat.NOMINAL, rtol=3e-3)
+
+
 def test_bounds_of_a_limb_contain_its_other_motions():
-    """The model, (6) and (7), in closed form: T - T0 = a2 D / a1 (1 - exp(-a1 t))."""
     limb = LimbParameters()
     described = HeatBounds.around(limb.wires[0].linear_law)
     for fitted in fit_heat_bounds([simulate(Limb(limb), [0.2, 0.3], 30.0)], limb):
@@ -27,12 +45,7 @@ def test_bounds_of_a_limb_contain_its_other_motions():
             "slowest_cooling": described.slowest_cooling,
         }
         assert dataclasses.replace(fitted, **unfitted) == described  # what readings do not tell
-        observer = heat.WireObserver(0.0)
-        observer.bounds = dataclasses.astuple(fitted)
-        for time in np.arange(0.05, 12.0, 0.05):
-            observer.advance(0.45, 0.05, 0.0)
-            wire = 20.0 * 0.45 / 0.07 * (1 - np.exp(-0.07 * time))
-            assert observer.least_reading < wire < observer.most + 0.5
+        assert_contains_another_motion(fitted)
 
 
 def test_a_wire_that_was_not_heated_keeps_its_bounds():
@@ -84,12 +97,7 @@ def test_a_limb_that_is_not_as_described_has_wider_bounds(described):
     for wire in limb.wires:
         wire.law.a2 = described
     for fitted, around in zip(fit_heat_bounds([recording], limb), limb.heat_bounds, strict=True):
-        observer = heat.WireObserver(0.0)
-        observer.bounds = dataclasses.astuple(fitted)
-        for time in np.arange(0.05, 12.0, 0.05):
-            observer.advance(0.45, 0.05, 0.0)
-            wire = 20.0 * 0.45 / 0.07 * (1 - np.exp(-0.07 * time))
-            assert observer.least_reading < wire < observer.most + 0.5
+        assert_contains_another_motion(fitted)
         if described < 20.0:
             assert fitted.most_heating > around.most_heating
         else:
