@@ -36,6 +36,12 @@ from limb_systems.model.parameters import (
 )
 from limb_systems.model.thermal import InverseThermocoupleLag, JouleHeating, ThermocoupleLag
 from limb_systems.model.torque_map import TorqueMap
+from limb_systems.model.two_mass_laws import (
+    HystereticLaw,
+    SaturatingLaw,
+    ThresholdLaw,
+    TwoMassLaw,
+)
 from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.model.wires import Wires
 from limb_systems.simulation import simulate
@@ -49,6 +55,7 @@ __all__ = [
     "CalibrationRecord",
     "EmulatedLimb",
     "HeatBounds",
+    "HystereticLaw",
     "InverseThermocoupleLag",
     "JouleHeating",
     "Limb",
@@ -60,13 +67,16 @@ __all__ = [
     "NoBoard",
     "PlanCheck",
     "Recording",
+    "SaturatingLaw",
     "SegmentParameters",
     "SerialBoard",
     "TemperatureLimits",
     "ThermocoupleLag",
+    "ThresholdLaw",
     "TipTangentSensor",
     "TorqueMap",
     "Trajectory",
+    "TwoMassLaw",
     "WireLaw",
     "WireParameters",
     "Wires",

@@ -47,6 +47,14 @@ class WireLaw(Tagged):
         """The states of a wire that was never heated, at ambient temperature T0."""
         return [T0] * len(self.states)
 
+    def warm_states(self, T: float, T0: float) -> Sequence[float]:
+        """The states of a wire that was heated from cold to T.
+
+        Those that change while T is held are settled later; what counts here
+        are those that do not, such as a memory.
+        """
+        return [T, *self.cold_states(T0)[1:]]
+
 
 @dataclasses.dataclass
 class LinearLaw(WireLaw):

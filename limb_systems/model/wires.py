@@ -265,12 +265,16 @@ class Wires:
         return np.array(courses)
 
     def settled_states(self, temperature: np.ndarray) -> np.ndarray:
-        """The states (N,) of wires that were held at T (W,), °C, until they settled.
+        """The states (N,) of cold wires that were heated to T (W,), °C, until they settled.
 
-        A state that does not change at constant T is that of a cold wire.
+        A state that does not change at constant T is as the law's `warm_states` says.
         """
         W, N = self.num_wires, self.num_states
-        states = np.concatenate([temperature, self.cold_states[W:]])
+        states = self.cold_states.copy()
+        for group in self._groups:
+            warm = group.law.warm_states(temperature[group.wires], self._ambient)
+            for column, values in zip(group.states, warm, strict=True):
+                states[column] = values
         for _ in range(20 if N > W else 0):
             heat, off = np.concatenate([states, temperature]), np.zeros(W)
             slopes = self.heat_jacobian(heat, off).reshape(N + W, -1)[W:N, W:N]
