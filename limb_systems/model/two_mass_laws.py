@@ -135,6 +135,7 @@ class HystereticLaw(_TwoMassHeat):
     """
 
     states: ClassVar[dict[str, float]] = {**_TwoMassHeat.states, "xi": 0.5}
+    settings: ClassVar[tuple[str, ...]] = ("switching_rate",)
 
     full_torque: float = quantity(0.038, "N·m", 1e-8, 100.0)
     heating_middle: float = quantity(66.0, "°C", -20.0, 300.0)

@@ -27,9 +27,12 @@ class WireLaw(Tagged):
 
     - ``states``: names of the wire's states, the wire temperature ``T``, °C,
       first. The value of each is a typical change, by which solvers scale it.
+    - ``settings``: names of fields that are chosen, not properties of a wire,
+      which calibration leaves as they are.
     """
 
     states: ClassVar[dict[str, float]] = {"T": TEMPERATURE_SCALE}
+    settings: ClassVar[tuple[str, ...]] = ()
 
     def rates(self, x: Sequence[Any], D: Any, T0: Any) -> Sequence[Any]:
         """Time derivatives of the states, in the order of ``states``, per second."""

@@ -1,0 +1,76 @@
+"""A heated recording in even steps, as open-loop simulation and comparison need it."""
+
+import dataclasses
+
+import numpy as np
+
+from calibration.heat import at_sample_times
+from limb_systems import Recording
+
+STEP = 0.5  # s, of simulation and of averages; wires heat and cool within seconds
+SPIKE = 6.0  # robust standard deviations from the median of five samples, beyond which one counts
+START = 1.0  # s, over which the first reading is averaged
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Course:
+    """A recording of W wires over K steps, with the mean of its M half-seconds that have samples.
+
+    - ``source``: what was recorded.
+    - ``duty``: its mean over each step (K, W).
+    - ``times``: mean times of the samples (M,), s from the first.
+    - ``temperature``, ``bend``: means of the readings V, °C (M, W), and φ, rad (M,).
+    - ``counts``: number of samples in each mean (M,).
+    - ``first``: V at the beginning (W,), °C.
+    - ``slope``: rate of V there (W,), °C/s.
+    """
+
+    source: str
+    duty: np.ndarray
+    times: np.ndarray
+    temperature: np.ndarray
+    bend: np.ndarray
+    counts: np.ndarray
+    first: np.ndarray
+    slope: np.ndarray
+
+    @classmethod
+    def of(cls, recording: Recording) -> "Course":
+        """A recording's, without single samples that are far from their neighbours."""
+        recording = at_sample_times(recording)
+        times = recording.time - recording.time[0]
+        num_steps = max(1, int(np.ceil(times[-1] / STEP - 1e-6)))
+        edges = STEP * np.arange(num_steps + 1)
+        # The duty at a sample was in force since the sample before.
+        dose = np.cumsum(recording.duty[:, 1:] * np.diff(times), axis=1)
+        duty = [np.diff(np.interp(edges, times, np.append(0.0, d))) / STEP for d in dose]
+        bins = (times / STEP).astype(int)
+        counts = np.bincount(bins)
+        filled = counts > 0
+
+        def means(values: np.ndarray) -> np.ndarray:
+            return np.bincount(bins, values)[filled] / counts[filled]
+
+        temperature = np.array([without_spikes(v) for v in recording.measured_temperature])
+        start = times <= max(START, 2.5 / recording.sample_rate)
+        soon = times <= max(3 * START, 5.0 / recording.sample_rate)
+        slope = [np.polyfit(times[soon], v[soon], 1)[0] for v in temperature]
+        return cls(
+            source=recording.source,
+            duty=np.array(duty).T,
+            times=means(times),
+            temperature=np.array([means(v) for v in temperature]).T,
+            bend=means(without_spikes(recording.bend_angle[0])),
+            counts=counts[filled],
+            first=temperature[:, start].mean(axis=1),
+            slope=np.array(slope),
+        )
+
+
+def without_spikes(signal: np.ndarray) -> np.ndarray:
+    """A signal (K,) whose single samples far from their neighbours are replaced by their median."""
+    padded = np.pad(signal, 2, mode="edge")
+    medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+    away = np.abs(signal - medians)
+    spread = 1.48 * np.median(away) + 1e-3 * np.std(signal) + 1e-12
+    return np.where(away > SPIKE * spread, medians, signal)

@@ -1,0 +1,347 @@
+"""Calibration by prediction error: a law with which all recordings are best predicted from duty.
+
+All heated recordings are simulated open loop, each from an initial state of its
+own. What sensors add (noise, an offset, a slow drift) and what no law of a few
+parameters has (the form of the model) is noise with a memory: residuals are
+whitened by its covariance, so that they count for what they are worth.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
+
+from calibration.course import Course
+from calibration.estimate import Estimate
+from calibration.open_loop import OpenLoop, with_fields
+from calibration.unknowns import Unknown, prior_factor, unknowns_of
+from limb_systems import SegmentParameters, WireLaw
+
+AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
+READING_SPREAD = 1.0  # °C, of a wire from its thermocouple while both rest
+COOLING_TIME = 3.0  # s, by which a thermocouple may be late at the start
+MEMORY_SPREAD = 0.05  # of other states than temperatures, in typical changes, of a cold wire
+
+# Of residuals: standard deviation in each sample; of what drifts, and within what time, s; of
+# what the law's form leaves, and within what time, s. In °C, and in rad.
+TEMPERATURE_NOISE = (0.3, 0.5, 300.0, 1.0, 8.0)
+BEND_DRIFT_TIME, BEND_FORM = 120.0, (np.deg2rad(0.7), 8.0)
+LEAST_FORM, MOST_FORM = 0.3, 6.0  # of what the form leaves, as a multiple of the above
+OUTLIER = 6.0  # robust standard deviations
+RELATIVE_STEP = 1e-4  # of finite differences, in spreads of the prior
+TOLERANCE = 1e-4  # relative, at which iterations end
+MOST_ITERATIONS = 40
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Predicted:
+    """A recording as a law predicts it from its duty.
+
+    - ``course``: the recording.
+    - ``temperature``, ``bend``: V (M, W), °C, and φ (M,), rad.
+    """
+
+    course: Course
+    temperature: np.ndarray
+    bend: np.ndarray
+
+    @property
+    def bend_error(self) -> float:
+        """Mean |φ - φ_sim|, rad."""
+        return float(np.abs(self.bend - self.course.bend).mean())
+
+    @property
+    def temperature_error(self) -> float:
+        """Mean |V - V_sim|, °C."""
+        return float(np.abs(self.temperature - self.course.temperature).mean())
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LawFit:
+    """A law fitted to recordings.
+
+    - ``law``: its class.
+    - ``segment``: the segment that was described, with the rubber's options.
+    - ``unknowns``: what was fitted (P).
+    - ``fitted``: their values (P), as `Unknown` has them.
+    - ``covariance``: theirs (P, P).
+    - ``ambient``: T0, °C.
+    - ``predicted``: the recordings of the fit, with the initial states that were fitted.
+    """
+
+    law: type[WireLaw]
+    segment: SegmentParameters
+    unknowns: list[Unknown]
+    fitted: np.ndarray
+    covariance: np.ndarray
+    ambient: float
+    predicted: list[Predicted]
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The parameters by name, with their standard errors."""
+        return {
+            u.name: Estimate(
+                float(u.value(np.array(x))), float(abs(u.slope(x)) * np.sqrt(variance)), u.unit
+            )
+            for u, x, variance in zip(
+                self.unknowns, self.fitted, np.diag(self.covariance), strict=True
+            )
+        }
+
+    @property
+    def laws(self) -> list[WireLaw]:
+        """The law of each wire (W)."""
+        laws = [self.law() for _ in self.segment.wires]
+        for unknown, x in zip(self.unknowns, self.fitted, strict=True):
+            if unknown.wire is not None:
+                setattr(laws[unknown.wire], unknown.field, float(unknown.value(np.array(x))))
+        return laws
+
+    def predict(self, courses: Sequence[Course]) -> list[Predicted]:
+        """Predicts recordings open loop, each from the initial state that suits it best.
+
+        That state is not recorded: a limb that is not quite cold has warm silicone.
+        """
+        problem = _Problem(self.law, courses, self.segment, self.ambient, self.unknowns)
+        size = len(self.fitted)
+
+        def whole(nuisances: np.ndarray) -> np.ndarray:
+            return np.concatenate([self.fitted, nuisances])
+
+        solution = least_squares(
+            lambda n: problem.residuals(whole(n)),
+            problem.nuisance_center,
+            lambda n: problem.jacobian(whole(n))[:, size:],
+            x_scale=problem.spread[size:],
+            ftol=10 * TOLERANCE,
+            xtol=TOLERANCE,
+            max_nfev=MOST_ITERATIONS,
+        )
+        return problem.predicted(whole(solution.x))
+
+
+def fit_law(
+    law: type[WireLaw],
+    courses: Sequence[Course],
+    segment: SegmentParameters,
+    ambient: float,
+    *,
+    rubber: tuple[str, ...] = (),
+    start: LawFit | None = None,
+    tell: Callable[[str], object] = lambda remark: None,
+) -> LawFit:
+    """Fits a law to recordings by their open-loop prediction.
+
+    Args:
+        law: class of the law of all wires.
+        courses: the recordings.
+        segment: as described; its stiffness counts, and its wires' laws as what
+            is expected.
+        ambient: T0, °C, about which that of each recording is.
+        rubber: as for `unknowns_of`.
+        start: a fit of this or another law, of which values of the same name are taken.
+        tell: is called in each iteration with a remark on it.
+    """
+    unknowns = unknowns_of(law, segment, rubber)
+    problem = _Problem(law, courses, segment, ambient, unknowns)
+    x = problem.center.copy()
+    if start is not None:
+        known = dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
+        x[: len(unknowns)] = [
+            np.clip(known.get(u.name, u.center), u.low + 1e-9, u.high - 1e-9) for u in unknowns
+        ]
+    for reweighting in range(2):
+        solution = least_squares(
+            problem.residuals,
+            x,
+            problem.jacobian,
+            bounds=problem.bounds,
+            x_scale=problem.spread,
+            ftol=TOLERANCE if reweighting else 10 * TOLERANCE,
+            xtol=TOLERANCE,
+            gtol=1e-10,
+            max_nfev=MOST_ITERATIONS,
+            callback=lambda intermediate_result: tell(f"cost {intermediate_result.cost:.0f}"),
+        )
+        x = solution.x
+        problem.reweigh(x)
+    jacobian, residuals = problem.jacobian(x), problem.residuals(x)
+    misfit = max(1.0, float(np.mean(residuals[: problem.num_readings] ** 2)))
+    covariance = misfit * np.linalg.pinv(jacobian.T @ jacobian)
+    size = len(unknowns)
+    return LawFit(
+        law,
+        segment,
+        unknowns,
+        x[:size],
+        covariance[:size, :size],
+        ambient,
+        problem.predicted(x),
+    )
+
+
+class _Problem:
+    """Whitened residuals of all recordings, and of what was known beforehand, and their Jacobian.
+
+    x is the unknowns (P), then for each of R recordings its nuisances (Q): its
+    T0, and the states of its wires at the start, those of all wires for each
+    state in turn.
+    """
+
+    def __init__(self, law, courses, segment, ambient: float, unknowns: list[Unknown]):
+        self._law, self._courses, self._unknowns = law, courses, unknowns
+        self._open_loop = OpenLoop(courses, segment)
+        self._num_wires = len(segment.wires)
+        self._prior = prior_factor(unknowns)
+        centers, spreads = zip(
+            *[self._nuisances(course, ambient) for course in courses], strict=True
+        )
+        self.nuisance_center = np.concatenate(centers)
+        self._nuisance_spread = np.concatenate(spreads)
+        self._num_nuisances = len(centers[0])
+        self.center = np.concatenate([[u.center for u in unknowns], self.nuisance_center])
+        self.spread = np.concatenate([[u.spread for u in unknowns], self._nuisance_spread])
+        free = np.full(len(self.nuisance_center), np.inf)
+        self.bounds = (
+            np.concatenate([[u.low for u in unknowns], -free]),
+            np.concatenate([[u.high for u in unknowns], free]),
+        )
+        self.num_readings = sum(len(c.times) * (1 + self._num_wires) for c in courses)
+        sensor = segment.bend_sensor
+        self._bend_noise = (sensor.noise, sensor.drift, BEND_DRIFT_TIME, *BEND_FORM)
+        self._forms = np.ones(2)  # multiples of what the form leaves, of bend and of readings
+        self._outliers = [np.zeros((1 + self._num_wires, len(c.times)), bool) for c in courses]
+        self._whiten()
+
+    def _nuisances(self, course: Course, ambient: float) -> tuple[np.ndarray, np.ndarray]:
+        """Expected values of a recording's (Q,), and their spreads."""
+        centers, spreads = [np.array([ambient])], [np.array([AMBIENT_SPREAD])]
+        warmth, change = np.abs(course.first - ambient), COOLING_TIME * np.abs(course.slope)
+        for index, (cold, scale) in enumerate(
+            zip(self._law().cold_states(0.0), self._law.states.values(), strict=True)
+        ):
+            if index == 0:
+                centers.append(course.first)
+                spreads.append(READING_SPREAD + change)
+            elif scale >= 10.0:  # another temperature
+                centers.append(course.first)
+                spreads.append(READING_SPREAD + change + 0.3 * warmth)
+            else:
+                centers.append(np.full(self._num_wires, cold))
+                spreads.append(scale * (MEMORY_SPREAD + warmth / 100.0))
+        return np.concatenate(centers), np.concatenate(spreads)
+
+    def _whiten(self) -> None:
+        """Factors of the residuals' covariances, for bend and each wire of each recording."""
+        self._factors = []
+        for course, outliers in zip(self._courses, self._outliers, strict=True):
+            lags = np.abs(course.times[:, None] - course.times)
+            factors = []
+            for signal in range(1 + self._num_wires):
+                noise = TEMPERATURE_NOISE if signal else self._bend_noise
+                sample, drift, drift_time, form, form_time = noise
+                form *= self._forms[min(signal, 1)]
+                covariance = drift**2 * np.exp(-lags / drift_time)
+                covariance += form**2 * np.exp(-lags / form_time)
+                own = sample**2 / course.counts + (100 * sample * outliers[signal]) ** 2
+                factors.append(np.linalg.cholesky(covariance + np.diag(own + 1e-12)))
+            self._factors.append(factors)
+
+    def reweigh(self, x: np.ndarray) -> None:
+        """Takes from the residuals at x what the form leaves, and which means are outliers."""
+        rests: tuple[list, list] = ([], [])
+        for predicted, outliers in zip(self.predicted(x), self._outliers, strict=True):
+            course = predicted.course
+            errors = [predicted.bend - course.bend]
+            errors += list((predicted.temperature - course.temperature).T)
+            for signal, error in enumerate(errors):
+                around = error - np.median(error)
+                spread = 1.48 * np.median(np.abs(around)) + 1e-9
+                outliers[signal] = np.abs(around) > OUTLIER * spread
+                rests[min(signal, 1)].append(around[~outliers[signal]])
+        for signal, (rest, form) in enumerate(
+            zip(rests, (BEND_FORM[0], TEMPERATURE_NOISE[3]), strict=True)
+        ):
+            left = np.concatenate(rest).std() / form
+            self._forms[signal] = np.clip(left, LEAST_FORM, MOST_FORM)
+        self._whiten()
+
+    def _simulate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """V and φ at the ends of steps, for sets of parameters and nuisances (B, P + R Q)."""
+        size, num_wires, num_sets = len(self._unknowns), self._num_wires, len(x)
+        fields: dict[str, np.ndarray] = {}
+        rubber: dict[str, np.ndarray] = {}
+        for unknown, column in zip(self._unknowns, x.T, strict=False):
+            value = unknown.value(column)
+            if unknown.wire is None:
+                rubber[unknown.field] = value
+            else:
+                array = fields.setdefault(unknown.field, np.empty((num_sets, 1, num_wires)))
+                array[:, 0, unknown.wire] = value
+        nuisances = x[:, size:].reshape(num_sets, len(self._courses), self._num_nuisances)
+        states = np.moveaxis(
+            nuisances[:, :, 1:].reshape(num_sets, len(self._courses), -1, num_wires), 2, 0
+        )
+        first = np.array([course.first for course in self._courses])
+        initial = [*states, np.broadcast_to(first, states[0].shape)]
+        law = with_fields(self._law, fields)
+        return self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)
+
+    def predicted(self, x: np.ndarray) -> list[Predicted]:
+        """All recordings, for one x."""
+        readings, bends = self._simulate(x[None])
+        result = []
+        for number, course in enumerate(self._courses):
+            reading, bend = self._open_loop.at_samples(number, readings, bends)
+            result.append(Predicted(course, reading[:, 0], bend[:, 0]))
+        return result
+
+    def _whitened(self, x: np.ndarray) -> list[np.ndarray]:
+        """Of each recording (M (1 + W), B): residuals of φ, then of each V, over their factors."""
+        readings, bends = self._simulate(x)
+        result = []
+        for number, (course, factors) in enumerate(zip(self._courses, self._factors, strict=True)):
+            reading, bend = self._open_loop.at_samples(number, readings, bends)
+            errors = [bend - course.bend[:, None]]
+            errors += list(np.moveaxis(reading - course.temperature[:, None], 2, 0))
+            parts = [
+                solve_triangular(factor, error, lower=True, check_finite=False)
+                for factor, error in zip(factors, errors, strict=True)
+            ]
+            result.append(np.concatenate(parts))
+        return result
+
+    def _beforehand(self, x: np.ndarray) -> np.ndarray:
+        size, away = len(self._unknowns), x - self.center
+        return np.concatenate([self._prior @ away[:size], away[size:] / self._nuisance_spread])
+
+    def residuals(self, x: np.ndarray) -> np.ndarray:
+        readings = np.concatenate(self._whitened(x[None]))[:, 0]
+        # Steps into what cannot be simulated are refused by the solver if they are far off.
+        readings = np.nan_to_num(readings, nan=1e6, posinf=1e6, neginf=-1e6)
+        return np.concatenate([readings, self._beforehand(x)])
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """By differences; a nuisance of all recordings at once, as each only moves its own."""
+        size, count = len(self._unknowns), self._num_nuisances
+        step = RELATIVE_STEP * self.spread
+        moved = np.tile(x, (1 + size + count, 1))
+        for index in range(size):
+            moved[1 + index, index] += step[index]
+        for index in range(count):
+            moved[1 + size + index, size + index :: count] += step[size + index :: count]
+        whitened = self._whitened(moved)
+        result = np.zeros((self.num_readings + len(x), len(x)))
+        row = 0
+        for number, values in enumerate(whitened):
+            rows, first = slice(row, row + len(values)), size + number * count
+            change = values[:, 1:] - values[:, :1]
+            result[rows, :size] = change[:, :size] / step[:size]
+            result[rows, first : first + count] = change[:, size:] / step[first : first + count]
+            row += len(values)
+        result[row : row + size, :size] = self._prior
+        result[row + size :, size:] = np.diag(1 / self._nuisance_spread)
+        return result

@@ -1,0 +1,140 @@
+"""Which law a limb's recordings call for: the simplest that predicts others best."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from calibration.course import Course
+from calibration.prediction import LawFit, Predicted, fit_law
+from limb_systems import (
+    HystereticLaw,
+    LinearLaw,
+    SaturatingLaw,
+    SegmentParameters,
+    ThresholdLaw,
+    TwoMassLaw,
+    WireLaw,
+)
+
+LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
+    LinearLaw,
+    TwoMassLaw,
+    ThresholdLaw,
+    SaturatingLaw,
+    HystereticLaw,
+)
+OPTIONS = ("stiffening", "rest_memory")  # of the rubber, which are tried with the best law
+BEND_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 3.0  # rad and °C of error that weigh the same
+BLOCK = 10.0  # s, after which errors of prediction count as independent
+WORTH = 0.1  # of a scale: laws that differ by less predict alike
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Candidate:
+    """A law, and how well it predicts recordings that it was not fitted to.
+
+    - ``fit``: to the other recordings.
+    - ``judged``: these recordings as it predicts them.
+    """
+
+    fit: LawFit
+    judged: list[Predicted]
+
+    @property
+    def name(self) -> str:
+        """The law's, with what was fitted of the rubber besides the rest angle."""
+        options = [o for o in OPTIONS if any(o in u.name for u in self.fit.unknowns)]
+        return " + ".join([self.fit.law.__name__, *options])
+
+    @property
+    def bend_error(self) -> float:
+        """Mean |φ - φ_sim| over all, rad."""
+        return float(np.mean([predicted.bend_error for predicted in self.judged]))
+
+    @property
+    def temperature_error(self) -> float:
+        """Mean |V - V_sim| over all, °C."""
+        return float(np.mean([predicted.temperature_error for predicted in self.judged]))
+
+    @property
+    def errors(self) -> np.ndarray:
+        """In each block of time: of bend and temperature together, in their scales."""
+        blocks = []
+        for predicted in self.judged:
+            course = predicted.course
+            bend = np.abs(predicted.bend - course.bend) / BEND_SCALE
+            reading = np.abs(predicted.temperature - course.temperature) / TEMPERATURE_SCALE
+            error, numbers = bend + reading.mean(axis=1), (course.times / BLOCK).astype(int)
+            blocks += [error[numbers == number].mean() for number in np.unique(numbers)]
+        return np.array(blocks)
+
+
+def beaten(simple: Candidate, other: Candidate) -> bool:
+    """Whether another law predicts better than chance would have it, and by enough to matter."""
+    difference = simple.errors - other.errors
+    spread = difference.std(ddof=1) / np.sqrt(len(difference)) if len(difference) > 1 else 0.0
+    return bool(difference.mean() > max(2 * spread, WORTH))
+
+
+def compare_laws(
+    laws: Sequence[type[WireLaw]],
+    courses: Sequence[Course],
+    judges: Sequence[Course],
+    segment: SegmentParameters,
+    ambient: float,
+    *,
+    options: Sequence[str] = OPTIONS,
+    tell: Callable[[str], object] = lambda remark: None,
+) -> tuple[list[Candidate], Candidate]:
+    """Fits laws, then the best of them with options of the rubber, and judges all.
+
+    Args:
+        laws: from the simplest on; each starts from the one before.
+        courses: recordings to fit to.
+        judges: recordings to predict.
+        segment, ambient: as for `fit_law`.
+        options: of the rubber that are tried.
+        tell: is called with what is being done.
+
+    Returns:
+        All candidates, and the simplest that no other beats.
+    """
+    candidates: list[Candidate] = []
+
+    def add(law: type[WireLaw], rubber: tuple[str, ...], start: LawFit | None) -> Candidate:
+        name = " + ".join([law.__name__, *rubber])
+        tell(name)
+        fit = fit_law(
+            law,
+            courses,
+            segment,
+            ambient,
+            rubber=rubber,
+            start=start,
+            tell=lambda remark: tell(f"{name}, {remark}"),
+        )
+        candidates.append(Candidate(fit, fit.predict(judges)))
+        return candidates[-1]
+
+    for law in laws:
+        add(law, (), candidates[-1].fit if candidates else None)
+    best = simplest_unbeaten(candidates)
+    for option in options:
+        rubber = (*_rubber_of(best.fit), option)
+        other = add(best.fit.law, rubber, best.fit)
+        if beaten(best, other):
+            best = other
+    return candidates, best
+
+
+def simplest_unbeaten(candidates: Sequence[Candidate]) -> Candidate:
+    """The first that none of those after it beats."""
+    for index, candidate in enumerate(candidates):
+        if not any(beaten(candidate, other) for other in candidates[index + 1 :]):
+            return candidate
+    raise ValueError("There are no candidates.")
+
+
+def _rubber_of(fit: LawFit) -> tuple[str, ...]:
+    return tuple(o for o in OPTIONS if any(o in u.name for u in fit.unknowns))

@@ -1,0 +1,139 @@
+"""What is unknown of a limb's wires and rubber, and what is known of it beforehand."""
+
+import dataclasses
+
+import numpy as np
+
+from limb_systems import SegmentParameters, WireLaw
+
+# What published recordings of limbs of this family, and their data sheets, lead one to
+# expect: a value where the description has none, by how much limbs differ from it, and by how
+# much the wires of one limb differ from each other. Both are standard deviations, of the
+# logarithm or, for temperatures, in °C. Wires of one limb are mostly alike, and are fitted as
+# such unless recordings say otherwise; a thermocouple may be badly bonded.
+PRIORS: dict[str, tuple[float, float, float]] = {
+    "a1": (-0.1, 0.8, 0.2),
+    "a2": (40.0, 0.8, 0.2),
+    "a3": (-0.6, 0.8, 0.5),
+    "silicone_warming": (0.01, 1.5, 0.3),
+    "silicone_cooling": (0.02, 1.2, 0.3),
+    "beta": (6e-4, 1.0, 0.2),
+    "full_torque": (0.04, 0.7, 0.2),
+    "knee": (50.0, 10.0, 4.0),
+    "middle": (70.0, 12.0, 4.0),
+    "heating_middle": (70.0, 12.0, 4.0),
+    "cooling_middle": (62.0, 12.0, 4.0),
+    "width": (9.0, 0.4, 0.15),
+    "rest_angle": (0.0, float(np.deg2rad(3.0)), 0.0),
+    "stiffening": (0.08, 0.8, 0.0),
+    "shift": (float(np.deg2rad(1.5)), 0.5, 0.0),
+    "rate": (2.0, 0.5, 0.0),
+}
+OTHER = (0.9, 0.3)  # spreads of what a law of one's own has
+FASTEST = 4.0  # 1/s, of rates: the open-loop simulation's steps follow no faster ones
+REST_BOUND = np.deg2rad(60.0)
+
+
+@dataclasses.dataclass(frozen=True)
+class Unknown:
+    """One number that is fitted.
+
+    - ``name``: such as "right.a1".
+    - ``field``: of the law, the segment or its memory.
+    - ``wire``: its index; None if it is the segment's.
+    - ``unit``: of its value.
+    - ``form``: "+" or "-" if the fit has the logarithm of ± its value, "" if the value.
+    - ``center``: expected value, as the fit has it.
+    - ``spread``, ``alike``: see `PRIORS`.
+    - ``low``, ``high``: bounds, as the fit has it.
+    """
+
+    name: str
+    field: str
+    wire: int | None
+    unit: str
+    form: str
+    center: float
+    spread: float
+    alike: float
+    low: float
+    high: float
+
+    def value(self, fitted: np.ndarray) -> np.ndarray:
+        """In its unit, from that of the fit."""
+        if not self.form:
+            return fitted
+        return np.exp(fitted) if self.form == "+" else -np.exp(fitted)
+
+    def slope(self, fitted: float) -> float:
+        """Derivative of the value by that of the fit."""
+        return float(self.value(np.array(fitted))) if self.form else 1.0
+
+
+def unknowns_of(
+    law: type[WireLaw], segment: SegmentParameters, rubber: tuple[str, ...] = ()
+) -> list[Unknown]:
+    """Those of a segment whose wires follow a law: of each wire, then of the rubber.
+
+    Args:
+        segment: its description, whose wires' laws say what to expect.
+        rubber: what is fitted of it besides the rest angle: any of
+            "stiffening" and "rest_memory".
+    """
+    result = []
+    for field in dataclasses.fields(law):  # type: ignore[arg-type]
+        if field.name in law.settings:
+            continue
+        low, high = field.metadata["range"]
+        unit = field.metadata["unit"]
+        form = "+" if low > 0 else "-" if high < 0 else ""
+        if unit == "1/s":
+            low, high = max(low, -FASTEST), min(high, FASTEST)
+        ends = [low, high] if not form else sorted(np.log(np.abs([low, high])))
+        for index, wire in enumerate(segment.wires):
+            center, spread, alike = _expected(segment, wire.law, field.name, field.default, unit)
+            center = np.log(abs(center)) if form else center
+            margin = 1e-6 * (ends[1] - ends[0])
+            center = float(np.clip(center, ends[0] + margin, ends[1] - margin))
+            name = f"{wire.name}.{field.name}"
+            result.append(
+                Unknown(name, field.name, index, unit, form, center, spread, alike, *ends)
+            )
+    fields = ["rest_angle", *(["stiffening"] if "stiffening" in rubber else [])]
+    fields += ["shift", "rate"] if "rest_memory" in rubber else []
+    for name in fields:
+        value, spread, alike = PRIORS[name]
+        bounds = (-REST_BOUND, REST_BOUND) if name == "rest_angle" else (-9.0, 3.0)
+        form = "" if name == "rest_angle" else "+"
+        unit = {"rest_angle": "rad", "stiffening": "of k", "shift": "rad", "rate": "1/rad"}[name]
+        center = np.log(value) if form else value
+        full = f"rest_memory.{name}" if name in ("shift", "rate") else name
+        result.append(Unknown(full, name, None, unit, form, center, spread, alike, *bounds))
+    return result
+
+
+def _expected(
+    segment: SegmentParameters, law: WireLaw, name: str, default: float, unit: str
+) -> tuple[float, float, float]:
+    value, spread, alike = PRIORS.get(name, (default, *OTHER))
+    if hasattr(law, name):
+        value = getattr(law, name)
+    elif unit.startswith("N·m"):  # which bends a limb of any stiffness as far as the nominal one
+        nominal = SegmentParameters()
+        value *= segment.stiffness / nominal.stiffness * (nominal.links + 1) / (segment.links + 1)
+    if unit == "°C" and name not in PRIORS:
+        spread, alike = 12.0, 4.0
+    return value, spread, alike
+
+
+def prior_factor(unknowns: list[Unknown]) -> np.ndarray:
+    """F (P, P) with which F (x - center) has independent elements of standard deviation one."""
+    count = len(unknowns)
+    covariance = np.zeros((count, count))
+    for row, one in enumerate(unknowns):
+        for column, other in enumerate(unknowns):
+            if one.field == other.field:
+                covariance[row, column] = one.spread * other.spread
+                if row == column:
+                    covariance[row, column] += one.alike**2
+    return np.linalg.inv(np.linalg.cholesky(covariance))
