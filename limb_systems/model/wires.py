@@ -287,11 +287,13 @@ class Wires:
         """A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.
 
         They are those of the tangent at cold wires without duty, which is the
-        law itself if the rates are affine.
+        law itself if the rates are affine. The rubber's memory stays as it is:
+        at rest, where it begins to follow, a tangent would say nothing.
         """
         N, W = self.num_states, self.num_wires
         cold = np.concatenate([self.cold_states, self.cold_states[:W]])
         slopes = self.heat_jacobian(cold, np.zeros(W)).reshape(N + W, -1)
+        slopes[self._first_shift : N] = 0.0
         A, B = slopes[:N, :N], slopes[:N, N + W :]
         return A, B, self.rates(self.cold_states, np.zeros(W)) - A @ self.cold_states
 
