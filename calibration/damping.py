@@ -21,6 +21,7 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
+from limb_systems.model.kinematics import rest_joint_angles
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -207,7 +208,7 @@ def _fit_recording(parameters, recording: Recording):
         limb = copy.deepcopy(parameters)
         limb.gravity, limb.segments[0].damping = [0.0, 0.0, 0.0], float(damping)
         room = np.full(len(limb.wires), limb.ambient_temperature)
-        angles = joint_angles_from_bend_angle(limb, [released])
+        angles = rest_joint_angles(limb) + joint_angles_from_bend_angle(limb, [released])
         cold = Wires(limb).cold_states
         state = np.concatenate([angles, np.zeros_like(angles), cold, room])
         model = simulate(

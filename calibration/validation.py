@@ -7,6 +7,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.checks import check_values
 from limb_systems import Limb, LimbParameters, Recording, Wires, simulate
+from limb_systems.model.kinematics import rest_joint_angles
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,7 +44,8 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     duty = PiecewisePolynomial.ZeroOrderHold(times, held)
     first = recording.measured_temperature[:, :20].mean(axis=1)
     warm = Wires(parameters).settled_states(first)
-    state = np.concatenate([np.zeros(2 * parameters.num_joints), warm, first])
+    angles = rest_joint_angles(parameters)
+    state = np.concatenate([angles, np.zeros_like(angles), warm, first])
     simulation = simulate(
         Limb(parameters),
         duty,

@@ -59,11 +59,13 @@ class PlanarChain:
         self._gravity_cos = gravity_load(np.zeros(n))
         self._gravity_sin = gravity_load(np.pi / 2 * np.eye(n)[0])
 
-        self.stiffness, self.damping = np.zeros(n), np.zeros(n)
+        self.stiffness, self.damping, self._spring_load = np.zeros((3, n))
         for index in range(plant.num_force_elements()):
             spring = plant.get_force_element(ForceElementIndex(index))
             if isinstance(spring, RevoluteSpring):
-                self.stiffness[spring.joint().position_start()] += spring.default_stiffness()
+                joint, stiffness = spring.joint().position_start(), spring.default_stiffness()
+                self.stiffness[joint] += stiffness
+                self._spring_load[joint] += stiffness * spring.default_nominal_angle()
         for index in plant.GetJointIndices():
             joint = plant.get_joint(index)
             if isinstance(joint, RevoluteJoint):
@@ -106,7 +108,8 @@ class PlanarChain:
         cosine, sine = np.cos(difference), np.sin(difference)
         mass = self._C * cosine + self._S * sine
         H = self._C * sine - self._S * cosine
-        load = (forces - self.stiffness * angles - self.damping * rates) @ self._E
+        torques = forces + self._spring_load - self.stiffness * angles - self.damping * rates
+        load = torques @ self._E
         load += self._gravity_cos * np.cos(links) + self._gravity_sin * np.sin(links)
         load -= np.einsum("kij,kj->ki", H, link_rates**2)
         accelerations = np.linalg.solve(mass, load[:, :, None])[:, :, 0]

@@ -86,6 +86,11 @@ def joint_angles_from_bend_angle(parameters: LimbParameters, bend_angle: ArrayLi
     return np.repeat(per_joint, links, axis=0)
 
 
+def rest_joint_angles(parameters: LimbParameters) -> np.ndarray:
+    """θ (joints,), rad, at which the rubber rests with wires that were never heated, by (11)."""
+    return joint_angles_from_bend_angle(parameters, [s.rest_angle for s in parameters.segments])
+
+
 @TemplateSystem.define("BendAngle_")
 def BendAngle_(T):
     """`BendAngle` for the scalar type T: float, AutoDiffXd or Expression."""

@@ -38,7 +38,7 @@ class Limb(Diagram):
     - output 3 ``joint_state``: [θ, θ̇] (2n), rad and rad/s
     - output 4 ``measurement``: [V (W), φ (S)], °C and rad
     - state, all continuous: [θ (n), θ̇ (n), x (N), V (W)], in rad, rad/s, the
-      wires' units and °C; by default at rest, straight, at ambient temperature
+      wires' units and °C; by default at rest, at the rest angle, at ambient temperature
 
     With the paper's law, the wires' states x are T (W), °C; the states that
     other laws have besides T follow. Duty is not clipped: duty outside [0, 1]

@@ -4,6 +4,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteSpring
 
+from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.parameters import LimbParameters
 from urdf import limb_urdf
 
@@ -12,8 +13,9 @@ def add_manipulator(plant: MultibodyPlant, parameters: LimbParameters) -> None:
     """Parses the limb's URDF into a plant, clamps its base and adds the springs.
 
     The plant is not finalized, so that you can add bodies to it. Joints
-    are named ``joint_1`` ... from the base to the tip, torsional springs have
-    their set point at the straight limb, and gravity is that of the parameters.
+    are named ``joint_1`` ... from the base to the tip; by default they are at
+    their rest angles, which torsional springs have as set points; and gravity
+    is that of the parameters.
     The torques f(T) of eqn (2) enter at ``applied_generalized_force``.
 
     Args:
@@ -23,10 +25,12 @@ def add_manipulator(plant: MultibodyPlant, parameters: LimbParameters) -> None:
     parameters.validate()
     Parser(plant).AddModelsFromString(limb_urdf(parameters.segments), "urdf")
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
+    rest_angles = rest_joint_angles(parameters)
     for segment, joints in zip(parameters.segments, parameters.joint_slices, strict=True):
         for index in range(joints.start, joints.stop):
             joint = plant.GetJointByName(f"joint_{index + 1}")
-            plant.AddForceElement(RevoluteSpring(joint, 0.0, segment.stiffness))
+            joint.set_default_angle(rest_angles[index])
+            plant.AddForceElement(RevoluteSpring(joint, rest_angles[index], segment.stiffness))
     plant.mutable_gravity_field().set_gravity_vector(parameters.gravity)
 
 

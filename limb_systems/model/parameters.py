@@ -78,6 +78,21 @@ class WireParameters(Strict):
         return self.law
 
 
+@dataclasses.dataclass
+class RestMemory(Strict):
+    """The angle at which the rubber rests remembers which wire was hot last.
+
+    While a wire heats, the rest angle moves to its side: by the bend angle g
+    that the wire's torque alone would hold, the share 1 - exp(-λ g) of the way.
+
+    - ``shift``: Δ, deviation of the rest angle that a wire leads to in the end, rad.
+    - ``rate``: λ, per bend angle, 1/rad.
+    """
+
+    shift: float = quantity(0.0305, "rad", 0.0, 0.5)
+    rate: float = quantity(2.0, "1/rad", 0.0, 100.0)
+
+
 def _left_and_right() -> list[WireParameters]:
     return [WireParameters("left", e2=-0.0034), WireParameters("right", e2=0.0034)]
 
@@ -93,6 +108,10 @@ class SegmentParameters(Strict):
     - ``thickness``: cross-section in the bending plane (E2), m.
     - ``stiffness``: torsional spring constant k of each joint, N·m/rad (1).
     - ``damping``: damping constant σ of each joint, N·m·s/rad (1).
+    - ``rest_angle``: bend angle φ at rest with cold wires, rad.
+    - ``stiffening``: s, share that is added to k where the segment bends by 45°
+      from its rest angle.
+    - ``rest_memory``: how the rest angle changes with use; None if it does not.
     - ``wires``: `WireParameters`; by default the paper's two, left and right.
       Heating the right one bends towards +E2.
     - ``bend_sensor``: what reads the bend; `TipTangentSensor` is the paper's (8).
@@ -105,6 +124,9 @@ class SegmentParameters(Strict):
     thickness: float = quantity(0.010, "m", 1e-4, 1.0)
     stiffness: float = quantity(0.1246, "N·m/rad", 1e-6, 1e4)
     damping: float = quantity(1.0e-3, "N·m·s/rad", 0.0, 1e2)
+    rest_angle: float = quantity(0.0, "rad", -1.5, 1.5)
+    stiffening: float = quantity(0.0, "of k", 0.0, 10.0)
+    rest_memory: RestMemory | None = None
     wires: list[WireParameters] = dataclasses.field(default_factory=_left_and_right)
     bend_sensor: TipTangentSensor | BendSensor = dataclasses.field(default_factory=TipTangentSensor)
 

@@ -50,7 +50,7 @@ class WireLaw(Tagged):
         """The states of a wire that was never heated, at ambient temperature T0."""
         return [T0] * len(self.states)
 
-    def warm_states(self, T: float, T0: float) -> Sequence[float]:
+    def warm_states(self, T: Any, T0: float) -> Sequence[Any]:
         """The states of a wire that was heated from cold to T.
 
         Those that change while T is held are settled later; what counts here

@@ -2,6 +2,8 @@
 
 import copy
 import dataclasses
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from pydrake.symbolic import (
@@ -12,6 +14,7 @@ from pydrake.symbolic import (
 
 from limb_systems.model.derivatives import gradients
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.rubber import REST_SCALE, Rubber, num_rest_shifts
 from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw
 
 
@@ -38,11 +41,12 @@ class _Alike:
 
 
 class Wires:
-    """The W wires of a limb, with N states in all.
+    """The W wires of a limb in its rubber, with N states in all.
 
     The states are the wire temperatures T (W) in the order of the wires, then
     the other states of their laws: the second state of all wires, the third,
-    and so on. Arrays have the states, the wires or the joints along their last
+    and so on. Those of `Rubber` are the last, if its rest angle has a memory.
+    Arrays have the states, the wires or the joints along their last
     axis and any number of points before it.
 
     - ``num_wires``, ``num_states``: W and N.
@@ -52,8 +56,8 @@ class Wires:
     - ``directions``: of the wires' torque on the joints (n, W), zero for
       joints of other segments, else e2 / |(e2, e3)|.
     - ``rates_are_affine``: in states, readings and duty.
-    - ``torque_is_affine``: in the states, and no function of the angle.
-    - ``torque_needs_angle``: whether any torque depends on the joint's angle.
+    - ``torque_is_affine``: the force, in the states, and no function of the angle.
+    - ``torque_needs_angle``: whether any force depends on the joint's angle.
     - ``heat_pattern``: which of `heat_rates` depend on which of [x, V, D],
       (N + W, N + 2W), true or false.
 
@@ -77,6 +81,11 @@ class Wires:
                     names.append(f"{state}_{name}")
                     scales.append(scale)
                     cold.append(law.cold_states(self._ambient)[number])
+        self._rubber = rubber = Rubber(parameters)
+        self._first_shift, num_shifts = len(names), len(rubber.state_names)
+        names += rubber.state_names
+        scales += [REST_SCALE] * num_shifts
+        cold += [0.0] * num_shifts
         self.num_states, self.state_names = len(names), names
         self.heat_scales = np.array(scales + [TEMPERATURE_SCALE] * self.num_wires)
         self.cold_states = np.array(cold, float)
@@ -99,14 +108,16 @@ class Wires:
         ):
             self.directions[joints, wires_of] = [wire.direction for wire in segment.wires]
         # Symbols take longer than all else here, and a plan makes many `Wires` of the same laws.
-        key = (self._ambient, *((type(law), *vars(law).values()) for law in laws))
+        key = (self._ambient, rubber.key, *((type(law), *vars(law).values()) for law in laws))
         if key not in _FORMS:
             _FORMS[key] = self._form()
             if len(_FORMS) > _MOST_FORMS:
                 del _FORMS[next(iter(_FORMS))]
         form = _FORMS[key]
-        self.rates_are_affine, self.torque_is_affine = form.rates_are_affine, form.torque_is_affine
-        self.torque_needs_angle, self.heat_pattern = form.torque_needs_angle, form.heat_pattern
+        self.rates_are_affine, self.heat_pattern = form.rates_are_affine, form.heat_pattern
+        self._laws_need_angle = form.torque_needs_angle
+        self.torque_is_affine = form.torque_is_affine and not rubber.stiffens
+        self.torque_needs_angle = form.torque_needs_angle or rubber.stiffens
         zero, off = np.zeros(self.num_states + self.num_wires), np.zeros(self.num_wires)
         if self.rates_are_affine:
             self._heat_slopes = self._heat_jacobian(zero, off)
@@ -117,12 +128,33 @@ class Wires:
     def rates(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """ẋ (..., N) of the states (..., N) under the duty (..., W), per second."""
         result = np.empty(states.shape, np.result_type(states, duty))
+        progress = np.empty((*states.shape[:-1], self.num_wires), result.dtype)
         for group in self._groups:
             x = [states[..., column] for column in group.states]
             rates = group.law.rates(x, duty[..., group.wires], self._ambient)
             for column, rate in zip(group.states, rates, strict=True):
                 result[..., column] = rate
+            if self._rubber.remembers:
+                progress[..., group.wires] = self._progress(group, x, rates)
+        if self._rubber.remembers:
+            shifts = slice(self._first_shift, None)
+            result[..., shifts] = self._rubber.rates(states[..., shifts], progress)
         return result
+
+    def _progress(self, group: _Alike, x: Sequence[Any], rates: Sequence[Any]) -> Any:
+        """`Rubber.progress` of a group's wires, whose states x change with these rates.
+
+        The torque's rate is a central difference, which there is for all scalar types.
+        """
+        ahead, behind = (
+            group.law.torque(
+                [value + time * rate for value, rate in zip(x, rates, strict=True)],
+                self._ambient,
+                0.0,
+            )
+            for time in (_TIME_STEP, -_TIME_STEP)
+        )
+        return self._rubber.progress((ahead - behind) / (2 * _TIME_STEP), group.wires)
 
     def torques(self, states: np.ndarray, angles: np.ndarray | None = None) -> np.ndarray:
         """Torque of each wire (..., W), N·m, as if it ran at +E2.
@@ -141,10 +173,17 @@ class Wires:
         return result
 
     def forces(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Generalized force f (..., n) on the joints at the angles (..., n), N·m; eqn (4)."""
-        if self.torque_needs_angle:
-            return (self.torques(states, angles) * self.directions).sum(axis=-1)
-        return self.torques(states) @ self.directions.T
+        """Generalized force f (..., n) on the joints at the angles (..., n), N·m; eqn (4).
+
+        That of `Rubber` is part of it.
+        """
+        if self._laws_need_angle:
+            force = (self.torques(states, angles) * self.directions).sum(axis=-1)
+        else:
+            force = self.torques(states) @ self.directions.T
+        if self._rubber.remembers or self._rubber.stiffens:
+            force = force + self._rubber.forces(states[..., self._first_shift :], angles)
+        return force
 
     def reading_rates(self, readings: np.ndarray, states: np.ndarray) -> np.ndarray:
         """V̇ (..., W) of the readings V (..., W), °C/s."""
@@ -173,6 +212,7 @@ class Wires:
 
     def _heat_jacobian(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         num_heat = self.num_states + self.num_wires
+        shifts = slice(self._first_shift, self.num_states)
         kind = np.result_type(heat, duty)
         result = np.zeros((*heat.shape[:-1], num_heat, num_heat + self.num_wires), kind)
         for group in self._groups:
@@ -180,14 +220,24 @@ class Wires:
             point = np.concatenate([heat, duty], axis=-1)
             scales = np.array([*group.law.states.values(), TEMPERATURE_SCALE, 1.0])
 
-            def outputs(arguments: list, law: WireLaw = group.law) -> list:
+            def outputs(arguments: list, group: _Alike = group) -> list:
                 *x, V, D = arguments
-                return [*law.rates(x, D, self._ambient), law.reading_rate(V, x)]
+                rates = group.law.rates(x, D, self._ambient)
+                progress = [self._progress(group, x, rates)] if self._rubber.remembers else []
+                return [*rates, group.law.reading_rate(V, x), *progress]
 
-            partials = gradients(outputs, [point[..., slot] for slot in slots], scales)
-            for row, by in zip(slots, partials, strict=False):
+            arguments = [point[..., slot] for slot in slots]
+            partials = gradients(outputs, arguments, scales)
+            for row, by in zip(slots[:-1], partials, strict=False):
                 for column, values in zip(slots, by, strict=True):
                     result[..., _indices(row), _indices(column)] = values
+            if self._rubber.remembers:
+                by_shift, by_progress = self._rubber.rate_derivatives(
+                    heat[..., shifts], outputs(arguments)[-1], group.wires
+                )
+                result[..., shifts, shifts] += by_shift
+                for column, values in zip(slots, partials[-1], strict=True):
+                    result[..., shifts, _indices(column)] = by_progress * values[..., None, :]
         return result
 
     def force_derivatives(
@@ -207,7 +257,7 @@ class Wires:
     def _force_derivatives(
         self, states: np.ndarray, angles: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        theta = angles[..., :, None] if self.torque_needs_angle else np.zeros(1)
+        theta = angles[..., :, None] if self._laws_need_angle else np.zeros(1)
         points = states[..., None, :]
         kind = np.result_type(states, theta)
         shape = np.broadcast_shapes(points.shape[:-1], theta.shape[:-1])[:-1]
@@ -226,19 +276,24 @@ class Wires:
             directions = self.directions[:, group.wires]
             for column, by in zip(group.states, partials[:-1], strict=True):
                 by_states[..., column] += directions * by
-            if by_angle is not None:
+            if self._laws_need_angle:
                 by_angle += (directions * partials[-1]).sum(axis=-1)
+        by_states[..., self._first_shift :] = self._rubber.force_by_shift
+        if self._rubber.stiffens:
+            by_angle = by_angle + self._rubber.force_by_angle(angles)
         return by_states, by_angle
 
     def affine_rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.
 
         They are those of the tangent at cold wires without duty, which is the
-        law itself if the rates are affine.
+        law itself if the rates are affine. The rubber's memory stays as it is:
+        at rest, where it begins to follow, a tangent would say nothing.
         """
         N, W = self.num_states, self.num_wires
         cold = np.concatenate([self.cold_states, self.cold_states[:W]])
         slopes = self.heat_jacobian(cold, np.zeros(W)).reshape(N + W, -1)
+        slopes[self._first_shift : N] = 0.0
         A, B = slopes[:N, :N], slopes[:N, N + W :]
         return A, B, self.rates(self.cold_states, np.zeros(W)) - A @ self.cold_states
 
@@ -267,19 +322,26 @@ class Wires:
     def settled_states(self, temperature: np.ndarray) -> np.ndarray:
         """The states (N,) of cold wires that were heated to T (W,), °C, until they settled.
 
-        A state that does not change at constant T is as the law's `warm_states` says.
+        A state that does not change at constant T is as the law's `warm_states`
+        says; that of the rubber's memory as if all wires were heated at once.
         """
-        W, N = self.num_wires, self.num_states
-        states = self.cold_states.copy()
+        W, N = self.num_wires, self._first_shift
+        states, duty = self.cold_states.copy(), np.zeros(W)
         for group in self._groups:
             warm = group.law.warm_states(temperature[group.wires], self._ambient)
             for column, values in zip(group.states, warm, strict=True):
                 states[column] = values
         for _ in range(20 if N > W else 0):
-            heat, off = np.concatenate([states, temperature]), np.zeros(W)
-            slopes = self.heat_jacobian(heat, off).reshape(N + W, -1)[W:N, W:N]
-            rates = self.rates(states, off)[W:]
-            states[W:] -= np.linalg.lstsq(slopes, rates, rcond=None)[0]
+            # The duty that holds T, then the other states while it does.
+            heat = np.concatenate([states, temperature])
+            slopes = self.heat_jacobian(heat, duty).reshape(len(heat), -1)
+            duty = duty - np.linalg.pinv(slopes[:W, -W:]) @ self.rates(states, duty)[:W]
+            slopes = self.heat_jacobian(heat, duty).reshape(len(heat), -1)
+            held = slopes[W:N, -W:] @ np.linalg.pinv(slopes[:W, -W:])
+            by_others = slopes[W:N, W:N] - held @ slopes[:W, W:N]
+            rates = self.rates(states, duty)[W:N]
+            states[W:N] -= np.linalg.lstsq(by_others, rates, rcond=1e-9)[0]
+        states[N:] = self._rubber.settled(self.torques(states) - self.torques(self.cold_states))
         return states
 
     def _form(self) -> "_Form":
@@ -313,10 +375,12 @@ class _Form:
 
 
 def num_wire_states(parameters: LimbParameters) -> int:
-    """N, the number of states of all wires' laws, without the readings."""
-    return sum(len(wire.law.states) for wire in parameters.wires)
+    """N, the number of states of all wires' laws and of the rubber, without the readings."""
+    own = sum(len(wire.law.states) for wire in parameters.wires)
+    return own + num_rest_shifts(parameters)
 
 
+_TIME_STEP = 1e-3  # s, of differences along the states' rates
 _FORMS: dict[tuple, "_Form"] = {}
 _MOST_FORMS = 64
 

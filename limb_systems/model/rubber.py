@@ -1,0 +1,118 @@
+"""The rubber of a limb beyond linear springs: it stiffens, and its angle at rest has a memory."""
+
+from typing import Any
+
+import numpy as np
+
+from limb_systems.model.kinematics import rest_joint_angles
+from limb_systems.model.parameters import LimbParameters
+
+REST_SCALE = 0.03  # rad, a typical change of the bend angle at rest
+RAMP_RATE = 0.01  # rad/s, below which the memory hardly notices that a wire heats
+
+
+class Rubber:
+    """Stiffening and memory of the rubber of all segments.
+
+        f = -k s ((θ - θ_rest) / θ_45)² (θ - θ_rest) + k 2 r / (n + 1)
+        r' = λ Σ_i p(g_i') (±Δ - r),  p(z) = z / (1 + exp(-z / ρ))
+
+    on each joint of a segment, with the stiffening s, θ_45 = 2 (π/4) / (n + 1)
+    by (11), and the deviation r of the segment's bend angle at rest, which is a
+    state where there is a `RestMemory` of Δ and λ. g_i is the bend angle that
+    the torque of wire i alone would hold; + is for wires on the +E2 side. p is
+    z where z is far above ρ and 0 far below, and so a wire counts while it
+    heats, and nothing changes at rest.
+
+    Arrays have the joints, the wires (W) or the states r (R) along their last
+    axis, and may be of any scalar type.
+
+    - ``state_names``: such as ``rest_shift_2``, R.
+    - ``stiffens``, ``remembers``: whether any segment does.
+    - ``force_by_shift``: derivative of the force by r (n, R), N·m/rad.
+
+    Args:
+        parameters: of the limb.
+    """
+
+    def __init__(self, parameters: LimbParameters):
+        num_joints, num_wires = parameters.num_joints, len(parameters.wires)
+        num_shifts = num_rest_shifts(parameters)
+        self.state_names: list[str] = []
+        self.remembers = num_shifts > 0
+        self._rest = rest_joint_angles(parameters)
+        self._cubic = np.zeros(num_joints)
+        self.force_by_shift = np.zeros((num_joints, num_shifts))
+        self._bend_by_torque = np.zeros(num_wires)
+        self._pace, self._towards = np.zeros((2, num_shifts, num_wires))
+        for segment, suffix, joints, wires in zip(
+            parameters.segments,
+            parameters.segment_suffixes,
+            parameters.joint_slices,
+            parameters.wire_slices,
+            strict=True,
+        ):
+            at_45 = 2 * (np.pi / 4) / (segment.links + 1)
+            self._cubic[joints] = segment.stiffness * segment.stiffening / at_45**2
+            memory, row = segment.rest_memory, len(self.state_names)
+            if memory is None:
+                continue
+            self.state_names.append(f"rest_shift{suffix}")
+            directions = [wire.direction for wire in segment.wires]
+            torque_by_bend = 2 * segment.stiffness / (segment.links + 1)
+            self.force_by_shift[joints, row] = torque_by_bend
+            self._bend_by_torque[wires] = np.abs(directions) / torque_by_bend
+            self._pace[row, wires] = memory.rate
+            self._towards[row, wires] = memory.rate * memory.shift * np.sign(directions)
+        self.stiffens = bool(self._cubic.any())
+
+    @property
+    def key(self) -> tuple:
+        """Equal for limbs whose `rates` are equal."""
+        return self._bend_by_torque.tobytes(), self._pace.tobytes(), self._towards.tobytes()
+
+    def forces(self, shifts: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """Generalized force (..., n), N·m, of r (..., R) and θ (..., n), rad."""
+        force = shifts @ self.force_by_shift.T
+        return force - self._cubic * (angles - self._rest) ** 3 if self.stiffens else force
+
+    def force_by_angle(self, angles: np.ndarray) -> np.ndarray:
+        """Derivative of each joint's force by its own angle (..., n), N·m/rad."""
+        return -3.0 * self._cubic * (angles - self._rest) ** 2
+
+    def progress(self, torque_rates: Any, wires: slice | np.ndarray) -> Any:
+        """p(g_i') of some wires, rad/s, from the rates of their torques, N·m/s."""
+        bend_rates = self._bend_by_torque[wires] * torque_rates
+        return bend_rates * 0.5 * (1.0 + np.tanh(bend_rates / (2.0 * RAMP_RATE)))
+
+    def rates(self, shifts: np.ndarray, progress: np.ndarray) -> np.ndarray:
+        """r' (..., R), rad/s, of r (..., R) and the `progress` of all wires (..., W)."""
+        return progress @ self._towards.T - (progress @ self._pace.T) * shifts
+
+    def rate_derivatives(
+        self, shifts: np.ndarray, progress: np.ndarray, wires: slice | np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What w wires contribute to the derivatives of `rates`.
+
+        Args:
+            shifts: r (..., R).
+            progress: of these wires (..., w).
+
+        Returns:
+            By r (..., R, R), and by their progress (..., R, w).
+        """
+        pace = self._pace[:, wires]
+        by_shift = -np.eye(len(pace)) * (progress @ pace.T)[..., None]
+        return by_shift, self._towards[:, wires] - pace * shifts[..., None]
+
+    def settled(self, torques: np.ndarray) -> np.ndarray:
+        """r (R,) after wires heated from cold, all at once and in proportion, to torques (W,)."""
+        bends = np.maximum(self._bend_by_torque * torques, 0.0)
+        paths = self._pace @ bends
+        gone = np.divide(-np.expm1(-paths), paths, out=np.zeros_like(paths), where=paths > 0)
+        return gone * (self._towards @ bends)
+
+
+def num_rest_shifts(parameters: LimbParameters) -> int:
+    """R, the number of segments whose rest angle has a memory."""
+    return sum(segment.rest_memory is not None for segment in parameters.segments)
