@@ -1,6 +1,5 @@
 """Boards that are none, are others' or are hung, as the host's end of the cable tells."""
 
-import dataclasses
 import itertools
 import os
 import threading
