@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq, least_squares
 
+from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
@@ -64,7 +65,8 @@ class DampingFit:
 
     - ``damping``: σ, N·m·s/rad.
     - ``measured``: the sinusoid of each recording.
-    - ``simulated``: that of the model with this σ, for each recording.
+    - ``simulated``: that of the model with this σ, for each recording, as the
+      recording's bend sensor would show it.
     - ``time``, ``bend_angle``: of the first recording (K,), s and rad.
     - ``remarks``: sentences on what the data lack.
     """
@@ -200,8 +202,9 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
 def _fit_recording(parameters, recording: Recording):
     """σ and its standard error, and the sinusoids of limb and model."""
     check_values(recording)
+    sensor = bend_sensor_of(recording)
     measured = fit_damped_sinusoid(recording.time, recording.bend_angle[0])
-    released = np.abs(recording.bend_angle[0] - measured.offset).max()
+    released = np.abs(recording.bend_angle[0] - measured.offset).max() / sensor.gain
     duration = recording.time[-1] - measured.start
 
     def ring_down(damping: float) -> DampedSinusoid:
@@ -214,7 +217,9 @@ def _fit_recording(parameters, recording: Recording):
         model = simulate(
             Limb(limb), 0 * room, duration, sample_rate=recording.sample_rate, initial_state=state
         )
-        return fit_damped_sinusoid(model.time, model.bend_angle[0])
+        assert model.joint_state is not None  # a model's
+        seen = sensor.apparent_bend_angle(model.joint_state[: limb.num_joints])
+        return fit_damped_sinusoid(model.time, seen)
 
     def mismatch(logarithm: float) -> float:
         return np.log(ring_down(np.exp(logarithm)).decay_rate.value / measured.decay_rate.value)

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, mean_estimate
@@ -78,7 +79,8 @@ def fit_force(
     wire = np.array([heat.wire_temperature[a:b].mean() for a, b in spans])
     angle = np.array([recording.bend_angle[0, a:b].mean() for a, b in spans])
     times = np.array([recording.time[a:b].mean() for a, b in spans])
-    theta = joint_angles_from_bend_angle(parameters, angle[np.newaxis])[0]
+    bent = bend_sensor_of(recording).corrected(angle)
+    theta = joint_angles_from_bend_angle(parameters, bent[np.newaxis])[0]
     ratios = stiffness.value * theta / (side * (wire - heat.ambient))
     if not ratios.mean() > 0:
         raise CalibrationError(

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
 from calibration.kinds import only_segment
 from calibration.remarks import Remark, remarks_on_estimate
-from limb_systems import LimbError, LimbParameters, Recording, bend_angle, make_manipulator
+from limb_systems import BendSensor, LimbError, LimbParameters, Recording, make_manipulator
 from limb_systems.model.statics import static_equilibrium
 
 RESTING_TIME = 5.0  # s at the end of a recording that count as equilibrium
@@ -23,9 +24,10 @@ class StiffnessFit:
     """The spring constant of each joint, from a limb that sags.
 
     - ``stiffness``: k, N·m/rad.
-    - ``correction_factor``: λ of eqn (9), without unit.
-    - ``sags``: φ^eq of each trial (K,), rad, signed as gravity.
-    - ``simulated_sag``: of the fitted limb, rad.
+    - ``correction_factor``: λ of eqn (9), without unit. It depends on the bend
+      sensor: 1.22 for the chord of five links, as in the paper, and 1.8 for α/2.
+    - ``sags``: φ^eq of each trial (K,), rad, signed as gravity, as recorded.
+    - ``simulated_sag``: of the fitted limb, as its bend sensor would show it, rad.
     - ``remarks``: sentences on what the data lack.
     """
 
@@ -49,7 +51,8 @@ def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -
     """k by the iteration of Sec. V-A, eqn (9).
 
     In turn k is fitted to θ^eq = λ φ^eq b, as -θ^eq \\ f_g(θ^eq) by least squares,
-    and λ to a simulated equilibrium of the limb with this k.
+    and λ to a simulated equilibrium of the limb with this k, of which φ^eq is what
+    the bend sensor of the recordings would show.
 
     Args:
         parameters: geometry and mass of the limb; of one segment.
@@ -57,7 +60,8 @@ def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -
             as their parameters' ``gravity`` says. At rest the last 5 s count.
 
     Raises:
-        CalibrationError: if the limb does not rest, or sags against gravity.
+        CalibrationError: if the limb does not rest, or sags against gravity; if it
+            was mounted, or its bend read, in several ways.
     """
     if not recordings:
         raise CalibrationError("There is no recording of the limb's sag under gravity.")
@@ -65,22 +69,29 @@ def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -
         check_values(recording)
     sags = np.array([_resting_angle(recording) for recording in recordings])
     gravity = np.array(recordings[0].parameters.gravity)
+    sensor = bend_sensor_of(recordings[0])
     for recording in recordings[1:]:
+        if bend_sensor_of(recording) != sensor:
+            raise CalibrationError(
+                f"The sag was recorded with {sensor} and with {bend_sensor_of(recording)}; use "
+                "the same bend sensor each time."
+            )
         if not np.allclose(recording.parameters.gravity, gravity):
             raise CalibrationError(
                 f"The sag was recorded with gravity {list(gravity)} and with "
                 f"{recording.parameters.gravity} m/s²; mount the limb the same way each time."
             )
-    if not np.mean(sags) * gravity[1] > 0:
+    if not sensor.corrected(np.mean(sags)) * gravity[1] > 0:
         raise CalibrationError(
             f"The limb sags by {np.rad2deg(np.mean(sags)):.1f}° where gravity along E2 is "
             f"{gravity[1]:g} m/s²: it bends upwards. Is the bend sensor reversed?"
         )
-    stiffness, correction = _iterate(parameters, gravity, sags)
+    stiffness, correction = _iterate(parameters, gravity, sensor, sags)
     spread = standard_error(sags) if len(sags) > 1 else 0.0
     step = 1e-3
-    shifted, _ = _iterate(parameters, gravity, sags * (1 + step))
-    slope = (shifted - stiffness) / (step * np.mean(sags))
+    change = step * np.mean(sags)
+    shifted, _ = _iterate(parameters, gravity, sensor, sags + change)
+    slope = (shifted - stiffness) / change
     estimate = Estimate(stiffness, abs(slope * spread), "N·m/rad")
     remarks = []
     if len(sags) < 3:
@@ -105,20 +116,23 @@ def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -
         estimate,
         correction,
         sags,
-        float(bend_angle(fitted, static_equilibrium(fitted)[0])[0]),
+        float(sensor.apparent_bend_angle(static_equilibrium(fitted)[0])),
         remarks,
     )
 
 
-def _iterate(parameters, gravity: np.ndarray, sags: np.ndarray) -> tuple[float, float]:
-    """k and λ (9) for the bend angles of a sag (K,), rad."""
+def _iterate(
+    parameters, gravity: np.ndarray, sensor: BendSensor, sags: np.ndarray
+) -> tuple[float, float]:
+    """k and λ (9) for the bend angles of a sag (K,), rad, as a sensor shows them."""
+    bends = sensor.corrected(sags)
     segment = only_segment(parameters)
     shape = shape_factors(segment.links)
     plant = make_manipulator(_with_stiffness(parameters, gravity, segment.stiffness))
     context = plant.CreateDefaultContext()
     correction, stiffness = 1.0, None
     for _ in range(100):
-        angles = correction * np.outer(sags, shape)  # θ^eq of all trials, eqn (9)
+        angles = correction * np.outer(bends, shape)  # θ^eq of all trials, eqn (9)
         forces = []
         for trial in angles:
             plant.SetPositions(context, trial)
@@ -135,7 +149,7 @@ def _iterate(parameters, gravity: np.ndarray, sags: np.ndarray) -> tuple[float, 
                 f"No spring constant explains a sag of {np.rad2deg(np.mean(sags)):.1f}° with this "
                 f"mass and length: {error}"
             ) from error
-        expected = bend_angle(fitted, simulated)[0] * shape
+        expected = sensor.exact_bend_angle(simulated) * shape
         correction = float(expected @ simulated / (expected @ expected))
     raise CalibrationError("The iteration for the spring constant does not converge.")
 

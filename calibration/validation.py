@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
+from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
 from limb_systems import Limb, LimbParameters, Recording, Wires, simulate
 from limb_systems.model.kinematics import rest_joint_angles
@@ -15,7 +16,8 @@ class Validation:
     """The calibrated model, open loop, against a recording with both wires.
 
     - ``recording``, ``simulation``: of the limb and of its model for the same
-      duty, at the same times.
+      duty, at the same times; the model's bend angle is what the limb's bend
+      sensor would show.
     - ``mean``, ``median``, ``percentile_90``: of |φ - φ_sim|, rad.
     - ``temperature_mean``: of |V - V_sim|, °C.
     """
@@ -53,7 +55,12 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         sample_rate=recording.sample_rate,
         initial_state=state,
     )
-    simulation = dataclasses.replace(simulation, time=recording.time)
+    assert simulation.joint_state is not None  # a model's
+    seen = [
+        bend_sensor_of(recording, segment).apparent_bend_angle(simulation.joint_state[joints])
+        for segment, joints in enumerate(parameters.joint_slices)
+    ]
+    simulation = dataclasses.replace(simulation, time=recording.time, bend_angle=np.array(seen))
     error = np.abs(simulation.bend_angle - recording.bend_angle)
     heat = np.abs(simulation.measured_temperature - recording.measured_temperature)
     return Validation(

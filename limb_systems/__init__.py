@@ -10,6 +10,7 @@ from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import ActiveConstraint, PlanCheck, Trajectory
 from limb_systems.model.bend_sensor import (
     BendSensor,
+    ChordSensor,
     TipTangentSensor,
     bend_angle_from_tip_tangent,
     tip_tangent_from_bend_angle,
@@ -54,6 +55,7 @@ __all__ = [
     "BendAngle",
     "BendSensor",
     "CalibrationRecord",
+    "ChordSensor",
     "EmulatedLimb",
     "HeatBounds",
     "HystereticLaw",

@@ -10,6 +10,7 @@ import collections.abc
 import dataclasses
 import difflib
 import functools
+import inspect
 import re
 import types
 import typing
@@ -335,7 +336,7 @@ def _chosen(data: Any, schema: Any, where: str) -> type:
 def _with_subclasses(classes: list[type]) -> list[type]:
     found: list[type] = []
     for cls in classes:
-        if dataclasses.is_dataclass(cls):
+        if dataclasses.is_dataclass(cls) and not inspect.isabstract(cls):
             found.append(cls)
         found += _with_subclasses(cls.__subclasses__())
     return found

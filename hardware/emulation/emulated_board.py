@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from hardware.emulation.sensors import BEND_NOISE, THERMOCOUPLE_NOISE
+from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.emulation.specimen import serial_number
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import CHANNELS, POWER_ON
@@ -155,9 +155,10 @@ class EmulatedBoard:
         sensor = self._twin.parameters.segments[0].bend_sensor
         tangent = np.rad2deg(sensor.reading(self.reading("bend_angle")[0]))
         if self.stuck_bend is not None:
-            tangent = self.stuck_bend + random.gauss(0.0, 2 * np.rad2deg(BEND_NOISE))
-        noise = random.gauss(0.0, 0.05)  # below the twin's steps, like every converter's
-        data = struct.pack("<bh", 0, round(64 * (tangent + noise)))
+            noise = float(np.rad2deg(sensor.reading(sensor.noise)))
+            tangent = self.stuck_bend + random.gauss(0.0, noise)
+        tangent += random.gauss(0.0, 0.05)  # below the twin's steps, like every converter's
+        data = struct.pack("<bh", 0, round(64 * tangent))
         return data if self.frozen_bend is None else self.frozen_bend
 
     def set_duty(self, wire: int, duty: float) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 from pydrake.trajectories import Trajectory
 
-from limb_systems import LimbParameters, bend_angle
+from limb_systems import LimbParameters
 from limb_systems.model.ownership import weak_method
 
 GRIP = 20.0  # stiffness of the hand over bending stiffness of the limb
@@ -12,7 +12,9 @@ GRIP_TIME = 0.05  # s, of the hand's damping
 
 
 class Hand(LeafSystem):
-    """Pushes the limb's tip across its chord, towards a bend angle, then releases it.
+    """Pushes the limb's tip across its chord until its bend is as wanted, then releases it.
+
+    The bend is what an exact sensor of the limb's kind would show.
 
     Like a hand it is stiffer than the limb, but not rigid. It holds the limb
     until the end of its course.
@@ -36,7 +38,7 @@ class Hand(LeafSystem):
         (segment,) = parameters.segments
         # A torque at the tip turns the chord by about (n + 1) / 2 joints' worth of angle.
         self._stiffness = GRIP * segment.stiffness * 2 / (segment.links + 1)
-        self._length = segment.length
+        self._length, self._sensor = segment.length, segment.bend_sensor
         self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
         self.DeclareVectorOutputPort(
             "generalized_force", parameters.num_joints, weak_method(self._calc)
@@ -57,7 +59,7 @@ class Hand(LeafSystem):
         chord = lever[:, 0]
         across = np.array([-chord[1], chord[0]]) / np.linalg.norm(chord)
         jacobian = lever[0] * across[1] - lever[1] * across[0]  # of the tip, along `across`
-        error = self._course.value(time).item() - bend_angle(self._parameters, angles).item()
+        error = self._course.value(time).item() - self._sensor.exact_bend_angle(angles)
         rate = jacobian @ rates / self._length
         force = self._stiffness * (error - GRIP_TIME * rate) / self._length
         output.SetFromVector(jacobian * force)

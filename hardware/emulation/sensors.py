@@ -17,11 +17,8 @@ from limb_systems.model.ownership import weak_method
 THERMOCOUPLE_PERIOD = 0.1  # s
 THERMOCOUPLE_STEP = 0.25  # °C
 THERMOCOUPLE_NOISE = 0.25  # °C
-# The paper saw "around 2° measurement error" of its bend sensor in use (Sec.
-# VII). How much of it is noise and how much drifts is ours, and so is the step.
+# Noise and drift of a bend sensor are in the limb's parameters; these two are ours.
 BEND_STEP = np.deg2rad(0.1)
-BEND_NOISE = np.deg2rad(0.5)
-BEND_DRIFT = np.deg2rad(1.0)
 BEND_DRIFT_TIME = 120.0  # s
 
 
@@ -132,20 +129,51 @@ def _show(part: slice):
     return lambda context, output: output.SetFromVector(context.get_discrete_state(0).value()[part])
 
 
+class ExactBend(LeafSystem):
+    """What the limb's bend sensors would show without their errors: α/2, or the chord's angle.
+
+    - input 0 ``joint_state``: [θ, θ̇] (2n), rad and rad/s; only angles are used
+    - output 0 ``bend_angle``: (S), rad, from each segment's ``bend_sensor``
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, parameters: LimbParameters):
+        super().__init__()
+        self._parts = [
+            (segment.bend_sensor, joints)
+            for segment, joints in zip(parameters.segments, parameters.joint_slices, strict=True)
+        ]
+        port = self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
+        self.DeclareVectorOutputPort(
+            "bend_angle",
+            len(parameters.segments),
+            weak_method(self._calc),
+            {self.input_port_ticket(port.get_index())},
+        )
+        self.set_name("exact_bend")
+
+    def _calc(self, context, output):
+        angles = self.get_input_port().Eval(context)
+        output.SetFromVector(
+            [sensor.exact_bend_angle(angles[joints]) for sensor, joints in self._parts]
+        )
+
+
 def limb_sensors(
     parameters: LimbParameters,
     bend_rate: float,
     *,
-    bend_response: Callable[[np.ndarray], np.ndarray] = np.asarray,
-    bend_noise: ArrayLike = BEND_NOISE,
-    bend_drift: ArrayLike = BEND_DRIFT,
+    bend_response: Callable[[np.ndarray], np.ndarray],
+    bend_noise: ArrayLike,
+    bend_drift: ArrayLike,
 ) -> list[Sensor]:
     """The robot's sensors, for `SampledSensors`: ``measured_temperature`` and ``bend_angle``.
 
     Args:
         parameters: of the limb.
         bend_rate: at which bend sensors are read, Hz.
-        bend_response: what they read for φ, rad.
+        bend_response: what they read where exact ones would show angles (S,), rad.
         bend_noise, bend_drift: their standard deviations, rad.
     """
     thermocouples = Sensor(
@@ -171,6 +199,9 @@ def limb_sensors(
 class SensedLimb(Diagram):
     """A limb, such as the model, behind the robot's sensors.
 
+    Its ``bend_angle`` is what its bend sensors show of the joint angles, if it has
+    the output port ``joint_state``; else they show its own ``bend_angle``.
+
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
     - output 1 ``bend_angle``: φ (S), rad, as bend sensors read it
@@ -195,13 +226,24 @@ class SensedLimb(Diagram):
         self.parameters, self.accuracy = limb.parameters, limb.accuracy
         self.source = f"{limb.source} with sensor noise, seed {seed}"
         builder.ExportInput(limb.GetInputPort("duty"), "duty")
-        sensors = builder.AddSystem(
-            SampledSensors(
-                limb_sensors(limb.parameters, bend_rate), Noise(np.random.default_rng(seed))
-            )
+        described = [segment.bend_sensor for segment in limb.parameters.segments]
+        gain, offset = np.array([[sensor.gain, sensor.offset] for sensor in described]).T
+        readings = limb_sensors(
+            limb.parameters,
+            bend_rate,
+            bend_response=lambda angle: gain * angle + offset,
+            bend_noise=[sensor.noise for sensor in described],
+            bend_drift=[sensor.drift for sensor in described],
         )
-        for name in ("measured_temperature", "bend_angle"):
-            builder.Connect(limb.GetOutputPort(name), sensors.GetInputPort(name))
+        sensors = builder.AddSystem(SampledSensors(readings, Noise(np.random.default_rng(seed))))
+        shown = limb.GetOutputPort("bend_angle")
+        if limb.HasOutputPort("joint_state"):
+            exact = builder.AddSystem(ExactBend(limb.parameters))
+            builder.Connect(limb.GetOutputPort("joint_state"), exact.get_input_port())
+            shown = exact.get_output_port()
+        builder.Connect(shown, sensors.GetInputPort("bend_angle"))
+        temperature = "measured_temperature"
+        builder.Connect(limb.GetOutputPort(temperature), sensors.GetInputPort(temperature))
         for name in ("measured_temperature", "bend_angle", "measurement"):
             builder.ExportOutput(sensors.GetOutputPort(name), name)
         builder.BuildInto(self)

@@ -34,7 +34,6 @@ import re
 import numpy as np
 
 from hardware.emulation.noise import Noise
-from hardware.emulation.sensors import BEND_DRIFT, BEND_NOISE
 from limb_systems import (
     EmulatedLimb,
     LimbError,
@@ -96,7 +95,8 @@ class SegmentPhysics:
     - ``viscous_share``: additional share of k in fast motions.
     - ``relaxation_time``: time constant with which this share decays, s.
     - ``rest_angle``: bend angle at rest, rad.
-    - ``sensor_gain``: slope of the bend sensor at zero.
+    - ``sensor_gain``, ``sensor_offset``: slope of the bend sensor at zero, and what
+      it shows there, rad.
     - ``sensor_curvature``: share of the reading that is lost or gained at 45°.
     - ``sensor_noise``, ``sensor_drift``: standard deviations, rad.
     """
@@ -108,6 +108,7 @@ class SegmentPhysics:
     relaxation_time: float
     rest_angle: float
     sensor_gain: float
+    sensor_offset: float
     sensor_curvature: float
     sensor_noise: float
     sensor_drift: float
@@ -178,8 +179,8 @@ class Specimen:
                 - "stress": there is no latent heat, and stress and strain do not
                   change the transformation; torque is an S-curve of temperature;
                 - "rubber": it is linear and straight at rest;
-                - "bend sensor": it reads the bend angle exactly, except for its
-                  steps.
+                - "bend sensor": it reads α/2, or the chord's angle, exactly, except
+                  for its steps.
 
         Raises:
             LimbError: if an effect is unknown.
@@ -263,7 +264,8 @@ def _draw_wire(uniform, wire, rise: float) -> WirePhysics:
 
 
 def _draw_segment(uniform, segment) -> SegmentPhysics:
-    """The rubber around `SegmentParameters`."""
+    """The rubber around `SegmentParameters`, and the bend sensor."""
+    sensor = segment.bend_sensor
     return SegmentPhysics(
         stiffness=segment.stiffness * uniform(0.9, 1.1),  # 2° of 10° between trials [paper, VIII-B]
         damping=segment.damping * uniform(0.8, 1.25),  # ours
@@ -271,10 +273,11 @@ def _draw_segment(uniform, segment) -> SegmentPhysics:
         viscous_share=uniform(0.05, 0.15),  # ours
         relaxation_time=uniform(0.5, 4.0),  # s, ours
         rest_angle=np.deg2rad(uniform(-2.0, 2.0)),  # ours
-        sensor_gain=uniform(0.97, 1.03),  # with the sensors' noise and drift the
+        sensor_gain=sensor.gain * uniform(0.97, 1.03),  # with the sensors' noise and drift the
         sensor_curvature=uniform(-0.03, 0.03),  # 2° that the paper saw in use [paper, VII]
-        sensor_noise=BEND_NOISE,
-        sensor_drift=BEND_DRIFT,
+        sensor_offset=sensor.offset,
+        sensor_noise=sensor.noise,
+        sensor_drift=sensor.drift,
     )
 
 
@@ -304,6 +307,7 @@ _SEGMENT_WITHOUT = {
     "rubber": {"stiffening": 0.0, "viscous_share": 0.0, "rest_angle": 0.0},
     "bend sensor": {
         "sensor_gain": 1.0,
+        "sensor_offset": 0.0,
         "sensor_curvature": 0.0,
         "sensor_noise": 0.0,
         "sensor_drift": 0.0,

@@ -11,11 +11,10 @@ from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem
 
 from hardware.emulation.hand import Hand
 from hardware.emulation.rubber import Rubber
-from hardware.emulation.sensors import SampledSensors, limb_sensors
+from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
 from hardware.emulation.wires import PERIOD, ShapeMemoryWires
 from limb_systems import (
-    BendAngle,
     LimbParameters,
     ThermocoupleLag,
     make_manipulator,
@@ -46,7 +45,8 @@ class LimbTwin(Diagram):
 
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
-    - output 1 ``bend_angle``: φ (S), rad, as bend sensors read it
+    - output 1 ``bend_angle``: φ (S), rad, as bend sensors read it: α/2 of the tip's
+      tangent, or whatever each segment's ``bend_sensor`` is made for
     - output 2 ``applied_duty``: D (W) in the steps of the PWM
     - output 3 ``measurement``: [V (W), φ (S)], as they are read
 
@@ -101,7 +101,7 @@ class LimbTwin(Diagram):
         room = np.full(len(specimen.wires), specimen.ambient)
         lag = builder.AddSystem(ThermocoupleLag(mechanics))
         lag.configure_default_state(specimen.state.get("measured", room))
-        bend_angle = builder.AddSystem(BendAngle(self.parameters))
+        bend_angle = builder.AddSystem(ExactBend(self.parameters))
         split = builder.AddSystem(Demultiplexer([num_joints, num_joints]))
         one = np.eye(num_joints)
         smooth = builder.AddSystem(
@@ -233,7 +233,8 @@ class _Memory(LeafSystem):
 
 
 def _bend_response(segments: Sequence[SegmentPhysics]):
-    """A function from bend angles (S,), rad, to the bend sensors' readings (S,), rad."""
+    """A function from what exact bend sensors would show (S,) to what these do, rad."""
     gain = np.array([segment.sensor_gain for segment in segments])
     curvature = np.array([segment.sensor_curvature for segment in segments])
-    return lambda angle: gain * angle * (1 + curvature * angle / (np.pi / 4))
+    offset = np.array([segment.sensor_offset for segment in segments])
+    return lambda angle: gain * angle * (1 + curvature * angle / (np.pi / 4)) + offset

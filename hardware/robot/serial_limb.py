@@ -21,7 +21,8 @@ class SerialLimb(LeafSystem):
 
     - input 0 ``duty``: D (2), in [0, 1]
     - output 0 ``measured_temperature``: V (2), °C
-    - output 1 ``bend_angle``: φ (1), rad, from the segment's ``bend_sensor``
+    - output 1 ``bend_angle``: φ (1), rad, what the segment's ``bend_sensor`` makes of
+      the board's reading, such as α/2
     - output 2 ``sample_age``: time since the sample was received, s
     - output 3 ``applied_duty``: the duty that the board had applied at the sample (2)
     - output 4 ``board_time``: time from the start of the board to the sample, s

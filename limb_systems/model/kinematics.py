@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from limb_systems.model.bend_sensor import chord_angle
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import LimbParameters
 
@@ -42,30 +43,8 @@ def bend_angle(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarra
         (segments,) or (segments, K), in (-π, π]; of AutoDiffXd or Expression
         if the joint angles are.
     """
-    return _chord_angle(_chord_matrices(parameters), np.asarray(joint_angles))
-
-
-def _chord_matrices(parameters: LimbParameters) -> tuple[np.ndarray, np.ndarray]:
-    """Matrices that add joints up to link angles and links up to chords.
-
-    Returns:
-        (joints, joints): θ to link angles in the frame of the segment's base.
-        (segments, joints): directions of the links to that of the chord.
-    """
-    num_joints = parameters.num_joints
-    to_links = np.zeros((num_joints, num_joints))
-    to_chords = np.zeros((len(parameters.segments), num_joints))
-    for index, joints in enumerate(parameters.joint_slices):
-        to_links[joints, joints] = np.tri(joints.stop - joints.start)
-        to_chords[index, joints] = 1.0
-    return to_links, to_chords
-
-
-def _chord_angle(matrices, joint_angles: np.ndarray) -> np.ndarray:
-    to_links, to_chords = matrices
-    with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
-        links = to_links @ joint_angles
-        return np.arctan2(to_chords @ np.sin(links), to_chords @ np.cos(links))
+    joint_angles = np.asarray(joint_angles)
+    return np.array([chord_angle(joint_angles[joints]) for joints in parameters.joint_slices])
 
 
 def joint_angles_from_bend_angle(parameters: LimbParameters, bend_angle: ArrayLike) -> np.ndarray:
@@ -107,7 +86,6 @@ def BendAngle_(T):
         def _construct(self, parameters: LimbParameters, converter=None):
             LeafSystem_[T].__init__(self, converter=converter)
             self._parameters = parameters
-            self._chord_matrices = _chord_matrices(parameters)
             self.set_name("bend_angle")
             joint_state = self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
             self.DeclareVectorOutputPort(
@@ -122,7 +100,7 @@ def BendAngle_(T):
 
         def _calc(self, context, output):
             joint_angles = self.get_input_port().Eval(context)[: self._parameters.num_joints]
-            output.SetFromVector(_chord_angle(self._chord_matrices, joint_angles))
+            output.SetFromVector(bend_angle(self._parameters, joint_angles))
 
     return Impl
 

@@ -189,7 +189,7 @@ def test_command_fits_and_validates_an_emulated_limb(twin_folder, tmp_path, caps
     limb, report, plot = (tmp_path / name for name in ("limb.yaml", "report.html", "fig4.png"))
     assert main(["fit", str(twin_folder), "-o", str(limb), "--report", str(report)]) == 0
     said = capsys.readouterr().out
-    assert "correction factor λ   1.2" in said
+    assert "correction factor λ   1.8" in said
     calibrated = LimbParameters.load(limb)
     assert 0.1 < calibrated.segments[0].stiffness < 0.16  # the draw is 0.112 to 0.137
     assert "# " not in limb.read_text(encoding="utf-8")
@@ -235,7 +235,7 @@ def test_json_says_what_is_in_the_files(twin_folder, tmp_path, capsys, monkeypat
     assert all(estimate["standard_error"] > 0 for estimate in said["estimates"].values())
     assert list(said)[:2] == ["verdict", "remarks"]
     assert said["estimates"]["stiffness"]["unit"] == "N·m/rad"
-    assert said["correction_factor"] == pytest.approx(1.22, abs=0.02)
+    assert said["correction_factor"] == pytest.approx(1.82, abs=0.02)
     assert said["written"] == [str(limb), str(report)]
 
     check = ["validate", str(limb), str(twin_folder / "both.csv"), "--plot", str(plot), "--json"]

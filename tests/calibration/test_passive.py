@@ -7,17 +7,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration import CalibrationError, fit_damped_sinusoid, fit_damping, fit_stiffness
+from calibration import (
+    CalibrationError,
+    Estimate,
+    fit_damped_sinusoid,
+    fit_damping,
+    fit_force,
+    fit_heat_transfer_from_temperature,
+    fit_stiffness,
+    validate,
+)
 from calibration.stiffness import shape_factors
-from limb_systems import LimbParameters, Recording, bend_angle
+from limb_systems import ChordSensor, LimbParameters, Recording, TipTangentSensor
 from limb_systems.model.statics import static_equilibrium
 
 RING_DOWNS = Path(__file__).parents[1] / "data" / "silicone_ring_down"
 
 
-def sagging(parameters, angle, trials=1, spread=0.0):
+def sagging(parameters, angle, trials=1, spread=0.0, sensor=None):
     """Recordings of a limb at rest at a bend angle, rad, with gravity along -E2."""
     mounted = copy.deepcopy(parameters)
+    mounted.segments[0].bend_sensor = sensor or mounted.segments[0].bend_sensor
     mounted.gravity = [0.0, -9.81, 0.0]
     time = np.arange(120) / 20
     return [
@@ -34,14 +44,14 @@ def sagging(parameters, angle, trials=1, spread=0.0):
     ]
 
 
-def limb_with_ten_degrees_of_sag(links):
+def limb_with_ten_degrees_of_sag(links, sensor):
     """Its stiffness by bisection on the plant's statics."""
     limb = LimbParameters(gravity=[0.0, -9.81, 0.0])
     limb.segments[0].links = links
     low, high = 0.02, 0.5
     for _ in range(60):
         limb.segments[0].stiffness = (low + high) / 2
-        sag = -bend_angle(limb, static_equilibrium(limb)[0])[0]
+        sag = -sensor.apparent_bend_angle(static_equilibrium(limb)[0])
         low, high = (
             (limb.segments[0].stiffness, high)
             if sag > np.deg2rad(10)
@@ -53,15 +63,77 @@ def limb_with_ten_degrees_of_sag(links):
     return limb
 
 
-@pytest.mark.parametrize(("links", "factor"), [(4, 1.20), (5, 1.22), (6, 1.23)])
-def test_correction_factor_is_the_papers_and_stiffness_the_one_that_sags(links, factor):
-    limb = limb_with_ten_degrees_of_sag(links)
+@pytest.mark.parametrize(
+    ("sensor", "links", "factor"),
+    [
+        (ChordSensor(), 4, 1.20),  # the paper's
+        (ChordSensor(), 5, 1.22),
+        (ChordSensor(), 6, 1.23),
+        (TipTangentSensor(), 5, 1.22 * 1.5),  # the chord's angle is 1.5 times α/2 (beam theory)
+        (ChordSensor(gain=1.2, offset=0.05), 5, 1.22),
+    ],
+)
+def test_correction_factor_is_the_papers_and_stiffness_the_one_that_sags(sensor, links, factor):
+    limb = limb_with_ten_degrees_of_sag(links, sensor)
     start = LimbParameters()
     start.segments[0].links = links
-    fit = fit_stiffness(start, sagging(start, -np.deg2rad(10.0)))
+    fit = fit_stiffness(start, sagging(start, -np.deg2rad(10.0), sensor=sensor))
     assert fit.correction_factor == pytest.approx(factor, abs=0.01)
     assert fit.stiffness.value == pytest.approx(limb.segments[0].stiffness, rel=0.01)
     assert fit.simulated_sag == pytest.approx(-np.deg2rad(10.0), rel=0.01)
+
+
+def test_taking_half_the_tip_tangent_for_the_chord_would_make_the_limb_half_as_stiff_again():
+    """What Sec. V-A does: the same numbers, compared with another angle of the model."""
+    angle, limb = -np.deg2rad(6.6), LimbParameters()
+    stiffness = [
+        fit_stiffness(limb, sagging(limb, angle, sensor=sensor)).stiffness.value
+        for sensor in (ChordSensor(), TipTangentSensor())
+    ]
+    assert stiffness[0] / stiffness[1] == pytest.approx(1.5, abs=0.04)
+
+
+def test_trials_by_several_sensors_are_refused():
+    limb = LimbParameters()
+    recordings = sagging(limb, -0.17) + sagging(limb, -0.17, sensor=ChordSensor())
+    with pytest.raises(CalibrationError, match=r"with TipTangentSensor\(gain=1.0, .*use the same"):
+        fit_stiffness(limb, recordings)
+
+
+def seen_by(sensor, recording):
+    """A recording of the model as a sensor would have made it of the real one."""
+    angles = recording.joint_state[: recording.parameters.num_joints]
+    parameters = copy.deepcopy(recording.parameters)
+    parameters.segments[0].bend_sensor = sensor
+    return dataclasses.replace(
+        recording,
+        bend_angle=sensor.apparent_bend_angle(angles)[np.newaxis],
+        parameters=parameters,
+        joint_state=None,
+        wire_temperature=None,
+    )
+
+
+@pytest.mark.parametrize("sensor", [TipTangentSensor(), ChordSensor(gain=0.8, offset=0.1)])
+def test_fits_are_of_what_the_sensor_shows(sensor, true_limb, model_recordings):
+    """The model behind a sensor, at rest and ringing down, has the model's own parameters."""
+    start = copy.deepcopy(true_limb)
+    start.segments[0].stiffness = 0.2
+    fit = fit_stiffness(start, [seen_by(sensor, model_recordings["sag"][0])])
+    assert fit.stiffness.value == pytest.approx(true_limb.segments[0].stiffness, rel=0.01)
+    start.segments[0].stiffness, start.segments[0].damping = fit.stiffness.value, 2e-3
+    ringing = fit_damping(start, [seen_by(sensor, model_recordings["ring_down"][0])])
+    assert ringing.damping.value == pytest.approx(8e-4, rel=0.01)
+    assert ringing.simulated[0].amplitude == pytest.approx(ringing.measured[0].amplitude, rel=0.02)
+    validation = validate(true_limb, seen_by(sensor, model_recordings["both"][0]))
+    assert validation.mean < np.deg2rad(0.1)
+    right = model_recordings["right"][0]
+    heat = fit_heat_transfer_from_temperature(right, 1, true_limb.ambient_temperature)
+    by_chord, by_sensor = (
+        fit_force(true_limb, recording, 1, heat, Estimate(0.115, 0.0, "N·m/rad")).beta.value
+        for recording in (right, seen_by(sensor, right))
+    )
+    assert by_sensor == pytest.approx(by_chord, rel=0.01)
 
 
 def test_shape_factors_are_those_of_the_corrected_denominator():
@@ -186,6 +258,7 @@ def test_a_limb_at_rest_does_not_ring_down(true_limb, model_recordings):
 def test_a_sag_that_no_spring_explains_is_refused():
     """A chord cannot hang steeper than straight down."""
     limb = LimbParameters()
+    limb.segments[0].bend_sensor = ChordSensor()
     with pytest.raises(CalibrationError, match="No spring constant explains a sag of -120"):
         fit_stiffness(limb, sagging(limb, np.deg2rad(-120.0)))
 

@@ -1,6 +1,5 @@
 """Boards that are none, are others' or are hung, as the host's end of the cable tells."""
 
-import dataclasses
 import itertools
 import os
 import threading
@@ -17,7 +16,7 @@ from hardware.__main__ import main
 from hardware.emulation.emulated_board import EmulatedBoard
 from hardware.firmware import guard, protocol, readings
 from hardware.robot.reasons import REASONS
-from limb_systems import BendSensor, LimbError, LimbParameters, Recording, TipTangentSensor
+from limb_systems import ChordSensor, LimbError, LimbParameters, Recording, TipTangentSensor
 from limb_systems.model.heat_bounds import HeatBounds
 
 from .conftest import BOUNDS, wait_for
@@ -108,17 +107,6 @@ def sample(number, state, reason, bend=0, acknowledged=0, time_ms=None):
     return protocol.encode(
         protocol.SAMPLE, number, time_ms, 4711, state, reason, acknowledged, *readings
     )
-
-
-@dataclasses.dataclass
-class ChordSensor(BendSensor):
-    """One that reads the bend angle itself."""
-
-    def bend_angle(self, reading):
-        return np.asarray(reading, float)
-
-    def reading(self, bend_angle):
-        return np.asarray(bend_angle, float)
 
 
 def limb_with(sensor) -> LimbParameters:

@@ -14,7 +14,14 @@ from hardware.emulation.rubber import Rubber
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import LimbTwin
 from hardware.emulation.wires import ShapeMemoryWires
-from limb_systems import LimbError, LimbParameters, bend_angle, simulate, tip_position
+from limb_systems import (
+    ChordSensor,
+    LimbError,
+    LimbParameters,
+    TipTangentSensor,
+    simulate,
+    tip_position,
+)
 
 
 def specimen_with(**physics) -> Specimen:
@@ -184,15 +191,17 @@ def test_rubber_stiffens_and_relaxes_as_stated():
     )
 
 
-def test_hand_does_virtual_work_across_the_chord():
+@pytest.mark.parametrize("sensor", [ChordSensor(), TipTangentSensor()])
+def test_hand_does_virtual_work_across_the_chord(sensor):
     parameters = LimbParameters()
+    parameters.segments[0].bend_sensor = sensor
     hand = Hand(parameters, PiecewisePolynomial.FirstOrderHold([0.0, 2.0], [[0.5, 0.5]]))
     context = hand.CreateDefaultContext()
     angles = np.array([0.05, 0.02, 0.1, -0.03, 0.08])
     hand.get_input_port().FixValue(context, np.concatenate([angles, np.zeros(5)]))
     torque = hand.get_output_port().Eval(context)
     stiffness = GRIP * parameters.segments[0].stiffness / 3
-    tip, error = tip_position(parameters, angles), 0.5 - bend_angle(parameters, angles)[0]
+    tip, error = tip_position(parameters, angles), 0.5 - sensor.exact_bend_angle(angles)
     across = np.array([-tip[1], tip[0]]) / np.linalg.norm(tip)
     for joint in range(5):
         step = 1e-6 * np.eye(5)[joint]

@@ -1,6 +1,7 @@
 """The emulated limb as a whole: the ports of `Limb`, its sensors, its memory."""
 
 import copy
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from hardware.emulation.noise import Noise
 from hardware.emulation.sensors import SampledSensors, SensedLimb, Sensor
 from hardware.emulation.specimen import Specimen, serial_number
 from limb_systems import (
+    ChordSensor,
     EmulatedLimb,
     Limb,
     LimbError,
@@ -27,6 +29,7 @@ from limb_systems import (
     NoBoard,
     SegmentParameters,
     SerialBoard,
+    TipTangentSensor,
     simulate,
 )
 from limb_systems.simulation import make_simulator
@@ -144,7 +147,32 @@ def test_gravity_of_a_remounted_limb_is_felt():
     twin = LimbTwin(seed=0).again(gravity=(0.0, -9.81, 0.0))
     sag = simulate(twin, [0.0, 0.0], 10.0)
     assert sag.parameters.gravity == [0.0, -9.81, 0.0]
-    assert -13.0 < np.rad2deg(sag.bend_angle[0, -40:].mean()) < -5.0
+    assert -9.0 < np.rad2deg(sag.bend_angle[0, -40:].mean()) < -3.5  # α/2, of a 10° sag
+
+
+@pytest.mark.parametrize("make", [LimbTwin, lambda limb: SensedLimb(Limb(limb))])
+def test_a_sagging_limb_shows_what_its_sensor_is_made_for(make):
+    """By beam theory α/2 is two thirds of the chord's angle; rest and noise are alike."""
+    sags = []
+    for sensor in (TipTangentSensor(), ChordSensor(), ChordSensor(gain=1.2, offset=0.1)):
+        limb = LimbParameters(gravity=[0.0, -9.81, 0.0])
+        limb.segments[0].bend_sensor = dataclasses.replace(sensor, noise=0.0, drift=0.0)
+        sags.append(simulate(make(limb), [0.0, 0.0], 6.0).bend_angle[0, -20:].mean())
+    half_tangent, chord, wrong = np.rad2deg(sags)
+    assert chord < -6.0
+    # The emulated rubber's angle at rest, of 2° at most, is the same for both.
+    assert half_tangent == pytest.approx(chord / 1.5, abs=0.8)
+    assert half_tangent > chord + 2.0
+    assert wrong == pytest.approx(1.2 * chord + np.rad2deg(0.1), abs=0.2)
+
+
+def test_the_described_sensor_s_noise_and_drift_are_the_emulated_ones():
+    limb = LimbParameters()
+    limb.segments[0].bend_sensor = TipTangentSensor(gain=2.0, noise=0.003, drift=0.04)
+    drawn, nominal = Specimen(limb, 3).segments[0], Specimen(LimbParameters(), 3).segments[0]
+    assert drawn == dataclasses.replace(
+        nominal, sensor_gain=2 * nominal.sensor_gain, sensor_noise=0.003, sensor_drift=0.04
+    )
 
 
 def run_sensor(sensor, signal, duration, noise=None):
@@ -174,14 +202,16 @@ def test_sensor_drifts_with_its_deviation_and_correlation_time():
 
 
 def test_readings_are_those_they_have_always_been():
-    """The limbs of the evaluation stay what they were, to the digit."""
+    """The limbs of the evaluation stay what they were, to the digit; their chords were kept."""
+    limb = LimbParameters()
+    limb.segments[0].bend_sensor = ChordSensor()
     kept = np.loadtxt(Path(__file__).parents[1] / "data" / "twin_readings.csv", delimiter=",")
     for seed in (0, 3, 7):
-        twin = LimbTwin(seed=seed)
+        twin = LimbTwin(limb, seed=seed)
         runs = [simulate(twin, [0.1, 0.4], 3.0)]
         rested = twin.again(2.0, bend_rate=100.0)
         runs.append(simulate(rested, [0.0, 0.0], 0.5, sample_rate=100.0))
-        runs.append(simulate(SensedLimb(Limb(), seed=seed), [0.1, 0.4], 1.0))
+        runs.append(simulate(SensedLimb(Limb(limb), seed=seed), [0.1, 0.4], 1.0))
         for number, run in enumerate(runs):
             expected = kept[(kept[:, 0] == seed) & (kept[:, 1] == number), 2:].T
             degrees = np.rad2deg(run.bend_angle)

@@ -18,6 +18,7 @@ import yaml
 
 from limb_systems import (
     CalibrationRecord,
+    ChordSensor,
     EmulatedLimb,
     LimbError,
     LimbParameters,
@@ -25,6 +26,7 @@ from limb_systems import (
     SegmentParameters,
     SerialBoard,
     TemperatureLimits,
+    TipTangentSensor,
     WireParameters,
 )
 from limb_systems.model.heat_bounds import BOUNDED, HeatBounds
@@ -162,10 +164,13 @@ def random_limb(rng) -> LimbParameters:
     """Any allowed value in every field, with all the digits of a double."""
     segments = []
     for _ in range(rng.integers(1, 4)):
-        data = {}
+        data, sensor = {}, {}
         for leaf in LEAVES:
-            if leaf.keys[0] == "segments" and "wires" not in leaf.keys:
+            if "bend_sensor" in leaf.keys:
+                sensor[leaf.keys[-1]] = random_value(rng, leaf)
+            elif leaf.keys[0] == "segments" and "wires" not in leaf.keys:
                 data[leaf.keys[-1]] = random_value(rng, leaf)
+        data["bend_sensor"] = [TipTangentSensor, ChordSensor][rng.integers(2)](**sensor)
         wires = []
         for number in range(rng.integers(1, 4)):
             wire, law, heat = {}, {}, {}
@@ -440,9 +445,9 @@ def test_range_is_closed_and_exact(refused, leaf):
 
 NEGATIVE = {"a1", "a3"}
 POSITIVE = {"total_duty", *(field.name for field in dataclasses.fields(HeatBounds))}
-POSITIVE |= {"a2", "beta", "links", "length", "mass", "width", "thickness", "stiffness"}
-NOT_NEGATIVE = {"damping", "warm_up_time"}
-ANY_SIGN = {"ambient_temperature", "gravity", "maximum", "warm", "e2", "e3"}
+POSITIVE |= {"a2", "beta", "links", "length", "mass", "width", "thickness", "stiffness", "gain"}
+NOT_NEGATIVE = {"damping", "warm_up_time", "noise", "drift"}
+ANY_SIGN = {"ambient_temperature", "gravity", "maximum", "warm", "e2", "e3", "offset"}
 
 
 def name_of(leaf: Leaf) -> str:
