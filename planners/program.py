@@ -1,5 +1,6 @@
 """The trajectory program, eqns (15)-(20), on Drake's DirectCollocation."""
 
+import copy
 import warnings
 
 import numpy as np
@@ -79,6 +80,11 @@ class TrajectoryProgram:
         # The task's `reach`; without it there are no such bindings.
         for binding, end in zip(self._ends, reference[:, -1], strict=False):
             binding.evaluator().set_bounds([end - REACH_TOLERANCE], [end + REACH_TOLERANCE])
+
+    @property
+    def wires_curve(self) -> bool:
+        """Whether a wire's heat or torque is not affine."""
+        return not (self._wires.rates_are_affine and self._wires.torque_is_affine)
 
     def variables(
         self, states: np.ndarray, duty: np.ndarray, times: np.ndarray | None = None
@@ -264,9 +270,9 @@ class DefectBlock:
     """`LimbDefects` as a `planners.ipopt.ConstraintBlock` of a program's variables."""
 
     def __init__(self, program: TrajectoryProgram, defects: LimbDefects):
-        self._program, self._defects = program, defects
+        self._program, self._defects, self._hessian = program, defects, defects.hessian
         num_states = program.states.shape[1]
-        variables = np.column_stack(
+        variables = self._variables = np.column_stack(
             [
                 program.states[:-1],
                 program.states[1:],
@@ -290,7 +296,16 @@ class DefectBlock:
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         multipliers = multipliers.reshape(self._defects.num_intervals, -1)
-        return self._defects.hessian(*self._arguments(x), multipliers).ravel()
+        return self._hessian(*self._arguments(x), multipliers).ravel()
+
+    def with_curvature_of_wires(self) -> "DefectBlock":
+        """The same constraints, whose ``hessian`` is that of the wires' laws alone."""
+        block = copy.copy(self)
+        rows, columns = self._defects.wire_hessian_rows, self._defects.wire_hessian_columns
+        block.hessian_rows = self._variables[:, rows].ravel()
+        block.hessian_columns = self._variables[:, columns].ravel()
+        block._hessian = self._defects.wire_hessian
+        return block
 
     def _arguments(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         program = self._program
