@@ -4,6 +4,7 @@ import copy
 import warnings
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.planning import DirectCollocation
 from pydrake.solvers import Binding, MathematicalProgram
 from pydrake.systems.analysis import BatchEvalTimeDerivatives
@@ -389,6 +390,31 @@ def add_thermal_limits(
     for k in range(len(times)):
         prog.AddLinearConstraint(rate, low, high, np.r_[wire_states[k], duty[k]])
     return binding
+
+
+def reading_bounds(parameters: LimbParameters, margin: ArrayLike = 0.0) -> np.ndarray:
+    """Upper bounds of the readings V (W,), °C: ``measured_maximum`` less a margin.
+
+    They are infinite where V cannot rise beyond them because T is bounded (19).
+
+    Args:
+        margin: °C, a number or one for each wire (W,).
+    """
+    wires, limits = Wires(parameters), parameters.temperature_limits
+    bounds = np.broadcast_to(limits.measured_maximum - np.asarray(margin, float), wires.num_wires)
+    hottest = wires.settled_states(np.full(wires.num_wires, limits.maximum))
+    return np.where(wires.reading_rates(bounds, hottest) > 0, bounds, np.inf)
+
+
+def add_reading_limits(prog: MathematicalProgram, readings: np.ndarray, bounds: np.ndarray) -> None:
+    """V <= bounds at all knots but the first, whose state is given.
+
+    Args:
+        readings: decision variables V (K, W).
+        bounds: (W,), °C, or infinite.
+    """
+    lower, upper = np.full(readings[1:].size, -np.inf), np.tile(bounds, len(readings) - 1)
+    prog.AddBoundingBoxConstraint(lower, upper, readings[1:].ravel())
 
 
 def warm_bounds(parameters: LimbParameters, times: np.ndarray, warm_up_time: float) -> np.ndarray:
