@@ -101,13 +101,20 @@ class PlanarChain:
             inverse @ self._E.T,
         )
 
+    def mobilities(self, angles: np.ndarray) -> np.ndarray:
+        """The derivative of θ̈ by f, which only depends on θ (K, n): symmetric, (K, n, n)."""
+        return self._E @ np.linalg.inv(self._mass(angles @ self._L.T)[0]) @ self._E.T
+
+    def _mass(self, links):
+        """M and H (K, n, n) at φ (K, n)."""
+        difference = links[:, :, None] - links[:, None, :]
+        cosine, sine = np.cos(difference), np.sin(difference)
+        return self._C * cosine + self._S * sine, self._C * sine - self._S * cosine
+
     def _link_accelerations(self, angles, rates, forces):
         """φ̈, φ, φ̇ (K, n), M and H (K, n, n)."""
         links, link_rates = angles @ self._L.T, rates @ self._L.T
-        difference = links[:, :, None] - links[:, None, :]
-        cosine, sine = np.cos(difference), np.sin(difference)
-        mass = self._C * cosine + self._S * sine
-        H = self._C * sine - self._S * cosine
+        mass, H = self._mass(links)
         torques = forces + self._spring_load - self.stiffness * angles - self.damping * rates
         load = torques @ self._E
         load += self._gravity_cos * np.cos(links) + self._gravity_sin * np.sin(links)

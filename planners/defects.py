@@ -43,6 +43,7 @@ class LimbDefects:
       row, and its column among the interval's variables.
     - ``hessian_rows``, ``hessian_columns``: for each nonzero of an
       interval's symmetric Hessian, once, its two variables.
+    - ``wire_hessian_rows``, ``wire_hessian_columns``: the same of `wire_hessian`.
 
     Args:
         limb: whose manipulator and wires it is for.
@@ -208,6 +209,62 @@ class LimbDefects:
         hessian[:, -1] = derivative(states, duty, time_steps + 1j * _IMAGINARY_STEP)
         return hessian[:, self.hessian_rows, self.hessian_columns]
 
+    def wire_hessian(
+        self,
+        states: np.ndarray,
+        duty: np.ndarray,
+        time_steps: np.ndarray,
+        multipliers: np.ndarray,
+    ) -> np.ndarray:
+        """Nonzeros (K - 1, len(wire_hessian_rows)) of the Hessian by heat and duty alone.
+
+        That is the curvature of the wires' laws. As the mechanics is linear in
+        the wires' forces, it is exactly this part of `hessian`, and written out.
+
+        Args:
+            multipliers: (K - 1, 2n + M).
+        """
+        wires, h = self._wires, time_steps[:, None]
+        N, M = wires.num_states, len(self.heat_scales)
+        angles, rates, heat = self._split(states)
+        heat_rates = wires.heat_rates(heat, duty)
+        mid_angles, _, mid_heat, mid_duty = _middle(angles, rates, heat, heat_rates, duty, h)
+        on_angles, on_rates, on_heat = self._split(multipliers)
+        on_angles = 8 / self._typical_h * on_angles @ self.acceleration_to_angle
+        on_rates = on_rates @ self.acceleration_to_angle
+        on_heat = self._typical_h / self.heat_scales * on_heat
+
+        # The weights of forces and of heat rates in the Lagrangian, at the knots and in the middle.
+        on_force = _times(
+            self._chain.mobilities(angles),
+            _at_knots(-h / 8 * on_angles - 0.25 * on_rates, h / 8 * on_angles - 0.25 * on_rates),
+        )
+        on_mid_force = _times(self._chain.mobilities(mid_angles), -on_rates)
+        middle = np.zeros((self.num_intervals, M + wires.num_wires, M + wires.num_wires))
+        middle[:, :N, :N] = wires.force_hessian(mid_heat[:, :N], mid_angles, on_mid_force)
+        at_knots = np.zeros((len(states), *middle.shape[1:]))
+        at_knots[:, :N, :N] = wires.force_hessian(heat[:, :N], angles, on_force)
+        slopes = wires.heat_jacobian(heat, duty)
+        first, second = slopes, slopes
+        if not wires.rates_are_affine:
+            first, second = slopes[:-1], slopes[1:]
+            mid_slopes = wires.heat_jacobian(mid_heat, mid_duty)[:, :, :M]
+            force_slopes, _ = wires.force_derivatives(mid_heat[:, :N], mid_angles)
+            on_mid_heat = -_times(mid_slopes.swapaxes(1, 2), on_heat)
+            on_mid_heat[:, :N] += _times(force_slopes.swapaxes(1, 2), on_mid_force)
+            on_slopes = _at_knots(
+                h / 8 * on_mid_heat - 0.25 * on_heat, -h / 8 * on_mid_heat - 0.25 * on_heat
+            )
+            middle += wires.heat_hessian(mid_heat, mid_duty, -on_heat)
+            at_knots += wires.heat_hessian(heat, duty, on_slopes)
+        to_middle = _to_middle(first, second, h[:, :, None])
+        result = to_middle.swapaxes(1, 2) @ middle @ to_middle
+        # A knot's own curvature is in the interval that it begins, the last one's in the last.
+        begins, ends = self._of_knots
+        result[:, begins[:, None], begins] += at_knots[:-1]
+        result[-1, ends[:, None], ends] += at_knots[-1]
+        return result[:, *self._wire_pairs]
+
     def _heat_parts(self, first, second, middle):
         """The nonzeros of P, Q, R of `_heat_terms`, scaled as the rows are."""
         scale = (self._typical_h / self.heat_scales)[:, None]
@@ -278,6 +335,24 @@ class LimbDefects:
         self.hessian_rows = np.where(given, rows, columns)
         self.hessian_columns = np.where(given, columns, rows)
 
+        # The curvature of the wires, of each heat and duty by those that share a formula with it,
+        # at a knot or in the middle.
+        M = num_heat
+        begins = np.r_[:M, 2 * M : 2 * M + num_wires]
+        self._of_knots = begins, np.r_[M : 2 * M, 2 * M + num_wires : 2 * M + 2 * num_wires]
+        curvature = wires.heat_curvature.astype(float)
+        curvature[: wires.num_states, : wires.num_states] += wires.torque_curvature
+        to_middle = np.abs(_to_middle(pattern, pattern, np.array([[[0.1]]]))[0])
+        pairs = to_middle.T @ curvature @ to_middle
+        for of_knot in self._of_knots:
+            pairs[np.ix_(of_knot, of_knot)] += curvature
+        self._wire_pairs = np.nonzero(np.tril(pairs))
+        rows, columns = self._wire_pairs
+        self.wire_hessian_rows, self.wire_hessian_columns = (
+            heat_variables[rows],
+            heat_variables[columns],
+        )
+
     def _moving(self, heat_jacobian):
         """Derivatives of the wires' states alone, by these and by duty (.., N, N + W)."""
         N, W = self._wires.num_states, self._wires.num_wires
@@ -302,6 +377,32 @@ def _middle(angles, rates, heat, heat_rates, duty, h):
         0.5 * (heat[:-1] + heat[1:]) - h / 8 * np.diff(heat_rates, axis=0),
         0.5 * (duty[:-1] + duty[1:]),
     )
+
+
+def _to_middle(first: np.ndarray, second: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """Derivatives of y_c and u_c by [y0, y1, u0, u1] (K, M + W, 2M + 2W).
+
+    Args:
+        first, second: of the heat's rates at the knots, as for `_heat_terms`.
+        h: time steps (K, 1, 1).
+    """
+    M, size = first.shape[1:]
+    half = 0.5 * np.eye(size)
+    before, after = np.broadcast_to(half, (2, len(h), size, size)).copy()
+    before[:, :M] += h / 8 * first
+    after[:, :M] -= h / 8 * second
+    return np.concatenate([before[..., :M], after[..., :M], before[..., M:], after[..., M:]], 2)
+
+
+def _at_knots(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Sums at K knots of what the K - 1 intervals have at their first and at their second knot."""
+    none = np.zeros_like(before[:1])
+    return np.concatenate([before, none]) + np.concatenate([none, after])
+
+
+def _times(matrices: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Products of matrices (K, m, n) and vectors (K, n)."""
+    return (matrices @ vectors[:, :, None])[:, :, 0]
 
 
 def _heat_terms(

@@ -1,8 +1,10 @@
 """The trajectory program, eqns (15)-(20), on Drake's DirectCollocation."""
 
+import copy
 import warnings
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.planning import DirectCollocation
 from pydrake.solvers import Binding, MathematicalProgram
 from pydrake.systems.analysis import BatchEvalTimeDerivatives
@@ -79,6 +81,11 @@ class TrajectoryProgram:
         # The task's `reach`; without it there are no such bindings.
         for binding, end in zip(self._ends, reference[:, -1], strict=False):
             binding.evaluator().set_bounds([end - REACH_TOLERANCE], [end + REACH_TOLERANCE])
+
+    @property
+    def wires_curve(self) -> bool:
+        """Whether a wire's heat or torque is not affine."""
+        return not (self._wires.rates_are_affine and self._wires.torque_is_affine)
 
     def variables(
         self, states: np.ndarray, duty: np.ndarray, times: np.ndarray | None = None
@@ -264,9 +271,9 @@ class DefectBlock:
     """`LimbDefects` as a `planners.ipopt.ConstraintBlock` of a program's variables."""
 
     def __init__(self, program: TrajectoryProgram, defects: LimbDefects):
-        self._program, self._defects = program, defects
+        self._program, self._defects, self._hessian = program, defects, defects.hessian
         num_states = program.states.shape[1]
-        variables = np.column_stack(
+        variables = self._variables = np.column_stack(
             [
                 program.states[:-1],
                 program.states[1:],
@@ -290,7 +297,16 @@ class DefectBlock:
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         multipliers = multipliers.reshape(self._defects.num_intervals, -1)
-        return self._defects.hessian(*self._arguments(x), multipliers).ravel()
+        return self._hessian(*self._arguments(x), multipliers).ravel()
+
+    def with_curvature_of_wires(self) -> "DefectBlock":
+        """The same constraints, whose ``hessian`` is that of the wires' laws alone."""
+        block = copy.copy(self)
+        rows, columns = self._defects.wire_hessian_rows, self._defects.wire_hessian_columns
+        block.hessian_rows = self._variables[:, rows].ravel()
+        block.hessian_columns = self._variables[:, columns].ravel()
+        block._hessian = self._defects.wire_hessian
+        return block
 
     def _arguments(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         program = self._program
@@ -374,6 +390,31 @@ def add_thermal_limits(
     for k in range(len(times)):
         prog.AddLinearConstraint(rate, low, high, np.r_[wire_states[k], duty[k]])
     return binding
+
+
+def reading_bounds(parameters: LimbParameters, margin: ArrayLike = 0.0) -> np.ndarray:
+    """Upper bounds of the readings V (W,), °C: ``measured_maximum`` less a margin.
+
+    They are infinite where V cannot rise beyond them because T is bounded (19).
+
+    Args:
+        margin: °C, a number or one for each wire (W,).
+    """
+    wires, limits = Wires(parameters), parameters.temperature_limits
+    bounds = np.broadcast_to(limits.measured_maximum - np.asarray(margin, float), wires.num_wires)
+    hottest = wires.settled_states(np.full(wires.num_wires, limits.maximum))
+    return np.where(wires.reading_rates(bounds, hottest) > 0, bounds, np.inf)
+
+
+def add_reading_limits(prog: MathematicalProgram, readings: np.ndarray, bounds: np.ndarray) -> None:
+    """V <= bounds at all knots but the first, whose state is given.
+
+    Args:
+        readings: decision variables V (K, W).
+        bounds: (W,), °C, or infinite.
+    """
+    lower, upper = np.full(readings[1:].size, -np.inf), np.tile(bounds, len(readings) - 1)
+    prog.AddBoundingBoxConstraint(lower, upper, readings[1:].ravel())
 
 
 def warm_bounds(parameters: LimbParameters, times: np.ndarray, warm_up_time: float) -> np.ndarray:

@@ -3,14 +3,18 @@
 The mechanics is fast (5 Hz) and the heat is slow (0.1 Hz), so the joint angles
 nearly are where the wires' torques hold them: K θ = f(x). With this, the cost
 (15) is quadratic in the wires' states and duty, whose dynamics (6) and bounds
-(18)-(20) are linear. If a law's torque is not affine, it is replaced by its
-tangents at the previous solution, a few times.
+(18)-(20) are linear. A torque that is not affine is replaced by its chord from
+T_warm to T_max, which has a slope if the wire can move the limb at all, and then
+by tangents, with steps that reduce the cost. If rates are not affine, as with
+hysteresis, torque is that of wires heated from cold to T, and all states are
+integrated under the duty that was found.
 """
 
 import functools
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.solvers import (
     ClarabelSolver,
     LinearEqualityConstraint,
@@ -20,12 +24,25 @@ from pydrake.solvers import (
 
 from limb_systems import LimbParameters, Wires, joint_angles_from_bend_angle
 from planners.defects import linear_defect_terms
-from planners.program import add_duty_cost, add_thermal_limits, hold_duty
+from planners.program import (
+    add_duty_cost,
+    add_reading_limits,
+    add_thermal_limits,
+    hold_duty,
+    reading_bounds,
+)
 from planners.solving import PlanningError
 from planners.task import Task
 
-MAX_TANGENTS = 6  # times that the torque is linearized
-SAME_STATES = 0.01  # in typical changes; within this, the tangents are not updated
+# Angles (K, n) at states (K, N) of the wires, and their derivatives (K, n, N).
+AngleMap = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+MAX_TANGENTS = 3
+LITTLE = 0.02  # relative; a tangent that reduces the cost by less is the last
+MAX_CORRECTIONS = 2
+CHORD_POINTS = 9
+TABLE_SIZE = 200  # of torque over temperature
+LONGEST_STEP = 0.1  # s, of an integration
 
 
 class InfeasibleError(PlanningError):
@@ -96,6 +113,9 @@ def solve_quasi_static(
     compliance: np.ndarray,
     task: Task,
     warm_up_time: float,
+    *,
+    initial_readings: np.ndarray | None = None,
+    measured_margin: ArrayLike = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """States and duty of the wires in the best quasi-static plan.
 
@@ -106,6 +126,8 @@ def solve_quasi_static(
         rest_angles: θ with cold wires (n,), rad.
         compliance: joint deflection per generalized force (n, n), rad/(N·m).
         warm_up_time: k_warm, s from the first knot.
+        initial_readings: V at the start (W,), °C; T if None.
+        measured_margin: as for `TrajectoryProgram`.
 
     Returns:
         x (N, K), of which the first W are T in °C, and D (W, K).
@@ -113,61 +135,227 @@ def solve_quasi_static(
     Raises:
         InfeasibleError: if the convex program has no solution.
     """
-    wires = Wires(parameters)
-    num_knots, num_states, num_wires = len(times), wires.num_states, wires.num_wires
+    wires, limits = Wires(parameters), parameters.temperature_limits
+    if initial_readings is None:
+        initial_readings = initial_states[: wires.num_wires]
+    program = _ConvexProgram(
+        parameters,
+        times,
+        joint_angles_from_bend_angle(parameters, reference).T,
+        np.concatenate([initial_states, initial_readings]),
+        task,
+        warm_up_time,
+        measured_margin,
+    )
 
-    prog = MathematicalProgram()
-    states = prog.NewContinuousVariables(num_knots, num_states, "x")
-    duty = prog.NewContinuousVariables(num_knots, num_wires, "D")
-    A, B, c = wires.affine_rates()
-    P, Q, R = linear_defect_terms(A, np.column_stack([B, c]))  # (6), with an input that is one
-    one = 2 * num_states + np.array([num_wires, 2 * num_wires + 1])
-    heating = {}
-    for k, h in enumerate(np.diff(times)):
-        if h not in heating:
-            defect = P / h + Q + R * h
-            heating[h] = LinearEqualityConstraint(
-                np.delete(defect, one, axis=1), -defect[:, one].sum(axis=1)
-            )
-        prog.AddConstraint(heating[h], np.r_[states[k], states[k + 1], duty[k], duty[k + 1]])
+    def held(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return quasi_static_angles(wires, states, rest_angles, compliance)
 
-    target = joint_angles_from_bend_angle(parameters, reference).T
-    angle_weights, _ = task.weights(times)
-    costs = [
-        prog.AddQuadraticCost(np.eye(num_states), np.zeros(num_states), x, is_convex=True)
-        for x in states
-    ]
-    add_duty_cost(prog, times, duty, task)
-    hold_duty(prog, times, duty, task)
-    prog.AddBoundingBoxConstraint(initial_states, initial_states, states[0])
-    add_thermal_limits(prog, parameters, times, states, duty, task, warm_up_time)
+    if wires.rates_are_affine and wires.torque_is_affine:
+        middle = 0.5 * (limits.warm + limits.maximum)
+        at = np.tile(wires.settled_states(np.full(wires.num_wires, middle)), (len(times), 1))
+        states, duty = program.solve(*held(at), at)
+        return states.T, duty.T
+    if wires.rates_are_affine:
+        states, duty = program.minimize(held)
+        return states.T, duty.T
+    heated, offset = _heated_angles(parameters, rest_angles, compliance), np.zeros(1)
 
-    warm = 0.5 * (parameters.temperature_limits.warm + parameters.temperature_limits.maximum)
-    found = np.tile(wires.settled_states(np.full(num_wires, warm)), (num_knots, 1))
-    for _ in range(MAX_TANGENTS):
-        before = found
-        angles, slopes = quasi_static_angles(wires, before, rest_angles, compliance)
-        offsets = angles - np.einsum("kij,kj->ki", slopes, before) - target
+    def corrected(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        angles, slopes = heated(states)
+        return angles + offset, slopes
+
+    states, duty = program.minimize(corrected)
+    for _ in range(MAX_CORRECTIONS):
+        states = under_duty(wires, initial_states, duty, times)
+        offset = held(states)[0] - heated(states)[0]
+        _, duty = program.minimize(corrected, (states, duty))
+    return under_duty(wires, initial_states, duty, times).T, duty.T
+
+
+class _ConvexProgram:
+    """The quasi-static program where angles are linear in the wires' states.
+
+    Args:
+        target: θ_ref (K, n), rad.
+        initial_heat: x and V at the start (N + W,).
+        parameters, times, task, warm_up_time, measured_margin: as for
+            `solve_quasi_static`.
+    """
+
+    def __init__(
+        self, parameters, times, target, initial_heat, task, warm_up_time, measured_margin
+    ):
+        wires = self._wires = Wires(parameters)
+        self._task, self._target = task, target
+        self._limits = parameters.temperature_limits
+        self._angle_weights, self._duty_weights = task.weights(times)
+        self._energy = task.energy_weight * task.shares(times)
+        num_knots, W = len(times), wires.num_wires
+        bounds = reading_bounds(parameters, measured_margin)
+        # Readings are needed only where they are bounded.
+        size = wires.num_states + (W if np.isfinite(bounds).any() else 0)
+        self._prog = prog = MathematicalProgram()
+        heat = prog.NewContinuousVariables(num_knots, size, "y")
+        self._states, readings = heat[:, : wires.num_states], heat[:, wires.num_states :]
+        self._duty = duty = prog.NewContinuousVariables(num_knots, W, "D")
+        A, B, c = _affine_heat(wires, size)
+        # (6), with an input that is one
+        P, Q, R = linear_defect_terms(A, np.column_stack([B, c]))
+        one = 2 * size + np.array([W, 2 * W + 1])
+        heating = {}
+        for k, h in enumerate(np.diff(times)):
+            if h not in heating:
+                defect = P / h + Q + R * h
+                heating[h] = LinearEqualityConstraint(
+                    np.delete(defect, one, axis=1), -defect[:, one].sum(axis=1)
+                )
+            prog.AddConstraint(heating[h], np.r_[heat[k], heat[k + 1], duty[k], duty[k + 1]])
+        none = np.zeros(wires.num_states)
+        self._costs = [
+            prog.AddQuadraticCost(np.diag(none + 1.0), none, x, is_convex=True)
+            for x in self._states
+        ]
+        add_duty_cost(prog, times, duty, task)
+        hold_duty(prog, times, duty, task)
+        prog.AddBoundingBoxConstraint(initial_heat[:size], initial_heat[:size], heat[0])
+        add_thermal_limits(prog, parameters, times, self._states, duty, task, warm_up_time)
+        if readings.size:
+            add_reading_limits(prog, readings, bounds)
+
+    def solve(
+        self, angles: np.ndarray, slopes: np.ndarray, at: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The optimal x (K, N) and D (K, W) for these angles (K, n) at states (K, N).
+
+        Args:
+            slopes: derivatives of the angles by the states (K, n, N).
+
+        Raises:
+            InfeasibleError: if there is none.
+        """
+        offsets = angles - np.einsum("kij,kj->ki", slopes, at) - self._target
         for cost, weight, to_angles, offset in zip(
-            costs, angle_weights, slopes, offsets, strict=True
+            self._costs, self._angle_weights, slopes, offsets, strict=True
         ):
             weighted = weight * to_angles.T
             cost.evaluator().UpdateCoefficients(
                 weighted @ to_angles, weighted @ offset, is_convex=True
             )
-        result = ClarabelSolver().Solve(prog, None, SolverOptions())
+        result = ClarabelSolver().Solve(self._prog, None, SolverOptions())
         if not result.is_success():
-            also = " and the task's max_temperature_rate" if task.max_temperature_rate else ""
+            also = " and the task's max_temperature_rate" if self._task.max_temperature_rate else ""
             raise InfeasibleError(
                 "The temperature constraints (19)-(20) cannot all be met with duty between 0 and 1"
                 f"{also} (the quasi-static program: "
                 f"{result.get_solution_result().name})."
             )
-        found = result.GetSolution(states)
-        moved = np.abs(found - before) / wires.heat_scales[:num_states]
-        if wires.torque_is_affine or moved.max() < SAME_STATES:
-            break
-    return found.T, np.clip(result.GetSolution(duty).T, 0.0, 1.0)
+        duty = np.clip(result.GetSolution(self._duty), 0.0, 1.0)
+        return result.GetSolution(self._states), duty
+
+    def minimize(
+        self,
+        angles_at: AngleMap,
+        start: tuple[np.ndarray, np.ndarray] | None = None,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """x (K, N) and D (K, W) of about least cost where angles are not linear in x.
+
+        Args:
+            angles_at: the angles (K, n) at states (K, N), and their derivatives (K, n, N).
+            start: x and D; those of the chord if None.
+        """
+        found = start or self.solve(*self._chord(angles_at))
+        cost = self._cost(angles_at, *found)
+        for _ in range(MAX_TANGENTS):
+            best = self.solve(*angles_at(found[0]), found[0])
+            for share in (1.0, 0.5, 0.25, 0.125):
+                tried = tuple(a + share * (b - a) for a, b in zip(found, best, strict=True))
+                new_cost = self._cost(angles_at, *tried)
+                if new_cost < cost:
+                    break
+            else:
+                break
+            reduction, found, cost = 1.0 - new_cost / cost, tried, new_cost
+            if reduction < LITTLE:
+                break
+        return found
+
+    def _chord(self, angles_at: AngleMap) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Angles, their mean slope and states in the middle, between T_warm and T_max."""
+        levels = np.linspace(self._limits.warm, self._limits.maximum, CHORD_POINTS)
+        wires, num_knots = self._wires, len(self._target)
+        at = np.array([wires.settled_states(np.full(wires.num_wires, T)) for T in levels])
+        angles, slopes = angles_at(at)
+        return tuple(
+            np.broadcast_to(values.mean(axis=0), (num_knots, *values.shape[1:]))
+            for values in (angles, slopes, at)
+        )
+
+    def _cost(self, angles_at: AngleMap, states: np.ndarray, duty: np.ndarray) -> float:
+        """(15), with the task's energy."""
+        missed = ((angles_at(states)[0] - self._target) ** 2).sum(axis=1)
+        of_duty = 0.5 * self._duty_weights * (duty**2).sum(axis=1) + self._energy * duty.sum(axis=1)
+        return float(0.5 * (self._angle_weights * missed).sum() + of_duty[:-1].sum())
+
+
+def _affine_heat(wires: Wires, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B and c of the first rows of ẏ = A y + B D + c, the tangent at cold wires."""
+    W, N = wires.num_wires, wires.num_states
+    cold, off = np.concatenate([wires.cold_states, wires.cold_states[:W]]), np.zeros(W)
+    slopes = wires.heat_jacobian(cold, off).reshape(N + W, -1)
+    A, B = slopes[:size, :size], slopes[:size, N + W :]
+    return A, B, wires.heat_rates(cold, off)[:size] - A @ cold[:size]
+
+
+def _heated_angles(
+    parameters: LimbParameters, rest_angles: np.ndarray, compliance: np.ndarray
+) -> AngleMap:
+    """Angles that wires hold which were heated from cold to T, by a table."""
+    wires, T0 = Wires(parameters), parameters.ambient_temperature
+    W, N = wires.num_wires, wires.num_states
+    warmest = 2 * parameters.temperature_limits.maximum - T0
+    grid = np.linspace(T0, warmest, TABLE_SIZE)
+    table = [
+        np.broadcast_to(wire.law.torque(wire.law.warm_states(grid, T0), T0, 0.0), grid.shape)
+        for wire in parameters.wires
+    ]
+    to_angles = compliance @ wires.directions
+
+    def angles_at(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        T = states[:, :W]
+        torques = np.column_stack([np.interp(T[:, w], grid, table[w]) for w in range(W)])
+        cold = np.array([torque[0] for torque in table])
+        steps = np.clip((T - T0) / (grid[1] - grid[0]), 0, TABLE_SIZE - 2).astype(int)
+        by_T = np.column_stack([np.diff(table[w])[steps[:, w]] for w in range(W)])
+        slopes = np.zeros((len(states), len(to_angles), N))
+        slopes[:, :, :W] = to_angles * (by_T / (grid[1] - grid[0]))[:, None, :]
+        return rest_angles + (torques - cold) @ to_angles.T, slopes
+
+    return angles_at
+
+
+def under_duty(
+    wires: Wires, initial_states: np.ndarray, duty: np.ndarray, times: np.ndarray
+) -> np.ndarray:
+    """The states (K, N) of wires under duty (K, W) at times (K,), s, and linear between.
+
+    By the classical Runge-Kutta method.
+    """
+    fastest = np.abs(np.linalg.eigvals(wires.affine_rates()[0])).max()
+    states = [initial_states]
+    for k, length in enumerate(np.diff(times)):
+        num_steps = int(np.ceil(length * max(2 * fastest, 1 / LONGEST_STEP) - 1e-9))
+        h, x = length / num_steps, states[-1]
+        levels = duty[k] + np.linspace(0, 1, 2 * num_steps + 1)[:, None] * (duty[k + 1] - duty[k])
+        for step in range(num_steps):
+            before, middle, after = levels[2 * step : 2 * step + 3]
+            k1 = wires.rates(x, before)
+            k2 = wires.rates(x + h / 2 * k1, middle)
+            k3 = wires.rates(x + h / 2 * k2, middle)
+            k4 = wires.rates(x + h * k3, after)
+            x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        states.append(x)
+    return np.array(states)
 
 
 def quasi_static_angles(
@@ -190,7 +378,8 @@ def quasi_static_angles(
 
 def _settling_time(wires: Wires) -> float:
     """Time after which wires at constant duty have settled, s."""
-    return 12.0 / np.abs(np.linalg.eigvals(wires.affine_rates()[0])).min()
+    rates = np.abs(np.linalg.eigvals(wires.affine_rates()[0]))
+    return 12.0 / rates[rates > 1e-7 * rates.max()].min()  # a memory does not settle
 
 
 def _time_to_reach(

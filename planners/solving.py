@@ -102,21 +102,22 @@ def _attempts(program: TrajectoryProgram, guess, multipliers, solver, report: Ca
         yield solver.SolverName(), lambda: solver.Solve(program.prog, guess, None)
         return
 
-    def ipopt(exact, options=None, multipliers=None):
+    def ipopt(exact, options=None, multipliers=None, nonlinear=program.defects):
         solver_options = SolverOptions()
         for option, value in (options or {}).items():
             solver_options.SetOption(IpoptSolver.id(), option, value)
-        solver = ExactHessianIpoptSolver(
-            exact=exact, nonlinear=program.defects, on_iteration=report
-        )
+        solver = ExactHessianIpoptSolver(exact=exact, nonlinear=nonlinear, on_iteration=report)
         return solver.Solve(program.prog, guess, solver_options, multipliers=multipliers)
 
     if not ExactHessianIpoptSolver.available():
         yield "Drake's IPOPT", lambda: IpoptSolver().Solve(program.prog, guess, None)
         yield "SNOPT", lambda: SnoptSolver().Solve(program.prog, guess, None)
         return
-    if program.task.stretch is None:
-        limit = {"max_iter": GAUSS_NEWTON_ITERATIONS}
+    limit = {"max_iter": GAUSS_NEWTON_ITERATIONS}
+    if program.task.stretch is None and program.wires_curve and program.defects is not None:
+        of_wires = program.defects.with_curvature_of_wires()
+        yield "IPOPT, curvature of the wires", lambda: ipopt(True, limit, multipliers, of_wires)
+    elif program.task.stretch is None:
         yield "IPOPT, Gauss-Newton", lambda: ipopt(False, limit, multipliers)
     yield "IPOPT, exact Hessian", lambda: ipopt(True)
     yield "IPOPT, exact Hessian, monotone barrier", lambda: ipopt(True, {"mu_strategy": "monotone"})

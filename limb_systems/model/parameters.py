@@ -165,16 +165,18 @@ class SegmentParameters(Strict):
 
 @dataclasses.dataclass
 class TemperatureLimits(Strict):
-    """Bounds on the wire temperature T, eqns (19)-(20).
+    """Bounds on the wire temperature T, eqns (19)-(20), and on its reading V.
 
     - ``maximum``: T_max, °C, never exceeded (19).
     - ``warm``: T_warm, °C, kept after the warm-up (20).
     - ``warm_up_time``: k_warm, s, from the start of a plan (20).
+    - ``measured_maximum``: °C, reading at which the board's firmware cuts out; plans stay below.
     """
 
     maximum: float = quantity(100.0, "°C", -50.0, 500.0)
     warm: float = quantity(45.0, "°C", -50.0, 500.0)
     warm_up_time: float = quantity(20.0, "s", 0.0, 3600.0)
+    measured_maximum: float = quantity(110.0, "°C", -50.0, 500.0)
 
 
 class Board(Tagged):

@@ -12,7 +12,7 @@ from pydrake.symbolic import (
     Variable,
 )
 
-from limb_systems.model.derivatives import gradients
+from limb_systems.model.derivatives import gradients, hessians
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.rubber import REST_SCALE, Rubber, num_rest_shifts
 from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw
@@ -60,6 +60,9 @@ class Wires:
     - ``torque_needs_angle``: whether any force depends on the joint's angle.
     - ``heat_pattern``: which of `heat_rates` depend on which of [x, V, D],
       (N + W, N + 2W), true or false.
+    - ``heat_curvature``, ``torque_curvature``: which pairs of [x, V, D], and of
+      the states, may have second derivatives in `heat_rates` and in `forces`,
+      (N + 2W, N + 2W) and (N, N), true or false.
 
     Args:
         parameters: of the limb.
@@ -118,6 +121,7 @@ class Wires:
         self._laws_need_angle = form.torque_needs_angle
         self.torque_is_affine = form.torque_is_affine and not rubber.stiffens
         self.torque_needs_angle = form.torque_needs_angle or rubber.stiffens
+        self.heat_curvature, self.torque_curvature = form.heat_curvature, form.torque_curvature
         zero, off = np.zeros(self.num_states + self.num_wires), np.zeros(self.num_wires)
         if self.rates_are_affine:
             self._heat_slopes = self._heat_jacobian(zero, off)
@@ -283,6 +287,62 @@ class Wires:
             by_angle = by_angle + self._rubber.force_by_angle(angles)
         return by_states, by_angle
 
+    def heat_hessian(self, heat: np.ndarray, duty: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Second derivatives of weights · `heat_rates` by [x, V, D], (..., N + 2W, N + 2W).
+
+        Args:
+            heat, duty: as for `heat_rates`.
+            weights: (..., N + W).
+        """
+        point = np.concatenate([heat, duty], axis=-1)
+        result = np.zeros((*point.shape, point.shape[-1]))
+        for group in self._groups:
+            slots = group.slots(self.num_states, self.num_wires)
+            scales = np.array([*group.law.states.values(), TEMPERATURE_SCALE, 1.0])
+            shares = [weights[..., slot] for slot in slots[:-1]]
+
+            def weighted(
+                arguments: list, law: WireLaw = group.law, shares: list = shares
+            ) -> list[np.ndarray]:
+                *x, V, D = arguments
+                rates = [*law.rates(x, D, self._ambient), law.reading_rate(V, x)]
+                return [sum(share * rate for share, rate in zip(shares, rates, strict=True))]
+
+            (second,) = hessians(weighted, [point[..., slot] for slot in slots], scales)
+            _add_blocks(result, slots, second)
+        return result
+
+    def force_hessian(
+        self, states: np.ndarray, angles: np.ndarray, weights: np.ndarray
+    ) -> np.ndarray:
+        """Second derivatives of weights · `forces` by the states (..., N, N), at fixed angles.
+
+        Args:
+            states, angles: as for `forces`.
+            weights: (..., n).
+        """
+        result = np.zeros((*states.shape, self.num_states))
+        theta: np.ndarray | float = 0.0
+        if self.torque_needs_angle:
+            points, theta = states[..., None, :], angles[..., :, None]
+            shares = weights[..., :, None] * self.directions
+        else:
+            points, shares = states, weights @ self.directions
+        for group in self._groups:
+
+            def weighted(
+                x: list, law: WireLaw = group.law, share: np.ndarray = shares[..., group.wires]
+            ) -> list[np.ndarray]:
+                return [share * law.torque(x, self._ambient, theta)]
+
+            arguments = [points[..., column] for column in group.states]
+            scales = np.array(list(group.law.states.values()))
+            (second,) = hessians(weighted, arguments, scales)
+            if self.torque_needs_angle:
+                second = second.sum(axis=-2)
+            _add_blocks(result, group.states, second)
+        return result
+
     def affine_rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.
 
@@ -361,6 +421,8 @@ class Wires:
             heat_pattern=np.array(
                 [[str(v) in needed for v in (*heat, *duty)] for needed in depends]
             ),
+            heat_curvature=_curvature(rates, np.concatenate([heat, duty])),
+            torque_curvature=_curvature(torques, heat[: self.num_states]),
         )
 
 
@@ -372,6 +434,8 @@ class _Form:
     torque_is_affine: bool
     torque_needs_angle: bool
     heat_pattern: np.ndarray
+    heat_curvature: np.ndarray
+    torque_curvature: np.ndarray
 
 
 def num_wire_states(parameters: LimbParameters) -> int:
@@ -423,6 +487,23 @@ def _expressions(values: np.ndarray) -> list[Expression]:
 
 def _names(expression: Expression) -> set[str]:
     return {variable.get_name() for variable in expression.GetVariables()}
+
+
+def _add_blocks(result: np.ndarray, slots: list, blocks: np.ndarray) -> None:
+    """Adds second derivatives (P, P, ...) by a law's variables to those by all (..., V, V)."""
+    for row, by in zip(slots, blocks, strict=True):
+        for column, values in zip(slots, by, strict=True):
+            result[..., _indices(row), _indices(column)] += values
+
+
+def _curvature(expressions: list[Expression], variables: np.ndarray) -> np.ndarray:
+    """Which pairs of V variables are together in an expression that is not affine (V, V)."""
+    pairs = np.zeros((len(variables), len(variables)), bool)
+    for expression in expressions:
+        if not _is_affine([expression], variables):
+            depends = [str(variable) in _names(expression) for variable in variables]
+            pairs |= np.outer(depends, depends)
+    return pairs
 
 
 def _is_affine(expressions: list[Expression], variables: np.ndarray) -> bool:
