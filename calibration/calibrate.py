@@ -1,10 +1,12 @@
-"""The whole of Sec. V: recordings in, a calibrated limb out."""
+"""Recordings in, a calibrated limb out: by prediction error, or as Sec. V does."""
 
 import contextlib
 import copy
 import dataclasses
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,17 +24,20 @@ from calibration.heat import (
     fit_heat_transfer_from_temperature,
 )
 from calibration.heat_bounds import fit_heat_bounds
-from calibration.kinds import heated_kinds, kinds_of, only_segment
+from calibration.kinds import FREE_KINDS, heated_kinds, kinds_of, only_segment
 from calibration.remarks import Remark, remarks_on_validation, verdict
+from calibration.selection import LAWS, Prediction, fit_by_prediction
 from calibration.stiffness import StiffnessFit, fit_stiffness
 from calibration.validation import Validation, validate
-from limb_systems import CalibrationRecord, LimbParameters, LinearLaw, NoBoard, Recording
+from limb_systems import CalibrationRecord, LimbParameters, LinearLaw, NoBoard, Recording, WireLaw
 from limb_systems.display import Shown
 from limb_systems.errors import LimbError
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.progress import Progress
 
+METHODS = ("prediction", "paper")
 HEAT_METHODS = ("bend", "temperature")
+COLD = 4.0  # °C above ambient, within which a wire counts as not heated before
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -43,10 +48,11 @@ class Calibration(Shown):
     - ``ambient``: T0 of the recordings, °C.
     - ``stiffness``, ``damping``: the fits of Secs. V-A and V-B; None if there
       was no recording for them and the description's value was kept.
-    - ``heat``: for each wire, the fit of Sec. V-C1 that was used.
+    - ``prediction``: of the wires, by prediction error; None if by Sec. V.
+    - ``heat``: else for each wire, the fit of Sec. V-C1 that was used.
     - ``heat_compared``: likewise, that by the other method.
     - ``force``: likewise, the fit of Sec. V-C2.
-    - ``validation``: Sec. V-D, or None without a recording of both wires.
+    - ``validation``: Sec. V-D, of a recording that was not fitted; None without one.
     - ``sources``: what was recorded, for each kind of recording.
     """
 
@@ -54,6 +60,7 @@ class Calibration(Shown):
     ambient: Estimate
     stiffness: StiffnessFit | None
     damping: DampingFit | None
+    prediction: Prediction | None
     heat: list[HeatFit]
     heat_compared: list[HeatFit]
     force: list[ForceFit]
@@ -80,6 +87,16 @@ class Calibration(Shown):
     @property
     def estimates(self) -> dict[str, Estimate]:
         """All calibrated quantities by their names in the parameters."""
+        return {
+            name: dataclasses.replace(estimate, standard_error=float(np.sqrt(variance)))
+            for (name, estimate), variance in zip(
+                self._estimates.items(), np.diag(self.covariance), strict=True
+            )
+        }
+
+    @property
+    def _estimates(self) -> dict[str, Estimate]:
+        """With standard errors that leave out that of k where it is a factor."""
         estimates = {"ambient_temperature": self.ambient}
         if self.stiffness:
             estimates["stiffness"] = self.stiffness.stiffness
@@ -89,27 +106,33 @@ class Calibration(Shown):
             for name in RATES:
                 estimates[f"{heat.wire}.{name}"] = getattr(heat, name)
             estimates[f"{heat.wire}.beta"] = force.beta
-        return estimates
+        return estimates | (self.prediction.fit.estimates if self.prediction else {})
 
     @property
     def covariance(self) -> np.ndarray:
         """Of the estimates (P, P), in their order; see `CalibrationRecord`."""
-        estimates = self.estimates
+        estimates = self._estimates
         rows = {name: row for row, name in enumerate(estimates)}
-        covariance = np.zeros((len(rows), len(rows)))
+        covariance = np.diag([e.standard_error**2 for e in estimates.values()])
         for fit in self.heat:
             of_wire = [rows[f"{fit.wire}.{name}"] for name in RATES]
             covariance[np.ix_(of_wire, of_wire)] = fit.covariance
+        if self.prediction:
+            together = [rows[name] for name in self.prediction.fit.estimates]
+            covariance[np.ix_(together, together)] = self.prediction.fit.value_covariance
         if self.stiffness:
-            # Each β is a mean of k θ / (T - T0): relative to themselves, they err as k does.
-            names = ["stiffness", *(f"{fit.wire}.beta" for fit in self.force)]
-            multiples = [rows[name] for name in names]
-            values = [estimates[name].value for name in names]
+            # Recordings of the bend tell torque over k: relative to themselves, torques err as k.
             k = self.stiffness.stiffness
-            covariance[np.ix_(multiples, multiples)] = (k.standard_error / k.value) ** 2 * np.outer(
-                values, values
-            )
-        np.fill_diagonal(covariance, [e.standard_error**2 for e in estimates.values()])
+            names = ["stiffness", *(n for n, e in estimates.items() if e.unit.startswith("N·m"))]
+            multiples = [rows[n] for n in names if n == "stiffness" or "." in n]
+            shares = np.array([list(estimates.values())[row].value for row in multiples])
+            common = (k.standard_error / k.value) ** 2 * np.outer(shares, shares)
+            if not self.prediction:  # β's variance has it already
+                np.fill_diagonal(common, covariance[multiples, multiples])
+                covariance[np.ix_(multiples, multiples)] = common
+            else:
+                common[0, 0] = 0.0  # that of k itself is there
+                covariance[np.ix_(multiples, multiples)] += common
         return covariance
 
     @property
@@ -121,7 +144,7 @@ class Calibration(Shown):
     def remarks(self) -> list[Remark]:
         """What the recordings lack, in sentences, worst first; none if they are good."""
         remarks = remarks_on_validation(self.validation)
-        for kind in heated_kinds(self.parameters):
+        for kind in () if self.prediction else heated_kinds(self.parameters):
             if (count := len(self.sources.get(kind, []))) > 1:
                 sentence = f"Of {count} recordings of the kind {kind} only the first was used."
                 remarks.append(Remark("unused", sentence))
@@ -155,6 +178,7 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
         try:
             check_whole(recording)
             named = [kind for kind in kinds_of(recording.parameters) if path.stem.startswith(kind)]
+            named += [kind for kind in FREE_KINDS if path.stem.startswith(kind)]
             kind = check_recording(recording, max(named, key=len, default=None))
             recordings.setdefault(kind, []).append(recording)
         except LimbError as error:
@@ -166,89 +190,106 @@ def calibrate(
     recordings: str | Path | Mapping[str, Sequence[Recording]],
     parameters: LimbParameters | None = None,
     *,
+    method: str = "prediction",
+    laws: Sequence[type[WireLaw]] = LAWS,
     heat: str = "bend",
 ) -> Calibration:
-    """Calibrates a limb from its recordings, by Sec. V.
+    """Calibrates a limb from its recordings.
+
+    Stiffness and damping are those of Secs. V-A and V-B. The wires are fitted
+    by one of two methods:
+
+    - "prediction": several laws are fitted to all heated recordings by their
+      open-loop prediction, and compared by how they predict recordings that
+      were left out. The simplest that no other beats is used.
+    - "paper": the paper's law by Sec. V-C, to the first recording of each wire.
 
     Args:
-        recordings: a folder of files, or recordings by kind, which are those
-            of `kinds_of`: "sag", "ring_down", the names of the wires and "both".
+        recordings: a folder of files, or recordings by kind: those of `kinds_of`,
+            "sag", "ring_down", the names of the wires and "both"; by prediction
+            also "heated", of any duty, and "motion", which are left out of the
+            fit and judge it. Any of them may be missing, and any may be many.
         parameters: the limb's description, whose geometry, mass and limits
-            are kept; that in the recordings if None.
-        heat: "bend" fits heat transfer as the paper does, with wire
+            are kept, and whose laws say what to expect; that in the recordings
+            if None.
+        method: see above.
+        laws: that are compared by prediction, from the simplest on.
+        heat: of the paper's method: "bend" fits heat transfer with wire
             temperature from the bend; "temperature" uses duty and measured
             temperature alone. The other is fitted for comparison.
 
     Raises:
         CalibrationError: if recordings are missing or do not determine a parameter.
     """
+    if method not in METHODS:
+        raise CalibrationError(f"method is {method!r}; it must be one of {', '.join(METHODS)}.")
     if heat not in HEAT_METHODS:
         raise CalibrationError(f"heat is {heat!r}; it must be one of {', '.join(HEAT_METHODS)}.")
     if isinstance(recordings, (str, Path)):
         recordings = load_recordings(recordings)
     described = parameters or _first(recordings).parameters
     _check_wire_names(recordings, described)
-    _check_kinds(recordings, kinds_of(described))
-    wires = [kind for kind in heated_kinds(described) if kind != "both"]
-    for wire in wires:
-        if not recordings.get(wire):
-            raise CalibrationError(
-                f"There is no recording with only the {wire} wire heated; its heat transfer and "
-                "force cannot be told."
-            )
-    header = recordings[wires[0]][0].parameters
+    _check_kinds(recordings, _all_kinds(described))
+    heated = {kind: recordings.get(kind, []) for kind in (*heated_kinds(described), *FREE_KINDS)}
+    if method == "paper":
+        heated = {kind: heated[kind] for kind in heated_kinds(described)}
+        _check_each_wire(heated)
+    elif not any(heated.values()):
+        raise CalibrationError(
+            "There is no recording with heat; the wires' laws cannot be told from others."
+        )
+    header = next(group[0] for group in heated.values() if group).parameters
     limb = copy.deepcopy(parameters or header)
     if not isinstance(header.board, NoBoard):
         limb.board = header.board
     limb.gravity = [0.0, 0.0, 0.0]
     limb.calibration = None  # until this one is done
     segment = only_segment(limb)
-    heated = {wire.name: recordings[wire.name][0] for wire in segment.wires}
 
-    num_steps = 2 + 2 * len(heated)
-    with Progress("calibrating", num_steps, "steps") as progress:
-        _fit_heat_bounds(limb, recordings)
-        ambient = ambient_temperature(heated.values())
+    with Progress("calibrating", None, "steps") as progress:
+        done = itertools.count()
+
+        def tell(remark: str) -> None:
+            progress.update(next(done), remark)
+
+        tell("bounds for the board")
+        ambient = ambient_temperature([r for group in recordings.values() for r in group])
         limb.ambient_temperature = ambient.value
-        progress.update(0, "stiffness")
+        _fit_heat_bounds(limb, heated)
+        tell("stiffness")
         stiffness = damping = None
         if recordings.get("sag"):
             stiffness = fit_stiffness(limb, recordings["sag"])
             segment.stiffness = stiffness.stiffness.value
-        progress.update(1, "damping")
+        tell("damping")
         if recordings.get("ring_down"):
             damping = fit_damping(limb, recordings["ring_down"])
             segment.damping = damping.damping.value
-        used: list[HeatFit] = []
-        compared: list[HeatFit] = []
-        forces: list[ForceFit] = []
-        spring = stiffness.stiffness if stiffness else Estimate(segment.stiffness, 0.0, "N·m/rad")
-        for index, (name, recording) in enumerate(heated.items()):
-            progress.update(2 + 2 * index, f"heat of the {name} wire")
-            fits = {
-                "bend": fit_heat_transfer(recording, index, ambient.value),
-                "temperature": fit_heat_transfer_from_temperature(recording, index, ambient.value),
-            }
-            used.append(fits.pop(heat))
-            compared += fits.values()
-            forces.append(fit_force(limb, recording, index, used[-1], spring))
-            rates = {name: getattr(used[-1], name).value for name in RATES}
-            segment.wires[index].law = LinearLaw(**rates, beta=forces[-1].beta.value)
+        prediction, validation = None, None
+        wires = _PaperWires()
+        if method == "paper":
+            wires = _fit_as_paper(limb, heated, heat, ambient, stiffness, tell)
+            if heated["both"]:
+                validation = validate(limb, heated["both"][0])
+        else:
+            prediction = fit_by_prediction(laws, heated, segment, ambient.value, tell=tell)
+            judged = heated["motion"] or heated["both"]
+            if judged:
+                prediction.best.fit.apply(segment)
+                validation = validate(limb, judged[0])
+            prediction.fit.apply(segment)
         limb.validate()
-        progress.update(num_steps - 1, "validation")
-        validation = validate(limb, recordings["both"][0]) if recordings.get("both") else None
     calibration = Calibration(
         limb,
         ambient,
         stiffness,
         damping,
-        used,
-        compared,
-        forces,
+        prediction,
+        *wires,
         validation,
         {
             kind: [recording.source for recording in recordings[kind]]
-            for kind in kinds_of(limb)
+            for kind in _all_kinds(limb)
             if recordings.get(kind)
         },
     )
@@ -256,9 +297,63 @@ def calibrate(
     return calibration
 
 
+class _PaperWires(NamedTuple):
+    """Of Sec. V-C: the fits of heat that are used, those by the other method, and of force."""
+
+    heat: list[HeatFit] = []  # noqa: RUF012 - never changed
+    heat_compared: list[HeatFit] = []  # noqa: RUF012
+    force: list[ForceFit] = []  # noqa: RUF012
+
+
+def _fit_as_paper(
+    limb: LimbParameters,
+    recordings: Mapping[str, Sequence[Recording]],
+    heat: str,
+    ambient: Estimate,
+    stiffness: StiffnessFit | None,
+    tell: Callable[[str], object],
+) -> _PaperWires:
+    """Sec. V-C for each wire, whose law the limb gets."""
+    segment, result = only_segment(limb), _PaperWires([], [], [])
+    spring = stiffness.stiffness if stiffness else Estimate(segment.stiffness, 0.0, "N·m/rad")
+    for index, wire in enumerate(segment.wires):
+        tell(f"heat of the {wire.name} wire")
+        recording = recordings[wire.name][0]
+        fits = {
+            "bend": fit_heat_transfer(recording, index, ambient.value),
+            "temperature": fit_heat_transfer_from_temperature(recording, index, ambient.value),
+        }
+        result.heat.append(fits.pop(heat))
+        result.heat_compared.extend(fits.values())
+        result.force.append(fit_force(limb, recording, index, result.heat[-1], spring))
+        rates = {name: getattr(result.heat[-1], name).value for name in RATES}
+        wire.law = LinearLaw(**rates, beta=result.force[-1].beta.value)
+    return result
+
+
+def _all_kinds(limb: LimbParameters) -> list[str]:
+    return [*kinds_of(limb), *FREE_KINDS]
+
+
+def _check_each_wire(heated: Mapping[str, Sequence[Recording]]) -> None:
+    """Raises CalibrationError unless each wire was heated alone, as Sec. V-C has it."""
+    for kind, group in heated.items():
+        if kind != "both" and not group:
+            raise CalibrationError(
+                f"There is no recording with only the {kind} wire heated; its heat transfer and "
+                "force cannot be told."
+            )
+
+
 def _fit_heat_bounds(limb: LimbParameters, recordings: Mapping[str, Sequence[Recording]]) -> None:
     """Gives the wires bounds for the board; none to those of a kind that boards do not accept."""
-    heated = [r for kind in heated_kinds(limb) for r in recordings.get(kind, [])]
+    room = limb.ambient_temperature
+    heated = [
+        recording
+        for group in recordings.values()
+        for recording in group
+        if (recording.measured_temperature[:, :1] < room + COLD).all()
+    ]
     with contextlib.suppress(LimbError):
         for wire, bounds in zip(limb.wires, fit_heat_bounds(heated, limb), strict=True):
             wire.heat_bounds = bounds
@@ -271,9 +366,7 @@ def _first(recordings: Mapping[str, Sequence[Recording]]) -> Recording:
     raise CalibrationError("There are no recordings.")
 
 
-def _check_kinds(
-    recordings: Mapping[str, Sequence[Recording]], kinds: Mapping[str, list[int]]
-) -> None:
+def _check_kinds(recordings: Mapping[str, Sequence[Recording]], kinds: Sequence[str]) -> None:
     """Raises CalibrationError unless all recordings are of the kinds they are said to be."""
     for kind, group in recordings.items():
         if kind not in kinds:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from calibration.errors import CalibrationError
-from calibration.kinds import heated_kinds, kinds_of
+from calibration.kinds import FREE_KINDS, heated_kinds, kinds_of
 from limb_systems import LimbError, LimbParameters, Recording
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
@@ -77,7 +77,12 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     """
     _check_time(recording)
     check_values(recording)
-    _check_units(recording)
+    _check_units(recording, may_be_warm=expected in FREE_KINDS)
+    if expected in FREE_KINDS:
+        if not recording.duty.any():
+            raise CalibrationError("this should show heated wires, but no wire is heated.")
+        _check_wires(recording)
+        return expected
     kind = kind_of(recording)
     if expected and kind != expected:
         parameters = recording.parameters
@@ -133,9 +138,11 @@ def _check_time(recording: Recording) -> None:
         )
 
 
-def _check_units(recording: Recording) -> None:
+def _check_units(recording: Recording, *, may_be_warm: bool = False) -> None:
     ambient = recording.parameters.ambient_temperature
     first = recording.measured_temperature[:, :20].mean(axis=1)
+    if may_be_warm:
+        first = np.minimum(first, recording.measured_temperature.min())
     for name, value in zip(recording.parameters.wire_names, first, strict=True):
         if abs(value - (ambient + 273.15)) < 25.0:
             raise CalibrationError(

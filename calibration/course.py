@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from calibration.bend_sensor import bend_sensor_of
 from calibration.heat import at_sample_times
 from limb_systems import Recording
 
@@ -38,6 +39,7 @@ class Course:
     def of(cls, recording: Recording) -> "Course":
         """A recording's, without single samples that are far from their neighbours."""
         recording = at_sample_times(recording)
+        bend = bend_sensor_of(recording).corrected(recording.bend_angle[0])
         times = recording.time - recording.time[0]
         num_steps = max(1, int(np.ceil(times[-1] / STEP - 1e-6)))
         edges = STEP * np.arange(num_steps + 1)
@@ -60,10 +62,35 @@ class Course:
             duty=np.array(duty).T,
             times=means(times),
             temperature=np.array([means(v) for v in temperature]).T,
-            bend=means(without_spikes(recording.bend_angle[0])),
+            bend=means(without_spikes(bend)),
             counts=counts[filled],
             first=temperature[:, start].mean(axis=1),
             slope=np.array(slope),
+        )
+
+    def parts(self, share: float) -> tuple["Course", "Course"]:
+        """The first share of it, and the rest."""
+        step = round(share * len(self.duty))
+        whole = dataclasses.replace(self, duty=self.duty[:step])
+        early = self.times < STEP * step
+        late = np.flatnonzero(~early)
+        soon = late[self.times[late] < STEP * step + 3 * START]
+        first = self.temperature[late[:1]].mean(axis=0)
+        slope = [np.polyfit(self.times[soon], v[soon], 1)[0] for v in self.temperature.T]
+        return (
+            whole._samples(early, 0.0),
+            dataclasses.replace(
+                self, duty=self.duty[step:], first=first, slope=np.array(slope)
+            )._samples(~early, STEP * step),
+        )
+
+    def _samples(self, which: np.ndarray, start: float) -> "Course":
+        return dataclasses.replace(
+            self,
+            times=self.times[which] - start,
+            temperature=self.temperature[which],
+            bend=self.bend[which],
+            counts=self.counts[which],
         )
 
 

@@ -18,6 +18,8 @@ from limb_systems import LinearLaw, Recording, WireLaw
 RATES = ("a1", "a2", "a3")
 WINDOW = 2.0  # s, over which a state counts as equilibrium
 BLOCK = 30.0  # s, after which residuals count as independent
+COLD_RANGE = 3.0  # °C, of readings of cold wires
+SENSOR_SPREAD = 0.25  # °C, by which thermocouples of a kind differ
 READOUT_DELAY = 0.05, 0.03  # s, mean and deviation where anything up to 0.1 s is as likely
 REWEIGHTINGS = 2
 LONGEST_DELAY = 5.0  # s
@@ -310,21 +312,31 @@ def at_sample_times(recording: Recording) -> Recording:
 
 
 def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
-    """T0 as the thermocouples of unheated wires read it in recordings that start cold.
+    """T0 as thermocouples read it while their wires are cold.
 
-    The median over wires that stay unheated; its standard error is that of
-    the recordings' scatter.
+    From each recording in which a wire stays unheated its median, and from each
+    of others its first second; the median of those that are within 3 °C of the
+    lowest, as others were not cold. A thermocouple that never moves is
+    dead. The standard error is that of their scatter, and of what two
+    thermocouples differ by if there are few.
+
+    Raises:
+        CalibrationError: if no thermocouple shows it.
     """
-    medians = [
-        float(np.median(recording.measured_temperature[index]))
-        for recording in recordings
-        for index in range(len(recording.duty))
-        if not recording.duty[index].any()
-    ]
-    if not medians:
-        raise CalibrationError("No recording has an unheated wire, from which T0 is measured.")
-    spread = np.std(medians, ddof=1) / np.sqrt(len(medians)) if len(medians) > 1 else 0.25
-    return Estimate(float(np.mean(medians)), float(spread), "°C")
+    readings = []
+    for recording in recordings:
+        soon = recording.time <= recording.time[0] + 1.0
+        for duty, measured in zip(recording.duty, recording.measured_temperature, strict=True):
+            if np.ptp(measured) > 0:
+                readings.append(float(np.median(measured if not duty.any() else measured[soon])))
+    if not readings:
+        raise CalibrationError(
+            "No thermocouple ever moves in these recordings, so that T0 cannot be told: are they "
+            "connected?"
+        )
+    cold = np.array([reading for reading in readings if reading < min(readings) + COLD_RANGE])
+    spread = np.hypot(np.std(cold), SENSOR_SPREAD) / np.sqrt(len(cold))
+    return Estimate(float(np.median(cold)), float(spread), "°C")
 
 
 def _law(x: np.ndarray) -> LinearLaw:

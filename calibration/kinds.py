@@ -40,13 +40,16 @@ def kinds_of(parameters: LimbParameters) -> dict[str, list[int]]:
         )
     kinds: dict[str, list[int]] = {"sag": [], "ring_down": []}
     for index in sorted(range(len(wires)), key=lambda i: wires[i].direction < 0):
-        if wires[index].name in (*kinds, "both"):
+        if wires[index].name in (*kinds, "both", *FREE_KINDS):
             raise CalibrationError(
                 f"A wire is named {wires[index].name!r}, as is a kind of recording; name it "
                 "otherwise."
             )
         kinds[wires[index].name] = [index]
     return kinds | {"both": list(range(len(wires)))}
+
+
+FREE_KINDS = ("heated", "motion")  # of heated recordings of any wires
 
 
 def heated_kinds(parameters: LimbParameters) -> dict[str, list[int]]:

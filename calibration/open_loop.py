@@ -13,6 +13,7 @@ import numpy as np
 
 from calibration.course import STEP, Course
 from limb_systems import SegmentParameters, WireLaw
+from limb_systems.model.rubber import ramp
 
 
 class OpenLoop:
@@ -29,6 +30,7 @@ class OpenLoop:
     def __init__(self, courses: Sequence[Course], segment: SegmentParameters):
         self._courses, self._segment = courses, segment
         self._directions = np.array([wire.direction for wire in segment.wires])
+        self._sides = np.sign(self._directions)
         self.num_steps = max(len(course.duty) for course in courses)
         self._duty = np.zeros((self.num_steps, len(courses), len(segment.wires)))
         for number, course in enumerate(courses):
@@ -47,7 +49,8 @@ class OpenLoop:
             law: with fields of shape (B, 1, W).
             ambient: T0 of each recording (B, R), °C.
             initial: states of the wires, then V, at the start, each (B, R, W).
-            rubber: ``rest_angle`` (B,), rad; optionally ``stiffening`` (B,).
+            rubber: ``rest_angle`` (B,), rad; optionally ``stiffening`` (B,), and
+                ``shift``, rad, and ``rate``, 1/rad, of the rest angle's memory (B,).
 
         Returns:
             V (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad.
@@ -59,11 +62,20 @@ class OpenLoop:
         bends = np.empty((self.num_steps + 1, *ambient.shape))
         rest = rubber["rest_angle"][:, None]
         angle = np.zeros(ambient.shape)  # of each joint, from rest
+        alone = np.zeros(heat.shape[1:])  # bend angle that each wire would hold alone
+        shift = np.zeros(ambient.shape)  # of the rest angle by its memory
         for step in range(self.num_steps + 1):
             readings[step] = heat[-1]
             theta = (angle + rest / to_bend)[..., None]
-            torque = (law.torque(heat[:-1], room, theta) * self._directions).sum(axis=-1)
-            angle = self._at_rest(torque / self._segment.stiffness, angle, rubber)
+            torques = law.torque(heat[:-1], room, theta) * self._directions
+            before, alone = alone, to_bend / self._segment.stiffness * np.abs(torques)
+            if "shift" in rubber and step:
+                progress = h * ramp((alone - before) / h)
+                towards = rubber["shift"][:, None] * (progress * self._sides).sum(axis=-1)
+                pace = rubber["rate"][:, None]
+                shift = (shift + pace * towards) / (1 + pace * progress.sum(axis=-1))
+            pull = torques.sum(axis=-1) / self._segment.stiffness + shift / to_bend
+            angle = self._at_rest(pull, angle, rubber)
             bends[step] = rest + to_bend * angle
             if step < self.num_steps:
                 heat = _runge_kutta(law, heat, self._duty[step], room, h)

@@ -17,7 +17,7 @@ from calibration.course import Course
 from calibration.estimate import Estimate
 from calibration.open_loop import OpenLoop, with_fields
 from calibration.unknowns import Unknown, prior_factor, unknowns_of
-from limb_systems import SegmentParameters, WireLaw
+from limb_systems import RestMemory, SegmentParameters, WireLaw
 
 AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
 READING_SPREAD = 1.0  # °C, of a wire from its thermocouple while both rest
@@ -99,6 +99,26 @@ class LawFit:
             if unknown.wire is not None:
                 setattr(laws[unknown.wire], unknown.field, float(unknown.value(np.array(x))))
         return laws
+
+    def apply(self, segment: SegmentParameters) -> None:
+        """Gives a segment these laws and this rubber."""
+        for wire, law in zip(segment.wires, self.laws, strict=True):
+            wire.law = law
+        rubber = {
+            u.field: float(u.value(np.array(x)))
+            for u, x in zip(self.unknowns, self.fitted, strict=True)
+            if u.wire is None
+        }
+        if "shift" in rubber:
+            segment.rest_memory = RestMemory(rubber.pop("shift"), rubber.pop("rate"))
+        for name, value in rubber.items():
+            setattr(segment, name, value)
+
+    @property
+    def value_covariance(self) -> np.ndarray:
+        """Of the estimates, in the products of their units (P, P)."""
+        slopes = [u.slope(x) for u, x in zip(self.unknowns, self.fitted, strict=True)]
+        return self.covariance * np.outer(slopes, slopes)
 
     def predict(self, courses: Sequence[Course]) -> list[Predicted]:
         """Predicts recordings open loop, each from the initial state that suits it best.

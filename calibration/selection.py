@@ -1,7 +1,7 @@
 """Which law a limb's recordings call for: the simplest that predicts others best."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from calibration.prediction import LawFit, Predicted, fit_law
 from limb_systems import (
     HystereticLaw,
     LinearLaw,
+    Recording,
     SaturatingLaw,
     SegmentParameters,
     ThresholdLaw,
@@ -26,6 +27,7 @@ LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
 )
 OPTIONS = ("stiffening", "rest_memory")  # of the rubber, which are tried with the best law
 BEND_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 3.0  # rad and °C of error that weigh the same
+FITTED_SHARE = 0.6  # of the only recording; the rest judges
 BLOCK = 10.0  # s, after which errors of prediction count as independent
 WORTH = 0.1  # of a scale: laws that differ by less predict alike
 
@@ -44,8 +46,7 @@ class Candidate:
     @property
     def name(self) -> str:
         """The law's, with what was fitted of the rubber besides the rest angle."""
-        options = [o for o in OPTIONS if any(o in u.name for u in self.fit.unknowns)]
-        return " + ".join([self.fit.law.__name__, *options])
+        return " + ".join([self.fit.law.__name__, *rubber_of(self.fit)])
 
     @property
     def bend_error(self) -> float:
@@ -75,6 +76,67 @@ def beaten(simple: Candidate, other: Candidate) -> bool:
     difference = simple.errors - other.errors
     spread = difference.std(ddof=1) / np.sqrt(len(difference)) if len(difference) > 1 else 0.0
     return bool(difference.mean() > max(2 * spread, WORTH))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Prediction:
+    """The wires and the rubber by prediction error.
+
+    - ``candidates``: laws that were compared, each fitted without the judges.
+    - ``best``: the simplest of them that no other beats.
+    - ``fit``: that law, fitted to all recordings but motions.
+    - ``judges``: what the laws were judged by, in words.
+    """
+
+    candidates: list[Candidate]
+    best: Candidate
+    fit: LawFit
+    judges: str
+
+
+def fit_by_prediction(
+    laws: Sequence[type[WireLaw]],
+    recordings: Mapping[str, Sequence[Recording]],
+    segment: SegmentParameters,
+    ambient: float,
+    *,
+    tell: Callable[[str], object] = lambda remark: None,
+) -> Prediction:
+    """The wires' law and its parameters from all heated recordings.
+
+    Laws are judged by how they predict the motions. Where there are none, they
+    are judged by the recordings of all wires, or else by the last one, or by the last
+    part of the only one, and what judged them is then fitted as well.
+
+    Args:
+        laws: to be compared, from the simplest on.
+        recordings: by kind, with heat.
+        segment: as described, with its stiffness as calibrated.
+        ambient: T0, °C.
+        tell: is called with what is being done.
+    """
+    courses = {kind: [Course.of(r) for r in group] for kind, group in recordings.items() if group}
+    judges = courses.pop("motion", [])
+    fitted = [course for group in courses.values() for course in group]
+    rest, words = fitted, f"{len(judges)} motion{'s' * (len(judges) != 1)} left out of the fit"
+    if not fitted:  # motions alone
+        fitted, judges = judges, []
+    if not judges and "both" in courses and len(courses) > 1:
+        judges = courses.pop("both")
+        rest = [course for group in courses.values() for course in group]
+        words = "what shows all wires heated, fitted last"
+    elif not judges and len(fitted) > 1:
+        *rest, last = fitted
+        judges, words = [last], "the last recording, fitted last"
+    elif not judges:
+        first, last = fitted[0].parts(FITTED_SHARE)
+        rest, judges, words = [first], [last], "the last part of the only recording, fitted last"
+    candidates, best = compare_laws(laws, rest, judges, segment, ambient, tell=tell)
+    fit = best.fit
+    if rest is not fitted:
+        tell(f"{best.name}, all recordings")
+        fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
+    return Prediction(candidates, best, fit, words)
 
 
 def compare_laws(
@@ -121,7 +183,7 @@ def compare_laws(
         add(law, (), candidates[-1].fit if candidates else None)
     best = simplest_unbeaten(candidates)
     for option in options:
-        rubber = (*_rubber_of(best.fit), option)
+        rubber = (*rubber_of(best.fit), option)
         other = add(best.fit.law, rubber, best.fit)
         if beaten(best, other):
             best = other
@@ -136,5 +198,6 @@ def simplest_unbeaten(candidates: Sequence[Candidate]) -> Candidate:
     raise ValueError("There are no candidates.")
 
 
-def _rubber_of(fit: LawFit) -> tuple[str, ...]:
+def rubber_of(fit: LawFit) -> tuple[str, ...]:
+    """Options of the rubber that were fitted."""
     return tuple(o for o in OPTIONS if any(o in u.name for u in fit.unknowns))

@@ -82,8 +82,7 @@ class Rubber:
 
     def progress(self, torque_rates: Any, wires: slice | np.ndarray) -> Any:
         """p(g_i') of some wires, rad/s, from the rates of their torques, N·m/s."""
-        bend_rates = self._bend_by_torque[wires] * torque_rates
-        return bend_rates * 0.5 * (1.0 + np.tanh(bend_rates / (2.0 * RAMP_RATE)))
+        return ramp(self._bend_by_torque[wires] * torque_rates)
 
     def rates(self, shifts: np.ndarray, progress: np.ndarray) -> np.ndarray:
         """r' (..., R), rad/s, of r (..., R) and the `progress` of all wires (..., W)."""
@@ -111,6 +110,11 @@ class Rubber:
         paths = self._pace @ bends
         gone = np.divide(-np.expm1(-paths), paths, out=np.zeros_like(paths), where=paths > 0)
         return gone * (self._towards @ bends)
+
+
+def ramp(bend_rate: Any) -> Any:
+    """p of a rate, rad/s: about the rate itself if it is positive, about 0 if it is negative."""
+    return bend_rate * 0.5 * (1.0 + np.tanh(bend_rate / (2.0 * RAMP_RATE)))
 
 
 def num_rest_shifts(parameters: LimbParameters) -> int:
