@@ -35,6 +35,7 @@ from limb_systems import (
     LimbParameters,
     LimbVisualizer,
     LinearLaw,
+    RestMemory,
     SegmentParameters,
     TemperatureLimits,
     ThermocoupleLag,
@@ -345,6 +346,7 @@ def test_parameters_on_the_page_are_the_nominal_ones():
         field: metadata
         for kind in (
             SegmentParameters,
+            RestMemory,
             WireParameters,
             LinearLaw,
             HeatBounds,

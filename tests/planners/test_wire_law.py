@@ -13,11 +13,14 @@ from pydrake.planning import DirectCollocationConstraint
 from pydrake.symbolic import Expression, Variable
 
 from limb_systems import (
+    HystereticLaw,
     Limb,
     LimbError,
     LimbParameters,
     LinearLaw,
+    RestMemory,
     SegmentParameters,
+    ThresholdLaw,
     Trajectory,
     WireLaw,
     WireParameters,
@@ -100,11 +103,31 @@ def mixed_limb() -> LimbParameters:
     )
 
 
+def remembering_limb() -> LimbParameters:
+    """Rubber that rests bent, stiffens and remembers, with laws of two and of three states."""
+    wires = [
+        WireParameters("left", -0.003, law=HystereticLaw()),
+        WireParameters("right", 0.003, 0.002, law=ThresholdLaw()),
+    ]
+    first = SegmentParameters(
+        links=3, wires=wires, rest_angle=0.1, stiffening=0.4, rest_memory=RestMemory()
+    )
+    second = SegmentParameters(links=2, rest_memory=RestMemory(0.05, 1.0))
+    return LimbParameters(segments=[first, second])
+
+
+def soft_limb() -> LimbParameters:
+    rubber = SegmentParameters(rest_angle=0.05, stiffening=0.3, rest_memory=RestMemory())
+    return LimbParameters(segments=[rubber])
+
+
 LIMBS = {
     "quadratic": lambda: limb_with(QuadraticLaw(), QuadraticLaw(beta_2=2e-6)),
     "silicone": lambda: limb_with(SiliconeLaw(), SiliconeLaw(slope=5e-4)),
     "radiating": lambda: limb_with(RadiatingLaw(), LinearLaw()),
     "mixed": mixed_limb,
+    "remembering": remembering_limb,
+    "soft": soft_limb,
 }
 
 
@@ -116,12 +139,14 @@ def limb(request) -> LimbParameters:
 def random_state(limb: LimbParameters, generator, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Warm states (size, 2n + N + W) and duty (size, W)."""
     n, wires = limb.num_joints, Wires(limb)
+    is_temperature = wires.heat_scales == 50.0
+    low, high = np.where(is_temperature, [[30.0], [100.0]], [[0.0], [1.0]] * wires.heat_scales)
     return (
         np.hstack(
             [
                 generator.uniform(-1, 1, (size, n)),
                 generator.uniform(-5, 5, (size, n)),
-                generator.uniform(30, 100, (size, wires.num_states + wires.num_wires)),
+                generator.uniform(low, high, (size, len(low))),
             ]
         ),
         generator.uniform(0, 1, (size, wires.num_wires)),
@@ -176,12 +201,12 @@ def test_laws_take_all_of_drakes_scalars(limb):
         Limb(limb).ToAutoDiffXd(), variables[: len(state)], variables[len(state) :]
     )
     np.testing.assert_allclose(ExtractValue(found)[:, 0], expected, rtol=1e-9, atol=1e-9)
-    law, x, D = limb.wires[0].law, state[-1] + np.arange(2.0), 0.3
+    law, x, D = limb.wires[0].law, state[-1] + np.arange(3.0), 0.3
     x = x[: len(law.states)]
     for kind in (AutoDiffXd, lambda value: Expression(Variable("z")) * 0 + value, complex):
         rates = law.rates([kind(value) for value in x], kind(D), 25.0)
         plain = law.rates(list(x), D, 25.0)
-        assert [type(rate) for rate in rates] == [type(kind(0.0))] * len(rates)
+        assert all(isinstance(rate, type(kind(0.0))) for rate in rates)
         assert len(plain) == len(rates)
 
 
@@ -246,9 +271,10 @@ def test_the_hessian_is_the_difference_of_jacobians(limb):
         values = multipliers[0, defects.rows] * defects.jacobian(states, duty, steps)[0]
         return np.bincount(defects.columns, values, found.shape[1])
 
+    sizes = np.append(np.ones(2 * limb.num_joints), Wires(limb).heat_scales)
     for variables, offset in ((states, 0), (duty, 2 * states.shape[1])):
         for index in range(variables.shape[1]):
-            change = 1e-5 * (50.0 if variables is states and index >= 2 * limb.num_joints else 1.0)
+            change = 1e-5 * (sizes[index] if variables is states else 1.0)
             moved = [variables.copy(), variables.copy()]
             moved[0][0, index] += change
             moved[1][0, index] -= change
@@ -262,7 +288,7 @@ def test_the_hessian_is_the_difference_of_jacobians(limb):
             )
 
 
-@pytest.mark.parametrize("name", ["quadratic", "silicone", "radiating"])
+@pytest.mark.parametrize("name", ["quadratic", "silicone", "radiating", "soft"])
 def test_plans_are_found_checked_and_saved(name, tmp_path):
     limb = LIMBS[name]()
     reference = references.from_samples([0, 22, 25, 32, 35, 45], np.deg2rad([0, 0, 15, 15, -8, -8]))

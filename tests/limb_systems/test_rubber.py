@@ -1,0 +1,257 @@
+"""Rubber that rests bent, stiffens and remembers, against formulas written out by hand."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+from pydrake.symbolic import Expression, Variable
+from scipy.integrate import solve_ivp
+
+from limb_systems import (
+    HystereticLaw,
+    Limb,
+    LimbParameters,
+    LinearLaw,
+    RestMemory,
+    SegmentParameters,
+    ThresholdLaw,
+    WireParameters,
+    Wires,
+    bend_angle,
+)
+from limb_systems.files.samples import column_names
+from limb_systems.model.parameters import ParameterError
+from limb_systems.model.statics import static_equilibrium
+from limb_systems.simulation import make_simulator
+from planners.program import TrajectoryProgram
+
+K = 0.1246  # N·m/rad, of the nominal limb
+
+
+def limb_with(**rubber) -> LimbParameters:
+    return LimbParameters(segments=[SegmentParameters(**rubber)])
+
+
+def two_segments() -> LimbParameters:
+    """All of it in both segments; three wires in the first, one of them off both axes."""
+    wires = [
+        WireParameters("low", -0.003, law=LinearLaw(a1=-0.1, a2=30.0, beta=3e-4)),
+        WireParameters("high", 0.003, law=LinearLaw(a2=25.0)),
+        WireParameters("slanting", 0.003, -0.004, law=LinearLaw(beta=6e-4)),
+    ]
+    return LimbParameters(
+        segments=[
+            SegmentParameters(
+                links=3,
+                stiffness=0.2,
+                wires=wires,
+                rest_angle=0.2,
+                stiffening=0.5,
+                rest_memory=RestMemory(0.04, 3.0),
+            ),
+            SegmentParameters(links=2, rest_angle=-0.1, stiffening=0.2, rest_memory=RestMemory()),
+        ]
+    )
+
+
+def test_a_limb_rests_at_its_rest_angle_and_stays_there():
+    parameters = two_segments()
+    limb = Limb(parameters)
+    context = limb.CreateDefaultContext()
+    limb.GetInputPort("duty").FixValue(context, np.zeros(5))
+    np.testing.assert_allclose(limb.GetOutputPort("bend_angle").Eval(context), [0.2, -0.1])
+    rates = limb.EvalTimeDerivatives(context).CopyToVector()
+    np.testing.assert_allclose(rates, 0.0, atol=1e-11)
+    angles, _ = static_equilibrium(parameters)
+    np.testing.assert_allclose(angles, [0.1] * 3 + [-0.2 / 3] * 2, rtol=1e-12)
+
+
+def test_statics_are_about_the_rest_angle():
+    """k (θ - θ_rest) = f (12)."""
+    angles, _ = static_equilibrium(limb_with(rest_angle=-0.15), [30.0, 90.0])
+    np.testing.assert_allclose(angles, -0.05 + 4.7e-4 * 60.0 / K, rtol=1e-12)
+
+
+def test_stiffening_adds_its_share_where_the_segment_bends_by_45_degrees():
+    """Torque that bends from the rest angle by 45°, where the spring has 1 + s of k."""
+    beyond = np.pi / 4 + 0.3
+    for links, side in ((5, 1.0), (2, -1.0)):
+        joint = 2 * (np.pi / 4) / (links + 1)
+        warmer = K * 1.25 * joint / 4.7e-4
+        wires = np.full(2, 25.0) + warmer * np.array([side < 0, side > 0])
+        limb = limb_with(links=links, stiffening=0.25, rest_angle=side * 0.3)
+        angles, compliance = static_equilibrium(limb, wires)
+        assert bend_angle(limb, angles)[0] == pytest.approx(side * beyond, rel=1e-9)
+        np.testing.assert_allclose(np.diag(compliance), 1 / (K * 1.75), rtol=1e-9)  # 1 + 3 s
+
+
+def test_accelerations_are_those_of_the_hand_derived_chain(planar_chain):
+    parameters = two_segments()
+    parameters.gravity = [1.0, -9.0, 0.0]
+    generator = np.random.default_rng(2)
+    angles, rates = generator.uniform(-0.4, 0.4, 5), generator.uniform(-3, 3, 5)
+    T, shifts = np.array([60.0, 70.0, 50.0, 40.0, 90.0]), np.array([0.02, -0.01])
+    limb = Limb(parameters)
+    context = limb.CreateDefaultContext()
+    context.SetContinuousState(np.concatenate([angles, rates, T, shifts, T]))
+    limb.GetInputPort("duty").FixValue(context, np.zeros(5))
+    found = limb.EvalTimeDerivatives(context).CopyToVector()[5:10]
+
+    springs, links = np.array([0.2] * 3 + [K] * 2), np.array([3] * 3 + [2] * 2)
+    rest = np.array([0.2] * 3 + [-0.1] * 2) * 2 / (links + 1)
+    at_45 = np.pi / 2 / (links + 1)
+    bent = angles - rest
+    torques = [
+        6e-4 * 0.6 * 25.0 + 4.7e-4 * 45.0 - 3e-4 * 35.0,
+        4.7e-4 * (65.0 - 15.0),
+    ]
+    force = np.repeat(torques, [3, 2]) + springs * 2 * np.repeat(shifts, [3, 2]) / (links + 1)
+    force -= springs * np.array([0.5] * 3 + [0.2] * 2) * (bent / at_45) ** 2 * bent
+    expected = planar_chain(parameters).acceleration(angles, rates, force + springs * rest)
+    np.testing.assert_allclose(found, expected, rtol=1e-8)
+
+
+def test_the_planner_has_the_same_chain_in_closed_form():
+    parameters = two_segments()
+    parameters.gravity = [1.0, -9.0, 0.0]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # that it plans with Drake's constraints
+        assert TrajectoryProgram(parameters, np.linspace(0.0, 1.0, 5)).defects is not None
+
+
+def ramp(z):
+    return z / (1.0 + np.exp(-z / 0.01))
+
+
+def test_the_memory_has_the_rates_of_its_law_written_out():
+    parameters = two_segments()
+    wires = Wires(parameters)
+    assert wires.state_names[5:] == ["rest_shift_1", "rest_shift_2"]
+    assert len(wires.cold_states) == wires.num_states == 7
+    np.testing.assert_array_equal(wires.heat_scales[5:7], 0.03)
+    T, shifts = np.array([60.0, 70.0, 50.0, 40.0, 90.0]), np.array([0.02, -0.01])
+    D = np.array([0.5, 0.2, 0.1, 0.03, 0.2])
+    a1, a2 = np.array([-0.1, -0.07, -0.07, -0.07, -0.07]), np.array([30.0, 25.0, 20.0, 20.0, 20.0])
+    torque_rates = np.array([3e-4, 4.7e-4, 6e-4, 4.7e-4, 4.7e-4]) * (a1 * (T - 25.0) + a2 * D)
+    bend = np.array([1.0, 1.0, 0.6, 1.0, 1.0]) / [0.1, 0.1, 0.1, 2 * K / 3, 2 * K / 3]
+    p = ramp(bend * torque_rates)
+    to = 0.04
+    first = 3.0 * (p[0] * (-to - 0.02) + p[1] * (to - 0.02) + p[2] * (to - 0.02))
+    second = 2.0 * (p[3] * (-0.0305 + 0.01) + p[4] * (0.0305 + 0.01))
+    found = wires.rates(np.append(T, shifts), D)
+    np.testing.assert_allclose(found[5:], [first, second], rtol=1e-9)
+
+
+def test_the_memory_follows_torques_that_are_not_linear():
+    """g' = |direction| (n + 1) / (2 k) dτ/dT Ṫ, with the logistic slope of the threshold."""
+    limb = limb_with(rest_memory=RestMemory(0.03, 2.0))
+    limb.segments[0].wire("right").law = ThresholdLaw()
+    T, S, D = np.array([40.0, 52.0]), 30.0, np.array([0.3, 0.4])
+    rates = Wires(limb).rates(np.array([*T, S, 0.01]), D)
+    warming = np.array([-0.07 * 15.0 + 6.0, -0.08 * 22.0 + 8.0])
+    slopes = np.array([4.7e-4, 7e-4 / (1.0 + np.exp(-4.0 / 7.0))])
+    p = ramp(6 / (2 * K) * slopes * warming)
+    expected = 2.0 * (p[1] * (0.03 - 0.01) + p[0] * (-0.03 - 0.01))
+    assert rates[3] == pytest.approx(expected, rel=1e-5)
+
+
+def test_nothing_creeps_at_rest():
+    """At the duty that holds the temperatures, the rest angle stays where it was."""
+    wires = Wires(two_segments())
+    T = np.array([60.0, 70.0, 50.0, 40.0, 90.0])
+    held = np.array([0.1, 0.07, 0.07, 0.07, 0.07]) * (T - 25.0) / [30.0, 25.0, 20.0, 20.0, 20.0]
+    rates = wires.rates(np.array([*T, 0.03, -0.02]), held)
+    np.testing.assert_allclose(rates, 0.0, atol=1e-14)
+
+
+def test_a_wire_that_heats_leads_the_rest_angle_to_its_side():
+    """r = Δ (1 - exp(-λ g)) while it heats fast, for which g is the bend that it would hold."""
+    limb = limb_with(rest_memory=RestMemory(0.03, 2.0))
+    states = simulated_states(limb, [0.0, 1.0], 2.0)
+    torque = 4.7e-4 * (states[11] - 25.0)
+    shift = 0.03 * (1.0 - np.exp(-2.0 * torque * 3 / K))
+    assert states[12] == pytest.approx(shift, rel=1e-3)
+    mirrored = simulated_states(limb, [1.0, 0.0], 2.0)
+    assert mirrored[12] == pytest.approx(-shift, rel=1e-3)
+
+
+def simulated_states(limb: LimbParameters, duty, duration: float, start=None) -> np.ndarray:
+    """The state of the `Limb` after a time of constant duty."""
+    system = Limb(limb)
+    simulator = make_simulator(system, 1e-5)
+    context = simulator.get_mutable_context()
+    system.GetInputPort("duty").FixValue(context, duty)
+    if start is not None:
+        context.SetContinuousState(start)
+    simulator.AdvanceTo(duration)
+    return context.get_continuous_state_vector().CopyToVector()
+
+
+def test_a_cold_limb_rests_on_the_side_of_the_wire_that_was_hot_last():
+    limb = limb_with(rest_memory=RestMemory(0.03, 2.0), rest_angle=0.1)
+    state, rests = None, []
+    for duty in ([0.0, 0.8], [0.8, 0.0]):
+        state = simulated_states(limb, duty, 5.0, state)
+        state = simulated_states(limb, [0.0, 0.0], 110.0, state)
+        np.testing.assert_allclose(state[10:12], 25.0, atol=0.01)
+        rests.append(bend_angle(limb, state[:5])[0])
+    assert 0.1 + 0.005 < rests[0] < 0.13
+    assert 0.07 < rests[1] < 0.1 - 0.005
+    assert rests[1] == pytest.approx(0.1 + state[12], abs=1e-4)
+
+
+def test_settled_wires_have_the_memory_of_being_heated_at_once():
+    """Both wires heated within a second, in proportion; the shift bends the limb at rest."""
+    limb = limb_with(rest_memory=RestMemory(0.03, 2.0))
+    wires, ends = Wires(limb), np.array([45.0, 85.0])
+
+    def slope(_, states):
+        rate = ends - 25.0
+        return wires.rates(states, (rate + 0.07 * (states[:2] - 25.0)) / 20.0)
+
+    found = solve_ivp(slope, (0.0, 1.0), [25.0, 25.0, 0.0], rtol=1e-9, atol=1e-12).y[:, -1]
+    settled = wires.settled_states(ends)
+    np.testing.assert_allclose(settled, found, rtol=1e-6)
+    assert settled[2] > 0.005
+    angles, _ = static_equilibrium(limb, ends)
+    np.testing.assert_allclose(angles, 4.7e-4 * 40.0 / K + settled[2] / 3, rtol=1e-9)
+    for equal in (70.0, 25.0):
+        assert wires.settled_states(np.full(2, equal))[2] == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("law", [LinearLaw, HystereticLaw])
+def test_symbolic_rates_are_the_numeric_ones(law):
+    limb = limb_with(rest_memory=RestMemory())
+    for wire in limb.wires:
+        wire.law = law()
+    wires = Wires(limb)
+    names = [Variable(f"x{index}") for index in range(wires.num_states + 2)]
+    values = np.array([60.0, 45.0, *[30.0, 35.0, 0.2, 0.6][: wires.num_states - 3], 0.01, 0.3, 0.1])
+    symbols = np.array([Expression(name) for name in names])
+    with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
+        rates = wires.rates(symbols[:-2], symbols[-2:])
+    where = dict(zip(names, values, strict=True))
+    found = [rate.Evaluate(where) for rate in rates]
+    np.testing.assert_allclose(found, wires.rates(values[:-2], values[-2:]), rtol=1e-9)
+
+
+def test_files_name_the_state_and_keep_the_rubber(tmp_path):
+    parameters = two_segments()
+    names = ["wire_state_rest_shift_1", "wire_state_rest_shift_2"]
+    assert column_names(parameters)["other_wire_state"] == names
+    only = limb_with(rest_memory=RestMemory())
+    assert column_names(only)["other_wire_state"] == ["wire_state_rest_shift"]
+    parameters.save(tmp_path / "limb.yaml")
+    assert LimbParameters.load(tmp_path / "limb.yaml") == parameters
+    short = "segments:\n- {rest_angle: 0.1, rest_memory: {shift: 0.02}}\n"
+    segment = LimbParameters.from_yaml(short).segments[0]
+    assert (segment.rest_angle, segment.rest_memory) == (0.1, RestMemory(shift=0.02))
+    assert "rest_memory" not in LimbParameters().to_yaml()
+
+
+def test_rubber_out_of_its_range_is_refused(refused):
+    parameters = two_segments()
+    parameters.segments[1].rest_memory = dataclasses.replace(RestMemory(), shift=-0.1)
+    with refused(ParameterError, "segments[1].rest_memory.shift", "-0.1"):
+        Limb(parameters)
