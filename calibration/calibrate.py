@@ -26,9 +26,10 @@ from calibration.heat import (
 from calibration.heat_bounds import fit_heat_bounds
 from calibration.kinds import FREE_KINDS, heated_kinds, kinds_of, only_segment
 from calibration.remarks import Remark, remarks_on_validation, verdict
+from calibration.rest_angle import rest_angle
 from calibration.selection import LAWS, Prediction, fit_by_prediction
 from calibration.stiffness import StiffnessFit, fit_stiffness
-from calibration.validation import Validation, validate
+from calibration.validation import Validation, as_validation, validate
 from limb_systems import CalibrationRecord, LimbParameters, LinearLaw, NoBoard, Recording, WireLaw
 from limb_systems.display import Shown
 from limb_systems.errors import LimbError
@@ -37,6 +38,7 @@ from limb_systems.progress import Progress
 
 METHODS = ("prediction", "paper")
 HEAT_METHODS = ("bend", "temperature")
+MOST_REST_ANGLE = np.deg2rad(8.0)  # of a limb that Sec. V still takes to be straight
 COLD = 4.0  # °C above ambient, within which a wire counts as not heated before
 
 
@@ -256,6 +258,14 @@ def calibrate(
         ambient = ambient_temperature([r for group in recordings.values() for r in group])
         limb.ambient_temperature = ambient.value
         _fit_heat_bounds(limb, heated)
+        rest = rest_angle((r for group in recordings.values() for r in group), ambient.value)
+        if method == "prediction":
+            segment.rest_angle = rest.value
+        elif abs(rest.value) > MOST_REST_ANGLE:
+            raise CalibrationError(
+                f"The limb rests at {np.rad2deg(rest.value):.1f}°, but the paper's method takes it "
+                'to rest straight; calibrate with the method "prediction".'
+            )
         tell("stiffness")
         stiffness = damping = None
         if recordings.get("sag"):
@@ -273,11 +283,8 @@ def calibrate(
                 validation = validate(limb, heated["both"][0])
         else:
             prediction = fit_by_prediction(laws, heated, segment, ambient.value, tell=tell)
-            judged = heated["motion"] or heated["both"]
-            if judged:
-                prediction.best.fit.apply(segment)
-                validation = validate(limb, judged[0])
             prediction.fit.apply(segment)
+            validation = as_validation(prediction.best.judged[0], limb)
         limb.validate()
     calibration = Calibration(
         limb,

@@ -5,7 +5,6 @@ import dataclasses
 import numpy as np
 
 from calibration.bend_sensor import bend_sensor_of
-from calibration.heat import at_sample_times
 from limb_systems import Recording
 
 STEP = 0.5  # s, of simulation and of averages; wires heat and cool within seconds
@@ -101,3 +100,34 @@ def without_spikes(signal: np.ndarray) -> np.ndarray:
     away = np.abs(signal - medians)
     spread = 1.48 * np.median(away) + 1e-3 * np.std(signal) + 1e-12
     return np.where(away > SPIKE * spread, medians, signal)
+
+
+def at_sample_times(recording: Recording) -> Recording:
+    """A robot's recording with the applied duty, and its readings when they were taken.
+
+    The times of its samples follow from their age; readings are interpolated
+    linearly. The duty at a sample is taken as in force since the previous
+    sample, and averaged over each interval. A recording without applied duty or
+    age is returned unchanged.
+    """
+    if recording.applied_duty is None or recording.sample_age is None:
+        return recording
+    taken, first = np.unique(np.round(recording.time - recording.sample_age, 6), return_index=True)
+    end = max(taken[-1], recording.time[-1]) + 1.0  # the last duty lasts
+    breaks = np.array([taken[0] - 1.0, *taken, end])
+
+    def at_times(readings: np.ndarray) -> np.ndarray:
+        return np.array([np.interp(recording.time, taken, row[first]) for row in readings])
+
+    def means(duty: np.ndarray) -> np.ndarray:
+        since_start = np.append(0.0, np.cumsum(np.append(duty[first], duty[-1]) * np.diff(breaks)))
+        ends = np.append(recording.time[0] - 1 / recording.sample_rate, recording.time)
+        return np.diff(np.interp(ends, breaks, since_start)) / np.diff(ends)
+
+    return dataclasses.replace(
+        recording,
+        duty=np.clip([means(duty) for duty in recording.applied_duty], 0.0, 1.0),
+        measured_temperature=at_times(recording.measured_temperature),
+        bend_angle=at_times(recording.bend_angle),
+        sample_age=np.zeros_like(recording.time),
+    )

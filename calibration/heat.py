@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter, savgol_filter
 
 from calibration.checks import check_values
+from calibration.course import at_sample_times
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, clustered_covariance
 from calibration.remarks import Remark
@@ -277,37 +278,6 @@ def fit_heat_transfer_from_temperature(
         temperature_residual=_rms(sensed - measured),
         angle_residual=None,
         remarks=_remarks(name, duty, measured, ambient, x, covariance),
-    )
-
-
-def at_sample_times(recording: Recording) -> Recording:
-    """A robot's recording with the applied duty, and its readings when they were taken.
-
-    The times of its samples follow from their age; readings are interpolated
-    linearly. The duty at a sample is taken as in force since the previous
-    sample, and averaged over each interval. A recording without applied duty or
-    age is returned unchanged.
-    """
-    if recording.applied_duty is None or recording.sample_age is None:
-        return recording
-    taken, first = np.unique(np.round(recording.time - recording.sample_age, 6), return_index=True)
-    end = max(taken[-1], recording.time[-1]) + 1.0  # the last duty lasts
-    breaks = np.array([taken[0] - 1.0, *taken, end])
-
-    def at_times(readings: np.ndarray) -> np.ndarray:
-        return np.array([np.interp(recording.time, taken, row[first]) for row in readings])
-
-    def means(duty: np.ndarray) -> np.ndarray:
-        since_start = np.append(0.0, np.cumsum(np.append(duty[first], duty[-1]) * np.diff(breaks)))
-        ends = np.append(recording.time[0] - 1 / recording.sample_rate, recording.time)
-        return np.diff(np.interp(ends, breaks, since_start)) / np.diff(ends)
-
-    return dataclasses.replace(
-        recording,
-        duty=np.clip([means(duty) for duty in recording.applied_duty], 0.0, 1.0),
-        measured_temperature=at_times(recording.measured_temperature),
-        bend_angle=at_times(recording.bend_angle),
-        sample_age=np.zeros_like(recording.time),
     )
 
 

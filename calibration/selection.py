@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from calibration.course import Course
 from calibration.prediction import LawFit, Predicted, fit_law
@@ -131,11 +132,12 @@ def fit_by_prediction(
     elif not judges:
         first, last = fitted[0].parts(FITTED_SHARE)
         rest, judges, words = [first], [last], "the last part of the only recording, fitted last"
-    candidates, best = compare_laws(laws, rest, judges, segment, ambient, tell=tell)
-    fit = best.fit
-    if rest is not fitted:
-        tell(f"{best.name}, all recordings")
-        fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
+    with threadpool_limits(1, "blas"):  # matrices are small; see README
+        candidates, best = compare_laws(laws, rest, judges, segment, ambient, tell=tell)
+        fit = best.fit
+        if rest is not fitted:
+            tell(f"{best.name}, all recordings")
+            fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
     return Prediction(candidates, best, fit, words)
 
 

@@ -13,6 +13,7 @@ from calibration.estimate import Estimate, standard_error
 from calibration.kinds import only_segment
 from calibration.remarks import Remark, remarks_on_estimate
 from limb_systems import BendSensor, LimbError, LimbParameters, Recording, make_manipulator
+from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.statics import static_equilibrium
 
 RESTING_TIME = 5.0  # s at the end of a recording that count as equilibrium
@@ -55,7 +56,7 @@ def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -
     the bend sensor of the recordings would show.
 
     Args:
-        parameters: geometry and mass of the limb; of one segment.
+        parameters: geometry, mass and rest angle of the limb; of one segment.
         recordings: of the limb at rest, unheated, with E2 along the vertical
             as their parameters' ``gravity`` says. At rest the last 5 s count.
 
@@ -81,13 +82,14 @@ def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -
                 f"The sag was recorded with gravity {list(gravity)} and with "
                 f"{recording.parameters.gravity} m/s²; mount the limb the same way each time."
             )
-    if not sensor.corrected(np.mean(sags)) * gravity[1] > 0:
+    sag = float(sensor.corrected(np.mean(sags))) - only_segment(parameters).rest_angle
+    if not sag * gravity[1] > 0:
         raise CalibrationError(
-            f"The limb sags by {np.rad2deg(np.mean(sags)):.1f}° where gravity along E2 is "
+            f"The limb sags by {np.rad2deg(sag):.1f}° where gravity along E2 is "
             f"{gravity[1]:g} m/s²: it bends upwards. Is the bend sensor reversed?"
         )
     stiffness, correction = _iterate(parameters, gravity, sensor, sags)
-    spread = standard_error(sags) if len(sags) > 1 else 0.0
+    spread = standard_error(sags) if len(sags) > 1 else sensor.drift
     step = 1e-3
     change = step * np.mean(sags)
     shifted, _ = _iterate(parameters, gravity, sensor, sags + change)
@@ -125,8 +127,9 @@ def _iterate(
     parameters, gravity: np.ndarray, sensor: BendSensor, sags: np.ndarray
 ) -> tuple[float, float]:
     """k and λ (9) for the bend angles of a sag (K,), rad, as a sensor shows them."""
-    bends = sensor.corrected(sags)
     segment = only_segment(parameters)
+    at_rest = rest_joint_angles(parameters)
+    bends = sensor.corrected(sags) - segment.rest_angle
     shape = shape_factors(segment.links)
     plant = make_manipulator(_with_stiffness(parameters, gravity, segment.stiffness))
     context = plant.CreateDefaultContext()
@@ -135,7 +138,7 @@ def _iterate(
         angles = correction * np.outer(bends, shape)  # θ^eq of all trials, eqn (9)
         forces = []
         for trial in angles:
-            plant.SetPositions(context, trial)
+            plant.SetPositions(context, at_rest + trial)
             forces.append(plant.CalcGravityGeneralizedForces(context))
         before = stiffness
         stiffness = float(np.sum(angles * forces) / np.sum(angles**2))
@@ -149,8 +152,8 @@ def _iterate(
                 f"No spring constant explains a sag of {np.rad2deg(np.mean(sags)):.1f}° with this "
                 f"mass and length: {error}"
             ) from error
-        expected = sensor.exact_bend_angle(simulated) * shape
-        correction = float(expected @ simulated / (expected @ expected))
+        expected = (sensor.exact_bend_angle(simulated) - segment.rest_angle) * shape
+        correction = float(expected @ (simulated - at_rest) / (expected @ expected))
     raise CalibrationError("The iteration for the spring constant does not converge.")
 
 

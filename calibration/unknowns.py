@@ -103,6 +103,8 @@ def unknowns_of(
     fields += ["shift", "rate"] if "rest_memory" in rubber else []
     for name in fields:
         value, spread, alike = PRIORS[name]
+        if name == "rest_angle":
+            value = segment.rest_angle
         bounds = (-REST_BOUND, REST_BOUND) if name == "rest_angle" else (-9.0, 3.0)
         form = "" if name == "rest_angle" else "+"
         unit = {"rest_angle": "rad", "stiffening": "of k", "shift": "rad", "rate": "1/rad"}[name]

@@ -7,6 +7,8 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
+from calibration.course import START, STEP
+from calibration.prediction import Predicted
 from limb_systems import Limb, LimbParameters, Recording, Wires, simulate
 from limb_systems.model.kinematics import rest_joint_angles
 
@@ -34,7 +36,8 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     """Simulates the duty of a recording, open loop, and compares.
 
     The model starts at rest with its wires at the first measured temperatures.
-    An interrupted recording counts as far as it came.
+    An interrupted recording counts as far as it came. Its times may be any, such as
+    those of a clock that drifts.
 
     Raises:
         CalibrationError: if a value of the recording is not plausible.
@@ -44,7 +47,8 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     # The duty at a sample was in force since the sample before.
     held = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
     duty = PiecewisePolynomial.ZeroOrderHold(times, held)
-    first = recording.measured_temperature[:, :20].mean(axis=1)
+    soon = times <= max(START, 2.5 / recording.sample_rate)
+    first = recording.measured_temperature[:, soon].mean(axis=1)
     warm = Wires(parameters).settled_states(first)
     angles = rest_joint_angles(parameters)
     state = np.concatenate([angles, np.zeros_like(angles), warm, first])
@@ -60,7 +64,45 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         bend_sensor_of(recording, segment).apparent_bend_angle(simulation.joint_state[joints])
         for segment, joints in enumerate(parameters.joint_slices)
     ]
-    simulation = dataclasses.replace(simulation, time=recording.time, bend_angle=np.array(seen))
+
+    def at_samples(signals: np.ndarray) -> np.ndarray:
+        return np.array([np.interp(times, simulation.time, signal) for signal in signals])
+
+    simulated = Recording(
+        time=recording.time,
+        duty=recording.duty,
+        measured_temperature=at_samples(simulation.measured_temperature),
+        bend_angle=at_samples(np.array(seen)),
+        parameters=parameters,
+        source="model",
+        sample_rate=recording.sample_rate,
+    )
+    return _compared(recording, simulated)
+
+
+def as_validation(predicted: Predicted, parameters: LimbParameters) -> Validation:
+    """A recording and its prediction by a law, of a limb with these parameters."""
+    course = predicted.course
+    steps = np.minimum((course.times / STEP).astype(int), len(course.duty) - 1)
+
+    def recording(temperature: np.ndarray, bend: np.ndarray, source: str) -> Recording:
+        return Recording(
+            time=course.times,
+            duty=course.duty[steps].T,
+            measured_temperature=temperature.T,
+            bend_angle=bend[np.newaxis],
+            parameters=parameters,
+            source=source,
+            sample_rate=1 / STEP,
+        )
+
+    return _compared(
+        recording(course.temperature, course.bend, course.source),
+        recording(predicted.temperature, predicted.bend, "model"),
+    )
+
+
+def _compared(recording: Recording, simulation: Recording) -> Validation:
     error = np.abs(simulation.bend_angle - recording.bend_angle)
     heat = np.abs(simulation.measured_temperature - recording.measured_temperature)
     return Validation(
