@@ -67,6 +67,17 @@ class Course:
             slope=np.array(slope),
         )
 
+    def interpolated(self, readings: np.ndarray, bends: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Signals (.., ...) at the ends of steps, of this or a longer recording, at the samples."""
+        steps = self.times / STEP
+        before = np.minimum(steps.astype(int), len(bends) - 2)
+        after = steps - before
+        return tuple(
+            signal[before] * (1 - share) + signal[before + 1] * share
+            for signal in (readings, bends)
+            for share in [after.reshape(-1, *[1] * (signal.ndim - 1))]
+        )
+
     def parts(self, share: float) -> tuple["Course", "Course"]:
         """The first share of it, and the rest."""
         step = round(share * len(self.duty))

@@ -13,11 +13,11 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
-from calibration.course import Course
+from calibration.course import STEP, Course
 from calibration.estimate import Estimate
-from calibration.open_loop import OpenLoop, with_fields
 from calibration.unknowns import Unknown, prior_factor, unknowns_of
 from limb_systems import RestMemory, SegmentParameters, WireLaw
+from limb_systems.model.open_loop import OpenLoop, with_fields
 
 AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
 READING_SPREAD = 1.0  # °C, of a wire from its thermocouple while both rest
@@ -213,8 +213,11 @@ class _Problem:
 
     def __init__(self, law, courses, segment, ambient: float, unknowns: list[Unknown]):
         self._law, self._courses, self._unknowns = law, courses, unknowns
-        self._open_loop = OpenLoop(courses, segment)
-        self._num_wires = len(segment.wires)
+        self._num_wires, self._stiffness = len(segment.wires), segment.stiffness
+        duty = np.zeros((max(len(c.duty) for c in courses), len(courses), self._num_wires))
+        for number, course in enumerate(courses):
+            duty[: len(course.duty), number] = course.duty
+        self._open_loop = OpenLoop(duty, STEP, segment)
         self._prior = prior_factor(unknowns)
         centers, spreads = zip(
             *[self._nuisances(course, ambient) for course in courses], strict=True
@@ -293,7 +296,7 @@ class _Problem:
         """V and φ at the ends of steps, for sets of parameters and nuisances (B, P + R Q)."""
         size, num_wires, num_sets = len(self._unknowns), self._num_wires, len(x)
         fields: dict[str, np.ndarray] = {}
-        rubber: dict[str, np.ndarray] = {}
+        rubber = {"stiffness": np.full(num_sets, self._stiffness)}
         for unknown, column in zip(self._unknowns, x.T, strict=False):
             value = unknown.value(column)
             if unknown.wire is None:
@@ -308,14 +311,14 @@ class _Problem:
         first = np.array([course.first for course in self._courses])
         initial = [*states, np.broadcast_to(first, states[0].shape)]
         law = with_fields(self._law, fields)
-        return self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)
+        return self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)[1:]
 
     def predicted(self, x: np.ndarray) -> list[Predicted]:
         """All recordings, for one x."""
         readings, bends = self._simulate(x[None])
         result = []
         for number, course in enumerate(self._courses):
-            reading, bend = self._open_loop.at_samples(number, readings, bends)
+            reading, bend = course.interpolated(readings[:, :, number], bends[:, :, number])
             result.append(Predicted(course, reading[:, 0], bend[:, 0]))
         return result
 
@@ -324,7 +327,7 @@ class _Problem:
         readings, bends = self._simulate(x)
         result = []
         for number, (course, factors) in enumerate(zip(self._courses, self._factors, strict=True)):
-            reading, bend = self._open_loop.at_samples(number, readings, bends)
+            reading, bend = course.interpolated(readings[:, :, number], bends[:, :, number])
             errors = [bend - course.bend[:, None]]
             errors += list(np.moveaxis(reading - course.temperature[:, None], 2, 0))
             parts = [
