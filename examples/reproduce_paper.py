@@ -27,7 +27,7 @@ from calibration.report import write_report as write_calibration_report
 from evaluation.experiment import NUM_ROLLOUTS, NUM_STEPS, Experiment, run_experiment
 from evaluation.figures import figures
 from evaluation.report import EMULATED, write_report
-from evaluation.tables import STATISTICS, Summary, findings, summarize, table_1
+from evaluation.tables import ABORTED, STATISTICS, Summary, findings, summarize, table_1
 from hardware.emulation.specimen import EFFECTS, Specimen
 from limb_systems import LimbParameters, write_meshcat_replay
 from limb_systems.command import run_command
@@ -94,8 +94,8 @@ def _reproduce(options) -> int:
 
     print(f"\n{calibration_summary(shown.calibration)}\n")
     print(f"Table I: tracking error |φ* - φ|, rollouts per plan: {options.rollouts}, in degrees")
-    line = "{:<12}{:<20}{:>16}{:>16}{:>18}"
-    print(line.format("", "", *STATISTICS))
+    line = "{:<12}{:<20}{:>16}{:>16}{:>18}{:>18}"
+    print(line.format("", "", *STATISTICS, ABORTED))
     for row in table_1(summaries):
         print(line.format(*row))
     print(EMULATED, *findings(summaries), sep="\n")
@@ -117,9 +117,9 @@ def _run_all(jobs: list, folder: Path) -> list[tuple[Summary, Experiment | None]
                 results[job] = future.result()
                 errors = ", ".join(f"{e:.1f}°" for e in results[job][0].first.values())
                 without = f" without {', '.join(absent)}" if absent else ""
-                print(
-                    f"{len(results):>3} of {len(jobs)}: limb {seed}{without}: {errors}", flush=True
-                )
+                aborted = sum(results[job][0].aborted.values())
+                told = f"{errors}; {aborted} rollouts aborted" if aborted else errors
+                print(f"{len(results):>3} of {len(jobs)}: limb {seed}{without}: {told}", flush=True)
         except BaseException:
             for process in multiprocessing.active_children():
                 process.terminate()  # or the pool would wait for what they are at
