@@ -20,6 +20,7 @@ from calibration.calibrate import HEAT_METHODS
 from calibration.checks import check_recording
 from calibration.report import calibration_facts, validation_facts, validation_summary
 from hardware import LimbTwin, SerialLimb
+from hardware.emulation.specimen import EXTRA_EFFECTS
 from limb_systems import LimbParameters, Recording
 from limb_systems.command import add_force_option, run_command
 from limb_systems.output import OutputError, check_folder, check_outputs
@@ -69,6 +70,13 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         default=0,
         metavar="SEED",
         help="seed of the emulated limb that is recorded without a port (default %(default)s)",
+    )
+    collect.add_argument(
+        "--extra",
+        action="append",
+        default=[],
+        choices=EXTRA_EFFECTS,
+        help="an effect that the emulated limb has beside those of every limb",
     )
     collect.add_argument(
         "--angles", type=int, default=8, help="equilibria in each recording (default %(default)s)"
@@ -141,7 +149,9 @@ def _collect(options) -> int:
             f"{options.output} holds recordings; give another folder, or --force to replace them."
         )
     recordings = collect_from_twin(
-        LimbTwin(limb, seed=options.emulated), seed=options.seed, num_angles=options.angles
+        LimbTwin(limb, seed=options.emulated, extra=options.extra),
+        seed=options.seed,
+        num_angles=options.angles,
     )
     for path in save_recordings(recordings, options.output):
         print(f"written     {path}")

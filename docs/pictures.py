@@ -69,6 +69,8 @@ LIMB = {
 TWIN = {
     "shape_memory_wires": ("(3), two thermal masses", ["torque", "T", "", "D"]),
     "rubber": ("stiffens, relaxes", ["f, q"]),
+    "heater_cut_out": ("at 110 °C", ["D", ""]),
+    "exact_bend": ("α/2 or chord", ["φ"]),
     "sensors": ("noise, drift, steps", ["V", "φ", "V, φ"]),
 }
 COLLECTING = {

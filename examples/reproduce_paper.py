@@ -6,7 +6,7 @@ replays each plan five times open loop, and writes Table I, Figs. 4 to 7, where
 the error comes from, and all the data to a folder. Nothing but the split of the
 error knows what an emulated limb is made of.
 
-    python examples/reproduce_paper.py [FOLDER] [--quick] [--limbs N]
+    python examples/reproduce_paper.py [FOLDER] [--quick] [--limbs N] [--extra memory]
 """
 
 import argparse
@@ -27,15 +27,12 @@ from calibration.report import write_report as write_calibration_report
 from evaluation.experiment import NUM_ROLLOUTS, NUM_STEPS, Experiment, run_experiment
 from evaluation.figures import figures
 from evaluation.report import EMULATED, write_report
-from evaluation.tables import STATISTICS, Summary, findings, summarize, table_1
-from hardware.emulation.specimen import EFFECTS, Specimen
+from evaluation.tables import ABORTED, STATISTICS, Summary, findings, summarize, table_1
+from hardware.emulation.specimen import EFFECTS, EXTRA_EFFECTS, Specimen
 from limb_systems import LimbParameters, write_meshcat_replay
 from limb_systems.command import run_command
 from limb_systems.output import write_atomically
 from limb_systems.views.plots import save_figure
-
-# What limbs are without, to see what each effect costs; all of them at last.
-ABSENCES = [(effect,) for effect in EFFECTS if effect != "stress"] + [EFFECTS]
 
 
 def main() -> int:
@@ -51,6 +48,13 @@ def main() -> int:
     parser.add_argument(
         "--rollouts", type=int, default=NUM_ROLLOUTS, help="of each plan (default %(default)s)"
     )
+    parser.add_argument(
+        "--extra",
+        action="append",
+        default=[],
+        choices=EXTRA_EFFECTS,
+        help="an effect that all limbs have beside those of every limb",
+    )
     options = parser.parse_args()
     if options.limbs < 1 or options.rollouts < 1:
         parser.error("--limbs and --rollouts must be one or more")
@@ -61,16 +65,20 @@ def main() -> int:
 def _reproduce(options) -> int:
     folder, started = options.folder, time.perf_counter()
     seeds = range(1 if options.quick else options.limbs)
-    jobs = [(seed, (), options.rollouts) for seed in seeds]
+    extra = tuple(options.extra)
+    jobs = [(seed, extra, (), options.rollouts) for seed in seeds]
     if not options.quick:
-        jobs += [(seed, absent, 1) for seed in seeds for absent in ABSENCES]
+        # What limbs are without, to see what each effect costs; all of them at last.
+        absences = [(effect,) for effect in EFFECTS + extra if effect != "stress"]
+        absences.append(EFFECTS + extra)
+        jobs += [(seed, extra, absent, 1) for seed in seeds for absent in absences]
     if len(jobs) == 1:
         steps = itertools.count(1)
 
         def tell(step: str) -> None:
             print(f"{next(steps)}/{NUM_STEPS + 1} {step} ...", flush=True)
 
-        results = [_run(0, (), options.rollouts, folder, tell)]
+        results = [_run(*jobs[0], folder, tell)]
         tell("drawing figures, and writing the report")
     else:
         results = _run_all(jobs, folder)
@@ -94,8 +102,8 @@ def _reproduce(options) -> int:
 
     print(f"\n{calibration_summary(shown.calibration)}\n")
     print(f"Table I: tracking error |φ* - φ|, rollouts per plan: {options.rollouts}, in degrees")
-    line = "{:<12}{:<20}{:>16}{:>16}{:>18}"
-    print(line.format("", "", *STATISTICS))
+    line = "{:<12}{:<20}{:>16}{:>16}{:>18}{:>18}"
+    print(line.format("", "", *STATISTICS, ABORTED))
     for row in table_1(summaries):
         print(line.format(*row))
     print(EMULATED, *findings(summaries), sep="\n")
@@ -113,13 +121,13 @@ def _run_all(jobs: list, folder: Path) -> list[tuple[Summary, Experiment | None]
         futures = {pool.submit(_run, *job, folder): job for job in jobs}
         try:
             for future in concurrent.futures.as_completed(futures):
-                seed, absent, _ = job = futures[future]
+                seed, _, absent, _ = job = futures[future]
                 results[job] = future.result()
                 errors = ", ".join(f"{e:.1f}°" for e in results[job][0].first.values())
                 without = f" without {', '.join(absent)}" if absent else ""
-                print(
-                    f"{len(results):>3} of {len(jobs)}: limb {seed}{without}: {errors}", flush=True
-                )
+                aborted = sum(results[job][0].aborted.values())
+                told = f"{errors}; {aborted} rollouts aborted" if aborted else errors
+                print(f"{len(results):>3} of {len(jobs)}: limb {seed}{without}: {told}", flush=True)
         except BaseException:
             for process in multiprocessing.active_children():
                 process.terminate()  # or the pool would wait for what they are at
@@ -134,13 +142,14 @@ def _hush() -> None:
 
 def _run(
     seed: int,
+    extra: tuple[str, ...],
     absent: tuple[str, ...],
     num_rollouts: int,
     folder: Path,
     tell: Callable[[str], object] = lambda step: None,
 ) -> tuple[Summary, Experiment | None]:
     """One limb; its files are written, and the first limb is returned as well."""
-    specimen = Specimen(LimbParameters(), seed).without(*absent)
+    specimen = Specimen(LimbParameters(), seed, extra).without(*absent)
     experiment = run_experiment(specimen, num_rollouts, tell)
     if not absent:
         _save(experiment, folder / f"limb_{seed}")

@@ -11,7 +11,7 @@ from serial.tools import list_ports
 
 from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
 from hardware.emulation.emulator import ORDERS, emulate
-from hardware.emulation.specimen import emulated_limb
+from hardware.emulation.specimen import EXTRA_EFFECTS, emulated_limb
 from hardware.robot.self_test import self_test
 from limb_systems import (
     LimbError,
@@ -124,6 +124,13 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         default=0,
         metavar="SEED",
         help="seed of the emulated limb (default %(default)s)",
+    )
+    emulation.add_argument(
+        "--extra",
+        action="append",
+        default=[],
+        choices=EXTRA_EFFECTS,
+        help="an effect that it has beside those of every limb",
     )
     emulation.add_argument(
         "-l",
@@ -258,11 +265,13 @@ def _replay(options) -> int:
     mean, median, percentile_90 = np.rad2deg(
         [errors.mean, errors.median, errors.percentile_90]
     ).tolist()
+    status = 1 if recording.interrupted else 0  # an emulated limb's that cut out
     if options.json:
         tracking = {"mean_deg": mean, "median_deg": median, "percentile_90_deg": percentile_90}
-        facts = {"source": recording.source, "tracking": tracking, "timing": timing}
+        facts = {"source": recording.source, "interrupted": recording.interrupted}
+        facts |= {"tracking": tracking, "timing": timing}
         print(json.dumps({**facts, "written": written}))
-        return 0
+        return status
     if timing:
         print(
             f"timing      commands were late by {timing['late_median_ms']:.1f} ms (median), "
@@ -281,7 +290,7 @@ def _replay(options) -> int:
         f"90th percentile {percentile_90:.2f}°"
     )
     print(f"written     {', '.join(written)}")
-    return 0
+    return status
 
 
 def reduced_time(recording: Recording) -> float:
@@ -339,7 +348,8 @@ def _recover(options) -> int:
 def _emulate(options) -> int:
     check_outputs([options.log], inputs=[options.limb], force=options.force)
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
-    emulate(LimbTwin(limb, seed=options.emulated), options.do, options.log)
+    twin = LimbTwin(limb, seed=options.emulated, extra=options.extra)
+    emulate(twin, options.do, options.log)
     return 0
 
 

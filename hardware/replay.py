@@ -1,11 +1,19 @@
 """Replays a planned trajectory, or records a limb that is moved by hand."""
 
 import contextlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import (
+    Context,
+    DiagramBuilder,
+    EventStatus,
+    LeafSystem,
+    OutputPort,
+    System,
+)
 from pydrake.systems.primitives import (
     ConstantVectorSource,
     MatrixGain,
@@ -14,6 +22,7 @@ from pydrake.systems.primitives import (
 )
 
 from hardware.emulation.specimen import serial_number
+from hardware.firmware import guard
 from hardware.robot.journal import journaled
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
@@ -26,6 +35,7 @@ from limb_systems import (
     joint_angles_from_bend_angle,
 )
 from limb_systems.model.limb_system import check_limb
+from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import REAL_TIME_STEP, record
 
 AMBIENT_TOLERANCE = 10.0  # °C, by which a wire may differ from where the plan starts
@@ -49,7 +59,7 @@ def replay(
 
     A `SerialLimb` is driven in real time and closed at the end, also after an
     error, so that the wires are off. Other limbs are simulated, in real time if
-    they are shown.
+    they are shown. A `LimbTwin` that cuts out ends the recording, which says so.
 
     Args:
         trajectory: a plan that passed its check.
@@ -237,19 +247,60 @@ def _run(
         if controller.HasOutputPort("duty")
         else controller.get_output_port()
     )
-    with journaled(builder, journal, limb, duty, sample_rate, ended_by_hand=ended_by_hand):
+    may_cut_out = plan is not None and limb.HasOutputPort("cut_out")
+    if may_cut_out:
+        end = builder.AddSystem(_EndAtCutOut())
+        builder.Connect(limb.GetOutputPort("cut_out"), end.get_input_port())
+
+    with journaled(
+        builder, journal, limb, duty, sample_rate, ended_by_hand=ended_by_hand
+    ) as writer:
         if meshcat is not None:
             _add_view(builder, limb, duty, meshcat, plan)
-        return record(
+        recording = record(
             builder,
             limb,
             duty,
             duration,
+            until=_has_cut_out(limb) if may_cut_out else None,
             real_time=meshcat is not None,
             sample_rate=sample_rate,
             remark=_remark(limb) if limb.real_time else None,
         )
+        if may_cut_out and recording.time[-1] < duration - 0.5 / sample_rate:
+            hottest = int(np.argmax(recording.measured_temperature[:, -1]))
+            recording.interrupted = (
+                f"the {limb.parameters.wire_names[hottest]} wire was measured at "
+                f"{guard.TEMPERATURE_LIMIT:g} °C or more, where the board switches off"
+            )
+            if writer:
+                writer.finish(recording.interrupted)
+        return recording
     return Recording.load(journal)  # as far as it came before it was ended by hand
+
+
+class _EndAtCutOut(LeafSystem):
+    """Ends the simulation when an emulated limb has cut out.
+
+    - input 0 ``cut_out``: 1 if it has, else 0
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("cut_out", 1)
+        self.DeclarePeriodicPublishEvent(REAL_TIME_STEP, 0.0, weak_method(self._look))
+
+    def _look(self, context) -> EventStatus:
+        if self.get_input_port().Eval(context)[0]:
+            return EventStatus.ReachedTermination(self, "the emulated limb has cut out")
+        return EventStatus.DidNothing()
+
+
+def _has_cut_out(limb: LimbSystem) -> Callable[[Context], bool]:
+    port = limb.GetOutputPort("cut_out")
+    return lambda root: port.Eval(limb.GetMyContextFromRoot(root))[0] > 0
 
 
 def _connect_readings(builder: DiagramBuilder, limb: LimbSystem, controller: System) -> None:

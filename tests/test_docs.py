@@ -11,6 +11,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from pydrake.geometry import Meshcat
@@ -21,9 +22,10 @@ import hardware.robot.serial_limb
 from calibration import BendAngleController, EquilibriumSchedule
 from hardware import LimbTwin, SensedLimb, SerialLimb
 from hardware.emulation.hand import Hand
-from hardware.emulation.rubber import Rubber
-from hardware.emulation.sensors import SampledSensors, limb_sensors
+from hardware.emulation.rubber import RestMemory, Rubber
+from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import Specimen
+from hardware.emulation.twin import CutOut
 from hardware.emulation.wires import ShapeMemoryWires
 from hardware.robot.journal import Journal
 from limb_systems import (
@@ -39,6 +41,7 @@ from limb_systems import (
     SegmentParameters,
     TemperatureLimits,
     ThermocoupleLag,
+    TipTangentSensor,
     TorqueMap,
     WireParameters,
 )
@@ -267,10 +270,15 @@ def make_system(monkeypatch):
         EquilibriumSchedule: lambda: EquilibriumSchedule([0.1]),
         LimbTwin: LimbTwin,
         SensedLimb: lambda: SensedLimb(Limb()),
+        CutOut: lambda: CutOut(2, 0.05),
+        ExactBend: lambda: ExactBend(parameters),
+        RestMemory: lambda: RestMemory(specimen, 0.05),
         SerialLimb: lambda: SerialLimb("port"),
         ShapeMemoryWires: lambda: ShapeMemoryWires(specimen),
         Rubber: lambda: Rubber(specimen),
-        SampledSensors: lambda: SampledSensors(limb_sensors(parameters, 20.0)),
+        SampledSensors: lambda: SampledSensors(
+            limb_sensors(parameters, 20.0, bend_response=np.asarray, bend_noise=0.0, bend_drift=0.0)
+        ),
         Hand: lambda: Hand(parameters, course),
         Journal: lambda: Journal(os.devnull, Limb(), 20.0),
     }
@@ -347,6 +355,7 @@ def test_parameters_on_the_page_are_the_nominal_ones():
         for kind in (
             SegmentParameters,
             RestMemory,
+            TipTangentSensor,
             WireParameters,
             LinearLaw,
             HeatBounds,

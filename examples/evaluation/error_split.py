@@ -42,7 +42,8 @@ def error_split(experiment: Experiment) -> dict[str, dict[str, tuple[float, floa
         for limb in (experiment.calibration.parameters, best):
             angles.append(simulate(Limb(limb), trajectory).bend_angle)
         angles += [motion.exact.bend_angle, measured.bend_angle]
-        steps = np.rad2deg(np.diff([angle[0] for angle in angles], axis=0))
+        length = min(angle.shape[1] for angle in angles)  # one that was aborted counts up to then
+        steps = np.rad2deg(np.diff([angle[0, :length] for angle in angles], axis=0))
         whole = steps.sum(axis=0)
         result[motion.name] = {
             name: (np.abs(step).mean(), np.abs(whole - step).mean())

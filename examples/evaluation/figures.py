@@ -104,7 +104,7 @@ def _plot_poses(axis, recording: Recording, color: str) -> None:
         axis.plot(place + x, y, "-", color=color, linewidth=5, solid_capstyle="round")
         axis.plot(place, 0, "s", color="0.7", markersize=8)
         axis.text(place, 0.2, f"{round(np.rad2deg(angle)):+d}°", ha="center", fontsize=8)
-    axis.set_xlim(-0.7, places[-1] + 0.7)
+    axis.set_xlim(-0.7, 1.1 * len(times) - 0.4)
     axis.set_ylim(-1.15, 0.45)
     axis.set_aspect("equal")
     axis.set_yticks([])

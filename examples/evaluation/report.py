@@ -9,6 +9,7 @@ from calibration.report import parameter_table, validation_summary
 from evaluation.experiment import NUM_ANGLES, PAUSE, Experiment
 from evaluation.figures import plot_error, plot_limbs, plot_split
 from evaluation.tables import (
+    ABORTED,
     PAPER_TABLE_1,
     STATISTICS,
     Summary,
@@ -74,8 +75,11 @@ def write_report(
 
 
 def _table_1(summaries: Sequence[Summary]) -> str:
-    caption = "Tracking error |φ* − φ| of the open-loop rollouts of each plan, in degrees."
-    header = ["trajectory", "", *STATISTICS]
+    caption = (
+        "Tracking error |φ* − φ| of the open-loop rollouts of each plan, in degrees, and how many "
+        "of them the board would have stopped at a wire of 110 °C; these count up to then."
+    )
+    header = ["trajectory", "", *STATISTICS, ABORTED]
     if len(complete(summaries)) == 1:
         return page.section(
             "Table I, tracking error", page.table(header, table_1(summaries), caption)

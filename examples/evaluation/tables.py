@@ -11,6 +11,7 @@ from evaluation.experiment import Experiment
 from limb_systems.tracking import tracking_errors
 
 STATISTICS = ("mean", "median", "90th percentile")
+ABORTED = "aborted rollouts"
 PAPER_TABLE_1 = {  # degrees
     "Validation": (3.44, 2.33, 7.43),
     "T&R 1": (3.90, 2.73, 10.61),
@@ -20,31 +21,38 @@ PAPER_TABLE_1 = {  # degrees
 
 @dataclasses.dataclass(frozen=True)
 class Summary:
-    """The numbers of one experiment, all in degrees.
+    """The numbers of one experiment, angles in degrees.
 
     - ``seed``, ``absent``: of the limb, and which effects it was without.
-    - ``tracking``: of each motion `STATISTICS` over all rollouts.
+    - ``rollouts``: of each motion, how many there were.
+    - ``aborted``: of each motion, how many of them the board would have stopped.
+    - ``tracking``: of each motion `STATISTICS` over all rollouts, as far as they came.
     - ``first``: of each motion the mean over the first rollout.
     - ``split``: of each motion and step, see `error_split`.
     """
 
     seed: int
     absent: tuple[str, ...]
+    rollouts: int
+    aborted: dict[str, int]
     tracking: dict[str, tuple[float, ...]]
     first: dict[str, float]
     split: dict[str, dict[str, tuple[float, float]]]
 
 
 def summarize(experiment: Experiment) -> Summary:
-    tracking, first = {}, {}
+    tracking, first, aborted = {}, {}, {}
     for motion in experiment.motions:
+        aborted[motion.name] = sum(bool(rollout.interrupted) for rollout in motion.rollouts)
         errors = tracking_errors(motion.trajectory, motion.rollouts)
         degrees = np.rad2deg([errors.mean, errors.median, errors.percentile_90])
         tracking[motion.name] = tuple(degrees.tolist())
         alone = tracking_errors(motion.trajectory, motion.rollouts[:1])
         first[motion.name] = float(np.rad2deg(alone.mean))
     specimen = experiment.specimen
-    return Summary(specimen.seed, specimen.absent, tracking, first, error_split(experiment))
+    rollouts = len(experiment.motions[0].rollouts)
+    split = error_split(experiment)
+    return Summary(specimen.seed, specimen.absent, rollouts, aborted, tracking, first, split)
 
 
 def complete(summaries: Sequence[Summary]) -> list[Summary]:
@@ -62,14 +70,16 @@ def mean_and_margin(values: Sequence[float]) -> tuple[float, float]:
 
 
 def table_1(summaries: Sequence[Summary]) -> list[list[str]]:
-    """Rows of Table I: trajectory, who, and `STATISTICS` in degrees."""
+    """Rows of Table I: trajectory, who, `STATISTICS` in degrees, and how many were aborted."""
     whole = complete(summaries)
     limbs = "emulated limb" if len(whole) == 1 else f"{len(whole)} emulated limbs"
     rows = []
     for motion, paper in PAPER_TABLE_1.items():
         ours = np.transpose([s.tracking[motion] for s in whole])
-        rows.append([motion, limbs, *(_with_margin(*mean_and_margin(v)) for v in ours)])
-        rows.append(["", "the paper's robot", *(f"{value:.2f}" for value in paper)])
+        aborted = sum(s.aborted[motion] for s in whole)
+        aborted_of = f"{aborted} of {sum(s.rollouts for s in whole)}"
+        rows.append([motion, limbs, *(_with_margin(*mean_and_margin(v)) for v in ours), aborted_of])
+        rows.append(["", "the paper's robot", *(f"{value:.2f}" for value in paper), ""])
     return rows
 
 

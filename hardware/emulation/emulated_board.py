@@ -74,6 +74,7 @@ class EmulatedBoard:
         self._twin = twin
         self._simulator = make_simulator(twin, twin.accuracy)
         self._context = self._simulator.get_mutable_context()
+        twin.without_cut_out(self._context)  # the firmware is what switches off
         self._input = twin.GetInputPort("duty").FixValue(self._context, [0, 0])
         self._simulator.Initialize()
         self.to_host, self.from_host = bytearray(), bytearray()
@@ -107,6 +108,7 @@ class EmulatedBoard:
     def cool(self) -> None:
         """Brings the limb back to its initial state: cold and at rest."""
         self._twin.SetDefaultContext(self._context)
+        self._twin.without_cut_out(self._context)
         self._simulator.Initialize()
 
     def advance(self) -> None:

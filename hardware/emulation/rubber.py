@@ -2,9 +2,12 @@
 
 import numpy as np
 from pydrake.symbolic import MakeVectorVariable
+from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import SymbolicVectorSystem
 
 from hardware.emulation.specimen import Specimen
+from limb_systems import joint_angles_from_bend_angle
+from limb_systems.model.ownership import weak_method
 
 
 class Rubber(SymbolicVectorSystem):
@@ -42,3 +45,73 @@ class Rubber(SymbolicVectorSystem):
                 rate.append((theta - q) / segment.relaxation_time)
         super().__init__(state=state, input=joint_state, dynamics=rate, output=[*force, *relaxed])
         self.set_name("rubber")
+
+
+class RestMemory(LeafSystem):
+    """Angle at rest that remembers which wire was hot last.
+
+    While a wire transforms on heating, the angle is drawn towards its side:
+
+        ρ̇ = λ Σ_i max(-ξ̇_i, 0) (±Δ - ρ)
+
+    with the martensite fraction ξ of each wire of the segment, so that a whole
+    transformation makes up for 1 - exp(-λ) of the way. The force on each joint is
+    that of the spring k to ρ, eqn (11). Integrated by Euler's method, with the steps
+    of the wires.
+
+    - input 0 ``wires``: state of `ShapeMemoryWires` (4W)
+    - output 0 ``generalized_force``: f (n), N·m
+    - output 1 ``state``: as below
+    - state, discrete: [ρ (S), ξ (W) at the step before], rad and 1
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, specimen: Specimen, period: float):
+        """
+        Args:
+            specimen: the limb, with the state after its last use.
+            period: s, of the steps.
+        """
+        super().__init__()
+        parameters, physics = specimen.description, specimen.segments
+        self._parameters, self._num_wires = parameters, len(specimen.wires)
+        stiffness = [segment.stiffness for segment in physics]
+        links = [segment.links for segment in parameters.segments]
+        self._stiffness = np.repeat(stiffness, links)
+        # Rows are segments: what a wire's transformation draws each by, and from where.
+        self._share = np.zeros((len(physics), self._num_wires))
+        self._target = np.zeros_like(self._share)
+        for index, (segment, around) in enumerate(
+            zip(physics, parameters.wire_slices, strict=True)
+        ):
+            sides = np.sign([wire.direction for wire in parameters.segments[index].wires])
+            self._share[index, around] = segment.memory_share
+            self._target[index, around] = sides * segment.memory_angle
+        unused = np.append(np.zeros(len(physics)), np.ones(self._num_wires))
+        state = self.DeclareDiscreteState(specimen.state.get("rest", unused))
+        self.DeclareVectorInputPort("wires", 4 * self._num_wires)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weak_method(self._step))
+        self.DeclareVectorOutputPort(
+            "generalized_force",
+            parameters.num_joints,
+            weak_method(self._calc),
+            {self.discrete_state_ticket(state)},
+        )
+        self.DeclareStateOutputPort("state", state)
+        self.set_name("rest_memory")
+
+    def _split(self, context) -> list[np.ndarray]:
+        state = context.get_discrete_state_vector().value()
+        return np.split(state, [len(state) - self._num_wires])
+
+    def _step(self, context, discrete_state):
+        rest, before = self._split(context)
+        martensite = self.get_input_port().Eval(context).reshape(4, -1)[2]
+        transformed = np.maximum(before - martensite, 0.0)
+        drawn = self._share * transformed * (self._target - rest[:, np.newaxis])
+        discrete_state.set_value(np.append(rest + drawn.sum(axis=1), martensite))
+
+    def _calc(self, context, output):
+        rest, _ = self._split(context)
+        output.SetFromVector(self._stiffness * joint_angles_from_bend_angle(self._parameters, rest))

@@ -10,9 +10,10 @@ Sources:
 - [paper] Wertz, Sabelhaus, Majidi: trajectory optimization for thermally
   actuated soft planar robot limbs, Secs. III, VII and VIII.
 - [records] Published recordings of SMA limbs of this family: a1 from -0.04 to
-  -0.07 1/s, a lag or dead time of 0.8 to 2.5 s, cooling of two exponentials of
-  11-19 s and 78-134 s, loops of bend against measured temperature that are up
-  to 14-20° wide.
+  -0.07 1/s, a lag or dead time of 0.8 to 2.5 s and of up to 9 s in one wire,
+  cooling of two exponentials of 11-19 s and 78-134 s, loops of bend against
+  measured temperature that are up to 14-20° wide, an angle at rest that moves
+  by 1-4° with the wire that was hot last.
 - [Ikuta] Ikuta, Tsukamoto, Hirose: Mathematical model and experimental
   verification of shape memory alloy for designing micro actuator, MEMS 1991:
   martensite fraction as logistic curves with hysteresis.
@@ -30,6 +31,7 @@ import copy
 import dataclasses
 import hashlib
 import re
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -44,6 +46,7 @@ from limb_systems import (
 from limb_systems.model.parameters import Board
 
 EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor")
+EXTRA_EFFECTS = ("memory", "bond")  # that a limb has on request only
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,6 +69,8 @@ class WirePhysics:
     - ``strain_relief``: recoverable strain that is lost by bending one radian
       towards the wire.
     - ``expansion``: Θ of (3) over the stress of full transformation, 1/°C.
+    - ``bond_time``: time constant of the thermocouple's lag where it is badly bonded,
+      s, in place of ``lag_rate``; 0 if it is not.
     """
 
     heating: float
@@ -83,6 +88,7 @@ class WirePhysics:
     modulus_ratio: float
     strain_relief: float
     expansion: float
+    bond_time: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,6 +105,9 @@ class SegmentPhysics:
       it shows there, rad.
     - ``sensor_curvature``: share of the reading that is lost or gained at 45°.
     - ``sensor_noise``, ``sensor_drift``: standard deviations, rad.
+    - ``memory_angle``: by which the angle at rest is drawn towards the wire that was hot
+      last, rad.
+    - ``memory_share``: λ, by which it is for a whole transformation.
     """
 
     stiffness: float
@@ -112,6 +121,8 @@ class SegmentPhysics:
     sensor_curvature: float
     sensor_noise: float
     sensor_drift: float
+    memory_angle: float = 0.0
+    memory_share: float = 0.0
 
 
 class Specimen:
@@ -125,24 +136,40 @@ class Specimen:
     - ``state``: of each part of the emulation after its last run, by name;
       empty for a limb that was never used.
     - ``noise``: of the sensors; the state says how much of it was used.
+    - ``extra``: the effects that it has beside those of every limb.
     - ``absent``: the effects that were taken out, see `without`.
 
     A new specimen is unused: its wires are cold, its rubber is at rest, and its
     noise is at the beginning.
     """
 
-    def __init__(self, description: LimbParameters, seed: int):
+    def __init__(self, description: LimbParameters, seed: int, extra: Sequence[str] = ()):
+        """
+        Args:
+            description: around which it is drawn.
+            seed: of the draw; what it draws does not depend on ``extra``.
+            extra: any of
+
+                - "memory": the angle at rest moves by some degrees towards the
+                  wire that was hot last;
+                - "bond": in one wire of ten, the thermocouple is badly bonded and
+                  lags by 3 to 9 s.
+
+        Raises:
+            LimbError: if the seed is negative, or an effect unknown.
+        """
         description.validate()
+        _check_effects(extra, EXTRA_EFFECTS)
         if seed < 0:
             raise LimbError(f"The seed of an emulated limb is {seed}; it must be zero or more.")
-        draw_seed, noise_seed = np.random.SeedSequence(seed).spawn(2)
+        draw_seed, noise_seed, extra_seed = np.random.SeedSequence(seed).spawn(3)
         generator = np.random.default_rng(draw_seed)
         self.description = copy.deepcopy(description)
         self.description.board, self.description.calibration = NoBoard(), None
         nominal = self.description == LimbParameters()
         self._drawn_around = "" if nominal else self.description.to_yaml()
         self.seed = seed
-        self.absent: tuple[str, ...] = ()
+        self.extra, self.absent = tuple(extra), tuple[str, ...]()
         self.noise = Noise(np.random.default_rng(noise_seed))
         self.state: dict[str, np.ndarray] = {}
         self.segments = [_draw_segment(generator.uniform, s) for s in description.segments]
@@ -150,6 +177,19 @@ class Specimen:
         rise = limits.maximum - description.ambient_temperature
         self.wires = [_draw_wire(generator.uniform, wire, rise) for wire in description.wires]
         self.ambient = description.ambient_temperature + generator.uniform(-3.0, 3.0)  # °C, ours
+        uniform = np.random.default_rng(extra_seed).uniform
+        memories = [_draw_memory(uniform) for _ in self.segments]
+        bonds = [_draw_bond(uniform) for _ in self.wires]
+        if "memory" in extra:
+            self.segments = [
+                dataclasses.replace(segment, **memory)
+                for segment, memory in zip(self.segments, memories, strict=True)
+            ]
+        if "bond" in extra:
+            self.wires = [
+                dataclasses.replace(wire, bond_time=time)
+                for wire, time in zip(self.wires, bonds, strict=True)
+            ]
 
     @classmethod
     def of(cls, board: EmulatedLimb) -> "Specimen":
@@ -160,12 +200,12 @@ class Specimen:
         """
         text = board.description
         description = LimbParameters.from_yaml(text) if text else LimbParameters()
-        return cls(description, board.seed).without(*board.absent)
+        return cls(description, board.seed, board.extra).without(*board.absent)
 
     @property
     def board(self) -> EmulatedLimb:
         """The limb's identity, from which `of` makes it again."""
-        return EmulatedLimb(self.seed, self._drawn_around, list(self.absent))
+        return EmulatedLimb(self.seed, self._drawn_around, list(self.absent), list(self.extra))
 
     def without(self, *effects: str) -> "Specimen":
         """This limb in its present state and with the same noise, without some of its effects.
@@ -180,15 +220,15 @@ class Specimen:
                   change the transformation; torque is an S-curve of temperature;
                 - "rubber": it is linear and straight at rest;
                 - "bend sensor": it reads α/2, or the chord's angle, exactly, except
-                  for its steps.
+                  for its steps;
+                - "memory", "bond": what the limb may have beside these.
 
         Raises:
             LimbError: if an effect is unknown.
         """
+        _check_effects(effects, EFFECTS + EXTRA_EFFECTS)
         specimen = copy.deepcopy(self)
         for effect in effects:
-            if effect not in EFFECTS:
-                raise LimbError(f"{effect!r} is not one of the effects {', '.join(EFFECTS)}.")
             specimen.wires = [_wire_without(effect, wire) for wire in specimen.wires]
             changes = _SEGMENT_WITHOUT.get(effect, {})
             specimen.segments = [dataclasses.replace(s, **changes) for s in specimen.segments]
@@ -207,13 +247,14 @@ class Specimen:
         for segment, physics in zip(parameters.segments, self.segments, strict=True):
             segment.stiffness, segment.damping = physics.stiffness, physics.damping
         for wire, drawn in zip(parameters.wires, self.wires, strict=True):
-            wire.linear_law.a3 = drawn.lag_rate
+            wire.linear_law.a3 = -1 / drawn.bond_time if drawn.bond_time else drawn.lag_rate
         return parameters
 
 
 def serial_number(board: EmulatedLimb) -> str:
     """Serial number of the emulated board of an emulated limb: eight letters and digits."""
-    if not board.description and not board.absent and board.seed < 10_000:
+    special = board.description or board.absent or board.extra
+    if not special and board.seed < 10_000:
         return f"twin{board.seed:04d}"
     return f"t{hashlib.sha256(board.identity.encode()).hexdigest()[:7]}"
 
@@ -237,6 +278,26 @@ def emulated_limb(board: Board) -> EmulatedLimb | None:
             "does not tell which one it is; emulate it again and give its port."
         )
     return None
+
+
+def _check_effects(effects: Sequence[str], known: Sequence[str]) -> None:
+    for effect in effects:
+        if effect not in known:
+            raise LimbError(f"{effect!r} is not one of the effects {', '.join(known)}.")
+
+
+def _draw_memory(uniform) -> dict[str, float]:
+    """How the angle at rest of a segment remembers; it moves by 1-4° [records]."""
+    return {
+        "memory_angle": np.deg2rad(uniform(0.75, 2.0)),
+        "memory_share": uniform(1.1, 2.6),
+    }
+
+
+def _draw_bond(uniform) -> float:
+    """Time constant of a badly bonded thermocouple, s; 0 for nine of ten that are not."""
+    is_bad, time = uniform(0.0, 1.0) < 0.1, uniform(3.0, 9.0)  # [records], how often is ours
+    return time if is_bad else 0.0
 
 
 def _draw_wire(uniform, wire, rise: float) -> WirePhysics:
@@ -299,11 +360,13 @@ def _wire_without(effect: str, wire: WirePhysics) -> WirePhysics:
             "strain_relief": 0.0,
             "expansion": 0.0,
         },
+        "bond": {"bond_time": 0.0},
     }
     return dataclasses.replace(wire, **changes.get(effect, {}))
 
 
 _SEGMENT_WITHOUT = {
+    "memory": {"memory_angle": 0.0, "memory_share": 0.0},
     "rubber": {"stiffening": 0.0, "viscous_share": 0.0, "rest_angle": 0.0},
     "bend sensor": {
         "sensor_gain": 1.0,

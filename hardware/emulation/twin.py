@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 from pydrake import trajectories
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem
 
 from hardware.emulation.hand import Hand
-from hardware.emulation.rubber import Rubber
+from hardware.emulation.rubber import RestMemory, Rubber
 from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
 from hardware.emulation.wires import PERIOD, ShapeMemoryWires
+from hardware.firmware import guard
 from limb_systems import (
     LimbParameters,
     ThermocoupleLag,
@@ -49,6 +50,8 @@ class LimbTwin(Diagram):
       tangent, or whatever each segment's ``bend_sensor`` is made for
     - output 2 ``applied_duty``: D (W) in the steps of the PWM
     - output 3 ``measurement``: [V (W), φ (S)], as they are read
+    - output 4 ``cut_out``: 1 once a wire was measured at the board's limit of 110 °C, where
+      the heaters are switched off until the end of the simulation, else 0
 
     ``parameters`` describes the limb as a lab would before calibration: only
     geometry and mass are true. Their ``board`` is the limb's identity, which
@@ -67,6 +70,7 @@ class LimbTwin(Diagram):
         parameters: LimbParameters | str | Path | None = None,
         *,
         seed: int = 0,
+        extra: Sequence[str] = (),
         specimen: Specimen | None = None,
         hand: trajectories.Trajectory | None = None,
         bend_rate: float = 20.0,
@@ -78,7 +82,8 @@ class LimbTwin(Diagram):
                 if None. Geometry, mass, gravity and limits are used unchanged;
                 the seed draws all other values around the given ones.
             seed: of the particular limb and its sensors' noise.
-            specimen: the particular limb, in place of these two.
+            extra: effects that it has beside those of every limb, see `Specimen`.
+            specimen: the particular limb, in place of these three.
             hand: bend angle over time, rad, to which a hand bends the limb until
                 the end of the trajectory.
             bend_rate: at which the bend sensors are read, Hz.
@@ -88,10 +93,12 @@ class LimbTwin(Diagram):
             ParameterError: if a parameter is out of its range.
         """
         super().__init__()
-        specimen = specimen or Specimen(LimbParameters.of(parameters), seed)
+        specimen = specimen or Specimen(LimbParameters.of(parameters), seed, extra)
         self.specimen, self.parameters = specimen, copy.deepcopy(specimen.description)
         self.parameters.board = specimen.board
-        self.source = ", without ".join([f"emulated limb, seed {specimen.seed}", *specimen.absent])
+        names = [f"with {name}" for name in specimen.extra]
+        names += [f"without {name}" for name in specimen.absent]
+        self.source = ", ".join([f"emulated limb, seed {specimen.seed}", *names])
         mechanics, num_joints = specimen.mechanics(), self.parameters.num_joints
 
         builder = DiagramBuilder()
@@ -114,9 +121,15 @@ class LimbTwin(Diagram):
             holding = builder.AddSystem(Hand(self.parameters, hand))
             builder.Connect(joint_state, holding.get_input_port())
             forces.append(holding.get_output_port())
+        if remembers := any(segment.memory_share for segment in specimen.segments):
+            rest = builder.AddSystem(RestMemory(specimen, wire_period))
+            builder.Connect(wires.GetOutputPort("state"), rest.get_input_port())
+            forces.append(rest.GetOutputPort("generalized_force"))
         total = builder.AddSystem(Adder(len(forces), num_joints))
+        cut_out = builder.AddSystem(CutOut(len(specimen.wires), wire_period))
 
-        builder.ExportInput(wires.GetInputPort("duty"), "duty")
+        builder.ExportInput(cut_out.GetInputPort("duty"), "duty")
+        builder.Connect(cut_out.GetOutputPort("duty"), wires.GetInputPort("duty"))
         builder.Connect(joint_state, wires.GetInputPort("joint_state"))
         builder.Connect(joint_state, rubber.get_input_port())
         builder.Connect(joint_state, bend_angle.get_input_port())
@@ -139,11 +152,14 @@ class LimbTwin(Diagram):
         sensors = builder.AddSystem(SampledSensors(readings, specimen.noise, int(draws)))
         builder.Connect(lag.get_output_port(), sensors.GetInputPort("measured_temperature"))
         builder.Connect(bend_angle.get_output_port(), sensors.GetInputPort("bend_angle"))
+        measured = sensors.GetOutputPort("measured_temperature")
+        builder.Connect(measured, cut_out.GetInputPort("measured_temperature"))
         for name, system in (
             ("measured_temperature", sensors),
             ("bend_angle", sensors),
             ("applied_duty", wires),
             ("measurement", sensors),
+            ("cut_out", cut_out),
         ):
             builder.ExportOutput(system.GetOutputPort(name), name)
         parts = {
@@ -154,6 +170,8 @@ class LimbTwin(Diagram):
             "smooth": smooth.get_output_port(),
             "draws": sensors.GetOutputPort("draws"),
         }
+        if remembers:
+            parts["rest"] = rest.GetOutputPort("state")
         memory = builder.AddSystem(_Memory(specimen, {k: p.size() for k, p in parts.items()}))
         for name, port in parts.items():
             builder.Connect(port, memory.GetInputPort(name))
@@ -205,6 +223,60 @@ class LimbTwin(Diagram):
             resting = LimbTwin(specimen=self.specimen, bend_rate=1.0, wire_period=0.1)
             simulate(resting, off, pause, sample_rate=1.0)
         return LimbTwin(specimen=self.specimen, hand=hand, bend_rate=bend_rate)
+
+    def without_cut_out(self, context: Context) -> None:
+        """Lets the heaters on in a Context, however hot: for a board that sees to it itself."""
+        cut_out = self.GetSubsystemByName("heater_cut_out")
+        limit = cut_out.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0)
+        limit.SetAtIndex(0, np.inf)
+
+
+class CutOut(LeafSystem):
+    """Switches all heaters off once a wire is measured too hot, as the board does.
+
+    They stay off until the end of the simulation.
+
+    - input 0 ``duty``: D (W), as commanded
+    - input 1 ``measured_temperature``: V (W), °C
+    - output 0 ``duty``: D (W), zero once it has cut out
+    - output 1 ``cut_out``: 1 if it has, else 0
+    - state, discrete: the same
+    - parameter: the limit, °C; that of the board's firmware
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, num_wires: int, period: float):
+        """
+        Args:
+            num_wires: W.
+            period: s, after which it looks again.
+        """
+        super().__init__()
+        state = self.DeclareDiscreteState(1)
+        self.DeclareNumericParameter(BasicVector([guard.TEMPERATURE_LIMIT]))
+        duty = self.DeclareVectorInputPort("duty", num_wires)
+        self.DeclareVectorInputPort("measured_temperature", num_wires)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weak_method(self._look))
+        tickets = {self.discrete_state_ticket(state)}
+        self.DeclareVectorOutputPort(
+            "duty",
+            num_wires,
+            weak_method(self._calc),
+            tickets | {self.input_port_ticket(duty.get_index())},
+        )
+        self.DeclareStateOutputPort("cut_out", state)
+        self.set_name("heater_cut_out")
+
+    def _look(self, context, discrete_state):
+        limit = context.get_numeric_parameter(0)[0]
+        if (self.GetInputPort("measured_temperature").Eval(context) >= limit).any():
+            discrete_state.set_value([1.0])
+
+    def _calc(self, context, output):
+        is_cut_out = context.get_discrete_state_vector()[0]
+        duty = self.GetInputPort("duty").Eval(context)
+        output.SetFromVector(0 * duty if is_cut_out else duty)
 
 
 class _Memory(LeafSystem):

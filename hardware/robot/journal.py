@@ -84,10 +84,11 @@ def journaled(
     *,
     reference: OutputPort | None = None,
     ended_by_hand: bool = False,
-) -> Iterator[None]:
+) -> Iterator[TableWriter | None]:
     """A context in which a diagram is built and run, with a journal of its limb.
 
-    The file gets its name when the context ends. If it ends with an error, the
+    It is that of the file's writer, if there is one, for who knows of another end. The
+    file gets its name when the context ends. If it ends with an error, the
     file says so and keeps the name of an unfinished one. A robot is closed before
     the disk is waited for.
 
@@ -104,7 +105,7 @@ def journaled(
         OutputError: if the file cannot be made, or is not on the disk in the end.
     """
     if path is None:
-        yield
+        yield None
         return
     journal = Journal(path, limb, sample_rate, has_reference=reference is not None)
     writer = journal.writer
@@ -114,7 +115,7 @@ def journaled(
         ports |= {name: limb.GetOutputPort(name) for name in journaled_outputs(limb)}
         for name, port in ports.items():
             builder.Connect(port, journal.GetInputPort(name))
-        yield
+        yield writer
     except KeyboardInterrupt as error:
         _close(limb)
         if not ended_by_hand:

@@ -114,7 +114,8 @@ class SegmentParameters(Strict):
     - ``rest_memory``: how the rest angle changes with use; None if it does not.
     - ``wires``: `WireParameters`; by default the paper's two, left and right.
       Heating the right one bends towards +E2.
-    - ``bend_sensor``: what reads the bend; `TipTangentSensor` is the paper's (8).
+    - ``bend_sensor``: what reads the bend: `TipTangentSensor`, the paper's (8),
+      `ChordSensor`, or another `BendSensor`.
     """
 
     links: int = quantity(5, "links", 1, 100)
@@ -213,16 +214,18 @@ class EmulatedLimb(Board):
     - ``description``: YAML text of the `LimbParameters` that it was drawn
       around; empty for the nominal limb.
     - ``absent``: the effects that were taken out of it.
+    - ``extra``: the effects that it has beside those of every emulated limb.
     """
 
     seed: int
     description: str = dataclasses.field(default="", metadata={"lines": True})
     absent: list[str] = dataclasses.field(default_factory=list)
+    extra: list[str] = dataclasses.field(default_factory=list)
 
     @property
     def identity(self) -> str:
         """All fields, since each of them makes another limb."""
-        return repr((self.seed, self.description, self.absent))
+        return repr((self.seed, self.description, self.absent, self.extra))
 
 
 @dataclasses.dataclass

@@ -1,6 +1,7 @@
 """The paper's evaluation: its numbers, counted again by hand, and the split of the error."""
 
 import copy
+import dataclasses
 import json
 import re
 import subprocess
@@ -139,12 +140,48 @@ def test_split_of_a_limb_that_is_a_model_finds_its_parameters(evaluation):
     assert steps["parameters"][1] == pytest.approx(0.5, abs=0.1)
 
 
+def test_rollouts_that_the_board_would_have_stopped_are_counted_and_compared_up_to_then(
+    evaluation,
+):
+    calibrated, times = LimbParameters(), np.linspace(0.0, 40.0, 401)
+    swing = np.deg2rad(15.0) * np.sin(2 * np.pi * times / 15.0) * (times > 15.0)
+    trajectory = plan(calibrated, references.from_samples(times, swing))
+    exact = simulate(Limb(calibrated), trajectory)
+    whole = dataclasses.replace(exact, bend_angle=exact.bend_angle + np.deg2rad(0.5))
+    signals = ("time", "duty", "measured_temperature", "bend_angle")
+    signals += ("wire_temperature", "joint_state")
+    half = {name: getattr(exact, name)[..., :401] for name in signals}
+    half["bend_angle"] = half["bend_angle"] + np.deg2rad(2.5)
+    aborted = dataclasses.replace(exact, **half, interrupted="too hot")
+    names = list(evaluation.tables.PAPER_TABLE_1)
+    motions = [
+        evaluation.experiment.Motion(name, None, trajectory, rollouts, exact)
+        for name, rollouts in zip(
+            names, ([aborted, whole], [whole, whole], [aborted, aborted]), strict=True
+        )
+    ]
+    specimen = Specimen(calibrated, 0)
+    specimen.mechanics = lambda: copy.deepcopy(calibrated)
+    experiment = evaluation.experiment.Experiment(
+        specimen, {}, SimpleNamespace(parameters=calibrated), motions
+    )
+    summary = evaluation.tables.summarize(experiment)
+    assert summary.rollouts == 2
+    assert list(summary.aborted.values()) == [1, 0, 2]
+    # 401 samples that are off by 2.5° and 801 that are off by 0.5°.
+    expected = (401 * 2.5 + 801 * 0.5) / 1202
+    assert summary.tracking[names[0]][0] == pytest.approx(expected, abs=0.02)
+    assert summary.split[names[0]]["bend sensor"][0] == pytest.approx(2.5)
+    rows = evaluation.tables.table_1([summary, summary])
+    assert [row[-1] for row in rows] == ["2 of 4", "", "0 of 4", "", "4 of 4", ""]
+
+
 def test_absences_are_compared_limb_by_limb(evaluation):
     def summary(seed, absent, error):
         motions = ("Validation", "T&R 1", "T&R 2")
         split = {m: dict.fromkeys(evaluation.error_split.STEPS, (1.0, 1.0)) for m in motions}
         first = dict.fromkeys(motions, error)
-        return evaluation.tables.Summary(seed, absent, {}, first, split)
+        return evaluation.tables.Summary(seed, absent, 1, {}, {}, first, split)
 
     summaries = [summary(0, (), 2.0), summary(1, (), 6.0)]
     summaries += [summary(0, ("silicone",), 3.0), summary(1, ("silicone",), 7.2)]

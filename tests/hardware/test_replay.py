@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import time
 
 import numpy as np
@@ -15,7 +16,7 @@ from calibration.__main__ import main as calibration_main
 from hardware import LimbTwin, ReplayError, replay, watch
 from hardware.__main__ import main
 from hardware.emulation.sensors import SensedLimb
-from limb_systems import Limb, LimbError, LimbParameters, Recording, SerialBoard
+from limb_systems import Limb, LimbError, LimbParameters, Recording, SerialBoard, simulate
 from limb_systems.tracking import tracking_errors
 from planners import plan, references
 from planners.__main__ import main as planners_main
@@ -162,6 +163,41 @@ def test_a_controller_with_other_ports_is_refused(fig5_plan, controller, sentenc
         replay(fig5_plan, Limb(), controller=controller)
 
 
+def test_a_replay_ends_where_the_board_would_have_switched_off(fig5_plan, tmp_path, capsys):
+    """A plan by a model that takes its wires for weak: on the limb they get too hot."""
+    eager = dataclasses.replace(beginning(fig5_plan, 201), duty=0 * fig5_plan.duty[:, :201] + 0.7)
+    journal = tmp_path / "journal.csv"
+    recording = replay(eager, LimbTwin(seed=0), journal=journal)
+    assert 1.0 < recording.time[-1] < 19.0
+    said = r"the (left|right) wire was measured at 110 °C or more, where the board switches off"
+    assert re.fullmatch(said, recording.interrupted)
+    assert recording.measured_temperature[:, -4:].max() >= 110.0
+    assert recording.measured_temperature[:, :-4].max() < 110.0
+    assert (recording.applied_duty[:, :-1] > 0.6).all()
+    kept = Recording.load(journal)
+    assert kept.interrupted == recording.interrupted
+    np.testing.assert_allclose(kept.time, recording.time, atol=1e-9)
+    # Its tracking errors are those until then.
+    part = beginning(eager, 1 + int(10 * recording.time[-1]))
+    assert tracking_errors(eager, [recording]).mean == pytest.approx(
+        tracking_errors(part, [recording]).mean, rel=0.02
+    )
+    # Simulated plainly, it goes on with its heaters off.
+    plain = simulate(LimbTwin(seed=0), eager)
+    assert plain.time[-1] == pytest.approx(20.0)
+    assert not plain.interrupted
+    np.testing.assert_array_equal(plain.bend_angle[:, : len(kept.time)], recording.bend_angle)
+    # From the shell it is written, and said.
+    eager.save(tmp_path / "plan.csv")
+    output = tmp_path / "recording.csv"
+    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output), "--emulated", "0"]
+    assert main(arguments) == 1
+    assert f"interrupted {recording.interrupted}\n" in capsys.readouterr().out
+    assert Recording.load(output).interrupted == recording.interrupted
+    assert main([*arguments, "--json", "--force"]) == 1
+    assert json.loads(capsys.readouterr().out)["interrupted"] == recording.interrupted
+
+
 @pytest.fixture
 def meshcat():
     return Meshcat(MeshcatParams(host="localhost", port=0))
@@ -216,11 +252,11 @@ def test_command_shows_the_limb_and_says_where(fig5_plan, tmp_path, capsys):
 
 
 def test_command_replays_and_writes_a_recording(fig5_plan, tmp_path, capsys):
-    fig5_plan.save(tmp_path / "plan.csv")
+    beginning(fig5_plan, 101).save(tmp_path / "plan.csv")
     output, picture = tmp_path / "recording.csv", tmp_path / "tracking.png"
     arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output)]
     assert main([*arguments, "--plot", str(picture)]) == 0
-    assert len(Recording.load(output).time) == 1201
+    assert len(Recording.load(output).time) == 201
     said = capsys.readouterr().out
     assert "emulated" in said
     assert f"written     {output}, {picture}" in said
@@ -228,13 +264,15 @@ def test_command_replays_and_writes_a_recording(fig5_plan, tmp_path, capsys):
 
 
 def test_json_says_what_is_in_the_recording(fig5_plan, tmp_path, capsys):
-    fig5_plan.save(tmp_path / "plan.csv")
+    planned = beginning(fig5_plan, 101)
+    planned.save(tmp_path / "plan.csv")
     output = tmp_path / "recording.csv"
     arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output)]
     assert main([*arguments, "--emulated", "3", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     recording = Recording.load(output)
-    errors = tracking_errors(fig5_plan, [recording])
+    errors = tracking_errors(planned, [recording])
+    assert said["interrupted"] == ""
     assert said["tracking"] == {
         "mean_deg": pytest.approx(np.rad2deg(errors.mean)),
         "median_deg": pytest.approx(np.rad2deg(errors.median)),

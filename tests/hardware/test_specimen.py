@@ -11,7 +11,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from hardware.emulation.hand import GRIP, Hand
 from hardware.emulation.rubber import Rubber
-from hardware.emulation.specimen import Specimen
+from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
 from hardware.emulation.twin import LimbTwin
 from hardware.emulation.wires import ShapeMemoryWires
 from limb_systems import (
@@ -276,3 +276,103 @@ def test_without_rubber_nothing_is_added_to_the_linear_spring():
     context = rubber.CreateDefaultContext()
     rubber.get_input_port().FixValue(context, np.r_[np.full(5, 0.2), np.zeros(5)])
     assert rubber.get_output_port().Eval(context)[:5] == pytest.approx(np.zeros(5), abs=1e-15)
+
+
+# Of each seed: the left wire's austenite temperature, the right one's expansion, stiffness,
+# curvature of the bend sensor, room and first noise, as they were drawn before there was more.
+DRAWN = [
+    (60.149573764707334, -0.0004401141835066101, 0.13563800381784136, 0.019135022184310742),
+    (61.77610985012456, -0.0004939532675246344, 0.12955994092212594, 0.020661373033957944),
+    (63.40290018275496, -0.0005069788918377778, 0.13545985668297442, 0.020278534822411),
+    (63.50676428792033, -0.000595109699463792, 0.12563093165964379, 0.0008666673967132783),
+    (62.63256907541577, -0.0005844167415309792, 0.13465621291617003, -0.01242108415775485),
+    (61.94077402119431, -0.0004011794535304496, 0.1221857124125611, -0.011768141247567452),
+    (60.97595252393102, -0.00027067767422506546, 0.13229280163218837, -0.01816098877880382),
+    (58.48576529369801, -0.00044591483806663177, 0.13202265093613644, 0.013861574610801397),
+    (65.08313750937776, -0.00027646158635636443, 0.12546273297662855, 7.394933661600961e-05),
+    (58.356948754087874, -0.0002665473744470502, 0.1187709593162155, 0.00563391210622146),
+]
+DRAWN_LAST = [
+    (25.35819862554984, 0.8050894723742356),
+    (27.997262698104013, 2.485680210006816),
+    (22.478724905181934, 0.2928247151363088),
+    (26.257610055310323, -1.2984741282408938),
+    (24.36268529288539, -0.68409924626774),
+    (26.712649764876694, -0.08702733088261211),
+    (22.3806031763193, 0.9141490660052785),
+    (24.529109979896056, 1.4019101206317888),
+    (27.52692308013391, 0.06136219422898798),
+    (27.69051724933704, -0.4671803383576705),
+]
+
+
+@pytest.mark.parametrize("extra", [(), EXTRA_EFFECTS])
+@pytest.mark.parametrize("seed", range(10))
+def test_what_a_seed_draws_is_what_it_always_drew(seed, extra):
+    specimen = Specimen(LimbParameters(), seed, extra)
+    left, right = specimen.wires
+    (segment,) = specimen.segments
+    drawn = left.austenite, right.expansion, segment.stiffness, segment.sensor_curvature
+    assert drawn == DRAWN[seed]
+    assert (specimen.ambient, specimen.noise.read(0, 1)[0]) == DRAWN_LAST[seed]
+
+
+def test_a_limb_remembers_or_is_badly_bonded_on_request_only():
+    limbs = [Specimen(LimbParameters(), seed, EXTRA_EFFECTS) for seed in range(200)]
+    for specimen in limbs:
+        plain = Specimen(LimbParameters(), specimen.seed)
+        assert plain.segments[0].memory_angle == plain.segments[0].memory_share == 0.0
+        assert [wire.bond_time for wire in plain.wires] == [0.0, 0.0]
+        (segment,) = specimen.segments
+        assert 0.75 < np.rad2deg(segment.memory_angle) < 2.0
+        assert 1.1 < segment.memory_share < 2.6
+        taken_out = specimen.without(*EXTRA_EFFECTS)
+        assert (taken_out.wires, taken_out.segments) == (plain.wires, plain.segments)
+    times = np.array([wire.bond_time for specimen in limbs for wire in specimen.wires])
+    assert 0.06 < np.mean(times > 0) < 0.14  # one wire of ten
+    assert 3.0 < times[times > 0].min() < times.max() < 9.0
+
+
+def test_a_badly_bonded_thermocouple_lags():
+    specimen = Specimen(LimbParameters(), 7, ("bond",))  # its left one
+    laws = [wire.law.a3 for wire in specimen.mechanics().wires]
+    assert laws[0] == pytest.approx(-1 / specimen.wires[0].bond_time)
+    assert laws[1] == specimen.wires[1].lag_rate
+    slow, usual = (
+        simulate(LimbTwin(specimen=limb), [0.3, 0.0], 5.0).measured_temperature[0]
+        for limb in (specimen, specimen.without("bond"))
+    )
+    assert usual[-1] - usual[0] > 10.0
+    assert slow[-1] - slow[0] < 0.6 * (usual[-1] - usual[0])
+
+
+def test_the_angle_at_rest_remembers_the_wire_that_was_hot_last():
+    """Exactly: ρ = ±Δ + (ρ_0 ∓ Δ) exp(-λ x) for a share x that transformed."""
+    specimen = Specimen(LimbParameters(), 3, ("memory",)).without("bend sensor")
+    (segment,) = specimen.segments
+    cold = []
+    for limb in (specimen, specimen.without("memory")):
+        twin = LimbTwin(specimen=limb)
+        simulate(twin, [0.0, 0.25], 30.0)
+        cold.append(simulate(twin.again(300.0), [0.0, 0.0], 2.0).bend_angle.mean())
+    after_right = specimen.state["rest"][0]
+    assert cold[0] - cold[1] == pytest.approx(after_right, abs=np.deg2rad(0.25))
+    simulate(LimbTwin(specimen=specimen), [0.25, 0.0], 30.0)
+    after_left, left, _ = specimen.state["rest"]
+    assert left < 0.3
+    target, share = -segment.memory_angle, segment.memory_share * (1 - left)
+    assert after_left == pytest.approx(target + (after_right - target) * np.exp(-share), rel=0.02)
+    assert after_left < 0 < after_right < segment.memory_angle
+
+
+def test_memory_that_is_taken_out_leaves_the_limb_as_it_was():
+    plain = Specimen(LimbParameters(), 3)
+    without = Specimen(LimbParameters(), 3, ("memory",)).without("memory")
+    runs = [simulate(LimbTwin(specimen=limb), [0.0, 0.3], 3.0) for limb in (plain, without)]
+    np.testing.assert_array_equal(runs[0].bend_angle, runs[1].bend_angle)
+    assert runs[1].source == "emulated limb, seed 3, with memory, without memory"
+
+
+def test_an_extra_effect_that_is_not_known_is_refused():
+    with pytest.raises(LimbError, match="'hysteresis' is not one of the effects memory, bond"):
+        Specimen(LimbParameters(), 3, ("hysteresis",))

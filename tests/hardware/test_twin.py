@@ -19,7 +19,9 @@ from pydrake.trajectories import PiecewisePolynomial
 from hardware import LimbTwin
 from hardware.emulation.noise import Noise
 from hardware.emulation.sensors import SampledSensors, SensedLimb, Sensor
+from hardware.emulation.simulated_board import SimulatedBoard
 from hardware.emulation.specimen import Specimen, serial_number
+from hardware.firmware import guard
 from limb_systems import (
     ChordSensor,
     EmulatedLimb,
@@ -51,8 +53,9 @@ def test_has_the_ports_of_the_limb(two_segments):
             twin_inputs, twin_outputs = port_sizes(twin)
             assert twin_inputs == limb_inputs
             sensed = {name: limb_outputs[name] for name in ("measured_temperature", "bend_angle")}
-            assert list(twin_outputs)[-1] == "measurement"
+            assert "measurement" in twin_outputs
             assert twin_outputs.pop("applied_duty", None) in (None, twin_inputs["duty"])
+            assert twin_outputs.pop("cut_out", None) in (None, 1)
             assert twin_outputs == sensed | {"measurement": sum(sensed.values())}
 
 
@@ -264,6 +267,7 @@ def test_an_emulated_limb_is_made_again_from_its_identity():
         LimbTwin(seed=3),
         LimbTwin(wide, seed=4),
         LimbTwin(specimen=Specimen(LimbParameters(), 5).without("hysteresis", "bend sensor")),
+        LimbTwin(seed=7, extra=("memory", "bond")),
     ):
         recording = simulate(twin, [0.1, 0.4], 1.0)
         used = twin.again(gravity=(0.0, -9.81, 0.0))
@@ -300,10 +304,35 @@ def test_a_limb_drawn_around_a_calibrated_one_is_another():
     numbers = {
         serial_number(board),
         serial_number(LimbTwin(seed=3).parameters.board),
+        serial_number(LimbTwin(seed=3, extra=["bond"]).parameters.board),
         serial_number(LimbTwin(seed=4).parameters.board),
         serial_number(LimbTwin(seed=123450).parameters.board),
         serial_number(LimbTwin(seed=123451).parameters.board),
     }
-    assert len(numbers) == 5
+    assert len(numbers) == 6
     assert {len(number) for number in numbers} == {8}
     assert "twin0003" in numbers
+
+
+def test_a_limb_that_is_measured_too_hot_cuts_out_until_its_next_use():
+    twin = LimbTwin(seed=0)
+    recording = simulate(twin, [0.0, 1.0], 30.0)
+    hot = np.argmax(recording.measured_temperature[1] >= guard.TEMPERATURE_LIMIT)
+    assert hot > 0
+    assert (recording.applied_duty[1, :hot] == 1.0).all()
+    assert (recording.applied_duty[1, hot + 1 :] == 0.0).all()  # also when it has cooled
+    assert recording.measured_temperature[1, -1] < 100.0
+    assert (recording.duty[1] == 1.0).all()  # what was commanded
+    assert not recording.interrupted
+    again = simulate(twin.again(), [0.0, 1.0], 0.5)
+    assert (again.applied_duty[1] == 1.0).all()
+
+
+def test_an_emulated_board_s_limb_leaves_the_cut_out_to_the_firmware():
+    """With a shorted MOSFET the wire gets hotter than any limit."""
+    board = SimulatedBoard(LimbTwin(seed=0)).emulation.board
+    for _ in ("new", "cooled"):
+        board._input.GetMutableData().set_value([0.0, 1.0])
+        board._simulator.AdvanceTo(board._context.get_time() + 12.0)
+        assert board.wire_temperature()[1] > 130.0
+        board.cool()
