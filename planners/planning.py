@@ -21,8 +21,13 @@ from limb_systems import (
 )
 from limb_systems.model.statics import static_equilibrium
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
-from planners.program import TrajectoryProgram
-from planners.quasi_static import check_temperature_limits, quasi_static_angles, solve_quasi_static
+from planners.program import TrajectoryProgram, reading_bounds
+from planners.quasi_static import (
+    check_temperature_limits,
+    quasi_static_angles,
+    readings_along,
+    solve_quasi_static,
+)
 from planners.solving import PlanningError, Solution, solve_program
 from planners.task import Task
 
@@ -117,6 +122,9 @@ class Planner:
         task: weights and limits; `Task()` if None.
         tolerance_deg: how far a plan may be from its simulation, degrees.
         solver: as in `planners.plan`.
+        measured_margin: how far readings V stay below
+            ``temperature_limits.measured_maximum``, °C, one number or one for
+            each wire (W,).
     """
 
     def __init__(
@@ -127,6 +135,7 @@ class Planner:
         task: Task | None = None,
         tolerance_deg: float = 0.1,
         solver: SolverInterface | None = None,
+        measured_margin: ArrayLike = 0.0,
     ):
         check_positive("tolerance_deg", tolerance_deg, "degrees")
         self.parameters = parameters = LimbParameters.of(parameters)
@@ -137,6 +146,7 @@ class Planner:
         if self.times[0] != 0:
             raise PlanningError(f"times start at {self.times[0]:g} s; they must start at 0 s.")
         self._tolerance_deg, self._solver = tolerance_deg, solver
+        self._margin = _measured_margin(measured_margin, len(parameters.wires))
         self._rest_angles, self._compliance = static_equilibrium(parameters)
         self._wires = Wires(parameters)
         self._program: TrajectoryProgram | None = None
@@ -182,10 +192,17 @@ class Planner:
         parameters, times = self.parameters, self.times
         angles_ref = _sample_reference(reference, times, len(parameters.segments))
         state = _initial_state(self._wires, initial_state, self._rest_angles)
-        wire_states = split_state(parameters, state)[2]
+        _, _, wire_states, readings = split_state(parameters, state)
         warm_up = max(0.0, parameters.temperature_limits.warm_up_time - elapsed)
 
-        check_temperature_limits(parameters, times, wire_states, warm_up)
+        check_temperature_limits(
+            parameters,
+            times,
+            wire_states,
+            warm_up,
+            initial_readings=readings,
+            measured_margin=self._margin,
+        )
         guess_states, guess_duty = solve_quasi_static(
             parameters,
             times,
@@ -195,16 +212,20 @@ class Planner:
             self._compliance,
             self.task,
             warm_up,
+            initial_readings=readings,
+            measured_margin=self._margin,
         )
         if self._program is None:
-            self._program = TrajectoryProgram(parameters, times, self.task)
+            self._program = TrajectoryProgram(
+                parameters, times, self.task, measured_margin=self._margin
+            )
         program = self._program
         program.update(angles_ref, state, warm_up)
         guess = program.variables(self._fill_in(state, guess_states, guess_duty), guess_duty)
         solution = self._solve(program, guess, angles_ref, state)
         trajectory = self._trajectory(program, solution, angles_ref)
         trajectory.check.guess_cost = program.cost(guess)
-        trajectory.check.active_constraints = active_constraints(trajectory, warm_up)
+        trajectory.check.active_constraints = active_constraints(trajectory, warm_up, self._margin)
         offsets, differences = simulated_differences(trajectory)
         trajectory.check.largest_difference_deg = float(np.rad2deg(differences.max()))
         return trajectory, offsets, differences
@@ -244,18 +265,8 @@ class Planner:
         wires, x = self._wires, wire_states.T
         angles, slopes = quasi_static_angles(wires, x, self._rest_angles, self._compliance)
         rates = np.einsum("kij,kj->ki", slopes, wires.rates(x, duty.T))
-        # V follows by (7): the exact solution of V̇ = λ V + c(t) for c linear between knots.
-        none = np.zeros((len(x), wires.num_wires))
-        c = wires.reading_rates(none, x)
-        lag = wires.reading_rates(none + 1.0, x) - c
-        measured = np.empty_like(none)
-        measured[0] = split_state(self.parameters, initial_state)[3]
-        for k, step in enumerate(np.diff(self.times)):
-            rate = 0.5 * (lag[k] + lag[k + 1])
-            settled = -c[k : k + 2] / rate
-            behind = (settled[1] - settled[0]) / step / rate
-            offset = measured[k] - settled[0] - behind
-            measured[k + 1] = settled[1] + behind + np.exp(rate * step) * offset
+        first = split_state(self.parameters, initial_state)[3]
+        measured = readings_along(wires, x, first, self.times)
         states = np.hstack([angles, rates, x, measured]).T
         states[:, 0] = initial_state
         return states
@@ -283,19 +294,24 @@ def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarra
     return recording.time, np.abs(recording.bend_angle - planned).max(axis=0)
 
 
-def active_constraints(trajectory: Trajectory, warm_up_time: float) -> list[ActiveConstraint]:
-    """Where bounds of (18)-(20) are active, as intervals of time."""
+def active_constraints(
+    trajectory: Trajectory, warm_up_time: float, measured_margin: ArrayLike = 0.0
+) -> list[ActiveConstraint]:
+    """Where bounds of (18)-(20) and of the readings are active, as intervals of time."""
     limits, names = trajectory.parameters.temperature_limits, trajectory.parameters.wire_names
     warm = trajectory.time > warm_up_time
     near_duty, near_temperature = 1e-4, 1e-3 * TEMPERATURE_SCALE
+    highest = reading_bounds(trajectory.parameters, measured_margin)
     active = []
     for index, name in enumerate(names):
+        reading = trajectory.measured_temperature[index]
         duty, wire = trajectory.duty[index], trajectory.wire_temperature[index]
         for bound, where in (
             (f"duty {name} = 0", duty < near_duty),
             (f"duty {name} = 1", duty > 1 - near_duty),
             (f"wire {name} = T_max", wire > limits.maximum - near_temperature),
             (f"wire {name} = T_warm", warm & (wire < limits.warm + near_temperature)),
+            (f"reading {name} = measured_maximum", reading > highest[index] - near_temperature),
         ):
             edges = np.flatnonzero(np.diff(np.r_[False, where, False]))
             active += [
@@ -303,6 +319,16 @@ def active_constraints(trajectory: Trajectory, warm_up_time: float) -> list[Acti
                 for a, b in edges.reshape(-1, 2)
             ]
     return active
+
+
+def _measured_margin(margin: ArrayLike, num_wires: int) -> np.ndarray:
+    values = np.asarray(margin, float)
+    if values.shape not in ((), (num_wires,)) or not (values >= 0).all():
+        raise PlanningError(
+            f"measured_margin is {margin!r}; it must be °C, zero or more, one number or one for "
+            f"each of {num_wires} wires."
+        )
+    return np.broadcast_to(values, num_wires)
 
 
 def check_positive(name: str, value: Any, unit: str) -> None:

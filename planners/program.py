@@ -37,9 +37,18 @@ class TrajectoryProgram:
         parameters: of the limb.
         times: of the knots (N,), s, from 0.
         task: weights and limits; `Task()` if None.
+        measured_margin: how far readings V stay below ``measured_maximum``, °C,
+            one number or one for each wire (W,).
     """
 
-    def __init__(self, parameters: LimbParameters, times: np.ndarray, task: Task | None = None):
+    def __init__(
+        self,
+        parameters: LimbParameters,
+        times: np.ndarray,
+        task: Task | None = None,
+        *,
+        measured_margin: ArrayLike = 0.0,
+    ):
         self.parameters, self.times, self.task = parameters, times, task or Task()
         self.limb, self._wires = Limb(parameters), Wires(parameters)
         self._add_dynamics()
@@ -53,6 +62,11 @@ class TrajectoryProgram:
             self._duty,
             self.task,
             parameters.temperature_limits.warm_up_time,
+        )
+        add_reading_limits(
+            self.prog,
+            self._states[:, -self._wires.num_wires :],
+            reading_bounds(parameters, measured_margin),
         )
         self._add_limits_of_motion()
         self._set_scaling()
@@ -407,14 +421,16 @@ def reading_bounds(parameters: LimbParameters, margin: ArrayLike = 0.0) -> np.nd
 
 
 def add_reading_limits(prog: MathematicalProgram, readings: np.ndarray, bounds: np.ndarray) -> None:
-    """V <= bounds at all knots but the first, whose state is given.
+    """V <= bounds, where these are finite, at all knots but the first, whose state is given.
 
     Args:
         readings: decision variables V (K, W).
         bounds: (W,), °C, or infinite.
     """
-    lower, upper = np.full(readings[1:].size, -np.inf), np.tile(bounds, len(readings) - 1)
-    prog.AddBoundingBoxConstraint(lower, upper, readings[1:].ravel())
+    bounded = readings[1:, np.isfinite(bounds)]
+    if bounded.size:
+        upper = np.tile(bounds[np.isfinite(bounds)], len(bounded))
+        prog.AddBoundingBoxConstraint(np.full(len(upper), -np.inf), upper, bounded.ravel())
 
 
 def warm_bounds(parameters: LimbParameters, times: np.ndarray, warm_up_time: float) -> np.ndarray:

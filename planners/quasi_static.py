@@ -54,6 +54,9 @@ def check_temperature_limits(
     times: np.ndarray,
     initial_states: np.ndarray,
     warm_up_time: float,
+    *,
+    initial_readings: np.ndarray | None = None,
+    measured_margin: ArrayLike = 0.0,
 ) -> None:
     """Checks whether (19)-(20) can be met at all, wire by wire.
 
@@ -64,6 +67,8 @@ def check_temperature_limits(
         times: of the knots (K,), s.
         initial_states: x of the wires at the start (N,), as in `Wires`.
         warm_up_time: k_warm, s from the first knot.
+        initial_readings: V at the start (W,), °C; T if None.
+        measured_margin: as for `TrajectoryProgram`.
 
     Raises:
         InfeasibleError: names the wire, the constraint and the time from which
@@ -81,8 +86,19 @@ def check_temperature_limits(
     cooled = course(0.0, each, times[1:2])[0]
     first = times[np.argmax(warm_knots)]
     hottest = course(1.0, each, np.array([first]))[0]
+    if initial_readings is None:
+        initial_readings = initial_states[each]
+    off = course(0.0, slice(None), times[:2])
+    cooled_readings = readings_along(wires, off, initial_readings, times[:2])[1]
+    bounds = reading_bounds(parameters, measured_margin)
     for index, name in enumerate(parameters.wire_names):
         start = initial_states[index]
+        if cooled_readings[index] > bounds[index]:
+            raise InfeasibleError(
+                f"The {name} wire reads {cooled_readings[index]:.4g} °C at {times[1]:g} s without "
+                f"duty, above the {bounds[index]:.4g} °C that measured_maximum and its margin "
+                "allow; let it cool first."
+            )
         if cooled[index] > limits.maximum:
             below = _time_to_reach(wires, functools.partial(course, 0.0, index), limits.maximum)
             raise InfeasibleError(
@@ -332,6 +348,27 @@ def _heated_angles(
         return rest_angles + (torques - cold) @ to_angles.T, slopes
 
     return angles_at
+
+
+def readings_along(
+    wires: Wires, states: np.ndarray, initial_readings: np.ndarray, times: np.ndarray
+) -> np.ndarray:
+    """V (K, W) along states (K, N) at times (K,), s, by (7).
+
+    It is the exact solution of V̇ = λ V + c(t) for c linear between the times.
+    """
+    none = np.zeros((len(states), wires.num_wires))
+    c = wires.reading_rates(none, states)
+    lag = wires.reading_rates(none + 1.0, states) - c
+    measured = np.empty_like(none)
+    measured[0] = initial_readings
+    for k, step in enumerate(np.diff(times)):
+        rate = 0.5 * (lag[k] + lag[k + 1])
+        settled = -c[k : k + 2] / rate
+        behind = (settled[1] - settled[0]) / step / rate
+        offset = measured[k] - settled[0] - behind
+        measured[k + 1] = settled[1] + behind + np.exp(rate * step) * offset
+    return measured
 
 
 def under_duty(
