@@ -23,6 +23,7 @@ from limb_systems import (
     LimbError,
     LimbParameters,
     LinearLaw,
+    RestMemory,
     SegmentParameters,
     SerialBoard,
     TemperatureLimits,
@@ -79,6 +80,7 @@ def walk(schema, keys=()):
 
 LEAVES, FIELDS, GROUPS = walk(LimbParameters)
 GRAVITY = [leaf for leaf in LEAVES if leaf.keys[0] == "gravity"]
+OPTIONAL = ("heat_bounds", "rest_memory")
 each_leaf = pytest.mark.parametrize("leaf", LEAVES, ids=lambda leaf: leaf.path)
 
 
@@ -86,6 +88,8 @@ def nominal() -> LimbParameters:
     """The nominal limb, with all that a description may have."""
     parameters = LimbParameters()
     parameters.wires[0].heat_bounds = HeatBounds()
+    parameters.segments[0].stiffening = 0.3
+    parameters.segments[0].rest_memory = RestMemory()
     return parameters
 
 
@@ -142,6 +146,7 @@ def test_the_walk_finds_the_fields_of_all_levels():
     assert [path_of(keys) for keys in GROUPS] == [
         "",
         "segments[0]",
+        "segments[0].rest_memory",
         "segments[0].wires[0]",
         "segments[0].wires[0].law",
         "segments[0].wires[0].heat_bounds",
@@ -164,10 +169,12 @@ def random_limb(rng) -> LimbParameters:
     """Any allowed value in every field, with all the digits of a double."""
     segments = []
     for _ in range(rng.integers(1, 4)):
-        data, sensor = {}, {}
+        data, sensor, memory = {}, {}, {}
         for leaf in LEAVES:
             if "bend_sensor" in leaf.keys:
                 sensor[leaf.keys[-1]] = random_value(rng, leaf)
+            elif "rest_memory" in leaf.keys:
+                memory[leaf.keys[-1]] = random_value(rng, leaf)
             elif leaf.keys[0] == "segments" and "wires" not in leaf.keys:
                 data[leaf.keys[-1]] = random_value(rng, leaf)
         data["bend_sensor"] = [TipTangentSensor, ChordSensor][rng.integers(2)](**sensor)
@@ -189,7 +196,8 @@ def random_limb(rng) -> LimbParameters:
             wires.append(
                 WireParameters(f"wire{number}", **wire, law=described[0], heat_bounds=described[1])
             )
-        segments.append(SegmentParameters(**data, wires=wires))
+        remembers = RestMemory(**memory) if rng.uniform() < 0.5 else None
+        segments.append(SegmentParameters(**data, wires=wires, rest_memory=remembers))
     return LimbParameters(
         segments=segments,
         ambient_temperature=rng.uniform(-20, 40),
@@ -328,7 +336,7 @@ def test_field_given_twice_is_refused(refused):
 def test_group_of_fields_that_is_none_is_refused(refused, keys, value):
     if keys == ("board",) and isinstance(value, str):
         return  # a serial number, as in format 1
-    if keys[-1] == "heat_bounds" and value is None:
+    if keys[-1] in OPTIONAL and value is None:
         return  # there are none
     with refused(ParameterError, path_of(keys), "must "):
         LimbParameters.from_yaml(edited(keys, value))
@@ -367,7 +375,7 @@ def test_number_of_links_that_is_not_whole_is_refused(refused, value):
 @pytest.mark.parametrize("keys", GROUPS[1:], ids=path_of)
 def test_object_with_a_group_of_another_type_is_refused(refused, keys):
     with refused(ParameterError, path_of(keys)):
-        with_value(keys, 1.0 if keys[-1] == "heat_bounds" else None).validate()
+        with_value(keys, 1.0 if keys[-1] in OPTIONAL else None).validate()
 
 
 @pytest.mark.parametrize(("low", "high"), BOUNDED)
@@ -446,8 +454,9 @@ def test_range_is_closed_and_exact(refused, leaf):
 NEGATIVE = {"a1", "a3"}
 POSITIVE = {"total_duty", *(field.name for field in dataclasses.fields(HeatBounds))}
 POSITIVE |= {"a2", "beta", "links", "length", "mass", "width", "thickness", "stiffness", "gain"}
-NOT_NEGATIVE = {"damping", "warm_up_time", "noise", "drift"}
+NOT_NEGATIVE = {"damping", "warm_up_time", "noise", "drift", "stiffening", "shift", "rate"}
 ANY_SIGN = {"ambient_temperature", "gravity", "maximum", "warm", "e2", "e3", "offset"}
+ANY_SIGN |= {"rest_angle"}
 
 
 def name_of(leaf: Leaf) -> str:

@@ -194,11 +194,11 @@ def test_a_cold_limb_rests_on_the_side_of_the_wire_that_was_hot_last():
     for duty in ([0.0, 0.8], [0.8, 0.0]):
         state = simulated_states(limb, duty, 5.0, state)
         state = simulated_states(limb, [0.0, 0.0], 110.0, state)
-        np.testing.assert_allclose(state[10:12], 25.0, atol=0.01)
+        np.testing.assert_allclose(state[10:12], 25.0, atol=0.05)
         rests.append(bend_angle(limb, state[:5])[0])
     assert 0.1 + 0.005 < rests[0] < 0.13
     assert 0.07 < rests[1] < 0.1 - 0.005
-    assert rests[1] == pytest.approx(0.1 + state[12], abs=1e-4)
+    assert rests[1] == pytest.approx(0.1 + state[12], abs=1e-3)
 
 
 def test_settled_wires_have_the_memory_of_being_heated_at_once():

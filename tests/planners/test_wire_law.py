@@ -117,8 +117,11 @@ def remembering_limb() -> LimbParameters:
 
 
 def soft_limb() -> LimbParameters:
-    rubber = SegmentParameters(rest_angle=0.05, stiffening=0.3, rest_memory=RestMemory())
-    return LimbParameters(segments=[rubber])
+    """Its cold wires hardly pull, and so its memory hardly follows them at first."""
+    limb = limb_with(ThresholdLaw(), ThresholdLaw())
+    rubber = {"rest_angle": 0.05, "stiffening": 0.3, "rest_memory": RestMemory()}
+    limb.segments[0] = dataclasses.replace(limb.segments[0], **rubber)
+    return limb
 
 
 LIMBS = {
