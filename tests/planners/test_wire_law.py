@@ -13,14 +13,12 @@ from pydrake.planning import DirectCollocationConstraint
 from pydrake.symbolic import Expression, Variable
 
 from limb_systems import (
-    HystereticLaw,
     Limb,
     LimbError,
     LimbParameters,
     LinearLaw,
     RestMemory,
     SegmentParameters,
-    ThresholdLaw,
     Trajectory,
     WireLaw,
     WireParameters,
