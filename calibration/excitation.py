@@ -21,6 +21,7 @@ from limb_systems.model.ownership import weak_method
 
 MEMBERS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
 REACTION_TIME = 0.5  # s, within which a wire may reach the highest temperature
+NAMES = ("conditioning", "pulses", "ramps", "random")  # of those that are fitted
 MOTIONS = 3  # times that the motion is repeated
 LEVEL_STEP = 0.5  # s, of ramps
 
@@ -44,7 +45,7 @@ class Excitation:
 
 
 def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
-    """All of them in their order, 15 minutes with two wires.
+    """All of them in their order; with two wires 13 minutes, and 6 of rest between them.
 
     Args:
         num_wires: W.
@@ -91,7 +92,7 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
                 f"motion_{number}",
                 "motion",
                 "a motion that is left out of the fit, and judges it",
-                60.0,
+                120.0,
                 _course(motion),
             )
             for number in range(1, MOTIONS + 1)

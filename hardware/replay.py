@@ -271,7 +271,7 @@ def _run(
             hottest = int(np.argmax(recording.measured_temperature[:, -1]))
             recording.interrupted = (
                 f"the {limb.parameters.wire_names[hottest]} wire was measured at "
-                f"{guard.TEMPERATURE_LIMIT:g} °C or more, where the board switches off"
+                f"{guard.TEMPERATURE_LIMIT:g} °C or more, the limit at which a board switches off"
             )
             if writer:
                 writer.finish(recording.interrupted)

@@ -32,8 +32,8 @@ class Motion:
     - ``name``: as in Table I.
     - ``taught``: what the hand did, with the wires off; None if drawn.
     - ``trajectory``: the plan.
-    - ``rollouts``: open loop, as the sensors saw them; as far as the board would have
-      let them go.
+    - ``rollouts``: open loop, as the sensors saw them; those in which a wire was
+      measured at the limit of the board end there.
     - ``exact``: the first rollout as a sensor without errors sees it.
     """
 

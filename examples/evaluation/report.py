@@ -77,7 +77,8 @@ def write_report(
 def _table_1(summaries: Sequence[Summary]) -> str:
     caption = (
         "Tracking error |φ* − φ| of the open-loop rollouts of each plan, in degrees, and how many "
-        "of them the board would have stopped at a wire of 110 °C; these count up to then."
+        "of them were aborted as a wire was measured at the board's limit of 110 °C; these count "
+        "up to then."
     )
     header = ["trajectory", "", *STATISTICS, ABORTED]
     if len(complete(summaries)) == 1:

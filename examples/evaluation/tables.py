@@ -25,7 +25,7 @@ class Summary:
 
     - ``seed``, ``absent``: of the limb, and which effects it was without.
     - ``rollouts``: of each motion, how many there were.
-    - ``aborted``: of each motion, how many of them the board would have stopped.
+    - ``aborted``: of each motion, how many of them ended at the limit of the board.
     - ``tracking``: of each motion `STATISTICS` over all rollouts, as far as they came.
     - ``first``: of each motion the mean over the first rollout.
     - ``split``: of each motion and step, see `error_split`.

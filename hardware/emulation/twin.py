@@ -33,7 +33,8 @@ class LimbTwin(Diagram):
     `Specimen`. Its wires are shape-memory alloy with hysteresis, heat the silicone
     around them and differ from each other (`ShapeMemoryWires`). Its rubber
     stiffens and relaxes (`Rubber`). Its sensors are sampled, noisy, drifting and
-    not quite linear (`SampledSensors`):
+    not quite linear (`SampledSensors`). A wire that is measured too hot switches the
+    heaters off (`CutOut`, on the way of the duty):
 
                 ┌──────────────────┐    ┌─────────────┐
         duty ──▶│ ShapeMemoryWires ├───▶│ manipulator ├─┬─▶ sensor ──▶ bend_angle
@@ -232,9 +233,10 @@ class LimbTwin(Diagram):
 
 
 class CutOut(LeafSystem):
-    """Switches all heaters off once a wire is measured too hot, as the board does.
+    """Switches all heaters off once a wire is measured at the limit of the board.
 
-    They stay off until the end of the simulation.
+    They stay off until the end of the simulation. A board also reduces the duty before
+    that, which this does not.
 
     - input 0 ``duty``: D (W), as commanded
     - input 1 ``measured_temperature``: V (W), °C

@@ -30,6 +30,12 @@ from limb_systems import (
     split_state,
 )
 from limb_systems.model.statics import static_equilibrium
+from limb_systems.model.two_mass_laws import (
+    HystereticLaw,
+    SaturatingLaw,
+    ThresholdLaw,
+    TwoMassLaw,
+)
 from limb_systems.schema import quantity
 from planners import InfeasibleError, plan, references
 from planners.chain import PlanarChain
@@ -131,6 +137,13 @@ LIMBS = {
     "mixed": mixed_limb,
     "remembering": remembering_limb,
     "soft": soft_limb,
+}
+
+
+TWO_MASS_LAWS = {
+    "threshold": ThresholdLaw,
+    "saturating": SaturatingLaw,
+    "hysteretic": HystereticLaw,
 }
 
 
@@ -291,6 +304,51 @@ def test_the_hessian_is_the_difference_of_jacobians(limb):
             )
 
 
+@pytest.mark.parametrize("name", [*LIMBS, *TWO_MASS_LAWS])
+def test_the_curvature_of_the_wires_is_that_of_the_constraints_by_heat_and_duty(name):
+    """The second derivatives of the wires' laws against differences of the Jacobian."""
+    limb = LIMBS[name]() if name in LIMBS else limb_with(*[TWO_MASS_LAWS[name]()] * 2)
+    generator, step, n = np.random.default_rng(3), 0.1, limb.num_joints
+    states, duty = random_state(limb, generator, 2)
+    transformed = [s.startswith("xi") for s in Wires(limb).state_names]
+    states[:, 2 * n :][:, np.flatnonzero(transformed)] /= 100.0
+    defects = LimbDefects(Limb(limb), 2, step)
+    multipliers = generator.normal(size=(1, states.shape[1]))
+    point = np.r_[states.ravel(), duty.ravel(), step]
+
+    def gradient(point):
+        parts = np.split(point, [states.size, states.size + duty.size])
+        parts = parts[0].reshape(states.shape), parts[1].reshape(duty.shape), parts[2]
+        nonzeros = defects.jacobian(*parts)[0] * multipliers[0, defects.rows]
+        return np.bincount(defects.columns, weights=nonzeros, minlength=len(point))
+
+    heat = np.arange(2 * n, states.shape[1])
+    of_wires = np.r_[heat, states.shape[1] + heat, np.arange(states.size, len(point) - 1)]
+    scales = np.r_[np.tile(Wires(limb).heat_scales, 2), np.ones(duty.size)]
+    expected = np.empty((len(of_wires), len(of_wires)))
+    for row, (index, scale) in enumerate(zip(of_wires, scales, strict=True)):
+        change = 1e-6 * scale * np.eye(len(point))[index]
+        slope = (gradient(point + change) - gradient(point - change)) / (2e-6 * scale)
+        expected[row] = slope[of_wires] * scale * scales
+    found = np.zeros((len(point), len(point)))
+    found[defects.wire_hessian_rows, defects.wire_hessian_columns] = defects.wire_hessian(
+        states, duty, np.array([step]), multipliers
+    )[0]
+    found += np.tril(found, -1).T
+    found = found[np.ix_(of_wires, of_wires)] * scales[:, None] * scales
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("law", "most"), [(TwoMassLaw, 20), (ThresholdLaw, 15), (SaturatingLaw, 20)]
+)
+def test_the_first_attempt_plans_fig_5_in_few_iterations(law, most):
+    reference = references.step_and_decaying_sine()
+    check = plan(limb_with(law(), law()), reference, knot_rate=5.0).check
+    assert check.solver in ("IPOPT, Gauss-Newton", "IPOPT, curvature of the wires")
+    assert check.iterations <= most
+
+
 @pytest.mark.parametrize("name", ["quadratic", "silicone", "radiating", "soft"])
 def test_plans_are_found_checked_and_saved(name, tmp_path):
     limb = LIMBS[name]()
@@ -326,6 +384,12 @@ def test_temperature_limits_are_those_of_the_law():
     limb = limb_with(SiliconeLaw(heating=1.5), SiliconeLaw(heating=1.5))
     steady = 25.0 + 1.5 / 0.25 + 1.5 / 0.25 * 0.06 / 0.05
     with pytest.raises(InfeasibleError, match=f"never gets above {steady:.4g} °C"):
+        plan(limb, references.from_samples([0.0, 40.0], [0.0, 0.1]), knot_rate=2.0)
+
+
+def test_a_memory_does_not_hinder_the_check_of_temperature_limits():
+    limb = limb_with(HystereticLaw(a2=0.5), HystereticLaw(a2=0.5))
+    with pytest.raises(InfeasibleError, match="never gets above"):
         plan(limb, references.from_samples([0.0, 40.0], [0.0, 0.1]), knot_rate=2.0)
 
 
