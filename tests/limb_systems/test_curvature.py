@@ -17,7 +17,7 @@ from limb_systems import (
 STEP = 1e-30
 
 
-class FadingLaw(ThresholdLaw):
+class WeakeningLaw(ThresholdLaw):
     """Torque that fades with the joint's angle."""
 
     def torque(self, x, T0, theta):
@@ -40,7 +40,7 @@ def limb_with(*laws, **rubber) -> LimbParameters:
 LIMBS = {
     "memory": lambda: limb_with(LinearLaw(), LinearLaw(beta=3e-4), LinearLaw(a1=-0.1)),
     "laws": lambda: limb_with(HystereticLaw(), ThresholdLaw(), HystereticLaw(), stiffening=0.5),
-    "angle": lambda: limb_with(FadingLaw(), HystereticLaw(), FadingLaw(), stiffening=0.5),
+    "angle": lambda: limb_with(WeakeningLaw(), HystereticLaw(), WeakeningLaw(), stiffening=0.5),
     "one memory": lambda: limb_with(
         HystereticLaw(), HystereticLaw(), LinearLaw(), rest_memory=None, stiffening=0.5
     ),
