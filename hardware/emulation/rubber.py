@@ -47,7 +47,7 @@ class Rubber(SymbolicVectorSystem):
         self.set_name("rubber")
 
 
-class RestMemory(LeafSystem):
+class RestShift(LeafSystem):
     """Angle at rest that remembers which wire was hot last.
 
     While a wire transforms on heating, the angle is drawn towards its side:
@@ -99,7 +99,7 @@ class RestMemory(LeafSystem):
             {self.discrete_state_ticket(state)},
         )
         self.DeclareStateOutputPort("state", state)
-        self.set_name("rest_memory")
+        self.set_name("rest_shift")
 
     def _split(self, context) -> list[np.ndarray]:
         state = context.get_discrete_state_vector().value()

@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem
 
 from hardware.emulation.hand import Hand
-from hardware.emulation.rubber import RestMemory, Rubber
+from hardware.emulation.rubber import RestShift, Rubber
 from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
 from hardware.emulation.wires import PERIOD, ShapeMemoryWires
@@ -123,7 +123,7 @@ class LimbTwin(Diagram):
             builder.Connect(joint_state, holding.get_input_port())
             forces.append(holding.get_output_port())
         if remembers := any(segment.memory_share for segment in specimen.segments):
-            rest = builder.AddSystem(RestMemory(specimen, wire_period))
+            rest = builder.AddSystem(RestShift(specimen, wire_period))
             builder.Connect(wires.GetOutputPort("state"), rest.get_input_port())
             forces.append(rest.GetOutputPort("generalized_force"))
         total = builder.AddSystem(Adder(len(forces), num_joints))

@@ -372,6 +372,19 @@ def test_plans_are_found_checked_and_saved(name, tmp_path):
     assert states.shape == (Wires(limb).num_states, len(trajectory.time))
 
 
+def test_hysteresis_and_a_memory_of_the_rubber_are_planned_with_their_curvature():
+    """The warm-up and the first motion, in which the wires heat and the rest angle moves."""
+    limb = limb_with(HystereticLaw(), HystereticLaw())
+    limb.segments[0].rest_angle, limb.segments[0].stiffening = 0.05, 0.3
+    limb.segments[0].rest_memory = RestMemory()
+    reference = references.from_samples([0, 12, 15, 20], np.deg2rad([0, 0, 15, 15]))
+    trajectory = plan(limb, reference, knot_rate=5.0)
+    assert trajectory.check.failure() is None
+    assert trajectory.check.largest_difference_deg < 0.1
+    assert trajectory.check.solver == "IPOPT, curvature of the wires"
+    assert trajectory.check.iterations <= 40
+
+
 def test_the_yaml_names_the_law(tmp_path):
     limb = limb_with(QuadraticLaw(beta_2=1e-7), LinearLaw())
     limb.save(tmp_path / "limb.yaml")
@@ -391,7 +404,9 @@ def test_temperature_limits_are_those_of_the_law():
 
 def test_a_memory_does_not_hinder_the_check_of_temperature_limits():
     limb = limb_with(HystereticLaw(a2=0.5), HystereticLaw(a2=0.5))
-    with pytest.raises(InfeasibleError, match="never gets above"):
+    limb.segments[0].rest_memory = RestMemory()
+    steady = 25.0 + 0.5 / 0.08 * (1 + 0.004 / 0.012)
+    with pytest.raises(InfeasibleError, match=f"never gets above {steady:.4g} °C"):
         plan(limb, references.from_samples([0.0, 40.0], [0.0, 0.1]), knot_rate=2.0)
 
 
