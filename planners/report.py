@@ -34,8 +34,8 @@ def plan_summary(trajectory: Trajectory) -> str:
     if check.highest_readings:
         lines.insert(
             -1,
-            f"band        of limbs alike: ±{check.bend_band_deg:.2f}° about the plan (95%), readings "
-            f"up to {max(check.highest_readings):.0f} °C (99.5%)",
+            f"band        of limbs alike: ±{check.bend_band_deg:.2f}° about the plan (95%), "
+            f"readings up to {max(check.highest_readings):.0f} °C (99.5%)",
         )
     stretches: dict[str, list[str]] = {}
     for active in check.active_constraints:
