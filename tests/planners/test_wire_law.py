@@ -19,9 +19,11 @@ from limb_systems import (
     LimbParameters,
     LinearLaw,
     RestMemory,
+    SaturatingLaw,
     SegmentParameters,
     ThresholdLaw,
     Trajectory,
+    TwoMassLaw,
     WireLaw,
     WireParameters,
     Wires,
@@ -30,12 +32,6 @@ from limb_systems import (
     split_state,
 )
 from limb_systems.model.statics import static_equilibrium
-from limb_systems.model.two_mass_laws import (
-    HystereticLaw,
-    SaturatingLaw,
-    ThresholdLaw,
-    TwoMassLaw,
-)
 from limb_systems.schema import quantity
 from planners import InfeasibleError, plan, references
 from planners.chain import PlanarChain
