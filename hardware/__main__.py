@@ -268,9 +268,9 @@ def _replay(options) -> int:
     status = 1 if recording.interrupted else 0  # an emulated limb's that cut out
     if options.json:
         tracking = {"mean_deg": mean, "median_deg": median, "percentile_90_deg": percentile_90}
-        facts = {"source": recording.source, "tracking": tracking, "timing": timing}
-        ended = {"interrupted": recording.interrupted, "written": written}
-        print(json.dumps({**facts, **ended}))
+        facts = {"source": recording.source, "interrupted": recording.interrupted}
+        results = {"tracking": tracking, "timing": timing, "written": written}
+        print(json.dumps({**facts, **results}))
         return status
     if timing:
         print(

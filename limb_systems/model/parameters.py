@@ -421,11 +421,11 @@ class LimbParameters(Strict):
         that its wire has the bounds of the nominal one.
 
         Raises:
-            LimbError: if a law is not the paper's, or beyond what a board accepts.
+            LimbError: if a law does not say its `WireLaw.typical_rates`, or is
+                beyond what a board accepts.
         """
         return [
-            wire.heat_bounds
-            or HeatBounds.around(LinearLaw() if self.calibration else wire.linear_law)
+            wire.heat_bounds or HeatBounds.around(LinearLaw() if self.calibration else wire.law)
             for wire in self.wires
         ]
 

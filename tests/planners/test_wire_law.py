@@ -21,8 +21,10 @@ from limb_systems import (
     LimbParameters,
     LinearLaw,
     RestMemory,
+    SaturatingLaw,
     SegmentParameters,
     Trajectory,
+    TwoMassLaw,
     WireLaw,
     WireParameters,
     Wires,
@@ -31,12 +33,6 @@ from limb_systems import (
     split_state,
 )
 from limb_systems.model.statics import static_equilibrium
-from limb_systems.model.two_mass_laws import (
-    HystereticLaw,
-    SaturatingLaw,
-    ThresholdLaw,
-    TwoMassLaw,
-)
 from limb_systems.schema import quantity
 from limb_systems.simulation import make_simulator
 from planners import InfeasibleError, plan, references
