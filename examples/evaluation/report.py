@@ -110,8 +110,8 @@ def _approaches(summaries: Sequence[Summary]) -> str:
         page.table(
             APPROACH_HEADER,
             approach_table(summaries),
-            "Mean tracking error |φ* − φ|, in degrees, as the sensor reads it and of the true bend; "
-            "mean error of the readings V of both wires; share of aborted rollouts.",
+            "Mean tracking error |φ* − φ|, in degrees, as the sensor reads it and of the true "
+            "bend; mean error of the readings V of both wires; share of aborted rollouts.",
         ),
     )
 
