@@ -107,9 +107,7 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
     """
     time, signal = np.asarray(time, float), np.asarray(signal, float)
     if time.shape != signal.shape or len(time) < FEWEST:
-        raise CalibrationError(
-            f"A ring-down needs at least {FEWEST} samples, and a time for each."
-        )
+        raise CalibrationError(f"A ring-down needs at least {FEWEST} samples, and a time for each.")
     if not np.ptp(signal) > 0:
         raise CalibrationError("The signal does not move; there is no ring-down in it.")
     period = (time[-1] - time[0]) / (len(time) - 1)
@@ -121,6 +119,7 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
             "after it."
         )
     good = np.ones(len(values), bool)
+
     def basis(logarithms: np.ndarray) -> np.ndarray:
         decay, turning = np.exp(logarithms)
         envelope = np.exp(-decay * since)

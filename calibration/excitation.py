@@ -189,7 +189,7 @@ class LimitedDuty(LeafSystem):
         values = context.get_discrete_state_vector().value()
         states, duty = values[: -self._num_wires].reshape(self._shape), values[-self._num_wires :]
         rates = np.empty_like(states)
-        for row, rate in zip(rates, self._law.rates(states, duty, self._rooms), strict=True):
+        for row, rate in zip(rates, self._law.rates(list(states), duty, self._rooms), strict=True):
             row[...] = rate
         states = states + PERIOD * rates
         duty = np.minimum(self._wanted(context.get_time()), self._allowed(states, context))
@@ -201,7 +201,9 @@ class LimitedDuty(LeafSystem):
     def _allowed(self, states: np.ndarray, context) -> np.ndarray:
         """The duty (W,) at which no limb's wire is above T_max soon."""
         cooling, heating = (
-            np.asarray(self._law.rates(states, np.full(self._num_wires, level), self._rooms)[0])
+            np.asarray(
+                self._law.rates(list(states), np.full(self._num_wires, level), self._rooms)[0]
+            )
             for level in (0.0, 1.0)
         )
         room = (self._highest - states[0]) / REACTION_TIME
