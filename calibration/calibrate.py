@@ -155,7 +155,7 @@ class Calibration(Shown):
             if fit is None:
                 sentence = f"There is no recording of {kind}: the description's value is kept."
                 remarks.append(Remark("kept", sentence))
-        fits = (self.stiffness, self.damping, *self.heat, *self.force)
+        fits = (self.stiffness, self.damping, self.prediction, *self.heat, *self.force)
         remarks += [remark for fit in fits if fit for remark in fit.remarks]
         return sorted(remarks, key=lambda remark: -remark.severity)
 

@@ -55,7 +55,7 @@ class PlanCheck:
     - ``active_constraints``: where the plan runs along a bound.
     - ``bend_band_deg``: mean half-width of the band about the bend angle that
       has 95% of all limbs of which the calibration cannot tell this one apart,
-      degrees; NaN if it is not known. See `limb_systems.band`.
+      degrees; 0 if it is not known. See `limb_systems.band`.
     - ``highest_readings``: the highest reading of each wire, °C, that 995 of 1000
       of these limbs stay below; empty if it is not known.
     """
@@ -72,7 +72,7 @@ class PlanCheck:
     largest_difference_deg: float = math.nan
     tolerance_deg: float = math.nan
     active_constraints: list[ActiveConstraint] = dataclasses.field(default_factory=list)
-    bend_band_deg: float = math.nan
+    bend_band_deg: float = 0.0
     highest_readings: list[float] = dataclasses.field(default_factory=list)
 
     @property
