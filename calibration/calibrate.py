@@ -405,6 +405,7 @@ def _check_wire_names(
 
 def _record(calibration: Calibration) -> CalibrationRecord:
     estimates, validation = calibration.estimates, calibration.validation
+    judged = calibration.prediction and calibration.prediction.best
     return CalibrationRecord(
         names=list(estimates),
         values=[estimate.value for estimate in estimates.values()],
@@ -415,6 +416,8 @@ def _record(calibration: Calibration) -> CalibrationRecord:
             for kind, sources in calibration.sources.items()
         ],
         validation=_validated(validation) if validation else "",
+        bend_error=judged.bend_error if judged else 0.0,
+        temperature_error=judged.temperature_error if judged else 0.0,
     )
 
 

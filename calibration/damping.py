@@ -6,16 +6,17 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq, least_squares
+from scipy.optimize import least_squares
 
 from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
 from calibration.errors import CalibrationError
-from calibration.estimate import Estimate
+from calibration.estimate import Estimate, standard_error
 from calibration.kinds import only_segment
 from calibration.remarks import Remark, remarks_on_estimate
 from limb_systems import (
     Limb,
+    LimbError,
     LimbParameters,
     Recording,
     Wires,
@@ -23,6 +24,15 @@ from limb_systems import (
     simulate,
 )
 from limb_systems.model.kinematics import rest_joint_angles
+
+MODEL_RATE = 100.0  # Hz, at least, of the model's ring-down
+FEWEST = 20  # samples of a ring-down
+PER_PERIOD = 3.0  # samples, below which noise and an alias of the oscillation look alike
+MOVING = 0.5  # of the fastest motion, from which on a limb counts as released
+OUTLIER = 6.0  # robust standard deviations
+OFF = 2.0  # factor between the frequencies of limb and model, beyond which one of them is wrong
+MOST_RELEASED = np.pi / 2  # rad, of the model's release
+STEPS, ALIKE = 8, 1e-3  # of the search for σ, and relative difference of decays at its end
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,9 +92,11 @@ class DampingFit:
 def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
     """fitDS of Algorithm 1: a damped sinusoid with an offset, by least squares.
 
-    The fit starts where the signal moves fastest, so that a hold by hand before
-    the release is left out. In A cos ϕ, A sin ϕ and b the fit is linear, so these
-    are eliminated and only ζ and ω are searched.
+    The fit starts where the signal first passes its final level after the release,
+    so that a hold by hand is left out, and the shock of the release, in which a limb
+    has higher modes. In A cos ϕ, A sin ϕ and b the fit is linear, so these are
+    eliminated and only ζ and ω are searched. Samples that are far off it, glitches
+    of the sensor, are left out of a second fit.
 
     Args:
         time: (K,), s, evenly spaced.
@@ -94,20 +106,21 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
         CalibrationError: if the signal does not oscillate.
     """
     time, signal = np.asarray(time, float), np.asarray(signal, float)
-    if time.shape != signal.shape or len(time) < 20:
-        raise CalibrationError("A ring-down needs at least 20 samples, and a time for each.")
+    if time.shape != signal.shape or len(time) < FEWEST:
+        raise CalibrationError(
+            f"A ring-down needs at least {FEWEST} samples, and a time for each."
+        )
+    if not np.ptp(signal) > 0:
+        raise CalibrationError("The signal does not move; there is no ring-down in it.")
     period = (time[-1] - time[0]) / (len(time) - 1)
-    start = int(np.argmax(np.abs(np.gradient(signal))))
+    start = _passing(signal, _release(signal))
     since, values = time[start:] - time[start], signal[start:]
-    if len(values) < 20:
+    if len(values) < FEWEST:
         raise CalibrationError(
             f"The signal moves fastest at {time[start]:.2f} s, at its end; there is no ring-down "
             "after it."
         )
-
-    if not np.ptp(values) > 0:
-        raise CalibrationError("The signal does not move; there is no ring-down in it.")
-
+    good = np.ones(len(values), bool)
     def basis(logarithms: np.ndarray) -> np.ndarray:
         decay, turning = np.exp(logarithms)
         envelope = np.exp(-decay * since)
@@ -115,8 +128,8 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
         return np.column_stack([*waves, np.ones_like(since)])
 
     def residuals(logarithms: np.ndarray) -> np.ndarray:
-        columns = basis(logarithms)
-        return columns @ np.linalg.lstsq(columns, values, rcond=None)[0] - values
+        columns = basis(logarithms)[good]
+        return columns @ np.linalg.lstsq(columns, values[good], rcond=None)[0] - values[good]
 
     # Several starts around the peak of the spectrum; the best fit is taken.
     padded = 8 * len(values)
@@ -127,16 +140,20 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
     starts = [np.log([ratio * peak, peak]) for ratio in (0.01, 0.03, 0.1, 0.3)]
     best = min(starts, key=lambda x: np.sum(residuals(x) ** 2))
     fit = least_squares(residuals, best, x_scale=0.1)
+    away = np.abs(fit.fun)
+    # Of a signal without noise, small deviations are no glitches.
+    good = away <= OUTLIER * 1.48 * np.median(away) + 0.02 * np.ptp(values)
+    fit = least_squares(residuals, fit.x, x_scale=0.1)
 
     decay, turning = np.exp(fit.x)
-    sine, cosine, offset = np.linalg.lstsq(basis(fit.x), values, rcond=None)[0]
+    sine, cosine, offset = np.linalg.lstsq(basis(fit.x)[good], values[good], rcond=None)[0]
     amplitude, rms = np.hypot(sine, cosine), np.sqrt(np.mean(fit.fun**2))
-    if amplitude < 3 * rms or not 1.0 / since[-1] < turning / (2 * np.pi) < 0.5 / period:
+    if not amplitude > 3 * rms or not 1.0 / since[-1] < turning / (2 * np.pi) < 0.5 / period:
         raise CalibrationError(
             f"No oscillation stands out after {time[start]:.2f} s: its amplitude would be "
             f"{amplitude:.3g}, compared with residuals of {rms:.3g}."
         )
-    error = np.sqrt(np.linalg.inv(fit.jac.T @ fit.jac)[0, 0]) * rms  # of the logarithm
+    error = np.sqrt(np.linalg.pinv(fit.jac.T @ fit.jac)[0, 0]) * rms  # of the logarithm
     natural = np.hypot(decay, turning)
     return DampedSinusoid(
         damping_ratio=float(decay / natural),
@@ -148,6 +165,23 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
         decay_rate=Estimate(float(decay), float(error * decay), "1/s"),
         residual=float(rms),
     )
+
+
+def _release(signal: np.ndarray) -> int:
+    """The first sample of fast motion; a glitch of one sample is none."""
+    pace = np.abs(np.diff(signal))
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(pace, 2, mode="edge"), 5)
+    lasting = np.median(around, axis=1)
+    pace = lasting if lasting.any() else pace
+    return int(np.argmax(pace > MOVING * pace.max()))
+
+
+def _passing(signal: np.ndarray, release: int) -> int:
+    """The first sample after the release on the other side of the final level than before."""
+    level = np.median(signal[release + 3 * (len(signal) - release) // 4 :])
+    side = np.sign(np.median(signal[max(0, release - 4) : release + 1]) - level)
+    beyond = np.flatnonzero(side * (signal[release:] - level) < 0)
+    return release + int(beyond[0]) if len(beyond) else release
 
 
 def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> DampingFit:
@@ -166,11 +200,19 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
     fits = [_fit_recording(parameters, recording) for recording in recordings]
     values = np.array([value for value, _, _, _ in fits])
     within = np.array([error for _, error, _, _ in fits])
-    between = values.std(ddof=1) if len(values) > 1 else 0.0
-    error = np.hypot(between, np.sqrt(np.mean(within**2))) / np.sqrt(len(values))
+    # Trials scatter at least by the noise in each.
+    error = float(np.sqrt(np.mean(within**2) / len(values)))
+    if len(values) > 1:
+        error = max(error, standard_error(values))
     measured, simulated = [fit[2] for fit in fits], [fit[3] for fit in fits]
     remarks = []
     ratio = np.mean([m.frequency / s.frequency for m, s in zip(measured, simulated, strict=True)])
+    if not 1 / OFF < ratio < OFF:
+        raise CalibrationError(
+            f"The limb rings at {measured[0].frequency:.2f} Hz, but its model with this stiffness "
+            f"at {simulated[0].frequency:.2f} Hz; look at mass and length in the description, at "
+            "the sag, and whether the ring-down's times are right."
+        )
     if abs(ratio - 1) > 0.05:
         remarks.append(
             Remark(
@@ -187,7 +229,7 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
                 "The ring-down is far from a damped sinusoid; release the limb in one move.",
             )
         )
-    estimate = Estimate(float(values.mean()), float(error), "N·m·s/rad")
+    estimate = Estimate(float(values.mean()), error, "N·m·s/rad")
     remarks += remarks_on_estimate("the damping", estimate)
     return DampingFit(
         estimate,
@@ -202,40 +244,56 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
 def _fit_recording(parameters, recording: Recording):
     """σ and its standard error, and the sinusoids of limb and model."""
     check_values(recording)
-    sensor = bend_sensor_of(recording)
-    measured = fit_damped_sinusoid(recording.time, recording.bend_angle[0])
-    released = np.abs(recording.bend_angle[0] - measured.offset).max() / sensor.gain
-    duration = recording.time[-1] - measured.start
+    sensor, signal = bend_sensor_of(recording), recording.bend_angle[0]
+    if len(signal) < FEWEST or not np.ptp(signal) > 0:
+        fit_damped_sinusoid(recording.time, signal)  # which says so
+    release = _release(signal)
+    held = np.median(signal[max(0, release - 4) : release + 1])
+    released = float(abs(held - np.median(signal[-FEWEST // 2 :])) / sensor.gain)
+    duration = recording.time[-1] - recording.time[release]
+    rate = max(MODEL_RATE, recording.sample_rate)
 
-    def ring_down(damping: float) -> DampedSinusoid:
+    def ring_down(damping: float, released: float) -> DampedSinusoid:
         limb = copy.deepcopy(parameters)
         limb.gravity, limb.segments[0].damping = [0.0, 0.0, 0.0], float(damping)
         room = np.full(len(limb.wires), limb.ambient_temperature)
         angles = rest_joint_angles(limb) + joint_angles_from_bend_angle(limb, [released])
         cold = Wires(limb).cold_states
         state = np.concatenate([angles, np.zeros_like(angles), cold, room])
-        model = simulate(
-            Limb(limb), 0 * room, duration, sample_rate=recording.sample_rate, initial_state=state
-        )
+        model = simulate(Limb(limb), 0 * room, duration, sample_rate=rate, initial_state=state)
         assert model.joint_state is not None  # a model's
         seen = sensor.apparent_bend_angle(model.joint_state[: limb.num_joints])
         return fit_damped_sinusoid(model.time, seen)
 
-    def mismatch(logarithm: float) -> float:
-        return np.log(ring_down(np.exp(logarithm)).decay_rate.value / measured.decay_rate.value)
-
-    # Decay is about proportional to σ, which gives a start and a bracket around it.
-    guess = np.log(only_segment(parameters).damping)
-    guess -= mismatch(guess)
-    low, high = guess - 0.3, guess + 0.3
-    try:
-        logarithm = brentq(mismatch, low, high, xtol=1e-4)
-    except (ValueError, CalibrationError) as error:
+    described = ring_down(only_segment(parameters).damping, released)
+    if recording.sample_rate < PER_PERIOD * described.frequency:
         raise CalibrationError(
-            f"No damping constant near {np.exp(guess):.2g} N·m·s/rad makes the model decay with "
-            f"{measured.decay_rate.value:.2f} 1/s as the limb does."
-        ) from error
+            f"The ring-down was recorded at {recording.sample_rate:g} Hz, but the limb's model "
+            f"rings at {described.frequency:.1f} Hz; record it at "
+            f"{np.ceil(2 * PER_PERIOD * described.frequency):.0f} Hz or more."
+        )
+    measured = fit_damped_sinusoid(recording.time, signal)
+    # Decay is about proportional to σ.
+    logarithm, model = np.log(only_segment(parameters).damping), described
+    moved, slope, last = 0.0, 1.0, 0.0
+    for _ in range(STEPS):
+        mismatch = np.log(model.decay_rate.value / measured.decay_rate.value)
+        if abs(moved) > 10 * ALIKE:
+            slope = (mismatch - last) / moved
+        if abs(mismatch) < ALIKE or not 0.2 < slope < 5.0:
+            break
+        moved, last = -mismatch / slope, mismatch
+        logarithm += moved
+        released = min(released * measured.amplitude / model.amplitude, MOST_RELEASED)
+        try:
+            model = ring_down(np.exp(logarithm), released)
+        except LimbError:
+            break
+    if abs(mismatch) >= ALIKE:
+        raise CalibrationError(
+            f"No damping constant near {np.exp(logarithm):.2g} N·m·s/rad makes the model decay "
+            f"with {measured.decay_rate.value:.2f} 1/s as the limb does."
+        )
     damping = float(np.exp(logarithm))
-    slope = (mismatch(logarithm + 0.05) - mismatch(logarithm)) / 0.05
-    relative = measured.decay_rate.standard_error / measured.decay_rate.value / abs(slope)
-    return damping, damping * relative, measured, ring_down(damping)
+    relative = measured.decay_rate.standard_error / measured.decay_rate.value / slope
+    return damping, damping * relative, measured, model

@@ -147,7 +147,7 @@ class HystereticLaw(_TwoMassHeat):
     heating_middle: float = quantity(66.0, "°C", -20.0, 300.0)
     cooling_middle: float = quantity(58.0, "°C", -20.0, 300.0)
     width: float = quantity(9.0, "°C", 1.0, 100.0)
-    switching_rate: float = quantity(0.3, "°C/s", 0.01, 100.0)
+    switching_rate: float = quantity(1.0, "°C/s", 0.01, 100.0)
 
     def rates(self, x, D, T0):
         """See the class."""

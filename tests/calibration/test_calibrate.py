@@ -257,12 +257,16 @@ def test_heat_from_temperature_alone_is_an_option(model_recordings):
 
 
 def test_command_collects(tmp_path, capsys, monkeypatch):
-    recording = simulate(Limb(), [0.0, 0.0], 1.0)
-    monkeypatch.setattr(
-        "calibration.__main__.collect_from_twin",
-        lambda twin, **_: {"sag": [recording] * 2, "both": [recording]},
-    )
-    assert main(["collect", "-o", str(tmp_path / "new"), "--emulated", "3"]) == 0
+    recording, twins = simulate(Limb(), [0.0, 0.0], 1.0), []
+
+    def collect(twin, **_):
+        twins.append(twin.source)
+        return {"sag": [recording] * 2, "both": [recording]}
+
+    monkeypatch.setattr("calibration.__main__.collect_from_twin", collect)
+    arguments = ["collect", "-o", str(tmp_path / "new"), "--emulated", "3", "--extra", "bond"]
+    assert main(arguments) == 0
+    assert twins == ["emulated limb, seed 3, with bond"]
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
         "both.csv",
         "sag_1.csv",

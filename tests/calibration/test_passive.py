@@ -248,6 +248,63 @@ def test_a_limb_that_rings_faster_than_its_model_is_remarked(true_limb, model_re
     assert "rubber is stiffer in fast motion" in remark.sentence
 
 
+def held(recording, seconds=1.0):
+    """A ring-down with the hold before it, which is 45°."""
+    count = round(seconds * recording.sample_rate)
+    bend = np.concatenate([np.full(count, np.pi / 4), recording.bend_angle[0]])
+    return dataclasses.replace(
+        recording,
+        time=np.arange(len(bend)) / recording.sample_rate,
+        bend_angle=bend[np.newaxis],
+        duty=np.zeros((2, len(bend))),
+        measured_temperature=np.full((2, len(bend)), 23.0),
+        joint_state=None,
+        wire_temperature=None,
+    )
+
+
+@pytest.fixture(scope="module")
+def swing(true_limb, model_recordings):
+    """Held, then released, as the limb's bend sensor shows it."""
+    return held(seen_by(true_limb.segments[0].bend_sensor, model_recordings["ring_down"][0]))
+
+
+@pytest.mark.parametrize("sample", [50, 99, 150])
+def test_a_glitch_before_or_after_the_release_does_not_count(true_limb, swing, sample):
+    glitched = dataclasses.replace(swing, bend_angle=swing.bend_angle.copy())
+    glitched.bend_angle[0, sample] -= np.deg2rad(40.0)
+    fit = fit_damping(true_limb, [glitched])
+    assert fit.damping.value == pytest.approx(8e-4, rel=0.01)
+    assert fit.measured[0].start == pytest.approx(1.06, abs=0.02)
+
+
+def test_damping_of_noisy_ring_downs_is_right_on_average_and_within_its_error(true_limb, swing):
+    random = np.random.default_rng(0)
+    noise = np.deg2rad(0.5) * random.normal(size=(6, *swing.bend_angle.shape))
+    noisy = [dataclasses.replace(swing, bend_angle=swing.bend_angle + n) for n in noise]
+    found = fit_damping(true_limb, noisy).damping
+    assert found.value == pytest.approx(8e-4, rel=0.015)
+    assert abs(found.value - 8e-4) < 2.5 * found.standard_error < 0.05 * 8e-4
+
+
+def test_a_ring_down_with_too_few_samples_in_a_period_is_refused(true_limb, swing):
+    slow = dataclasses.replace(
+        swing,
+        sample_rate=5.0,
+        **{n: getattr(swing, n)[..., ::20] for n in ("time", "bend_angle", "duty")},
+        measured_temperature=swing.measured_temperature[:, ::20],
+    )
+    with pytest.raises(CalibrationError, match=r"recorded at 5 Hz, but .* rings at 4\.4 Hz; rec"):
+        fit_damping(true_limb, [slow])
+
+
+def test_a_model_that_rings_far_faster_than_the_limb_is_refused(true_limb, swing):
+    stiff = copy.deepcopy(true_limb)
+    stiff.segments[0].stiffness *= 6.0
+    with pytest.raises(CalibrationError, match=r"rings at 4\.4\d Hz, but its model .* at 1\d\."):
+        fit_damping(stiff, [swing])
+
+
 def test_a_limb_at_rest_does_not_ring_down(true_limb, model_recordings):
     (recording,) = model_recordings["ring_down"]
     still = dataclasses.replace(recording, bend_angle=0 * recording.bend_angle)

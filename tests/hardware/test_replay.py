@@ -296,6 +296,13 @@ def test_a_plan_that_was_calibrated_through_an_emulated_port_is_for_that_limb(
     assert Recording.load(tmp_path / "recording.csv").source == "emulated limb, seed 3"
 
 
+def test_command_emulates_a_limb_with_extra_effects(monkeypatch):
+    twins = []
+    monkeypatch.setattr("hardware.__main__.emulate", lambda twin, *_: twins.append(twin.source))
+    assert main(["emulate", "--emulated", "3", "--extra", "memory", "--extra", "bond"]) == 0
+    assert twins == ["emulated limb, seed 3, with memory, with bond"]
+
+
 def test_command_says_what_is_wrong_with_a_file(tmp_path, capsys):
     (tmp_path / "plan.csv").write_text("time,duty\n0,1\n")
     output = tmp_path / "recording.csv"

@@ -11,9 +11,11 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.planning import DirectCollocationConstraint
 from pydrake.symbolic import Expression, Variable
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
-    HystereticLaw,
     Limb,
     LimbError,
     LimbParameters,
@@ -21,7 +23,6 @@ from limb_systems import (
     RestMemory,
     SaturatingLaw,
     SegmentParameters,
-    ThresholdLaw,
     Trajectory,
     TwoMassLaw,
     WireLaw,
@@ -33,6 +34,7 @@ from limb_systems import (
 )
 from limb_systems.model.statics import static_equilibrium
 from limb_systems.schema import quantity
+from limb_systems.simulation import make_simulator
 from planners import InfeasibleError, plan, references
 from planners.chain import PlanarChain
 from planners.defects import LimbDefects
@@ -420,6 +422,20 @@ def test_statics_hold_the_other_states_until_they_settle():
     )
     np.testing.assert_allclose(recording.wire_temperature[:, -1], [80.0, 60.0], atol=0.01)
     np.testing.assert_allclose(recording.joint_state[:5, -1], angles, atol=1e-4)
+
+
+def test_nonlinear_torque_does_not_hold_up_the_integrator():
+    limb = Limb(limb_with(ThresholdLaw(), ThresholdLaw()))
+    builder = DiagramBuilder()
+    builder.AddSystem(limb)
+    times = np.arange(0.0, 2.0, 0.1)
+    duty = 0.3 + 0.3 * np.sin(times / 3 + np.array([[0.0], [2.0]]))
+    source = builder.AddSystem(TrajectorySource(PiecewisePolynomial.FirstOrderHold(times, duty)))
+    builder.Connect(source.get_output_port(), limb.GetInputPort("duty"))
+    simulator = make_simulator(builder.Build(), 3e-4)
+    for end in (0.01, 0.02, 0.05, 0.1, 0.2):
+        simulator.AdvanceTo(end)
+    assert simulator.get_integrator().get_num_steps_taken() < 500
 
 
 def test_a_law_out_of_its_range_is_refused():
