@@ -16,6 +16,7 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
+    HystereticLaw,
     Limb,
     LimbError,
     LimbParameters,
@@ -23,6 +24,7 @@ from limb_systems import (
     RestMemory,
     SaturatingLaw,
     SegmentParameters,
+    ThresholdLaw,
     Trajectory,
     TwoMassLaw,
     WireLaw,
