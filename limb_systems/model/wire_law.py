@@ -10,6 +10,8 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+import numpy as np
+
 from limb_systems.errors import LimbError
 from limb_systems.schema import Tagged, quantity
 
@@ -35,15 +37,15 @@ class WireLaw(Tagged):
     states: ClassVar[dict[str, float]] = {"T": TEMPERATURE_SCALE}
     settings: ClassVar[tuple[str, ...]] = ()
 
-    def rates(self, x: Sequence[Any], D: Any, T0: Any) -> Sequence[Any]:
+    def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
         """Time derivatives of the states, in the order of ``states``, per second."""
         raise NotImplementedError
 
-    def torque(self, x: Sequence[Any], T0: Any, theta: Any) -> Any:
+    def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
         """Torque of a wire on the +E2 side on a joint whose angle is θ, N·m."""
         raise NotImplementedError
 
-    def reading_rate(self, V: Any, x: Sequence[Any]) -> Any:
+    def reading_rate(self, V: Any, x: Sequence[Any] | np.ndarray) -> Any:
         """Time derivative of the temperature V that the thermocouple reads, °C/s."""
         raise NotImplementedError
 

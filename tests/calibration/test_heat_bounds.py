@@ -120,7 +120,7 @@ def test_a_limb_that_is_not_as_described_has_wider_bounds(described):
 
 
 def test_calibration_has_bounds_and_keeps_them_in_its_file(model_recordings, tmp_path):
-    calibrated = calibrate(model_recordings).parameters
+    calibrated = calibrate(model_recordings, method="paper").parameters
     calibrated.save(tmp_path / "limb.yaml")
     loaded = LimbParameters.load(tmp_path / "limb.yaml")
     for wire, bounds in zip(loaded.wires, calibrated.heat_bounds, strict=True):
