@@ -107,9 +107,7 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
     """
     time, signal = np.asarray(time, float), np.asarray(signal, float)
     if time.shape != signal.shape or len(time) < FEWEST:
-        raise CalibrationError(
-            f"A ring-down needs at least {FEWEST} samples, and a time for each."
-        )
+        raise CalibrationError(f"A ring-down needs at least {FEWEST} samples, and a time for each.")
     if not np.ptp(signal) > 0:
         raise CalibrationError("The signal does not move; there is no ring-down in it.")
     period = (time[-1] - time[0]) / (len(time) - 1)
@@ -121,6 +119,7 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
             "after it."
         )
     good = np.ones(len(values), bool)
+
     def basis(logarithms: np.ndarray) -> np.ndarray:
         decay, turning = np.exp(logarithms)
         envelope = np.exp(-decay * since)
@@ -280,7 +279,8 @@ def _fit_recording(parameters, recording: Recording):
         mismatch = np.log(model.decay_rate.value / measured.decay_rate.value)
         if abs(moved) > 10 * ALIKE:
             slope = (mismatch - last) / moved
-        if abs(mismatch) < ALIKE or not 0.2 < slope < 5.0:
+        alike = abs(mismatch) < ALIKE and abs(measured.amplitude / model.amplitude - 1) < 0.01
+        if alike or not 0.2 < slope < 5.0:
             break
         moved, last = -mismatch / slope, mismatch
         logarithm += moved

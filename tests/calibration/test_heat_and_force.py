@@ -214,8 +214,32 @@ def test_a_limb_that_never_rests_is_refused(true_limb, model_recordings):
 def test_ambient_is_what_unheated_wires_read(model_recordings):
     recordings = [model_recordings[side][0] for side in ("left", "right")]
     assert ambient_temperature(recordings).value == pytest.approx(23.0, abs=0.01)
-    with pytest.raises(CalibrationError, match="unheated wire"):
-        ambient_temperature(model_recordings["both"])
+    with pytest.raises(CalibrationError, match="No thermocouple ever moves"):
+        ambient_temperature([changed_reading(recordings[0], (0, 1), lambda v: 0 * v)])
+
+
+def changed_reading(recording, wires, change):
+    """A recording with other readings of some wires."""
+    measured = recording.measured_temperature.copy()
+    for wire in wires:
+        measured[wire] = change(measured[wire])
+    return dataclasses.replace(recording, measured_temperature=measured)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0, 8.0])
+def test_a_thermocouple_that_is_dead_or_disconnected_does_not_tell_ambient(model_recordings, noise):
+    """It reads noise around zero, or just that."""
+    random = np.random.default_rng(0)
+    left, right = (model_recordings[side][0] for side in ("left", "right"))
+    sag = changed_reading(
+        model_recordings["sag"][0], (0, 1), lambda v: v + random.normal(size=len(v))
+    )
+    dead = [
+        changed_reading(r, (0,), lambda v: noise * random.normal(size=len(v))) for r in (right, sag)
+    ]
+    ambient = ambient_temperature([*dead, left])
+    assert ambient.value == pytest.approx(23.0, abs=0.3)
+    assert 0.1 < ambient.standard_error < 1.0
 
 
 def test_two_segments_are_calibrated_one_by_one(two_segments, model_recordings):
