@@ -194,8 +194,8 @@ def _check_readings(recording: Recording) -> None:
     heated = recording.duty.sum(axis=1).max() / recording.sample_rate
     if heated > HEATED and not np.ptp(recording.bend_angle) > 0:
         raise CalibrationError(
-            f"the bend angle stays at {np.rad2deg(recording.bend_angle[0, 0]):.1f}° while wires are "
-            "heated; is the bend sensor connected?"
+            f"the bend angle stays at {np.rad2deg(recording.bend_angle[0, 0]):.1f}° while wires "
+            "are heated; is the bend sensor connected?"
         )
 
 

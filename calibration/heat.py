@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter, savgol_filter
 
 from calibration.checks import check_values
-from calibration.course import at_sample_times
+from calibration.course import START, at_sample_times, despiked
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, clustered_covariance
 from calibration.remarks import Remark
@@ -143,7 +143,7 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     """
     check_values(recording)
     late = recording.applied_duty is None or recording.sample_age is None
-    recording = at_sample_times(recording)
+    recording = despiked(at_sample_times(recording))
     duty, measured = recording.duty[index], recording.measured_temperature[index]
     angle = recording.bend_angle[0]
     period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
@@ -172,7 +172,7 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
             [weights[0] * (sensed - measured), weights[1] * (bent - angle), prior]
         )
 
-    first = [measured[:20].mean()] * 2
+    first = [measured[: max(1, round(START / period))].mean()] * 2
     guess = [*np.clip(np.log(np.abs(start)), _INNER_LOWEST, _INNER_HIGHEST), 1 / b, *first]
     guess += [0.05] * late
     scale = [0.1, 0.1, 0.1, 0.1 / abs(b), 1.0, 1.0] + [0.1] * late
@@ -203,7 +203,7 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
         equilibrium=(angle_eq, measured_eq),
         time=recording.time,
         recorded_temperature=measured,
-        recorded_angle=recording.bend_angle[0],
+        recorded_angle=angle,
         wire_temperature=wire,
         measured_temperature=sensed,
         bend_angle=bent,
@@ -215,12 +215,13 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
 
 
 def fit_heat_transfer_from_temperature(
-    recording: Recording, index: int, ambient: float, *, delay: bool = True
+    recording: Recording, index: int, ambient: float, *, delay: bool = False
 ) -> HeatFit:
     """a1, a2, a3 of one wire from duty and measured temperature alone.
 
-    Fits (6)-(7) from D to V, on request with a pure delay. This is for limbs
-    whose bend is not proportional to temperature. The slower of the two rates
+    Fits (6)-(7) from D to V, on request with a pure delay, which the model has not:
+    parameters that were fitted beside one predict readings that come too early. This
+    is for limbs whose bend is not proportional to temperature. The slower of the two rates
     is taken as a1, because D and V alone do not distinguish a1 from a3.
 
     Args:
@@ -233,6 +234,7 @@ def fit_heat_transfer_from_temperature(
         CalibrationError: if the wire was never warm.
     """
     check_values(recording)
+    recording = despiked(recording)
     duty, measured = recording.duty[index], recording.measured_temperature[index]
     period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
     _check_excitation(name, duty, measured, ambient, period)
@@ -244,7 +246,7 @@ def fit_heat_transfer_from_temperature(
     def residuals(x: np.ndarray) -> np.ndarray:
         return (simulated(x)[1] - measured) / TEMPERATURE_SCALE
 
-    first = [measured[:20].mean()] * 2
+    first = [measured[: max(1, round(START / period))].mean()] * 2
     a1, a2, _ = _two_stage(duty, measured, measured, period, ambient)
     guess = [*np.log([-a1, a2, 1.0]), *first] + [0.1] * delay
     guess[:3] = np.clip(guess[:3], _INNER_LOWEST, _INNER_HIGHEST)

@@ -42,27 +42,6 @@ def changed(recording, **signals):
     return dataclasses.replace(recording, **{k: f(recording) for k, f in signals.items()})
 
 
-def logged(recording, rate):
-    """As a logger of another rate would have recorded it; duty is the mean in between."""
-    every = round(recording.sample_rate / rate)
-    duty = [np.add.reduceat(d[1:], np.arange(0, len(d) - 1, every)) / every for d in recording.duty]
-    count = (len(recording.time) - 1) // every
-    rows = np.array(duty)[:, :count]
-    signals = {
-        name: getattr(recording, name)[..., : count * every + 1 : every]
-        for name in ("time", "measured_temperature", "bend_angle")
-    }
-    return dataclasses.replace(
-        recording,
-        duty=np.concatenate([rows[:, :1], rows], axis=1),
-        sample_rate=rate,
-        reference=None,
-        joint_state=None,
-        wire_temperature=None,
-        **signals,
-    )
-
-
 def swap(name):
     return {name: lambda r: getattr(r, name)[::-1].copy()}
 
@@ -130,7 +109,7 @@ def test_trouble_with_both_wires_is_named(model_recordings, name):
 
 @pytest.mark.parametrize("rate", [5.0, 1.0])
 @pytest.mark.parametrize("kind", ["right", "left", "both"])
-def test_slow_loggers_record_what_they_record(model_recordings, kind, rate):
+def test_slow_loggers_record_what_they_record(model_recordings, logged, kind, rate):
     assert check_recording(logged(model_recordings[kind][0], rate), kind) == kind
 
 
