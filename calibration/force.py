@@ -6,6 +6,7 @@ import numpy as np
 
 from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
+from calibration.course import despiked
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, mean_estimate
 from calibration.heat import HeatFit
@@ -66,6 +67,7 @@ def fit_force(
         CalibrationError: if there are no equilibria in it.
     """
     check_values(recording)
+    recording = despiked(recording)
     side = only_segment(parameters).wires[index].direction
     starts, ends = _equilibria(recording, heat, parameters.temperature_limits.warm)
     if len(starts) < 3:

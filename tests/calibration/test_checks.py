@@ -46,6 +46,11 @@ def swap(name):
     return {name: lambda r: getattr(r, name)[::-1].copy()}
 
 
+def at_zero(recording, noise):
+    """Readings of a thermocouple that is not connected."""
+    return noise * np.random.default_rng(0).normal(size=len(recording.time))
+
+
 TROUBLES = {
     "gap": (
         {"time": lambda r: r.time + 3.2 * (r.time > 41.0)},
@@ -64,11 +69,48 @@ TROUBLES = {
         {"measured_temperature": lambda r: r.measured_temperature + 273.15},
         "seems to be in kelvin",
     ),
+    "disconnected at zero": (
+        {"measured_temperature": lambda r: np.vstack([at_zero(r, 1.0), r.measured_temperature[1]])},
+        "left thermocouple reads -?0 °C, far below ambient and the others; is it connected",
+    ),
+    "disconnected and noisy": (
+        {
+            "measured_temperature": lambda r: np.vstack(
+                [at_zero(r, 20.0) + 25, r.measured_temperature[1]]
+            )
+        },
+        r"readings of the left thermocouple jump by \d+ °C",
+    ),
+    "dead and unheated": (
+        {"measured_temperature": lambda r: np.vstack([at_zero(r, 0.0), r.measured_temperature[1]])},
+        "left thermocouple reads 0 °C, far below ambient and the others; is it connected",
+    ),
+    "frozen bend": (
+        {"bend_angle": lambda r: np.full_like(r.bend_angle, 0.1)},
+        r"bend angle stays at 5\.7° while wires are heated; is the bend sensor connected",
+    ),
     "fahrenheit": (
         {"measured_temperature": lambda r: 1.8 * r.measured_temperature + 32},
         "degrees Fahrenheit",
     ),
 }
+
+
+@pytest.mark.parametrize("name", ["frozen bend", "swapped columns"])
+def test_trouble_with_both_wires_is_named(model_recordings, name):
+    (both,) = model_recordings["both"]
+    signals, message = {
+        "frozen bend": TROUBLES["frozen bend"],
+        "swapped columns": (swap("duty"), "duty columns .* swapped"),
+    }[name]
+    with pytest.raises(CalibrationError, match=message):
+        check_recording(changed(both, **signals), "both")
+
+
+@pytest.mark.parametrize("rate", [5.0, 1.0])
+@pytest.mark.parametrize("kind", ["right", "left", "both"])
+def test_slow_loggers_record_what_they_record(model_recordings, logged, kind, rate):
+    assert check_recording(logged(model_recordings[kind][0], rate), kind) == kind
 
 
 @pytest.mark.parametrize("name", TROUBLES)
