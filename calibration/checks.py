@@ -13,6 +13,7 @@ from limb_systems import LimbError, LimbParameters, Recording
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
 RISE = 3.0  # °C
 BENT = np.deg2rad(2.0)
+EARTH = 9.5, 10.1  # m/s²
 COOLING_TIME = 15.0  # s, of a wire, roughly
 SMOOTH = 1.0  # s, over which signals are averaged
 COLDER = 10.0  # °C, by which a connected thermocouple is not colder than all others
@@ -85,6 +86,7 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     """
     _check_time(recording)
     check_values(recording)
+    _check_gravity(recording)
     _check_units(recording, may_be_warm=expected in FREE_KINDS)
     if expected in FREE_KINDS:
         if not recording.duty.any():
@@ -145,6 +147,21 @@ def _check_time(recording: Recording) -> None:
             f"there {'is a gap' if gaps == 1 else f'are {gaps} gaps'} in the samples, the longest "
             f"of {steps[worst]:.2f} s after {recording.time[worst]:.2f} s; what happened meanwhile "
             "is not known, so record it again."
+        )
+
+
+def _check_gravity(recording: Recording) -> None:
+    gravity = recording.parameters.gravity
+    size = float(np.linalg.norm(gravity))
+    if size and not EARTH[0] < size < EARTH[1]:
+        raise CalibrationError(
+            f"the header's gravity is {size:.3g} m/s², but it must be 9.81 m/s², or zero for a "
+            "limb that lies level; correct the header."
+        )
+    if recording.duty.any() and np.hypot(*gravity[:2]) > 1.0:
+        raise CalibrationError(
+            f"wires are heated while gravity {list(gravity)} bends the limb; record it level, with "
+            "gravity zero in the header."
         )
 
 

@@ -19,6 +19,7 @@ from limb_systems import LinearLaw, Recording, WireLaw
 RATES = ("a1", "a2", "a3")
 WINDOW = 2.0  # s, over which a state counts as equilibrium
 BLOCK = 30.0  # s, after which residuals count as independent
+FEWEST_BLOCKS = 5
 COLD_RANGE = 3.0  # °C, of readings of cold wires
 FAR_BELOW = 10.0  # °C, by which a connected thermocouple is not colder than others
 SENSOR_SPREAD = 0.25  # °C, by which thermocouples of a kind differ
@@ -31,6 +32,7 @@ ANGLE_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 1.0  # rad and °C of equal we
 _LOWEST, _HIGHEST = np.log([[1e-3, 0.1, 0.02], [2.0, 1000.0, 10.0]])
 _INNER_LOWEST, _INNER_HIGHEST = np.log([[2e-3, 0.2, 0.05], [1.0, 500.0, 5.0]])
 
+_SIGNS = -1, 1, -1
 AT_BOUND = 0.01  # by which a logarithm may stay inside its bound and count as at it
 
 
@@ -121,7 +123,9 @@ def simulate_heat(
     return ambient + course[0], ambient + course[-1]
 
 
-def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatFit:
+def fit_heat_transfer(
+    recording: Recording, index: int, ambient: float, ambient_error: float = 0.0
+) -> HeatFit:
     """a1, a2, a3 of one wire by Sec. V-C1, with wire temperature from the bend.
 
     At the most promising equilibrium b = (V^eq - T0) / φ^eq, and T = b φ + T0
@@ -137,6 +141,7 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
         recording: C^r or C^l, in which this wire alone is heated.
         index: of the wire.
         ambient: T0, °C.
+        ambient_error: its standard error, °C, as read by this wire's thermocouple.
 
     Raises:
         CalibrationError: if the wire was never warm or the limb never bent.
@@ -158,15 +163,15 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     wire_start = b * angle + ambient
     start = _two_stage(duty, wire_start, measured, period, ambient)
 
-    def simulated(x: np.ndarray):
+    def simulated(x: np.ndarray, room: float = ambient):
         delay = x[6] if late else 0.0
-        wire, sensed = simulate_heat(_law(x), duty, period, ambient, (x[4], x[5]), delay)
-        return wire, sensed, (wire - ambient) * x[3]
+        wire, sensed = simulate_heat(_law(x), duty, period, room, (x[4], x[5]), delay)
+        return wire, sensed, (wire - room) * x[3]
 
     weights = [1 / TEMPERATURE_SCALE, 1 / ANGLE_SCALE]
 
-    def residuals(x: np.ndarray) -> np.ndarray:
-        _, sensed, bent = simulated(x)
+    def residuals(x: np.ndarray, room: float = ambient) -> np.ndarray:
+        _, sensed, bent = simulated(x, room)
         prior = [(x[6] - READOUT_DELAY[0]) / READOUT_DELAY[1]] if late else []
         return np.concatenate(
             [weights[0] * (sensed - measured), weights[1] * (bent - angle), prior]
@@ -183,7 +188,7 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     fit = least_squares(residuals, guess, bounds=bounds, x_scale=scale)
     # Then weight each signal by the standard deviation of its residuals. A sensor that drifts gets
     # less weight than one with the same noise that does not drift.
-    blocks = (recording.time / BLOCK).astype(int)
+    blocks = _blocks(recording.time)
     for _ in range(REWEIGHTINGS):
         _, sensed, bent = simulated(fit.x)
         weights = [1 / _worth(sensed - measured, blocks), 1 / _worth(bent - angle, blocks)]
@@ -193,6 +198,7 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     count = len(clusters)
     prior = fit.jac[-1] if late else None
     covariance = clustered_covariance(fit.jac[:count], fit.fun[:count], clusters, prior)
+    covariance += _by_ambient(fit, residuals(fit.x, ambient + 1.0), ambient_error)
     return HeatFit(
         wire=name,
         method="bend",
@@ -215,7 +221,12 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
 
 
 def fit_heat_transfer_from_temperature(
-    recording: Recording, index: int, ambient: float, *, delay: bool = False
+    recording: Recording,
+    index: int,
+    ambient: float,
+    ambient_error: float = 0.0,
+    *,
+    delay: bool = False,
 ) -> HeatFit:
     """a1, a2, a3 of one wire from duty and measured temperature alone.
 
@@ -227,7 +238,7 @@ def fit_heat_transfer_from_temperature(
     Args:
         recording: in which this wire is heated.
         index: of the wire.
-        ambient: T0, °C.
+        ambient, ambient_error: as for `fit_heat_transfer`.
         delay: whether to fit a pure delay of the duty, up to 5 s.
 
     Raises:
@@ -239,12 +250,12 @@ def fit_heat_transfer_from_temperature(
     period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
     _check_excitation(name, duty, measured, ambient, period)
 
-    def simulated(x: np.ndarray):
+    def simulated(x: np.ndarray, room: float = ambient):
         late = x[5] if delay else 0.0
-        return simulate_heat(_law(x), duty, period, ambient, (x[3], x[4]), late)
+        return simulate_heat(_law(x), duty, period, room, (x[3], x[4]), late)
 
-    def residuals(x: np.ndarray) -> np.ndarray:
-        return (simulated(x)[1] - measured) / TEMPERATURE_SCALE
+    def residuals(x: np.ndarray, room: float = ambient) -> np.ndarray:
+        return (simulated(x, room)[1] - measured) / TEMPERATURE_SCALE
 
     first = [measured[: max(1, round(START / period))].mean()] * 2
     a1, a2, _ = _two_stage(duty, measured, measured, period, ambient)
@@ -262,8 +273,9 @@ def fit_heat_transfer_from_temperature(
         fit = least_squares(residuals, x, bounds=bounds, x_scale=scale)
     x = fit.x
     wire, sensed = simulated(x)
-    clusters = (recording.time / BLOCK).astype(int)
+    clusters = _blocks(recording.time)
     covariance = clustered_covariance(fit.jac, fit.fun, clusters)
+    covariance += _by_ambient(fit, residuals(x, ambient + 1.0), ambient_error)
     return HeatFit(
         wire=name,
         method="temperature",
@@ -282,6 +294,17 @@ def fit_heat_transfer_from_temperature(
         angle_residual=None,
         remarks=_remarks(name, duty, measured, ambient, x, covariance),
     )
+
+
+def check_rates(fit: HeatFit) -> None:
+    """Refuses rates at the bounds of their fit, which any wire is within.
+
+    Raises:
+        CalibrationError: one sentence with the rate and its bound.
+    """
+    for remark in fit.remarks:
+        if remark.kind == "bound":
+            raise CalibrationError(str(remark))
 
 
 def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
@@ -334,6 +357,18 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
 def _law(x: np.ndarray) -> LinearLaw:
     """With the rates whose logarithms these are."""
     return LinearLaw(a1=-np.exp(x[0]), a2=np.exp(x[1]), a3=-np.exp(x[2]))
+
+
+def _by_ambient(fit, warmer: np.ndarray, ambient_error: float) -> np.ndarray:
+    """Covariance that T0's error adds to a fit, from its residuals with T0 1 °C higher."""
+    shift = np.linalg.pinv(fit.jac) @ (warmer - fit.fun) * ambient_error
+    return np.outer(shift, shift)
+
+
+def _blocks(time: np.ndarray) -> np.ndarray:
+    """Numbers (K,) of the blocks of time that samples are in; at least some blocks."""
+    since = time - time[0]
+    return (since / min(BLOCK, since[-1] / FEWEST_BLOCKS)).astype(int)
 
 
 def _worth(residual: np.ndarray, blocks: np.ndarray) -> float:
@@ -435,8 +470,9 @@ def _remarks(name: str, duty, measured, ambient: float, x, covariance) -> list[R
             remarks.append(
                 Remark(
                     "bound",
-                    f"{rate} of the {name} wire is at the fit's limit: the recording is not as the "
-                    "model would have it; look at its picture.",
+                    f"{rate} of the {name} wire is at the fit's limit of "
+                    f"{_SIGNS[i] * np.exp(x[i]):.3g}, as its temperature does not follow its duty; "
+                    "are both of this wire, and does the duty change often enough?",
                 )
             )
         elif error > 1.0:

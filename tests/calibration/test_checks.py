@@ -22,7 +22,7 @@ from calibration import (
     validate,
 )
 from calibration.report import validation_summary
-from limb_systems import LimbParameters, Recording
+from limb_systems import LimbError, LimbParameters, Recording
 
 
 @pytest.mark.parametrize("kind", kinds_of(LimbParameters()))
@@ -151,6 +151,41 @@ def test_too_few_samples_are_named(right):
     short = dataclasses.replace(right, **few, wire_temperature=None, joint_state=None)
     with pytest.raises(CalibrationError, match="only 10 samples"):
         check_recording(short)
+
+
+def under(recording, gravity):
+    """A recording with another gravity in its header."""
+    parameters = copy.deepcopy(recording.parameters)
+    parameters.gravity = gravity
+    return dataclasses.replace(recording, parameters=parameters)
+
+
+def test_heat_in_the_mounting_of_the_sag_and_other_planets_are_refused(model_recordings, right):
+    with pytest.raises(
+        CalibrationError, match=r"gravity \[0\.0, -9\.81, 0\.0\] bends.* record it level"
+    ):
+        check_recording(under(right, [0.0, -9.81, 0.0]), "right")
+    (sag,) = model_recordings["sag"]
+    with pytest.raises(
+        CalibrationError, match=r"header's gravity is 98\.1 m/s², but it must be 9\.81"
+    ):
+        check_recording(under(sag, [0.0, -98.1, 0.0]), "sag")
+    with pytest.raises(CalibrationError, match=r"bends upwards\. .* or gravity in the header"):
+        fit_stiffness(sag.parameters, [under(sag, [0.0, 9.81, 0.0])])
+
+
+def test_a_limb_of_several_segments_is_refused(two_segments, right):
+    whole = Recording(
+        time=right.time,
+        duty=np.vstack([right.duty, right.duty]),
+        measured_temperature=np.vstack([right.measured_temperature] * 2),
+        bend_angle=np.vstack([right.bend_angle] * 2),
+        parameters=two_segments,
+        source="two",
+        sample_rate=20.0,
+    )
+    with pytest.raises(LimbError, match="has 2 segments; calibrate each of them alone"):
+        calibrate({"right": [whole]})
 
 
 def test_gravity_along_the_axis_of_bending_is_no_sag(model_recordings):
