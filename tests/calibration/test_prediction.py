@@ -117,7 +117,8 @@ def test_the_simplest_law_that_predicts_as_well_is_used():
     assert [c.name for c in candidates][:3] == ["LinearLaw", "TwoMassLaw", "SaturatingLaw"]
     assert candidates[-1].name == "TwoMassLaw + rest_memory"
     assert best.name == "TwoMassLaw"
-    assert beaten(candidates[0], candidates[1]) and not beaten(candidates[1], candidates[2])
+    assert beaten(candidates[0], candidates[1])
+    assert not beaten(candidates[1], candidates[2])
     assert simplest_unbeaten(candidates[1:3]) is candidates[1]
 
 
@@ -163,7 +164,9 @@ def test_calibrates_from_any_heated_recordings():
     assert calibration.prediction is not None
     assert "last part of the only recording" in calibration.prediction.judges
     record = calibration.parameters.calibration
-    assert record is not None and record.bend_error > 0 and record.temperature_error > 0
+    assert record is not None
+    assert record.bend_error > 0
+    assert record.temperature_error > 0
     assert LimbParameters.from_yaml(calibration.parameters.to_yaml()) == calibration.parameters
     with pytest.raises(CalibrationError, match="no recording with heat"):
         calibrate({"ring_down": []} | {"sag": recordings_of(limb)}, LimbParameters())
