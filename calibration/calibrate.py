@@ -21,6 +21,7 @@ from calibration.heat import (
     RATES,
     HeatFit,
     ambient_temperature,
+    check_rates,
     fit_heat_transfer,
     fit_heat_transfer_from_temperature,
 )
@@ -272,7 +273,8 @@ def calibrate(
         tell("stiffness")
         stiffness = damping = None
         if recordings.get("sag"):
-            stiffness = fit_stiffness(limb, recordings["sag"])
+            known = method == "prediction"
+            stiffness = fit_stiffness(limb, recordings["sag"], known * rest.standard_error)
             segment.stiffness = stiffness.stiffness.value
         tell("damping")
         if recordings.get("ring_down"):
@@ -329,11 +331,13 @@ def _fit_as_paper(
     for index, wire in enumerate(segment.wires):
         tell(f"heat of the {wire.name} wire")
         recording = recordings[wire.name][0]
+        room = ambient.value, ambient.standard_error
         fits = {
-            "bend": fit_heat_transfer(recording, index, ambient.value),
-            "temperature": fit_heat_transfer_from_temperature(recording, index, ambient.value),
+            "bend": fit_heat_transfer(recording, index, *room),
+            "temperature": fit_heat_transfer_from_temperature(recording, index, *room),
         }
         result.heat.append(fits.pop(heat))
+        check_rates(result.heat[-1])
         result.heat_compared.extend(fits.values())
         result.force.append(fit_force(limb, recording, index, result.heat[-1], spring))
         rates = {name: getattr(result.heat[-1], name).value for name in RATES}

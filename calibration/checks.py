@@ -1,7 +1,11 @@
 """Checks of recordings, before anything is fitted to them."""
 
-import numpy as np
+import itertools
 
+import numpy as np
+from scipy.signal import lfilter
+
+from calibration.course import without_spikes
 from calibration.errors import CalibrationError
 from calibration.kinds import FREE_KINDS, heated_kinds, kinds_of
 from limb_systems import LimbError, LimbParameters, Recording
@@ -9,6 +13,11 @@ from limb_systems import LimbError, LimbParameters, Recording
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
 RISE = 3.0  # °C
 BENT = np.deg2rad(2.0)
+EARTH = 9.5, 10.1  # m/s²
+COOLING_TIME = 15.0  # s, of a wire, roughly
+SMOOTH = 1.0  # s, over which signals are averaged
+COLDER = 10.0  # °C, by which a connected thermocouple is not colder than all others
+JUMPS = 5.0  # °C, by which its readings do not differ from one to the next
 
 
 def kind_of(recording: Recording) -> str:
@@ -77,11 +86,13 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     """
     _check_time(recording)
     check_values(recording)
+    _check_gravity(recording)
     _check_units(recording, may_be_warm=expected in FREE_KINDS)
     if expected in FREE_KINDS:
         if not recording.duty.any():
             raise CalibrationError("this should show heated wires, but no wire is heated.")
         _check_wires(recording)
+        _check_readings(recording)
         return expected
     kind = kind_of(recording)
     if expected and kind != expected:
@@ -90,6 +101,7 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
         raise CalibrationError(complaint.format(shown))
     if kind in heated_kinds(recording.parameters):
         _check_wires(recording)
+        _check_readings(recording)
     return kind
 
 
@@ -138,9 +150,24 @@ def _check_time(recording: Recording) -> None:
         )
 
 
+def _check_gravity(recording: Recording) -> None:
+    gravity = recording.parameters.gravity
+    size = float(np.linalg.norm(gravity))
+    if size and not EARTH[0] < size < EARTH[1]:
+        raise CalibrationError(
+            f"the header's gravity is {size:.3g} m/s², but it must be 9.81 m/s², or zero for a "
+            "limb that lies level; correct the header."
+        )
+    if recording.duty.any() and np.hypot(*gravity[:2]) > 1.0:
+        raise CalibrationError(
+            f"wires are heated while gravity {list(gravity)} bends the limb; record it level, with "
+            "gravity zero in the header."
+        )
+
+
 def _check_units(recording: Recording, *, may_be_warm: bool = False) -> None:
     ambient = recording.parameters.ambient_temperature
-    first = recording.measured_temperature[:, :20].mean(axis=1)
+    first = np.median(recording.measured_temperature[:, : _window(recording)], axis=1)
     if may_be_warm:
         first = np.minimum(first, recording.measured_temperature.min())
     for name, value in zip(recording.parameters.wire_names, first, strict=True):
@@ -164,13 +191,58 @@ def _check_units(recording: Recording, *, may_be_warm: bool = False) -> None:
         )
 
 
+def _check_readings(recording: Recording) -> None:
+    """Whether all sensors are connected."""
+    measured, names = recording.measured_temperature, recording.parameters.wire_names
+    typical = np.median(measured, axis=1)
+    for index, name in enumerate(names):
+        others = [recording.parameters.ambient_temperature, *np.delete(typical, index)]
+        if typical[index] < min(others) - COLDER:
+            raise CalibrationError(
+                f"the {name} thermocouple reads {typical[index]:.0f} °C, far below ambient and the "
+                "others; is it connected?"
+            )
+        jump = np.median(np.abs(np.diff(measured[index])))
+        if jump > JUMPS:
+            raise CalibrationError(
+                f"readings of the {name} thermocouple jump by {jump:.0f} °C from one to the next; "
+                "is it connected?"
+            )
+    heated = recording.duty.sum(axis=1).max() / recording.sample_rate
+    if heated > HEATED and not np.ptp(recording.bend_angle) > 0:
+        raise CalibrationError(
+            f"the bend angle stays at {np.rad2deg(recording.bend_angle[0, 0]):.1f}° while wires "
+            "are heated; is the bend sensor connected?"
+        )
+
+
+def _exchanged(recording: Recording) -> tuple[int, int] | None:
+    """Two wires, if any, each of which is as warm as the duty of the other would have it."""
+    memory = np.exp(-1 / recording.sample_rate / COOLING_TIME)
+    heat = lfilter([1 - memory], [1, -memory], recording.duty, axis=1)
+    warmth = np.array([without_spikes(v) for v in recording.measured_temperature])
+    heated = [i for i in range(len(heat)) if np.ptp(heat[i]) > 0 and np.ptp(warmth[i]) > 0]
+    for one, other in itertools.combinations(heated, 2):
+        agreement = np.corrcoef(heat[[one, other]], warmth[[one, other]])[:2, 2:]
+        if np.trace(agreement[::-1]) > np.trace(agreement) + 0.5:
+            return one, other
+    return None
+
+
+def _window(recording: Recording) -> int:
+    """Samples of a second, at least one."""
+    return max(1, min(round(SMOOTH * recording.sample_rate), len(recording.time) // 2))
+
+
 def _check_wires(recording: Recording) -> None:
     """Whether each wire warms its own thermocouple and bends the limb to its side."""
     names = recording.parameters.wire_names
     measured = recording.measured_temperature
     dose = recording.duty.sum(axis=1) / recording.sample_rate
-    smooth = np.array([np.convolve(v, np.ones(20) / 20, "valid") for v in measured])
-    rise = smooth.max(axis=1) - smooth[:, :20].mean(axis=1)
+    width = _window(recording)
+    kernel = np.ones(width) / width
+    smooth = np.array([np.convolve(without_spikes(v), kernel, "valid") for v in measured])
+    rise = smooth.max(axis=1) - smooth[:, :width].mean(axis=1)
     directions = np.array([wire.direction for wire in recording.parameters.wires])
     for index, name in enumerate(names):
         if dose[index] < HEATED or rise[index] >= RISE:
@@ -191,10 +263,20 @@ def _check_wires(recording: Recording) -> None:
             f"the {name} thermocouple is dead: it moves by {max(rise[index], 0.0):.1f} °C while "
             f"its wire gets {dose[index]:.1f} s of full duty in all."
         )
-    excess = smooth - smooth[:, :20].mean(axis=1, keepdims=True)
-    signal = np.convolve(recording.bend_angle[0], np.ones(20) / 20, "valid")
+    excess = smooth - smooth[:, :width].mean(axis=1, keepdims=True)
+    signal = np.convolve(recording.bend_angle[0], kernel, "valid")
     drive = directions @ excess
-    if np.ptp(signal) > 2 * BENT and np.corrcoef(drive, signal)[0, 1] < -0.5:
+    moves = np.ptp(signal) > 2 * BENT and np.ptp(drive) > 0
+    agreement = np.corrcoef(drive, signal)[0, 1] if moves else 0.0
+    swapped = _exchanged(recording)
+    if swapped and abs(agreement) > 0.5:
+        pair, what = " and ".join(names[index] for index in swapped), "thermocouples"
+        if agreement > 0:
+            what = "duty columns or the wires' outputs"
+        raise CalibrationError(
+            f"the {pair} wires' temperatures follow each other's duty: the {what} are swapped."
+        )
+    if agreement < -0.5:
         raise CalibrationError(
             "the limb bends away from the wire that is heated: the bend sensor is reversed, or "
             "wires and thermocouples are swapped alike."

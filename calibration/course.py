@@ -9,6 +9,7 @@ from limb_systems import Recording
 
 STEP = 0.5  # s, of simulation and of averages; wires heat and cool within seconds
 SPIKE = 6.0  # robust standard deviations from the median of five samples, beyond which one counts
+STEEP = 1.5  # of the range of its neighbours, within which a sample is no spike
 START = 1.0  # s, over which the first reading is averaged
 
 
@@ -105,12 +106,27 @@ class Course:
 
 
 def without_spikes(signal: np.ndarray) -> np.ndarray:
-    """A signal (K,) whose single samples far from their neighbours are replaced by their median."""
-    padded = np.pad(signal, 2, mode="edge")
-    medians = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+    """A signal (K,) whose single samples far from their neighbours are replaced by their median.
+
+    Neighbours that differ as much from each other are those of fast changes, as slow
+    loggers record them.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(signal, 2, mode="edge"), 5)
+    medians = np.median(windows, axis=1)
+    around = np.ptp(windows[:, [0, 1, 3, 4]], axis=1)
     away = np.abs(signal - medians)
     spread = 1.48 * np.median(away) + 1e-3 * np.std(signal) + 1e-12
-    return np.where(away > SPIKE * spread, medians, signal)
+    spikes = (away > SPIKE * spread) & (away > STEEP * around)
+    return np.where(spikes, medians, signal)
+
+
+def despiked(recording: Recording) -> Recording:
+    """A recording whose readings are `without_spikes`."""
+    return dataclasses.replace(
+        recording,
+        measured_temperature=np.array([without_spikes(v) for v in recording.measured_temperature]),
+        bend_angle=np.array([without_spikes(angle) for angle in recording.bend_angle]),
+    )
 
 
 def at_sample_times(recording: Recording) -> Recording:

@@ -279,7 +279,8 @@ def _fit_recording(parameters, recording: Recording):
         mismatch = np.log(model.decay_rate.value / measured.decay_rate.value)
         if abs(moved) > 10 * ALIKE:
             slope = (mismatch - last) / moved
-        if abs(mismatch) < ALIKE or not 0.2 < slope < 5.0:
+        alike = abs(mismatch) < ALIKE and abs(measured.amplitude / model.amplitude - 1) < 0.01
+        if alike or not 0.2 < slope < 5.0:
             break
         moved, last = -mismatch / slope, mismatch
         logarithm += moved

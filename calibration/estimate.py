@@ -3,7 +3,6 @@
 import dataclasses
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.stats import norm, t
 
 
@@ -30,22 +29,15 @@ class Estimate:
         return f"{self.value:.4g} ± {self.standard_error:.2g} {self.unit}"
 
 
-def mean_estimate(values: ArrayLike, unit: str, relative_error: float = 0.0) -> Estimate:
-    """The mean of independent values (K,), at least two.
-
-    Args:
-        relative_error: standard error of a factor that all values share.
-    """
-    samples = np.asarray(values, float)
-    mean = samples.mean()
-    spread = standard_error(samples)
-    return Estimate(float(mean), float(np.hypot(spread, mean * relative_error)), unit)
-
-
 def standard_error(values: np.ndarray) -> float:
     """Standard error of the mean of independent values (K,), widened for few by Student's t."""
     spread = np.std(values, ddof=1) / np.sqrt(len(values))
-    return float(spread * t.ppf(0.975, len(values) - 1) / norm.ppf(0.975))
+    return float(spread * _widening(len(values)))
+
+
+def _widening(count: int) -> float:
+    """Of standard errors that are estimated from so many samples, two or more."""
+    return float(t.ppf(0.975, count - 1) / norm.ppf(0.975))
 
 
 def clustered_covariance(
@@ -62,7 +54,8 @@ def clustered_covariance(
 
     Residuals may be correlated in any way within a cluster, as those of a
     drifting sensor are, but not between clusters (Cameron and Miller, A
-    practitioner's guide to cluster-robust inference, 2015, "CR3").
+    practitioner's guide to cluster-robust inference, 2015, "CR3"). Like other errors
+    from few samples it is widened by Student's t, of C - 1 degrees of freedom.
 
     Args:
         jacobian: J of the residuals (K, P).
@@ -83,4 +76,5 @@ def clustered_covariance(
         # A parameter at a bound that nothing depends on has no covariance, nor spoils the others'.
         shifts.append(np.linalg.pinv(whole - part.T @ part) @ (part.T @ residual))
     stacked, bread = np.array(shifts), np.linalg.pinv(whole)
-    return (len(numbers) - 1) / len(numbers) * stacked.T @ stacked + bread @ known @ bread
+    widening = _widening(len(numbers)) ** 2 * (len(numbers) - 1) / len(numbers)
+    return widening * stacked.T @ stacked + bread @ known @ bread

@@ -6,13 +6,15 @@ import numpy as np
 
 from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
+from calibration.course import despiked
 from calibration.errors import CalibrationError
-from calibration.estimate import Estimate, mean_estimate
+from calibration.estimate import Estimate, standard_error
 from calibration.heat import HeatFit
 from calibration.kinds import only_segment
 from calibration.remarks import Remark, remarks_on_estimate
 from limb_systems import LimbParameters, Recording, joint_angles_from_bend_angle
 
+BEND_DRIFT_TIME = 120.0  # s, within which a bend sensor's drift changes
 WINDOW = 2.0  # s, shortest duration of an equilibrium
 STILL = np.deg2rad(0.5)  # rad/s, below which φ̇ ≈ 0
 STEADY = 0.5  # °C/s, below which Ṫ ≈ 0
@@ -66,6 +68,7 @@ def fit_force(
         CalibrationError: if there are no equilibria in it.
     """
     check_values(recording)
+    recording = despiked(recording)
     side = only_segment(parameters).wires[index].direction
     starts, ends = _equilibria(recording, heat, parameters.temperature_limits.warm)
     if len(starts) < 3:
@@ -87,7 +90,10 @@ def fit_force(
             f"The {heat.wire} wire bends the limb away from its own side; are the wires swapped or "
             "is the bend sensor reversed?"
         )
-    relative = stiffness.standard_error / stiffness.value
+    # Errors that all ratios share: of k, and of T^eq - T0 = -a2 D / a1.
+    log_slopes = np.array([-1 / heat.a1.value, 1 / heat.a2.value, 0.0])
+    shared = log_slopes @ heat.covariance @ log_slopes
+    relative = np.sqrt((stiffness.standard_error / stiffness.value) ** 2 + shared)
     remarks = []
     if len(ratios) < 3:
         remarks.append(
@@ -99,7 +105,12 @@ def fit_force(
         )
         beta = Estimate(float(ratios.mean()), float(ratios.mean() * max(relative, 0.1)), "N·m/°C")
     else:
-        beta = mean_estimate(ratios, "N·m/°C", relative)
+        # The sensor's drift is much the same in equilibria that follow each other.
+        shares = ratios / bent / len(ratios)
+        alike = np.exp(-np.abs(times[:, None] - times) / BEND_DRIFT_TIME)
+        drift = bend_sensor_of(recording).drift * np.sqrt(shares @ alike @ shares)
+        error = np.hypot(max(standard_error(ratios), drift), relative * ratios.mean())
+        beta = Estimate(float(ratios.mean()), float(error), "N·m/°C")
         if ratios.std(ddof=1) > 0.15 * ratios.mean():
             remarks.append(
                 Remark(

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter, savgol_filter
 
 from calibration.checks import check_values
-from calibration.course import at_sample_times
+from calibration.course import START, at_sample_times, despiked
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, clustered_covariance
 from calibration.remarks import Remark
@@ -19,9 +19,9 @@ from limb_systems import LinearLaw, Recording, WireLaw
 RATES = ("a1", "a2", "a3")
 WINDOW = 2.0  # s, over which a state counts as equilibrium
 BLOCK = 30.0  # s, after which residuals count as independent
+FEWEST_BLOCKS = 5
 COLD_RANGE = 3.0  # °C, of readings of cold wires
-ROOM = -20.0, 60.0  # °C, between which rooms are
-JUMPS = 3.0  # °C, by which readings of a connected thermocouple do not differ from the next
+FAR_BELOW = 10.0  # °C, by which a connected thermocouple is not colder than others
 SENSOR_SPREAD = 0.25  # °C, by which thermocouples of a kind differ
 READOUT_DELAY = 0.05, 0.03  # s, mean and deviation where anything up to 0.1 s is as likely
 REWEIGHTINGS = 2
@@ -32,6 +32,7 @@ ANGLE_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 1.0  # rad and °C of equal we
 _LOWEST, _HIGHEST = np.log([[1e-3, 0.1, 0.02], [2.0, 1000.0, 10.0]])
 _INNER_LOWEST, _INNER_HIGHEST = np.log([[2e-3, 0.2, 0.05], [1.0, 500.0, 5.0]])
 
+_SIGNS = -1, 1, -1
 AT_BOUND = 0.01  # by which a logarithm may stay inside its bound and count as at it
 
 
@@ -122,7 +123,9 @@ def simulate_heat(
     return ambient + course[0], ambient + course[-1]
 
 
-def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatFit:
+def fit_heat_transfer(
+    recording: Recording, index: int, ambient: float, ambient_error: float = 0.0
+) -> HeatFit:
     """a1, a2, a3 of one wire by Sec. V-C1, with wire temperature from the bend.
 
     At the most promising equilibrium b = (V^eq - T0) / φ^eq, and T = b φ + T0
@@ -138,13 +141,14 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
         recording: C^r or C^l, in which this wire alone is heated.
         index: of the wire.
         ambient: T0, °C.
+        ambient_error: its standard error, °C, as read by this wire's thermocouple.
 
     Raises:
         CalibrationError: if the wire was never warm or the limb never bent.
     """
     check_values(recording)
     late = recording.applied_duty is None or recording.sample_age is None
-    recording = at_sample_times(recording)
+    recording = despiked(at_sample_times(recording))
     duty, measured = recording.duty[index], recording.measured_temperature[index]
     angle = recording.bend_angle[0]
     period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
@@ -159,21 +163,21 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     wire_start = b * angle + ambient
     start = _two_stage(duty, wire_start, measured, period, ambient)
 
-    def simulated(x: np.ndarray):
+    def simulated(x: np.ndarray, room: float = ambient):
         delay = x[6] if late else 0.0
-        wire, sensed = simulate_heat(_law(x), duty, period, ambient, (x[4], x[5]), delay)
-        return wire, sensed, (wire - ambient) * x[3]
+        wire, sensed = simulate_heat(_law(x), duty, period, room, (x[4], x[5]), delay)
+        return wire, sensed, (wire - room) * x[3]
 
     weights = [1 / TEMPERATURE_SCALE, 1 / ANGLE_SCALE]
 
-    def residuals(x: np.ndarray) -> np.ndarray:
-        _, sensed, bent = simulated(x)
+    def residuals(x: np.ndarray, room: float = ambient) -> np.ndarray:
+        _, sensed, bent = simulated(x, room)
         prior = [(x[6] - READOUT_DELAY[0]) / READOUT_DELAY[1]] if late else []
         return np.concatenate(
             [weights[0] * (sensed - measured), weights[1] * (bent - angle), prior]
         )
 
-    first = [measured[:20].mean()] * 2
+    first = [measured[: max(1, round(START / period))].mean()] * 2
     guess = [*np.clip(np.log(np.abs(start)), _INNER_LOWEST, _INNER_HIGHEST), 1 / b, *first]
     guess += [0.05] * late
     scale = [0.1, 0.1, 0.1, 0.1 / abs(b), 1.0, 1.0] + [0.1] * late
@@ -184,7 +188,7 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     fit = least_squares(residuals, guess, bounds=bounds, x_scale=scale)
     # Then weight each signal by the standard deviation of its residuals. A sensor that drifts gets
     # less weight than one with the same noise that does not drift.
-    blocks = (recording.time / BLOCK).astype(int)
+    blocks = _blocks(recording.time)
     for _ in range(REWEIGHTINGS):
         _, sensed, bent = simulated(fit.x)
         weights = [1 / _worth(sensed - measured, blocks), 1 / _worth(bent - angle, blocks)]
@@ -194,6 +198,7 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
     count = len(clusters)
     prior = fit.jac[-1] if late else None
     covariance = clustered_covariance(fit.jac[:count], fit.fun[:count], clusters, prior)
+    covariance += _by_ambient(fit, residuals(fit.x, ambient + 1.0), ambient_error)
     return HeatFit(
         wire=name,
         method="bend",
@@ -204,7 +209,7 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
         equilibrium=(angle_eq, measured_eq),
         time=recording.time,
         recorded_temperature=measured,
-        recorded_angle=recording.bend_angle[0],
+        recorded_angle=angle,
         wire_temperature=wire,
         measured_temperature=sensed,
         bend_angle=bent,
@@ -216,36 +221,43 @@ def fit_heat_transfer(recording: Recording, index: int, ambient: float) -> HeatF
 
 
 def fit_heat_transfer_from_temperature(
-    recording: Recording, index: int, ambient: float, *, delay: bool = True
+    recording: Recording,
+    index: int,
+    ambient: float,
+    ambient_error: float = 0.0,
+    *,
+    delay: bool = False,
 ) -> HeatFit:
     """a1, a2, a3 of one wire from duty and measured temperature alone.
 
-    Fits (6)-(7) from D to V, on request with a pure delay. This is for limbs
-    whose bend is not proportional to temperature. The slower of the two rates
+    Fits (6)-(7) from D to V, on request with a pure delay, which the model has not:
+    parameters that were fitted beside one predict readings that come too early. This
+    is for limbs whose bend is not proportional to temperature. The slower of the two rates
     is taken as a1, because D and V alone do not distinguish a1 from a3.
 
     Args:
         recording: in which this wire is heated.
         index: of the wire.
-        ambient: T0, °C.
+        ambient, ambient_error: as for `fit_heat_transfer`.
         delay: whether to fit a pure delay of the duty, up to 5 s.
 
     Raises:
         CalibrationError: if the wire was never warm.
     """
     check_values(recording)
+    recording = despiked(recording)
     duty, measured = recording.duty[index], recording.measured_temperature[index]
     period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
     _check_excitation(name, duty, measured, ambient, period)
 
-    def simulated(x: np.ndarray):
+    def simulated(x: np.ndarray, room: float = ambient):
         late = x[5] if delay else 0.0
-        return simulate_heat(_law(x), duty, period, ambient, (x[3], x[4]), late)
+        return simulate_heat(_law(x), duty, period, room, (x[3], x[4]), late)
 
-    def residuals(x: np.ndarray) -> np.ndarray:
-        return (simulated(x)[1] - measured) / TEMPERATURE_SCALE
+    def residuals(x: np.ndarray, room: float = ambient) -> np.ndarray:
+        return (simulated(x, room)[1] - measured) / TEMPERATURE_SCALE
 
-    first = [measured[:20].mean()] * 2
+    first = [measured[: max(1, round(START / period))].mean()] * 2
     a1, a2, _ = _two_stage(duty, measured, measured, period, ambient)
     guess = [*np.log([-a1, a2, 1.0]), *first] + [0.1] * delay
     guess[:3] = np.clip(guess[:3], _INNER_LOWEST, _INNER_HIGHEST)
@@ -261,8 +273,9 @@ def fit_heat_transfer_from_temperature(
         fit = least_squares(residuals, x, bounds=bounds, x_scale=scale)
     x = fit.x
     wire, sensed = simulated(x)
-    clusters = (recording.time / BLOCK).astype(int)
+    clusters = _blocks(recording.time)
     covariance = clustered_covariance(fit.jac, fit.fun, clusters)
+    covariance += _by_ambient(fit, residuals(x, ambient + 1.0), ambient_error)
     return HeatFit(
         wire=name,
         method="temperature",
@@ -283,22 +296,33 @@ def fit_heat_transfer_from_temperature(
     )
 
 
+def check_rates(fit: HeatFit) -> None:
+    """Refuses rates at the bounds of their fit, which any wire is within.
+
+    Raises:
+        CalibrationError: one sentence with the rate and its bound.
+    """
+    for remark in fit.remarks:
+        if remark.kind == "bound":
+            raise CalibrationError(str(remark))
+
+
 def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     """T0 as thermocouples read it while their wires are cold.
 
     From each recording in which a wire stays unheated its median, and from each of
-    others its first second. Of these count those within 3 °C of the lowest that a
-    room can have, as others were not cold. A thermocouple that never moves is dead,
-    and one that reads what no room has, or jumps about, is disconnected. T0 is the
-    mean over thermocouples of the median of each. The standard error is that of their
-    scatter, and of what two thermocouples differ by: one reads alike in all recordings.
+    others its first second. Those within 3 °C of the lowest count, as others were not
+    cold. A thermocouple far below the others is disconnected, and one that never moves
+    is dead, unless it agrees with others. T0 is the mean over thermocouples of the
+    median of each. The standard error is that of their scatter, and of what two
+    thermocouples differ by, as one reads alike in all recordings.
 
     Raises:
         CalibrationError: if no thermocouple shows it.
     """
-    readings: dict[str, list[float]] = {}
-    strange = ""
+    readings, expected = [], []
     for recording in recordings:
+        expected.append(recording.parameters.ambient_temperature)
         soon = recording.time <= recording.time[0] + max(1.0, 2.5 / recording.sample_rate)
         for name, duty, measured in zip(
             recording.parameters.wire_names,
@@ -306,33 +330,45 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
             recording.measured_temperature,
             strict=True,
         ):
-            cold = measured if not duty.any() else measured[soon]
-            reading = float(np.median(cold))
-            jumps = 1.48 * np.median(np.abs(np.diff(cold))) > JUMPS
-            if not ROOM[0] < reading < ROOM[1] or jumps:
-                strange = f"; that of the {name} wire reads {reading:.0f} °C"
-            elif np.ptp(measured) > 0:
-                readings.setdefault(name, []).append(reading)
-    if not readings:
+            heated = bool(duty.any())
+            reading = float(np.median(measured[soon] if heated else measured))
+            readings.append((name, heated, bool(np.ptp(measured) > 0), reading))
+    moving = {name for name, _, moves, _ in readings if moves}
+    if not moving:
         raise CalibrationError(
-            "No thermocouple shows the temperature of the room in these recordings, so that T0 "
-            f"cannot be told{strange}: are they connected?"
+            "No thermocouple ever moves in these recordings, so that T0 cannot be told: are they "
+            "connected?"
         )
-    lowest = min(min(group) for group in readings.values())
-    cold_ones = [[r for r in group if r < lowest + COLD_RANGE] for group in readings.values()]
-    each = np.array([np.median(group) for group in cold_ones if group])
-    rooms = np.concatenate([group for group in cold_ones if group])
-    spread = np.hypot(max(np.std(each), SENSOR_SPREAD) / np.sqrt(len(each)), _error_of_mean(rooms))
-    return Estimate(float(each.mean()), float(spread), "°C")
-
-
-def _error_of_mean(values: np.ndarray) -> float:
-    return float(np.std(values) / np.sqrt(len(values)))
+    coldest = [min(r for n, _, moves, r in readings if moves and n == name) for name in moving]
+    usual = min(coldest, key=lambda reading: abs(reading - np.mean(expected)))
+    lowest = min(reading for reading in coldest if reading > usual - FAR_BELOW)
+    each = []
+    for name in dict.fromkeys(name for name, *_ in readings):
+        own = [(h, r) for n, h, _, r in readings if n == name and abs(r - lowest) < COLD_RANGE]
+        unheated = [reading for heated, reading in own if not heated]
+        if own:
+            group = unheated or [reading for _, reading in own]
+            each.append((np.median(group), np.std(group) / np.sqrt(len(group))))
+    medians, errors = np.array(each).T
+    spread = np.hypot(max(np.std(medians), SENSOR_SPREAD), errors.max()) / np.sqrt(len(each))
+    return Estimate(float(medians.mean()), float(spread), "°C")
 
 
 def _law(x: np.ndarray) -> LinearLaw:
     """With the rates whose logarithms these are."""
     return LinearLaw(a1=-np.exp(x[0]), a2=np.exp(x[1]), a3=-np.exp(x[2]))
+
+
+def _by_ambient(fit, warmer: np.ndarray, ambient_error: float) -> np.ndarray:
+    """Covariance that T0's error adds to a fit, from its residuals with T0 1 °C higher."""
+    shift = np.linalg.pinv(fit.jac) @ (warmer - fit.fun) * ambient_error
+    return np.outer(shift, shift)
+
+
+def _blocks(time: np.ndarray) -> np.ndarray:
+    """Numbers (K,) of the blocks of time that samples are in; at least some blocks."""
+    since = time - time[0]
+    return (since / min(BLOCK, since[-1] / FEWEST_BLOCKS)).astype(int)
 
 
 def _worth(residual: np.ndarray, blocks: np.ndarray) -> float:
@@ -434,8 +470,9 @@ def _remarks(name: str, duty, measured, ambient: float, x, covariance) -> list[R
             remarks.append(
                 Remark(
                     "bound",
-                    f"{rate} of the {name} wire is at the fit's limit: the recording is not as the "
-                    "model would have it; look at its picture.",
+                    f"{rate} of the {name} wire is at the fit's limit of "
+                    f"{_SIGNS[i] * np.exp(x[i]):.3g}, as its temperature does not follow its duty; "
+                    "are both of this wire, and does the duty change often enough?",
                 )
             )
         elif error > 1.0:

@@ -25,7 +25,7 @@ def rest_angle(recordings: Iterable[Recording], ambient: float) -> Estimate:
             continue
         heated = recording.duty.any()
         shown = (
-            recording.time < recording.time[0] + SOON
+            recording.time < recording.time[0] + max(SOON, 1.5 / recording.sample_rate)
             if heated
             else recording.time > recording.time[-1] - LATE
         )

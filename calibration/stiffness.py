@@ -17,6 +17,7 @@ from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.statics import static_equilibrium
 
 RESTING_TIME = 5.0  # s at the end of a recording that count as equilibrium
+MOST_OFF = 10.0  # factor between the described stiffness and that of any such limb
 STILL = np.deg2rad(1.0)  # by which the bend angle may move in that time
 
 
@@ -48,7 +49,9 @@ def shape_factors(links: int) -> np.ndarray:
     return squares / squares.sum()
 
 
-def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -> StiffnessFit:
+def fit_stiffness(
+    parameters: LimbParameters, recordings: Sequence[Recording], rest_error: float = 0.0
+) -> StiffnessFit:
     """k by the iteration of Sec. V-A, eqn (9).
 
     In turn k is fitted to θ^eq = λ φ^eq b, as -θ^eq \\ f_g(θ^eq) by least squares,
@@ -59,10 +62,12 @@ def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -
         parameters: geometry, mass and rest angle of the limb; of one segment.
         recordings: of the limb at rest, unheated, with E2 along the vertical
             as their parameters' ``gravity`` says. At rest the last 5 s count.
+        rest_error: standard error of the rest angle, rad.
 
     Raises:
         CalibrationError: if the limb does not rest, or sags against gravity; if it
-            was mounted, or its bend read, in several ways.
+            was mounted, or its bend read, in several ways; if k is more than ten times
+            the described one, or less than a tenth.
     """
     if not recordings:
         raise CalibrationError("There is no recording of the limb's sag under gravity.")
@@ -86,15 +91,25 @@ def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -
     if not sag * gravity[1] > 0:
         raise CalibrationError(
             f"The limb sags by {np.rad2deg(sag):.1f}° where gravity along E2 is "
-            f"{gravity[1]:g} m/s²: it bends upwards. Is the bend sensor reversed?"
+            f"{gravity[1]:g} m/s²: it bends upwards. Is the bend sensor reversed, or gravity in "
+            "the header?"
         )
-    stiffness, correction = _iterate(parameters, gravity, sensor, sags)
-    spread = standard_error(sags) if len(sags) > 1 else sensor.drift
-    step = 1e-3
-    change = step * np.mean(sags)
-    shifted, _ = _iterate(parameters, gravity, sensor, sags + change)
+    # Of the mean: in a fit to each trial their scatter would count as sag, and k be too small.
+    stiffness, correction = _iterate(parameters, gravity, sensor, float(np.mean(sags)))
+    described = only_segment(parameters).stiffness
+    if not described / MOST_OFF < stiffness < described * MOST_OFF:
+        raise CalibrationError(
+            f"A sag of {np.rad2deg(sag):.1f}° makes the stiffness {stiffness:.2g} N·m/rad, where "
+            f"the description has {described:.2g} N·m/rad; look at mass and length in the "
+            "description, and at what the bend sensor reads while the limb is straight."
+        )
+    # Trials that are all the same say nothing of the sensor's drift.
+    spread = standard_error(sags) if np.ptp(sags) > 0 else sensor.drift
+    spread = np.hypot(spread, sensor.gain * rest_error)
+    change = 1e-3 * sensor.gain * sag
+    shifted, _ = _iterate(parameters, gravity, sensor, float(np.mean(sags)) + change)
     slope = (shifted - stiffness) / change
-    estimate = Estimate(stiffness, abs(slope * spread), "N·m/rad")
+    estimate = Estimate(stiffness, float(abs(slope * spread)), "N·m/rad")
     remarks = []
     if len(sags) < 3:
         remarks.append(
@@ -104,12 +119,12 @@ def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -
                 "sensor differ by about 2° from trial to trial, so record ten.",
             )
         )
-    elif np.ptp(sags) > 0.5 * abs(np.mean(sags)):
+    elif np.ptp(sags) > 0.5 * sensor.gain * abs(sag):
         remarks.append(
             Remark(
                 "scatter",
                 f"The sag differs by {np.rad2deg(np.ptp(sags)):.1f}° between trials, of "
-                f"{np.rad2deg(abs(np.mean(sags))):.1f}°; mount the limb alike and record more.",
+                f"{np.rad2deg(abs(sag)):.1f}°; mount the limb alike and record more.",
             )
         )
     remarks += remarks_on_estimate("the stiffness", estimate)
@@ -124,24 +139,22 @@ def fit_stiffness(parameters: LimbParameters, recordings: Sequence[Recording]) -
 
 
 def _iterate(
-    parameters, gravity: np.ndarray, sensor: BendSensor, sags: np.ndarray
+    parameters, gravity: np.ndarray, sensor: BendSensor, sag: float
 ) -> tuple[float, float]:
-    """k and λ (9) for the bend angles of a sag (K,), rad, as a sensor shows them."""
+    """k and λ (9) for the bend angle of a sag, rad, as a sensor shows it."""
     segment = only_segment(parameters)
     at_rest = rest_joint_angles(parameters)
-    bends = sensor.corrected(sags) - segment.rest_angle
+    bend = float(sensor.corrected(sag)) - segment.rest_angle
     shape = shape_factors(segment.links)
     plant = make_manipulator(_with_stiffness(parameters, gravity, segment.stiffness))
     context = plant.CreateDefaultContext()
     correction, stiffness = 1.0, None
     for _ in range(100):
-        angles = correction * np.outer(bends, shape)  # θ^eq of all trials, eqn (9)
-        forces = []
-        for trial in angles:
-            plant.SetPositions(context, at_rest + trial)
-            forces.append(plant.CalcGravityGeneralizedForces(context))
+        angles = correction * bend * shape  # θ^eq, eqn (9)
+        plant.SetPositions(context, at_rest + angles)
+        forces = plant.CalcGravityGeneralizedForces(context)
         before = stiffness
-        stiffness = float(np.sum(angles * forces) / np.sum(angles**2))
+        stiffness = float(angles @ forces / (angles @ angles))
         if before is not None and abs(stiffness - before) < 1e-10 * stiffness:
             return stiffness, correction
         fitted = _with_stiffness(parameters, gravity, stiffness)
@@ -149,7 +162,7 @@ def _iterate(
             simulated, _ = static_equilibrium(fitted)
         except LimbError as error:
             raise CalibrationError(
-                f"No spring constant explains a sag of {np.rad2deg(np.mean(sags)):.1f}° with this "
+                f"No spring constant explains a sag of {np.rad2deg(sag):.1f}° with this "
                 f"mass and length: {error}"
             ) from error
         expected = (sensor.exact_bend_angle(simulated) - segment.rest_angle) * shape

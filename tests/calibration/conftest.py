@@ -1,6 +1,7 @@
 """Recordings of the model itself, whose truth is known."""
 
 import copy
+import dataclasses
 
 import numpy as np
 import pytest
@@ -33,3 +34,30 @@ def model_recordings(true_limb):
     for seed, kind in enumerate(("right", "left", "both")):
         recordings[kind] = [collect_equilibria(Limb(true_limb), kind, num_angles=6, seed=seed)]
     return recordings
+
+
+@pytest.fixture(scope="session")
+def logged():
+    """Recordings as loggers of other rates record them."""
+    return _logged
+
+
+def _logged(recording, rate):
+    """As a logger of another rate would have recorded it; duty is the mean in between."""
+    every = round(recording.sample_rate / rate)
+    duty = [np.add.reduceat(d[1:], np.arange(0, len(d) - 1, every)) / every for d in recording.duty]
+    count = (len(recording.time) - 1) // every
+    rows = np.array(duty)[:, :count]
+    signals = {
+        name: getattr(recording, name)[..., : count * every + 1 : every]
+        for name in ("time", "measured_temperature", "bend_angle")
+    }
+    return dataclasses.replace(
+        recording,
+        duty=np.concatenate([rows[:, :1], rows], axis=1),
+        sample_rate=rate,
+        reference=None,
+        joint_state=None,
+        wire_temperature=None,
+        **signals,
+    )

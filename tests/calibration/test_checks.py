@@ -22,7 +22,7 @@ from calibration import (
     validate,
 )
 from calibration.report import validation_summary
-from limb_systems import LimbParameters, Recording
+from limb_systems import LimbError, LimbParameters, Recording
 
 
 @pytest.mark.parametrize("kind", kinds_of(LimbParameters()))
@@ -46,6 +46,11 @@ def swap(name):
     return {name: lambda r: getattr(r, name)[::-1].copy()}
 
 
+def at_zero(recording, noise):
+    """Readings of a thermocouple that is not connected."""
+    return noise * np.random.default_rng(0).normal(size=len(recording.time))
+
+
 TROUBLES = {
     "gap": (
         {"time": lambda r: r.time + 3.2 * (r.time > 41.0)},
@@ -64,11 +69,48 @@ TROUBLES = {
         {"measured_temperature": lambda r: r.measured_temperature + 273.15},
         "seems to be in kelvin",
     ),
+    "disconnected at zero": (
+        {"measured_temperature": lambda r: np.vstack([at_zero(r, 1.0), r.measured_temperature[1]])},
+        "left thermocouple reads -?0 °C, far below ambient and the others; is it connected",
+    ),
+    "disconnected and noisy": (
+        {
+            "measured_temperature": lambda r: np.vstack(
+                [at_zero(r, 20.0) + 25, r.measured_temperature[1]]
+            )
+        },
+        r"readings of the left thermocouple jump by \d+ °C",
+    ),
+    "dead and unheated": (
+        {"measured_temperature": lambda r: np.vstack([at_zero(r, 0.0), r.measured_temperature[1]])},
+        "left thermocouple reads 0 °C, far below ambient and the others; is it connected",
+    ),
+    "frozen bend": (
+        {"bend_angle": lambda r: np.full_like(r.bend_angle, 0.1)},
+        r"bend angle stays at 5\.7° while wires are heated; is the bend sensor connected",
+    ),
     "fahrenheit": (
         {"measured_temperature": lambda r: 1.8 * r.measured_temperature + 32},
         "degrees Fahrenheit",
     ),
 }
+
+
+@pytest.mark.parametrize("name", ["frozen bend", "swapped columns"])
+def test_trouble_with_both_wires_is_named(model_recordings, name):
+    (both,) = model_recordings["both"]
+    signals, message = {
+        "frozen bend": TROUBLES["frozen bend"],
+        "swapped columns": (swap("duty"), "duty columns .* swapped"),
+    }[name]
+    with pytest.raises(CalibrationError, match=message):
+        check_recording(changed(both, **signals), "both")
+
+
+@pytest.mark.parametrize("rate", [5.0, 1.0])
+@pytest.mark.parametrize("kind", ["right", "left", "both"])
+def test_slow_loggers_record_what_they_record(model_recordings, logged, kind, rate):
+    assert check_recording(logged(model_recordings[kind][0], rate), kind) == kind
 
 
 @pytest.mark.parametrize("name", TROUBLES)
@@ -109,6 +151,41 @@ def test_too_few_samples_are_named(right):
     short = dataclasses.replace(right, **few, wire_temperature=None, joint_state=None)
     with pytest.raises(CalibrationError, match="only 10 samples"):
         check_recording(short)
+
+
+def under(recording, gravity):
+    """A recording with another gravity in its header."""
+    parameters = copy.deepcopy(recording.parameters)
+    parameters.gravity = gravity
+    return dataclasses.replace(recording, parameters=parameters)
+
+
+def test_heat_in_the_mounting_of_the_sag_and_other_planets_are_refused(model_recordings, right):
+    with pytest.raises(
+        CalibrationError, match=r"gravity \[0\.0, -9\.81, 0\.0\] bends.* record it level"
+    ):
+        check_recording(under(right, [0.0, -9.81, 0.0]), "right")
+    (sag,) = model_recordings["sag"]
+    with pytest.raises(
+        CalibrationError, match=r"header's gravity is 98\.1 m/s², but it must be 9\.81"
+    ):
+        check_recording(under(sag, [0.0, -98.1, 0.0]), "sag")
+    with pytest.raises(CalibrationError, match=r"bends upwards\. .* or gravity in the header"):
+        fit_stiffness(sag.parameters, [under(sag, [0.0, 9.81, 0.0])])
+
+
+def test_a_limb_of_several_segments_is_refused(two_segments, right):
+    whole = Recording(
+        time=right.time,
+        duty=np.vstack([right.duty, right.duty]),
+        measured_temperature=np.vstack([right.measured_temperature] * 2),
+        bend_angle=np.vstack([right.bend_angle] * 2),
+        parameters=two_segments,
+        source="two",
+        sample_rate=20.0,
+    )
+    with pytest.raises(LimbError, match="has 2 segments; calibrate each of them alone"):
+        calibrate({"right": [whole]})
 
 
 def test_gravity_along_the_axis_of_bending_is_no_sag(model_recordings):

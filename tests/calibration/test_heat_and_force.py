@@ -16,6 +16,7 @@ from calibration import (
     fit_heat_transfer,
     fit_heat_transfer_from_temperature,
 )
+from calibration.course import without_spikes
 from calibration.heat import ambient_temperature, simulate_heat
 from limb_systems import JouleHeating, LinearLaw, ThermocoupleLag
 
@@ -80,7 +81,7 @@ def test_a_dead_time_is_found_without_bend(model_recordings):
     late = np.roll(recording.measured_temperature, 30, axis=1)  # 1.5 s
     late[:, :30] = recording.measured_temperature[:, :1]
     delayed = dataclasses.replace(recording, measured_temperature=late)
-    fit = fit_heat_transfer_from_temperature(delayed, 0, 23.0)
+    fit = fit_heat_transfer_from_temperature(delayed, 0, 23.0, delay=True)
     assert fit.delay.value == pytest.approx(1.5, abs=0.05)
     assert fit.a1.value == pytest.approx(-0.06, rel=0.03)
     assert fit.a3.value == pytest.approx(-1.3, rel=0.1)
@@ -214,8 +215,32 @@ def test_a_limb_that_never_rests_is_refused(true_limb, model_recordings):
 def test_ambient_is_what_unheated_wires_read(model_recordings):
     recordings = [model_recordings[side][0] for side in ("left", "right")]
     assert ambient_temperature(recordings).value == pytest.approx(23.0, abs=0.01)
-    with pytest.raises(CalibrationError, match="unheated wire"):
-        ambient_temperature(model_recordings["both"])
+    with pytest.raises(CalibrationError, match="No thermocouple ever moves"):
+        ambient_temperature([changed_reading(recordings[0], (0, 1), lambda v: 0 * v)])
+
+
+def changed_reading(recording, wires, change):
+    """A recording with other readings of some wires."""
+    measured = recording.measured_temperature.copy()
+    for wire in wires:
+        measured[wire] = change(measured[wire])
+    return dataclasses.replace(recording, measured_temperature=measured)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0, 8.0])
+def test_a_thermocouple_that_is_dead_or_disconnected_does_not_tell_ambient(model_recordings, noise):
+    """It reads noise around zero, or just that."""
+    random = np.random.default_rng(0)
+    left, right = (model_recordings[side][0] for side in ("left", "right"))
+    sag = changed_reading(
+        model_recordings["sag"][0], (0, 1), lambda v: v + random.normal(size=len(v))
+    )
+    dead = [
+        changed_reading(r, (0,), lambda v: noise * random.normal(size=len(v))) for r in (right, sag)
+    ]
+    ambient = ambient_temperature([*dead, left])
+    assert ambient.value == pytest.approx(23.0, abs=0.3)
+    assert 0.1 < ambient.standard_error < 1.0
 
 
 def test_two_segments_are_calibrated_one_by_one(two_segments, model_recordings):
@@ -241,6 +266,65 @@ def test_heat_transfer_of_slow_and_fast_wires_is_found(model_recordings, a1, a2,
         measured_temperature=np.array([0 * measured + 23.0, measured]),
         bend_angle=0 * recording.bend_angle,
     )
-    fit = fit_heat_transfer_from_temperature(made_up, 1, 23.0)
+    fit = fit_heat_transfer_from_temperature(made_up, 1, 23.0, delay=True)
     found = [estimate.value for estimate in (fit.a1, fit.a2, fit.a3)]
     assert found == pytest.approx([a1, a2, a3], rel=0.02)
+
+
+def test_heat_from_temperature_has_no_delay_that_the_model_has_not(model_recordings):
+    (recording,) = model_recordings["right"]
+    late = dataclasses.replace(
+        recording, measured_temperature=np.roll(recording.measured_temperature, 20, axis=1)
+    )
+    late.measured_temperature[:, :20] = recording.measured_temperature[:, :1]
+    fit = fit_heat_transfer_from_temperature(late, 1, 23.0)
+    assert fit.delay is None
+    law = LinearLaw(fit.a1.value, fit.a2.value, fit.a3.value)
+    held = simulate_heat(law, late.duty[1], 0.05, 23.0, (23.0, 23.0))[1]
+    error = np.abs(held - late.measured_temperature[1]).mean()
+    assert error < 1.2 * fit.temperature_residual + 0.5
+
+
+def spiked(recording, every=997):
+    """With single readings that are far off."""
+    bend, measured = recording.bend_angle.copy(), recording.measured_temperature.copy()
+    bend[0, every // 2 :: every] -= np.deg2rad(60.0)
+    measured[:, every // 3 :: every] += 150.0
+    return dataclasses.replace(recording, bend_angle=bend, measured_temperature=measured)
+
+
+def test_single_spikes_do_not_matter(true_limb, model_recordings):
+    (recording,) = model_recordings["right"]
+    wire, spring = true_limb.segments[0].wire("right").law, Estimate(0.115, 0.0, "N·m/rad")
+    spoilt = spiked(recording)
+    for fit in (
+        fit_heat_transfer(spoilt, 1, 23.0),
+        fit_heat_transfer_from_temperature(spoilt, 1, 23.0),
+    ):
+        for name in ("a1", "a2", "a3"):
+            assert getattr(fit, name).value == pytest.approx(getattr(wire, name), rel=0.03)
+        beta = fit_force(true_limb, spoilt, 1, fit, spring).beta
+        assert beta.value == pytest.approx(wire.beta, rel=0.005)
+
+
+def test_spikes_are_told_from_the_peaks_of_slow_loggers():
+    rise = np.concatenate([np.full(40, 25.0), 25.0 + 12.0 * np.arange(1, 5)])
+    peak = np.concatenate([rise, 25.0 + 48.0 * 0.8 ** np.arange(1, 40)])
+    np.testing.assert_array_equal(without_spikes(peak), peak)
+    spiked = peak.copy()
+    spiked[20] += 40.0
+    assert without_spikes(spiked)[20] == 25.0
+
+
+@pytest.mark.parametrize("rate", [5.0, 1.0])
+def test_slow_loggers_are_enough_for_heat_and_force(true_limb, model_recordings, logged, rate):
+    wire, spring = true_limb.segments[0].wire("right").law, Estimate(0.115, 0.0, "N·m/rad")
+    slow = logged(model_recordings["right"][0], rate)
+    for fit in (
+        fit_heat_transfer(slow, 1, 23.0),
+        fit_heat_transfer_from_temperature(slow, 1, 23.0),
+    ):
+        for name in ("a1", "a2", "a3"):
+            assert getattr(fit, name).value == pytest.approx(getattr(wire, name), rel=0.05)
+        beta = fit_force(true_limb, slow, 1, fit, spring).beta
+        assert beta.value == pytest.approx(wire.beta, rel=0.02)

@@ -1,10 +1,24 @@
 """Limbs that rest bent: simulations of recordings start where the limb rests."""
 
+import copy
+import dataclasses
+
 import numpy as np
 import pytest
 
-from calibration import fit_damping, validate
-from limb_systems import Limb, LimbParameters, SegmentParameters, simulate
+from calibration import CalibrationError, calibrate, fit_damping, validate
+from calibration.rest_angle import rest_angle
+from calibration.stiffness import fit_stiffness
+from limb_systems import (
+    BendSensor,
+    Limb,
+    LimbParameters,
+    Recording,
+    SegmentParameters,
+    TipTangentSensor,
+    simulate,
+)
+from limb_systems.model.statics import static_equilibrium
 
 
 @pytest.fixture
@@ -30,3 +44,64 @@ def test_the_model_rings_down_from_where_the_limb_was_released(bent):
     (measured,), (simulated,) = fit.measured, fit.simulated
     assert simulated.offset == pytest.approx(0.12, abs=0.005)
     assert simulated.amplitude == pytest.approx(measured.amplitude, rel=0.03)
+
+
+def resting(limb: LimbParameters, shown_extra: float, sensor: BendSensor) -> Recording:
+    """Ten seconds of rest, as a sensor shows it that is further off than it is described."""
+    described = copy.deepcopy(limb)
+    described.segments[0].rest_angle = 0.0
+    described.segments[0].bend_sensor = sensor
+    angle = sensor.apparent_bend_angle(static_equilibrium(limb)[0]) + shown_extra
+    time = np.arange(200) / 20
+    noise = np.random.default_rng(0).normal(size=(3, 200))
+    return Recording(
+        time=time,
+        duty=np.zeros((2, 200)),
+        measured_temperature=25.0 + 0.2 * noise[:2],
+        bend_angle=angle + np.deg2rad(0.3) * noise[2:],
+        parameters=described,
+        source="made up",
+        sample_rate=20.0,
+    )
+
+
+@pytest.mark.parametrize(
+    ("rests_at", "offset", "told"),
+    [(0.0, 10.0, True), (0.0, 10.0, False), (-25.0, 0.0, True), (5.0, -6.0, False)],
+)
+def test_stiffness_of_limbs_that_rest_bent_or_seem_to(rests_at, offset, told):
+    """The sensor's offset is known or not, degrees."""
+    true = LimbParameters(segments=[SegmentParameters(rest_angle=np.deg2rad(rests_at))])
+    mounted = copy.deepcopy(true)
+    mounted.gravity = [0.0, -9.81, 0.0]
+    extra = 0.0 if told else np.deg2rad(offset)
+    sensor = TipTangentSensor(offset=np.deg2rad(offset) if told else 0.0)
+    level, sag = (resting(limb, extra, sensor) for limb in (true, mounted))
+    rest = rest_angle([level], 25.0)
+    assert np.rad2deg(rest.value) == pytest.approx(rests_at + np.rad2deg(extra), abs=0.3)
+    start = copy.deepcopy(level.parameters)
+    start.segments[0].rest_angle, start.segments[0].stiffness = rest.value, 0.2
+    k = fit_stiffness(start, [sag], rest.standard_error).stiffness
+    truth = true.segments[0].stiffness
+    assert abs(k.value - truth) < 1.96 * k.standard_error < 0.6 * truth
+    alone = fit_stiffness(start, [sag]).stiffness
+    assert k.standard_error == pytest.approx(np.sqrt(2) * alone.standard_error, rel=0.05)
+
+
+def test_the_paper_s_method_refuses_a_limb_that_rests_bent(model_recordings):
+    (right,), (left,) = model_recordings["right"], model_recordings["left"]
+    right, left = (
+        dataclasses.replace(recording, bend_angle=recording.bend_angle - np.deg2rad(25.0))
+        for recording in (right, left)
+    )
+    with pytest.raises(CalibrationError, match=r'rests at -2\d\.\d°, .* the method "prediction"'):
+        calibrate({"right": [right], "left": [left]}, method="paper")
+
+
+def test_validation_of_a_recording_whose_clock_drifts(bent):
+    """20 Hz in the header, samples every 0.05005 s."""
+    recording = simulate(Limb(bent), [0.0, 0.1], 10.0, sample_rate=20.0)
+    late = dataclasses.replace(recording, time=1.001 * recording.time)
+    validation = validate(bent, late)
+    assert validation.simulation.bend_angle.shape == late.bend_angle.shape
+    assert validation.mean < 0.01

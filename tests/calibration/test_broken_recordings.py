@@ -1,0 +1,125 @@
+"""Recordings that are broken in some way are refused in one sentence, or calibrated."""
+
+import dataclasses
+import itertools
+import warnings
+
+import numpy as np
+import pytest
+
+from calibration import calibrate
+from limb_systems import LimbError, LinearLaw, Recording
+
+SIGNALS = ("time", "duty", "measured_temperature", "bend_angle")
+
+
+@pytest.fixture(scope="module")
+def short(model_recordings) -> dict[str, Recording]:
+    """The beginning of a recording of each kind."""
+    random = np.random.default_rng(0)
+    result = {}
+    for kind, (recording,) in model_recordings.items():
+        kept = part(recording, 0, int(60.0 * recording.sample_rate))
+        noise = 0.2 * random.normal(size=kept.measured_temperature.shape)
+        result[kind] = dataclasses.replace(
+            kept, measured_temperature=kept.measured_temperature + noise
+        )
+    return result
+
+
+def part(recording, start, end, every=1):
+    """Some samples of a recording."""
+    signals = {name: getattr(recording, name)[..., start:end:every] for name in SIGNALS}
+    return dataclasses.replace(
+        recording,
+        **signals,
+        sample_rate=recording.sample_rate / every,
+        reference=None,
+        joint_state=None,
+        wire_temperature=None,
+    )
+
+
+def changed(recording, **signals):
+    return dataclasses.replace(part(recording, 0, None), **signals)
+
+
+def uneven(recording):
+    random = np.random.default_rng(0)
+    shift = random.uniform(-0.4, 0.4, len(recording.time)) / recording.sample_rate
+    return changed(recording, time=recording.time + shift)
+
+
+BREAKS = {
+    "one sample": lambda r: part(r, 0, 1),
+    "two samples": lambda r: part(r, 0, 2),
+    "a second": lambda r: part(r, 0, int(1.2 * r.sample_rate)),
+    "some seconds": lambda r: part(r, 0, int(6.0 * r.sample_rate)),
+    "zeros": lambda r: changed(
+        r, measured_temperature=0 * r.measured_temperature, bend_angle=0 * r.bend_angle
+    ),
+    "no bend": lambda r: changed(r, bend_angle=0 * r.bend_angle),
+    "no temperature": lambda r: changed(r, measured_temperature=0 * r.measured_temperature + 25.0),
+    "huge bend": lambda r: changed(r, bend_angle=np.clip(4.0 * r.bend_angle, -3.1, 3.1)),
+    "huge temperature": lambda r: changed(
+        r, measured_temperature=np.minimum(10.0 * r.measured_temperature, 599.0)
+    ),
+    "full duty": lambda r: changed(r, duty=np.where(r.duty > 0, 1.0, 0.0)),
+    "hardly any duty": lambda r: changed(r, duty=1e-6 * r.duty),
+    "noise": lambda r: changed(
+        r, bend_angle=np.random.default_rng(0).uniform(-1.0, 1.0, r.bend_angle.shape)
+    ),
+    "uneven times": uneven,
+    "backwards": lambda r: changed(
+        r, measured_temperature=r.measured_temperature[:, ::-1], bend_angle=r.bend_angle[:, ::-1]
+    ),
+    "late": lambda r: changed(r, time=r.time + 1e6),
+    "a sample each second": lambda r: part(r, 0, None, int(r.sample_rate)),
+}
+
+
+def calibrated_or_refused(recordings, method):
+    """Whether recordings are calibrated; any trouble must be one sentence of ours."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            calibration = calibrate(recordings, method=method, laws=[LinearLaw])
+        except LimbError as error:
+            assert "\n" not in str(error)
+            assert str(error).endswith((".", "?"))
+            return False
+    errors = [estimate.standard_error for estimate in calibration.estimates.values()]
+    assert np.isfinite(errors).all()
+    return True
+
+
+@pytest.mark.parametrize("name", BREAKS)
+def test_broken_recordings_by_the_paper(short, name):
+    for kind in ("sag", "ring_down", "right"):
+        recordings = {k: [BREAKS[name](r) if k == kind else r] for k, r in short.items()}
+        if kind != "ring_down":
+            del recordings["ring_down"]  # takes most of the time
+        calibrated_or_refused(recordings, "paper")
+
+
+@pytest.mark.parametrize("name", BREAKS)
+def test_broken_recordings_by_prediction(short, name, monkeypatch):
+    """After some iterations, which is enough to break."""
+    monkeypatch.setattr("calibration.prediction.MOST_ITERATIONS", 2)
+    calibrated_or_refused({"right": [BREAKS[name](short["right"])]}, "prediction")
+
+
+def test_every_subset_of_kinds_by_the_paper(short):
+    for count in range(len(short) + 1):
+        for kinds in itertools.combinations(short, count):
+            if "ring_down" in kinds and count > 1:
+                continue  # takes most of the time, and is tested above
+            enough = {"right", "left"} <= set(kinds)
+            assert calibrated_or_refused({k: [short[k]] for k in kinds}, "paper") == enough
+
+
+def test_subsets_of_kinds_by_prediction(short, monkeypatch):
+    monkeypatch.setattr("calibration.prediction.MOST_ITERATIONS", 2)
+    for kinds in ((), ("sag",), ("ring_down",), ("left",), ("both",), ("sag", "right", "left")):
+        enough = bool({"right", "left", "both"} & set(kinds))
+        assert calibrated_or_refused({k: [short[k]] for k in kinds}, "prediction") == enough
