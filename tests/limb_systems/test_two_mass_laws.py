@@ -177,7 +177,7 @@ def test_the_limb_has_the_law_written_out(kind, planar_chain):
     heating = np.array([-0.08, -0.1]) * (T - S) + np.array([20.0, 25.0]) * D
     expected = [heating, 0.004 * (T - S) - 0.012 * (S - 25.0)]
     if kind is HystereticLaw:
-        up = logistic(heating / 0.3)
+        up = logistic(heating / 1.0)
         slope = up * (1 - xi) * logistic((T - 66) / 9) + (1 - up) * xi * logistic((58 - T) / 9)
         expected.append(slope / 9 * heating)
     expected.append(np.array([1.0, 0.7]) * (T - V))
