@@ -13,6 +13,7 @@ from limb_systems import LimbError, LimbParameters, Recording
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
 RISE = 3.0  # °C
 BENT = np.deg2rad(2.0)
+SHORTEST = 10.0  # s, of heated recordings
 EARTH = 9.5, 10.1  # m/s²
 COOLING_TIME = 15.0  # s, of a wire, roughly
 SMOOTH = 1.0  # s, over which signals are averaged
@@ -86,6 +87,7 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     """
     _check_time(recording)
     check_values(recording)
+    _check_duration(recording)
     _check_gravity(recording)
     _check_units(recording, may_be_warm=expected in FREE_KINDS)
     if expected in FREE_KINDS:
@@ -147,6 +149,15 @@ def _check_time(recording: Recording) -> None:
             f"there {'is a gap' if gaps == 1 else f'are {gaps} gaps'} in the samples, the longest "
             f"of {steps[worst]:.2f} s after {recording.time[worst]:.2f} s; what happened meanwhile "
             "is not known, so record it again."
+        )
+
+
+def _check_duration(recording: Recording) -> None:
+    duration = recording.time[-1] - recording.time[0]
+    if recording.duty.any() and duration < SHORTEST:
+        raise CalibrationError(
+            f"wires are heated for {duration:.1f} s only; they take seconds to heat and to cool, "
+            f"so record {SHORTEST:.0f} s at least."
         )
 
 
