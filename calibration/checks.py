@@ -169,7 +169,7 @@ def _check_gravity(recording: Recording) -> None:
             f"the header's gravity is {size:.3g} m/s², but it must be 9.81 m/s², or zero for a "
             "limb that lies level; correct the header."
         )
-    if recording.duty.any() and np.hypot(*gravity[:2]) > 1.0:
+    if recording.duty.any() and np.hypot(gravity[0], gravity[1]) > 1.0:
         raise CalibrationError(
             f"wires are heated while gravity {list(gravity)} bends the limb; record it level, with "
             "gravity zero in the header."

@@ -97,7 +97,8 @@ def calibrated_or_refused(recordings, method):
 
 
 @pytest.mark.parametrize("name", BREAKS)
-def test_broken_recordings_by_the_paper(short, name):
+def test_broken_recordings_by_the_paper(short, name, monkeypatch):
+    monkeypatch.setattr("calibration.damping.STEPS", 2)  # simulations take most of the time
     for kind in ("sag", "ring_down", "right"):
         recordings = {k: [BREAKS[name](r) if k == kind else r] for k, r in short.items()}
         if kind != "ring_down":
