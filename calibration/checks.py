@@ -13,6 +13,7 @@ from limb_systems import LimbError, LimbParameters, Recording
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
 RISE = 3.0  # °C
 BENT = np.deg2rad(2.0)
+SHORTEST = 10.0  # s, of heated recordings
 EARTH = 9.5, 10.1  # m/s²
 COOLING_TIME = 15.0  # s, of a wire, roughly
 SMOOTH = 1.0  # s, over which signals are averaged
@@ -86,6 +87,7 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     """
     _check_time(recording)
     check_values(recording)
+    _check_duration(recording)
     _check_gravity(recording)
     _check_units(recording, may_be_warm=expected in FREE_KINDS)
     if expected in FREE_KINDS:
@@ -150,6 +152,15 @@ def _check_time(recording: Recording) -> None:
         )
 
 
+def _check_duration(recording: Recording) -> None:
+    duration = recording.time[-1] - recording.time[0]
+    if recording.duty.any() and duration < SHORTEST:
+        raise CalibrationError(
+            f"wires are heated for {duration:.1f} s only; they take seconds to heat and to cool, "
+            f"so record {SHORTEST:.0f} s at least."
+        )
+
+
 def _check_gravity(recording: Recording) -> None:
     gravity = recording.parameters.gravity
     size = float(np.linalg.norm(gravity))
@@ -158,7 +169,7 @@ def _check_gravity(recording: Recording) -> None:
             f"the header's gravity is {size:.3g} m/s², but it must be 9.81 m/s², or zero for a "
             "limb that lies level; correct the header."
         )
-    if recording.duty.any() and np.hypot(*gravity[:2]) > 1.0:
+    if recording.duty.any() and np.hypot(gravity[0], gravity[1]) > 1.0:
         raise CalibrationError(
             f"wires are heated while gravity {list(gravity)} bends the limb; record it level, with "
             "gravity zero in the header."

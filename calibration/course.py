@@ -56,7 +56,7 @@ class Course:
         temperature = np.array([without_spikes(v) for v in recording.measured_temperature])
         start = times <= max(START, 2.5 / recording.sample_rate)
         soon = times <= max(3 * START, 5.0 / recording.sample_rate)
-        slope = [np.polyfit(times[soon], v[soon], 1)[0] for v in temperature]
+        slope = [_slope(times[soon], v[soon]) for v in temperature]
         return cls(
             source=recording.source,
             duty=np.array(duty).T,
@@ -87,7 +87,7 @@ class Course:
         late = np.flatnonzero(~early)
         soon = late[self.times[late] < STEP * step + 3 * START]
         first = self.temperature[late[:1]].mean(axis=0)
-        slope = [np.polyfit(self.times[soon], v[soon], 1)[0] for v in self.temperature.T]
+        slope = [_slope(self.times[soon], v[soon]) for v in self.temperature.T]
         return (
             whole._samples(early, 0.0),
             dataclasses.replace(
@@ -103,6 +103,12 @@ class Course:
             bend=self.bend[which],
             counts=self.counts[which],
         )
+
+
+def _slope(times: np.ndarray, values: np.ndarray) -> float:
+    """Of the line through samples; zero if there is only one."""
+    since = times - times.mean()
+    return float(since @ values / (since @ since)) if len(times) > 1 else 0.0
 
 
 def without_spikes(signal: np.ndarray) -> np.ndarray:

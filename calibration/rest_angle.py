@@ -21,7 +21,7 @@ def rest_angle(recordings: Iterable[Recording], ambient: float) -> Estimate:
     """
     angles, drifts = [], []
     for recording in recordings:
-        if np.hypot(*recording.parameters.gravity[:2]) > 1.0:
+        if np.linalg.norm(recording.parameters.gravity[:2]) > 1.0:
             continue
         heated = recording.duty.any()
         shown = (

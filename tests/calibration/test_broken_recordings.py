@@ -80,17 +80,16 @@ BREAKS = {
 
 def calibrated_or_refused(recordings, method):
     """Whether recordings are calibrated; any trouble must be one sentence of ours."""
+    refused = None
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
             calibration = calibrate(recordings, method=method, laws=[LinearLaw])
         except LimbError as error:
-            told = str(error)
-        else:
-            told = ""
-    if told:
-        assert "\n" not in told
-        assert told.endswith((".", "?"))
+            refused = str(error)
+    if refused is not None:
+        assert "\n" not in refused
+        assert refused.endswith((".", "?"))
         return False
     errors = [estimate.standard_error for estimate in calibration.estimates.values()]
     assert np.isfinite(errors).all()
@@ -98,7 +97,8 @@ def calibrated_or_refused(recordings, method):
 
 
 @pytest.mark.parametrize("name", BREAKS)
-def test_broken_recordings_by_the_paper(short, name):
+def test_broken_recordings_by_the_paper(short, name, monkeypatch):
+    monkeypatch.setattr("calibration.damping.STEPS", 2)  # simulations take most of the time
     for kind in ("sag", "ring_down", "right"):
         recordings = {k: [BREAKS[name](r) if k == kind else r] for k, r in short.items()}
         if kind != "ring_down":
