@@ -40,6 +40,7 @@ OUTLIER = 6.0  # robust standard deviations
 RELATIVE_STEP = 1e-4  # of finite differences, in spreads of the prior
 TOLERANCE = 1e-4  # relative, at which iterations end
 MOST_ITERATIONS = 40
+STARTS = 16  # of a fit, of which the best is taken
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -192,12 +193,10 @@ def fit_law(
     """
     unknowns = unknowns_of(law, segment, rubber)
     problem = _Problem(law, courses, segment, ambient, unknowns)
-    x = problem.center.copy()
+    known = {u.name: u.center for u in unknowns}
     if start is not None:
-        known = dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
-        x[: len(unknowns)] = [
-            np.clip(known.get(u.name, u.center), u.low + 1e-9, u.high - 1e-9) for u in unknowns
-        ]
+        known |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
+    x = problem.best_start([known[u.name] for u in unknowns])
     for reweighting in range(2):
         solution = least_squares(
             problem.residuals,
@@ -365,6 +364,21 @@ class _Problem:
     def _beforehand(self, x: np.ndarray) -> np.ndarray:
         size, away = len(self._unknowns), x - self.center
         return np.concatenate([self._prior @ away[:size], away[size:] / self._nuisance_spread])
+
+    def best_start(self, known: Sequence[float]) -> np.ndarray:
+        """The best of what is known of the unknowns (P), what is expected, and random values."""
+        size = len(self._unknowns)
+        starts = np.tile(self.center, (STARTS, 1))
+        starts[0, :size] = known
+        random = np.random.default_rng(0).standard_normal((STARTS - 2, size))
+        starts[2:, :size] += random * self.spread[:size]
+        low, high = (bound[:size] for bound in self.bounds)
+        margin = 1e-6 * (high - low)
+        starts[:, :size] = np.clip(starts[:, :size], low + margin, high - margin)
+        with np.errstate(all="ignore"):  # of values that nobody has
+            readings = np.concatenate(self._whitened(starts))
+        costs = (readings**2).sum(axis=0) + [(self._beforehand(x) ** 2).sum() for x in starts]
+        return starts[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))]
 
     def residuals(self, x: np.ndarray) -> np.ndarray:
         readings = np.concatenate(self._whitened(x[None]))[:, 0]
