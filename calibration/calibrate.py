@@ -127,8 +127,8 @@ class Calibration(Shown):
         if self.stiffness:
             # Recordings of the bend tell torque over k: relative to themselves, torques err as k.
             k = self.stiffness.stiffness
-            names = ["stiffness", *(n for n, e in estimates.items() if e.unit.startswith("N·m"))]
-            multiples = [rows[n] for n in names if n == "stiffness" or "." in n]
+            torques = [n for n, e in estimates.items() if "." in n and e.unit.startswith("N·m")]
+            multiples = [rows[name] for name in ("stiffness", *torques)]
             shares = np.array([list(estimates.values())[row].value for row in multiples])
             common = (k.standard_error / k.value) ** 2 * np.outer(shares, shares)
             if not self.prediction:  # β's variance has it already
@@ -410,11 +410,13 @@ def _check_wire_names(
 def _record(calibration: Calibration) -> CalibrationRecord:
     estimates, validation = calibration.estimates, calibration.validation
     judged = calibration.prediction and calibration.prediction.best
+    covariance = calibration.covariance
+    np.fill_diagonal(covariance, [estimate.standard_error**2 for estimate in estimates.values()])
     return CalibrationRecord(
         names=list(estimates),
         values=[estimate.value for estimate in estimates.values()],
         standard_errors=[estimate.standard_error for estimate in estimates.values()],
-        covariance=calibration.covariance.tolist(),
+        covariance=covariance.tolist(),
         recordings=[
             f"{len(sources)} of {kind}: {', '.join(sorted(set(sources)))}"
             for kind, sources in calibration.sources.items()

@@ -92,7 +92,7 @@ def test_spikes_do_not_pull():
     spoiled = dataclasses.replace(recording, bend_angle=bend, measured_temperature=measured)
     fit = fit_law(TwoMassLaw, [Course.of(spoiled)], LimbParameters().segments[0], AMBIENT)
     for name, estimate in clean.estimates.items():
-        assert abs(fit.estimates[name].value - estimate.value) < estimate.standard_error
+        assert abs(fit.estimates[name].value - estimate.value) < 1.5 * estimate.standard_error
 
 
 def test_the_simplest_law_that_predicts_as_well_is_used():
