@@ -239,7 +239,7 @@ def run_ordinary(job: tuple[int, int]) -> dict:
     if None in (group[0] for group in recordings.values()):
         return {"job": job, "hours": board.now / 3600, "alarms": alarms, "reduced": reduced,
                 "heated": heated, "hottest": hottest}  # fmt: skip
-    calibrated = calibrate(recordings).parameters
+    calibrated = calibrate(recordings, method="paper").parameters
     board.use(calibrated)
     slow = references.from_samples([0.0, 15.0, 30.0, 60.0], np.deg2rad([0.0, 12.0, -12.0, 5.0]))
     for reference in 2 * [references.step_and_decaying_sine(), slow]:

@@ -28,7 +28,7 @@ def calibrate_twin(seed: int):
     recordings = collect_from_twin(LimbTwin(seed=seed), seed=seed)
     rows = []
     for heat in ("bend", "temperature"):
-        v = calibrate(recordings, heat=heat).validation
+        v = calibrate(recordings, method="paper", heat=heat).validation
         rows.append([*np.rad2deg([v.mean, v.median, v.percentile_90]), v.temperature_mean])
     return rows
 
@@ -74,7 +74,7 @@ def calibrate_model(seed: int) -> dict[str, tuple[float, float]]:
     for side in ("left", "right"):
         wire = limb.segments[0].wire(side).law
         truth |= {f"{side}.{name}": getattr(wire, name) for name in ("a1", "a2", "a3", "beta")}
-    estimates = calibrate(recordings, LimbParameters()).estimates
+    estimates = calibrate(recordings, LimbParameters(), method="paper").estimates
     return {
         name: (estimate.value / truth[name] - 1, estimate.standard_error / abs(truth[name]))
         for name, estimate in estimates.items()

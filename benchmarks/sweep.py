@@ -6,30 +6,92 @@ sinusoids and sinusoids of 1 Hz. Each solution is checked by the dynamics of
 Drake's diagram (scaled defects below 1e-6) and simulated; knots are not
 added, so that coarse ones differ from their simulation by what they differ.
 
-    python benchmarks/sweep.py [--cases 300] [--seed 0]
+With `--law`, the wires have one of the laws of wires in warm silicone; every
+other limb has wires as those in published recordings, which heat faster.
+
+    python benchmarks/sweep.py [--cases 300] [--seed 0] [--law linear]
 """
 
 import argparse
 import collections
+import functools
 import multiprocessing
 import sys
 
 import numpy as np
 
 from limb_systems import LimbError, LimbParameters, SegmentParameters
+from limb_systems.model.two_mass_laws import (
+    HystereticLaw,
+    SaturatingLaw,
+    ThresholdLaw,
+    TwoMassLaw,
+)
+from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.progress import Progress
 from planners import Planner, Task, references
 
+LAWS: dict[str, type[WireLaw]] = {
+    "linear": LinearLaw,
+    "two-mass": TwoMassLaw,
+    "threshold": ThresholdLaw,
+    "saturating": SaturatingLaw,
+    "hysteretic": HystereticLaw,
+}
+# Ranges of the parameters of wires in published recordings.
+RECORDED = {
+    "a1": (-0.38, -0.17),
+    "a2": (95.0, 150.0),
+    "a3": (-0.5, -0.1),
+    "silicone_warming": (0.02, 0.2),
+    "silicone_cooling": (0.02, 0.08),
+    "knee": (41.0, 65.0),
+    "middle": (72.0, 98.0),
+    "heating_middle": (76.0, 98.0),
+}
+RECORDED_WIDTHS = {
+    ThresholdLaw: (5.0, 8.0),
+    SaturatingLaw: (13.0, 24.0),
+    HystereticLaw: (13.0, 24.0),
+}
+HYSTERESIS = (4.0, 12.0)  # °C, from one middle to the other
+# Of wires near the defaults: factors of rates and torques, and changes of temperatures, °C.
+FACTOR, CHANGE = 1.4, 5.0
 
-def random_problem(seed: int):
+
+def random_law(kind: type[WireLaw], recorded: bool, generator: np.random.Generator) -> WireLaw:
+    """A law near its defaults, or like that of wires in published recordings."""
+    law = kind()
+    for name, value in vars(law).items():
+        if recorded and name in RECORDED:
+            changed = generator.uniform(*RECORDED[name])
+        elif recorded and name == "width":
+            changed = generator.uniform(*RECORDED_WIDTHS[kind])
+        elif name in ("knee", "middle", "heating_middle"):
+            changed = value + generator.uniform(-CHANGE, CHANGE)
+        elif name == "switching_rate":
+            changed = value
+        else:
+            changed = value * FACTOR ** generator.uniform(-1.0, 1.0)
+        setattr(law, name, float(changed))
+    if isinstance(law, HystereticLaw):
+        law.cooling_middle = law.heating_middle - float(generator.uniform(*HYSTERESIS))
+    return law
+
+
+def random_problem(seed: int, law: str = "linear"):
     """A limb, knots (N,), s, a reference and what kind it is."""
     generator = np.random.default_rng(seed)
     links = int(generator.integers(1, 11))
     segment = SegmentParameters(links=links, stiffness=0.1246 * (links + 1) / 6)
-    for law in (wire.linear_law for wire in segment.wires):
+    for wire in segment.wires:
         for name in ("a1", "a2", "a3", "beta"):
             factor = 2.0 ** generator.uniform(-1.0, 1.0)
-            setattr(law, name, float(getattr(law, name) * factor))
+            setattr(wire.law, name, float(getattr(wire.linear_law, name) * factor))
+    if law != "linear":
+        recorded = bool(seed % 2)
+        for wire in segment.wires:
+            wire.law = random_law(LAWS[law], recorded, generator)
     duration = float(generator.uniform(30.0, 120.0))
     num_knots = int(generator.integers(61, 602))
     fine = np.arange(0.0, duration, 0.02)
@@ -48,9 +110,9 @@ def random_problem(seed: int):
     return LimbParameters(segments=[segment]), times, reference, kind
 
 
-def solve(seed: int) -> dict:
+def solve(seed: int, law: str = "linear") -> dict:
     """What came of a problem: iterations, who solved it, its check."""
-    parameters, times, reference, kind = random_problem(seed)
+    parameters, times, reference, kind = random_problem(seed, law)
     problem = {
         "seed": seed,
         "links": parameters.num_joints,
@@ -75,23 +137,26 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--cases", type=int, default=300, help="default %(default)s")
     parser.add_argument("--seed", type=int, default=0, help="of the first case")
+    parser.add_argument("--law", choices=LAWS, default="linear", help="default %(default)s")
     options = parser.parse_args(arguments)
     seeds = range(options.seed, options.seed + options.cases)
     results = []
     with multiprocessing.Pool() as pool, Progress("sweep", len(seeds), "cases") as progress:
-        for result in pool.imap_unordered(solve, seeds):
+        for result in pool.imap_unordered(functools.partial(solve, law=options.law), seeds):
             results.append(result)
             progress.update(len(results))
 
     failed = [result for result in results if "failure" in result or result["defect"] > 1e-6]
     solved = [result for result in results if result not in failed]
-    alone = [result for result in solved if result["solver"] == "IPOPT, Gauss-Newton"]
+    alone = [result for result in solved if " (after " not in result["solver"]]
     iterations = [result["iterations"] for result in solved]
     print(f"cases                        {len(results)} (seeds {seeds.start}-{seeds.stop - 1})")
     print(f"solved                       {len(solved)} ({100 * len(solved) / len(results):.1f}%)")
     print(f"without fallback             {len(alone)} ({100 * len(alone) / len(results):.1f}%)")
     print(f"iterations: median, 90%, max {np.median(iterations):.0f}, ", end="")
     print(f"{np.percentile(iterations, 90):.0f}, {max(iterations)}")
+    times = [result["solve_time"] for result in solved]
+    print(f"solve s: median, max         {np.median(times):.2f}, {max(times):.2f}")
     print(f"largest scaled defect        {max(result['defect'] for result in solved):.1e}")
     differences = [result["difference"] for result in solved]
     print("difference from simulation:  median, 90%, max ", end="")

@@ -16,8 +16,9 @@ from calibration import (
     validate,
     write_report,
 )
-from calibration.calibrate import HEAT_METHODS
+from calibration.calibrate import HEAT_METHODS, METHODS
 from calibration.checks import check_recording
+from calibration.collect import PROTOCOLS
 from calibration.report import calibration_facts, validation_facts, validation_summary
 from hardware import LimbTwin, SerialLimb
 from hardware.emulation.specimen import EXTRA_EFFECTS
@@ -47,10 +48,12 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     collect = commands.add_parser(
         "collect",
         help="record all that calibration needs, on a robot or an emulated limb",
-        description="Records trials of the sag under gravity, ring-downs from 45°, and equilibria "
-        "held with one wire after the other and with all of them. A robot is recorded in real "
-        "time, in some 45 minutes; the program says when to remount or hold the limb. Started "
-        "again, it keeps recordings that are complete. An emulated limb takes half a minute.",
+        description="Records trials of the sag under gravity, ring-downs from 45°, equilibria "
+        "held with one wire after the other and with all of them, and pulses, ramps, random "
+        "levels and motions. After each of these it says how well it was predicted. A robot is "
+        "recorded in real time, in some 65 minutes, or 30 without equilibria; the program says "
+        "when to remount or hold the limb. Started again, it keeps recordings that are complete. "
+        "An emulated limb takes a minute.",
     )
     collect.add_argument(
         "-o", "--output", required=True, type=Path, help="folder to write the recordings to"
@@ -82,16 +85,26 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "--angles", type=int, default=8, help="equilibria in each recording (default %(default)s)"
     )
     collect.add_argument(
-        "--seed", type=int, default=0, help="of the random equilibria (default %(default)s)"
+        "--seed",
+        type=int,
+        default=0,
+        help="of random equilibria, pulses and levels (default %(default)s)",
+    )
+    collect.add_argument(
+        "--protocol",
+        choices=PROTOCOLS,
+        default="all",
+        help="paper: sag, ring-downs and equilibria, as in Sec. V; excitation: in place of the "
+        "equilibria pulses, ramps, random levels and motions; all of them (default %(default)s)",
     )
     add_force_option(collect)
 
     fit = commands.add_parser(
         "fit",
         help="fit a limb to a folder of recordings",
-        description="Fits stiffness, damping, heat transfer and force to recordings. Files named "
-        "sag*, ring_down*, both* or as a wire, such as right*, must contain what the name says; "
-        "the kind of other files is taken from their data.",
+        description="Fits stiffness, damping and the wires' laws to recordings. Files named sag*, "
+        "ring_down*, both*, heated*, motion* or as a wire, such as right*, must contain what the "
+        "name says; the kind of other files is taken from their data.",
     )
     fit.add_argument("recordings", type=Path, help="folder of recordings (.csv)")
     fit.add_argument(
@@ -108,11 +121,18 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "recordings if left out",
     )
     fit.add_argument(
+        "--method",
+        choices=METHODS,
+        default="prediction",
+        help="prediction: compares laws of the wires by how they predict recordings that were left "
+        "out; paper: the paper's law by Sec. V (default %(default)s)",
+    )
+    fit.add_argument(
         "--heat",
         choices=HEAT_METHODS,
         default="bend",
-        help="source of the wire temperature: the bend, as in the paper, or the measured "
-        "temperature alone (default %(default)s)",
+        help="of the paper's method, source of the wire temperature: the bend, as in the paper, or "
+        "the measured temperature alone (default %(default)s)",
     )
     fit.add_argument("--json", action="store_true", help="print JSON")
     add_force_option(fit)
@@ -142,6 +162,8 @@ def _collect(options) -> int:
             lambda what: input(f"{what}\nPress Enter when this is done. "),
             seed=options.seed,
             num_angles=options.angles,
+            protocol=options.protocol,
+            tell=print,
         )
         return 0
     if not options.force and any(options.output.glob("*.csv")):
@@ -152,6 +174,8 @@ def _collect(options) -> int:
         LimbTwin(limb, seed=options.emulated, extra=options.extra),
         seed=options.seed,
         num_angles=options.angles,
+        protocol=options.protocol,
+        tell=print,
     )
     for path in save_recordings(recordings, options.output):
         print(f"written     {path}")
@@ -165,7 +189,7 @@ def _fit(options) -> int:
         force=options.force,
     )
     limb = LimbParameters.load(options.limb) if options.limb else None
-    calibration = calibrate(options.recordings, limb, heat=options.heat)
+    calibration = calibrate(options.recordings, limb, method=options.method, heat=options.heat)
     calibration.parameters.save(options.output)
     if options.report:
         write_report(calibration, options.report)

@@ -15,6 +15,7 @@ from calibration.collect import WARM_UP
 from calibration.damping import DampingFit, fit_damping
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
+from calibration.excitation import NAMES
 from calibration.force import ForceFit, fit_force
 from calibration.heat import (
     RATES,
@@ -155,7 +156,7 @@ class Calibration(Shown):
             if fit is None:
                 sentence = f"There is no recording of {kind}: the description's value is kept."
                 remarks.append(Remark("kept", sentence))
-        fits = (self.stiffness, self.damping, *self.heat, *self.force)
+        fits = (self.stiffness, self.damping, self.prediction, *self.heat, *self.force)
         remarks += [remark for fit in fits if fit for remark in fit.remarks]
         return sorted(remarks, key=lambda remark: -remark.severity)
 
@@ -163,9 +164,10 @@ class Calibration(Shown):
 def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
     """The recordings in a folder, checked, by what they show.
 
-    Files named after a kind (``right.csv``, ``sag_3.csv``), one of `kinds_of`
-    the limb in their header, must show it; files with other names go by what
-    they show. Unfinished ones (``right.unfinished.csv``) and the warm-up are ignored.
+    Files named after a kind (``right.csv``, ``sag_3.csv``, ``motion_1.csv``), one of
+    `kinds_of` the limb in their header, "heated" or "motion", must show it. The warm-up
+    and `excitations` are of the kind "heated". Files with other names go by what they
+    show. Unfinished ones (``right.unfinished.csv``) are ignored.
 
     Raises:
         CalibrationError: with one sentence naming the file and the trouble.
@@ -175,13 +177,14 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
         raise CalibrationError(f"There is no folder {folder}.")
     recordings: dict[str, list[Recording]] = {}
     for path in sorted(folder.glob("*.csv")):
-        if is_unfinished(path) or path.stem == WARM_UP:
+        if is_unfinished(path):
             continue
         recording = Recording.load(path)
         try:
             check_whole(recording)
             named = [kind for kind in kinds_of(recording.parameters) if path.stem.startswith(kind)]
             named += [kind for kind in FREE_KINDS if path.stem.startswith(kind)]
+            named += ["heated"] if path.stem in (WARM_UP, *NAMES) else []
             kind = check_recording(recording, max(named, key=len, default=None))
             recordings.setdefault(kind, []).append(recording)
         except LimbError as error:
@@ -406,6 +409,7 @@ def _check_wire_names(
 
 def _record(calibration: Calibration) -> CalibrationRecord:
     estimates, validation = calibration.estimates, calibration.validation
+    judged = calibration.prediction and calibration.prediction.best
     return CalibrationRecord(
         names=list(estimates),
         values=[estimate.value for estimate in estimates.values()],
@@ -416,6 +420,8 @@ def _record(calibration: Calibration) -> CalibrationRecord:
             for kind, sources in calibration.sources.items()
         ],
         validation=_validated(validation) if validation else "",
+        bend_error=judged.bend_error if judged else 0.0,
+        temperature_error=judged.temperature_error if judged else 0.0,
     )
 
 

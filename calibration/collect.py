@@ -1,24 +1,37 @@
-"""Collecting the recordings of Sec. V: sag, ring-down, and heated equilibria."""
+"""Collecting the recordings that calibration wants.
+
+Those of Sec. V are the sag, the ring-down and heated equilibria; what
+`calibration.excitation` lists tells more about the wires in less time.
+"""
 
 import copy
 import functools
+import itertools
+import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from threadpoolctl import threadpool_limits
 
 from calibration.controller import PERIOD, BendAngleController, EquilibriumSchedule
+from calibration.course import Course
+from calibration.excitation import Excitation, LimitedDuty, excitations
+from calibration.heat import ambient_temperature
 from calibration.heat_bounds import fit_heat_bounds
 from calibration.kinds import heated_kinds, heated_wires, only_segment
+from calibration.prediction import LawFit, fit_law
+from calibration.rest_angle import rest_angle
 from hardware import LimbTwin, SerialLimb
 from hardware.robot.journal import journaled
-from limb_systems import LimbError, LimbParameters, LimbSystem, Recording
+from limb_systems import HystereticLaw, LimbError, LimbParameters, LimbSystem, Recording
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.model.limb_system import check_limb
+from limb_systems.progress import Progress
 from limb_systems.simulation import record
 
 CO_CONTRACTION = 0.08  # duty of the wires where several are actuated
@@ -26,6 +39,7 @@ SAG_TRIALS, RING_DOWNS = 10, 3
 GRAVITY = 9.81  # m/s²
 SAG_RATE = HEATED_RATE = 20.0  # Hz
 RING_DOWN_RATE = 100.0
+PROTOCOLS = ("all", "excitation", "paper")
 WARM_UP = "warm_up"  # name of the recording from which the board's bounds come
 WARM_UP_DUTY, WARM_UP_TIME, WARM_UP_END = 0.15, 60.0, 100.0  # s; no wire gets too hot by it
 WARM_UP_MARGIN = 0.25  # share by which its bounds are widened, as it is short and not hot
@@ -125,6 +139,89 @@ def collect_warm_up(limb: LimbSystem, *, journal: str | Path | None = None) -> R
     return _collect(limb, TrajectorySource(duty), WARM_UP_END, HEATED_RATE, journal)
 
 
+def collect_excitation(
+    limb: LimbSystem,
+    excitation: Excitation,
+    known: LimbParameters,
+    *,
+    journal: str | Path | None = None,
+) -> Recording:
+    """One of `excitations`, with duty that is limited by what is known of the limb so far.
+
+    Args:
+        known: the limb as it is calibrated so far.
+        limb, journal: as for `collect_equilibria`.
+    """
+    check_limb(limb)
+    builder = DiagramBuilder()
+    source = builder.AddSystem(LimitedDuty(known, excitation.course))
+    builder.AddSystem(limb)
+    builder.Connect(limb.GetOutputPort("measured_temperature"), source.get_input_port())
+    duty = source.get_output_port()
+    with journaled(builder, journal, limb, duty, HEATED_RATE):
+        return record(builder, limb, duty, excitation.course.end_time(), sample_rate=HEATED_RATE)
+
+
+class Knowledge:
+    """What the recordings so far tell of a limb, and how well they predict the next one.
+
+    Args:
+        described: the limb as it was described.
+        recordings: made before, of any kinds.
+    """
+
+    LAW = HystereticLaw  # which has the other laws' shapes
+
+    def __init__(self, described: LimbParameters, recordings: Iterable[Recording] = ()):
+        self._described, self._recordings = copy.deepcopy(described), list(recordings)
+        self._fit: LawFit | None = None
+        self._judges: list[Recording] = []
+
+    @property
+    def limb(self) -> LimbParameters:
+        """The limb as it is calibrated so far."""
+        if self._fit is None:
+            self._learn()
+        assert self._fit is not None
+        return self._fit.calibrated(self._described)
+
+    def add(self, recording: Recording, kind: str) -> str:
+        """Takes in a recording; says how well it was predicted before."""
+        if self._fit is None:
+            self._learn()
+        assert self._fit is not None
+        with threadpool_limits(1, "blas"):
+            (predicted,) = self._fit.predict([Course.of(recording)])
+        if kind == "motion":
+            self._judges.append(recording)
+        else:
+            self._recordings.append(recording)
+            self._fit = None
+        told = (
+            f"predicted to {np.rad2deg(predicted.bend_error):.1f}° and "
+            f"{predicted.temperature_error:.1f} °C on average before it was fitted"
+        )
+        if len(self._judges) > 1:
+            floor = np.mean(
+                [
+                    np.abs(a.bend_angle[0, :length] - b.bend_angle[0, :length]).mean()
+                    for a, b in itertools.combinations(self._judges, 2)
+                    for length in [min(a.bend_angle.shape[1], b.bend_angle.shape[1])]
+                ]
+            )
+            told += f"; motions differ by {np.rad2deg(floor):.1f}° from each other"
+        return told
+
+    def _learn(self) -> None:
+        described, recordings = self._described, self._recordings
+        ambient = ambient_temperature(recordings).value
+        segment = copy.deepcopy(only_segment(described))
+        segment.rest_angle = rest_angle(recordings, ambient).value
+        courses = [Course.of(recording) for recording in recordings if recording.duty.any()]
+        with threadpool_limits(1, "blas"):
+            self._fit = fit_law(self.LAW, courses, segment, ambient)
+
+
 def _collect_unheated(
     limb: LimbSystem, duration: float, sample_rate: float, journal: str | Path | None
 ) -> Recording:
@@ -162,21 +259,30 @@ def collect_from_twin(
     cooling_time: float = 300.0,
     sag_trials: int = SAG_TRIALS,
     ring_downs: int = RING_DOWNS,
+    protocol: str = "all",
+    tell: Callable[[str], object] = lambda what: None,
 ) -> dict[str, list[Recording]]:
-    """All recordings of Sec. V from an emulated limb, one after the other.
+    """All recordings that calibration wants, from an emulated limb, one after the other.
 
-    In the order of `kinds_of`: trials of the sag, ring-downs, then equilibria
-    with one wire after the other, and with all of them.
+    Trials of the sag, ring-downs, then equilibria with one wire after the other, and
+    with all of them, as in Sec. V; then a warm-up and `excitations`.
 
     Args:
         twin: of one segment; `again` is called on it.
         seed, num_angles, longest: as for `collect_equilibria`.
         cooling_time: s without heat before each recording of equilibria.
         sag_trials, ring_downs: how many of them.
+        protocol: "paper" for those of Sec. V, "excitation" for `excitations` in place
+            of equilibria, or "all".
+        tell: is called after each excitation, with how well it was predicted.
 
     Returns:
         recordings by kind, as `calibrate` takes them.
+
+    Raises:
+        LimbError: if there is no such protocol.
     """
+    check_protocol(protocol)
     kinds = heated_kinds(twin.parameters)
     sags, swings, heated = [], [], {}
     for _ in range(sag_trials):
@@ -187,14 +293,32 @@ def collect_from_twin(
             gravity=(0.0, 0.0, 0.0), hand=hand_for_ring_down(), bend_rate=RING_DOWN_RATE
         )
         swings.append(collect_ring_down(twin))
-    for number, actuated in enumerate(kinds):
+    for number, actuated in enumerate(kinds if protocol != "excitation" else ()):
         twin = twin.again(cooling_time)
         heated[actuated] = [
             collect_equilibria(
                 twin, actuated, num_angles=num_angles, seed=seed + number, longest=longest
             )
         ]
-    return {"sag": sags, "ring_down": swings, **heated}
+    recordings = {"sag": sags, "ring_down": swings, **heated}
+    if protocol == "paper":
+        return recordings
+    twin = twin.again(cooling_time, gravity=(0.0, 0.0, 0.0))
+    recordings["heated"] = [collect_warm_up(twin)]
+    knowledge = Knowledge(twin.parameters, itertools.chain(*recordings.values()))
+    recordings["motion"] = []
+    for number, excitation in enumerate(excitations(len(twin.parameters.wires), seed)):
+        twin = twin.again(excitation.pause if number else cooling_time)
+        recording = collect_excitation(twin, excitation, knowledge.limb)
+        recordings[excitation.kind].append(recording)
+        tell(f"{excitation.name}: {knowledge.add(recording, excitation.kind)}")
+    return recordings
+
+
+def check_protocol(protocol: str) -> None:
+    """Raises LimbError if there is no protocol of that name."""
+    if protocol not in PROTOCOLS:
+        raise LimbError(f"protocol is {protocol!r}; it must be one of {', '.join(PROTOCOLS)}.")
 
 
 def collect_from_robot(
@@ -206,8 +330,10 @@ def collect_from_robot(
     seed: int = 0,
     num_angles: int = 8,
     longest: float = 60.0,
+    protocol: str = "all",
+    tell: Callable[[str], object] = lambda what: None,
 ) -> None:
-    """All recordings of Sec. V from a robot, in real time, one file after the other.
+    """All recordings that calibration wants, from a robot, one file after the other.
 
     Before the heated ones the wires are warmed up a little, to tell the board what
     to expect of these wires: without that it reduces the duty of most limbs.
@@ -223,11 +349,14 @@ def collect_from_robot(
         folder: for the recordings, named after their kinds.
         ask: shows an instruction to the operator, and returns when it is done.
         seed, num_angles, longest: as for `collect_equilibria`.
+        protocol, tell: as for `collect_from_twin`.
 
     Raises:
+        LimbError: if there is no such protocol.
         HardwareError: if the robot fails on the way; it is off then.
         OutputError: as for `hardware.replay`.
     """
+    check_protocol(protocol)
     kinds = heated_kinds(parameters)
     mounted, level = copy.deepcopy(parameters), copy.deepcopy(parameters)
     mounted.gravity, level.gravity = [0.0, -GRAVITY, 0.0], [0.0, 0.0, 0.0]
@@ -245,7 +374,7 @@ def collect_from_robot(
         for n in range(1, RING_DOWNS + 1)
     ]
     tasks.append((WARM_UP, level, cool, collect_warm_up))
-    for number, actuated in enumerate(kinds):
+    for number, actuated in enumerate(kinds if protocol != "excitation" else ()):
         collect_held = functools.partial(
             collect_equilibria,
             actuated=actuated,
@@ -258,17 +387,58 @@ def collect_from_robot(
         path = Path(folder) / f"{name}.csv"
         if name in kinds:
             _set_heat_bounds(description, Path(folder) / f"{WARM_UP}.csv")
+        if not path.exists():
+            _warn_of_unfinished(path)
+            ask(f"{name}: {instruction}")
+            with connect(description) as limb:
+                collect(limb, journal=path)
+    if protocol != "paper":
+        _set_heat_bounds(level, Path(folder) / f"{WARM_UP}.csv")
+        _excite_robot(connect, level, Path(folder), ask, seed, tell)
+
+
+def _excite_robot(connect, level: LimbParameters, folder: Path, ask, seed: int, tell) -> None:
+    """`excitations`, which run one after the other without the operator."""
+    todo = excitations(len(level.wires), seed)
+    before = [path for path in sorted(folder.glob("*.csv")) if not is_unfinished(path)]
+    of_excitations = {f"{excitation.name}.csv" for excitation in todo}
+    before = [path for path in before if path.name not in of_excitations]
+    knowledge = Knowledge(level, map(Recording.load, before))
+    asked = False
+    for excitation in todo:
+        path = folder / f"{excitation.name}.csv"
         if path.exists():
+            knowledge.add(Recording.load(path), excitation.kind)
             continue
-        for left in filter(is_unfinished, sorted(path.parent.glob(f"{name}.*"))):
-            warnings.warn(
-                f"{left} was interrupted; it is kept, calibration ignores it, and {name} is "
-                "recorded again.",
-                stacklevel=2,
+        _warn_of_unfinished(path)
+        if not asked:
+            ask(
+                f"{excitation.name} and what follows: Leave the limb level and alone until its "
+                "wires are cold, and for 20 minutes after Enter."
             )
-        ask(f"{name}: {instruction}")
-        with connect(description) as limb:
-            collect(limb, journal=path)
+            asked = True
+        else:
+            _wait(excitation.pause, f"resting before {excitation.name}")
+        with connect(level) as limb:
+            recording = collect_excitation(limb, excitation, knowledge.limb, journal=path)
+        tell(f"{excitation.name}: {knowledge.add(recording, excitation.kind)}")
+
+
+def _wait(duration: float, label: str) -> None:
+    with Progress(label, duration, "s") as progress:
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0:
+            progress.update(duration - left)
+            time.sleep(min(0.5, left))
+
+
+def _warn_of_unfinished(path: Path) -> None:
+    for left in filter(is_unfinished, sorted(path.parent.glob(f"{path.stem}.*"))):
+        warnings.warn(
+            f"{left} was interrupted; it is kept, calibration ignores it, and {path.stem} is "
+            "recorded again.",
+            stacklevel=3,
+        )
 
 
 def _set_heat_bounds(description: LimbParameters, path: Path) -> None:

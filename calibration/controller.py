@@ -25,7 +25,7 @@ class BendAngleController(LeafSystem):
     stands still while u is beyond what the wires may do (anti-windup).
 
     The gains follow from the limb's description: the loop's gain is 1.5, and
-    the controller's zero cancels the pole of (6).
+    the controller's zero cancels the pole of (6), with which a wire cools.
 
     - input 0 ``bend_angle``: φ (1), rad
     - input 1 ``measured_temperature``: V (W), °C
@@ -67,14 +67,15 @@ class BendAngleController(LeafSystem):
                 "must be within [0, 1], and co_contraction not above maximum_duty."
             )
         wires = Wires(parameters)
-        A, B, _ = wires.affine_rates()
-        # Bend angle per duty in the end, by (6), (12), in rad, of the last wire at T_max / 2.
-        warm = 0.5 * (parameters.temperature_limits.maximum + parameters.ambient_temperature)
-        states = wires.settled_states(np.full(wires.num_wires, warm))
-        torques = wires.force_derivatives(states, np.zeros(segment.links))[0][0]
-        steady = torques @ np.linalg.solve(-A, B[:, -1])
+        # Bend angle per duty in the end, by (6), (12), in rad, of the last wire about T_max / 2.
+        middle = 0.5 * (parameters.temperature_limits.maximum + parameters.ambient_temperature)
+        (cooler, less), (warmer, more) = (
+            _held(wires, np.append(np.full(wires.num_wires - 1, middle), middle + change))
+            for change in (-1.0, 1.0)
+        )
+        steady = (warmer - cooler) / (more - less)
         gain = (segment.links + 1) / 2 * abs(steady) / segment.stiffness
-        slowest = np.abs(np.linalg.eigvals(A)).min()
+        slowest = np.abs(np.diag(wires.affine_rates()[0])[: wires.num_wires]).min()
         self._proportional, self._integral = 1.5 / gain, 1.5 / gain * slowest
         sides = np.sign([wire.direction for wire in segment.wires])
         self._direction = np.where(np.isin(np.arange(wires.num_wires), heated), sides, 0.0)
@@ -116,6 +117,14 @@ class BendAngleController(LeafSystem):
     def _calc_duty(self, context, output):
         duty = context.get_discrete_state_vector().value()[-len(self._direction) :]
         output.SetFromVector(duty)
+
+
+def _held(wires: Wires, temperature: np.ndarray) -> tuple[float, float]:
+    """Torque on the first joint, N·m, and duty of the last wire that hold wires at T (W,), °C."""
+    states, W = wires.settled_states(temperature), wires.num_wires
+    off, on = (wires.rates(states, np.full(W, level))[W - 1] for level in (0.0, 1.0))
+    torque = wires.forces(states, np.zeros(len(wires.directions)))[0]
+    return float(torque), float(-off / (on - off))
 
 
 class EquilibriumSchedule(LeafSystem):

@@ -21,6 +21,7 @@ from limb_systems.model.ownership import weak_method
 
 MEMBERS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
 REACTION_TIME = 0.5  # s, within which a wire may reach the highest temperature
+NAMES = ("conditioning", "pulses", "ramps", "random")  # of those that are fitted
 MOTIONS = 3  # times that the motion is repeated
 LEVEL_STEP = 0.5  # s, of ramps
 
@@ -44,7 +45,7 @@ class Excitation:
 
 
 def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
-    """All of them in their order, 15 minutes with two wires.
+    """All of them in their order; with two wires 13 minutes, and 6 of rest between them.
 
     Args:
         num_wires: W.
@@ -91,7 +92,7 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
                 f"motion_{number}",
                 "motion",
                 "a motion that is left out of the fit, and judges it",
-                60.0,
+                120.0,
                 _course(motion),
             )
             for number in range(1, MOTIONS + 1)
@@ -188,7 +189,7 @@ class LimitedDuty(LeafSystem):
         values = context.get_discrete_state_vector().value()
         states, duty = values[: -self._num_wires].reshape(self._shape), values[-self._num_wires :]
         rates = np.empty_like(states)
-        for row, rate in zip(rates, self._law.rates(states, duty, self._rooms), strict=True):
+        for row, rate in zip(rates, self._law.rates(list(states), duty, self._rooms), strict=True):
             row[...] = rate
         states = states + PERIOD * rates
         duty = np.minimum(self._wanted(context.get_time()), self._allowed(states, context))
@@ -200,7 +201,9 @@ class LimitedDuty(LeafSystem):
     def _allowed(self, states: np.ndarray, context) -> np.ndarray:
         """The duty (W,) at which no limb's wire is above T_max soon."""
         cooling, heating = (
-            np.asarray(self._law.rates(states, np.full(self._num_wires, level), self._rooms)[0])
+            np.asarray(
+                self._law.rates(list(states), np.full(self._num_wires, level), self._rooms)[0]
+            )
             for level in (0.0, 1.0)
         )
         room = (self._highest - states[0]) / REACTION_TIME

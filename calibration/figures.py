@@ -5,6 +5,7 @@ import numpy as np
 from calibration.damping import DampingFit
 from calibration.force import ForceFit
 from calibration.heat import HeatFit
+from calibration.prediction import Predicted
 from calibration.stiffness import StiffnessFit
 from calibration.validation import Validation
 from limb_systems.views.figure import Figure
@@ -61,6 +62,29 @@ def plot_validation(validation: Validation) -> Figure:
     heat.set_ylabel("measured\ntemperature (°C)")
     duty.set_ylabel("duty")
     duty.set_xlabel("time (s)")
+    return _dress(figure)
+
+
+def plot_predicted(predicted: Predicted) -> Figure:
+    """A recording and its open-loop simulation by the fitted law."""
+    course = predicted.course
+    figure = Figure(figsize=(WIDTH, 4.2), layout="constrained")
+    bend, heat = figure.subplots(2, 1, sharex=True)
+    bend.plot(course.times, np.rad2deg(course.bend), color=ROLLOUT_COLOR, lw=0.8, label="limb")
+    bend.plot(
+        course.times, np.rad2deg(predicted.bend), color=PLAN_COLOR, linestyle="--", label="law"
+    )
+    bend.set_ylabel("bend angle (°)")
+    for color, measured, law in zip(
+        wire_colors(course.temperature.shape[1]),
+        course.temperature.T,
+        predicted.temperature.T,
+        strict=True,
+    ):
+        heat.plot(course.times, measured, color=color, lw=0.8)
+        heat.plot(course.times, law, "--", color=color)
+    heat.set_ylabel("measured\ntemperature (°C)")
+    heat.set_xlabel("time (s)")
     return _dress(figure)
 
 

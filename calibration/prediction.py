@@ -6,6 +6,7 @@ parameters has (the form of the model) is noise with a memory: residuals are
 whitened by its covariance, so that they count for what they are worth.
 """
 
+import copy
 import dataclasses
 from collections.abc import Callable, Sequence
 
@@ -16,7 +17,13 @@ from scipy.optimize import least_squares
 from calibration.course import STEP, Course
 from calibration.estimate import Estimate
 from calibration.unknowns import Unknown, prior_factor, unknowns_of
-from limb_systems import RestMemory, SegmentParameters, WireLaw
+from limb_systems import (
+    CalibrationRecord,
+    LimbParameters,
+    RestMemory,
+    SegmentParameters,
+    WireLaw,
+)
 from limb_systems.model.open_loop import OpenLoop, with_fields
 
 AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
@@ -113,6 +120,24 @@ class LawFit:
             segment.rest_memory = RestMemory(rubber.pop("shift"), rubber.pop("rate"))
         for name, value in rubber.items():
             setattr(segment, name, value)
+
+    def calibrated(self, described: LimbParameters) -> LimbParameters:
+        """A described limb with these laws, rubber and ambient temperature, and how known they are.
+
+        Its stiffness is that of the fit, and its mechanics as described.
+        """
+        limb = copy.deepcopy(described)
+        limb.ambient_temperature = self.ambient
+        limb.segments[0].stiffness = self.segment.stiffness
+        self.apply(limb.segments[0])
+        estimates = self.estimates.values()
+        limb.calibration = CalibrationRecord(
+            list(self.estimates),
+            [estimate.value for estimate in estimates],
+            [estimate.standard_error for estimate in estimates],
+            self.value_covariance.tolist(),
+        )
+        return limb
 
     @property
     def value_covariance(self) -> np.ndarray:

@@ -9,8 +9,15 @@ import numpy as np
 
 from calibration.calibrate import Calibration
 from calibration.damping import DampingFit
-from calibration.figures import plot_damping, plot_stiffness, plot_validation, plot_wire
+from calibration.figures import (
+    plot_damping,
+    plot_predicted,
+    plot_stiffness,
+    plot_validation,
+    plot_wire,
+)
 from calibration.heat import HeatFit
+from calibration.selection import Prediction
 from calibration.validation import Validation
 from limb_systems.views import page
 from limb_systems.views.figure import Figure
@@ -24,6 +31,18 @@ _MEANING = {
     "a2": "heating (6), Sec. V-C1",
     "a3": "thermocouple's lag (7), Sec. V-C1",
     "beta": "torque per degree (4), Sec. V-C2",
+    "silicone_warming": "kS, silicone warmed by the wire",
+    "silicone_cooling": "kA, silicone cooled by the room",
+    "knee": "temperature about which torque sets in",
+    "width": "of the knee, or of the curves of transformation",
+    "full_torque": "of the transformed wire",
+    "middle": "half is transformed",
+    "heating_middle": "half is transformed, on heating",
+    "cooling_middle": "half is transformed, on cooling",
+    "rest_angle": "bend angle at rest, cold",
+    "stiffening": "share added to k at 45°",
+    "shift": "Δ of the rest angle's memory",
+    "rate": "λ of the rest angle's memory",
 }
 
 
@@ -32,11 +51,25 @@ def calibration_summary(calibration: Calibration) -> str:
     lines = [calibration.verdict]
     lines += _ranked(calibration)
     lines += [f"{name:<22}{estimate}" for name, estimate in calibration.estimates.items()]
+    if calibration.prediction:
+        lines += prediction_lines(calibration.prediction)
     if calibration.stiffness:
         lines.append(f"{'correction factor λ':<22}{calibration.stiffness.correction_factor:.3f}")
     if calibration.validation:
         lines.append(f"{'validation':<22}{validation_summary(calibration.validation)}")
     return "\n".join(lines)
+
+
+def prediction_lines(prediction: Prediction) -> list[str]:
+    """The laws that were compared, and how well each predicts what it was not fitted to."""
+    lines = [f"laws, judged by {prediction.judges}:"]
+    for candidate in prediction.candidates:
+        mark = "*" if candidate is prediction.best else " "
+        lines.append(
+            f"  {mark} {candidate.name:<28} bend {np.rad2deg(candidate.bend_error):5.2f}°, "
+            f"V {candidate.temperature_error:4.1f} °C on average"
+        )
+    return lines
 
 
 def _ranked(calibration: Calibration) -> list[str]:
@@ -63,9 +96,23 @@ def calibration_facts(calibration: Calibration) -> dict[str, Any]:
         "estimates": {
             name: dataclasses.asdict(estimate) for name, estimate in calibration.estimates.items()
         },
+        "laws": prediction_facts(calibration.prediction) if calibration.prediction else None,
         "correction_factor": stiffness.correction_factor if stiffness else None,
         "validation": validation_facts(validation) if validation else None,
     }
+
+
+def prediction_facts(prediction: Prediction) -> list[dict[str, Any]]:
+    """The content of `prediction_lines`, for programs."""
+    return [
+        {
+            "law": candidate.name,
+            "bend_angle_mean_deg": math.degrees(candidate.bend_error),
+            "temperature_mean_c": candidate.temperature_error,
+            "used": candidate is prediction.best,
+        }
+        for candidate in prediction.candidates
+    ]
 
 
 def validation_facts(validation: Validation) -> dict[str, float]:
@@ -98,6 +145,8 @@ def write_report(calibration: Calibration, path: str | Path) -> None:
                 "The duty of a recording that was not used in any fit, simulated open loop.",
             )
         )
+    if calibration.prediction:
+        parts += _prediction(calibration.prediction)
     if calibration.stiffness:
         parts.append(
             _section(
@@ -129,10 +178,39 @@ def write_report(calibration: Calibration, path: str | Path) -> None:
     page.write_page(path, "Calibration of a limb", parts)
 
 
+def _prediction(prediction: Prediction) -> list[str]:
+    rows = [
+        [
+            f"{candidate.name}{' (used)' if candidate is prediction.best else ''}",
+            f"{np.rad2deg(candidate.bend_error):.2f}",
+            f"{candidate.temperature_error:.1f}",
+        ]
+        for candidate in prediction.candidates
+    ]
+    table = page.table(
+        ["law", "bend, °", "V, °C"],
+        rows,
+        f"Mean errors of open-loop predictions, judged by {prediction.judges}. Used is the "
+        "simplest law that no other beats.",
+    )
+    parts = [page.section("Laws of the wires", table)]
+    for number, predicted in enumerate(prediction.fit.predicted, 1):
+        title = f"Recording {number} of {len(prediction.fit.predicted)} as fitted"
+        parts.append(
+            _section(
+                title,
+                plot_predicted(predicted),
+                f"{predicted.course.source}: bend within {np.rad2deg(predicted.bend_error):.2f}°, "
+                f"V within {predicted.temperature_error:.1f} °C on average.",
+            )
+        )
+    return parts
+
+
 def parameter_table(calibration: Calibration) -> str:
     """The calibrated quantities with their standard errors, as part of a page."""
     rows = [
-        [name, str(estimate), _MEANING[name.split(".")[-1]]]
+        [name, str(estimate), _MEANING.get(name.split(".")[-1], "")]
         for name, estimate in calibration.estimates.items()
     ]
     return page.table(["parameter", "value ± standard error", "meaning"], rows)

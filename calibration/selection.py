@@ -8,6 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from calibration.course import Course
 from calibration.prediction import LawFit, Predicted, fit_law
+from calibration.remarks import Remark
 from limb_systems import (
     HystereticLaw,
     LinearLaw,
@@ -79,6 +80,9 @@ def beaten(simple: Candidate, other: Candidate) -> bool:
     return bool(difference.mean() > max(2 * spread, WORTH))
 
 
+AT_BOUND = 0.02  # by which a fitted value may stay inside its bound and count as at it
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Prediction:
     """The wires and the rubber by prediction error.
@@ -93,6 +97,32 @@ class Prediction:
     best: Candidate
     fit: LawFit
     judges: str
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """On parameters at the bounds of the fit, and on those that the recordings do not tell."""
+        remarks = []
+        for unknown, x, estimate in zip(
+            self.fit.unknowns, self.fit.fitted, self.fit.estimates.values(), strict=True
+        ):
+            if not unknown.low + AT_BOUND < x < unknown.high - AT_BOUND:
+                remarks.append(
+                    Remark(
+                        "bound",
+                        f"{unknown.name} is at the fit's limit, {estimate.value:.3g} "
+                        f"{unknown.unit}: the recordings are not as the law would have it; look "
+                        "at their pictures.",
+                    )
+                )
+            elif unknown.form and estimate.standard_error > 0.5 * abs(estimate.value):
+                remarks.append(
+                    Remark(
+                        "hardly told",
+                        f"The recordings hardly determine {unknown.name}: it is what is expected "
+                        f"of such limbs, {estimate}.",
+                    )
+                )
+        return remarks
 
 
 def fit_by_prediction(

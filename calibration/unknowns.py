@@ -91,7 +91,8 @@ def unknowns_of(
             low, high = max(low, -FASTEST), min(high, FASTEST)
         ends = [low, high] if not form else sorted(np.log(np.abs([low, high])))
         for index, wire in enumerate(segment.wires):
-            center, spread, alike = _expected(segment, wire.law, field.name, field.default, unit)
+            default = getattr(law(), field.name)
+            center, spread, alike = _expected(segment, wire.law, field.name, default, unit)
             center = np.log(abs(center)) if form else center
             margin = 1e-6 * (ends[1] - ends[0])
             center = float(np.clip(center, ends[0] + margin, ends[1] - margin))

@@ -27,7 +27,16 @@ from calibration.report import write_report as write_calibration_report
 from evaluation.experiment import NUM_ROLLOUTS, NUM_STEPS, Experiment, run_experiment
 from evaluation.figures import figures
 from evaluation.report import EMULATED, write_report
-from evaluation.tables import ABORTED, STATISTICS, Summary, findings, summarize, table_1
+from evaluation.tables import (
+    ABORTED,
+    APPROACH_HEADER,
+    STATISTICS,
+    Summary,
+    approach_table,
+    findings,
+    summarize,
+    table_1,
+)
 from hardware.emulation.specimen import EFFECTS, EXTRA_EFFECTS, Specimen
 from limb_systems import LimbParameters, write_meshcat_replay
 from limb_systems.command import run_command
@@ -42,8 +51,9 @@ def main() -> int:
     )
     parser.add_argument("folder", nargs="?", default="out", type=Path, help="for all results")
     parser.add_argument("--limbs", type=int, default=10, help="how many (default %(default)s)")
+    parser.add_argument("--quick", action="store_true", help="one limb, and no other laws")
     parser.add_argument(
-        "--quick", action="store_true", help="one limb, and none that is without an effect"
+        "--effects", action="store_true", help="also limbs without one of their effects each"
     )
     parser.add_argument(
         "--rollouts", type=int, default=NUM_ROLLOUTS, help="of each plan (default %(default)s)"
@@ -66,12 +76,12 @@ def _reproduce(options) -> int:
     folder, started = options.folder, time.perf_counter()
     seeds = range(1 if options.quick else options.limbs)
     extra = tuple(options.extra)
-    jobs = [(seed, extra, (), options.rollouts) for seed in seeds]
-    if not options.quick:
+    jobs = [(seed, extra, (), options.rollouts, not options.quick) for seed in seeds]
+    if options.effects:
         # What limbs are without, to see what each effect costs; all of them at last.
         absences = [(effect,) for effect in EFFECTS + extra if effect != "stress"]
         absences.append(EFFECTS + extra)
-        jobs += [(seed, extra, absent, 1) for seed in seeds for absent in absences]
+        jobs += [(seed, extra, absent, 1, False) for seed in seeds for absent in absences]
     if len(jobs) == 1:
         steps = itertools.count(1)
 
@@ -106,6 +116,9 @@ def _reproduce(options) -> int:
     print(line.format("", "", *STATISTICS, ABORTED))
     for row in table_1(summaries):
         print(line.format(*row))
+    print("\nMean errors, read / true, of plans with each calibrated model:")
+    for row in [APPROACH_HEADER, *approach_table(summaries)]:
+        print("{:<42}{:>25}{:>20}{:>20}{:>8}{:>9}".format(*row))
     print(EMULATED, *findings(summaries), sep="\n")
     print(f"\nwritten in {time.perf_counter() - started:.0f} s:")
     for path in sorted(folder.iterdir()):
@@ -121,7 +134,7 @@ def _run_all(jobs: list, folder: Path) -> list[tuple[Summary, Experiment | None]
         futures = {pool.submit(_run, *job, folder): job for job in jobs}
         try:
             for future in concurrent.futures.as_completed(futures):
-                seed, _, absent, _ = job = futures[future]
+                seed, _, absent, *_ = job = futures[future]
                 results[job] = future.result()
                 errors = ", ".join(f"{e:.1f}°" for e in results[job][0].first.values())
                 without = f" without {', '.join(absent)}" if absent else ""
@@ -145,12 +158,13 @@ def _run(
     extra: tuple[str, ...],
     absent: tuple[str, ...],
     num_rollouts: int,
+    compare: bool,
     folder: Path,
     tell: Callable[[str], object] = lambda step: None,
 ) -> tuple[Summary, Experiment | None]:
     """One limb; its files are written, and the first limb is returned as well."""
     specimen = Specimen(LimbParameters(), seed, extra).without(*absent)
-    experiment = run_experiment(specimen, num_rollouts, tell)
+    experiment = run_experiment(specimen, num_rollouts, tell, compare=compare)
     if not absent:
         _save(experiment, folder / f"limb_{seed}")
     return summarize(experiment), None if seed or absent else experiment

@@ -269,8 +269,8 @@ def _replay(options) -> int:
     if options.json:
         tracking = {"mean_deg": mean, "median_deg": median, "percentile_90_deg": percentile_90}
         facts = {"source": recording.source, "interrupted": recording.interrupted}
-        facts |= {"tracking": tracking, "timing": timing}
-        print(json.dumps({**facts, "written": written}))
+        results = {"tracking": tracking, "timing": timing, "written": written}
+        print(json.dumps({**facts, **results}))
         return status
     if timing:
         print(

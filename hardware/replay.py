@@ -82,7 +82,7 @@ def replay(
 
     Raises:
         ReplayError: if the trajectory failed its check, if it was planned for
-            another limb, hotter than this one allows or from another
+            another limb, hotter than this one allows or by its band may be, or from another
             temperature than its wires have, or if the controller has other
             ports.
         OutputError: if the disk is full or stalled, or the journal cannot be
@@ -157,8 +157,16 @@ def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: boo
             f"This trajectory heats a wire to {hottest:.1f} °C, but this limb's "
             f"temperature_limits.maximum is {limit:g} °C; plan it again for this limb."
         )
+    limit = present.temperature_limits.measured_maximum
     if isinstance(limb, SerialLimb):
         _check_robot(trajectory, limb)
+        limit = min(limit, limb.info.temperature_limit)
+    if (highest := max(trajectory.check.highest_readings, default=-np.inf)) >= limit:
+        raise ReplayError(
+            f"On a limb like this one the trajectory may be read at up to {highest:.0f} °C, and "
+            f"the board switches off at {limit:g} °C: the calibration is too uncertain for it; "
+            "calibrate with more recordings, or plan with a lower temperature_limits.maximum."
+        )
 
 
 def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
@@ -271,7 +279,7 @@ def _run(
             hottest = int(np.argmax(recording.measured_temperature[:, -1]))
             recording.interrupted = (
                 f"the {limb.parameters.wire_names[hottest]} wire was measured at "
-                f"{guard.TEMPERATURE_LIMIT:g} °C or more, where the board switches off"
+                f"{guard.TEMPERATURE_LIMIT:g} °C or more, the limit at which a board switches off"
             )
             if writer:
                 writer.finish(recording.interrupted)

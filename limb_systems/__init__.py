@@ -5,6 +5,7 @@ from limb_systems.shadows import check_shadows
 
 check_shadows()
 
+from limb_systems.band import Band, band
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import ActiveConstraint, PlanCheck, Trajectory
@@ -52,6 +53,7 @@ from limb_systems.views.replay_page import write_meshcat_replay
 
 __all__ = [
     "ActiveConstraint",
+    "Band",
     "BendAngle",
     "BendSensor",
     "CalibrationRecord",
@@ -85,6 +87,7 @@ __all__ = [
     "WireParameters",
     "Wires",
     "add_manipulator",
+    "band",
     "bend_angle",
     "bend_angle_from_tip_tangent",
     "from_paper_state",

@@ -16,6 +16,7 @@ from limb_systems import (
     PlanCheck,
     Trajectory,
     Wires,
+    band,
     simulate,
     split_state,
 )
@@ -35,6 +36,7 @@ from planners.task import Task
 # within 0.0015° of that at accuracy 1e-6, for the Fig. 5 reference and for
 # steps to 170°. Ten times finer takes three times as long.
 CHECK_ACCURACY = 3e-4
+ROUNDING = 0.1  # °C, by which a margin of readings is larger than it must be
 CHECK_RATE = 20.0  # Hz, of the comparison, or that of the knots if it is higher
 
 MAX_KNOTS = 20_000  # over a minute on two cores; more is most often a time in ms
@@ -61,7 +63,9 @@ def plan(
     """Plans the feasible trajectory nearest to a reference, eqns (15)-(20).
 
     Where the plan differs from its simulation by more than the tolerance,
-    knots are added and the program is solved again.
+    knots are added and the program is solved again. If the limb is calibrated by
+    prediction, so is where readings of limbs that its calibration cannot tell
+    apart would get to what its board cuts out at; see `limb_systems.band`.
 
     Args:
         parameters: of the limb, or their YAML file; the nominal limb if None.
@@ -92,10 +96,21 @@ def plan(
     num_knots = number_of_knots(reference, knot_rate, max_knots)
     times = np.linspace(0.0, reference.end_time(), num_knots)
     tolerance, largest = np.deg2rad(tolerance_deg), np.inf
+    margin = np.zeros(len(parameters.wires))
     for refinement in range(MAX_REFINEMENTS + 1):
-        planner = Planner(parameters, times, task=task, tolerance_deg=tolerance_deg, solver=solver)
+        planner = Planner(
+            parameters,
+            times,
+            task=task,
+            tolerance_deg=tolerance_deg,
+            solver=solver,
+            measured_margin=margin,
+        )
         trajectory, offsets, differences = planner.plan_unchecked(reference, initial_state)
         trajectory.check.refinements = refinement
+        if (wider := _margin_of(trajectory, margin)) is not None:
+            margin = wider
+            continue
         before, largest = largest, differences.max()
         if largest <= tolerance or largest > 0.7 * before:  # met, or knots do not help
             break
@@ -270,6 +285,20 @@ class Planner:
         states = np.hstack([angles, rates, x, measured]).T
         states[:, 0] = initial_state
         return states
+
+
+def _margin_of(trajectory: Trajectory, margin: np.ndarray) -> np.ndarray | None:
+    """Notes a plan's band in its check; a wider margin of readings (W,), °C, if it needs one."""
+    around = band(trajectory)
+    if around is None:
+        return None
+    check, limit = trajectory.check, trajectory.parameters.temperature_limits.measured_maximum
+    check.bend_band_deg = float(np.rad2deg(around.bend_angle.mean()))
+    check.highest_readings = around.highest_readings.tolist()
+    if (around.highest_readings < limit).all():
+        return None
+    excess = around.highest_readings - trajectory.measured_temperature.max(axis=1)
+    return np.maximum(margin, excess + ROUNDING)
 
 
 def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:

@@ -301,11 +301,9 @@ class _ConvexProgram:
         levels = np.linspace(self._limits.warm, self._limits.maximum, CHORD_POINTS)
         wires, num_knots = self._wires, len(self._target)
         at = np.array([wires.settled_states(np.full(wires.num_wires, T)) for T in levels])
-        angles, slopes = angles_at(at)
-        return tuple(
-            np.broadcast_to(values.mean(axis=0), (num_knots, *values.shape[1:]))
-            for values in (angles, slopes, at)
-        )
+        means = [values.mean(axis=0) for values in (*angles_at(at), at)]
+        angles, slopes, middle = (np.broadcast_to(mean, (num_knots, *mean.shape)) for mean in means)
+        return angles, slopes, middle
 
     def _cost(self, angles_at: AngleMap, states: np.ndarray, duty: np.ndarray) -> float:
         """(15), with the task's energy."""
@@ -331,9 +329,9 @@ def _heated_angles(
     W, N = wires.num_wires, wires.num_states
     warmest = 2 * parameters.temperature_limits.maximum - T0
     grid = np.linspace(T0, warmest, TABLE_SIZE)
+    laws = [wire.law for wire in parameters.wires]
     table = [
-        np.broadcast_to(wire.law.torque(wire.law.warm_states(grid, T0), T0, 0.0), grid.shape)
-        for wire in parameters.wires
+        np.array([law.torque(law.warm_states(float(T), T0), T0, 0.0) for T in grid]) for law in laws
     ]
     to_angles = compliance @ wires.directions
 

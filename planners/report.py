@@ -31,6 +31,12 @@ def plan_summary(trajectory: Trajectory) -> str:
         f"reference   missed by {missed.mean():.2f}° on average, {missed.max():.2f}° at most",
         "limits      " + ("the plan runs along" if check.active_constraints else "none is active"),
     ]
+    if check.highest_readings:
+        lines.insert(
+            -1,
+            f"band        of limbs alike: ±{check.bend_band_deg:.2f}° about the plan (95%), "
+            f"readings up to {max(check.highest_readings):.0f} °C (99.5%)",
+        )
     stretches: dict[str, list[str]] = {}
     for active in check.active_constraints:
         stretch = f"{active.start:.1f}-{active.end:.1f}"
@@ -63,6 +69,8 @@ def plan_facts(trajectory: Trajectory) -> dict[str, Any]:
         "tolerance_deg": check.tolerance_deg,
         "reference_missed_mean_deg": float(missed.mean()),
         "reference_missed_largest_deg": float(missed.max()),
+        "bend_band_deg": check.bend_band_deg if check.highest_readings else None,
+        "highest_readings_c": check.highest_readings,
         "active_constraints": [
             {"bound": active.bound, "start_s": active.start, "end_s": active.end}
             for active in check.active_constraints

@@ -12,6 +12,7 @@ from limb_systems.progress import Progress
 from planners.ipopt import FEASIBLE, STATUS, ExactHessianIpoptSolver
 from planners.program import TrajectoryProgram
 
+CURVATURE_ITERATIONS = 150  # they are cheap, and most plans need 10 to 30
 GAUSS_NEWTON_ITERATIONS = 40  # most plans need 15, and those that need 40 do not converge
 
 
@@ -116,7 +117,11 @@ def _attempts(program: TrajectoryProgram, guess, multipliers, solver, report: Ca
     limit = {"max_iter": GAUSS_NEWTON_ITERATIONS}
     if program.task.stretch is None and program.wires_curve and program.defects is not None:
         of_wires = program.defects.with_curvature_of_wires()
-        yield "IPOPT, curvature of the wires", lambda: ipopt(True, limit, multipliers, of_wires)
+        longer = {"max_iter": CURVATURE_ITERATIONS}
+        monotone = longer | {"mu_strategy": "monotone"}
+        name = "IPOPT, curvature of the wires"
+        yield name, lambda: ipopt(True, longer, multipliers, of_wires)
+        yield f"{name}, monotone barrier", lambda: ipopt(True, monotone, None, of_wires)
     elif program.task.stretch is None:
         yield "IPOPT, Gauss-Newton", lambda: ipopt(False, limit, multipliers)
     yield "IPOPT, exact Hessian", lambda: ipopt(True)

@@ -22,7 +22,7 @@ import hardware.robot.serial_limb
 from calibration import BendAngleController, EquilibriumSchedule
 from hardware import LimbTwin, SensedLimb, SerialLimb
 from hardware.emulation.hand import Hand
-from hardware.emulation.rubber import RestMemory, Rubber
+from hardware.emulation.rubber import RestShift, Rubber
 from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import CutOut
@@ -272,7 +272,7 @@ def make_system(monkeypatch):
         SensedLimb: lambda: SensedLimb(Limb()),
         CutOut: lambda: CutOut(2, 0.05),
         ExactBend: lambda: ExactBend(parameters),
-        RestMemory: lambda: RestMemory(specimen, 0.05),
+        RestShift: lambda: RestShift(specimen, 0.05),
         SerialLimb: lambda: SerialLimb("port"),
         ShapeMemoryWires: lambda: ShapeMemoryWires(specimen),
         Rubber: lambda: Rubber(specimen),

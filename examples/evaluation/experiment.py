@@ -1,5 +1,6 @@
 """One limb through the whole paper: recordings, calibration, plans, rollouts."""
 
+import copy
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +14,7 @@ from hardware.emulation.specimen import Specimen
 from limb_systems import Recording, Trajectory
 from planners import Task, plan, references
 
+PAPER = "LinearLaw, calibrated as in Sec. V"
 NUM_ROLLOUTS = 5
 NUM_ANGLES = 6  # equilibria of each calibration recording
 PAUSE = 300.0  # s without heat before each rollout
@@ -32,8 +34,8 @@ class Motion:
     - ``name``: as in Table I.
     - ``taught``: what the hand did, with the wires off; None if drawn.
     - ``trajectory``: the plan.
-    - ``rollouts``: open loop, as the sensors saw them; as far as the board would have
-      let them go.
+    - ``rollouts``: open loop, as the sensors saw them; those in which a wire was
+      measured at the limit of the board end there.
     - ``exact``: the first rollout as a sensor without errors sees it.
     """
 
@@ -48,13 +50,18 @@ class Motion:
 class Experiment:
     """A limb, its calibration and its motions.
 
-    - ``specimen``: the emulation's truth, which nothing but `error_split` looks into.
+    - ``specimen``: the emulation's truth, which nothing looks into.
+    - ``calibration``: by prediction error.
+    - ``motions``: planned with it.
+    - ``compared``: motions that were planned with the paper's calibration, by `PAPER`, and
+      with other laws, by their names.
     """
 
     specimen: Specimen
     recordings: dict[str, list[Recording]]
     calibration: Calibration
     motions: list[Motion]
+    compared: dict[str, list[Motion]]
 
 
 def hand_course(name: str) -> PiecewisePolynomial:
@@ -69,13 +76,16 @@ def run_experiment(
     specimen: Specimen,
     num_rollouts: int = NUM_ROLLOUTS,
     tell: Callable[[str], object] = lambda step: None,
+    *,
+    compare: bool = True,
 ) -> Experiment:
     """Takes a new limb through Secs. V to VII.
 
     Args:
         specimen: the limb; it is used from then on.
-        num_rollouts: of each plan.
+        num_rollouts: of each plan; those with other laws are rolled out once.
         tell: is called before each of the `NUM_STEPS` steps, with what comes.
+        compare: whether to plan with the paper's calibration and with other laws, too.
     """
     tell("recording it as calibration wants it")
     recordings = collect_from_twin(
@@ -83,20 +93,29 @@ def run_experiment(
     )
     tell("calibrating the model to the recordings")
     calibration = calibrate(recordings)
-    motions = []
+    limbs = {"": calibration.parameters}
+    if compare:
+        limbs[PAPER] = calibrate(recordings, method="paper").parameters
+        assert calibration.prediction is not None
+        for candidate in calibration.prediction.candidates:
+            limbs[candidate.name] = copy.deepcopy(calibration.parameters)
+            limbs[candidate.name].calibration = None  # it is of the best law
+            candidate.fit.apply(limbs[candidate.name].segments[0])
+    motions: dict[str, list[Motion]] = {name: [] for name in limbs}
     for name in ("Validation", *HANDS):
-        tell(f"planning the motion {name}, and replaying it {num_rollouts} times")
+        tell(f"planning the motion {name}, and replaying it")
         taught, reference = None, references.step_and_decaying_sine()
         if name in HANDS:
             hand = hand_course(name)
             taught = watch(LimbTwin(specimen=specimen).again(PAUSE, hand=hand), hand.end_time())
             reference = references.from_recording(taught, SMOOTHING_TIME)
-        trajectory = plan(calibration.parameters, reference, task=Task.paper())
-        rollouts, exact = [], None
-        for _ in range(num_rollouts):
-            rested = LimbTwin(specimen=specimen).again(PAUSE)
-            if exact is None:
-                exact = replay(trajectory, LimbTwin(specimen=specimen.without("bend sensor")))
-            rollouts.append(replay(trajectory, rested))
-        motions.append(Motion(name, taught, trajectory, rollouts, exact))
-    return Experiment(specimen, recordings, calibration, motions)
+        for approach, limb in limbs.items():
+            trajectory = plan(limb, reference, task=Task.paper())
+            rollouts, exact = [], None
+            for _ in range(num_rollouts if approach in ("", PAPER) else 1):
+                rested = LimbTwin(specimen=specimen).again(PAUSE)
+                if exact is None:
+                    exact = replay(trajectory, LimbTwin(specimen=specimen.without("bend sensor")))
+                rollouts.append(replay(trajectory, rested))
+            motions[approach].append(Motion(name, taught, trajectory, rollouts, exact))
+    return Experiment(specimen, recordings, calibration, motions.pop(""), motions)

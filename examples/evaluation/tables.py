@@ -7,7 +7,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from evaluation.error_split import STEPS, error_split
-from evaluation.experiment import Experiment
+from evaluation.experiment import Experiment, Motion
 from limb_systems.tracking import tracking_errors
 
 STATISTICS = ("mean", "median", "90th percentile")
@@ -17,6 +17,13 @@ PAPER_TABLE_1 = {  # degrees
     "T&R 1": (3.90, 2.73, 10.61),
     "T&R 2": (5.27, 5.09, 9.20),
 }
+PREDICTION = "the law that predicts best"
+APPROACH_HEADER = [
+    "calibrated model",
+    *(f"{motion}: read / true" for motion in PAPER_TABLE_1),
+    "V, °C",
+    "aborted",
+]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,10 +32,12 @@ class Summary:
 
     - ``seed``, ``absent``: of the limb, and which effects it was without.
     - ``rollouts``: of each motion, how many there were.
-    - ``aborted``: of each motion, how many of them the board would have stopped.
+    - ``aborted``: of each motion, how many of them ended at the limit of the board.
     - ``tracking``: of each motion `STATISTICS` over all rollouts, as far as they came.
     - ``first``: of each motion the mean over the first rollout.
     - ``split``: of each motion and step, see `error_split`.
+    - ``approaches``: of each approach to calibration and each motion, errors as of `_approach`.
+    - ``law``: that the limb was calibrated with.
     """
 
     seed: int
@@ -38,6 +47,8 @@ class Summary:
     tracking: dict[str, tuple[float, ...]]
     first: dict[str, float]
     split: dict[str, dict[str, tuple[float, float]]]
+    approaches: dict[str, dict[str, tuple[float, ...]]]
+    law: str
 
 
 def summarize(experiment: Experiment) -> Summary:
@@ -51,8 +62,53 @@ def summarize(experiment: Experiment) -> Summary:
         first[motion.name] = float(np.rad2deg(alone.mean))
     specimen = experiment.specimen
     rollouts = len(experiment.motions[0].rollouts)
-    split = error_split(experiment)
-    return Summary(specimen.seed, specimen.absent, rollouts, aborted, tracking, first, split)
+    prediction = experiment.calibration.prediction
+    approaches = {
+        name: {motion.name: _approach(motion) for motion in motions}
+        for name, motions in [*experiment.compared.items(), (PREDICTION, experiment.motions)]
+    }
+    return Summary(
+        specimen.seed,
+        specimen.absent,
+        rollouts,
+        aborted,
+        tracking,
+        first,
+        error_split(experiment),
+        approaches,
+        prediction.best.name if prediction else "",
+    )
+
+
+def _approach(motion: Motion) -> tuple[float, ...]:
+    """Mean errors of a motion: the bend as read and the true bend, degrees, and V, °C; aborted."""
+    trajectory = motion.trajectory.since_start()
+    read = tracking_errors(trajectory, motion.rollouts).mean
+    true = tracking_errors(trajectory, [motion.exact]).mean
+    heat = []
+    for rollout in motion.rollouts:
+        for planned, measured in zip(
+            trajectory.measured_temperature, rollout.measured_temperature, strict=True
+        ):
+            heat.append(np.abs(np.interp(rollout.time, trajectory.time, planned) - measured).mean())
+    aborted = sum(bool(rollout.interrupted) for rollout in motion.rollouts) / len(motion.rollouts)
+    return float(np.rad2deg(read)), float(np.rad2deg(true)), float(np.mean(heat)), aborted
+
+
+def approach_table(summaries: Sequence[Summary]) -> list[list[str]]:
+    """Rows of each approach: for each motion mean errors as read and true, then V, then aborted."""
+    whole = complete(summaries)
+    rows = []
+    for name in dict.fromkeys(name for s in whole for name in s.approaches):
+        limbs = [s.approaches[name] for s in whole if name in s.approaches]
+        cells = []
+        for motion in PAPER_TABLE_1:
+            read, true, _, _ = np.mean([limb[motion] for limb in limbs], axis=0)
+            cells.append(f"{read:.2f} / {true:.2f}")
+        means = np.mean([list(limb.values()) for limb in limbs], axis=(0, 1))
+        suffix = f" ({len(limbs)} limbs)" if len(limbs) < len(whole) else ""
+        rows.append([name + suffix, *cells, f"{means[2]:.2f}", f"{100 * means[3]:.0f}%"])
+    return rows
 
 
 def complete(summaries: Sequence[Summary]) -> list[Summary]:

@@ -7,6 +7,7 @@ from pydrake.systems.primitives import SymbolicVectorSystem
 
 from hardware.emulation.specimen import Specimen
 from limb_systems import joint_angles_from_bend_angle
+from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.ownership import weak_method
 
 
@@ -15,9 +16,9 @@ class Rubber(SymbolicVectorSystem):
 
         f = k θ_rest - k s (θ / θ_45)² θ - k v (θ - q),   q̇ = (θ - q) / τ
 
-    for each joint: stiffening by the share s at a bend of 45°, and a spring v k
-    in series with a damper, which make a standard linear solid together with the
-    k of the manipulator.
+    for each joint, whose angles count from where it rests as described:
+    stiffening by the share s at a bend of 45°, and a spring v k in series with a
+    damper, which make a standard linear solid together with the k of the manipulator.
 
     - input 0: [θ, θ̇] (2n), rad and rad/s
     - output 0: [f (n), q (n)], N·m and rad
@@ -34,20 +35,21 @@ class Rubber(SymbolicVectorSystem):
         state = MakeVectorVariable(num_joints, "q")
         with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
             relaxed = state + specimen.state.get("rubber", specimen.rest_angles())
+        rest, described = specimen.rest_angles(), rest_joint_angles(parameters)
         force, rate = [], []
         for segment, joints in zip(specimen.segments, parameters.joint_slices, strict=True):
             links = joints.stop - joints.start
             at_45 = 2 * np.pi / 4 / (links + 1)  # eqn (11)
-            rest = specimen.rest_angles()[joints]
-            for theta, q, origin in zip(joint_state[joints], relaxed[joints], rest, strict=True):
-                spring = origin - segment.stiffening * theta**3 / at_45**2
+            for index in range(joints.start, joints.stop):
+                theta, q, zero = joint_state[index], relaxed[index], described[index]
+                spring = rest[index] - zero - segment.stiffening * (theta - zero) ** 3 / at_45**2
                 force.append(segment.stiffness * (spring - segment.viscous_share * (theta - q)))
                 rate.append((theta - q) / segment.relaxation_time)
         super().__init__(state=state, input=joint_state, dynamics=rate, output=[*force, *relaxed])
         self.set_name("rubber")
 
 
-class RestMemory(LeafSystem):
+class RestShift(LeafSystem):
     """Angle at rest that remembers which wire was hot last.
 
     While a wire transforms on heating, the angle is drawn towards its side:
@@ -99,7 +101,7 @@ class RestMemory(LeafSystem):
             {self.discrete_state_ticket(state)},
         )
         self.DeclareStateOutputPort("state", state)
-        self.set_name("rest_memory")
+        self.set_name("rest_shift")
 
     def _split(self, context) -> list[np.ndarray]:
         state = context.get_discrete_state_vector().value()

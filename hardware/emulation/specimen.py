@@ -40,7 +40,9 @@ from limb_systems import (
     EmulatedLimb,
     LimbError,
     LimbParameters,
+    LinearLaw,
     NoBoard,
+    WireLaw,
     joint_angles_from_bend_angle,
 )
 from limb_systems.model.parameters import Board
@@ -100,7 +102,7 @@ class SegmentPhysics:
     - ``stiffening``: share that is added to k where the segment bends by 45°.
     - ``viscous_share``: additional share of k in fast motions.
     - ``relaxation_time``: time constant with which this share decays, s.
-    - ``rest_angle``: bend angle at rest, rad.
+    - ``rest_offset``: by which the bend angle at rest is off the described one, rad.
     - ``sensor_gain``, ``sensor_offset``: slope of the bend sensor at zero, and what
       it shows there, rad.
     - ``sensor_curvature``: share of the reading that is lost or gained at 45°.
@@ -115,7 +117,7 @@ class SegmentPhysics:
     stiffening: float
     viscous_share: float
     relaxation_time: float
-    rest_angle: float
+    rest_offset: float
     sensor_gain: float
     sensor_offset: float
     sensor_curvature: float
@@ -156,7 +158,8 @@ class Specimen:
                   lags by 3 to 9 s.
 
         Raises:
-            LimbError: if the seed is negative, or an effect unknown.
+            LimbError: if the seed is negative, or an effect unknown, or if a law does
+                not say its `WireLaw.typical_rates`.
         """
         description.validate()
         _check_effects(extra, EXTRA_EFFECTS)
@@ -173,9 +176,7 @@ class Specimen:
         self.noise = Noise(np.random.default_rng(noise_seed))
         self.state: dict[str, np.ndarray] = {}
         self.segments = [_draw_segment(generator.uniform, s) for s in description.segments]
-        limits = description.temperature_limits
-        rise = limits.maximum - description.ambient_temperature
-        self.wires = [_draw_wire(generator.uniform, wire, rise) for wire in description.wires]
+        self.wires = [_draw_wire(generator.uniform, w.law, description) for w in description.wires]
         self.ambient = description.ambient_temperature + generator.uniform(-3.0, 3.0)  # °C, ours
         uniform = np.random.default_rng(extra_seed).uniform
         memories = [_draw_memory(uniform) for _ in self.segments]
@@ -218,7 +219,7 @@ class Specimen:
                   of the room;
                 - "stress": there is no latent heat, and stress and strain do not
                   change the transformation; torque is an S-curve of temperature;
-                - "rubber": it is linear and straight at rest;
+                - "rubber": it is linear, and rests at the described angle;
                 - "bend sensor": it reads α/2, or the chord's angle, exactly, except
                   for its steps;
                 - "memory", "bond": what the limb may have beside these.
@@ -237,17 +238,24 @@ class Specimen:
 
     def rest_angles(self) -> np.ndarray:
         """Joint angles of the unused limb at rest (n,), rad, by eqn (11)."""
-        rest = [segment.rest_angle for segment in self.segments]
+        rest = [
+            described.rest_angle + segment.rest_offset
+            for described, segment in zip(self.description.segments, self.segments, strict=True)
+        ]
         return joint_angles_from_bend_angle(self.description, rest)
 
     def mechanics(self) -> LimbParameters:
-        """Parameters of the linear part: true k, σ, ambient and lag; gravity as described."""
+        """Parameters of the linear part: true k, σ, ambient and lag; gravity as described.
+
+        Its springs are free of torque at the described angle at rest.
+        """
         parameters = copy.deepcopy(self.description)
         parameters.ambient_temperature = self.ambient
         for segment, physics in zip(parameters.segments, self.segments, strict=True):
             segment.stiffness, segment.damping = physics.stiffness, physics.damping
+            segment.stiffening, segment.rest_memory = 0.0, None
         for wire, drawn in zip(parameters.wires, self.wires, strict=True):
-            wire.linear_law.a3 = -1 / drawn.bond_time if drawn.bond_time else drawn.lag_rate
+            wire.law = LinearLaw(a3=-1 / drawn.bond_time if drawn.bond_time else drawn.lag_rate)
         return parameters
 
 
@@ -300,24 +308,25 @@ def _draw_bond(uniform) -> float:
     return time if is_bad else 0.0
 
 
-def _draw_wire(uniform, wire, rise: float) -> WirePhysics:
-    """A wire around `WireParameters`; ``rise``: °C from ambient to T_max."""
-    law = wire.linear_law
-    time = -1 / law.a1
+def _draw_wire(uniform, law: WireLaw, description: LimbParameters) -> WirePhysics:
+    """A wire around a law: its torque at T_max, and how fast it heats and cools at first."""
+    rates, ambient = law.typical_rates(), description.ambient_temperature
+    time = 1 / rates["fastest_cooling"]
+    hot = law.warm_states(description.temperature_limits.maximum, ambient)
     austenite = uniform(58.0, 66.0)  # °C, ours: motion begins below T_warm [paper, VIII-B]
     return WirePhysics(
-        heating=law.a2 * uniform(0.85, 1.15),  # ours: supply, resistance, coil
+        heating=rates["heating"] * uniform(0.85, 1.15),  # ours: supply, resistance, coil
         fast_time=time * uniform(0.8, 1.35),  # 11-19 s for the nominal 14 s [records]
         slow_time=time * uniform(5.5, 9.4),  # 79-134 s [records]
         silicone_share=uniform(0.20, 0.35),  # ours
-        lag_rate=law.a3 * uniform(0.5, 1.2),  # 0.8 to 2 s [records]
+        lag_rate=-rates["reading"] * uniform(0.5, 1.2),  # 0.8 to 2 s [records]
         latent_heat=uniform(8.0, 20.0),  # below [Flexinol]'s 29 °C: epoxy and silicone share heat
         austenite=austenite,
         martensite=austenite - uniform(8.0, 14.0),  # hysteresis [Flexinol], [records]
         austenite_width=uniform(9.0, 13.0),  # ours: saturates towards T_max
         martensite_width=uniform(6.0, 9.0),  # ours
         stress_shift=uniform(5.0, 12.0),  # 70-170 MPa at 7-14 MPa/°C [Flexinol], [Cheng]
-        torque=law.beta * rise * uniform(0.9, 1.1),  # ours: the sides differ
+        torque=float(law.torque(hot, ambient, 0.0)) * uniform(0.9, 1.1),  # ours: the sides differ
         modulus_ratio=uniform(0.35, 0.5),  # 7.5 of 18 GPa [An]
         strain_relief=uniform(0.10, 0.20),  # ours: 3.4 mm off axis, stretched by 50 mm
         expansion=-uniform(2e-4, 6e-4),  # small, as the paper assumes [Cheng]
@@ -333,7 +342,7 @@ def _draw_segment(uniform, segment) -> SegmentPhysics:
         stiffening=uniform(0.03, 0.15),  # ours, silicone at strains below 15%
         viscous_share=uniform(0.05, 0.15),  # ours
         relaxation_time=uniform(0.5, 4.0),  # s, ours
-        rest_angle=np.deg2rad(uniform(-2.0, 2.0)),  # ours
+        rest_offset=np.deg2rad(uniform(-2.0, 2.0)),  # ours
         sensor_gain=sensor.gain * uniform(0.97, 1.03),  # with the sensors' noise and drift the
         sensor_curvature=uniform(-0.03, 0.03),  # 2° that the paper saw in use [paper, VII]
         sensor_offset=sensor.offset,
@@ -367,7 +376,7 @@ def _wire_without(effect: str, wire: WirePhysics) -> WirePhysics:
 
 _SEGMENT_WITHOUT = {
     "memory": {"memory_angle": 0.0, "memory_share": 0.0},
-    "rubber": {"stiffening": 0.0, "viscous_share": 0.0, "rest_angle": 0.0},
+    "rubber": {"stiffening": 0.0, "viscous_share": 0.0, "rest_offset": 0.0},
     "bend sensor": {
         "sensor_gain": 1.0,
         "sensor_offset": 0.0,

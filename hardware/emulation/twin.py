@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem
 
 from hardware.emulation.hand import Hand
-from hardware.emulation.rubber import RestMemory, Rubber
+from hardware.emulation.rubber import RestShift, Rubber
 from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
 from hardware.emulation.wires import PERIOD, ShapeMemoryWires
@@ -33,7 +33,8 @@ class LimbTwin(Diagram):
     `Specimen`. Its wires are shape-memory alloy with hysteresis, heat the silicone
     around them and differ from each other (`ShapeMemoryWires`). Its rubber
     stiffens and relaxes (`Rubber`). Its sensors are sampled, noisy, drifting and
-    not quite linear (`SampledSensors`):
+    not quite linear (`SampledSensors`). A wire that is measured too hot switches the
+    heaters off (`CutOut`, on the way of the duty):
 
                 ┌──────────────────┐    ┌─────────────┐
         duty ──▶│ ShapeMemoryWires ├───▶│ manipulator ├─┬─▶ sensor ──▶ bend_angle
@@ -122,7 +123,7 @@ class LimbTwin(Diagram):
             builder.Connect(joint_state, holding.get_input_port())
             forces.append(holding.get_output_port())
         if remembers := any(segment.memory_share for segment in specimen.segments):
-            rest = builder.AddSystem(RestMemory(specimen, wire_period))
+            rest = builder.AddSystem(RestShift(specimen, wire_period))
             builder.Connect(wires.GetOutputPort("state"), rest.get_input_port())
             forces.append(rest.GetOutputPort("generalized_force"))
         total = builder.AddSystem(Adder(len(forces), num_joints))
@@ -232,9 +233,10 @@ class LimbTwin(Diagram):
 
 
 class CutOut(LeafSystem):
-    """Switches all heaters off once a wire is measured too hot, as the board does.
+    """Switches all heaters off once a wire is measured at the limit of the board.
 
-    They stay off until the end of the simulation.
+    They stay off until the end of the simulation. A board also reduces the duty before
+    that, which this does not.
 
     - input 0 ``duty``: D (W), as commanded
     - input 1 ``measured_temperature``: V (W), °C

@@ -53,6 +53,11 @@ class PlanCheck:
       of an accurate simulation of its duty, degrees.
     - ``tolerance_deg``: largest difference that was allowed, degrees.
     - ``active_constraints``: where the plan runs along a bound.
+    - ``bend_band_deg``: mean half-width of the band about the bend angle that
+      has 95% of all limbs of which the calibration cannot tell this one apart,
+      degrees; 0 if it is not known. See `limb_systems.band`.
+    - ``highest_readings``: the highest reading of each wire, °C, that 995 of 1000
+      of these limbs stay below; empty if it is not known.
     """
 
     solver: str = ""
@@ -67,6 +72,8 @@ class PlanCheck:
     largest_difference_deg: float = math.nan
     tolerance_deg: float = math.nan
     active_constraints: list[ActiveConstraint] = dataclasses.field(default_factory=list)
+    bend_band_deg: float = 0.0
+    highest_readings: list[float] = dataclasses.field(default_factory=list)
 
     @property
     def is_missing(self) -> bool:

@@ -61,5 +61,6 @@ def hessians(
                         : -len(arguments)
                     ]
                 )
-            rows[i][j] = rows[j][i] = np.subtract(*sides) / (_STEP * 2 * distance)
+            above, below = (np.array(side) for side in sides)
+            rows[i][j] = rows[j][i] = (above - below) / (_STEP * 2 * distance)
     return np.moveaxis(np.array(rows), 2, 0)

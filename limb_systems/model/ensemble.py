@@ -73,9 +73,9 @@ def stacked(
         )
         for field in dataclasses.fields(kind)  # type: ignore[arg-type]
     }
-    names = ["stiffness", "rest_angle"]
-    names += ["stiffening"] if any(segment.stiffening for segment in segments) else []
-    rubber = {name: np.array([getattr(s, name) for s in segments]) for name in names}
+    properties = ["stiffness", "rest_angle"]
+    properties += ["stiffening"] if any(segment.stiffening for segment in segments) else []
+    rubber = {name: np.array([getattr(s, name) for s in segments]) for name in properties}
     memories = [segment.rest_memory for segment in segments if segment.rest_memory]
     if memories:
         rubber["shift"] = np.array([memory.shift for memory in memories])

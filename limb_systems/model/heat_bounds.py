@@ -3,7 +3,7 @@
 import dataclasses
 
 from limb_systems.errors import LimbError
-from limb_systems.model.wire_law import LinearLaw
+from limb_systems.model.wire_law import WireLaw
 from limb_systems.schema import Strict, quantity
 
 # How far wires of one kind differ from their description and from the linear law: ranges of
@@ -35,14 +35,18 @@ class HeatBounds(Strict):
     slowest_reading: float = quantity(0.5, "1/s", 0.1, 4.0)
 
     @classmethod
-    def around(cls, law: LinearLaw) -> "HeatBounds":
+    def around(cls, law: WireLaw) -> "HeatBounds":
         """Those of any wire of a kind that a law describes.
 
         Raises:
-            LimbError: if one is beyond what a board accepts.
+            LimbError: if one is beyond what a board accepts, or if the law does not
+                say its `WireLaw.typical_rates`.
         """
-        rates = {"cooling": -law.a1, "heating": law.a2, "reading": -law.a3}
-        values = {name: SPREAD[name] * rates[name.split("_")[1]] for name in SPREAD}
+        rates = law.typical_rates()
+        values = {
+            name: share * rates[name if name in rates else name.split("_")[1]]
+            for name, share in SPREAD.items()
+        }
         for field in dataclasses.fields(cls):
             low, high = field.metadata["range"]
             if not low <= values[field.name] <= high:

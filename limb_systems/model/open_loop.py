@@ -65,7 +65,7 @@ class OpenLoop:
         for number in range(num_steps + 1):
             temperatures[number], readings[number] = heat[0], heat[-1]
             theta = (angle + rest / to_bend)[..., None]
-            torques = law.torque(heat[:-1], room, theta) * self._directions
+            torques = law.torque(list(heat[:-1]), room, theta) * self._directions
             before, alone = alone, to_bend / stiffness[..., None] * np.abs(torques)
             if "shift" in rubber and number:
                 progress = self.step * ramp((alone - before) / self.step)
@@ -106,9 +106,9 @@ def _runge_kutta(law: WireLaw, heat: np.ndarray, duty: np.ndarray, room, h: floa
 
     def rates(heat: np.ndarray) -> np.ndarray:
         result = np.empty_like(heat)
-        for row, rate in zip(result, law.rates(heat[:-1], duty, room), strict=False):
+        for row, rate in zip(result, law.rates(list(heat[:-1]), duty, room), strict=False):
             row[...] = rate
-        result[-1] = law.reading_rate(heat[-1], heat[:-1])
+        result[-1] = law.reading_rate(heat[-1], list(heat[:-1]))
         return result
 
     first = rates(heat)

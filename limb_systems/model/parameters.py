@@ -241,6 +241,8 @@ class CalibrationRecord(Strict):
     - ``recordings``: a line on each kind of recording, how many and of what.
     - ``validation``: a line on how well a recording was predicted that was not
       used in any fit; empty if there was none.
+    - ``bend_error``, ``temperature_error``: mean errors of open-loop predictions
+      of such recordings, of the bend, rad, and of the readings, °C; 0 if unknown.
     """
 
     names: list[str]
@@ -249,6 +251,8 @@ class CalibrationRecord(Strict):
     covariance: list[list[float]]
     recordings: list[str] = dataclasses.field(default_factory=list)
     validation: str = ""
+    bend_error: float = quantity(0.0, "rad", 0.0, 3.2)
+    temperature_error: float = quantity(0.0, "°C", 0.0, 500.0)
 
 
 @dataclasses.dataclass
@@ -417,11 +421,11 @@ class LimbParameters(Strict):
         that its wire has the bounds of the nominal one.
 
         Raises:
-            LimbError: if a law is not the paper's, or beyond what a board accepts.
+            LimbError: if a law does not say its `WireLaw.typical_rates`, or is
+                beyond what a board accepts.
         """
         return [
-            wire.heat_bounds
-            or HeatBounds.around(LinearLaw() if self.calibration else wire.linear_law)
+            wire.heat_bounds or HeatBounds.around(LinearLaw() if self.calibration else wire.law)
             for wire in self.wires
         ]
 

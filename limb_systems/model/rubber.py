@@ -104,6 +104,24 @@ class Rubber:
         by_shift = -np.eye(len(pace)) * (progress @ pace.T)[..., None]
         return by_shift, self._towards[:, wires] - pace * shifts[..., None]
 
+    def rate_shares(
+        self, shifts: np.ndarray, weights: np.ndarray, wires: slice | np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """How weights · `rates` depends on the progress of w wires.
+
+        Args:
+            shifts, weights: r and the weights of its rates (..., R).
+
+        Returns:
+            The derivative by their progress (..., w), and the derivative of that
+            by r (..., R, w).
+        """
+        by_shift = -weights[..., None] * self._pace[:, wires]
+        return (
+            weights @ self._towards[:, wires] + (shifts[..., None] * by_shift).sum(axis=-2),
+            by_shift,
+        )
+
     def settled(self, torques: np.ndarray) -> np.ndarray:
         """r (R,) after wires heated from cold, all at once and in proportion, to torques (W,)."""
         bends = np.maximum(self._bend_by_torque * torques, 0.0)

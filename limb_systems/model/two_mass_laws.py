@@ -38,6 +38,12 @@ class _TwoMassHeat(WireLaw):
         """V̇ = a3 (V - T), eqn (7)."""
         return self.a3 * (V - x[0])
 
+    def typical_rates(self):
+        """It cools by -a1 while the silicone is cold, and by -a1 kA / (kS + kA) once it is warm."""
+        share = self.silicone_cooling / (self.silicone_warming + self.silicone_cooling)
+        cooling = {"slowest_cooling": -self.a1 * share, "fastest_cooling": -self.a1}
+        return {**cooling, "heating": self.a2, "reading": -self.a3}
+
 
 @dataclasses.dataclass
 class TwoMassLaw(_TwoMassHeat):
@@ -141,7 +147,7 @@ class HystereticLaw(_TwoMassHeat):
     heating_middle: float = quantity(66.0, "°C", -20.0, 300.0)
     cooling_middle: float = quantity(58.0, "°C", -20.0, 300.0)
     width: float = quantity(9.0, "°C", 1.0, 100.0)
-    switching_rate: float = quantity(0.3, "°C/s", 0.01, 100.0)
+    switching_rate: float = quantity(1.0, "°C/s", 0.01, 100.0)
 
     def rates(self, x, D, T0):
         """See the class."""

@@ -10,6 +10,9 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+import numpy as np
+
+from limb_systems.errors import LimbError
 from limb_systems.schema import Tagged, quantity
 
 TEMPERATURE_SCALE = 50.0  # °C, a typical change
@@ -34,15 +37,15 @@ class WireLaw(Tagged):
     states: ClassVar[dict[str, float]] = {"T": TEMPERATURE_SCALE}
     settings: ClassVar[tuple[str, ...]] = ()
 
-    def rates(self, x: Sequence[Any], D: Any, T0: Any) -> Sequence[Any]:
+    def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
         """Time derivatives of the states, in the order of ``states``, per second."""
         raise NotImplementedError
 
-    def torque(self, x: Sequence[Any], T0: Any, theta: Any) -> Any:
+    def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
         """Torque of a wire on the +E2 side on a joint whose angle is θ, N·m."""
         raise NotImplementedError
 
-    def reading_rate(self, V: Any, x: Sequence[Any]) -> Any:
+    def reading_rate(self, V: Any, x: Sequence[Any] | np.ndarray) -> Any:
         """Time derivative of the temperature V that the thermocouple reads, °C/s."""
         raise NotImplementedError
 
@@ -57,6 +60,25 @@ class WireLaw(Tagged):
         are those that do not, such as a memory.
         """
         return [T, *self.cold_states(T0)[1:]]
+
+    def typical_rates(self) -> dict[str, float]:
+        """The rates of eqns (6) and (7) that come closest to the wire's.
+
+        A board bounds the wire's heat around them, and emulated limbs are drawn
+        around them.
+
+        Returns:
+            ``fastest_cooling`` and ``slowest_cooling``, -a1 of heat that has just
+            begun and of heat that lasts, 1/s; ``heating``, a2, °C/s; ``reading``,
+            -a3, 1/s.
+
+        Raises:
+            LimbError: if the law does not say.
+        """
+        raise LimbError(
+            f"{type(self).__name__} does not say how fast its wire heats and cools; add the method "
+            "typical_rates to it, or, if it is for a board only, heat_bounds to the wire."
+        )
 
 
 @dataclasses.dataclass
@@ -86,3 +108,8 @@ class LinearLaw(WireLaw):
     def reading_rate(self, V, x):
         """V̇ = a3 (V - T), eqn (7)."""
         return self.a3 * (V - x[0])
+
+    def typical_rates(self):
+        """Those of the law."""
+        cooling = {"slowest_cooling": -self.a1, "fastest_cooling": -self.a1}
+        return {**cooling, "heating": self.a2, "reading": -self.a3}

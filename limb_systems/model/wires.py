@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -160,6 +161,17 @@ class Wires:
         )
         return self._rubber.progress((ahead - behind) / (2 * _TIME_STEP), group.wires)
 
+    def _group_rates(self, group: _Alike, arguments: list) -> list:
+        """Rates of a group's states and readings, and what `Rubber` remembers of them if it does.
+
+        Args:
+            arguments: the states, the reading and the duty of these wires.
+        """
+        *x, V, D = arguments
+        rates = group.law.rates(x, D, self._ambient)
+        progress = [self._progress(group, x, rates)] if self._rubber.remembers else []
+        return [*rates, group.law.reading_rate(V, x), *progress]
+
     def torques(self, states: np.ndarray, angles: np.ndarray | None = None) -> np.ndarray:
         """Torque of each wire (..., W), N·m, as if it ran at +E2.
 
@@ -223,14 +235,8 @@ class Wires:
             slots = group.slots(self.num_states, self.num_wires)
             point = np.concatenate([heat, duty], axis=-1)
             scales = np.array([*group.law.states.values(), TEMPERATURE_SCALE, 1.0])
-
-            def outputs(arguments: list, group: _Alike = group) -> list:
-                *x, V, D = arguments
-                rates = group.law.rates(x, D, self._ambient)
-                progress = [self._progress(group, x, rates)] if self._rubber.remembers else []
-                return [*rates, group.law.reading_rate(V, x), *progress]
-
             arguments = [point[..., slot] for slot in slots]
+            outputs = functools.partial(self._group_rates, group)
             partials = gradients(outputs, arguments, scales)
             for row, by in zip(slots[:-1], partials, strict=False):
                 for column, values in zip(slots, by, strict=True):
@@ -296,20 +302,33 @@ class Wires:
         """
         point = np.concatenate([heat, duty], axis=-1)
         result = np.zeros((*point.shape, point.shape[-1]))
+        shifts = slice(self._first_shift, self.num_states)
         for group in self._groups:
             slots = group.slots(self.num_states, self.num_wires)
+            arguments = [point[..., slot] for slot in slots]
             scales = np.array([*group.law.states.values(), TEMPERATURE_SCALE, 1.0])
             shares = [weights[..., slot] for slot in slots[:-1]]
+            if self._rubber.remembers:
+                share, share_by_shift = self._rubber.rate_shares(
+                    heat[..., shifts], weights[..., shifts], group.wires
+                )
+                shares.append(share)
 
             def weighted(
-                arguments: list, law: WireLaw = group.law, shares: list = shares
+                arguments: list, group: _Alike = group, shares: list = shares
             ) -> list[np.ndarray]:
-                *x, V, D = arguments
-                rates = [*law.rates(x, D, self._ambient), law.reading_rate(V, x)]
+                rates = self._group_rates(group, arguments)
                 return [sum(share * rate for share, rate in zip(shares, rates, strict=True))]
 
-            (second,) = hessians(weighted, [point[..., slot] for slot in slots], scales)
+            (second,) = hessians(weighted, arguments, scales)
             _add_blocks(result, slots, second)
+            if self._rubber.remembers:
+                outputs = functools.partial(self._group_rates, group)
+                partials = gradients(outputs, arguments, scales)
+                for column, values in zip(slots, partials[-1], strict=True):
+                    mixed = share_by_shift * values[..., None, :]
+                    result[..., shifts, _indices(column)] += mixed
+                    result[..., _indices(column), shifts] += mixed.swapaxes(-1, -2)
         return result
 
     def force_hessian(
@@ -323,7 +342,7 @@ class Wires:
         """
         result = np.zeros((*states.shape, self.num_states))
         theta: np.ndarray | float = 0.0
-        if self.torque_needs_angle:
+        if self._laws_need_angle:
             points, theta = states[..., None, :], angles[..., :, None]
             shares = weights[..., :, None] * self.directions
         else:
@@ -338,7 +357,7 @@ class Wires:
             arguments = [points[..., column] for column in group.states]
             scales = np.array(list(group.law.states.values()))
             (second,) = hessians(weighted, arguments, scales)
-            if self.torque_needs_angle:
+            if self._laws_need_angle:
                 second = second.sum(axis=-2)
             _add_blocks(result, group.states, second)
         return result

@@ -35,7 +35,7 @@ def twin_folder(tmp_path_factory):
 
 def test_the_model_is_calibrated_to_its_own_parameters(true_limb, model_recordings):
     """k within 1%, σ, a1, a2, a3 within 3%, β within 2%."""
-    calibration = calibrate(model_recordings, LimbParameters())
+    calibration = calibrate(model_recordings, LimbParameters(), method="paper")
     found, true = calibration.parameters.segments[0], true_limb.segments[0]
     assert found.stiffness == pytest.approx(true.stiffness, rel=0.01)
     assert found.damping == pytest.approx(true.damping, rel=0.03)
@@ -49,7 +49,7 @@ def test_the_model_is_calibrated_to_its_own_parameters(true_limb, model_recordin
     assert [remark.kind for remark in calibration.remarks] == ["few"]  # trials of the sag
     assert calibration.verdict.startswith("Use with care: too few trials; the model is 0.")
     sags = {"sag": model_recordings["sag"] * 3}
-    enough = calibrate(model_recordings | sags, LimbParameters())
+    enough = calibrate(model_recordings | sags, LimbParameters(), method="paper")
     assert enough.remarks == []
     said = (
         r"Good enough to plan with: the model is 0\.\d° \(0% of its range\) from the limb's bend .*"
@@ -63,7 +63,8 @@ def test_description_keeps_what_is_not_calibrated(model_recordings):
     (left,), (right,) = model_recordings["left"], model_recordings["right"]
     of_a_board = copy.deepcopy(right)
     of_a_board.parameters.board = SerialBoard("twin0007")
-    calibration = calibrate({"left": [left], "right": [of_a_board, right]}, description)
+    recordings = {"left": [left], "right": [of_a_board, right]}
+    calibration = calibrate(recordings, description, method="paper")
     assert calibration.parameters.board == SerialBoard("twin0007")
     assert "Of 2 recordings of the kind right only the first was used." in map(
         str, calibration.remarks
@@ -99,7 +100,7 @@ SAGS = (0.95, 0.98, 1.04)
 
 
 def test_errors_and_covariance_of_a_calibration_are_data_in_its_file(sagging_and_heated, tmp_path):
-    calibration = calibrate(sagging_and_heated(1.0))
+    calibration = calibrate(sagging_and_heated(1.0), method="paper")
     calibration.parameters.save(tmp_path / "limb.yaml")
     record = LimbParameters.load(tmp_path / "limb.yaml").calibration
     assert record == calibration.parameters.calibration
@@ -125,7 +126,7 @@ def test_errors_and_covariance_of_a_calibration_are_data_in_its_file(sagging_and
         assert rates_of_a_wire or multiples_of_k, pair
     # What β shares with k: both as the whole calibration moves when the limb sags a little more.
     names = ["stiffness", "left.beta", "right.beta"]
-    more = calibrate(sagging_and_heated(1.001)).estimates
+    more = calibrate(sagging_and_heated(1.001), method="paper").estimates
     moved = [more[name].value - calibration.estimates[name].value for name in names]
     slopes = np.array(moved) / moved[0]
     rows = [record.names.index(name) for name in names]
@@ -136,7 +137,7 @@ def test_errors_and_covariance_of_a_calibration_are_data_in_its_file(sagging_and
 
 def test_a_record_goes_with_the_limb_until_it_is_calibrated_anew(sagging_and_heated, tmp_path):
     recordings = sagging_and_heated(1.0)
-    limb = calibrate(recordings).parameters
+    limb = calibrate(recordings, method="paper").parameters
     first = limb.calibration
     held = simulate(Limb(limb), [0.0, 0.1], 1.0)
     held.save(tmp_path / "held.csv")
@@ -145,13 +146,13 @@ def test_a_record_goes_with_the_limb_until_it_is_calibrated_anew(sagging_and_hea
     trajectory.save(tmp_path / "plan.csv")
     assert Trajectory.load(tmp_path / "plan.csv").parameters.calibration == first
     del recordings["sag"]
-    again = calibrate(recordings, limb, heat="temperature")
+    again = calibrate(recordings, limb, method="paper", heat="temperature")
     assert again.parameters.calibration.names[:2] == ["ambient_temperature", "left.a1"]
     assert limb.calibration == first
 
 
 def test_a_calibration_shows_itself_in_short():
-    fits = dict.fromkeys(("stiffness", "damping", "validation"))
+    fits = dict.fromkeys(("stiffness", "damping", "prediction", "validation"))
     lists = {name: [] for name in ("heat", "heat_compared", "force")}
     calibration = Calibration(
         LimbParameters(), Estimate(23.0, 0.1, "°C"), **fits, **lists, sources={}
@@ -162,7 +163,7 @@ def test_a_calibration_shows_itself_in_short():
 
 def test_missing_and_unknown_recordings_are_named(model_recordings, tmp_path):
     with pytest.raises(CalibrationError, match="only the left wire heated"):
-        calibrate({"right": model_recordings["right"]})
+        calibrate({"right": model_recordings["right"]}, method="paper")
     with pytest.raises(CalibrationError, match="'up' is no kind of recording"):
         calibrate({"up": model_recordings["right"]})
     with pytest.raises(CalibrationError, match="There is no folder"):
@@ -250,18 +251,22 @@ def test_json_says_what_is_in_the_files(twin_folder, tmp_path, capsys, monkeypat
 
 def test_heat_from_temperature_alone_is_an_option(model_recordings):
     recordings = {kind: model_recordings[kind] for kind in ("left", "right")}
-    calibration = calibrate(recordings, heat="temperature")
+    calibration = calibrate(recordings, method="paper", heat="temperature")
     assert [fit.method for fit in calibration.heat] == ["temperature"] * 2
     assert [fit.method for fit in calibration.heat_compared] == ["bend"] * 2
 
 
 def test_command_collects(tmp_path, capsys, monkeypatch):
-    recording = simulate(Limb(), [0.0, 0.0], 1.0)
-    monkeypatch.setattr(
-        "calibration.__main__.collect_from_twin",
-        lambda twin, **_: {"sag": [recording] * 2, "both": [recording]},
-    )
-    assert main(["collect", "-o", str(tmp_path / "new"), "--emulated", "3"]) == 0
+    recording, twins = simulate(Limb(), [0.0, 0.0], 1.0), []
+
+    def collect(twin, **_):
+        twins.append(twin.source)
+        return {"sag": [recording] * 2, "both": [recording]}
+
+    monkeypatch.setattr("calibration.__main__.collect_from_twin", collect)
+    arguments = ["collect", "-o", str(tmp_path / "new"), "--emulated", "3", "--extra", "bond"]
+    assert main(arguments) == 0
+    assert twins == ["emulated limb, seed 3, with bond"]
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
         "both.csv",
         "sag_1.csv",

@@ -6,12 +6,20 @@ from pydrake.systems.analysis import Simulator
 
 from calibration import BendAngleController, EquilibriumSchedule, collect_equilibria
 from hardware import LimbTwin
-from limb_systems import Limb, LimbError, LimbParameters, Recording
+from limb_systems import (
+    HystereticLaw,
+    Limb,
+    LimbError,
+    LimbParameters,
+    Recording,
+    RestMemory,
+    TwoMassLaw,
+)
 
 
-def duty_after(actuated, error_deg, measured=(25.0, 25.0), duration=0.0, **options):
+def duty_after(actuated, error_deg, measured=(25.0, 25.0), duration=0.0, *, limb=None, **options):
     """Duty for a constant error after some time."""
-    controller = BendAngleController(LimbParameters(), actuated, **options)
+    controller = BendAngleController(limb or LimbParameters(), actuated, **options)
     context = controller.CreateDefaultContext()
     controller.GetInputPort("bend_angle").FixValue(context, [0.0])
     controller.GetInputPort("measured_temperature").FixValue(context, measured)
@@ -38,6 +46,27 @@ def test_proportional_part_heats_the_wire_on_the_side_of_the_error():
 def test_integral_part_grows_at_the_pole_of_the_wire():
     rise = duty_after("right", 5, duration=10.0)[1] - duty_after("right", 5)[1]
     assert rise == pytest.approx(GAIN * 0.07 * np.deg2rad(5.0) * 10.0, rel=0.02)
+
+
+@pytest.mark.parametrize("memory", [None, RestMemory(shift=0.0)])
+@pytest.mark.parametrize("law", [TwoMassLaw(), HystereticLaw()])
+def test_wires_that_remember_are_controlled_by_what_they_do_once_they_are_settled(law, memory):
+    """Of the torque at 62.5 °C on heating, and of wires and silicone in a lasting heat."""
+    limb = LimbParameters()
+    limb.segments[0].rest_memory = memory
+    for wire in limb.wires:
+        wire.law = law
+    slope = 4.7e-4
+    if isinstance(law, HystereticLaw):
+        share = np.exp((62.5 - 66.0) / 9.0)
+        start = 1.0 + np.exp((25.0 - 66.0) / 9.0)
+        slope = 0.038 * start * share / (1.0 + share) ** 2 / 9.0
+    gain = 1.5 / (3 * slope / 0.1246 * 20 / 0.08 * (1 + 0.004 / 0.012))
+    error = np.deg2rad(5.0)
+    first = duty_after("right", 5, limb=limb)[1]
+    assert first == pytest.approx(gain * error, rel=0.02)
+    rise = duty_after("right", 5, duration=10.0, limb=limb)[1] - first
+    assert rise == pytest.approx(gain * 0.08 * error * 10.0, rel=0.02)
 
 
 def test_duty_is_limited_and_the_integral_does_not_wind_up():

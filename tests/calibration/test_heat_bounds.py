@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import calibrate
 from calibration.collect import WARM_UP_MARGIN, collect_warm_up
@@ -11,7 +12,7 @@ from calibration.heat_bounds import fit_heat_bounds
 from hardware import LimbTwin
 from hardware.emulation.simulated_board import SimulatedBoard
 from hardware.firmware import guard, heat
-from limb_systems import Limb, LimbParameters, simulate
+from limb_systems import Limb, LimbParameters, TwoMassLaw, simulate
 from limb_systems.model.heat_bounds import HeatBounds
 
 
@@ -46,6 +47,20 @@ def test_bounds_of_a_limb_contain_its_other_motions():
         }
         assert dataclasses.replace(fitted, **unfitted) == described  # what readings do not tell
         assert_contains_another_motion(fitted)
+
+
+def test_bounds_around_a_law_contain_wires_in_warm_silicone():
+    """From cold to a lasting heat, and while it cools."""
+    limb = LimbParameters()
+    limb.wires[1].law = TwoMassLaw()
+    duty = PiecewisePolynomial.ZeroOrderHold([0.0, 120.0, 240.0], [[0.0, 0.0, 0.0], [0.2, 0, 0]])
+    recording = simulate(Limb(limb), duty, 240.0)
+    observer = heat.WireObserver(0.0)
+    observer.bounds = dataclasses.astuple(limb.heat_bounds[1])
+    step = recording.time[1]
+    for applied, wire in zip(recording.duty[1], recording.wire_temperature[1, 1:], strict=False):
+        observer.advance(applied, step, 0.0)
+        assert observer.least_reading < wire - 25.0 < observer.most + 0.5
 
 
 def test_a_wire_that_was_not_heated_keeps_its_bounds():
@@ -105,7 +120,7 @@ def test_a_limb_that_is_not_as_described_has_wider_bounds(described):
 
 
 def test_calibration_has_bounds_and_keeps_them_in_its_file(model_recordings, tmp_path):
-    calibrated = calibrate(model_recordings).parameters
+    calibrated = calibrate(model_recordings, method="paper").parameters
     calibrated.save(tmp_path / "limb.yaml")
     loaded = LimbParameters.load(tmp_path / "limb.yaml")
     for wire, bounds in zip(loaded.wires, calibrated.heat_bounds, strict=True):

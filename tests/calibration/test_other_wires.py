@@ -80,7 +80,7 @@ def test_kinds_are_in_the_order_of_collecting(dorsal_and_ventral):
 
 
 def test_dorsal_and_ventral_are_calibrated_to_their_own_parameters(dorsal_and_ventral, folder):
-    calibration = calibrate(folder)
+    calibration = calibrate(folder, method="paper")
     found, true = calibration.parameters.segments[0], dorsal_and_ventral.segments[0]
     assert found.stiffness == pytest.approx(true.stiffness, rel=0.01)
     for name in ("dorsal", "ventral"):

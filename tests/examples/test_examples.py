@@ -137,7 +137,7 @@ def test_plan_export_replay(tmp_path):
 
 
 def test_calibrate_from_csv(tmp_path):
-    """k holds the limb at its sag, by the statics of small angles."""
+    """k holds the limb at its sag, whose α/2 was recorded, by the statics of small angles."""
     said = run([EXAMPLES / "calibrate_from_csv.py", "-o", tmp_path], tmp_path).stdout
     limb = LimbParameters.load(tmp_path / "limb.yaml")
     (segment,) = limb.segments
@@ -145,10 +145,14 @@ def test_calibrate_from_csv(tmp_path):
         np.genfromtxt(path, delimiter=",", names=True)
         for path in (tmp_path / "emulated_log").glob("sag*.csv")
     ]
-    sag = -np.deg2rad(np.mean([log["degrees"][-100:] for log in logs]))
-    cubes = (np.arange(segment.links) + 1.0) ** 3
+    sags = -np.deg2rad([log["degrees"][-100:].mean() for log in logs])
+    sag = np.sum(sags**2) / np.sum(sags)  # least squares over trials, which differ by degrees
+    links = segment.links
+    # With N links beyond a joint, its torque is that of N² / n² of the weight at half the length.
+    squares = (np.arange(links) + 1.0) ** 2
     weight = segment.mass * 9.81 * segment.length
-    stiffness = weight * cubes.sum() / (2 * segment.links**3 * sag)
+    half_tangent = (links + 1) / (2 * links + 1) * (squares.sum() + squares[0] / 2)
+    stiffness = weight / (2 * links**2) * half_tangent / sag
     assert segment.stiffness == pytest.approx(stiffness, rel=0.05)
     assert limb.ambient_temperature == pytest.approx(
         np.mean([log["temp_l"] for log in logs]), abs=2

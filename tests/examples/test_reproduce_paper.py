@@ -140,7 +140,7 @@ def test_split_of_a_limb_that_is_a_model_finds_its_parameters(evaluation):
     assert steps["parameters"][1] == pytest.approx(0.5, abs=0.1)
 
 
-def test_rollouts_that_the_board_would_have_stopped_are_counted_and_compared_up_to_then(
+def test_rollouts_that_were_aborted_are_counted_and_compared_up_to_then(
     evaluation,
 ):
     calibrated, times = LimbParameters(), np.linspace(0.0, 40.0, 401)

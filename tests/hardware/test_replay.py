@@ -163,14 +163,14 @@ def test_a_controller_with_other_ports_is_refused(fig5_plan, controller, sentenc
         replay(fig5_plan, Limb(), controller=controller)
 
 
-def test_a_replay_ends_where_the_board_would_have_switched_off(fig5_plan, tmp_path, capsys):
-    """A plan by a model that takes its wires for weak: on the limb they get too hot."""
+def test_a_replay_ends_at_the_board_s_limit(fig5_plan, tmp_path, capsys):
+    """A plan by which the limb's wires get too hot."""
     eager = dataclasses.replace(beginning(fig5_plan, 201), duty=0 * fig5_plan.duty[:, :201] + 0.7)
     journal = tmp_path / "journal.csv"
     recording = replay(eager, LimbTwin(seed=0), journal=journal)
     assert 1.0 < recording.time[-1] < 19.0
-    said = r"the (left|right) wire was measured at 110 °C or more, where the board switches off"
-    assert re.fullmatch(said, recording.interrupted)
+    said = "wire was measured at 110 °C or more, the limit at which a board switches off"
+    assert re.fullmatch(f"the (left|right) {said}", recording.interrupted)
     assert recording.measured_temperature[:, -4:].max() >= 110.0
     assert recording.measured_temperature[:, :-4].max() < 110.0
     assert (recording.applied_duty[:, :-1] > 0.6).all()
@@ -294,6 +294,13 @@ def test_a_plan_that_was_calibrated_through_an_emulated_port_is_for_that_limb(
     assert "calibration of the emulated limb 3, not 5" in capsys.readouterr().err
     assert main(arguments) == 0
     assert Recording.load(tmp_path / "recording.csv").source == "emulated limb, seed 3"
+
+
+def test_command_emulates_a_limb_with_extra_effects(monkeypatch):
+    twins = []
+    monkeypatch.setattr("hardware.__main__.emulate", lambda twin, *_: twins.append(twin.source))
+    assert main(["emulate", "--emulated", "3", "--extra", "memory", "--extra", "bond"]) == 0
+    assert twins == ["emulated limb, seed 3, with memory, with bond"]
 
 
 def test_command_says_what_is_wrong_with_a_file(tmp_path, capsys):

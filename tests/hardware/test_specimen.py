@@ -16,9 +16,15 @@ from hardware.emulation.twin import LimbTwin
 from hardware.emulation.wires import ShapeMemoryWires
 from limb_systems import (
     ChordSensor,
+    HystereticLaw,
     LimbError,
     LimbParameters,
+    LinearLaw,
+    RestMemory,
+    SaturatingLaw,
+    ThresholdLaw,
     TipTangentSensor,
+    TwoMassLaw,
     simulate,
     tip_position,
 )
@@ -174,7 +180,7 @@ def test_latent_heat_is_taken_up_and_given_back():
 def test_rubber_stiffens_and_relaxes_as_stated():
     specimen = Specimen(LimbParameters(), 0)
     (physics,) = specimen.segments
-    rest, at_45 = 2 * physics.rest_angle / 6, 2 * np.deg2rad(45.0) / 6
+    rest, at_45 = 2 * physics.rest_offset / 6, 2 * np.deg2rad(45.0) / 6
     rubber = Rubber(specimen)
     context = rubber.CreateDefaultContext()
     bent = np.concatenate([np.full(5, at_45), np.zeros(5)])
@@ -248,11 +254,39 @@ def test_without_rubber_and_bend_sensor_a_cold_limb_reads_zero():
     specimen = Specimen(LimbParameters(), 3)
     exact = specimen.without("stress", "bend sensor")
     crooked = simulate(LimbTwin(specimen=exact), [0.0, 0.0], 2.0)
-    rest = specimen.segments[0].rest_angle
+    rest = specimen.segments[0].rest_offset
     assert crooked.bend_angle == pytest.approx(np.full((1, 41), rest), abs=np.deg2rad(0.051))
     straight = simulate(LimbTwin(specimen=specimen.without("rubber", "bend sensor")), [0, 0], 2.0)
     assert straight.bend_angle == pytest.approx(np.zeros((1, 41)), abs=1e-6)
     assert straight.source == "emulated limb, seed 3, without rubber, without bend sensor"
+
+
+def test_the_angle_at_rest_is_the_described_one_with_what_was_drawn():
+    """Once, and rubber stiffens from the described angle on."""
+    description = LimbParameters()
+    segment = description.segments[0]
+    segment.rest_angle, segment.stiffening, segment.rest_memory = 0.3, 0.2, RestMemory()
+    specimen = Specimen(description, 3).without("stress", "bend sensor")
+    drawn = specimen.segments[0].rest_offset
+    assert drawn == Specimen(LimbParameters(), 3).segments[0].rest_offset
+    for limb, rest in ((specimen.without("rubber"), 0.3), (specimen, 0.3 + drawn)):
+        cold = simulate(LimbTwin(specimen=limb), [0.0, 0.0], 2.0)
+        assert cold.bend_angle == pytest.approx(np.full((1, 41), rest), abs=np.deg2rad(0.051))
+
+
+@pytest.mark.parametrize("law", [TwoMassLaw, ThresholdLaw, SaturatingLaw, HystereticLaw])
+def test_limbs_are_drawn_around_laws_with_silicone(law):
+    """As around the paper's law that has the same rates, and the same torque at T_max."""
+    description, paper = LimbParameters(), LimbParameters()
+    for wire, described in zip(description.wires, paper.wires, strict=True):
+        wire.law = law(a1=-0.09, a2=24.0, a3=-1.2)
+        torque = wire.law.torque(wire.law.warm_states(100.0, 25.0), 25.0, 0.0)
+        described.law = LinearLaw(-0.09, 24.0, -1.2, float(torque) / 75.0)
+    expected = Specimen(paper, 3).wires
+    for found, wire in zip(Specimen(description, 3).wires, expected, strict=True):
+        assert dataclasses.astuple(found) == pytest.approx(dataclasses.astuple(wire))
+    recording = simulate(LimbTwin(description, seed=3), [0.0, 0.3], 3.0)
+    assert recording.bend_angle[0, -1] > 0.02
 
 
 def test_a_seed_below_zero_is_refused():

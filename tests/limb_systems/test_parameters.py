@@ -20,6 +20,7 @@ from limb_systems import (
     CalibrationRecord,
     ChordSensor,
     EmulatedLimb,
+    HystereticLaw,
     LimbError,
     LimbParameters,
     LinearLaw,
@@ -28,6 +29,7 @@ from limb_systems import (
     SerialBoard,
     TemperatureLimits,
     TipTangentSensor,
+    WireLaw,
     WireParameters,
 )
 from limb_systems.model.heat_bounds import BOUNDED, HeatBounds
@@ -403,6 +405,29 @@ def test_heat_bounds_are_around_a_law_that_is_described():
         _ = parameters.heat_bounds
 
 
+def test_heat_bounds_around_a_law_with_silicone_are_those_of_cold_and_of_warm_silicone():
+    parameters = LimbParameters()
+    parameters.wires[0].law = HystereticLaw(-0.1, 22.0, -2.0, 0.006, 0.012)
+    left, _ = parameters.heat_bounds
+    lasting = 0.1 * 0.012 / 0.018
+    expected = (0.6 * lasting, 1.36 * 0.1, 0.85 * 22.0, 1.15 * 22.0, 0.5 * 2.0)
+    assert dataclasses.astuple(left) == pytest.approx(expected)
+
+
+@dataclasses.dataclass
+class SilentLaw(WireLaw):
+    """Does not say how fast its wire heats and cools."""
+
+
+def test_a_law_that_does_not_say_how_fast_it_heats_has_no_heat_bounds():
+    parameters = LimbParameters()
+    parameters.wires[1].law = SilentLaw()
+    with pytest.raises(LimbError, match=r"SilentLaw does not say .* add the method typical_rates"):
+        _ = parameters.heat_bounds
+    parameters.wires[1].heat_bounds = HeatBounds()
+    assert parameters.heat_bounds[1] == HeatBounds()
+
+
 # Values out of range
 
 
@@ -456,7 +481,7 @@ POSITIVE = {"total_duty", *(field.name for field in dataclasses.fields(HeatBound
 POSITIVE |= {"a2", "beta", "links", "length", "mass", "width", "thickness", "stiffness", "gain"}
 NOT_NEGATIVE = {"damping", "warm_up_time", "noise", "drift", "stiffening", "shift", "rate"}
 ANY_SIGN = {"ambient_temperature", "gravity", "maximum", "warm", "e2", "e3", "offset"}
-ANY_SIGN |= {"rest_angle"}
+ANY_SIGN |= {"rest_angle", "measured_maximum"}
 
 
 def name_of(leaf: Leaf) -> str:
@@ -580,7 +605,7 @@ def test_folder_is_refused_by_name(refused, tmp_path):
         LimbParameters.load(tmp_path)
 
 
-@pytest.mark.parametrize("size", [10, 100, 300, 340])
+@pytest.mark.parametrize("size", [10, 100, 420, 540])
 def test_truncated_file_is_refused(refused, tmp_path, size):
     path = tmp_path / "limb.yaml"
     path.write_text(LimbParameters().to_yaml()[:size])

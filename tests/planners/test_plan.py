@@ -19,6 +19,7 @@ from limb_systems import (
 from limb_systems.model.statics import static_equilibrium
 from planners import (
     InfeasibleError,
+    Planner,
     PlanningError,
     Task,
     ipopt,
@@ -416,3 +417,28 @@ def test_a_planner_whose_knots_are_too_few_says_so():
     planner = planning.Planner(cold_parameters(), np.linspace(0.0, 2.0, 21), tolerance_deg=1e-3)
     with pytest.raises(PlanningError, match="failed its check: simulating the planned duty"):
         planner.plan(at_once)
+
+
+def test_readings_stay_below_the_boards_maximum_by_a_margin():
+    limb, times = LimbParameters(), np.linspace(0.0, 40.0, 161)
+    reference = references.from_samples([0, 22, 25, 40], np.deg2rad([0, 0, 30, 30]))
+    free = Planner(limb, times).plan(reference)
+    limb.temperature_limits.measured_maximum = 80.0
+    trajectory = Planner(limb, times, measured_margin=[5.0, 12.0]).plan(reference)
+    assert free.measured_temperature[1].max() > 70.0
+    assert trajectory.measured_temperature[1].max() == pytest.approx(68.0, abs=1e-3)
+    bounds = {active.bound for active in trajectory.check.active_constraints}
+    assert "reading right = measured_maximum" in bounds
+    assert "reading left = measured_maximum" not in bounds
+
+
+def test_a_reading_above_the_boards_maximum_is_refused():
+    limb, hot = cold_parameters(), np.r_[np.zeros(10), 60.0, 60.0, 60.0, 99.0]
+    limb.temperature_limits.measured_maximum = 80.0
+    with pytest.raises(InfeasibleError, match=r"right wire reads .* let it cool first"):
+        plan(limb, short_reference(), initial_state=hot)
+
+
+def test_a_margin_must_be_of_each_wire():
+    with pytest.raises(PlanningError, match="measured_margin is"):
+        Planner(LimbParameters(), [0.0, 1.0], measured_margin=[1.0, 2.0, 3.0])

@@ -11,6 +11,9 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.planning import DirectCollocationConstraint
 from pydrake.symbolic import Expression, Variable
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
     HystereticLaw,
@@ -19,9 +22,11 @@ from limb_systems import (
     LimbParameters,
     LinearLaw,
     RestMemory,
+    SaturatingLaw,
     SegmentParameters,
     ThresholdLaw,
     Trajectory,
+    TwoMassLaw,
     WireLaw,
     WireParameters,
     Wires,
@@ -31,6 +36,7 @@ from limb_systems import (
 )
 from limb_systems.model.statics import static_equilibrium
 from limb_systems.schema import quantity
+from limb_systems.simulation import make_simulator
 from planners import InfeasibleError, plan, references
 from planners.chain import PlanarChain
 from planners.defects import LimbDefects
@@ -131,6 +137,13 @@ LIMBS = {
     "mixed": mixed_limb,
     "remembering": remembering_limb,
     "soft": soft_limb,
+}
+
+
+TWO_MASS_LAWS = {
+    "threshold": ThresholdLaw,
+    "saturating": SaturatingLaw,
+    "hysteretic": HystereticLaw,
 }
 
 
@@ -291,6 +304,51 @@ def test_the_hessian_is_the_difference_of_jacobians(limb):
             )
 
 
+@pytest.mark.parametrize("name", [*LIMBS, *TWO_MASS_LAWS])
+def test_the_curvature_of_the_wires_is_that_of_the_constraints_by_heat_and_duty(name):
+    """The second derivatives of the wires' laws against differences of the Jacobian."""
+    limb = LIMBS[name]() if name in LIMBS else limb_with(*[TWO_MASS_LAWS[name]()] * 2)
+    generator, step, n = np.random.default_rng(3), 0.1, limb.num_joints
+    states, duty = random_state(limb, generator, 2)
+    transformed = [s.startswith("xi") for s in Wires(limb).state_names]
+    states[:, 2 * n :][:, np.flatnonzero(transformed)] /= 100.0
+    defects = LimbDefects(Limb(limb), 2, step)
+    multipliers = generator.normal(size=(1, states.shape[1]))
+    point = np.r_[states.ravel(), duty.ravel(), step]
+
+    def gradient(point):
+        parts = np.split(point, [states.size, states.size + duty.size])
+        parts = parts[0].reshape(states.shape), parts[1].reshape(duty.shape), parts[2]
+        nonzeros = defects.jacobian(*parts)[0] * multipliers[0, defects.rows]
+        return np.bincount(defects.columns, weights=nonzeros, minlength=len(point))
+
+    heat = np.arange(2 * n, states.shape[1])
+    of_wires = np.r_[heat, states.shape[1] + heat, np.arange(states.size, len(point) - 1)]
+    scales = np.r_[np.tile(Wires(limb).heat_scales, 2), np.ones(duty.size)]
+    expected = np.empty((len(of_wires), len(of_wires)))
+    for row, (index, scale) in enumerate(zip(of_wires, scales, strict=True)):
+        change = 1e-6 * scale * np.eye(len(point))[index]
+        slope = (gradient(point + change) - gradient(point - change)) / (2e-6 * scale)
+        expected[row] = slope[of_wires] * scale * scales
+    found = np.zeros((len(point), len(point)))
+    found[defects.wire_hessian_rows, defects.wire_hessian_columns] = defects.wire_hessian(
+        states, duty, np.array([step]), multipliers
+    )[0]
+    found += np.tril(found, -1).T
+    found = found[np.ix_(of_wires, of_wires)] * scales[:, None] * scales
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize(
+    ("law", "most"), [(TwoMassLaw, 20), (ThresholdLaw, 15), (SaturatingLaw, 20)]
+)
+def test_the_first_attempt_plans_fig_5_in_few_iterations(law, most):
+    reference = references.step_and_decaying_sine()
+    check = plan(limb_with(law(), law()), reference, knot_rate=5.0).check
+    assert check.solver in ("IPOPT, Gauss-Newton", "IPOPT, curvature of the wires")
+    assert check.iterations <= most
+
+
 @pytest.mark.parametrize("name", ["quadratic", "silicone", "radiating", "soft"])
 def test_plans_are_found_checked_and_saved(name, tmp_path):
     limb = LIMBS[name]()
@@ -312,6 +370,19 @@ def test_plans_are_found_checked_and_saved(name, tmp_path):
     assert states.shape == (Wires(limb).num_states, len(trajectory.time))
 
 
+def test_hysteresis_and_a_memory_of_the_rubber_are_planned_with_their_curvature():
+    """The warm-up and the first motion, in which the wires heat and the rest angle moves."""
+    limb = limb_with(HystereticLaw(), HystereticLaw())
+    limb.segments[0].rest_angle, limb.segments[0].stiffening = 0.05, 0.3
+    limb.segments[0].rest_memory = RestMemory()
+    reference = references.from_samples([0, 12, 15, 20], np.deg2rad([0, 0, 15, 15]))
+    trajectory = plan(limb, reference, knot_rate=5.0)
+    assert trajectory.check.failure() is None
+    assert trajectory.check.largest_difference_deg < 0.1
+    assert trajectory.check.solver == "IPOPT, curvature of the wires"
+    assert trajectory.check.iterations <= 40
+
+
 def test_the_yaml_names_the_law(tmp_path):
     limb = limb_with(QuadraticLaw(beta_2=1e-7), LinearLaw())
     limb.save(tmp_path / "limb.yaml")
@@ -325,6 +396,14 @@ def test_temperature_limits_are_those_of_the_law():
     """At full duty the silicone law's wire settles where both flows balance."""
     limb = limb_with(SiliconeLaw(heating=1.5), SiliconeLaw(heating=1.5))
     steady = 25.0 + 1.5 / 0.25 + 1.5 / 0.25 * 0.06 / 0.05
+    with pytest.raises(InfeasibleError, match=f"never gets above {steady:.4g} °C"):
+        plan(limb, references.from_samples([0.0, 40.0], [0.0, 0.1]), knot_rate=2.0)
+
+
+def test_a_memory_does_not_hinder_the_check_of_temperature_limits():
+    limb = limb_with(HystereticLaw(a2=0.5), HystereticLaw(a2=0.5))
+    limb.segments[0].rest_memory = RestMemory()
+    steady = 25.0 + 0.5 / 0.08 * (1 + 0.004 / 0.012)
     with pytest.raises(InfeasibleError, match=f"never gets above {steady:.4g} °C"):
         plan(limb, references.from_samples([0.0, 40.0], [0.0, 0.1]), knot_rate=2.0)
 
@@ -345,6 +424,20 @@ def test_statics_hold_the_other_states_until_they_settle():
     )
     np.testing.assert_allclose(recording.wire_temperature[:, -1], [80.0, 60.0], atol=0.01)
     np.testing.assert_allclose(recording.joint_state[:5, -1], angles, atol=1e-4)
+
+
+def test_nonlinear_torque_does_not_hold_up_the_integrator():
+    limb = Limb(limb_with(ThresholdLaw(), ThresholdLaw()))
+    builder = DiagramBuilder()
+    builder.AddSystem(limb)
+    times = np.arange(0.0, 2.0, 0.1)
+    duty = 0.3 + 0.3 * np.sin(times / 3 + np.array([[0.0], [2.0]]))
+    source = builder.AddSystem(TrajectorySource(PiecewisePolynomial.FirstOrderHold(times, duty)))
+    builder.Connect(source.get_output_port(), limb.GetInputPort("duty"))
+    simulator = make_simulator(builder.Build(), 3e-4)
+    for end in (0.01, 0.02, 0.05, 0.1, 0.2):
+        simulator.AdvanceTo(end)
+    assert simulator.get_integrator().get_num_steps_taken() < 500
 
 
 def test_a_law_out_of_its_range_is_refused():

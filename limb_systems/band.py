@@ -1,0 +1,86 @@
+"""How far a limb may be from a plan: the limbs that its calibration cannot tell apart."""
+
+import dataclasses
+
+import numpy as np
+
+from limb_systems.files.trajectory import Trajectory
+from limb_systems.model.ensemble import draw_ensemble, stacked
+from limb_systems.model.limb import split_state
+from limb_systems.model.open_loop import OpenLoop
+
+MEMBERS = 64
+STEP = 0.25  # s, of simulation
+BEND_QUANTILE = 1.96  # standard deviations, of 95% of the limbs
+READING_QUANTILE = 2.6  # of 995 of 1000 limbs, on one side, for each of two wires
+MEAN_TO_DEVIATION = 1.25  # of the mean of |x| to the standard deviation of x, if x is normal
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Band:
+    """Where a limb of one segment may be that is driven with a plan's duty, open loop.
+
+    - ``time``: since the start of the plan (M,), s.
+    - ``bend_angle``: half-width of the band about φ* that has 95% of all limbs (M,), rad.
+    - ``wire_temperature``, ``measured_temperature``: how far T and V may be above
+      the plan's, in 995 of 1000 limbs for each wire (W, M), °C.
+    - ``highest_readings``: the highest V, likewise (W,), °C.
+    """
+
+    time: np.ndarray
+    bend_angle: np.ndarray
+    wire_temperature: np.ndarray
+    measured_temperature: np.ndarray
+    highest_readings: np.ndarray
+
+
+def band(trajectory: Trajectory, seed: int = 0) -> Band | None:
+    """The band about a plan, from the covariance of its limb's calibration.
+
+    What the form of the law leaves is in it as well: the errors with which the
+    calibration predicted motions that it was not fitted to.
+
+    Args:
+        seed: of the limbs that are drawn.
+
+    Returns:
+        None if the limb is not calibrated by prediction, or has several segments.
+    """
+    parameters, plan = trajectory.parameters, trajectory.since_start()
+    record = parameters.calibration
+    if record is None or not record.bend_error or len(parameters.segments) > 1:
+        return None
+    num_steps = max(1, int(np.ceil(plan.duration / STEP)))
+    ends = np.linspace(0.0, plan.duration, num_steps + 1)
+    duty = plan.duty_trajectory().vector_values((ends[:-1] + ends[1:]) / 2).T
+    limbs = [parameters, *draw_ensemble(parameters, MEMBERS, seed)]
+    law, ambient, rubber = stacked(limbs)
+    states, readings = split_state(parameters, plan.state[:, 0])[2:]
+    num_wires = len(parameters.wires)
+    of_laws = len(law.states) * num_wires
+    initial = [*states[:of_laws].reshape(-1, num_wires), readings]
+    open_loop = OpenLoop(duty[:, np.newaxis], ends[1], parameters.segments[0])
+    temperature, reading, bend = open_loop.simulate(
+        law,
+        ambient[:, np.newaxis],
+        [np.broadcast_to(value, (len(limbs), 1, num_wires)) for value in initial],
+        rubber,
+    )
+    temperature, reading, bend = temperature[:, :, 0], reading[:, :, 0], bend[:, :, 0]
+    bend_form = MEAN_TO_DEVIATION * record.bend_error
+    heat_form = MEAN_TO_DEVIATION * record.temperature_error
+
+    def above(signals: np.ndarray) -> np.ndarray:
+        """How far limbs may be above the first (.., W), from the others' deviation and the form."""
+        spread = np.hypot(signals[..., 1:, :].std(axis=-2), heat_form)
+        mean = signals[..., 1:, :].mean(axis=-2) - signals[..., 0, :]
+        return np.maximum(0.0, mean) + READING_QUANTILE * spread
+
+    highest = reading.max(axis=0)
+    return Band(
+        time=ends,
+        bend_angle=BEND_QUANTILE * np.hypot(bend[:, 1:].std(axis=1), bend_form),
+        wire_temperature=above(temperature).T,
+        measured_temperature=above(reading).T,
+        highest_readings=highest[0] + above(highest),
+    )
