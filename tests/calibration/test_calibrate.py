@@ -28,7 +28,9 @@ from planners import plan, references
 def twin_folder(tmp_path_factory):
     """Recordings of an emulated limb, with few equilibria."""
     folder = tmp_path_factory.mktemp("twin")
-    recordings = collect_from_twin(LimbTwin(seed=5), num_angles=3, longest=35.0, cooling_time=60.0)
+    recordings = collect_from_twin(
+        LimbTwin(seed=5), num_angles=3, longest=35.0, cooling_time=60.0, protocol="paper"
+    )
     save_recordings(recordings, folder)
     return folder
 
@@ -188,7 +190,8 @@ def test_validation_of_the_truth_has_no_error_and_of_another_limb_has(true_limb,
 
 def test_command_fits_and_validates_an_emulated_limb(twin_folder, tmp_path, capsys):
     limb, report, plot = (tmp_path / name for name in ("limb.yaml", "report.html", "fig4.png"))
-    assert main(["fit", str(twin_folder), "-o", str(limb), "--report", str(report)]) == 0
+    fit = ["fit", str(twin_folder), "-o", str(limb), "--report", str(report), "--method", "paper"]
+    assert main(fit) == 0
     said = capsys.readouterr().out
     assert "correction factor λ   1.8" in said
     calibrated = LimbParameters.load(limb)
@@ -220,7 +223,7 @@ def test_json_says_what_is_in_the_files(twin_folder, tmp_path, capsys, monkeypat
     monkeypatch.setattr("calibration.__main__.write_report", lambda _, path: path.write_text(""))
     limb, report, plot = (tmp_path / name for name in ("limb.yaml", "report.html", "fig4.png"))
     fit = ["fit", str(twin_folder), "-o", str(limb), "--report", str(report), "--json"]
-    assert main(fit) == 0
+    assert main([*fit, "--method", "paper"]) == 0
     said = json.loads(capsys.readouterr().out)
     found = LimbParameters.load(limb)
     (segment,) = found.segments
@@ -319,6 +322,7 @@ def test_command_collects_from_a_robot(tmp_path, monkeypatch):
     monkeypatch.setattr("builtins.input", asked.append)
     LimbParameters(ambient_temperature=21.5).save(tmp_path / "limb.yaml")
     arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path / "new"), "--seed", "3"]
+    arguments += ["--protocol", "paper"]
     assert main([*arguments, "--angles", "2", "-l", str(tmp_path / "limb.yaml")]) == 0
     assert ports == ["/dev/robot"] * 6
     names = ["sag_1", "ring_down_1", "warm_up", "right", "left", "both"]

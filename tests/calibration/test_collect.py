@@ -1,16 +1,30 @@
 """The controller, the schedule, and recordings collected with them."""
 
+import re
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from calibration import BendAngleController, EquilibriumSchedule, collect_equilibria
+from calibration import (
+    BendAngleController,
+    EquilibriumSchedule,
+    Knowledge,
+    calibrate,
+    collect_equilibria,
+    collect_excitation,
+    collect_from_robot,
+    collect_from_twin,
+    collect_warm_up,
+    excitations,
+)
 from hardware import LimbTwin
 from limb_systems import (
     HystereticLaw,
     Limb,
     LimbError,
     LimbParameters,
+    LinearLaw,
     Recording,
     RestMemory,
     TwoMassLaw,
@@ -185,3 +199,83 @@ def test_a_seed_below_zero_is_refused():
 def test_schedules_that_make_no_sense_are_refused(arguments):
     with pytest.raises(LimbError, match="there must be an angle at least"):
         collect_equilibria(Limb(), "right", **arguments)
+
+
+@pytest.fixture
+def short_excitations(monkeypatch):
+    """Two of the excitations, and a motion."""
+    whole = excitations
+
+    def few(num_wires, seed=0):
+        return [e for e in whole(num_wires, seed) if e.name in ("conditioning", "motion_1")]
+
+    monkeypatch.setattr("calibration.collect.excitations", few)
+
+
+def test_excitations_tell_how_well_they_were_predicted(short_excitations):
+    told = []
+    recordings = collect_from_twin(
+        LimbTwin(seed=2), protocol="excitation", sag_trials=1, ring_downs=1, tell=told.append
+    )
+    assert {kind: len(group) for kind, group in recordings.items()} == {
+        "sag": 1,
+        "ring_down": 1,
+        "heated": 2,  # with the warm-up
+        "motion": 1,
+    }
+    found = [re.search(r"^(\w+): predicted to ([\d.]+)° and ([\d.]+) °C", line) for line in told]
+    assert [match[1] for match in found] == ["conditioning", "motion_1"]
+    assert all(float(match[2]) < 8.0 for match in found)
+    assert max(r.measured_temperature.max() for r in recordings["heated"]) < 100.0
+
+
+def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
+    short_excitations, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("calibration.collect.SAG_TRIALS", 1)
+    monkeypatch.setattr("calibration.collect.RING_DOWNS", 1)
+    waited, asked, told = [], [], []
+    monkeypatch.setattr("calibration.collect._wait", lambda pause, _: waited.append(pause))
+
+    class Robot(Limb):
+        __slots__ = ()
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    def collect():
+        asked.clear()
+        collect_from_robot(
+            Robot,
+            LimbParameters(),
+            tmp_path,
+            lambda what: asked.append(what.split(":")[0]),
+            protocol="excitation",
+            tell=told.append,
+        )
+
+    collect()
+    assert asked == ["sag_1", "ring_down_1", "warm_up", "conditioning and what follows"]
+    assert waited == [120.0]
+    assert len(told) == 2
+    (tmp_path / "motion_1.csv").unlink()
+    collect()
+    assert asked == ["motion_1 and what follows"]
+    calibration = calibrate(tmp_path, laws=(LinearLaw,))
+    assert calibration.prediction.judges == "1 motion left out of the fit"
+    assert calibration.parameters.wires[0].law.a2 == pytest.approx(20.0, rel=0.03)
+
+
+def test_duty_is_limited_by_the_hottest_limb_that_recordings_allow():
+    """A wire that heats five times as fast as described, known from a warm-up alone."""
+    fast = LimbParameters()
+    for wire in fast.wires:
+        wire.law = TwoMassLaw(a1=-0.3, a2=100.0, silicone_warming=0.05, silicone_cooling=0.05)
+    warm_up = collect_warm_up(Limb(fast))
+    knowledge = Knowledge(LimbParameters(), [warm_up])
+    (pulses,) = [e for e in excitations(2) if e.name == "conditioning"]
+    recording = collect_excitation(Limb(fast), pulses, knowledge.limb)
+    assert 70.0 < recording.wire_temperature.max() < 102.0

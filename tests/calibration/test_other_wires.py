@@ -163,7 +163,8 @@ def test_three_wires_are_collected_as_four_kinds(tmp_path, monkeypatch):
         WireParameters("near", 0.0034, 0.003),
         WireParameters("far", 0.0034, -0.003),
     )
-    collect_from_robot(Robot, limb, tmp_path, asked.append, num_angles=2, longest=30.0)
+    options = {"num_angles": 2, "longest": 30.0, "protocol": "paper"}
+    collect_from_robot(Robot, limb, tmp_path, asked.append, **options)
     names = ["sag_1", "ring_down_1", "warm_up", "near", "far", "low", "both"]
     assert [what.split(":")[0] for what in asked] == names
     assert "towards its low wire" in asked[0]

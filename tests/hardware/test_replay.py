@@ -315,18 +315,23 @@ def test_command_says_what_is_wrong_with_a_file(tmp_path, capsys):
 def test_the_shell_and_python_replay_on_the_limb_that_was_recorded(tmp_path, capsys):
     """Collected, calibrated, planned and replayed, one way and the other: the same recording."""
     recordings = collect_from_twin(
-        LimbTwin(seed=3), num_angles=4, cooling_time=60.0, sag_trials=1, ring_downs=1
+        LimbTwin(seed=3),
+        num_angles=4,
+        cooling_time=60.0,
+        sag_trials=1,
+        ring_downs=1,
+        protocol="paper",
     )
     save_recordings(recordings, tmp_path / "recordings")
     reference = references.from_samples([0.0, 4.0], np.deg2rad([0.0, 6.0]))
-    trajectory = plan(calibrate(recordings).parameters, reference)
+    trajectory = plan(calibrate(recordings, method="paper").parameters, reference)
     ours = replay(trajectory, LimbTwin.of(trajectory.parameters))
     assert ours.source == "emulated limb, seed 3"
 
     (tmp_path / "reference.csv").write_text("0,0\n4,6\n")
     names = ("recordings", "limb.yaml", "reference.csv", "plan.csv", "recording.csv")
     folder, limb, drawn, planned, output = (str(tmp_path / name) for name in names)
-    assert calibration_main(["fit", folder, "-o", limb]) == 0
+    assert calibration_main(["fit", folder, "-o", limb, "--method", "paper"]) == 0
     assert planners_main([drawn, "-l", limb, "-o", planned]) == 0
     assert main(["replay", planned, "-o", output]) == 0
     theirs = Recording.load(output)

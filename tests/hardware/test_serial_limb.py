@@ -346,7 +346,7 @@ def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
         asked.append(what.split(":")[0])
 
     def collect():
-        options = {"num_angles": 1, "longest": 20.0}
+        options = {"num_angles": 1, "longest": 20.0, "protocol": "paper"}
         collect_from_robot(Closing, LimbParameters(), tmp_path, ask, **options)
 
     def stop(_, done, remark=""):
