@@ -115,7 +115,7 @@ def test_errors_and_covariance_of_a_calibration_are_data_in_its_file(sagging_and
     assert record.validation == ""
     errors, covariance = np.array(record.standard_errors), np.array(record.covariance)
     np.testing.assert_array_equal(covariance, covariance.T)
-    np.testing.assert_array_equal(np.diag(covariance), errors**2)
+    np.testing.assert_allclose(np.diag(covariance), errors**2, rtol=1e-12)
     scales = np.where(errors > 0, errors, 1.0)  # nothing disturbs the model's T0
     correlation = covariance / np.outer(scales, scales)
     assert np.linalg.eigvalsh(correlation).min() > -1e-9
