@@ -1,5 +1,6 @@
 """The controller, the schedule, and recordings collected with them."""
 
+import dataclasses
 import re
 
 import numpy as np
@@ -203,19 +204,30 @@ def test_schedules_that_make_no_sense_are_refused(arguments):
 
 @pytest.fixture
 def short_excitations(monkeypatch):
-    """Two of the excitations, and a motion."""
+    """The beginning of one of them, with both wires, and of a motion."""
     whole = excitations
 
     def few(num_wires, seed=0):
-        return [e for e in whole(num_wires, seed) if e.name in ("conditioning", "motion_1")]
+        chosen = [e for e in whole(num_wires, seed) if e.name in ("conditioning", "motion_1")]
+        return [
+            dataclasses.replace(e, pause=5.0, course=e.course.slice(0, segments))
+            for e, segments in zip(chosen, (7, 3), strict=True)
+        ]
 
     monkeypatch.setattr("calibration.collect.excitations", few)
+    monkeypatch.setattr("calibration.collect.WARM_UP_TIME", 25.0)
+    monkeypatch.setattr("calibration.collect.WARM_UP_END", 40.0)
 
 
 def test_excitations_tell_how_well_they_were_predicted(short_excitations):
     told = []
     recordings = collect_from_twin(
-        LimbTwin(seed=2), protocol="excitation", sag_trials=1, ring_downs=1, tell=told.append
+        LimbTwin(seed=2),
+        protocol="excitation",
+        sag_trials=1,
+        ring_downs=1,
+        cooling_time=10.0,
+        tell=told.append,
     )
     assert {kind: len(group) for kind, group in recordings.items()} == {
         "sag": 1,
@@ -235,6 +247,8 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     monkeypatch.setattr("calibration.collect.SAG_TRIALS", 1)
     monkeypatch.setattr("calibration.collect.RING_DOWNS", 1)
     waited, asked, told = [], [], []
+    limb = LimbParameters()
+    limb.wires[1].law.a2 = 22.0
     monkeypatch.setattr("calibration.collect._wait", lambda pause, _: waited.append(pause))
 
     class Robot(Limb):
@@ -249,7 +263,7 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     def collect():
         asked.clear()
         collect_from_robot(
-            Robot,
+            lambda described: Robot(dataclasses.replace(limb, gravity=described.gravity)),
             LimbParameters(),
             tmp_path,
             lambda what: asked.append(what.split(":")[0]),
@@ -259,14 +273,14 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
 
     collect()
     assert asked == ["sag_1", "ring_down_1", "warm_up", "conditioning and what follows"]
-    assert waited == [120.0]
+    assert waited == [5.0]
     assert len(told) == 2
     (tmp_path / "motion_1.csv").unlink()
     collect()
     assert asked == ["motion_1 and what follows"]
     calibration = calibrate(tmp_path, laws=(LinearLaw,))
     assert calibration.prediction.judges == "1 motion left out of the fit"
-    assert calibration.parameters.wires[0].law.a2 == pytest.approx(20.0, rel=0.03)
+    assert calibration.parameters.wires[1].law.a2 == pytest.approx(22.0, rel=0.03)
 
 
 def test_duty_is_limited_by_the_hottest_limb_that_recordings_allow():
