@@ -25,12 +25,11 @@ from calibration.heat_bounds import fit_heat_bounds
 from calibration.kinds import kinds_of
 from calibration.prediction import LawFit, Predicted, fit_law
 from calibration.report import calibration_summary, write_report
-from calibration.selection import LAWS, Candidate, Prediction
+from calibration.selection import Candidate, Prediction
 from calibration.stiffness import StiffnessFit, fit_stiffness
 from calibration.validation import Validation, validate
 
 __all__ = [
-    "LAWS",
     "BendAngleController",
     "Calibration",
     "CalibrationError",

@@ -19,7 +19,7 @@ from pydrake.systems.framework import System
 from pydrake.trajectories import PiecewisePolynomial
 
 import hardware.robot.serial_limb
-from calibration import BendAngleController, EquilibriumSchedule
+from calibration import BendAngleController, EquilibriumSchedule, LimitedDuty, excitations
 from hardware import LimbTwin, SensedLimb, SerialLimb
 from hardware.emulation.hand import Hand
 from hardware.emulation.rubber import RestShift, Rubber
@@ -30,6 +30,7 @@ from hardware.emulation.wires import ShapeMemoryWires
 from hardware.robot.journal import Journal
 from limb_systems import (
     BendAngle,
+    CalibrationRecord,
     HeatBounds,
     InverseThermocoupleLag,
     JouleHeating,
@@ -252,6 +253,12 @@ class Board:
     sample = close = info
 
 
+def known_limb() -> LimbParameters:
+    """The nominal limb, with a heating rate that was calibrated."""
+    record = CalibrationRecord(["left.a2"], [20.0], [1.0], [[1.0]])
+    return LimbParameters(calibration=record)
+
+
 @pytest.fixture
 def make_system(monkeypatch):
     monkeypatch.setattr(hardware.robot.serial_limb, "BoardLink", Board)
@@ -268,6 +275,7 @@ def make_system(monkeypatch):
         LimbVisualizer: lambda: LimbVisualizer(parameters, Meshcat()),
         BendAngleController: lambda: BendAngleController(parameters, "right"),
         EquilibriumSchedule: lambda: EquilibriumSchedule([0.1]),
+        LimitedDuty: lambda: LimitedDuty(known_limb(), excitations(2)[0].course),
         LimbTwin: LimbTwin,
         SensedLimb: lambda: SensedLimb(Limb()),
         CutOut: lambda: CutOut(2, 0.05),

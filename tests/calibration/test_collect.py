@@ -18,6 +18,7 @@ from calibration import (
     collect_from_twin,
     collect_warm_up,
     excitations,
+    load_recordings,
 )
 from hardware import LimbTwin
 from limb_systems import (
@@ -278,7 +279,9 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     (tmp_path / "motion_1.csv").unlink()
     collect()
     assert asked == ["motion_1 and what follows"]
-    calibration = calibrate(tmp_path, laws=(LinearLaw,))
+    recordings = load_recordings(tmp_path)
+    del recordings["sag"], recordings["ring_down"]  # the model's, which nobody has bent
+    calibration = calibrate(recordings, laws=(LinearLaw,))
     assert calibration.prediction.judges == "1 motion left out of the fit"
     assert calibration.parameters.wires[1].law.a2 == pytest.approx(22.0, rel=0.03)
 
