@@ -17,11 +17,15 @@ class Estimate:
     value: float
     standard_error: float
     unit: str
+    may_be_zero: bool = False
 
     @property
     def told(self) -> bool:
-        """Whether the data determine it: its standard error is no larger than itself."""
-        return self.standard_error <= abs(self.value)
+        """Whether the data determine it: its standard error is no larger than itself.
+
+        What may be zero is always told.
+        """
+        return self.may_be_zero or self.standard_error <= abs(self.value)
 
     def __str__(self) -> str:
         if not self.told:

@@ -92,7 +92,10 @@ class LawFit:
         """The parameters by name, with their standard errors."""
         return {
             u.name: Estimate(
-                float(u.value(np.array(x))), float(abs(u.slope(x)) * np.sqrt(variance)), u.unit
+                float(u.value(np.array(x))),
+                float(abs(u.slope(x)) * np.sqrt(variance)),
+                u.unit,
+                may_be_zero=u.field == "rest_angle",
             )
             for u, x, variance in zip(
                 self.unknowns, self.fitted, np.diag(self.covariance), strict=True
