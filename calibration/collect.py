@@ -167,7 +167,7 @@ class Knowledge:
 
     Args:
         described: the limb as it was described.
-        recordings: made before, of any kinds.
+        recordings: made before: of ring-downs, for the angle at rest, and with heat.
     """
 
     LAW = HystereticLaw  # which has the other laws' shapes
@@ -305,7 +305,7 @@ def collect_from_twin(
         return recordings
     twin = twin.again(cooling_time, gravity=(0.0, 0.0, 0.0))
     recordings["heated"] = [collect_warm_up(twin)]
-    knowledge = Knowledge(twin.parameters, itertools.chain(*recordings.values()))
+    knowledge = Knowledge(twin.parameters, swings + recordings["heated"])
     recordings["motion"] = []
     for number, excitation in enumerate(excitations(len(twin.parameters.wires), seed)):
         twin = twin.again(excitation.pause if number else cooling_time)
@@ -400,9 +400,7 @@ def collect_from_robot(
 def _excite_robot(connect, level: LimbParameters, folder: Path, ask, seed: int, tell) -> None:
     """`excitations`, which run one after the other without the operator."""
     todo = excitations(len(level.wires), seed)
-    before = [path for path in sorted(folder.glob("*.csv")) if not is_unfinished(path)]
-    of_excitations = {f"{excitation.name}.csv" for excitation in todo}
-    before = [path for path in before if path.name not in of_excitations]
+    before = [*sorted(folder.glob("ring_down_?.csv")), folder / f"{WARM_UP}.csv"]
     knowledge = Knowledge(level, map(Recording.load, before))
     asked = False
     for excitation in todo:

@@ -1,6 +1,5 @@
 """A calibration to read: in lines of text, for programs, and as one HTML page."""
 
-import dataclasses
 import math
 from pathlib import Path
 from typing import Any
@@ -94,7 +93,8 @@ def calibration_facts(calibration: Calibration) -> dict[str, Any]:
         "verdict": calibration.verdict,
         "remarks": [remark.sentence for remark in calibration.remarks],
         "estimates": {
-            name: dataclasses.asdict(estimate) for name, estimate in calibration.estimates.items()
+            name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
+            for name, e in calibration.estimates.items()
         },
         "laws": prediction_facts(calibration.prediction) if calibration.prediction else None,
         "correction_factor": stiffness.correction_factor if stiffness else None,
