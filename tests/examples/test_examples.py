@@ -141,12 +141,23 @@ def test_calibrate_from_csv(tmp_path):
     said = run([EXAMPLES / "calibrate_from_csv.py", "-o", tmp_path], tmp_path).stdout
     limb = LimbParameters.load(tmp_path / "limb.yaml")
     (segment,) = limb.segments
-    logs = [
-        np.genfromtxt(path, delimiter=",", names=True)
-        for path in (tmp_path / "emulated_log").glob("sag*.csv")
+    by_kind = {
+        kind: [
+            np.genfromtxt(path, delimiter=",", names=True)
+            for path in (tmp_path / "emulated_log").glob(f"{kind}*.csv")
+        ]
+        for kind in ("sag", "ring_down", "right", "left", "both")
+    }
+    logs = by_kind.pop("sag")
+    # At rest it is where it is at the end of ring-downs, and where heating of cold wires begins.
+    rest = [log["degrees"][log["ms"] > log["ms"][-1] - 2000] for log in by_kind.pop("ring_down")]
+    rest += [
+        log["degrees"][log["ms"] < 1000]
+        for (log,) in by_kind.values()
+        if max(log["temp_l"][0], log["temp_r"][0]) < limb.ambient_temperature + 3
     ]
-    sags = -np.deg2rad([log["degrees"][-100:].mean() for log in logs])
-    sag = np.sum(sags**2) / np.sum(sags)  # least squares over trials, which differ by degrees
+    sags = [log["degrees"][-100:].mean() for log in logs]
+    sag = np.deg2rad(np.median([np.median(angles) for angles in rest]) - np.mean(sags))
     links = segment.links
     # With N links beyond a joint, its torque is that of N² / n² of the weight at half the length.
     squares = (np.arange(links) + 1.0) ** 2
