@@ -31,6 +31,7 @@ OPTIONS = ("stiffening", "rest_memory")  # of the rubber, which are tried with t
 BEND_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 3.0  # rad and °C of error that weigh the same
 FITTED_SHARE = 0.6  # of the only recording; the rest judges
 BLOCK = 10.0  # s, after which errors of prediction count as independent
+AT_BOUND = 0.02  # by which a fitted value may stay inside its bound and count as at it
 WORTH = 0.1  # of a scale: laws that differ by less predict alike
 
 
@@ -78,9 +79,6 @@ def beaten(simple: Candidate, other: Candidate) -> bool:
     difference = simple.errors - other.errors
     spread = difference.std(ddof=1) / np.sqrt(len(difference)) if len(difference) > 1 else 0.0
     return bool(difference.mean() > max(2 * spread, WORTH))
-
-
-AT_BOUND = 0.02  # by which a fitted value may stay inside its bound and count as at it
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
