@@ -417,8 +417,9 @@ def _excite_robot(connect, level: LimbParameters, folder: Path, ask, seed: int, 
             asked = True
         else:
             _wait(excitation.pause, f"resting before {excitation.name}")
+        known = knowledge.limb  # takes seconds, in which no robot should wait
         with connect(level) as limb:
-            recording = collect_excitation(limb, excitation, knowledge.limb, journal=path)
+            recording = collect_excitation(limb, excitation, known, journal=path)
         tell(f"{excitation.name}: {knowledge.add(recording, excitation.kind)}")
 
 
