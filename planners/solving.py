@@ -48,8 +48,10 @@ def solve_program(
 ) -> Solution:
     """Solves a trajectory program by the first of these that succeeds.
 
-    1. IPOPT with the Hessian of the cost alone (Gauss-Newton), unless the
-       duration is free: then the curvature of the cost alone is not enough;
+    1. unless the duration is free, where less than all curvature is not enough:
+       IPOPT with the Hessian of the cost alone (Gauss-Newton), or, if the wires'
+       laws are not affine, with their curvature as well, then the same with a
+       monotone barrier;
     2. IPOPT with the Hessian of the Lagrangian;
     3. the same with a monotone barrier;
     4. SNOPT.
