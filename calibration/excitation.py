@@ -178,11 +178,11 @@ class LimitedDuty(LeafSystem):
     def _start(self, context, discrete_state):
         measured = self.get_input_port().Eval(context)
         states = np.zeros(self._shape)
-        for row, cold, scale in zip(
-            states, self._law.cold_states(0.0), self._law.states.values(), strict=True
+        for row, cold, name in zip(
+            states, self._law.cold_states(0.0), self._law.states, strict=True
         ):
             # Silicone is at most as warm as what the thermocouple reads.
-            row[...] = measured if scale >= 10.0 else cold
+            row[...] = measured if self._law.is_temperature(name) else cold
         discrete_state.set_value(np.append(states.ravel(), np.zeros(self._num_wires)))
 
     def _update(self, context, discrete_state):

@@ -270,13 +270,13 @@ class _Problem:
         """Expected values of a recording's (Q,), and their spreads."""
         centers, spreads = [np.array([ambient])], [np.array([AMBIENT_SPREAD])]
         warmth, change = np.abs(course.first - ambient), COOLING_TIME * np.abs(course.slope)
-        for index, (cold, scale) in enumerate(
-            zip(self._law().cold_states(0.0), self._law.states.values(), strict=True)
+        for index, (cold, (name, scale)) in enumerate(
+            zip(self._law().cold_states(0.0), self._law.states.items(), strict=True)
         ):
             if index == 0:
                 centers.append(course.first)
                 spreads.append(READING_SPREAD + change)
-            elif scale >= 10.0:  # another temperature
+            elif self._law.is_temperature(name):
                 centers.append(course.first)
                 spreads.append(READING_SPREAD + change + 0.3 * warmth)
             else:

@@ -37,6 +37,11 @@ class WireLaw(Tagged):
     states: ClassVar[dict[str, float]] = {"T": TEMPERATURE_SCALE}
     settings: ClassVar[tuple[str, ...]] = ()
 
+    @classmethod
+    def is_temperature(cls, state: str) -> bool:
+        """Whether a state is a temperature, °C: its typical change is 10 or more."""
+        return cls.states[state] >= 10.0
+
     def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
         """Time derivatives of the states, in the order of ``states``, per second."""
         raise NotImplementedError
