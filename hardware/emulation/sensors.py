@@ -81,6 +81,10 @@ class SampledSensors(LeafSystem):
             for s in sensors
         ]
         self._memories = [np.exp(-s.period / s.drift_time) for s in sensors]
+        self._wanders = [
+            sensor.drift * np.sqrt(1 - memory**2)
+            for sensor, memory in zip(self._sensors, self._memories, strict=True)
+        ]
         self._noise = noise or Noise(np.random.default_rng(0))
         ends = np.cumsum([sensor.size for sensor in sensors])
         parts = [slice(int(e) - s.size, int(e)) for s, e in zip(sensors, ends, strict=True)]
@@ -110,19 +114,20 @@ class SampledSensors(LeafSystem):
         return lambda context, state: sample(index, context, state)
 
     def _sample(self, index: int, context, state):
-        sensor, part, memory = self._sensors[index], self._parts[index], self._memories[index]
+        sensor, part = self._sensors[index], self._parts[index]
         signal = sensor.response(self.get_input_port(index).Eval(context))
         noise, wander = self._draw(state, 2 * sensor.size).reshape(2, -1)
         offset = state.get_mutable_value(1)[part]
-        offset[:] = memory * offset + sensor.drift * np.sqrt(1 - memory**2) * wander
+        offset[:] = self._memories[index] * offset + self._wanders[index] * wander
         noisy = signal + sensor.noise * noise + offset
-        state.get_mutable_value(0)[part] = sensor.step * np.round(noisy / sensor.step)
+        state.get_mutable_value(0)[part] = sensor.step * np.rint(noisy / sensor.step)
 
     def _draw(self, state, count: int) -> np.ndarray:
         """The next numbers of the noise, as far as the sensors before have used it."""
         draws = state.get_mutable_value(2)
-        draws += count
-        return self._noise.read(int(draws[0]) - count, count)
+        start = int(draws[0])
+        draws[0] = start + count
+        return self._noise.read(start, count)
 
 
 def _show(part: slice):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from pydrake import trajectories
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem
+from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem, Multiplexer
 
 from hardware.emulation.hand import Hand
 from hardware.emulation.rubber import RestShift, Rubber
@@ -173,9 +173,12 @@ class LimbTwin(Diagram):
         }
         if remembers:
             parts["rest"] = rest.GetOutputPort("state")
-        memory = builder.AddSystem(_Memory(specimen, {k: p.size() for k, p in parts.items()}))
-        for name, port in parts.items():
-            builder.Connect(port, memory.GetInputPort(name))
+        sizes = {name: port.size() for name, port in parts.items()}
+        together = builder.AddSystem(Multiplexer(list(sizes.values())))
+        for index, port in enumerate(parts.values()):
+            builder.Connect(port, together.get_input_port(index))
+        memory = builder.AddSystem(_Memory(specimen, sizes))
+        builder.Connect(together.get_output_port(), memory.get_input_port())
 
         manipulator.SetDefaultPositions(state.get("joints", specimen.rest_angles())[:num_joints])
         smooth.configure_default_state(state.get("smooth", np.zeros(num_joints)))
@@ -284,31 +287,34 @@ class CutOut(LeafSystem):
 class _Memory(LeafSystem):
     """Keeps the state of the parts in their specimen, for limbs that are made from it later.
 
-    It has an input port for each part, with the part's name. Nothing in this
-    diagram reads the kept state, so simulations of two copies of its Context do
-    not affect each other. A later limb starts from the state of the last run.
+    Its input is the state of the parts one after the other, because each port that
+    is read takes time in every step. Nothing in this diagram reads the kept state, so
+    simulations of two copies of its Context do not affect each other. A later limb
+    starts from the state of the last run.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, specimen: Specimen, sizes: dict[str, int]):
         super().__init__()
-        self._specimen, self._names = specimen, list(sizes)
-        for name, size in sizes.items():
-            self.DeclareVectorInputPort(name, size)
+        self._specimen = specimen
+        ends = np.cumsum(list(sizes.values())).tolist()
+        self._parts = {
+            name: slice(end - size, end)
+            for (name, size), end in zip(sizes.items(), ends, strict=True)
+        }
+        self.DeclareVectorInputPort("state", ends[-1])
         self.DeclarePerStepPublishEvent(weak_method(self._remember))
         self.set_name("memory")
 
     def _remember(self, context):
-        self._specimen.state = {
-            name: self.get_input_port(index).Eval(context).copy()
-            for index, name in enumerate(self._names)
-        }
+        state = self.get_input_port(0).Eval(context)
+        self._specimen.state = {name: state[part] for name, part in self._parts.items()}
 
 
 def _bend_response(segments: Sequence[SegmentPhysics]):
     """A function from what exact bend sensors would show (S,) to what these do, rad."""
     gain = np.array([segment.sensor_gain for segment in segments])
-    curvature = np.array([segment.sensor_curvature for segment in segments])
+    curvature = np.array([segment.sensor_curvature for segment in segments]) / (np.pi / 4)
     offset = np.array([segment.sensor_offset for segment in segments])
-    return lambda angle: gain * angle * (1 + curvature * angle / (np.pi / 4)) + offset
+    return lambda angle: gain * angle * (1 + curvature * angle) + offset

@@ -1,9 +1,11 @@
 """The emulated wires: heat in two masses, and the shape-memory law of eqn (3)."""
 
+import math
+
 import numpy as np
 from pydrake.systems.framework import InputPortIndex, LeafSystem
 
-from hardware.emulation.specimen import Specimen
+from hardware.emulation.specimen import Specimen, WirePhysics
 from limb_systems.model.ownership import weak_method
 
 # The wires' fastest rates are those of heating, some °C in a tenth of a second,
@@ -63,18 +65,8 @@ class ShapeMemoryWires(LeafSystem):
         parameters, wires = specimen.description, specimen.wires
         num_wires, num_joints = len(wires), parameters.num_joints
         self._room, self._num_wires, self._num_joints = specimen.ambient, num_wires, num_joints
-
-        def gather(name: str) -> np.ndarray:
-            return np.array([getattr(wire, name) for wire in wires])
-
-        rates = [_heat_rates(w.fast_time, w.slow_time, w.silicone_share) for w in wires]
-        self._to_silicone, self._from_wire, self._to_room = np.array(rates).T
-        self._heating, self._latent_heat = gather("heating"), gather("latent_heat")
-        # A row for heating and one for cooling.
-        self._middle = np.array([gather("austenite"), gather("martensite")])
-        self._width = np.array([gather("austenite_width"), gather("martensite_width")])
-        self._shift, self._softness = gather("stress_shift"), 1 - gather("modulus_ratio")
-        self._expansion = gather("expansion")
+        self._wires = wires
+        self._rates = [_heat_rates(w.fast_time, w.slow_time, w.silicone_share) for w in wires]
         # φ towards the wire's own side is the mean joint angle times (n + 1) / 2, eqn (11).
         self._strain = np.zeros((num_wires, num_joints))
         self._torque = np.zeros((num_joints, num_wires))
@@ -112,61 +104,85 @@ class ShapeMemoryWires(LeafSystem):
         self.set_name("shape_memory_wires")
 
     def _step(self, context, discrete_state):
-        wire, silicone, martensite, strain_before = self._state(context)
-        duty = self._applied_duty(context)
         strain = self._strain @ self.get_input_port(1).Eval(context)[: self._num_joints]
+        duty = self._applied_duty(context)
+        parts = self._wires, self._rates, duty.tolist(), strain.tolist(), *self._state(context)
+        after = [self._after_step(*part) for part in zip(*parts, strict=True)]
+        discrete_state.set_value(np.array(after).T.ravel())
+
+    # Numbers of one wire, because arrays of two take several times as long.
+    def _after_step(
+        self,
+        wire: WirePhysics,
+        rates: tuple[float, float, float],
+        duty: float,
+        strain: float,
+        temperature: float,
+        silicone: float,
+        martensite: float,
+        strain_before: float,
+    ) -> tuple[float, float, float, float]:
+        """T, S, ξ and ε of a wire after a step from the latter four."""
+        to_silicone, from_wire, to_room = rates
         strain_rate = (strain - strain_before) / self._period
 
         # Without transformation T' would change at this rate, and its sign is that of Ṫ'.
-        heating = self._heating * duty - self._to_silicone * (wire - silicone)
-        modulus = 1 - martensite * self._softness
-        shifted = wire - self._shift * self._stress(wire, martensite, strain)
-        free_share = 1 - self._shift * self._expansion
-        free_rate = free_share * heating - self._shift * modulus * strain_rate
+        heating = wire.heating * duty - to_silicone * (temperature - silicone)
+        softness = 1 - wire.modulus_ratio
+        modulus = 1 - martensite * softness
+        stress = self._stress(wire, temperature, martensite, strain)
+        shifted = temperature - wire.stress_shift * stress
+        free_share = 1 - wire.stress_shift * wire.expansion
+        free_rate = free_share * heating - wire.stress_shift * modulus * strain_rate
         # ξ̇ = -κ Ṫ', and Ṫ' depends on ξ̇ in turn: by latent heat, and by stress.
-        curve = 1 / (1 + np.exp((shifted - self._middle) / self._width))
-        kappa = np.where(
-            free_rate > 0,
-            martensite * (1 - curve[0]) / self._width[0],
-            (1 - martensite) * curve[1] / self._width[1],
-        )
-        stress_by_martensite = -self._softness * (strain + 1 - martensite) - modulus
-        feedback = free_share * self._latent_heat - self._shift * stress_by_martensite
+        if free_rate > 0:
+            curve = _logistic((shifted - wire.austenite) / wire.austenite_width)
+            kappa = martensite * (1 - curve) / wire.austenite_width
+        else:
+            curve = _logistic((shifted - wire.martensite) / wire.martensite_width)
+            kappa = (1 - martensite) * curve / wire.martensite_width
+        stress_by_martensite = -softness * (strain + 1 - martensite) - modulus
+        feedback = free_share * wire.latent_heat - wire.stress_shift * stress_by_martensite
         martensite_rate = -kappa * free_rate / (1 + kappa * feedback)
-        wire_rate = heating + self._latent_heat * martensite_rate
-        silicone_rate = self._from_wire * (wire - silicone) - self._to_room * (
-            silicone - self._room
-        )
-        discrete_state.set_value(
-            np.concatenate(
-                [
-                    wire + self._period * wire_rate,
-                    silicone + self._period * silicone_rate,
-                    martensite + self._period * martensite_rate,
-                    strain,
-                ]
-            )
+        temperature_rate = heating + wire.latent_heat * martensite_rate
+        silicone_rate = from_wire * (temperature - silicone) - to_room * (silicone - self._room)
+        return (
+            temperature + self._period * temperature_rate,
+            silicone + self._period * silicone_rate,
+            martensite + self._period * martensite_rate,
+            strain,
         )
 
-    def _state(self, context) -> np.ndarray:
-        return context.get_discrete_state_vector().value().reshape(4, self._num_wires)
+    def _state(self, context) -> list[list[float]]:
+        """T, S, ξ and ε of all wires."""
+        state = context.get_discrete_state_vector().value()
+        return state.reshape(4, self._num_wires).tolist()
 
-    def _stress(self, wire, martensite, strain) -> np.ndarray:
-        modulus = 1 - martensite * self._softness
-        return modulus * (strain + 1 - martensite) + self._expansion * (wire - self._room)
+    def _stress(
+        self, wire: WirePhysics, temperature: float, martensite: float, strain: float
+    ) -> float:
+        modulus = 1 - martensite * (1 - wire.modulus_ratio)
+        return modulus * (strain + 1 - martensite) + wire.expansion * (temperature - self._room)
 
     def _calc_force(self, context, output):
-        wire, _, martensite, strain = self._state(context)
-        output.SetFromVector(self._torque @ self._stress(wire, martensite, strain))
+        temperature, _, martensite, strain = self._state(context)
+        parts = self._wires, temperature, martensite, strain
+        stress = [self._stress(*part) for part in zip(*parts, strict=True)]
+        output.SetFromVector(self._torque @ stress)
 
     def _applied_duty(self, context) -> np.ndarray:
-        return PWM_STEP * np.round(self.get_input_port(0).Eval(context) / PWM_STEP)
+        return PWM_STEP * np.rint(self.get_input_port(0).Eval(context) / PWM_STEP)
 
     def _calc_duty(self, context, output):
         output.SetFromVector(self._applied_duty(context))
 
     def _calc_temperature(self, context, output):
         output.SetFromVector(self._state(context)[0])
+
+
+def _logistic(x: float) -> float:
+    """1 / (1 + exp(x)), which does not overflow."""
+    return 0.5 - 0.5 * math.tanh(0.5 * x)
 
 
 def _heat_rates(fast_time: float, slow_time: float, share: float) -> tuple[float, float, float]:
@@ -178,5 +194,5 @@ def _heat_rates(fast_time: float, slow_time: float, share: float) -> tuple[float
     """
     rate_sum = 1 / fast_time + 1 / slow_time
     product = 1 / (fast_time * slow_time * (1 - share))
-    silicone = (rate_sum - np.sqrt(rate_sum**2 - 4 * product)) / 2  # d + e, the slower root
+    silicone = (rate_sum - math.sqrt(rate_sum**2 - 4 * product)) / 2  # d + e, the slower root
     return rate_sum - silicone, share * silicone, (1 - share) * silicone

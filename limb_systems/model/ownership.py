@@ -17,6 +17,6 @@ from collections.abc import Callable
 
 def weak_method(method: Callable) -> Callable:
     """A bound method as a callback that does not keep its object alive."""
-    reference = weakref.WeakMethod(method)
+    owner, function = weakref.ref(method.__self__), method.__func__  # type: ignore[attr-defined]
     # Drake calls back only while the system is alive.
-    return lambda *arguments: reference()(*arguments)  # type: ignore[misc]
+    return lambda *arguments: function(owner(), *arguments)
