@@ -32,7 +32,7 @@ def to_recording(path, limb):
 
 def log_emulated_limb(limb, folder):
     """What a lab's logger might write, of fewer and shorter equilibria than one should record."""
-    few = {"num_angles": 3, "longest": 35, "cooling_time": 60, "sag_trials": 3, "protocol": "paper"}
+    few = {"num_angles": 2, "longest": 25, "cooling_time": 60, "ring_downs": 1, "protocol": "paper"}
     csv = {"delimiter": ",", "comments": "", "header": "ms,duty_l,duty_r,temp_l,temp_r,degrees"}
     folder.mkdir(parents=True, exist_ok=True)
     for kind, group in calibration.collect_from_twin(LimbTwin(limb), **few).items():

@@ -6,7 +6,7 @@ replays each plan five times open loop, and writes Table I, Figs. 4 to 7, where
 the error comes from, and all the data to a folder. Nothing but the split of the
 error knows what an emulated limb is made of.
 
-    python examples/reproduce_paper.py [FOLDER] [--quick] [--limbs N] [--extra memory]
+    python examples/reproduce_paper.py [FOLDER] [--quick] [--limbs N] [--protocol paper]
 """
 
 import argparse
@@ -24,7 +24,7 @@ from pathlib import Path
 from calibration import save_recordings
 from calibration.report import calibration_summary
 from calibration.report import write_report as write_calibration_report
-from evaluation.experiment import NUM_ROLLOUTS, NUM_STEPS, Experiment, run_experiment
+from evaluation.experiment import NUM_ANGLES, NUM_ROLLOUTS, NUM_STEPS, Experiment, run_experiment
 from evaluation.figures import figures
 from evaluation.report import EMULATED, write_report
 from evaluation.tables import (
@@ -59,6 +59,18 @@ def main() -> int:
         "--rollouts", type=int, default=NUM_ROLLOUTS, help="of each plan (default %(default)s)"
     )
     parser.add_argument(
+        "--protocol",
+        choices=("all", "paper"),
+        default="all",
+        help="recordings to calibrate to: all, or the paper's alone (default %(default)s)",
+    )
+    parser.add_argument(
+        "--angles",
+        type=int,
+        default=NUM_ANGLES,
+        help="equilibria of each recording of the paper's (default %(default)s)",
+    )
+    parser.add_argument(
         "--extra",
         action="append",
         default=[],
@@ -66,8 +78,8 @@ def main() -> int:
         help="an effect that all limbs have beside those of every limb",
     )
     options = parser.parse_args()
-    if options.limbs < 1 or options.rollouts < 1:
-        parser.error("--limbs and --rollouts must be one or more")
+    if min(options.limbs, options.rollouts, options.angles) < 1:
+        parser.error("--limbs, --rollouts and --angles must be one or more")
     stopped = f"stopped; limbs that were finished are in {options.folder}"
     return run_command(lambda: _reproduce(options), stopped)
 
@@ -88,10 +100,10 @@ def _reproduce(options) -> int:
         def tell(step: str) -> None:
             print(f"{next(steps)}/{NUM_STEPS + 1} {step} ...", flush=True)
 
-        results = [_run(*jobs[0], folder, tell)]
+        results = [_run(*jobs[0], options, tell)]
         tell("drawing figures, and writing the report")
     else:
-        results = _run_all(jobs, folder)
+        results = _run_all(jobs, options)
     summaries = [summary for summary, _ in results]
     shown = results[0][1]
 
@@ -126,12 +138,12 @@ def _reproduce(options) -> int:
     return 0
 
 
-def _run_all(jobs: list, folder: Path) -> list[tuple[Summary, Experiment | None]]:
+def _run_all(jobs: list, options: argparse.Namespace) -> list[tuple[Summary, Experiment | None]]:
     """All jobs on all cores, in their order."""
     context = multiprocessing.get_context("spawn")
     results = {}
     with concurrent.futures.ProcessPoolExecutor(mp_context=context, initializer=_hush) as pool:
-        futures = {pool.submit(_run, *job, folder): job for job in jobs}
+        futures = {pool.submit(_run, *job, options): job for job in jobs}
         try:
             for future in concurrent.futures.as_completed(futures):
                 seed, _, absent, *_ = job = futures[future]
@@ -159,14 +171,21 @@ def _run(
     absent: tuple[str, ...],
     num_rollouts: int,
     compare: bool,
-    folder: Path,
+    options: argparse.Namespace,
     tell: Callable[[str], object] = lambda step: None,
 ) -> tuple[Summary, Experiment | None]:
     """One limb; its files are written, and the first limb is returned as well."""
     specimen = Specimen(LimbParameters(), seed, extra).without(*absent)
-    experiment = run_experiment(specimen, num_rollouts, tell, compare=compare)
+    experiment = run_experiment(
+        specimen,
+        num_rollouts,
+        tell,
+        compare=compare,
+        protocol=options.protocol,
+        num_angles=options.angles,
+    )
     if not absent:
-        _save(experiment, folder / f"limb_{seed}")
+        _save(experiment, options.folder / f"limb_{seed}")
     return summarize(experiment), None if seed or absent else experiment
 
 

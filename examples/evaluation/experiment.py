@@ -78,6 +78,8 @@ def run_experiment(
     tell: Callable[[str], object] = lambda step: None,
     *,
     compare: bool = True,
+    protocol: str = "all",
+    num_angles: int = NUM_ANGLES,
 ) -> Experiment:
     """Takes a new limb through Secs. V to VII.
 
@@ -86,10 +88,12 @@ def run_experiment(
         num_rollouts: of each plan; those with other laws are rolled out once.
         tell: is called before each of the `NUM_STEPS` steps, with what comes.
         compare: whether to plan with the paper's calibration and with other laws, too.
+        protocol, num_angles: of the recordings, "all" or "paper", and how many equilibria each
+            of Sec. V has; see `collect_from_twin`.
     """
     tell("recording it as calibration wants it")
     recordings = collect_from_twin(
-        LimbTwin(specimen=specimen), seed=specimen.seed, num_angles=NUM_ANGLES
+        LimbTwin(specimen=specimen), seed=specimen.seed, num_angles=num_angles, protocol=protocol
     )
     tell("calibrating the model to the recordings")
     calibration = calibrate(recordings)

@@ -26,10 +26,16 @@ from planners import plan, references
 
 @pytest.fixture(scope="module")
 def twin_folder(tmp_path_factory):
-    """Recordings of an emulated limb, with few equilibria."""
+    """Recordings of an emulated limb, with few trials and equilibria."""
     folder = tmp_path_factory.mktemp("twin")
     recordings = collect_from_twin(
-        LimbTwin(seed=5), num_angles=3, longest=35.0, cooling_time=60.0, protocol="paper"
+        LimbTwin(seed=5),
+        num_angles=3,
+        longest=35.0,
+        cooling_time=60.0,
+        sag_trials=3,
+        ring_downs=1,
+        protocol="paper",
     )
     save_recordings(recordings, folder)
     return folder

@@ -224,7 +224,8 @@ def test_excitations_tell_how_well_they_were_predicted(short_excitations):
     told = []
     recordings = collect_from_twin(
         LimbTwin(seed=2),
-        protocol="excitation",
+        num_angles=1,
+        longest=5.0,
         sag_trials=1,
         ring_downs=1,
         cooling_time=10.0,
@@ -233,6 +234,9 @@ def test_excitations_tell_how_well_they_were_predicted(short_excitations):
     assert {kind: len(group) for kind, group in recordings.items()} == {
         "sag": 1,
         "ring_down": 1,
+        "right": 1,
+        "left": 1,
+        "both": 1,
         "heated": 2,  # with the warm-up
         "motion": 1,
     }
@@ -240,6 +244,21 @@ def test_excitations_tell_how_well_they_were_predicted(short_excitations):
     assert [match[1] for match in found] == ["conditioning", "motion_1"]
     assert all(float(match[2]) < 8.0 for match in found)
     assert max(r.measured_temperature.max() for r in recordings["heated"]) < 100.0
+
+
+def test_protocols_leave_out_equilibria_or_excitations(monkeypatch):
+    monkeypatch.setattr("calibration.collect.excitations", lambda *_: [])
+    monkeypatch.setattr("calibration.collect.WARM_UP_TIME", 1.0)
+    monkeypatch.setattr("calibration.collect.WARM_UP_END", 2.0)
+    few = {"num_angles": 1, "longest": 1.0, "cooling_time": 1.0, "sag_trials": 1, "ring_downs": 0}
+    kinds = {
+        protocol: list(collect_from_twin(LimbTwin(seed=2), protocol=protocol, **few))
+        for protocol in ("all", "excitation", "paper")
+    }
+    passive, held, excited = ["sag", "ring_down"], ["right", "left", "both"], ["heated", "motion"]
+    assert kinds["all"] == passive + held + excited
+    assert kinds["excitation"] == passive + excited
+    assert kinds["paper"] == passive + held
 
 
 def test_robot_is_excited_and_goes_on_where_it_was_interrupted(

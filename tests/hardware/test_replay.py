@@ -316,7 +316,8 @@ def test_the_shell_and_python_replay_on_the_limb_that_was_recorded(tmp_path, cap
     """Collected, calibrated, planned and replayed, one way and the other: the same recording."""
     recordings = collect_from_twin(
         LimbTwin(seed=3),
-        num_angles=4,
+        num_angles=2,
+        longest=30.0,
         cooling_time=60.0,
         sag_trials=1,
         ring_downs=1,
