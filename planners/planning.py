@@ -11,17 +11,16 @@ from pydrake.solvers import SolverInterface
 
 from limb_systems import (
     ActiveConstraint,
-    Limb,
     LimbParameters,
     PlanCheck,
     Trajectory,
     Wires,
     band,
-    simulate,
     split_state,
 )
 from limb_systems.model.statics import static_equilibrium
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
+from planners.check import simulated_differences
 from planners.program import TrajectoryProgram, reading_bounds
 from planners.quasi_static import (
     check_temperature_limits,
@@ -32,12 +31,7 @@ from planners.quasi_static import (
 from planners.solving import PlanningError, Solution, solve_program
 from planners.task import Task
 
-# Accuracy of the simulation that a plan is checked with: its bend angle is
-# within 0.0015° of that at accuracy 1e-6, for the Fig. 5 reference and for
-# steps to 170°. Ten times finer takes three times as long.
-CHECK_ACCURACY = 3e-4
 ROUNDING = 0.1  # °C, by which a margin of readings is larger than it must be
-CHECK_RATE = 20.0  # Hz, of the comparison, or that of the knots if it is higher
 
 MAX_KNOTS = 20_000  # over a minute on two cores; more is most often a time in ms
 MAX_REFINEMENTS = 4
@@ -299,28 +293,6 @@ def _margin_of(trajectory: Trajectory, margin: np.ndarray) -> np.ndarray | None:
         return None
     excess = around.highest_readings - trajectory.measured_temperature.max(axis=1)
     return np.maximum(margin, excess + ROUNDING)
-
-
-def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of the plan's bend angle from that of its simulated duty.
-
-    The duty is simulated with an accurate integrator from the plan's first
-    state.
-
-    Returns:
-        Times (M,), s, and the largest difference of a segment (M,), rad.
-    """
-    steps = np.diff(trajectory.time)
-    recording = simulate(
-        Limb(trajectory.parameters),
-        trajectory,
-        sample_rate=max(CHECK_RATE, 1 / steps.min()),
-        accuracy=CHECK_ACCURACY,
-        initial_state=trajectory.state[:, 0],
-    )
-    times = np.minimum(recording.time, trajectory.duration)
-    planned = trajectory.since_start().bend_angle_at(times)
-    return recording.time, np.abs(recording.bend_angle - planned).max(axis=0)
 
 
 def active_constraints(

@@ -39,7 +39,6 @@ AngleMap = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 MAX_TANGENTS = 3
 LITTLE = 0.02  # relative; a tangent that reduces the cost by less is the last
-MAX_CORRECTIONS = 2
 CHORD_POINTS = 9
 TABLE_SIZE = 200  # of torque over temperature
 LONGEST_STEP = 0.1  # s, of an integration
@@ -182,10 +181,9 @@ def solve_quasi_static(
         return angles + offset, slopes
 
     states, duty = program.minimize(corrected)
-    for _ in range(MAX_CORRECTIONS):
-        states = under_duty(wires, initial_states, duty, times)
-        offset = held(states)[0] - heated(states)[0]
-        _, duty = program.minimize(corrected, (states, duty))
+    states = under_duty(wires, initial_states, duty, times)
+    offset = held(states)[0] - heated(states)[0]
+    _, duty = program.minimize(corrected, (states, duty), max_tangents=1)
     return under_duty(wires, initial_states, duty, times).T, duty.T
 
 
@@ -273,16 +271,18 @@ class _ConvexProgram:
         self,
         angles_at: AngleMap,
         start: tuple[np.ndarray, np.ndarray] | None = None,
+        max_tangents: int = MAX_TANGENTS,
     ) -> tuple[np.ndarray, np.ndarray]:
         """x (K, N) and D (K, W) of about least cost where angles are not linear in x.
 
         Args:
             angles_at: the angles (K, n) at states (K, N), and their derivatives (K, n, N).
             start: x and D; those of the chord if None.
+            max_tangents: after which it stops.
         """
         found = start or self.solve(*self._chord(angles_at))
         cost = self._cost(angles_at, *found)
-        for _ in range(MAX_TANGENTS):
+        for _ in range(max_tangents):
             best = self.solve(*angles_at(found[0]), found[0])
             for share in (1.0, 0.5, 0.25, 0.125):
                 tried = tuple(a + share * (b - a) for a, b in zip(found, best, strict=True))

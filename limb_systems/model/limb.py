@@ -66,7 +66,7 @@ class Limb(Diagram):
         self.source = "model"
         builder = DiagramBuilder()
         manipulator = builder.AddSystem(make_manipulator(parameters))
-        heating, lag, torque_map = map(builder.AddSystem, _blocks(parameters))
+        heating, lag, torque_map = map(builder.AddSystem, make_blocks(parameters))
         bend_angle = builder.AddSystem(BendAngle(parameters))
         joint_state = manipulator.get_state_output_port()
         wire_state = heating.get_output_port()
@@ -99,7 +99,7 @@ class Limb(Diagram):
         self.set_name(name)
 
 
-def _blocks(parameters: LimbParameters) -> tuple[System, System, System]:
+def make_blocks(parameters: LimbParameters) -> tuple[System, System, System]:
     """The blocks of heat, measurement and torque, affine if the wires' laws are."""
     wires, n = Wires(parameters), parameters.num_joints
     heating: System

@@ -22,6 +22,7 @@ from planners import (
     Planner,
     PlanningError,
     Task,
+    check,
     ipopt,
     plan,
     planning,
@@ -302,8 +303,8 @@ def test_a_simulation_that_goes_elsewhere_is_noticed(fig5_plan, monkeypatch):
     """The check simulates the limb that the plan names, not the program's equations."""
     other = LimbParameters()
     other.segments[0].wire("right").law.beta *= 1.02
-    monkeypatch.setattr(planning, "Limb", lambda _: Limb(other))
-    _, differences = planning.simulated_differences(fig5_plan)
+    monkeypatch.setattr(check, "Limb", lambda _: Limb(other))
+    _, differences = check.simulated_differences(fig5_plan)
     assert np.rad2deg(differences.max()) > 0.3
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.planning import DirectCollocationConstraint
+from pydrake.solvers import SnoptSolver
 from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
@@ -39,6 +40,7 @@ from limb_systems.schema import quantity
 from limb_systems.simulation import make_simulator
 from planners import InfeasibleError, plan, references
 from planners.chain import PlanarChain
+from planners.check import simulated_differences
 from planners.defects import LimbDefects
 
 
@@ -381,6 +383,40 @@ def test_hysteresis_and_a_memory_of_the_rubber_are_planned_with_their_curvature(
     assert trajectory.check.largest_difference_deg < 0.1
     assert trajectory.check.solver == "IPOPT, curvature of the wires"
     assert trajectory.check.iterations <= 40
+
+
+@pytest.mark.parametrize("name", TWO_MASS_LAWS)
+def test_another_solver_finds_the_same_optimum(name):
+    limb = limb_with(TWO_MASS_LAWS[name](), TWO_MASS_LAWS[name]())
+    limb.segments[0].links = 1
+    limb.temperature_limits.warm_up_time = 6.0
+    reference = references.from_samples([0, 2, 4, 8], np.deg2rad([0, 0, 10, 5]))
+    ours = plan(limb, reference, knot_rate=4.0, tolerance_deg=1.0).check
+    theirs = plan(limb, reference, knot_rate=4.0, tolerance_deg=1.0, solver=SnoptSolver()).check
+    assert ours.solver == "IPOPT, curvature of the wires"
+    assert theirs.solver == "SNOPT"
+    assert theirs.cost == pytest.approx(ours.cost, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", TWO_MASS_LAWS)
+def test_the_check_simulates_wires_and_motion_as_the_whole_limb(name):
+    """Wires that are simulated before the motion against both in one diagram, ten times finer."""
+    limb = limb_with(TWO_MASS_LAWS[name](), TWO_MASS_LAWS[name]())
+    reference = references.from_samples([0, 20, 22, 24], np.deg2rad([0, 0, 20, -20]))
+    trajectory = plan(limb, reference, knot_rate=2.0, tolerance_deg=10.0)
+    times, differences = simulated_differences(trajectory)
+    finer = simulate(
+        Limb(limb),
+        trajectory,
+        sample_rate=20.0,
+        accuracy=3e-5,
+        initial_state=trajectory.state[:, 0],
+    )
+    planned = trajectory.bend_angle_at(finer.time)
+    np.testing.assert_allclose(times, finer.time, atol=1e-12)
+    expected = np.rad2deg(np.abs(finer.bend_angle - planned))[0]
+    np.testing.assert_allclose(np.rad2deg(differences), expected, atol=0.004)
+    assert expected.max() > 0.03
 
 
 def test_the_yaml_names_the_law(tmp_path):
