@@ -112,8 +112,7 @@ def _reproduce(options) -> int:
         save_figure(figure, folder / f"{name}.png")
     command = f"python examples/reproduce_paper.py {' '.join(sys.argv[1:])}".strip()
     write_report(folder / "report.html", summaries, shown, pictures, command)
-    data = [dataclasses.asdict(summary) for summary in summaries]
-    write_atomically(folder / "results.json", json.dumps(data, indent=1, ensure_ascii=False))
+    _write_results(folder, summaries)
     motion = shown.motions[0]
     write_meshcat_replay(
         folder / "replay.html",
@@ -148,6 +147,7 @@ def _run_all(jobs: list, options: argparse.Namespace) -> list[tuple[Summary, Exp
             for future in concurrent.futures.as_completed(futures):
                 seed, _, absent, *_ = job = futures[future]
                 results[job] = future.result()
+                _write_results(options.folder, [summary for summary, _ in results.values()])
                 errors = ", ".join(f"{e:.1f}°" for e in results[job][0].first.values())
                 without = f" without {', '.join(absent)}" if absent else ""
                 aborted = sum(results[job][0].aborted.values())
@@ -158,6 +158,11 @@ def _run_all(jobs: list, options: argparse.Namespace) -> list[tuple[Summary, Exp
                 process.terminate()  # or the pool would wait for what they are at
             raise
     return [results[job] for job in jobs]
+
+
+def _write_results(folder: Path, summaries: list[Summary]) -> None:
+    data = [dataclasses.asdict(summary) for summary in summaries]
+    write_atomically(folder / "results.json", json.dumps(data, indent=1, ensure_ascii=False))
 
 
 def _hush() -> None:
