@@ -3,6 +3,7 @@
 import dataclasses
 
 import numpy as np
+from scipy.stats import norm as normal
 
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.ensemble import draw_ensemble, stacked
@@ -25,6 +26,8 @@ class Band:
     - ``wire_temperature``, ``measured_temperature``: how far T and V may be above
       the plan's, in 995 of 1000 limbs for each wire (W, M), °C.
     - ``highest_readings``: the highest V, likewise (W,), °C.
+    - ``aborted_share``: the share of limbs in which V of a wire gets above
+      ``temperature_limits.measured_maximum``, where a board cuts out.
     """
 
     time: np.ndarray
@@ -32,6 +35,7 @@ class Band:
     wire_temperature: np.ndarray
     measured_temperature: np.ndarray
     highest_readings: np.ndarray
+    aborted_share: float
 
 
 def band(trajectory: Trajectory, seed: int = 0) -> Band | None:
@@ -70,17 +74,24 @@ def band(trajectory: Trajectory, seed: int = 0) -> Band | None:
     bend_form = MEAN_TO_DEVIATION * record.bend_error
     heat_form = MEAN_TO_DEVIATION * record.temperature_error
 
-    def above(signals: np.ndarray) -> np.ndarray:
-        """How far limbs may be above the first (.., W), from the others' deviation and the form."""
-        spread = np.hypot(signals[..., 1:, :].std(axis=-2), heat_form)
+    def above(signals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """How far limbs are above the first (.., W) on average, and their standard deviation."""
         mean = signals[..., 1:, :].mean(axis=-2) - signals[..., 0, :]
-        return np.maximum(0.0, mean) + READING_QUANTILE * spread
+        return np.maximum(0.0, mean), np.hypot(signals[..., 1:, :].std(axis=-2), heat_form)
+
+    def quantile(signals: np.ndarray) -> np.ndarray:
+        mean, spread = above(signals)
+        return mean + READING_QUANTILE * spread
 
     highest = reading.max(axis=0)
+    limit = parameters.temperature_limits.measured_maximum
+    mean, spread = above(highest)
+    passing = normal.sf((limit - highest[0] - mean) / spread)
     return Band(
         time=ends,
         bend_angle=BEND_QUANTILE * np.hypot(bend[:, 1:].std(axis=1), bend_form),
-        wire_temperature=above(temperature).T,
-        measured_temperature=above(reading).T,
-        highest_readings=highest[0] + above(highest),
+        wire_temperature=quantile(temperature).T,
+        measured_temperature=quantile(reading).T,
+        highest_readings=highest[0] + quantile(highest),
+        aborted_share=float(1.0 - np.prod(1.0 - passing)),
     )

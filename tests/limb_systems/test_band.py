@@ -1,0 +1,63 @@
+"""Bands about a plan, against those of a linear limb on paper."""
+
+import copy
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from limb_systems import CalibrationRecord, band
+
+DEVIATION = 0.05  # of a2, relative
+
+
+@pytest.fixture
+def uncertain(fig5_plan):
+    """The paper's plan for a limb of which the heating of one wire is not well known."""
+    parameters = copy.deepcopy(fig5_plan.parameters)
+    a2 = parameters.segments[0].wire("left").law.a2
+    error = DEVIATION * a2
+    parameters.calibration = CalibrationRecord(
+        ["left.a2"], [a2], [error], [[error**2]], bend_error=0.01, temperature_error=0.8
+    )
+    return dataclasses.replace(fig5_plan, parameters=parameters)
+
+
+def test_the_band_of_a_linear_limb_is_that_of_its_one_parameter(uncertain):
+    """V - T0, T - T0 and the bend by this wire are proportional to its a2."""
+    around = band(uncertain)
+    form = 1.25 * 0.8  # a normal deviate's standard deviation is 1.25 of its mean size
+    sampled = 0.2  # relative, of the deviation of 64 limbs
+
+    def planned(signal):
+        return np.array([np.interp(around.time, uncertain.time, row) for row in signal])
+
+    left, right = 0, 1
+    for signal, found in (
+        (uncertain.measured_temperature, around.measured_temperature),
+        (uncertain.wire_temperature, around.wire_temperature),
+    ):
+        warmth = planned(signal)[left] - 25.0
+        expected = 2.6 * np.hypot(DEVIATION * warmth, form)
+        np.testing.assert_allclose(found[left], expected, rtol=sampled)
+        np.testing.assert_allclose(found[right], 2.6 * form, rtol=1e-9)
+
+    segment = uncertain.parameters.segments[0]
+    by_left = 3.0 * segment.wire("left").law.beta / segment.stiffness  # (5 + 1) / 2 joints
+    bend = by_left * (planned(uncertain.wire_temperature)[left] - 25.0)
+    expected = 1.96 * np.hypot(DEVIATION * bend, 1.25 * 0.01)
+    np.testing.assert_allclose(around.bend_angle, expected, rtol=sampled)
+
+
+@pytest.mark.parametrize("above", [-2.0, 0.0, 4.0])
+def test_the_share_of_aborted_limbs_is_that_of_a_normal_distribution(uncertain, above):
+    highest = uncertain.measured_temperature.max(axis=1)
+    uncertain.parameters.temperature_limits.measured_maximum = float(highest[0] + above)
+    deviations = np.hypot([DEVIATION * (highest[0] - 25.0), 0.0], 1.0)
+    fine = 1.0 - norm.sf((highest[0] + above - highest) / deviations)
+    assert band(uncertain).aborted_share == pytest.approx(1.0 - fine.prod(), abs=0.06)
+
+
+def test_there_is_no_band_of_a_limb_that_was_not_calibrated(fig5_plan):
+    assert band(fig5_plan) is None
