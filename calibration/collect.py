@@ -294,7 +294,7 @@ def collect_from_twin(
         )
         swings.append(collect_ring_down(twin))
     for number, actuated in enumerate(kinds if protocol != "excitation" else ()):
-        twin = twin.again(cooling_time)
+        twin = twin.again(cooling_time, gravity=(0.0, 0.0, 0.0))
         heated[actuated] = [
             collect_equilibria(
                 twin, actuated, num_angles=num_angles, seed=seed + number, longest=longest
