@@ -118,9 +118,8 @@ def show(limbs: list[dict]) -> None:
             f"  |φ* - φ| {motion:<12}{np.mean(errors):>6.2f}°, 90% {np.percentile(errors, 90):.2f}°"
         )
     above = [made["highest"] - made["planned"] for made in found]
-    print(
-        f"  highest V above the planned: mean {np.mean(above):+.2f} °C, at most {max(above):+.1f} °C"
-    )
+    mean, most = np.mean(above), max(above)
+    print(f"  highest V above the planned: mean {mean:+.2f} °C, at most {most:+.1f} °C")
     aborted = sum(made["aborted"] for made in found)
     print(
         f"  V passes the limit: predicted {np.mean([p['predicted'] for p in found]):.2%}, ", end=""
