@@ -51,7 +51,12 @@ def main() -> int:
     )
     parser.add_argument("folder", nargs="?", default="out", type=Path, help="for all results")
     parser.add_argument("--limbs", type=int, default=10, help="how many (default %(default)s)")
-    parser.add_argument("--quick", action="store_true", help="one limb, and no other laws")
+    parser.add_argument("--quick", action="store_true", help="one limb, and --no-compare")
+    parser.add_argument(
+        "--no-compare",
+        action="store_true",
+        help="no plans with the paper's calibration and with other laws; half of the time",
+    )
     parser.add_argument(
         "--effects", action="store_true", help="also limbs without one of their effects each"
     )
@@ -88,7 +93,8 @@ def _reproduce(options) -> int:
     folder, started = options.folder, time.perf_counter()
     seeds = range(1 if options.quick else options.limbs)
     extra = tuple(options.extra)
-    jobs = [(seed, extra, (), options.rollouts, not options.quick) for seed in seeds]
+    compare = not (options.quick or options.no_compare)
+    jobs = [(seed, extra, (), options.rollouts, compare) for seed in seeds]
     if options.effects:
         # What limbs are without, to see what each effect costs; all of them at last.
         absences = [(effect,) for effect in EFFECTS + extra if effect != "stress"]

@@ -100,12 +100,16 @@ def _table_1(summaries: Sequence[Summary]) -> str:
 def _approaches(summaries: Sequence[Summary]) -> str:
     laws = collections.Counter(s.law for s in complete(summaries))
     chosen = ", ".join(f"{law} for {count}" for law, count in laws.most_common())
+    others = (
+        "The same limbs and references, planned with other calibrated models: the paper's law "
+        "and calibration, and each law by prediction error, whose plans were rolled out once. "
+    )
+    compared = any(len(s.approaches) > 1 for s in summaries)
     return page.section(
         "Calibrated models",
         page.paragraph(
-            "The same limbs and references, planned with other calibrated models: the paper's law "
-            "and calibration, and each law by prediction error, whose plans were rolled out once. "
-            f"The law that predicts motions best is {chosen} of the limbs."
+            (others if compared else "")
+            + f"The law that predicts motions best is {chosen} of the limbs."
         ),
         page.table(
             APPROACH_HEADER,
