@@ -15,6 +15,7 @@ import functools
 import multiprocessing
 
 import numpy as np
+from calibration_accuracy import true_limb
 
 from calibration import calibrate, collect_equilibria, collect_sag
 from calibration.heat import SENSOR_SPREAD
@@ -28,7 +29,6 @@ from hardware.emulation.sensors import (
 from limb_systems import (
     Limb,
     LimbParameters,
-    LinearLaw,
     Recording,
     joint_angles_from_bend_angle,
     simulate,
@@ -36,16 +36,6 @@ from limb_systems import (
 
 TRIALS = {"sag": 10, "ring_down": 3, "right": 1, "left": 1}
 HOLD = 1.0  # s before the release
-
-
-def true_limb() -> LimbParameters:
-    """A limb that is not the nominal one, from which the fits start."""
-    limb = LimbParameters()
-    segment = limb.segments[0]
-    segment.stiffness, segment.damping = 0.115, 8e-4
-    segment.wire("left").law = LinearLaw(a1=-0.06, a2=24.0, a3=-1.3, beta=4.2e-4)
-    segment.wire("right").law = LinearLaw(a3=-0.8)
-    return limb
 
 
 def truth() -> dict[str, float]:
