@@ -75,10 +75,15 @@ class Candidate:
 
 
 def beaten(simple: Candidate, other: Candidate) -> bool:
-    """Whether another law predicts better than chance would have it, and by enough to matter."""
+    """Whether another law predicts better by more than one standard error, and enough to matter.
+
+    The one-standard-error rule (Breiman et al., Classification and Regression Trees, 1984). Two
+    would be too many: a few motions of a minute tell laws apart by little more than one, and a
+    law that is too simple costs more than one that has a parameter too many.
+    """
     difference = simple.errors - other.errors
-    spread = difference.std(ddof=1) / np.sqrt(len(difference)) if len(difference) > 1 else 0.0
-    return bool(difference.mean() > max(2 * spread, WORTH))
+    error = difference.std(ddof=1) / np.sqrt(len(difference)) if len(difference) > 1 else 0.0
+    return bool(difference.mean() > max(error, WORTH))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
