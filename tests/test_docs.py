@@ -346,7 +346,7 @@ def test_page_has_all_public_names_and_systems(package):
 def test_pictures_have_the_systems_of_the_diagrams(picture, make):
     drawn = (ROOT / "docs" / f"{picture}.svg").read_text(encoding="utf-8")
     for system in make().GetSystems():
-        if system.get_name() != "memory":
+        if not system.get_name().startswith("memory"):
             assert f">{type(system).__name__.partition('_𝓣')[0]}<" in drawn
 
 

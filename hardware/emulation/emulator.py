@@ -35,14 +35,15 @@ class BadLine:
 
     def __init__(self, clock: Callable[[], float]):
         self._clock = clock
-        self.mend()
         self._waiting: list[tuple[float, bytes]] = []
+        self.mend()
 
     def mend(self) -> None:
-        """Removes all faults: bytes arrive undamaged and without delay."""
+        """Removes all faults: bytes arrive undamaged, and without delay, also those on the way."""
         self.rates = dict.fromkeys(("drop", "corrupt", "duplicate", "reorder"), 0.0)
         self.delay, self.creep = 0.0, 0.0  # s, and s by which it grows each second
         self._creeping_since = self._clock()
+        self._waiting = [(self._clock(), data) for _, data in self._waiting]
 
     def start_to_creep(self, rate: float) -> None:
         """Lets the delay grow from now on, as a buffer that fills up does."""

@@ -174,7 +174,7 @@ class LimbTwin(Diagram):
         if remembers:
             parts["rest"] = rest.GetOutputPort("state")
         sizes = {name: port.size() for name, port in parts.items()}
-        together = builder.AddSystem(Multiplexer(list(sizes.values())))
+        together = builder.AddNamedSystem("memory_inputs", Multiplexer(list(sizes.values())))
         for index, port in enumerate(parts.values()):
             builder.Connect(port, together.get_input_port(index))
         memory = builder.AddSystem(_Memory(specimen, sizes))
