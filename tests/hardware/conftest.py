@@ -137,8 +137,9 @@ class SimulatedBoard(simulated_board.SimulatedBoard):
 
 
 @pytest.fixture
-def board_in_simulated_time():
+def board_in_simulated_time(monkeypatch):
     random.seed(0)  # of damage and noise
+    monkeypatch.setattr(random, "SystemRandom", lambda: random.Random(0))  # of the challenges
     return SimulatedBoard()
 
 
