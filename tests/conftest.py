@@ -1,9 +1,9 @@
 """What several test files share, and which tests run beside each other.
 
-Three workers of pytest-xdist run the tests: a file is on one worker, so that what its tests share
+Two workers of pytest-xdist run the tests: a file is on one worker, so that what its tests share
 is made once. What is timed is on one worker as well, so that no two such tests run beside each
-other. They wait most of the time, for which two cores have a third worker; all others leave the
-processor to them.
+other. They wait most of the time; all others leave the processor to them. A third worker would use
+that time, but with it samples have come too late for a host on two cores.
 """
 
 import os
