@@ -1,8 +1,9 @@
 """Simulates a limb, or any system with its ports, with a given duty."""
 
+import contextlib
 import copy
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -274,7 +275,7 @@ def _advance(
 ) -> None:
     """Simulates from time 0 to the end, s, bit by bit to show progress."""
     context = simulator.get_context()
-    try:
+    with failure_told(simulator, end):
         simulator.Initialize()
         start = time.monotonic()
         with Progress("recording" if real_time else "simulating", end, "s") as progress:
@@ -288,8 +289,15 @@ def _advance(
                 progress.update(due, remark(context) if remark else "")
                 if until and until(context):
                     break
+
+
+@contextlib.contextmanager
+def failure_told(simulator: Simulator, end: float) -> Iterator[None]:
+    """Raises SimulationError, with the time, if a simulation to the end, s, fails inside."""
+    try:
+        yield
     except RuntimeError as error:
         raise SimulationError(
-            f"The simulation stopped at {context.get_time():.3g} s of "
+            f"The simulation stopped at {simulator.get_context().get_time():.3g} s of "
             f"{end:g} s: {' '.join(str(error).split())}"
         ) from error

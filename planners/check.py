@@ -10,7 +10,7 @@ from limb_systems import Limb, Trajectory, Wires, simulate, split_state
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import make_blocks
 from limb_systems.model.manipulator import make_manipulator
-from limb_systems.simulation import MAX_STEP_SIZE, make_simulator
+from limb_systems.simulation import MAX_STEP_SIZE, failure_told, make_simulator
 
 # Accuracy of the simulation that a plan is checked with: its bend angle is
 # within 0.002° of that at accuracy 1e-6, for the Fig. 5 reference and for
@@ -71,10 +71,11 @@ def _heat_then_motion(trajectory: Trajectory, rate: float) -> tuple[np.ndarray, 
     )
     ApplySimulatorConfig(config, simulator)
     simulator.get_mutable_context().SetContinuousState(states)
-    simulator.Initialize()
     integrator = simulator.get_mutable_integrator()
-    integrator.StartDenseIntegration()
-    simulator.AdvanceTo(duration)
+    with failure_told(simulator, duration):
+        simulator.Initialize()
+        integrator.StartDenseIntegration()
+        simulator.AdvanceTo(duration)
     times = np.linspace(0.0, duration, int(np.ceil(duration / FORCE_STEP)) + 1)
     courses = integrator.StopDenseIntegration().vector_values(times).T
     forces = Wires(parameters).forces(courses, np.zeros((1, n)))
@@ -91,6 +92,7 @@ def _heat_then_motion(trajectory: Trajectory, rate: float) -> tuple[np.ndarray, 
     context = simulator.get_mutable_context()
     context.SetContinuousState(np.concatenate([angles, rates]))
     num_samples = int(np.floor(duration * rate + 1e-6)) + 1
-    simulator.AdvanceTo(max(duration, (num_samples - 1) / rate))
+    with failure_told(simulator, duration):
+        simulator.AdvanceTo(max(duration, (num_samples - 1) / rate))
     log = sink.FindLog(context)
     return log.sample_times(), bend_angle(parameters, log.data()[:n])

@@ -419,6 +419,14 @@ def test_the_check_simulates_wires_and_motion_as_the_whole_limb(name):
     assert expected.max() > 0.03
 
 
+def test_a_check_that_cannot_be_simulated_says_so_in_a_sentence():
+    limb = limb_with(HystereticLaw(), HystereticLaw())
+    trajectory = plan(limb, references.from_samples([0, 22], [0, 0]), knot_rate=2.0)
+    trajectory.wire_temperature[:, 0] = np.nan
+    with pytest.raises(LimbError, match=r"The simulation stopped at .* of 22 s: "):
+        simulated_differences(trajectory)
+
+
 def test_the_yaml_names_the_law(tmp_path):
     limb = limb_with(QuadraticLaw(beta_2=1e-7), LinearLaw())
     limb.save(tmp_path / "limb.yaml")
