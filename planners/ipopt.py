@@ -28,6 +28,8 @@ OPTIONS = {
     # For an objective that is scaled to at most 100: costs are right to 1e-6. A
     # ten times larger value saves an iteration and leaves small costs 2e-5 too high.
     "tol": 1e-5,
+    # Links in a row amplify what is left of the dynamics: with 1e-10, some plans with nonlinear
+    # torque missed them by more than their check allows.
     "constr_viol_tol": 1e-12,
     # Else bounds are relaxed, and the projection onto them at the end moves
     # temperatures by 1e-6 °C, which stiff accelerations do not forgive.
