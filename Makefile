@@ -45,7 +45,7 @@ api: $(VENV)/ready
 	rm -rf build/api
 	$(BIN)/pdoc --docformat google --output-directory build/api \
 	    --footer-text "soft-limb $$($(BIN)/python -c 'from importlib.metadata import version; print(version("soft-limb"))')" \
-	    limb_systems urdf planners calibration hardware \
+	    limb_systems urdf planners controllers calibration hardware \
 	    '!calibration.calibrate' '!hardware.emulation.emulated_port' '!hardware.replay' '!hardware.firmware'
 
 lint: $(VENV)/ready

@@ -51,7 +51,7 @@ from limb_systems.files.samples import column_names
 from limb_systems.files.tables import FORMAT_VERSION
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("limb_systems", "urdf", "planners", "calibration", "hardware")
+PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
 COMMANDS = ("planners", "calibration", "hardware")
 PAGES = {name: ROOT / "docs" / f"{name}.md" for name in PACKAGES}
 DOCUMENTS = [

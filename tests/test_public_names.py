@@ -11,7 +11,7 @@ from types import FunctionType
 
 import pytest
 
-PACKAGES = ("limb_systems", "urdf", "planners", "calibration", "hardware")
+PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -90,10 +90,17 @@ def is_typed(function):
 @pytest.mark.parametrize(
     ("room", "closed"),
     [
-        ("limb_systems", ["planners", "calibration", "hardware"]),
-        ("planners", ["calibration", "hardware"]),
-        ("hardware/robot", ["hardware.emulation", "hardware.replay", "planners", "calibration"]),
-        ("hardware/emulation", ["hardware.robot", "hardware.replay", "planners", "calibration"]),
+        ("limb_systems", ["planners", "controllers", "calibration", "hardware"]),
+        ("planners", ["controllers", "calibration", "hardware"]),
+        ("controllers", ["hardware", "calibration"]),
+        (
+            "hardware/robot",
+            ["hardware.emulation", "hardware.replay", "planners", "controllers", "calibration"],
+        ),
+        (
+            "hardware/emulation",
+            ["hardware.robot", "hardware.replay", "planners", "controllers", "calibration"],
+        ),
         ("hardware/firmware", ["hardware.robot", "hardware.emulation", "limb_systems"]),
     ],
 )

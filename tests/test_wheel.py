@@ -13,7 +13,7 @@ import pytest
 from limb_systems import LimbParameters, Recording, Trajectory
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("limb_systems", "urdf", "planners", "calibration", "hardware")
+PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
 
 USER_SCRIPT = """
 from hardware import LimbTwin, replay

@@ -53,6 +53,8 @@ class LimbTwin(Diagram):
     - output 3 ``measurement``: [V (W), φ (S)], as they are read
     - output 4 ``cut_out``: 1 once a wire was measured at the board's limit of 110 °C, where
       the heaters are switched off until the end of the simulation, else 0
+    - outputs 5 and 6, only if the truth is asked for: ``wire_temperature`` (W), °C, and
+      ``joint_state`` [θ, θ̇] (2n), rad and rad/s
 
     ``parameters`` describes the limb as a lab would before calibration: only
     geometry and mass are true. Their ``board`` is the limb's identity, which
@@ -76,6 +78,7 @@ class LimbTwin(Diagram):
         hand: trajectories.Trajectory | None = None,
         bend_rate: float = 20.0,
         wire_period: float = PERIOD,
+        truth: bool = False,
     ):
         """
         Args:
@@ -89,6 +92,7 @@ class LimbTwin(Diagram):
                 the end of the trajectory.
             bend_rate: at which the bend sensors are read, Hz.
             wire_period: s, of the steps of `ShapeMemoryWires`.
+            truth: whether it shows, and recordings have, what no sensor of a robot could.
 
         Raises:
             ParameterError: if a parameter is out of its range.
@@ -163,6 +167,9 @@ class LimbTwin(Diagram):
             ("cut_out", cut_out),
         ):
             builder.ExportOutput(system.GetOutputPort(name), name)
+        if truth:
+            builder.ExportOutput(wires.GetOutputPort("wire_temperature"), "wire_temperature")
+            builder.ExportOutput(joint_state, "joint_state")
         parts = {
             "joints": joint_state,
             "wires": wires.GetOutputPort("state"),
@@ -210,6 +217,7 @@ class LimbTwin(Diagram):
         gravity: Sequence[float] | None = None,
         hand: trajectories.Trajectory | None = None,
         bend_rate: float = 20.0,
+        truth: bool = False,
     ) -> "LimbTwin":
         """The same limb in its present state, or after a pause without heat.
 
@@ -217,7 +225,7 @@ class LimbTwin(Diagram):
             pause: s, to cool down.
             gravity: m/s² along (E1, E2, E3), if the limb is mounted differently
                 from now on.
-            hand, bend_rate: as for the constructor.
+            hand, bend_rate, truth: as for the constructor.
         """
         if gravity is not None:
             self.specimen.description.gravity = list(gravity)
@@ -226,7 +234,7 @@ class LimbTwin(Diagram):
             # Without heat only the first swing is fast, so coarse steps are enough.
             resting = LimbTwin(specimen=self.specimen, bend_rate=1.0, wire_period=0.1)
             simulate(resting, off, pause, sample_rate=1.0)
-        return LimbTwin(specimen=self.specimen, hand=hand, bend_rate=bend_rate)
+        return LimbTwin(specimen=self.specimen, hand=hand, bend_rate=bend_rate, truth=truth)
 
     def without_cut_out(self, context: Context) -> None:
         """Lets the heaters on in a Context, however hot: for a board that sees to it itself."""

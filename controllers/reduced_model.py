@@ -1,0 +1,116 @@
+"""The limb without its swinging: heat in the wires, and the bend that they hold.
+
+The chain swings at some hertz and is damped within a second, the wires heat and
+cool within ten. Controllers at 20 Hz therefore see a limb that is always where
+its wires' torque and its rubber hold it, θ = K⁻¹ f(x) by (2) and (4).
+"""
+
+import numpy as np
+
+from limb_systems import LimbParameters, Wires
+from limb_systems.model.statics import static_equilibrium
+
+PERIOD = 0.05  # s, of everything that a robot does
+_COMPLEX_STEP = 1e-30
+
+
+class ReducedModel:
+    """A limb of S segments and W wires, in steps of constant duty.
+
+    Its state, the heat, is [x, V] (H = N + W): the states of the wires' laws and of
+    the rubber's memory, of which the first W are T, °C, and the readings, °C.
+    Arrays have any number of points before their last axis.
+
+    - ``num_wires``, ``num_segments``, ``size``: W, S and H.
+    - ``cold``: heat of wires that were never heated (H,).
+    - ``scales``: typical changes of the heat (H,).
+    - ``sides``: for each segment and wire the direction of the wire's torque in
+      the segment (S, W), zero for wires of other segments.
+
+    Args:
+        parameters: of the limb.
+        period: h of the steps, s.
+    """
+
+    def __init__(self, parameters: LimbParameters, period: float = PERIOD):
+        self.parameters, self.period = parameters, period
+        wires = self._wires = Wires(parameters)
+        W = self.num_wires = wires.num_wires
+        self.num_segments = len(parameters.segments)
+        self.size = wires.num_states + W
+        self.cold = np.concatenate([wires.cold_states, wires.cold_states[:W]])
+        self.scales = wires.heat_scales
+        self._rest_angles, self._compliance = static_equilibrium(parameters)
+        self._cold_force = wires.forces(wires.cold_states, self._rest_angles)
+        self._to_bend = np.zeros((self.num_segments, parameters.num_joints))
+        self.sides = np.zeros((self.num_segments, W))
+        for index, (segment, joints, around) in enumerate(
+            zip(parameters.segments, parameters.joint_slices, parameters.wire_slices, strict=True)
+        ):
+            self._to_bend[index, joints] = (segment.links + 1) / (2 * segment.links)  # (11)
+            self.sides[index, around] = [wire.direction for wire in segment.wires]
+
+    def temperatures(self, heat: np.ndarray) -> np.ndarray:
+        """T (..., W), °C."""
+        return heat[..., : self.num_wires]
+
+    def readings(self, heat: np.ndarray) -> np.ndarray:
+        """V (..., W), °C."""
+        return heat[..., -self.num_wires :]
+
+    def step(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """The heat (..., H) a period later, under duty (..., W), by the midpoint method."""
+        middle = heat + 0.5 * self.period * self._wires.heat_rates(heat, duty)
+        return heat + self.period * self._wires.heat_rates(middle, duty)
+
+    def joint_angles(self, heat: np.ndarray) -> np.ndarray:
+        """θ (..., n) that the wires hold, rad."""
+        states = heat[..., : -self.num_wires]
+        angles = self._rest_angles + np.zeros((*states.shape[:-1], 1), states.dtype)
+        held = self._wires.forces(states, angles) - self._cold_force
+        angles = angles + held @ self._compliance.T
+        if self._wires.torque_needs_angle:
+            for _ in range(2):  # Newton's method; a torque of its joint's angle changes little
+                angles = angles + self._correction(states, angles)
+        return angles
+
+    def _correction(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """A step of Newton's method towards the joint angles that the wires hold."""
+        held = (self._wires.forces(states, angles) - self._cold_force) @ self._compliance.T
+        missed = self._rest_angles + held - angles
+        _, by_angle = self._wires.force_derivatives(states.real, angles.real)
+        assert by_angle is not None
+        slopes = np.eye(len(self._compliance)) - self._compliance * by_angle[..., None, :]
+        return np.linalg.solve(slopes, missed[..., None])[..., 0]
+
+    def bend_angle(self, heat: np.ndarray) -> np.ndarray:
+        """φ (..., S) that the wires hold, rad, by (11)."""
+        return self.joint_angles(heat) @ self._to_bend.T
+
+    def linearized_step(
+        self, heat: np.ndarray, duty: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """`step` of heat (..., H) and duty (..., W), and its derivatives.
+
+        Returns:
+            The heat a period later (..., H), its derivatives by the heat
+            (..., H, H) and by duty (..., H, W).
+        """
+        H, W = self.size, self.num_wires
+        moved = 1j * _COMPLEX_STEP * np.eye(H + W)
+        after = self.step(heat[..., None, :] + moved[:, :H], duty[..., None, :] + moved[:, H:])
+        slopes = after.imag.swapaxes(-1, -2) / _COMPLEX_STEP
+        return after[..., 0, :].real, slopes[..., :H], slopes[..., H:]
+
+    def bend_slopes(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """φ (..., S), rad, and its derivatives by the heat (..., S, H)."""
+        moved = 1j * _COMPLEX_STEP * np.eye(self.size)
+        bend = self.bend_angle(heat[..., None, :] + moved)
+        return bend[..., 0, :].real, bend.imag.swapaxes(-1, -2) / _COMPLEX_STEP
+
+    def course(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """The heat (K + 1, ..., H) from a start (..., H) on, under duty (K, ..., W) of steps."""
+        heats = [heat]
+        for level in duty:
+            heats.append(self.step(heats[-1], level))
+        return np.array(heats)
