@@ -58,6 +58,10 @@ class ReducedModel:
         """V (..., W), °C."""
         return heat[..., -self.num_wires :]
 
+    def heated(self, temperature: np.ndarray) -> np.ndarray:
+        """The heat (H,) of cold wires that were heated to T (W,), °C, until they settled."""
+        return np.concatenate([self._wires.settled_states(temperature), temperature])
+
     def step(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """The heat (..., H) a period later, under duty (..., W), by the midpoint method."""
         middle = heat + 0.5 * self.period * self._wires.heat_rates(heat, duty)

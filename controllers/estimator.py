@@ -1,0 +1,210 @@
+"""What the sensors tell about a limb: an extended Kalman filter on `ReducedModel`.
+
+It estimates the heat [x, V] (H) of W wires and S segments and what the model
+leaves out: a heating rate q (W), by which the wires warm faster than their law
+says (another supply voltage, a fan, a room that is warmer); the drift d (S) of the
+bend sensors; and a bend p (S) that a torque from outside holds, such as a payload's:
+
+    readings  V + v,   bend  φ(x) + p + d + w
+    Ṫ = law + q,   q̇ = -q / τ_q + noise,   ḋ = -d / τ_d + noise,   ṗ = noise
+"""
+
+import dataclasses
+
+import numpy as np
+
+from controllers.reduced_model import ReducedModel
+from limb_systems import LimbParameters
+
+GATE = 5.0  # standard deviations, beyond which a reading is not believed
+STUCK_TIME = 0.5  # s, after which a bend reading that is equal to the last bit is not believed
+LYING_TIME = 1.0  # s, for which a sensor was not believed, after which it counts as lying
+
+# The noise of thermocouples with steps of 0.25 °C that are read at 10 Hz and used at 20 Hz.
+READING_NOISE = 0.4  # °C
+# What laws miss, as random walks: standard deviations after one second.
+TEMPERATURE_WALK = 0.5  # °C, of states that are temperatures
+READING_WALK = 0.1  # °C
+OTHER_WALK = 0.02  # of the typical change of other states
+HEATING_ERROR = 0.1  # of the heating by duty, in addition
+BEND_WALK = np.deg2rad(0.7)  # rad, of p
+HEATING_RATE, HEATING_TIME = 1.0, 15.0  # °C/s and s, of q
+DRIFT_TIME = 120.0  # s, of d
+INITIAL_BEND = np.deg2rad(3.0)  # rad, of p
+INITIAL_TEMPERATURE = 1.0  # °C
+SILICONE = 5.0  # °C, by which the silicone around a warm wire may be off
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Estimate:
+    """What is known of a limb at a time.
+
+    - ``heat``: [x, V] (H).
+    - ``heating_rate``: q (W), °C/s.
+    - ``drift``: d (S), rad.
+    - ``offset``: p (S), rad.
+    - ``covariance``: of all of these, in this order (M, M).
+    - ``unbelieved``: for how long the readings (W) and the bend sensors (S) were not
+      believed, s.
+    - ``alike``: for how long the bend readings did not change by a bit (S), s.
+    - ``last_bend``: the last reading of each bend sensor (S), rad.
+    """
+
+    heat: np.ndarray
+    heating_rate: np.ndarray
+    drift: np.ndarray
+    offset: np.ndarray
+    covariance: np.ndarray
+    unbelieved: np.ndarray
+    alike: np.ndarray
+    last_bend: np.ndarray
+
+
+class Estimator:
+    """The filter's steps; its state is an `Estimate`, or the same numbers in one vector.
+
+    - ``model``: `ReducedModel`.
+    - ``size``: of the vector.
+
+    Args:
+        parameters: of the limb.
+    """
+
+    def __init__(self, parameters: LimbParameters):
+        self.parameters = parameters
+        model = self.model = ReducedModel(parameters)
+        H, W, S = model.size, model.num_wires, model.num_segments
+        self._means = H + W + 2 * S
+        self.size = self._means + self._means**2 + W + 3 * S
+        sensors = [segment.bend_sensor for segment in parameters.segments]
+        self._gain = np.array([sensor.gain for sensor in sensors])
+        self._sensor_offset = np.array([sensor.offset for sensor in sensors])
+        noise = np.maximum([sensor.noise for sensor in sensors], np.deg2rad(0.1))
+        self._noise = np.concatenate([np.full(W, READING_NOISE), noise]) ** 2
+        temperatures = model.scales >= 10.0
+        walks = np.where(temperatures, TEMPERATURE_WALK, OTHER_WALK * model.scales)
+        walks[-W:] = READING_WALK
+        drift = np.array([sensor.drift for sensor in sensors])
+        h = model.period
+        self._walk = h * np.concatenate(
+            [
+                walks**2,
+                np.full(W, 2 * HEATING_RATE**2 / HEATING_TIME),
+                2 * drift**2 / DRIFT_TIME,
+                np.full(S, BEND_WALK**2),
+            ]
+        )
+        self._decay = np.concatenate(
+            [np.full(W, np.exp(-h / HEATING_TIME)), np.full(S, np.exp(-h / DRIFT_TIME)), np.ones(S)]
+        )
+        initial = np.where(temperatures, SILICONE, 5 * OTHER_WALK * model.scales)
+        initial[:W] = initial[-W:] = INITIAL_TEMPERATURE
+        self._initial = np.concatenate(
+            [initial, np.full(W, HEATING_RATE / 2), drift, np.full(S, INITIAL_BEND)]
+        )
+        _, _, by_duty = model.linearized_step(model.cold, np.full(W, 0.5))
+        self._heating = np.abs(np.diag(by_duty[:W]))  # °C per step, by full duty
+
+    def begin(self, readings: np.ndarray, bend_angle: np.ndarray) -> Estimate:
+        """The estimate for a limb at rest whose wires have had their temperature for long.
+
+        Args:
+            readings: V (W), °C, or NaN.
+            bend_angle: as read (S), rad, or NaN.
+        """
+        W, S = self.model.num_wires, self.model.num_segments
+        known = np.where(np.isfinite(readings), readings, self.model.cold[-W:])
+        heat = self.model.heated(known)
+        none = np.zeros(S)
+        return Estimate(
+            heat,
+            np.zeros(W),
+            none,
+            none,
+            np.diag(self._initial**2),
+            np.zeros(W + S),
+            none,
+            np.nan_to_num(bend_angle),
+        )
+
+    def pack(self, estimate: Estimate) -> np.ndarray:
+        """An estimate as one vector (size)."""
+        fields = dataclasses.fields(estimate)
+        return np.concatenate([getattr(estimate, field.name).ravel() for field in fields])
+
+    def unpack(self, vector: np.ndarray) -> Estimate:
+        """The inverse of `pack`."""
+        M, W, S = self._means, self.model.num_wires, self.model.num_segments
+        sizes = [self.model.size, W, S, S, M * M, W + S, S]
+        parts = np.split(vector, np.cumsum(sizes))
+        parts[4] = parts[4].reshape(M, M)
+        return Estimate(*parts)
+
+    def step(
+        self, estimate: Estimate, duty: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray
+    ) -> Estimate:
+        """The estimate a period later.
+
+        Args:
+            estimate: before the readings.
+            duty: that is applied in this period (W).
+            readings: V at its beginning (W), °C; NaN where there is none.
+            bend_angle: as read at its beginning (S), rad; NaN where there is none.
+        """
+        return self._predicted(self._corrected(estimate, readings, bend_angle), duty)
+
+    def _corrected(
+        self, estimate: Estimate, readings: np.ndarray, bend_angle: np.ndarray
+    ) -> Estimate:
+        """With the readings, as far as they are believed."""
+        model, period = self.model, self.model.period
+        H, W, S, M = model.size, model.num_wires, model.num_segments, self._means
+        alike = np.where(bend_angle == estimate.last_bend, estimate.alike + period, 0.0)
+        held, slopes = model.bend_slopes(estimate.heat)
+        bend = (bend_angle - self._sensor_offset) / self._gain
+        predicted = held + estimate.offset + estimate.drift
+        innovations = np.concatenate([readings - model.readings(estimate.heat), bend - predicted])
+        C = np.zeros((W + S, M))
+        C[:W, H - W : H] = np.eye(W)
+        C[W:, :H] = slopes
+        C[W:, H + W : H + W + S] = C[W:, H + W + S :] = np.eye(S)
+        spread = C @ estimate.covariance @ C.T + np.diag(self._noise)
+        believed = innovations**2 < GATE**2 * np.diag(spread)  # false for NaN, too
+        believed[W:] &= alike < STUCK_TIME
+        unbelieved = np.where(believed, 0.0, estimate.unbelieved + period)
+        C, innovations = C[believed], innovations[believed]
+        gain = np.linalg.solve(spread[np.ix_(believed, believed)], C @ estimate.covariance).T
+        P = estimate.covariance - gain @ C @ estimate.covariance
+        change = gain @ innovations
+        return Estimate(
+            estimate.heat + change[:H],
+            estimate.heating_rate + change[H : H + W],
+            estimate.drift + change[H + W : H + W + S],
+            estimate.offset + change[H + W + S :],
+            (P + P.T) / 2,
+            unbelieved,
+            alike,
+            np.where(np.isfinite(bend_angle), bend_angle, estimate.last_bend),
+        )
+
+    def _predicted(self, estimate: Estimate, duty: np.ndarray) -> Estimate:
+        """A period later, without new readings."""
+        model = self.model
+        H, W, S = model.size, model.num_wires, model.num_segments
+        after, A, _ = model.linearized_step(estimate.heat, duty)
+        after[:W] += model.period * estimate.heating_rate
+        F = np.diag(np.concatenate([np.zeros(H), self._decay]))
+        F[:H, :H] = A
+        F[:W, H : H + W] = model.period * np.eye(W)
+        walk = self._walk.copy()
+        walk[:W] += (HEATING_ERROR * self._heating * duty) ** 2 / model.period
+        P = F @ estimate.covariance @ F.T
+        P[np.diag_indices_from(P)] += walk
+        decay = np.split(self._decay, [W, W + S])
+        return dataclasses.replace(
+            estimate,
+            heat=after,
+            heating_rate=decay[0] * estimate.heating_rate,
+            drift=decay[1] * estimate.drift,
+            covariance=P,
+        )
