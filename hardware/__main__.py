@@ -9,9 +9,18 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from serial.tools import list_ports
 
+from controllers.learning import Repetition
 from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import EXTRA_EFFECTS, emulated_limb
+from hardware.learning import (
+    STATE,
+    draw_repetitions,
+    learn,
+    learner_in,
+    rested_robots,
+    rested_twins,
+)
 from hardware.robot.self_test import self_test
 from limb_systems import (
     LimbError,
@@ -72,18 +81,34 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "-o", "--output", required=True, type=Path, help="recording file to write (.csv)"
     )
     run.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
-    run.add_argument(
-        "--emulated",
-        type=int,
-        metavar="SEED",
-        help="seed of the emulated limb; if left out, the limb that the plan was calibrated on, "
-        "or else 0",
-    )
+    _add_emulated_option(run)
     run.add_argument(
         "--plot", type=Path, help="picture of plan and recording to write (.png, .pdf, .svg)"
     )
     _add_meshcat_option(run)
     add_force_option(run)
+
+    learn = commands.add_parser(
+        "learn",
+        help="repeat a trajectory, and learn from each repetition to follow it",
+        description="Replays a trajectory again and again, a robot in real time, each time when "
+        "its wires are cool. Corrects the duty after each repetition, so that the limb follows the "
+        "plan. Ends early when another repetition does not pay. The folder has a recording of each "
+        "repetition, a picture and what was learned: started again, it goes on from there.",
+    )
+    learn.add_argument("trajectory", type=Path, help="trajectory file (.csv)")
+    learn.add_argument("-o", "--output", required=True, type=Path, help="folder to write to")
+    learn.add_argument(
+        "-n",
+        "--repetitions",
+        type=int,
+        default=10,
+        help="in all, those before included (default %(default)s)",
+    )
+    learn.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
+    _add_emulated_option(learn)
+    learn.add_argument("--json", action="store_true", help="print JSON")
+    add_force_option(learn)
 
     teach = commands.add_parser(
         "teach",
@@ -146,6 +171,16 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     add_force_option(emulation)
     return parser
+
+
+def _add_emulated_option(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--emulated",
+        type=int,
+        metavar="SEED",
+        help="seed of the emulated limb; if left out, the limb that the plan was calibrated on, "
+        "or else 0",
+    )
 
 
 def _add_meshcat_option(command: argparse.ArgumentParser) -> None:
@@ -319,6 +354,45 @@ def _twin(planned: LimbParameters, options) -> LimbTwin:
     return LimbTwin.of(planned, options.emulated or 0)
 
 
+def _learn(options) -> int:
+    trajectory = Trajectory.load(options.trajectory)
+    learner = learner_in(options.output, trajectory, force=options.force)
+    limbs = (
+        rested_robots(options.port, trajectory)
+        if options.port
+        else rested_twins(_twin(trajectory.parameters, options), trajectory, learner)
+    )
+
+    def tell(number: int, repetition: Repetition) -> None:
+        if options.json:
+            return
+        said = [f"mean |φ* - φ| {np.rad2deg(repetition.mean_error):.2f}° as read"]
+        said += filter(None, [repetition.interrupted, repetition.remark])
+        print(f"repetition  {number}: {'; '.join(said)}", flush=True)
+
+    try:
+        learn(learner, limbs, options.repetitions, options.output, tell=tell)
+    finally:
+        picture = draw_repetitions(learner, options.output)
+    written = [str(path) for path in (options.output / STATE, picture) if path]
+    if options.json:
+        repetitions = [
+            {
+                "mean_deg": float(np.rad2deg(repetition.mean_error)),
+                "interrupted": repetition.interrupted,
+                "remark": repetition.remark,
+            }
+            for repetition in learner.repetitions
+        ]
+        facts = {"repetitions": repetitions, "finished": learner.finished, "written": written}
+        print(json.dumps(facts))
+        return 0
+    if learner.finished:
+        print(f"finished    {learner.finished}")
+    print(f"written     {', '.join(written)}")
+    return 0
+
+
 def _teach(options) -> int:
     check_outputs([options.output], inputs=[options.limb], force=options.force)
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
@@ -358,6 +432,7 @@ _COMMANDS = {
     "status": _status,
     "arm-check": _arm_check,
     "replay": _replay,
+    "learn": _learn,
     "teach": _teach,
     "recover": _recover,
     "emulate": _emulate,

@@ -28,6 +28,12 @@ def is_unfinished(path: Path) -> bool:
     return _UNFINISHED in path.name
 
 
+def unfinished_files(path: str | Path) -> set[Path]:
+    """The unfinished files of a table that was to be in a file."""
+    path = Path(path)
+    return set(path.parent.glob(f"{path.stem}{_UNFINISHED}*{path.suffix}"))
+
+
 class TableWriter:
     """Writes a table row by row, in a thread of its own: who appends never waits for the disk.
 

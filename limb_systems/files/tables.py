@@ -64,7 +64,14 @@ def write_table(
     columns: Mapping[str, np.ndarray],
     interrupted: str = "",
 ) -> None:
-    """Writes a table; see the module's docstring.
+    """Writes a table whole or not at all; see `format_table`."""
+    write_atomically(path, format_table(kind, header, columns, interrupted))
+
+
+def format_table(
+    kind: str, header: str, columns: Mapping[str, np.ndarray], interrupted: str = ""
+) -> str:
+    """The text of a table's file; see the module's docstring.
 
     Args:
         kind: "recording" or "trajectory".
@@ -86,7 +93,7 @@ def write_table(
             "are read again; save a part of it, or fewer samples per second."
         )
     end = end_of_table(hashlib.sha256(body.encode()), len(rows), interrupted)
-    write_atomically(path, "".join([body, *end]))
+    return "".join([body, *end])
 
 
 def format_head(kind: str, header: str, names: Iterable[str]) -> str:
@@ -137,7 +144,7 @@ def read_table(path: str | Path, kind: str, *, unfinished: bool = False) -> Tabl
     try:
         if unfinished and not re.search(rb"\n# end, .*\n$", data):
             data = _finish(data)
-        return _parse_table(data, kind)
+        return parse_table(data, kind)
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
 
@@ -152,7 +159,8 @@ def _finish(data: bytes) -> bytes:
     return body + "".join(end).encode()
 
 
-def _parse_table(data: bytes, kind: str) -> Table:
+def parse_table(data: bytes, kind: str) -> Table:
+    """What is in a text of `format_table`; errors as for `read_table`."""
     try:
         lines = data.decode("utf-8").split("\n")
     except UnicodeDecodeError as error:

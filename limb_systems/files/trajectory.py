@@ -19,10 +19,11 @@ from limb_systems.files.samples import (
     group_columns,
     ungroup_columns,
 )
-from limb_systems.files.tables import FileFormatError, read_table, write_table
+from limb_systems.files.tables import FileFormatError, Table, format_table, parse_table, read_table
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb, split_state
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.output import write_atomically
 from limb_systems.schema import dump_typed, load_typed
 
 DEFECT_TOLERANCE = 1e-6
@@ -321,13 +322,26 @@ class Trajectory(Shown):
         """
         table = read_table(path, "trajectory")
         try:
-            header = load_typed(TrajectoryHeader, table.header)
-            header.parameters.validate()
-            signals = group_columns(table.columns, columns_of(cls, header.parameters))
-            del signals["bend_angle"]  # it follows from the joint angles
-            return cls(**signals, parameters=header.parameters, check=header.check)
+            return cls._from_table(table)
         except LimbError as error:
             raise FileFormatError(f"{path}: {error}") from error
+
+    @classmethod
+    def from_text(cls, text: str) -> "Trajectory":
+        """Reads the text of a trajectory's file.
+
+        Raises:
+            LimbError: one sentence that says what is wrong and where.
+        """
+        return cls._from_table(parse_table(text.encode(), "trajectory"))
+
+    @classmethod
+    def _from_table(cls, table: Table) -> "Trajectory":
+        header = load_typed(TrajectoryHeader, table.header)
+        header.parameters.validate()
+        signals = group_columns(table.columns, columns_of(cls, header.parameters))
+        del signals["bend_angle"]  # it follows from the joint angles
+        return cls(**signals, parameters=header.parameters, check=header.check)
 
     def save(self, path: str | Path) -> None:
         """Writes the trajectory whole or not at all.
@@ -336,9 +350,13 @@ class Trajectory(Shown):
             LimbError: if its check failed; such a plan is not written. A plan
                 without a check is written, and its file says so.
         """
+        write_atomically(path, self.to_text())
+
+    def to_text(self) -> str:
+        """The text of its file; errors as for `save`."""
         if not self.check.is_missing and (failure := self.check.failure()):
             raise LimbError(f"This plan failed its check and is not saved: {failure}")
         sample_rate = (len(self.time) - 1) / self.duration
         header = TrajectoryHeader(sample_rate, self.check, self.parameters)
         columns = ungroup_columns(self, columns_of(Trajectory, self.parameters))
-        write_table(path, "trajectory", dump_typed(header), columns)
+        return format_table("trajectory", dump_typed(header), columns)

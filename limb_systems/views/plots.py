@@ -57,6 +57,42 @@ def plot_tracking(
     return figure
 
 
+def plot_repetitions(
+    trajectory: Trajectory, errors: Sequence[float], first: Recording, last: Recording
+) -> Figure:
+    """How the error fell over repetitions of a plan, and the first and the last of them.
+
+    Args:
+        trajectory: the plan.
+        errors: mean of |φ* - φ| in each repetition, as it was read, rad.
+    """
+    trajectory = trajectory.since_start()
+    num_segments = len(trajectory.parameters.segments)
+    figure = Figure(figsize=(WIDTH, 2.0 + 2.6 * num_segments), layout="constrained")
+    over, *axes = figure.subplots(1 + num_segments, 1)
+    numbers = np.arange(1, len(errors) + 1)
+    over.plot(numbers, np.rad2deg(errors), "o-", color=ROLLOUT_COLOR, label="mean error, as read")
+    over.set_xlabel("repetition")
+    over.set_xticks(numbers)
+    over.set_ylim(bottom=0.0)
+    over.set_ylabel(r"mean $|\varphi^* - \varphi|$ (°)")
+    for segment, axis in enumerate(axes):
+        suffix = trajectory.parameters.segment_suffixes[segment].replace("_", " of segment ")
+        for recording, color, name in (
+            (first, LEFT_RIGHT_COLORS[1], "first repetition"),
+            (last, ROLLOUT_COLOR, "last repetition"),
+        ):
+            angle = np.rad2deg(recording.bend_angle[segment])
+            axis.plot(recording.time, angle, color=color, linewidth=1.0, label=name)
+        planned = np.rad2deg(trajectory.bend_angle[segment])
+        axis.plot(trajectory.time, planned, "--", color=PLAN_COLOR, label=r"plan $\varphi^*$")
+        axis.set_xlabel("time (s)")
+        axis.set_ylabel(f"bend angle{suffix} (°)")
+    for axis in (over, *axes):
+        dress(axis)
+    return figure
+
+
 def wire_colors(number: int) -> list[str]:
     """A colour for each wire of a segment; the first two are left's and right's."""
     return list(itertools.islice(itertools.cycle(LEFT_RIGHT_COLORS + _FURTHER_COLORS), number))

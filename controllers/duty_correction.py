@@ -1,0 +1,246 @@
+"""The correction of a plan's duty for a limb whose errors are known.
+
+The duty is the plan's plus a correction, linear between nodes. A `ReducedModel`
+says what the limb would do, known errors are added, and a convex program along its
+linearization finds the correction that brings the limb nearest to the plan.
+"""
+
+import dataclasses
+
+import numpy as np
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from pydrake.trajectories import PiecewisePolynomial
+
+from controllers.reduced_model import PERIOD, ReducedModel
+from limb_systems import Trajectory
+
+STEPS = 4  # of the model, from a node to the next: nodes at about 5 Hz
+READING_MARGIN = 5.0  # °C, of what is expected below the reading at which a board switches off
+LEVEL_COST, CHANGE_COST = 0.3, 1.0  # of a duty, and of its change between nodes: (1°)²
+EXCESS_COST = 3.0  # of 1 °C beyond a temperature bound at a node: (1°)²
+TANGENTS = 3  # at most
+LITTLE = 0.01  # relative; a tangent that reduces the cost by less is the last
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Errors:
+    """What a limb has more than the model, at the M + 1 nodes.
+
+    - ``bend_angle``: (M + 1, S), rad.
+    - ``wire_temperature``, ``measured_temperature``: (M + 1, W), °C.
+    """
+
+    bend_angle: np.ndarray
+    wire_temperature: np.ndarray
+    measured_temperature: np.ndarray
+
+
+class DutyCorrection:
+    """Corrections of the duty of a plan, at M + 1 nodes.
+
+    - ``model``: the limb; its period divides the time between nodes.
+    - ``nodes``: times of the nodes (M + 1,), s since the start of the plan.
+    - ``middles``: times of the middles of the model's steps (L,), s.
+    - ``target``: φ* at the nodes (M + 1, S), rad.
+    """
+
+    def __init__(self, trajectory: Trajectory):
+        self.plan = plan = trajectory.since_start()
+        num_nodes = max(2, round(plan.duration / (STEPS * PERIOD))) + 1
+        self.nodes = np.linspace(0.0, plan.duration, num_nodes)
+        period = plan.duration / (STEPS * (num_nodes - 1))
+        self.model = ReducedModel(plan.parameters, period)
+        self.middles = (np.arange(STEPS * (num_nodes - 1)) + 0.5) * period
+        self.target = plan.bend_angle_at(self.nodes).T
+        self._planned = plan.duty_trajectory().vector_values(self.nodes).T
+        limits = plan.parameters.temperature_limits
+        warm = self.nodes > limits.warm_up_time
+        self._coolest = np.where(warm, limits.warm, -np.inf)
+
+    @property
+    def none(self) -> np.ndarray:
+        """No correction: (M + 1, W)."""
+        return np.zeros_like(self._planned)
+
+    def duty_trajectory(self, correction: np.ndarray) -> PiecewisePolynomial:
+        """The corrected duty since the start of the plan, in [0, 1] and within the total duty."""
+        times = np.union1d(self.plan.time, self.nodes)
+        duty = self.plan.duty_trajectory().vector_values(times)
+        duty = duty + [np.interp(times, self.nodes, column) for column in correction.T]
+        duty = np.clip(duty, 0.0, 1.0)
+        allowed = np.maximum(self._total(times), 1e-9)
+        return PiecewisePolynomial.FirstOrderHold(
+            times, duty * np.minimum(1.0, allowed / np.maximum(duty.sum(axis=0), 1e-9))
+        )
+
+    def _total(self, times: np.ndarray) -> np.ndarray:
+        """The largest sum of duties at times; the plan's own, should that be larger."""
+        planned = self.plan.duty_trajectory().vector_values(times).sum(axis=0)
+        return np.maximum(self.plan.parameters.total_duty, planned)
+
+    def start(self, readings: np.ndarray | None = None) -> np.ndarray:
+        """Heat of the model (H,) at the start of the plan, or with other readings (W,), °C."""
+        plan, model = self.plan, self.model
+        states = plan.state[2 * plan.parameters.num_joints :, 0].copy()
+        if readings is not None:
+            W = model.num_wires
+            warmer = readings - states[-W:]
+            states[:W] += warmer
+            states[-W:] += warmer
+        return states
+
+    def course(self, start: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """Heat at the nodes (M + 1, H) under duty (L, W) of the model's steps."""
+        return self.model.course(start, duty)[::STEPS]
+
+    def steps(self, correction: np.ndarray) -> np.ndarray:
+        """The corrected duty of the model's steps (L, W)."""
+        return self.duty_trajectory(correction).vector_values(self.middles).T
+
+    def lag(self) -> np.ndarray:
+        """From errors of T at the nodes to errors of V there (W, M + 1, M + 1)."""
+        model, nodes = self.model, self.nodes
+        W = model.num_wires
+        _, by_heat, _ = model.linearized_step(model.cold, np.zeros(W))
+        count = STEPS * (len(nodes) - 1)
+        at_steps = np.array([np.interp(self.middles, nodes, one) for one in np.eye(len(nodes))]).T
+        lags = []
+        for wire in range(W):
+            row = by_heat[model.size - W + wire]
+            keeps, takes = row[model.size - W + wire], row[wire]
+            shown = np.zeros((count + 1, len(nodes)))
+            for step in range(count):
+                shown[step + 1] = keeps * shown[step] + takes * at_steps[step]
+            lags.append(shown[::STEPS])
+        return np.array(lags)
+
+    def improve(
+        self, correction: np.ndarray, start: np.ndarray, errors: Errors, cooler: float = 0.0
+    ) -> np.ndarray:
+        """A correction (M + 1, W) of less cost, or the same one if none is found.
+
+        Args:
+            start: heat at the start (H,).
+            errors: what the limb has more than the model.
+            cooler: by how much wires have to be below their bounds, °C.
+        """
+        cost = self._cost(correction, start, errors, cooler)
+        for _ in range(TANGENTS):
+            best = self._solve(correction, start, errors, cooler)
+            if best is None:
+                break
+            for share in (1.0, 0.5, 0.25):
+                tried = correction + share * (best - correction)
+                new_cost = self._cost(tried, start, errors, cooler)
+                if new_cost < cost:
+                    break
+            else:
+                break
+            reduction, correction, cost = 1.0 - new_cost / cost, tried, new_cost
+            if reduction < LITTLE:
+                break
+        return correction
+
+    def expected_bend(
+        self, correction: np.ndarray, start: np.ndarray, errors: Errors
+    ) -> np.ndarray:
+        """φ of the limb at the nodes (M + 1, S), rad, under a correction."""
+        heat = self.course(start, self.steps(correction))
+        return self.model.bend_angle(heat) + errors.bend_angle
+
+    def _bounds(self, errors: Errors, cooler: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Bounds of the model's T, from below and above, and of its V, at the nodes (M + 1, W)."""
+        limits = self.plan.parameters.temperature_limits
+        highest = limits.measured_maximum - READING_MARGIN - cooler
+        hottest = limits.maximum - cooler - errors.wire_temperature
+        coolest = self._coolest[:, np.newaxis] - errors.wire_temperature
+        return np.minimum(coolest, hottest), hottest, highest - errors.measured_temperature
+
+    def _cost(self, correction, start, errors: Errors, cooler: float) -> float:
+        heat = self.course(start, self.steps(correction))
+        missed = np.rad2deg(self.target - errors.bend_angle - self.model.bend_angle(heat))
+        coolest, hottest, highest = self._bounds(errors, cooler)
+        T, V = self.model.temperatures(heat), self.model.readings(heat)
+        excess = np.maximum(0.0, np.maximum.reduce([T - hottest, coolest - T, V - highest]))
+        return float(
+            (missed**2).sum()
+            + LEVEL_COST * (correction**2).sum()
+            + CHANGE_COST * (np.diff(correction, axis=0) ** 2).sum()
+            + EXCESS_COST * excess[1:].sum()
+        )
+
+    def _solve(self, correction, start, errors: Errors, cooler: float) -> np.ndarray | None:
+        """The best correction where the model is linear, along the course of this one."""
+        model = self.model
+        duty = self.steps(correction)
+        heats = model.course(start, duty)
+        by_heat, by_first, by_second = self._slopes(heats[:-1], duty)
+        heat = heats[::STEPS]
+        bend, bend_by_heat = model.bend_slopes(heat)
+        missed = np.rad2deg(self.target - errors.bend_angle - bend)
+        coolest, hottest, highest = self._bounds(errors, cooler)
+        M, H, W = len(heat) - 1, model.size, model.num_wires
+        scales = model.scales
+
+        prog = MathematicalProgram()
+        x = prog.NewContinuousVariables(M, H, "x")  # change of heat at nodes 1 to M, scaled
+        c = prog.NewContinuousVariables(M + 1, W, "c")
+        excess = prog.NewContinuousVariables(M, W, "s")
+        lowest = np.minimum(-self._planned, correction)
+        largest = np.maximum(1.0 - self._planned, correction)
+        prog.AddBoundingBoxConstraint(lowest, largest, c)
+        prog.AddBoundingBoxConstraint(0.0, np.inf, excess)
+        room = self._total(self.nodes) - self._planned.sum(axis=1)
+        for k in range(M + 1):
+            prog.AddLinearConstraint(
+                np.ones((1, W)), [-np.inf], [max(room[k], correction[k].sum())], c[k]
+            )
+            prog.AddQuadraticCost(2 * LEVEL_COST * np.eye(W), np.zeros(W), c[k], is_convex=True)
+        one = np.eye(W)
+        change = 2 * CHANGE_COST * np.block([[one, -one], [-one, one]])
+        select_T, select_V = np.diag(scales)[:W], np.diag(scales)[-W:]
+        for k in range(M):
+            first, second = by_first[k] / scales[:, None], by_second[k] / scales[:, None]
+            ends = [first, second, -np.eye(H)]
+            variables = [c[k], c[k + 1], x[k]]
+            if k:
+                ends.append(by_heat[k] * scales / scales[:, None])
+                variables.append(x[k - 1])
+            offset = first @ correction[k] + second @ correction[k + 1]
+            prog.AddLinearEqualityConstraint(np.hstack(ends), offset, np.concatenate(variables))
+            prog.AddQuadraticCost(
+                change, np.zeros(2 * W), np.concatenate(variables[:2]), is_convex=True
+            )
+            C = np.rad2deg(bend_by_heat[k + 1]) * scales
+            prog.AddQuadraticCost(2 * C.T @ C, -2 * C.T @ missed[k + 1], x[k], is_convex=True)
+            T, V = model.temperatures(heat[k + 1]), model.readings(heat[k + 1])
+            bounded = np.concatenate([x[k], excess[k]])
+            for rows, bound in (
+                (np.hstack([select_T, -one]), hottest[k + 1] - T),
+                (np.hstack([select_V, -one]), highest[k + 1] - V),
+                (np.hstack([-select_T, -one]), T - coolest[k + 1]),
+            ):
+                if np.isfinite(bound).all():
+                    prog.AddLinearConstraint(rows, np.full(W, -np.inf), bound, bounded)
+            prog.AddLinearCost(np.full(W, EXCESS_COST), 0.0, excess[k])
+        result = ClarabelSolver().Solve(prog)
+        return result.GetSolution(c) if result.is_success() else None
+
+    def _slopes(self, heats: np.ndarray, duty: np.ndarray):
+        """Derivatives of the heat at the next node.
+
+        Returns:
+            By the heat at a node (M, H, H), and by the corrections at both nodes (M, H, W).
+        """
+        _, by_heat, by_duty = self.model.linearized_step(heats, duty)
+        H, W = by_duty.shape[1:]
+        by_heat = by_heat.reshape(-1, STEPS, H, H)
+        by_duty = by_duty.reshape(-1, STEPS, H, W)
+        total = np.broadcast_to(np.eye(H), by_heat[:, 0].shape)
+        first = second = np.zeros_like(by_duty[:, 0])
+        for step in range(STEPS):
+            share = (step + 0.5) / STEPS
+            A, B = by_heat[:, step], by_duty[:, step]
+            total = A @ total
+            first, second = A @ first + (1 - share) * B, A @ second + share * B
+        return total, first, second

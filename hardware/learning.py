@@ -1,0 +1,203 @@
+"""Repeats a plan on a limb that learns to follow it."""
+
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from controllers import Learner
+from controllers.learning import Repetition
+from hardware.emulation.twin import LimbTwin
+from hardware.replay import ReplayError, replay
+from hardware.robot.link import BoardLink, HardwareError
+from hardware.robot.serial_limb import SerialLimb
+from limb_systems import LimbSystem, Recording, Trajectory
+from limb_systems.files.table_writer import unfinished_files
+from limb_systems.output import OutputError, check_folder
+from limb_systems.progress import Progress
+
+STATE, PICTURE = "learning.txt", "learning.png"
+PAUSE = 300.0  # s, without heat, between two repetitions on an emulated limb
+COOL = 3.0  # °C, by which a wire may be warmer than where the plan starts
+LONGEST_REST = 1200.0  # s
+LOOK_PERIOD = 1.0  # s
+_NAME = re.compile(r"repetition_[0-9]+\.csv")
+
+
+def learn(
+    learner: Learner,
+    limb_of_repetition: Callable[[], LimbSystem],
+    repetitions: int,
+    folder: str | Path,
+    *,
+    tell: Callable[[int, Repetition], object] = lambda number, repetition: None,
+) -> None:
+    """Repeats a plan until a number of repetitions is reached, or another does not pay.
+
+    The folder has ``learning.txt``, which `Learner.load` reads, and a recording of each
+    repetition, ``repetition_1.csv`` and so on. Nothing is lost whenever this ends: a
+    recording that is complete is learned from the next time. If a robot fails, its
+    repetition is kept as an unfinished recording, which counts as interrupted.
+
+    Args:
+        learner: of the plan, also with repetitions before.
+        limb_of_repetition: gives a limb that is ready for the next repetition.
+        repetitions: in all, those before included.
+        tell: is told of each repetition, with its number from 1 on.
+
+    Raises:
+        ReplayError: if the plan must not be replayed on the limb.
+        HardwareError: if the robot fails; the repetition was learned from, as far as it came.
+        OutputError: if a file cannot be written.
+    """
+    folder = Path(folder)
+    learner.save(folder / STATE)
+    while len(learner.repetitions) < repetitions and not learner.finished:
+        number = len(learner.repetitions) + 1
+        path = folder / f"repetition_{number}.csv"
+        failure = None
+        if path.exists():
+            recording = Recording.load(path)
+        else:
+            limb = limb_of_repetition()
+            before = unfinished_files(path)
+            try:
+                recording = _recorded(learner, limb, path)
+            except HardwareError as error:
+                new = unfinished_files(path) - before
+                if not new:
+                    raise
+                failure, recording = error, Recording.load(new.pop(), unfinished=True)
+        repetition = learner.update(recording)
+        learner.save(folder / STATE)
+        tell(number, repetition)
+        if failure:
+            raise failure
+
+
+def _recorded(learner: Learner, limb: LimbSystem, path: Path) -> Recording:
+    """A repetition on a limb, in a file."""
+    if limb.real_time:
+        return replay(learner.trajectory, limb, controller=learner.source(), journal=path)
+    recording = replay(learner.trajectory, limb, controller=learner.source())
+    recording.save(path)
+    return recording
+
+
+def rested_twins(
+    twin: LimbTwin, trajectory: Trajectory, learner: Learner
+) -> Callable[[], LimbSystem]:
+    """For `learn`: an emulated limb, `PAUSE` after each repetition.
+
+    The time of repetitions before, in a program that ended, passes first: its
+    sensors do not have the same noise again.
+    """
+    pause = len(learner.repetitions) * (trajectory.duration + PAUSE)
+
+    def rested() -> LimbSystem:
+        nonlocal pause
+        limb, pause = twin.again(pause), PAUSE
+        return limb
+
+    return rested
+
+
+def rested_robots(port: str, trajectory: Trajectory) -> Callable[[], LimbSystem]:
+    """For `learn`: the robot on a port, when its wires have cooled."""
+
+    def rested() -> LimbSystem:
+        with BoardLink(port) as link:
+            wait_until_cool(lambda: link.sample().temperature, trajectory)
+        return SerialLimb(port, trajectory.parameters)
+
+    return rested
+
+
+def wait_until_cool(
+    read: Callable[[], np.ndarray],
+    trajectory: Trajectory,
+    *,
+    longest: float = LONGEST_REST,
+    period: float = LOOK_PERIOD,
+) -> None:
+    """Waits until no wire is read more than 3 °C warmer than where a plan starts.
+
+    Args:
+        read: gives V of the wires (W,), °C.
+        longest: s, to wait.
+        period: s, between two looks.
+
+    Raises:
+        ReplayError: if a wire is too warm after that.
+    """
+    start, names = trajectory.measured_temperature[:, 0], trajectory.parameters.wire_names
+    begin = time.monotonic()
+    with Progress("resting until the wires are cool", longest, "s") as progress:
+        while True:
+            above = read() - start
+            warmest = int(np.argmax(above))
+            if above[warmest] <= COOL:
+                return
+            waited = time.monotonic() - begin
+            now = start[warmest] + above[warmest]
+            if waited > longest:
+                raise ReplayError(
+                    f"After {waited:.0f} s of rest the {names[warmest]} wire is still at "
+                    f"{now:.1f} °C, but the trajectory starts at {start[warmest]:.1f} °C; cool the "
+                    "limb, or plan from where it is."
+                )
+            progress.update(waited, f"{names[warmest]} {now:.1f} °C")
+            time.sleep(period)
+
+
+def learner_in(folder: Path, trajectory: Trajectory, *, force: bool = False) -> Learner:
+    """The learner of a plan in a folder, or a new one.
+
+    Args:
+        force: whether to start anew where there are repetitions.
+
+    Raises:
+        OutputError: if the folder cannot be written to, or has repetitions of another plan.
+        FileFormatError: if what is there is damaged.
+    """
+    check_folder(folder)
+    state = folder / STATE
+    if state.exists() and not force:
+        learner = Learner.load(state)
+        if learner.trajectory.to_text() != trajectory.to_text():
+            raise OutputError(
+                f"{state} is of another plan; give another folder, or --force to start anew."
+            )
+        return learner
+    made = [path for path in folder.glob("repetition_*.csv") if _NAME.fullmatch(path.name)]
+    if made and not force:
+        raise OutputError(
+            f"{folder} holds repetitions without {STATE}; give another folder, or --force to "
+            "replace them."
+        )
+    learner = Learner(trajectory)
+    if force:
+        learner.save(state)  # before, so that they are never taken for this learner's
+        for path in made:
+            path.unlink()
+    return learner
+
+
+def draw_repetitions(learner: Learner, folder: Path) -> Path | None:
+    """The picture of all repetitions, if there are recordings of the first and the last."""
+    complete = [
+        path
+        for number in range(1, len(learner.repetitions) + 1)
+        if (path := folder / f"repetition_{number}.csv").exists()
+    ]
+    if not complete:
+        return None
+    # Matplotlib takes as long to import as all the rest.
+    from limb_systems.views.plots import plot_repetitions, save_figure
+
+    errors = [repetition.mean_error for repetition in learner.repetitions]
+    first, last = Recording.load(complete[0]), Recording.load(complete[-1])
+    save_figure(plot_repetitions(learner.trajectory, errors, first, last), folder / PICTURE)
+    return folder / PICTURE
