@@ -17,7 +17,7 @@ from limb_systems import Trajectory
 STEPS = 4  # of the model, from a node to the next: nodes at about 5 Hz
 READING_MARGIN = 5.0  # °C, of what is expected below the reading at which a board switches off
 LEVEL_COST, CHANGE_COST = 0.3, 1.0  # of a duty, and of its change between nodes: (1°)²
-EXCESS_COST = 3.0  # of 1 °C beyond a temperature bound at a node: (1°)²
+EXCESS_COST = 300.0  # (1°)²/°C beyond a temperature bound at a node; more than tracking pays
 TANGENTS = 3  # at most
 LITTLE = 0.01  # relative; a tangent that reduces the cost by less is the last
 

@@ -35,7 +35,7 @@ SMOOTH = 2.0  # s, in which the correlation of the model's errors falls to 1/e
 REST_ERROR = np.deg2rad(1.0)  # of the model's bend with cold wires
 UNKNOWN_BEND, UNKNOWN_TEMPERATURE = np.deg2rad(5.0), 10.0  # errors of uncalibrated models
 MEAN_TO_DEVIATION = 1.25  # of the mean of |x| to the standard deviation of x, if x is normal
-CHANGED_SHARE = 0.15  # of a change of the bend, which the model has wrong
+CHANGED_SHARE = 0.15  # of a change of bend or temperature, which the model has wrong
 CHANGED_REST = np.deg2rad(0.1)  # by which a limb changes between repetitions
 CHANGED_TEMPERATURE = 0.3  # °C, likewise
 SPREAD = 0.6  # of the mean of |x| over the standard deviation of x, if x is normal
@@ -154,8 +154,12 @@ class Learner:
         if not self.repetitions or self.repetitions[-1].failed:
             return ""
         rest, worth = self.expected_error, WORTH * self._sensor_error
-        now = np.mean([np.hypot(part.deviation, rest).mean() for part in self._bend])
-        after = np.mean([np.hypot(part.next_deviation(), rest).mean() for part in self._bend])
+        change = wandering(self.nodes, CHANGED_REST, DRIFT_TIME)
+        next_time = [part.after_another(change) for part in self._bend]
+        now, after = (
+            np.mean([np.hypot(part.deviation, rest).mean() for part in parts])
+            for parts in (self._bend, next_time)
+        )
         if now - after > worth:
             return ""
         left = (
@@ -164,8 +168,8 @@ class Learner:
             else ""
         )
         return (
-            f"Another repetition would make the error smaller by {np.rad2deg(now - after):.3f}°, "
-            f"less than the sensor can tell.{left}"
+            f"Another repetition is expected to make the error smaller by less than "
+            f"{np.rad2deg(worth):.2g}°, as the sensor has noise and drift.{left}"
         )
 
     def update(self, recording: Recording) -> Repetition:
@@ -182,7 +186,7 @@ class Learner:
         repetition = self._seen(recording)
         good = [other for other in self.repetitions if not other.failed]
         best = min(good, key=lambda other: other.mean_error, default=None)
-        by_chance = SURELY * SPREAD * self._sensor_error
+        by_chance = SURELY * SPREAD * np.sqrt(2) * self._sensor_error  # a difference of two
         if repetition.interrupted:
             back = "back to the best repetition" if best else "its readings were learned"
             repetition = dataclasses.replace(repetition, remark=f"interrupted; {back}")
@@ -279,29 +283,32 @@ class Learner:
             )
             for wire, lag in enumerate(self._lag)
         ]
-        self._last_bend: np.ndarray | None = None
+        self._last: tuple[np.ndarray, np.ndarray] | None = None  # φ and T of the model
 
     def _learn(self, repetition: Repetition) -> None:
         """Updates the estimates of the repeating errors."""
         program = self._program
         self._start = program.start(repetition.start)
         heat = program.course(self._start, repetition.duty)
-        bend = program.model.bend_angle(heat)
-        if self._last_bend is not None:
-            nodes, changed = self.nodes, CHANGED_SHARE * np.abs(bend - self._last_bend)
-            for part, change in zip(self._bend, changed.T, strict=True):
-                part.change(wandering(nodes, change, SMOOTH))
-                part.change(wandering(nodes, CHANGED_REST, DRIFT_TIME))
-            for part in self._heat:
-                part.change(wandering(nodes, CHANGED_TEMPERATURE, DRIFT_TIME))
+        model, nodes = program.model, self.nodes
+        bend, temperatures = model.bend_angle(heat), model.temperatures(heat)
+        if self._last is not None:
+            for parts, now, before, anyway in (
+                (self._bend, bend, self._last[0], CHANGED_REST),
+                (self._heat, temperatures, self._last[1], CHANGED_TEMPERATURE),
+            ):
+                changes = CHANGED_SHARE * np.abs(now - before)
+                for part, change in zip(parts, changes.T, strict=True):
+                    part.change(wandering(nodes, change, SMOOTH))
+                    part.change(wandering(nodes, anyway, DRIFT_TIME))
+        self._last = bend, temperatures
         for part, shown in zip(self._bend, (repetition.bend_angle - bend).T, strict=True):
             part.observe(shown)
-        readings = program.model.readings(heat)
+        readings = model.readings(heat)
         for part, shown in zip(
             self._heat, (repetition.measured_temperature - readings).T, strict=True
         ):
             part.observe(shown)
-        self._last_bend = bend
 
     def _errors(self) -> Errors:
         """The repeating errors, as far as they are known."""

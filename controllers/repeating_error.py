@@ -1,5 +1,7 @@
 """The part of an error that is the same in every repetition, from noisy repetitions."""
 
+import copy
+
 import numpy as np
 
 
@@ -40,25 +42,22 @@ class RepeatingError:
     def observe(self, shown: np.ndarray) -> None:
         """A repetition has shown these errors (R,), NaN where it showed none."""
         seen = np.isfinite(shown)
-        gain, H = self._gain(seen)
+        H = self._shows[seen]
+        together = H @ self.covariance
+        of_errors = together @ H.T + self._noise[np.ix_(seen, seen)]
+        gain = np.linalg.solve(of_errors, together).T
         self.mean = self.mean + gain @ (shown[seen] - H @ self.mean)
-        self.covariance = self._after(gain, H)
+        after = self.covariance - gain @ together
+        self.covariance = 0.5 * (after + after.T)
 
     @property
     def deviation(self) -> np.ndarray:
         """Standard deviation of the estimate's error (M,)."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
-    def next_deviation(self) -> np.ndarray:
-        """``deviation`` after another whole repetition (M,), whatever it shows."""
-        after = self._after(*self._gain(np.ones(len(self._noise), bool)))
-        return np.sqrt(np.maximum(np.diag(after), 0.0))
-
-    def _gain(self, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        H = self._shows[seen]
-        of_errors = H @ self.covariance @ H.T + self._noise[np.ix_(seen, seen)]
-        return np.linalg.solve(of_errors, H @ self.covariance).T, H
-
-    def _after(self, gain: np.ndarray, H: np.ndarray) -> np.ndarray:
-        after = self.covariance - gain @ H @ self.covariance
-        return 0.5 * (after + after.T)
+    def after_another(self, change: np.ndarray) -> "RepeatingError":
+        """The estimate after a change and another whole repetition that shows what it expects."""
+        other = copy.copy(self)
+        other.change(change)
+        other.observe(self._shows @ self.mean)
+        return other

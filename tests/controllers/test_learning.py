@@ -1,0 +1,375 @@
+"""Learning over repetitions, on plants that are the reduced model with known errors."""
+
+import copy
+import dataclasses
+
+import numpy as np
+import pytest
+
+from controllers import Learner
+from controllers.duty_correction import (
+    CHANGE_COST,
+    LEVEL_COST,
+    READING_MARGIN,
+    DutyCorrection,
+    Errors,
+)
+from controllers.learning import COOLER, WORTH
+from controllers.reduced_model import ReducedModel
+from controllers.repeating_error import RepeatingError, wandering
+from limb_systems import (
+    HystereticLaw,
+    LimbError,
+    LimbParameters,
+    Recording,
+    Trajectory,
+)
+from limb_systems.files.tables import FileFormatError
+from limb_systems.files.trajectory import PlanCheck
+
+DURATION = 12.0
+CHECKED = PlanCheck(largest_defect=0.0, largest_difference_deg=0.0, tolerance_deg=1.0)
+
+
+def limb(noise_deg=0.5, drift_deg=1.0) -> LimbParameters:
+    parameters = LimbParameters()
+    sensor = parameters.segments[0].bend_sensor
+    sensor.noise, sensor.drift = np.deg2rad([noise_deg, drift_deg]).tolist()
+    return parameters
+
+
+def plan_of(parameters: LimbParameters) -> Trajectory:
+    """What the model does under smooth duty, knots at 10 Hz."""
+    model = ReducedModel(parameters)
+    times = np.arange(0.0, DURATION + 0.01, 0.1)
+    phases = np.arange(model.num_wires)
+    duty = 0.3 - 0.2 * np.cos(0.8 * np.add.outer(times, phases))
+    middles = np.arange(0.025, DURATION, 0.05)
+    steps = np.array([np.interp(middles, times, column) for column in duty.T]).T
+    heat = model.course(model.cold, steps)[::2]
+    angles = model.joint_angles(heat)
+    states, W = heat[:, : -model.num_wires], model.num_wires
+    return Trajectory(
+        time=times,
+        reference=model.bend_angle(heat).T,
+        duty=duty.T,
+        joint_state=np.vstack([angles.T, np.gradient(angles, times, axis=0).T]),
+        wire_temperature=states[:, :W].T,
+        measured_temperature=model.readings(heat).T,
+        parameters=parameters,
+        check=CHECKED,
+        other_wire_state=states[:, W:].T if states.shape[1] > W else None,
+    )
+
+
+class Plant:
+    """The reduced model of other parameters, with a sensor and an error that repeats."""
+
+    def __init__(self, parameters, seed=0, disturbance=lambda times: 0 * times):
+        self.model, self.random = ReducedModel(parameters), np.random.default_rng(seed)
+        self.disturbance = disturbance
+        self.heat = np.zeros(0)
+
+    def repeat(self, learner, *, offset=0.0, end=DURATION, interrupted="") -> Recording:
+        """A repetition with the learned duty, and an offset of the bend, rad."""
+        times = np.arange(0.0, end + 0.01, 0.05)
+        course = learner.duty_trajectory()
+        duty = course.vector_values(times[:-1] + 0.025).T
+        self.heat = self.model.course(self.model.cold, duty)
+        self.bend = self.model.bend_angle(self.heat) + self.disturbance(times)[:, None] + offset
+        bend = self.bend.copy()
+        for column, segment in zip(bend.T, self.model.parameters.segments, strict=True):
+            sensor = segment.bend_sensor
+            drift = self.random.multivariate_normal(0 * times, wandering(times, sensor.drift, 120))
+            column += drift + sensor.noise * self.random.normal(size=len(times))
+        return Recording(
+            time=times,
+            duty=course.vector_values(times),
+            measured_temperature=self.model.readings(self.heat).T,
+            bend_angle=bend.T,
+            parameters=self.model.parameters,
+            source="reduced model",
+            sample_rate=20.0,
+            interrupted=interrupted,
+        )
+
+    def error(self, learner) -> float:
+        """Mean of |φ* - φ| of the last repetition, without the sensor's errors, degrees."""
+        planned = learner.trajectory.bend_angle_at(np.arange(len(self.bend)) * 0.05)
+        return float(np.rad2deg(np.abs(planned.T - self.bend).mean()))
+
+
+def ripple(times):
+    """A repeating error of 3°, none at the start."""
+    return np.deg2rad(3.0) * np.sin(0.5 * times) ** 2
+
+
+def test_estimate_of_a_constant_is_the_weighted_mean():
+    """Closed form: of prior variance p and noise r, j readings leave p r / (j p + r)."""
+    p, r, readings = 2.0, 3.0, [1.0, 4.0, 2.5]
+    part = RepeatingError(np.array([[p]]), np.eye(1), np.array([[r]]))
+    for number, reading in enumerate(readings, 1):
+        expected = np.sqrt(p * r / (number * p + r))
+        assert part.after_another(np.zeros((1, 1))).deviation[0] == pytest.approx(expected)
+        part.observe(np.array([reading]))
+        assert part.deviation[0] == pytest.approx(expected)
+        assert part.mean[0] == pytest.approx(p * sum(readings[:number]) / (number * p + r))
+    part.observe(np.array([np.nan]))
+    assert part.deviation[0] == pytest.approx(expected)
+    part.change(np.array([[0.5]]))
+    assert part.deviation[0] == pytest.approx(np.sqrt(expected**2 + 0.5))
+
+
+def test_correction_is_that_of_least_squares_where_no_bound_is_active():
+    """With slopes by differences, in one dense system."""
+    plan = plan_of(limb())
+    program, start = DutyCorrection(plan), DutyCorrection(plan).start()
+    nodes, W = program.nodes, 2
+    missing = 1e-3 * np.sin(0.5 * nodes)[:, None]  # rad; so little that all is linear
+    none = np.zeros((len(nodes), W))
+    found = program.improve(program.none, start, Errors(-missing, none, none))
+
+    moved, step = np.eye(none.size).reshape(-1, *none.shape), 1e-4
+    shares = np.array([np.interp(program.middles, nodes, one) for one in np.eye(len(nodes))]).T
+    planned = program.steps(program.none)
+    duty = planned[:, None] + step * np.einsum("lk,bkw->lbw", shares, moved)
+    model = program.model
+    bend = model.bend_angle(model.course(np.tile(start, (none.size, 1)), duty)[::4])[..., 0]
+    base = model.bend_angle(model.course(start, planned)[::4])
+    G = np.rad2deg(bend - base) / step
+    differences = np.kron(np.diff(np.eye(len(nodes)), axis=0), np.eye(W))
+    weights = LEVEL_COST * np.eye(none.size) + CHANGE_COST * differences.T @ differences
+    exact = np.linalg.solve(G.T @ G + weights, G.T @ np.rad2deg(missing[:, 0]))
+    assert np.abs(exact).max() > 1e-3
+    np.testing.assert_allclose(found.ravel(), exact, atol=2e-5)
+
+
+def test_one_repetition_is_enough_with_the_right_model_and_an_exact_sensor():
+    parameters = limb(0.0, 0.0)
+    learner, plant = Learner(plan_of(parameters)), Plant(parameters, disturbance=ripple)
+    repetition = learner.update(plant.repeat(learner))
+    before = plant.error(learner)
+    assert before > 1.0
+    assert np.rad2deg(repetition.mean_error) == pytest.approx(before, rel=0.02)
+    learner.update(plant.repeat(learner))
+    assert plant.error(learner) < 0.07 * before
+    assert np.rad2deg(learner.repetitions[1].mean_error) == pytest.approx(
+        plant.error(learner), abs=0.02
+    )
+
+
+def test_late_repetitions_do_not_follow_the_noise():
+    """With nothing to learn, steps of the duty fall with the number of repetitions."""
+    parameters = limb()
+    learner, plant = Learner(plan_of(parameters)), Plant(parameters)
+    corrections = [learner.correction]
+    for _ in range(8):
+        learner.update(plant.repeat(learner))
+        corrections.append(learner.correction)
+    steps = np.sqrt((np.diff(corrections, axis=0) ** 2).mean(axis=(1, 2)))
+    assert steps[-3:].mean() < 0.35 * steps[0]
+    assert plant.error(learner) < 0.6  # where the drift alone is read as 0.8° on average
+
+
+def wrong(parameters: LimbParameters) -> LimbParameters:
+    """A limb of other torque and heat than the model's."""
+    other = copy.deepcopy(parameters)
+    for index, wire in enumerate(other.wires):
+        wire.law.a2 *= 1.1 if index % 2 else 0.95
+        wire.law.a1 *= 0.93 if index % 2 else 1.05
+    for segment in other.segments:
+        segment.stiffness *= 0.9
+    return other
+
+
+def hysteretic() -> LimbParameters:
+    parameters = limb()
+    for wire in parameters.segments[0].wires:
+        wire.law = HystereticLaw()
+    return parameters
+
+
+@pytest.mark.parametrize("kind", ["linear", "hysteretic", "two segments"])
+def test_error_falls_on_limbs_that_differ_from_their_model(kind, two_segments):
+    known = {"linear": limb(), "hysteretic": hysteretic(), "two segments": two_segments}[kind]
+    learner, plant = Learner(plan_of(known)), Plant(wrong(known))
+    errors = []
+    for _ in range(4):
+        learner.update(plant.repeat(learner))
+        errors.append(plant.error(learner))
+    assert errors[0] > 1.0
+    assert errors[-1] < 0.5 * errors[0]
+
+
+def test_bounds_hold_also_where_the_model_is_too_cold():
+    parameters = limb(0.0, 0.0)
+    plan = plan_of(parameters)
+    warmest = plan.wire_temperature.max()
+    plan.parameters.temperature_limits.maximum = float(warmest)
+    plan.parameters.total_duty = 0.96
+    hot = copy.deepcopy(parameters)
+    for wire in hot.segments[0].wires:
+        wire.law.a2 *= 1.15
+    learner, plant = Learner(plan), Plant(hot, disturbance=lambda t: -8 * ripple(t))
+    learner.update(plant.repeat(learner))
+    first = plant.model.temperatures(plant.heat).max()
+    assert first > warmest + 5.0
+    for _ in range(2):
+        learner.update(plant.repeat(learner))
+        duty = learner.duty_trajectory().vector_values(np.linspace(0.0, DURATION, 997))
+        assert duty.min() >= 0.0
+        assert duty.max() <= 1.0
+        assert duty.sum(axis=0).max() < 0.96 + 1e-6
+    assert plant.model.temperatures(plant.heat).max() < warmest + 1.0
+    assert learner.expected_error > np.deg2rad(0.3)  # what the bounds leave
+    planned, expected = plan.bend_angle_at(learner.nodes).T, learner.expected_bend_angle()
+    np.testing.assert_allclose(np.abs(planned - expected).mean(), learner.expected_error)
+
+
+def test_worse_repetitions_are_undone_and_steps_get_shorter():
+    parameters = limb(0.1, 0.1)
+    learner, plant = Learner(plan_of(parameters)), Plant(parameters, disturbance=ripple)
+    for _ in range(2):
+        assert not learner.update(plant.repeat(learner)).remark
+    best = learner.repetitions[1].correction
+    worse = learner.update(plant.repeat(learner, offset=np.deg2rad(5.0)))
+    assert "worse than" in worse.remark
+    np.testing.assert_array_equal(learner.correction, best)
+    # The same knowledge with and without the failure before leads half as far.
+    good = learner.update(plant.repeat(learner))
+    assert not good.failed
+    step = learner.correction - good.correction
+    whole = learner._program.improve(good.correction, learner._start, learner._errors())
+    np.testing.assert_allclose(step, 0.5 * (whole - good.correction), atol=1e-12)
+
+
+def test_interrupted_repetitions_are_undone_but_seen():
+    parameters = limb(0.1, 0.1)
+    learner, plant = Learner(plan_of(parameters)), Plant(parameters, disturbance=ripple)
+    learner.update(plant.repeat(learner))
+    # Once more, from the beginning, where the ripple is known already.
+    half = plant.repeat(learner, end=6.0, interrupted="the board switched off")
+    repetition = learner.update(half)
+    assert repetition.interrupted == "the board switched off"
+    assert repetition.remark == "interrupted; back to the best repetition"
+    np.testing.assert_array_equal(learner.correction, learner.repetitions[0].correction)
+    assert np.isnan(repetition.bend_angle[-1]).all()
+    # One that ends early without saying so is no whole repetition, either.
+    assert "ends at 6 s" in learner.update(plant.repeat(learner, end=6.0)).interrupted
+
+
+def test_first_repetition_that_was_too_hot_lowers_the_bounds():
+    parameters = limb(0.1, 0.1)
+    plan = plan_of(parameters)
+    warmest = float(plan.measured_temperature[:, :91].max())
+    plan.parameters.temperature_limits.measured_maximum = warmest
+    learner, plant = Learner(plan), Plant(parameters)
+    learner.update(plant.repeat(learner, end=9.0, interrupted="too hot"))
+    assert np.abs(learner.correction).max() > 0.01
+    plant.repeat(learner)
+    readings = plant.model.readings(plant.heat)
+    assert readings.max() < warmest - READING_MARGIN - COOLER + 0.5
+
+
+def test_it_ends_when_it_does_not_pay():
+    parameters = limb()
+    learner, plant = Learner(plan_of(parameters)), Plant(parameters)
+    assert not learner.finished
+    while not learner.finished:
+        assert len(learner.repetitions) < 30
+        uncertain = learner.uncertainty
+        learner.update(plant.repeat(learner))
+    assert "is expected to make the error smaller by less than 0.011°" in learner.finished
+    assert len(learner.repetitions) > 5
+    assert 0 < uncertain - learner.uncertainty < 3 * WORTH * np.deg2rad(1.1)
+
+
+def test_it_ends_when_all_fail():
+    parameters = limb()
+    learner, plant = Learner(plan_of(parameters)), Plant(parameters)
+    for _ in range(3):
+        assert not learner.finished
+        learner.update(plant.repeat(learner, end=5.0, interrupted="the cable was pulled"))
+    assert learner.finished == "The last 3 repetitions were interrupted or got worse."
+
+
+def test_first_duty_is_the_plans_own():
+    plan = plan_of(limb())
+    learner = Learner(plan)
+    source = learner.source()
+    context = source.CreateDefaultContext()
+    for time, duty in zip(plan.time, plan.duty.T, strict=True):
+        context.SetTime(time)
+        np.testing.assert_allclose(source.GetOutputPort("duty").Eval(context), duty, atol=1e-12)
+    assert learner.expected_error < np.deg2rad(0.02)
+
+
+def test_it_goes_on_from_a_file_as_if_it_had_never_ended(tmp_path):
+    parameters = limb()
+    learner, plant = Learner(plan_of(parameters)), Plant(wrong(parameters))
+    learner.update(plant.repeat(learner))
+    learner.update(plant.repeat(learner, end=5.0, interrupted="ended"))
+    learner.save(tmp_path / "learning.txt")
+    again = Learner.load(tmp_path / "learning.txt")
+    np.testing.assert_array_equal(again.correction, learner.correction)
+    recording = plant.repeat(learner)
+    assert again.update(recording).mean_error == learner.update(recording).mean_error
+    np.testing.assert_array_equal(again.correction, learner.correction)
+    assert again.finished == learner.finished
+    assert [r.interrupted for r in again.repetitions] == ["", "ended", ""]
+    learner.save(tmp_path / "one.txt")
+    again.save(tmp_path / "other.txt")
+    assert (tmp_path / "one.txt").read_bytes() == (tmp_path / "other.txt").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    path = tmp_path_factory.mktemp("saved") / "learning.txt"
+    parameters = limb()
+    learner = Learner(plan_of(parameters))
+    learner.update(Plant(parameters).repeat(learner))
+    learner.save(path)
+    return path.read_text()
+
+
+@pytest.mark.parametrize(
+    ("damage", "sentence"),
+    [
+        (lambda text: "", "its first line is not"),
+        (lambda text: text[:-100], "truncated or was changed"),
+        (lambda text: text.replace("0.3", "0.4", 1), "truncated or was changed"),
+        (lambda text: resealed(text, '"correction"', '"corection"'), "must have the fields"),
+        (lambda text: resealed(text, '"start": [', '"start": [1.0, '), "start of repetition 1"),
+        (lambda text: resealed(text, '"mean_error": ', '"mean_error": "a'), "not valid JSON"),
+        (lambda text: resealed(text, "# limb trajectory", "# limb recording"), "limb trajectory"),
+    ],
+)
+def test_files_that_are_damaged_are_refused_in_a_sentence(saved, damage, sentence, tmp_path):
+    path = tmp_path / "damaged.txt"
+    path.write_text(damage(saved))
+    with pytest.raises(FileFormatError, match=sentence) as error:
+        Learner.load(path)
+    assert str(error.value).startswith(str(path))
+    assert "\n" not in str(error.value)
+
+
+def resealed(text, old, new):
+    """Changed, with the digest of the change."""
+    import hashlib
+
+    first, body = text.split("\n", 1)
+    assert old in body
+    body = body.replace(old, new, 1)
+    return first[:-64] + hashlib.sha256(body[:-1].encode()).hexdigest() + "\n" + body
+
+
+def test_recordings_of_another_shape_and_failed_plans_are_refused(two_segments):
+    parameters = limb()
+    learner = Learner(plan_of(parameters))
+    other = Learner(plan_of(two_segments))
+    with pytest.raises(LimbError, match="2 segments and 4 wires, but the plan of 1 and 2"):
+        learner.update(Plant(two_segments).repeat(other))
+    assert not learner.repetitions
+    failed = dataclasses.replace(CHECKED, largest_defect=1.0)
+    with pytest.raises(LimbError, match="failed its check and is not learned"):
+        Learner(dataclasses.replace(plan_of(parameters), check=failed))
