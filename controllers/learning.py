@@ -95,12 +95,16 @@ class Learner:
     - ``repetitions``: all `Repetition` so far.
     - ``correction``: of the plan's duty in the next repetition (M + 1, W), at ``nodes``
       (M + 1,), s since the start of the plan.
-
-    Raises:
-        LimbError: if the plan failed its check.
     """
 
     def __init__(self, trajectory: Trajectory):
+        """
+        Args:
+            trajectory: the plan.
+
+        Raises:
+            LimbError: if the plan failed its check.
+        """
         if not trajectory.check.is_missing and (failure := trajectory.check.failure()):
             raise LimbError(f"This trajectory failed its check and is not learned: {failure}")
         self.trajectory = trajectory
@@ -292,7 +296,7 @@ class Learner:
         heat = program.course(self._start, repetition.duty)
         model, nodes = program.model, self.nodes
         bend, temperatures = model.bend_angle(heat), model.temperatures(heat)
-        if self._last is not None:
+        if self._last is not None and not repetition.interrupted:
             for parts, now, before, anyway in (
                 (self._bend, bend, self._last[0], CHANGED_REST),
                 (self._heat, temperatures, self._last[1], CHANGED_TEMPERATURE),
@@ -301,7 +305,8 @@ class Learner:
                 for part, change in zip(parts, changes.T, strict=True):
                     part.change(wandering(nodes, change, SMOOTH))
                     part.change(wandering(nodes, anyway, DRIFT_TIME))
-        self._last = bend, temperatures
+        if not repetition.interrupted:
+            self._last = bend, temperatures
         for part, shown in zip(self._bend, (repetition.bend_angle - bend).T, strict=True):
             part.observe(shown)
         readings = model.readings(heat)

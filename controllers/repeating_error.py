@@ -3,9 +3,10 @@
 import copy
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 
-def wandering(times: np.ndarray, deviation, duration: float) -> np.ndarray:
+def wandering(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.ndarray:
     """Covariance (M, M) at times (M,) of what wanders with a standard deviation, () or (M,).
 
     Its correlation falls to 1/e over the duration, s.

@@ -141,7 +141,7 @@ def test_correction_is_that_of_least_squares_where_no_bound_is_active():
     weights = LEVEL_COST * np.eye(none.size) + CHANGE_COST * differences.T @ differences
     exact = np.linalg.solve(G.T @ G + weights, G.T @ np.rad2deg(missing[:, 0]))
     assert np.abs(exact).max() > 1e-3
-    np.testing.assert_allclose(found.ravel(), exact, atol=2e-5)
+    np.testing.assert_allclose(found.ravel(), exact, atol=1e-7)
 
 
 def test_one_repetition_is_enough_with_the_right_model_and_an_exact_sensor():
