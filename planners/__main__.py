@@ -38,10 +38,16 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "-l", "--limb", type=Path, help="limb parameters (.yaml); the nominal limb if left out"
     )
-    parser.add_argument(
+    task = parser.add_mutually_exclusive_group()
+    task.add_argument(
         "--task",
         help="weights and limits: a file (.yaml), or 'paper' for the paper's; the defaults of "
         "planners.Task if left out",
+    )
+    task.add_argument(
+        "--closed-loop",
+        action="store_true",
+        help="plan for feedback: with margins of temperature and duty, Task.closed_loop",
     )
     parser.add_argument("--plot", type=Path, help="picture of the plan to write (.png, .pdf, .svg)")
     parser.add_argument(
@@ -87,7 +93,7 @@ def _plan(options) -> int:
         Request(
             reference=options.reference,
             limb=options.limb,
-            task=_task(options.task),
+            task=Task.closed_loop() if options.closed_loop else _task(options.task),
             smoothing_time=options.smooth,
             knot_rate=options.knot_rate,
             max_knots=options.max_knots,

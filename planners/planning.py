@@ -209,6 +209,7 @@ class Planner:
             times,
             wire_states,
             warm_up,
+            self.task,
             initial_readings=readings,
             measured_margin=self._margin,
         )
@@ -234,7 +235,9 @@ class Planner:
         solution = self._solve(program, guess, angles_ref, state)
         trajectory = self._trajectory(program, solution, angles_ref)
         trajectory.check.guess_cost = program.cost(guess)
-        trajectory.check.active_constraints = active_constraints(trajectory, warm_up, self._margin)
+        trajectory.check.active_constraints = active_constraints(
+            trajectory, self.task, warm_up, self._margin
+        )
         offsets, differences = simulated_differences(trajectory)
         trajectory.check.largest_difference_deg = float(np.rad2deg(differences.max()))
         return trajectory, offsets, differences
@@ -296,12 +299,14 @@ def _margin_of(trajectory: Trajectory, margin: np.ndarray) -> np.ndarray | None:
 
 
 def active_constraints(
-    trajectory: Trajectory, warm_up_time: float, measured_margin: ArrayLike = 0.0
+    trajectory: Trajectory, task: Task, warm_up_time: float, measured_margin: ArrayLike = 0.0
 ) -> list[ActiveConstraint]:
     """Where bounds of (18)-(20) and of the readings are active, as intervals of time."""
     limits, names = trajectory.parameters.temperature_limits, trajectory.parameters.wire_names
     warm = trajectory.time > warm_up_time
     near_duty, near_temperature = 1e-4, 1e-3 * TEMPERATURE_SCALE
+    hottest, fullest = limits.maximum - task.temperature_margin, 1.0 - task.duty_margin
+    hottest_name = f"T_max - {task.temperature_margin:g} °C" if task.temperature_margin else "T_max"
     highest = reading_bounds(trajectory.parameters, measured_margin)
     active = []
     for index, name in enumerate(names):
@@ -309,8 +314,8 @@ def active_constraints(
         duty, wire = trajectory.duty[index], trajectory.wire_temperature[index]
         for bound, where in (
             (f"duty {name} = 0", duty < near_duty),
-            (f"duty {name} = 1", duty > 1 - near_duty),
-            (f"wire {name} = T_max", wire > limits.maximum - near_temperature),
+            (f"duty {name} = {fullest:g}", duty > fullest - near_duty),
+            (f"wire {name} = {hottest_name}", wire > hottest - near_temperature),
             (f"wire {name} = T_warm", warm & (wire < limits.warm + near_temperature)),
             (f"reading {name} = measured_maximum", reading > highest[index] - near_temperature),
         ):

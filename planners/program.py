@@ -203,6 +203,7 @@ class TrajectoryProgram:
             )
             self._angle_costs.append((binding, weights))
         add_duty_cost(self.prog, self.times, self._duty, self.task)
+        add_temperature_cost(self.prog, self.parameters, self.times, self._wire_states, self.task)
         hold_duty(self.prog, self.times, self._duty, self.task)
 
     def _add_limits_of_motion(self) -> None:
@@ -344,6 +345,33 @@ def add_duty_cost(
         prog.AddQuadraticCost(quadratic, linear, duty[k], is_convex=True)
 
 
+def temperature_weights(parameters: LimbParameters, times: np.ndarray, task: Task) -> np.ndarray:
+    """Weights of the wire temperatures (N, W) in the task's cost of the segments' means, 1/°C."""
+    shares = [1 / len(segment.wires) for segment in parameters.segments for _ in segment.wires]
+    return task.temperature_weight * np.outer(task.shares(times), shares)
+
+
+def add_temperature_cost(
+    prog: MathematicalProgram,
+    parameters: LimbParameters,
+    times: np.ndarray,
+    wire_states: np.ndarray,
+    task: Task,
+) -> None:
+    """The task's cost of the mean temperature of each segment's wires above ambient.
+
+    Args:
+        times: of the knots (N,), s.
+        wire_states: decision variables as for `add_thermal_limits`.
+    """
+    if not task.temperature_weight:
+        return
+    weights = temperature_weights(parameters, times, task)
+    temperatures = wire_states[:, : weights.shape[1]]
+    constant = -parameters.ambient_temperature * weights.sum()
+    prog.AddLinearCost(weights.ravel(), constant, temperatures.ravel())
+
+
 def hold_duty(prog: MathematicalProgram, times: np.ndarray, duty: np.ndarray, task: Task) -> None:
     """Keeps duty constant before the end, for the time in the task.
 
@@ -369,7 +397,7 @@ def add_thermal_limits(
     task: Task,
     warm_up_time: float,
 ) -> Binding:
-    """(18)-(20), and the task's limit of the temperature rate.
+    """(18)-(20) with the task's margins, and its limit of the temperature rate.
 
     Args:
         times: of the knots (N,), s.
@@ -384,10 +412,10 @@ def add_thermal_limits(
         TaskError: if the temperature rate is limited and not affine.
     """
     num_wires = duty.shape[1]
-    prog.AddBoundingBoxConstraint(0.0, 1.0, duty.ravel())  # (18)
+    prog.AddBoundingBoxConstraint(0.0, 1.0 - task.duty_margin, duty.ravel())  # (18)
     temperatures = wire_states[:, :num_wires].ravel()
     warm = warm_bounds(parameters, times, warm_up_time)
-    hot = np.full(len(warm), parameters.temperature_limits.maximum)
+    hot = np.full(len(warm), parameters.temperature_limits.maximum - task.temperature_margin)
     hot[:num_wires] = np.inf  # of the given initial state
     binding = prog.AddBoundingBoxConstraint(warm, hot, temperatures)  # (19)-(20)
     if task.max_temperature_rate is None:

@@ -27,9 +27,11 @@ from planners.defects import linear_defect_terms
 from planners.program import (
     add_duty_cost,
     add_reading_limits,
+    add_temperature_cost,
     add_thermal_limits,
     hold_duty,
     reading_bounds,
+    temperature_weights,
 )
 from planners.solving import PlanningError
 from planners.task import Task
@@ -53,6 +55,7 @@ def check_temperature_limits(
     times: np.ndarray,
     initial_states: np.ndarray,
     warm_up_time: float,
+    task: Task,
     *,
     initial_readings: np.ndarray | None = None,
     measured_margin: ArrayLike = 0.0,
@@ -66,6 +69,7 @@ def check_temperature_limits(
         times: of the knots (K,), s.
         initial_states: x of the wires at the start (N,), as in `Wires`.
         warm_up_time: k_warm, s from the first knot.
+        task: its margins count.
         initial_readings: V at the start (W,), °C; T if None.
         measured_margin: as for `TrajectoryProgram`.
 
@@ -75,6 +79,13 @@ def check_temperature_limits(
     """
     limits, wires = parameters.temperature_limits, Wires(parameters)
     warm_knots = times > warm_up_time
+    full, highest = 1.0 - task.duty_margin, limits.maximum - task.temperature_margin
+    margins = f" less a margin of {task.temperature_margin:g} °C" if task.temperature_margin else ""
+    if highest < limits.warm:
+        raise InfeasibleError(
+            f"T_max = {limits.maximum:g} °C{margins} is below T_warm = {limits.warm:g} °C; give "
+            "the task a smaller temperature_margin."
+        )
 
     def course(level: float, which: int | slice, until: np.ndarray) -> np.ndarray:
         """T of a wire (K,), or of several (K, ..), at times (K,) with all wires at this duty."""
@@ -84,7 +95,7 @@ def check_temperature_limits(
     each = slice(0, wires.num_wires)
     cooled = course(0.0, each, times[1:2])[0]
     first = times[np.argmax(warm_knots)]
-    hottest = course(1.0, each, np.array([first]))[0]
+    hottest = course(full, each, np.array([first]))[0]
     if initial_readings is None:
         initial_readings = initial_states[each]
     off = course(0.0, slice(None), times[:2])
@@ -98,24 +109,25 @@ def check_temperature_limits(
                 f"duty, above the {bounds[index]:.4g} °C that measured_maximum and its margin "
                 "allow; let it cool first."
             )
-        if cooled[index] > limits.maximum:
-            below = _time_to_reach(wires, functools.partial(course, 0.0, index), limits.maximum)
+        if cooled[index] > highest:
+            below = _time_to_reach(wires, functools.partial(course, 0.0, index), highest)
             raise InfeasibleError(
-                f"The {name} wire starts at {start:.4g} °C, above T_max = {limits.maximum:g} °C "
-                f"(19); let it cool for {below:.3g} s first."
+                f"The {name} wire starts at {start:.4g} °C, above T_max = {limits.maximum:g} °C"
+                f"{margins} (19); let it cool for {below:.3g} s first."
             )
         if hottest[index] >= limits.warm or not warm_knots.any():
             continue
-        reached = _time_to_reach(wires, functools.partial(course, 1.0, index), limits.warm)
-        steady = course(1.0, index, np.array([_settling_time(wires)]))[0]
+        reached = _time_to_reach(wires, functools.partial(course, full, index), limits.warm)
+        steady = course(full, index, np.array([_settling_time(wires)]))[0]
         advice = (
             f"it could from {reached:.3g} s on, so set temperature_limits.warm_up_time to that"
             if np.isfinite(reached)
             else f"it never gets above {steady:.4g} °C"
         )
+        heating = "full duty" if full == 1.0 else f"a duty of {full:g}"
         raise InfeasibleError(
             f"The {name} wire cannot be at T_warm = {limits.warm:g} °C (20) by {first:g} s: at "
-            f"full duty from {start:.4g} °C it reaches {hottest[index]:.4g} °C by then; {advice}."
+            f"{heating} from {start:.4g} °C it reaches {hottest[index]:.4g} °C by then; {advice}."
         )
 
 
@@ -205,6 +217,7 @@ class _ConvexProgram:
         self._limits = parameters.temperature_limits
         self._angle_weights, self._duty_weights = task.weights(times)
         self._energy = task.energy_weight * task.shares(times)
+        self._temperature_weights = temperature_weights(parameters, times, task)
         num_knots, W = len(times), wires.num_wires
         bounds = reading_bounds(parameters, measured_margin)
         # Readings are needed only where they are bounded.
@@ -231,6 +244,7 @@ class _ConvexProgram:
             for x in self._states
         ]
         add_duty_cost(prog, times, duty, task)
+        add_temperature_cost(prog, parameters, times, self._states, task)
         hold_duty(prog, times, duty, task)
         prog.AddBoundingBoxConstraint(initial_heat[:size], initial_heat[:size], heat[0])
         add_thermal_limits(prog, parameters, times, self._states, duty, task, warm_up_time)
@@ -260,11 +274,11 @@ class _ConvexProgram:
         if not result.is_success():
             also = " and the task's max_temperature_rate" if self._task.max_temperature_rate else ""
             raise InfeasibleError(
-                "The temperature constraints (19)-(20) cannot all be met with duty between 0 and 1"
-                f"{also} (the quasi-static program: "
+                "The temperature constraints (19)-(20) cannot all be met with duty between 0 and "
+                f"{1.0 - self._task.duty_margin:g}{also} (the quasi-static program: "
                 f"{result.get_solution_result().name})."
             )
-        duty = np.clip(result.GetSolution(self._duty), 0.0, 1.0)
+        duty = np.clip(result.GetSolution(self._duty), 0.0, 1.0 - self._task.duty_margin)
         return result.GetSolution(self._states), duty
 
     def minimize(
@@ -306,10 +320,11 @@ class _ConvexProgram:
         return angles, slopes, middle
 
     def _cost(self, angles_at: AngleMap, states: np.ndarray, duty: np.ndarray) -> float:
-        """(15), with the task's energy."""
+        """(15), with the task's energy and temperatures."""
         missed = ((angles_at(states)[0] - self._target) ** 2).sum(axis=1)
         of_duty = 0.5 * self._duty_weights * (duty**2).sum(axis=1) + self._energy * duty.sum(axis=1)
-        return float(0.5 * (self._angle_weights * missed).sum() + of_duty[:-1].sum())
+        of_heat = (self._temperature_weights * states[:, : duty.shape[1]]).sum()
+        return float(0.5 * (self._angle_weights * missed).sum() + of_duty[:-1].sum() + of_heat)
 
 
 def _affine_heat(wires: Wires, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

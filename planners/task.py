@@ -55,6 +55,8 @@ class Task:
     - ``phases``: other Q and R from given times on.
     - ``energy_weight``: of the sum of duty over wires and knots, which is
       proportional to the heating energy; for minimum energy.
+    - ``temperature_weight``: of the mean of each segment's wires' temperatures
+      above ambient at each knot, 1/°C; against wires that heat up against each other.
     - ``time_weight``: of the duration, 1/s; for minimum time.
 
     Limits in addition to (18)-(20), all linear; the bend rate is that of (11):
@@ -67,6 +69,10 @@ class Task:
       0.5°/s, s.
     - ``duty_hold``: time before the end in which duty is constant, s; at least
       the last interval, unless it is zero.
+    - ``temperature_margin``: how far wires stay below T_max, °C, where feedback
+      may heat them.
+    - ``duty_margin``: how far duty stays below 1. It may be 0 all the same: then
+      feedback heats the other wire.
     - ``stretch``: shortest and longest duration of the plan, as factors of the
       reference's duration; None if both are 1. Reference and warm-up (20) are
       stretched alike.
@@ -80,12 +86,15 @@ class Task:
     terminal_factor: float = 100.0
     phases: Sequence[Phase] = ()
     energy_weight: float = 0.0
+    temperature_weight: float = 0.0
     time_weight: float = 0.0
     max_bend_rate: float | None = None
     max_temperature_rate: float | None = None
     reach: bool = False
     final_hold: float = 0.0
     duty_hold: float = 1.0
+    temperature_margin: float = 0.0
+    duty_margin: float = 0.0
     stretch: tuple[float, float] | None = None
     customize: Callable | None = dataclasses.field(default=None, metadata={"in_files": False})
 
@@ -106,13 +115,18 @@ class Task:
             "duty_weight",
             "terminal_factor",
             "energy_weight",
+            "temperature_weight",
             "time_weight",
             "final_hold",
             "duty_hold",
+            "temperature_margin",
+            "duty_margin",
         ):
             value = getattr(self, name)
             if not (_is_number(value) and value >= 0):
                 raise TaskError(f"{name} is {value!r}; it must be a number, zero or more.")
+        if not self.duty_margin < 1:
+            raise TaskError(f"duty_margin is {self.duty_margin!r}; it must be less than 1.")
         for name in ("max_bend_rate", "max_temperature_rate"):
             value = getattr(self, name)
             if value is not None and not (_is_number(value) and value > 0):
@@ -138,6 +152,11 @@ class Task:
     def paper(cls) -> "Task":
         """The paper's (15): Q_N = 1000 Q, and duty is free to the last knot."""
         return cls(terminal_factor=1000.0, duty_hold=0.0)
+
+    @classmethod
+    def closed_loop(cls) -> "Task":
+        """For plans that feedback follows: margins for it, and wires no hotter than needed."""
+        return cls(temperature_margin=15.0, duty_margin=0.1, temperature_weight=1e-3)
 
     @classmethod
     def load(cls, path: str | Path) -> "Task":

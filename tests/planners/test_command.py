@@ -163,6 +163,15 @@ def test_tasks_are_files_or_the_papers(quick, tmp_path, capsys):
     assert "nowhere.yaml" in capsys.readouterr().err
 
 
+def test_plans_for_feedback_have_its_margins(quick, tmp_path, capsys):
+    output = tmp_path / "closed.csv"
+    assert main([*quick, "-o", str(output), "--closed-loop"]) == 0
+    assert Trajectory.load(output).duty.max() <= 0.9
+    with pytest.raises(SystemExit):
+        main([*quick, "-o", str(tmp_path / "no.csv"), "--closed-loop", "--task", "paper"])
+    assert "not allowed with" in capsys.readouterr().err
+
+
 def test_doubts_about_a_reference_are_said_and_it_is_planned(quick, tmp_path, capsys):
     (tmp_path / "reference.csv").write_text("time;angle\n1;0\n3;0,52\n")
     assert main([*quick, "-o", str(tmp_path / "plan.csv")]) == 0

@@ -163,6 +163,49 @@ def test_minimum_time_is_that_of_full_duty():
     np.testing.assert_allclose(np.diff(trajectory.time), trajectory.duration / 32, rtol=1e-6)
 
 
+def test_margins_leave_feedback_its_authority():
+    task = Task(temperature_margin=52.0, duty_margin=0.7)
+    free, close = (
+        plan(cold_parameters(), step_to_20_degrees(), task=task, knot_rate=4.0)
+        for task in (None, task)
+    )
+    assert free.wire_temperature.max() > 55.0
+    assert free.duty.max() > 0.5
+    assert close.wire_temperature.max() == pytest.approx(48.0, abs=0.01)
+    assert close.duty.max() == pytest.approx(0.3, abs=1e-4)
+    assert close.parameters == cold_parameters()
+    bounds = {active.bound for active in close.check.active_constraints}
+    assert {"duty right = 0.3", "wire right = T_max - 52 °C"} <= bounds
+
+
+def test_margins_that_leave_nothing_are_named():
+    for task, message in (
+        (Task(temperature_margin=60.0), r"T_max = 100 °C less a margin of 60 °C is below T_warm"),
+        (Task(duty_margin=0.99), r"at a duty of 0\.01 from 25 °C"),
+    ):
+        with pytest.raises(InfeasibleError, match=message):
+            plan(LimbParameters(), references.from_samples([0.0, 30.0], [0.0, 0.0]), task=task)
+
+
+def test_temperature_weight_keeps_wires_cool():
+    """It costs what (15) and the mean temperature of the wires above ambient add up to."""
+    costs, means = [], []
+    for weight in (0.0, 0.01):
+        found = Planner(
+            LimbParameters(), np.linspace(0.0, 10.0, 41), task=Task(temperature_weight=weight)
+        ).plan(references.from_samples([0.0, 10.0], [0.0, 0.0]), WARM, elapsed=20.0)
+        above = found.wire_temperature.mean(axis=0) - 25.0
+        of_heat = weight * above.sum()
+        of_duty = (found.duty[:, :-1] ** 2).sum()
+        factors = np.r_[np.ones(40), 100.0]
+        of_angle = 50.0 * (factors * found.joint_angles**2).sum()
+        assert found.check.cost == pytest.approx(of_heat + of_duty + of_angle, rel=1e-6)
+        costs.append(of_duty + of_angle)
+        means.append(above.mean())
+    assert means[1] < means[0] - 0.5
+    assert costs[1] > costs[0]
+
+
 def test_phases_weigh_time_differently():
     """What is not weighed is not followed."""
     task = Task(phases=(Phase(0.0, 0.0, 2.0), Phase(5.0, 1000.0, 2.0)))
@@ -192,6 +235,8 @@ def test_costs_and_constraints_of_ones_own():
     [
         ({"angle_weight": -1.0}, "angle_weight is -1.0"),
         ({"duty_weight": np.nan}, "duty_weight is nan"),
+        ({"temperature_margin": -1.0}, "temperature_margin is -1.0"),
+        ({"duty_margin": 1.0}, "duty_margin is 1.0; it must be less than 1"),
         ({"max_bend_rate": 0.0}, "max_bend_rate is 0.0"),
         ({"stretch": (2.0, 1.0)}, "stretch is"),
         ({"time_weight": 1.0}, "time_weight needs a stretch"),
@@ -223,6 +268,7 @@ def planner():
     return Planner(LimbParameters(), np.linspace(0.0, 10.0, 101), tolerance_deg=0.5)
 
 
+WARM = np.r_[np.zeros(10), 50.0, 50.0, 25.0, 25.0]
 HOT = np.r_[np.zeros(10), np.full(4, 60.0)]
 
 
