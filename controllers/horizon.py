@@ -11,33 +11,34 @@ that there is always a plan.
 
 import dataclasses
 import time as clock
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake import trajectories
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
 
 from controllers.reduced_model import ReducedModel
-from limb_systems import LimbParameters
+from limb_systems import LimbParameters, Trajectory
 from planners import Task
+from planners.program import temperature_weights
 
 DURATION, KNOT_RATE = 10.0, 5.0  # s, Hz
 ROUNDS = 2  # of linearizing and solving, in a plan from one before
 FIRST_ROUNDS = 8  # without one
 SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.1, 0.03])  # of the way to a program's solution
 LITTLE = 1e-3  # relative; a round that reduces the cost by less is the last
-LEVELS = np.array([0.02, 0.05, 0.1, 0.2, 0.4])  # of constant duty, from which a first plan starts
-# Cost of the time beyond a limit: of 1 °C at a knot, more than any angle is worth.
-LIMIT_WEIGHT = 1.0
+LEVELS = np.array([0.02, 0.05, 0.1, 0.2, 0.4])  # of constant duty, where a first plan starts
+LIMIT_WEIGHT = 1.0  # 1/°C, of each knot beyond T_max or T_warm; as much as 11° of bend
 
 
 def horizon_task() -> Task:
-    """What a horizon weighs: less duty than (15), as plans follow at once."""
+    """What a horizon weighs: less duty than (15), as the next plan follows soon."""
     return Task(
-        duty_weight=0.2,
+        duty_weight=0.05,
         terminal_factor=1.0,
         temperature_weight=1e-3,
-        temperature_margin=15.0,
-        duty_margin=0.0,
+        temperature_margin=10.0,
     )
 
 
@@ -53,7 +54,7 @@ class HorizonPlan:
     - ``bend_angle``: φ at the knots (K + 1, S), rad, offset included.
     - ``cost``: with what passing limits costs.
     - ``solve_time``: of all of it, s.
-    - ``success``: whether each program was solved.
+    - ``success``: whether a program was solved; else the duty is that of the plan before.
     """
 
     time: np.ndarray
@@ -64,10 +65,25 @@ class HorizonPlan:
     solve_time: float
     success: bool
 
-    def duty_at(self, times: np.ndarray) -> np.ndarray:
+    def duty_at(self, times: ArrayLike) -> np.ndarray:
         """D (..., W) at times (...), s; the last after the end."""
         index = np.searchsorted(self.time, np.asarray(times) + 1e-9, side="right") - 1
         return self.duty[np.clip(index, 0, len(self.duty) - 1)]
+
+    def bend_angle_at(self, time: float) -> np.ndarray:
+        """φ (S,) at a time, s, in rad; the last after the end."""
+        return np.array([np.interp(time, self.time, bend) for bend in self.bend_angle.T])
+
+
+class _Aims(NamedTuple):
+    """What changes from plan to plan.
+
+    - ``bend``: that of the model which is wanted at the knots but the first (K, S), rad.
+    - ``warm``: T_warm at these knots, or -inf (K,), °C.
+    """
+
+    bend: np.ndarray
+    warm: np.ndarray
 
 
 class HorizonPlanner:
@@ -80,8 +96,8 @@ class HorizonPlanner:
         parameters: of the limb.
         reference: φ_ref in rad, a row for each segment, over the time of the plan;
             its last angle is held.
-        task: its angle, duty, temperature and terminal weights and its margins
-            count; `horizon_task()` if None.
+        task: its weights of angles, duty, temperature and the end, and its margins
+            count; `horizon_task()` if None. T_max and T_warm may be passed, at a cost.
         duration, knot_rate: of the horizon, s, and of its knots, Hz.
     """
 
@@ -94,22 +110,10 @@ class HorizonPlanner:
         duration: float = DURATION,
         knot_rate: float = KNOT_RATE,
     ):
-        self.task = task = task or horizon_task()
         self._reference, self._limits = reference, parameters.temperature_limits
-        self._ambient = parameters.ambient_temperature
-        K = self._num_steps = max(1, round(duration * knot_rate))
-        self._times = np.arange(K + 1) / knot_rate
-        model = self._model = ReducedModel(parameters, 1.0 / knot_rate)
-        self._hottest = self._limits.maximum - task.temperature_margin
-        self._fullest, self._total = 1.0 - task.duty_margin, parameters.total_duty
-        # (15) weighs each joint's distance from (11)
-        links = np.array([segment.links for segment in parameters.segments])
-        joints, _ = task.weights(self._times[1:])
-        self._angle_weights = np.outer(joints, 4 * links / (links + 1) ** 2)
-        shares = [1 / len(segment.wires) for segment in parameters.segments for _ in segment.wires]
-        self._heat_weights = task.temperature_weight * np.array(shares)
-        self._num_states = model.size - model.num_wires
-        self._build()
+        self._times = np.arange(max(1, round(duration * knot_rate)) + 1) / knot_rate
+        self._model = ReducedModel(parameters, 1.0 / knot_rate)
+        self._program = _Program(parameters, self._model, self._times, task or horizon_task())
 
     def plan(
         self,
@@ -126,38 +130,27 @@ class HorizonPlanner:
             bend_offset: by which the bend angle is off the model's (S,), rad.
             previous: a plan that begins before, to start from.
         """
-        started = clock.perf_counter()
+        started, program = clock.perf_counter(), self._program
         times = time + self._times
-        end = self._reference.end_time()
-        target = self._reference.vector_values(np.minimum(times, end)).T[1:] - bend_offset
-        warm = np.where(times[1:] > self._limits.warm_up_time, self._limits.warm, -np.inf)
-        if previous is None:
-            levels = np.broadcast_to(
-                LEVELS[:, None, None], (len(LEVELS), self._num_steps, self._model.num_wires)
-            )
-            courses = self._courses(heat, levels)
-            middle = 0.5 * (self._limits.warm + self._hottest)
-            chosen = np.abs(self._model.temperatures(courses[-1]) - middle).sum(axis=-1).argmin()
-            duty, course = levels[chosen], courses[:, chosen]
-        else:
-            duty = previous.duty_at(times[:-1])
-            course = self._courses(heat, duty[None])[:, 0]
-        cost = self._costs(course[:, None], duty[None], target, warm)[0]
-        success = True
+        reference = self._reference.vector_values(np.minimum(times, self._reference.end_time()))
+        warm = np.where(times > self._limits.warm_up_time, self._limits.warm, -np.inf)
+        aims = _Aims(reference.T[1:] - bend_offset, warm[1:])
+        duty = self._level(heat) if previous is None else previous.duty_at(times[:-1])
+        course = self._courses(heat, duty[None])[:, 0]
+        cost, success = program.costs(course[:, None], duty[None], aims)[0], False
         for _ in range(ROUNDS if previous else FIRST_ROUNDS):
-            best = self._solve(course, duty, target, warm)
+            best = program.solve(course, duty, aims)
             if best is None:
-                success = False
                 break
+            success = True
             tried = duty + SHARES[:, None, None] * (best - duty)
             courses = self._courses(heat, tried)
-            costs = self._costs(courses, tried, target, warm)
-            chosen = costs.argmin()
+            costs = program.costs(courses, tried, aims)
+            chosen, before = costs.argmin(), cost
             if not costs[chosen] < cost:
                 break
-            reduction = 1.0 - costs[chosen] / cost
             duty, course, cost = tried[chosen], courses[:, chosen], costs[chosen]
-            if reduction < LITTLE:
+            if cost > (1.0 - LITTLE) * before:
                 break
         return HorizonPlan(
             time=times,
@@ -169,86 +162,155 @@ class HorizonPlanner:
             success=success,
         )
 
+    def beginning_of(self, trajectory: Trajectory) -> HorizonPlan:
+        """The first horizon of a `Planner`'s plan that starts at time 0."""
+        middles = np.minimum(self._times[:-1] + 0.5 * self._model.period, trajectory.duration)
+        knots = np.minimum(self._times, trajectory.duration)
+        heat = trajectory.state[2 * trajectory.parameters.num_joints :]
+        return HorizonPlan(
+            time=self._times,
+            duty=trajectory.duty_trajectory().vector_values(middles).T,
+            heat=np.column_stack([np.interp(knots, trajectory.time, row) for row in heat]),
+            bend_angle=trajectory.bend_angle_at(knots).T,
+            cost=np.nan,
+            solve_time=0.0,
+            success=True,
+        )
+
+    def _level(self, heat: np.ndarray) -> np.ndarray:
+        """The constant duty (K, W) that brings wires nearest to where they move the limb.
+
+        Cold wires with a threshold or hysteresis do not, and say nothing about where to go.
+        """
+        shape = (len(LEVELS), len(self._times) - 1, self._model.num_wires)
+        duty = np.broadcast_to(LEVELS[:, None, None], shape)
+        middle = 0.5 * (self._limits.warm + self._limits.maximum)
+        last = self._model.temperatures(self._courses(heat, duty)[-1])
+        return duty[np.abs(last - middle).sum(axis=-1).argmin()]
+
     def _courses(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Heat at the knots (K + 1, B, H) from (H,) on, under duty (B, K, W)."""
         start = np.broadcast_to(heat, (len(duty), self._model.size))
         return self._model.course(start, duty.swapaxes(0, 1))
 
-    def _costs(
-        self, courses: np.ndarray, duty: np.ndarray, target: np.ndarray, warm: np.ndarray
-    ) -> np.ndarray:
+
+class _Program:
+    """(15), with limits that cost, and its convex program where the model is linear.
+
+    Args:
+        model: whose steps are those between the knots.
+        times: of the knots (K + 1,), s.
+        parameters, task: as for `HorizonPlanner`.
+    """
+
+    def __init__(
+        self, parameters: LimbParameters, model: ReducedModel, times: np.ndarray, task: Task
+    ):
+        self._model, self._num_states = model, model.size - model.num_wires
+        self._scales = model.scales[: self._num_states]
+        self._ambient, self._total = parameters.ambient_temperature, parameters.total_duty
+        self._hottest = parameters.temperature_limits.maximum - task.temperature_margin
+        self._fullest, self._duty_weight = 1.0 - task.duty_margin, task.duty_weight
+        # (15) weighs the joints' distances from (11).
+        links = np.array([segment.links for segment in parameters.segments])
+        self._angle_weights = np.outer(task.weights(times[1:])[0], 4 * links / (links + 1) ** 2)
+        self._heat_weights = temperature_weights(parameters, times[1:], task)
+        self._build(len(times) - 1)
+
+    def costs(self, courses: np.ndarray, duty: np.ndarray, aims: _Aims) -> np.ndarray:
         """The cost (B,) of courses (K + 1, B, H) under duty (B, K, W)."""
-        missed = self._model.bend_angle(courses[1:]) - target[:, None]
+        missed = self._model.bend_angle(courses[1:]) - aims.bend[:, None]
         T = self._model.temperatures(courses[1:])
-        beyond = np.maximum(T - self._hottest, 0.0) + np.maximum(warm[:, None, None] - T, 0.0)
+        beyond = np.maximum(T - self._hottest, 0.0) + np.maximum(aims.warm[:, None, None] - T, 0.0)
         return (
             0.5 * (self._angle_weights[:, None] * missed**2).sum(axis=(0, 2))
-            + 0.5 * self.task.duty_weight * (duty**2).sum(axis=(1, 2))
-            + ((T - self._ambient) * self._heat_weights).sum(axis=(0, 2))
+            + 0.5 * self._duty_weight * (duty**2).sum(axis=(1, 2))
+            + (self._heat_weights[:, None] * (T - self._ambient)).sum(axis=(0, 2))
             + LIMIT_WEIGHT * beyond.sum(axis=(0, 2))
         )
 
-    def _build(self) -> None:
-        """The convex program; `_solve` fills in dynamics, bend angles and what is warm."""
-        K, W, S, N = self._num_steps, self._model.num_wires, self._model.num_segments, 0
-        N = self._num_states
-        self._scales = self._model.scales[:N]
-        self._prog = prog = MathematicalProgram()
-        self._duty = duty = prog.NewContinuousVariables(K, W, "D")
-        states = prog.NewContinuousVariables(K, N, "x")  # over their scales, after each interval
-        missed = prog.NewContinuousVariables(K, S, "e")
-        beyond = prog.NewContinuousVariables(K, 2 * W, "s")
-        every = self._angle_weights.ravel()
-        prog.AddQuadraticCost(np.diag(every), 0 * every, missed.ravel(), is_convex=True)
-        weights = np.full(duty.size, self.task.duty_weight)
-        prog.AddQuadraticCost(np.diag(weights), 0 * weights, duty.ravel(), is_convex=True)
-        heat = np.tile(self._heat_weights * self._scales[:W], K)
-        prog.AddLinearCost(heat, 0.0, states[:, :W].ravel())
-        prog.AddLinearCost(np.full(beyond.size, LIMIT_WEIGHT), 0.0, beyond.ravel())
-        prog.AddBoundingBoxConstraint(0.0, self._fullest, duty.ravel())
-        prog.AddBoundingBoxConstraint(0.0, np.inf, beyond.ravel())
-        self._dynamics, self._angles, self._warm = [], [], []
-        self._highest = self._hottest / self._scales[:W]
-        none, never = np.full(W, -np.inf), np.full(W, np.inf)
-        allowed = np.hstack([np.eye(W), -np.diag(1 / self._scales[:W])])
-        needed = np.hstack([np.eye(W), np.diag(1 / self._scales[:W])])
-        for k in range(K):
-            before = states[k - 1] if k else []
-            A = np.zeros((N, len(before) + N + W))
-            self._dynamics.append(
-                prog.AddLinearEqualityConstraint(A, np.zeros(N), np.r_[before, states[k], duty[k]])
-            )
-            C = np.zeros((S, N + S))
-            self._angles.append(
-                prog.AddLinearEqualityConstraint(C, np.zeros(S), np.r_[states[k], missed[k]])
-            )
-            T, hot, cold = states[k, :W], beyond[k, :W], beyond[k, W:]
-            prog.AddLinearConstraint(allowed, none, self._highest, np.r_[T, hot])
-            self._warm.append(prog.AddLinearConstraint(needed, none, never, np.r_[T, cold]))
-            prog.AddLinearConstraint(np.ones((1, W)), [-np.inf], [self._total], duty[k])
+    def solve(self, course: np.ndarray, duty: np.ndarray, aims: _Aims) -> np.ndarray | None:
+        """The best duty (K, W) where the model is linear about a course (K + 1, H) under duty.
 
-    def _solve(
-        self, course: np.ndarray, duty: np.ndarray, target: np.ndarray, warm: np.ndarray
-    ) -> np.ndarray | None:
-        """The best duty (K, W) where the model is linear about a course (K + 1, H)."""
-        model, N, W = self._model, self._num_states, self._model.num_wires
-        after, by_heat, by_duty = model.linearized_step(course[:-1], duty)
-        scales = self._scales
-        A = by_heat[:, :N, :N] * (scales / scales[:, None])
-        B = by_duty[:, :N] / scales[:, None]
-        x = course[:, :N] / scales
-        rest = after[:, :N] / scales - np.einsum("kij,kj->ki", B, duty)
-        rest[1:] -= np.einsum("kij,kj->ki", A[1:], x[1:-1])
-        bend, slopes = model.bend_slopes(course[1:])
-        C = slopes[:, :, :N] * scales
-        offsets = bend - np.einsum("kij,kj->ki", C, x[1:]) - target
-        one, unmissed = np.eye(N), -np.eye(model.num_segments)
-        for k in range(self._num_steps):
-            row = [-A[k], one, -B[k]] if k else [one, -B[k]]
-            self._dynamics[k].evaluator().UpdateCoefficients(np.hstack(row), rest[k])
-            self._angles[k].evaluator().UpdateCoefficients(np.hstack([C[k], unmissed]), -offsets[k])
-            self._warm[k].evaluator().UpdateLowerBound(np.full(W, warm[k]) / scales[:W])
+        None if there is none.
+        """
+        self._set_dynamics(course, duty)
+        self._set_bend(course[1:], aims.bend)
+        for binding, warm in zip(self._warm, aims.warm, strict=True):
+            lower = warm / self._scales[: self._model.num_wires]
+            binding.evaluator().UpdateLowerBound(lower)
         result = ClarabelSolver().Solve(self._prog, None, SolverOptions())
         if not result.is_success():
             return None
         return np.clip(result.GetSolution(self._duty), 0.0, self._fullest)
+
+    def _build(self, K: int) -> None:
+        """The program; `solve` fills in what depends on course and aims.
+
+        Its variables after each interval are the wires' states over their scales, what
+        each bend misses, rad, and how far each T is above T_max and below T_warm, °C.
+        """
+        W, S, N = self._model.num_wires, self._model.num_segments, self._num_states
+        prog = self._prog = MathematicalProgram()
+        duty = self._duty = prog.NewContinuousVariables(K, W, "D")
+        states = prog.NewContinuousVariables(K, N, "x")
+        missed = prog.NewContinuousVariables(K, S, "e")
+        hot = prog.NewContinuousVariables(K, W, "h")
+        cool = prog.NewContinuousVariables(K, W, "c")
+        for weights, variables in (
+            (self._angle_weights.ravel(), missed.ravel()),
+            (np.full(duty.size, self._duty_weight), duty.ravel()),
+        ):
+            prog.AddQuadraticCost(np.diag(weights), 0.0 * weights, variables, is_convex=True)
+        T, scales = states[:, :W], self._scales[:W]
+        prog.AddLinearCost((self._heat_weights * scales).ravel(), 0.0, T.ravel())
+        for excess in (hot, cool):
+            prog.AddLinearCost(np.full(excess.size, LIMIT_WEIGHT), 0.0, excess.ravel())
+            prog.AddBoundingBoxConstraint(0.0, np.inf, excess.ravel())
+        prog.AddBoundingBoxConstraint(0.0, self._fullest, duty.ravel())
+        self._dynamics, self._bends, self._warm = [], [], []
+        below, above = np.full(W, -np.inf), np.full(W, np.inf)
+        same, per_degree = np.eye(W), np.diag(1.0 / scales)
+        for k in range(K):
+            before = states[k - 1] if k else states[0, :0]
+            of_step = np.r_[before, states[k], duty[k]]
+            self._dynamics.append(
+                prog.AddLinearEqualityConstraint(np.zeros((N, len(of_step))), np.zeros(N), of_step)
+            )
+            self._bends.append(
+                prog.AddLinearEqualityConstraint(
+                    np.zeros((S, N + S)), np.zeros(S), np.r_[states[k], missed[k]]
+                )
+            )
+            prog.AddLinearConstraint(
+                np.hstack([same, -per_degree]), below, self._hottest / scales, np.r_[T[k], hot[k]]
+            )
+            self._warm.append(
+                prog.AddLinearConstraint(
+                    np.hstack([same, per_degree]), below, above, np.r_[T[k], cool[k]]
+                )
+            )
+            prog.AddLinearConstraint(np.ones((1, W)), [-np.inf], [self._total], duty[k])
+
+    def _set_dynamics(self, course: np.ndarray, duty: np.ndarray) -> None:
+        """x' = A x + B D + c in each interval, about a course (K + 1, H) and duty (K, W)."""
+        N, scales = self._num_states, self._scales
+        after, by_heat, by_duty = self._model.linearized_step(course[:-1], duty)
+        A = by_heat[:, :N, :N] * (scales / scales[:, None])
+        B = by_duty[:, :N] / scales[:, None]
+        x, one = course[:-1, :N] / scales, np.eye(N)
+        c = after[:, :N] / scales - np.einsum("kij,kj->ki", B, duty)
+        c[1:] -= np.einsum("kij,kj->ki", A[1:], x[1:])  # the first x is known
+        for k, binding in enumerate(self._dynamics):
+            row = [-A[k], one, -B[k]] if k else [one, -B[k]]
+            binding.evaluator().UpdateCoefficients(np.hstack(row), c[k])
+
+    def _set_bend(self, course: np.ndarray, target: np.ndarray) -> None:
+        """e = φ(x) - target (K, S) at each knot, about a course (K, H)."""
+        bend, slopes = self._model.bend_slopes(course)
+        C = slopes[:, :, : self._num_states] * self._scales
+        x = course[:, : self._num_states] / self._scales
+        rest = target - bend + np.einsum("kij,kj->ki", C, x)
+        minus = -np.eye(self._model.num_segments)
+        for binding, row, value in zip(self._bends, C, rest, strict=True):
+            binding.evaluator().UpdateCoefficients(np.hstack([row, minus]), value)
