@@ -1,0 +1,249 @@
+"""Plans of the coming seconds, by themselves and in a loop."""
+
+import dataclasses
+import threading
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from scipy.optimize import lsq_linear
+
+from controllers import RecedingHorizon, ReducedModel
+from controllers.horizon import HorizonPlanner, horizon_task
+from hardware import replay
+from limb_systems import HystereticLaw, Limb, LimbParameters, simulate
+from planners import Planner, Task, plan, references
+
+ONCE = Task(angle_weight=100.0, duty_weight=0.5, terminal_factor=1.0, duty_hold=0.0)
+
+
+def small_limb(law=None):
+    parameters = LimbParameters()
+    parameters.segments[0].links = 2
+    parameters.temperature_limits.warm_up_time = 0.0
+    for wire in parameters.wires:
+        wire.law = law() if law else wire.law
+    return parameters
+
+
+def wave(amplitude_deg, num_segments=1):
+    times = np.arange(0.0, 15.0, 0.1)
+    sine = np.deg2rad(amplitude_deg) * np.sin(0.8 * times)
+    return references.from_samples(times, np.outer((-1.0) ** np.arange(num_segments), sine))
+
+
+def still():
+    return references.from_samples([0.0, 10.0], [0.0, 0.0])
+
+
+def warm_heat(parameters, temperature=60.0):
+    model = ReducedModel(parameters)
+    return model.heated(np.full(model.num_wires, temperature))
+
+
+def test_a_linear_limb_is_planned_by_least_squares():
+    """The impulse responses of a linear model, and bounds of duty, determine the best duty."""
+    parameters = small_limb()
+    parameters.temperature_limits.warm = -20.0
+    parameters.total_duty = 2.0
+    model, K, heat = ReducedModel(parameters, 0.2), 20, warm_heat(parameters)
+
+    def bend_under(duty):
+        return model.bend_angle(model.course(heat, duty)[1:])[:, 0]
+
+    free = bend_under(np.zeros((K, 2)))
+    impulses = np.eye(2 * K).reshape(2 * K, K, 2)
+    responses = np.array([bend_under(impulse) - free for impulse in impulses]).T
+    target = wave(12.0).vector_values(3.0 + 0.2 * np.arange(1, K + 1))[0] - 0.02
+    angle = np.sqrt(100.0 * 2 * (2 / 3) ** 2)  # two joints, each at 2/3 of the bend, by (11)
+    A = np.vstack([angle * responses, np.sqrt(0.5) * np.eye(2 * K)])
+    best = lsq_linear(A, np.r_[angle * (target - free), np.zeros(2 * K)], (0.0, 1.0), tol=1e-12)
+    found = HorizonPlanner(parameters, wave(12.0), ONCE, duration=4.0).plan(
+        3.0, heat, np.array([0.02])
+    )
+    assert found.success
+    assert found.cost == pytest.approx(best.cost, rel=1e-6)
+    np.testing.assert_allclose(found.duty.ravel(), best.x, atol=2e-3)
+    np.testing.assert_allclose(found.bend_angle[1:, 0] - 0.02, free + responses @ best.x, atol=1e-4)
+
+
+def test_it_is_as_good_as_the_planner_with_its_chain():
+    parameters = small_limb()
+    heat = warm_heat(parameters)
+    found = HorizonPlanner(parameters, wave(12.0), ONCE).plan(0.0, heat, np.zeros(1))
+    state = np.r_[np.zeros(4), heat]
+    theirs = Planner(parameters, found.time, task=ONCE, tolerance_deg=1.0).plan(
+        wave(12.0), state, elapsed=0.1
+    )
+    missed = [
+        np.rad2deg(np.abs(bend - theirs.reference[0])).mean()
+        for bend in (found.bend_angle[:, 0], theirs.bend_angle[0])
+    ]
+    assert missed[1] > 0.5  # the reference is not feasible
+    assert missed[0] == pytest.approx(missed[1], rel=0.03)
+    assert found.cost == pytest.approx(theirs.check.cost, rel=0.05)
+
+
+def test_hysteresis_is_planned_from_a_plan_before():
+    """Two rounds from the plan before are as good as many from nothing."""
+    parameters = small_limb(HystereticLaw)
+    planner, heat = HorizonPlanner(parameters, wave(10.0)), warm_heat(parameters)
+    first = planner.plan(0.0, heat, np.zeros(1))
+    knots = first.time <= 5.0
+    missed = np.rad2deg(first.bend_angle[:, 0] - wave(10.0).vector_values(first.time)[0])
+    assert np.abs(missed[knots]).mean() < 2.5
+    after = first.heat[2]
+    anew = planner.plan(first.time[2], after, np.zeros(1))
+    again = planner.plan(first.time[2], after, np.zeros(1), first)
+    assert again.cost < 1.01 * anew.cost
+    repeated = planner.plan(first.time[2], after, np.zeros(1), first)
+    np.testing.assert_array_equal(repeated.duty, again.duty)
+
+
+def test_there_is_a_plan_where_limits_are_passed_already():
+    parameters = small_limb()
+    cold, hot = warm_heat(parameters, 25.0), warm_heat(parameters, 120.0)
+    heat = np.where(np.arange(4) % 2, cold, hot)  # the left wire is hot
+    found = HorizonPlanner(parameters, still()).plan(1.0, heat, np.zeros(1))
+    assert found.success
+    highest = 100.0 - horizon_task().temperature_margin
+    assert found.heat[:, 0].max() == 120.0
+    assert found.duty[found.heat[:-1, 0] > highest + 1.0, 0].max() < 1e-3
+    assert found.heat[-1, 0] < highest + 0.1
+    assert found.duty[:3, 1].min() > 0.9  # the other is below T_warm, and bends it straight
+    assert found.heat[-1, 1] > 45.0
+
+
+def test_wires_stay_within_their_limits():
+    parameters = small_limb()
+    parameters.total_duty = 0.6
+    task = Task(temperature_margin=25.0, duty_margin=0.5, terminal_factor=1.0, duty_weight=0.01)
+    planner = HorizonPlanner(parameters, wave(60.0), task)
+    found = planner.plan(0.0, warm_heat(parameters, 70.0), np.zeros(1))
+    assert found.heat[:, :2].max() == pytest.approx(75.0, abs=0.01)
+    assert found.heat[:, :2].min() > 45.0 - 0.01
+    assert found.duty.max() == pytest.approx(0.5, abs=1e-6)
+    cold = planner.plan(0.0, warm_heat(parameters, 25.0), np.zeros(1))  # both are to be warm
+    assert cold.duty.sum(axis=1).max() == pytest.approx(0.6, abs=1e-6)
+
+
+def test_common_heat_is_given_up():
+    """Two wires that hold each other are let cool as far as the reference allows."""
+    parameters = small_limb()
+    ends = []
+    for weight in (0.0, 0.03):
+        task = Task(duty_weight=1e-4, terminal_factor=1.0, temperature_weight=weight)
+        planner = HorizonPlanner(parameters, wave(5.0), task)
+        ends.append(planner.plan(0.0, warm_heat(parameters, 90.0), np.zeros(1)).heat[-1, :2].mean())
+    assert ends[1] < ends[0] - 2.0
+
+
+def test_each_segment_follows_its_own_reference(two_segments):
+    two_segments.temperature_limits.warm_up_time = 1000.0
+    planner, heat = HorizonPlanner(two_segments, wave(8.0, 2)), warm_heat(two_segments)
+    found = planner.plan(0.0, heat, np.zeros(2))
+    offset = np.deg2rad([3.0, -1.0])
+    shifted = planner.plan(0.0, heat, offset)
+    for one in (found, shifted):
+        missed = one.bend_angle - wave(8.0, 2).vector_values(one.time).T
+        assert np.rad2deg(np.abs(missed[10:])).max() < 2.0
+    held = ReducedModel(two_segments).bend_angle(shifted.heat)
+    np.testing.assert_allclose(held + offset, shifted.bend_angle, atol=1e-9)
+
+
+def test_a_plan_that_is_read_beyond_its_end_holds_its_last_duty():
+    found = HorizonPlanner(small_limb(), wave(10.0), duration=1.0).plan(
+        14.5, warm_heat(small_limb()), np.zeros(1)
+    )
+    assert found.time[-1] == pytest.approx(15.5)  # the reference ends at 14.9 s
+    np.testing.assert_array_equal(found.duty_at([14.55, 14.71, 99.0]), found.duty[[0, 1, -1]])
+
+
+@pytest.fixture(scope="module")
+def short_plan():
+    parameters = small_limb()
+    parameters.temperature_limits.warm_up_time = 1000.0
+    reference = references.from_samples([0.0, 1.0, 2.0, 4.0], np.deg2rad([0.0, 0.0, 12.0, 12.0]))
+    return plan(parameters, reference, knot_rate=5.0, tolerance_deg=0.5)
+
+
+def in_a_loop(controller, parameters):
+    """A simulator of a limb that a controller drives, and the controller's context."""
+    builder = DiagramBuilder()
+    limb, controller = builder.AddSystem(Limb(parameters)), builder.AddSystem(controller)
+    for name in ("measured_temperature", "bend_angle"):
+        builder.Connect(limb.GetOutputPort(name), controller.GetInputPort(name))
+    builder.Connect(controller.GetOutputPort("duty"), limb.GetInputPort("duty"))
+    simulator = Simulator(builder.Build())
+    return simulator, controller.GetMyContextFromRoot(simulator.get_context())
+
+
+def replans(controller, context):
+    return controller.GetOutputPort("replans").Eval(context).tolist()
+
+
+def test_a_weaker_limb_follows_the_reference(short_plan):
+    """Its wires pull 0.85 times as much as planned, and it rests at -2°."""
+    weaker = small_limb()
+    for wire in weaker.wires:
+        wire.law.beta *= 0.85
+    weaker.segments[0].rest_angle = np.deg2rad(-2.0)
+    alone = simulate(Limb(weaker), short_plan)
+    controller = RecedingHorizon(short_plan)
+    followed = replay(short_plan, Limb(weaker), controller=controller)
+    wanted = np.deg2rad(12.0)
+    late = followed.time > 3.4
+    missed = [np.rad2deg(np.abs(r.bend_angle[0, late] - wanted)).max() for r in (alone, followed)]
+    assert missed[0] > 3.0
+    assert missed[1] < 0.5
+
+
+def test_plans_are_counted_and_those_that_fail_leave_the_last_in_force(short_plan):
+    controller = RecedingHorizon(short_plan)
+    simulator, context = in_a_loop(controller, short_plan.parameters)
+    simulator.AdvanceTo(0.99)
+    assert replans(controller, context) == [4, 0, 0]
+    good = context.get_discrete_state(3).CopyToVector()
+    made = controller._planner.plan
+    controller._planner.plan = lambda *given: dataclasses.replace(made(*given), success=False)
+    simulator.AdvanceTo(1.19)
+    assert replans(controller, context) == [5, 0, 1]
+    np.testing.assert_array_equal(context.get_discrete_state(3).value(), good)
+
+
+def test_in_real_time_the_command_does_not_wait_for_a_plan(short_plan):
+    controller = RecedingHorizon(short_plan, real_time=True)
+    simulator, context = in_a_loop(controller, short_plan.parameters)
+    made, may = controller._planner.plan, threading.Event()
+    threads = []
+
+    def slow(*given):
+        threads.append(threading.current_thread())
+        may.wait()
+        return made(*given)
+
+    controller._planner.plan = slow
+    first = context.get_discrete_state(3).CopyToVector()
+    simulator.AdvanceTo(0.79)  # three plans are due, but none is there
+    assert replans(controller, context) == [1, 1, 0]
+    np.testing.assert_array_equal(context.get_discrete_state(3).value(), first)
+    may.set()
+    controller._pending.result()
+    simulator.AdvanceTo(0.81)
+    newest = context.get_discrete_state(3).value()
+    assert newest[0] == pytest.approx(0.05)  # from the tick after it was asked for
+    assert threads[0] is not threading.current_thread()
+
+
+def test_sensors_that_say_nothing_are_borne(short_plan):
+    controller = RecedingHorizon(short_plan)
+    context = controller.CreateDefaultContext()
+    for port in range(2):
+        size = controller.get_input_port(port).size()
+        controller.get_input_port(port).FixValue(context, np.full(size, np.nan))
+    simulator = Simulator(controller, context)
+    simulator.AdvanceTo(0.3)
+    duty = controller.GetOutputPort("duty").Eval(context)
+    assert ((duty >= 0.0) & (duty <= 1.0)).all()
+    assert replans(controller, context) == [2, 0, 0]
