@@ -24,16 +24,16 @@ class RecedingHorizon(LeafSystem):
     the new plan is in force. Between plans, the estimated bend is held to the newest.
 
     In simulated time, a plan is made within its tick. In real time it is made in a
-    thread of its own and the command never waits for it: a plan that is not there
-    at the next tick is late, and the one before stays in force until it is. So it
-    does if planning fails.
+    thread of its own and the command never waits for it: the plan before stays in
+    force until it is there. It is late if that is not so when the next one is due,
+    which is then left out. If planning fails, the plan before stays in force, too.
 
     Ports of a limb with W wires and S segments:
 
     - input 0, ``measured_temperature`` (W), °C; NaN where there is no reading.
     - input 1, ``bend_angle`` (S), rad; NaN where there is no reading.
     - output 0, ``duty`` (W), in [0, 1].
-    - output 1, ``replans`` (3): how many there were, were late and failed.
+    - output 1, ``replans`` (3): how many plans were begun, were late and failed.
 
     Discrete state 0 is the duty, 1 the replans, 2 the `Estimate`, NaN before the first
     readings, and 3 the plan in force.
@@ -105,16 +105,14 @@ class RecedingHorizon(LeafSystem):
             return _if_made(self._planner.plan(*arguments), plan, counts)
         if self._pending is None:
             counts[0] += 1
-            self._pending, self._waited = self._thread.submit(self._planner.plan, *arguments), False
+            self._pending = self._thread.submit(self._planner.plan, *arguments)
+        else:
+            counts[1] += 1
         return plan
 
     def _newest(self, plan: HorizonPlan, counts: np.ndarray) -> HorizonPlan:
         """The plan of the thread if it has one, else that in force."""
-        if self._pending is None:
-            return plan
-        if not self._pending.done():
-            counts[1] += not self._waited
-            self._waited = True
+        if self._pending is None or not self._pending.done():
             return plan
         made, self._pending = self._pending.result(), None
         return _if_made(made, plan, counts)

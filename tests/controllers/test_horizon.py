@@ -225,8 +225,8 @@ def test_in_real_time_the_command_does_not_wait_for_a_plan(short_plan):
 
     controller._planner.plan = slow
     first = context.get_discrete_state(3).CopyToVector()
-    simulator.AdvanceTo(0.79)  # three plans are due, but none is there
-    assert replans(controller, context) == [1, 1, 0]
+    simulator.AdvanceTo(0.79)  # four plans were due, but none is there
+    assert replans(controller, context) == [1, 3, 0]
     np.testing.assert_array_equal(context.get_discrete_state(3).value(), first)
     may.set()
     controller._pending.result()
