@@ -1,6 +1,18 @@
 """Feedback about a plan, receding horizon, temperature supervisor, learning over repetitions."""
 
+from controllers.learning import Learner
+from controllers.limb_observer import LimbObserver
+from controllers.plan_feedback import PlanFeedback
 from controllers.receding_horizon import RecedingHorizon
 from controllers.reduced_model import ReducedModel
+from controllers.temperature_supervisor import TemperatureSupervisor, supervised
 
-__all__ = ["RecedingHorizon", "ReducedModel"]
+__all__ = [
+    "Learner",
+    "LimbObserver",
+    "PlanFeedback",
+    "RecedingHorizon",
+    "ReducedModel",
+    "TemperatureSupervisor",
+    "supervised",
+]

@@ -17,21 +17,22 @@ from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters
 
 GATE = 5.0  # standard deviations, beyond which a reading is not believed
+LARGEST_OFFSET = np.deg2rad(20.0)  # rad, of p and d; a bend further from the model is not believed
 STUCK_TIME = 0.5  # s, after which a bend reading that is equal to the last bit is not believed
-LYING_TIME = 1.0  # s, for which a sensor was not believed, after which it counts as lying
 
 # The noise of thermocouples with steps of 0.25 °C that are read at 10 Hz and used at 20 Hz.
 READING_NOISE = 0.4  # °C
 # What laws miss, as random walks: standard deviations after one second.
 TEMPERATURE_WALK = 0.5  # °C, of states that are temperatures
 READING_WALK = 0.1  # °C
-OTHER_WALK = 0.02  # of the typical change of other states
+OTHER_WALK = 0.005  # of the typical change of other states
 HEATING_ERROR = 0.1  # of the heating by duty, in addition
-BEND_WALK = np.deg2rad(0.7)  # rad, of p
+BEND_WALK = np.deg2rad(0.4)  # rad, of p
 HEATING_RATE, HEATING_TIME = 1.0, 15.0  # °C/s and s, of q
 DRIFT_TIME = 120.0  # s, of d
 INITIAL_BEND = np.deg2rad(3.0)  # rad, of p
 INITIAL_TEMPERATURE = 1.0  # °C
+INITIAL_OTHER = 0.1  # of the typical change of other states
 SILICONE = 5.0  # °C, by which the silicone around a warm wire may be off
 
 
@@ -97,7 +98,7 @@ class Estimator:
         self._decay = np.concatenate(
             [np.full(W, np.exp(-h / HEATING_TIME)), np.full(S, np.exp(-h / DRIFT_TIME)), np.ones(S)]
         )
-        initial = np.where(temperatures, SILICONE, 5 * OTHER_WALK * model.scales)
+        initial = np.where(temperatures, SILICONE, INITIAL_OTHER * model.scales)
         initial[:W] = initial[-W:] = INITIAL_TEMPERATURE
         self._initial = np.concatenate(
             [initial, np.full(W, HEATING_RATE / 2), drift, np.full(S, INITIAL_BEND)]
@@ -127,6 +128,22 @@ class Estimator:
             np.nan_to_num(bend_angle),
         )
 
+    def read(self, vector: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray) -> Estimate:
+        """The `corrected` estimate of a vector; that of `begin` if the vector is NaN, as at first.
+
+        Args:
+            vector: of `pack`, or `nothing`.
+            readings, bend_angle: as of `step`.
+        """
+        if np.isnan(vector).any():
+            return self.begin(readings, bend_angle)
+        return self.corrected(self.unpack(vector), readings, bend_angle)
+
+    @property
+    def nothing(self) -> np.ndarray:
+        """The vector (size) of a limb that was not read yet: NaN."""
+        return np.full(self.size, np.nan)
+
     def pack(self, estimate: Estimate) -> np.ndarray:
         """An estimate as one vector (size)."""
         fields = dataclasses.fields(estimate)
@@ -151,12 +168,12 @@ class Estimator:
             readings: V at its beginning (W), °C; NaN where there is none.
             bend_angle: as read at its beginning (S), rad; NaN where there is none.
         """
-        return self._predicted(self._corrected(estimate, readings, bend_angle), duty)
+        return self.predicted(self.corrected(estimate, readings, bend_angle), duty)
 
-    def _corrected(
+    def corrected(
         self, estimate: Estimate, readings: np.ndarray, bend_angle: np.ndarray
     ) -> Estimate:
-        """With the readings, as far as they are believed."""
+        """With the readings, as far as they are believed; arguments as of `step`."""
         model, period = self.model, self.model.period
         H, W, S, M = model.size, model.num_wires, model.num_segments, self._means
         alike = np.where(bend_angle == estimate.last_bend, estimate.alike + period, 0.0)
@@ -170,7 +187,7 @@ class Estimator:
         C[W:, H + W : H + W + S] = C[W:, H + W + S :] = np.eye(S)
         spread = C @ estimate.covariance @ C.T + np.diag(self._noise)
         believed = innovations**2 < GATE**2 * np.diag(spread)  # false for NaN, too
-        believed[W:] &= alike < STUCK_TIME
+        believed[W:] &= (alike < STUCK_TIME) & (np.abs(bend - held) < LARGEST_OFFSET)
         unbelieved = np.where(believed, 0.0, estimate.unbelieved + period)
         C, innovations = C[believed], innovations[believed]
         gain = np.linalg.solve(spread[np.ix_(believed, believed)], C @ estimate.covariance).T
@@ -187,8 +204,8 @@ class Estimator:
             np.where(np.isfinite(bend_angle), bend_angle, estimate.last_bend),
         )
 
-    def _predicted(self, estimate: Estimate, duty: np.ndarray) -> Estimate:
-        """A period later, without new readings."""
+    def predicted(self, estimate: Estimate, duty: np.ndarray) -> Estimate:
+        """A period later under duty (W), without new readings."""
         model = self.model
         H, W, S = model.size, model.num_wires, model.num_segments
         after, A, _ = model.linearized_step(estimate.heat, duty)

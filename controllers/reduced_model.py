@@ -26,6 +26,8 @@ class ReducedModel:
     - ``scales``: typical changes of the heat (H,).
     - ``sides``: for each segment and wire the direction of the wire's torque in
       the segment (S, W), zero for wires of other segments.
+    - ``bend_by_torque``: bend of each segment by a torque on each of its joints (S,),
+      rad/(N·m).
 
     Args:
         parameters: of the limb.
@@ -41,6 +43,7 @@ class ReducedModel:
         self.cold = np.concatenate([wires.cold_states, wires.cold_states[:W]])
         self.scales = wires.heat_scales
         self._rest_angles, self._compliance = static_equilibrium(parameters)
+        self._n = len(self._rest_angles)
         self._cold_force = wires.forces(wires.cold_states, self._rest_angles)
         self._to_bend = np.zeros((self.num_segments, parameters.num_joints))
         self.sides = np.zeros((self.num_segments, W))
@@ -49,6 +52,8 @@ class ReducedModel:
         ):
             self._to_bend[index, joints] = (segment.links + 1) / (2 * segment.links)  # (11)
             self.sides[index, around] = [wire.direction for wire in segment.wires]
+        in_segment = (self._to_bend > 0).T
+        self.bend_by_torque = np.diag(self._to_bend @ self._compliance @ in_segment).copy()
 
     def temperatures(self, heat: np.ndarray) -> np.ndarray:
         """T (..., W), °C."""
@@ -70,22 +75,22 @@ class ReducedModel:
     def joint_angles(self, heat: np.ndarray) -> np.ndarray:
         """θ (..., n) that the wires hold, rad."""
         states = heat[..., : -self.num_wires]
-        angles = self._rest_angles + np.zeros((*states.shape[:-1], 1), states.dtype)
-        held = self._wires.forces(states, angles) - self._cold_force
-        angles = angles + held @ self._compliance.T
+        angles = self._rest_angles + self._held(states, self._rest_angles)
         if self._wires.torque_needs_angle:
-            for _ in range(2):  # Newton's method; a torque of its joint's angle changes little
-                angles = angles + self._correction(states, angles)
+            for _ in range(2):  # Newton's method; torque changes little with its joint's angle
+                missed = self._rest_angles + self._held(states, angles) - angles
+                angles = angles + (self._softness(states, angles) @ missed[..., None])[..., 0]
         return angles
 
-    def _correction(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """A step of Newton's method towards the joint angles that the wires hold."""
-        held = (self._wires.forces(states, angles) - self._cold_force) @ self._compliance.T
-        missed = self._rest_angles + held - angles
-        _, by_angle = self._wires.force_derivatives(states.real, angles.real)
-        assert by_angle is not None
-        slopes = np.eye(len(self._compliance)) - self._compliance * by_angle[..., None, :]
-        return np.linalg.solve(slopes, missed[..., None])[..., 0]
+    def _held(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """K⁻¹ f (..., n), by which wires with these joint angles turn the joints, rad."""
+        force = self._wires.forces(states, np.broadcast_to(angles, (*states.shape[:-1], self._n)))
+        return (force - self._cold_force) @ self._compliance.T
+
+    def _softness(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """How much more than by K⁻¹ joints turn as torque depends on their angle (..., n, n)."""
+        by_angle = self._wires.forces(states, angles + 1j * _COMPLEX_STEP).imag / _COMPLEX_STEP
+        return np.linalg.inv(np.eye(self._n) - self._compliance * by_angle[..., None, :])
 
     def bend_angle(self, heat: np.ndarray) -> np.ndarray:
         """φ (..., S) that the wires hold, rad, by (11)."""
@@ -108,9 +113,14 @@ class ReducedModel:
 
     def bend_slopes(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """φ (..., S), rad, and its derivatives by the heat (..., S, H)."""
-        moved = 1j * _COMPLEX_STEP * np.eye(self.size)
-        bend = self.bend_angle(heat[..., None, :] + moved)
-        return bend[..., 0, :].real, bend.imag.swapaxes(-1, -2) / _COMPLEX_STEP
+        angles, states = self.joint_angles(heat), heat[..., : -self.num_wires]
+        moved = states[..., None, :] + 1j * _COMPLEX_STEP * np.eye(states.shape[-1])
+        by_state = self._held(moved, angles[..., None, :]).imag.swapaxes(-1, -2) / _COMPLEX_STEP
+        if self._wires.torque_needs_angle:
+            by_state = self._softness(states, angles) @ by_state
+        slopes = np.zeros((*heat.shape[:-1], self.num_segments, self.size))
+        slopes[..., : -self.num_wires] = self._to_bend @ by_state
+        return angles @ self._to_bend.T, slopes
 
     def course(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """The heat (K + 1, ..., H) from a start (..., H) on, under duty (K, ..., W) of steps."""

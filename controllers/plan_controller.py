@@ -1,0 +1,119 @@
+"""What controllers that follow a plan share: ports, estimate, and the bounds of duty."""
+
+import numpy as np
+from pydrake.systems.framework import LeafSystem
+
+from controllers.estimator import Estimate, Estimator
+from controllers.reduced_model import PERIOD
+from controllers.temperature_supervisor import TemperatureLimiter
+from limb_systems import LimbParameters, Trajectory, split_state
+from limb_systems.model.ownership import weak_method
+
+
+class PlanController(LeafSystem):
+    """Base of controllers for a limb of W wires and S segments; they say what is wanted.
+
+    Each period the `Estimator` takes the readings, `_duty` makes a duty of the
+    estimate within the most that each wire may have, and the estimate goes on.
+
+    - input 0 ``measured_temperature``: V (W), °C; NaN where there is no reading
+    - input 1 ``bend_angle``: φ (S), rad, as read; NaN where there is no reading
+    - output 0 ``duty``: D (W), in [0, 1]
+    - state, discrete, at 20 Hz: 0: the duty; 1: the `Estimate`, NaN before the first readings;
+      subclasses may have more
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, parameters: LimbParameters, duty: np.ndarray):
+        """
+        Args:
+            parameters: of the limb.
+            duty: at first (W,).
+        """
+        super().__init__()
+        self._parameters = parameters
+        self._estimator = Estimator(parameters)
+        self._limiter = TemperatureLimiter(parameters)
+        model = self._estimator.model
+        self.DeclareVectorInputPort("measured_temperature", model.num_wires)
+        self.DeclareVectorInputPort("bend_angle", model.num_segments)
+        state = self.DeclareDiscreteState(duty)
+        self.DeclareDiscreteState(self._estimator.nothing)
+        self.DeclareStateOutputPort("duty", state)
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
+
+    def _update(self, context, state) -> None:
+        readings, bend = (self.get_input_port(index).Eval(context) for index in range(2))
+        estimate = self._estimator.read(state.value(1), readings, bend)
+        duty = self._duty(context.get_time(), estimate, self._limiter.caps(estimate), state)
+        duty = within_total(duty, self._parameters.total_duty)
+        state.set_value(0, duty)
+        state.set_value(1, self._estimator.pack(self._estimator.predicted(estimate, duty)))
+
+    def _duty(self, time: float, estimate: Estimate, caps: np.ndarray, state) -> np.ndarray:
+        """D (W,) from a time on, each within 0 and its cap.
+
+        Args:
+            time: since the start of the plan, s.
+            estimate: of the limb at that time.
+            caps: the most duty that each wire may have (W,).
+            state: the discrete values, for more than these.
+        """
+        raise NotImplementedError
+
+
+class SampledPlan:
+    """A plan at the controllers' period.
+
+    - ``duty``: the mean over each period (K, W).
+    - ``bend_angle``: φ* at the ends of the periods (K, S), rad.
+    - ``heat``: [x, V] at their beginnings (K, H).
+
+    Args:
+        trajectory: the plan.
+    """
+
+    def __init__(self, trajectory: Trajectory):
+        plan = trajectory.since_start()
+        times = PERIOD * np.arange(int(np.ceil(plan.duration / PERIOD)) + 1)
+        middle, end = (np.minimum(times + ahead, plan.duration) for ahead in (PERIOD / 2, PERIOD))
+        self.duty = np.clip(plan.duty_trajectory().vector_values(middle).T, 0.0, 1.0)
+        self.bend_angle = plan.bend_angle_at(end).T
+        states = plan.state_trajectory().vector_values(np.minimum(times, plan.duration))
+        self.heat = np.vstack(split_state(plan.parameters, states)[2:]).T
+
+    def index(self, time: float) -> int:
+        """Of the period that begins at a time, s, the last one after the end."""
+        return min(round(time / PERIOD), len(self.duty) - 1)
+
+
+def within_total(duty: np.ndarray, total: float) -> np.ndarray:
+    """Duty (W,) of the same proportions that adds up to no more than a total."""
+    return duty * min(1.0, total / max(duty.sum(), 1e-9))
+
+
+def share(
+    bend_rate: np.ndarray, duty: np.ndarray, gains: np.ndarray, caps: np.ndarray
+) -> np.ndarray:
+    """Duty (W,) that bends segments faster than another duty does, with the least change of it.
+
+    Of each segment, all wires do a share of it, δ = λ g; what one cannot do, because its duty
+    is at zero or at its cap, the others do as far as they can.
+
+    Args:
+        bend_rate: what is wanted in addition (S,), rad/s.
+        duty: without it (W,), within the caps.
+        gains: g, bend rate of each segment by duty of each wire (S, W), rad/s.
+        caps: the most duty of each wire (W,).
+    """
+    result = duty.copy()
+    for wanted, gain in zip(bend_rate, gains, strict=True):
+        wires = np.flatnonzero(gain)
+        g, least, most = gain[wires], -duty[wires], (caps - duty)[wires]
+        # Σ g δ is piecewise linear in λ, with corners where a wire gets to a bound.
+        corners = np.unique(np.concatenate([least / g, most / g]))
+        changes = np.clip(corners[:, None] * g, least, most)
+        scale = np.interp(wanted, changes @ g, corners)
+        result[wires] += np.clip(scale * g, least, most)
+    return result

@@ -1,0 +1,88 @@
+"""Feedback that holds a limb to its plan: the default on robots."""
+
+import numpy as np
+
+from controllers.estimator import Estimate
+from controllers.plan_controller import PlanController, SampledPlan, share
+from controllers.reduced_model import PERIOD, ReducedModel
+from limb_systems import LimbParameters, Trajectory
+
+PROPORTIONAL = 2.5  # 1/s
+COMMON_MODE = 0.5  # 1/s
+
+
+class PlanFeedback(PlanController):
+    """Proportional feedback of the estimated bend about a plan, with an estimated disturbance.
+
+    The `Estimator` says how the wires bend the limb, φ(x), and by how much it is bent
+    otherwise, p, which takes the place of an integral and cannot wind up. What is wanted of
+    the wires in addition to the plan's duty is the bend rate
+
+        w = k_p (φ* - p - φ(x))
+
+    which both wires share: D = D* + λ g, with g the bend rate that full duty makes. As the
+    antagonist can always push, what runs out is heat. Where the wires of a segment are
+    warmer than in the plan on average, the plan's duty is reduced, so that they cool:
+
+        D* - k_c max(0, mean T - mean T*) / a2
+
+    No duty is beyond what `TemperatureLimiter` allows.
+
+    Ports and state are those of `PlanController`.
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        *,
+        parameters: LimbParameters | None = None,
+        proportional: float = PROPORTIONAL,
+    ):
+        """
+        Args:
+            trajectory: the plan.
+            parameters: of the limb, from which gains and estimates follow; the plan's if None.
+            proportional: k_p, 1/s.
+        """
+        parameters = LimbParameters.of(parameters or trajectory.parameters)
+        self._plan, self._proportional = SampledPlan(trajectory), proportional
+        super().__init__(parameters, self._plan.duty[0])
+        model = self._estimator.model
+        self._gains, self._heating = mean_gains(model), heating_rates(model)
+        self._planned_mean = self._mean(model.temperatures(self._plan.heat))
+        self.set_name("plan_feedback")
+
+    def _duty(self, time: float, estimate: Estimate, caps: np.ndarray, state) -> np.ndarray:
+        k, model = self._plan.index(time), self._estimator.model
+        missed = self._plan.bend_angle[k] - estimate.offset - model.bend_angle(estimate.heat)
+        warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
+        base = self._plan.duty[k] - COMMON_MODE * np.maximum(warmer, 0.0) / self._heating
+        base = np.clip(base, 0.0, caps)
+        return share(self._proportional * missed, base, self._gains, caps)
+
+    def _mean(self, temperature: np.ndarray) -> np.ndarray:
+        """The mean over the wires of each wire's segment (..., W) of T (..., W), °C."""
+        same = np.abs(np.sign(self._estimator.model.sides))
+        return temperature @ (same.T @ (same / same.sum(axis=1, keepdims=True)))
+
+
+def mean_gains(model: ReducedModel) -> np.ndarray:
+    """g (S, W), rad/s: the bend rate by full duty, on average from T_warm to T_max."""
+    limits, W = model.parameters.temperature_limits, model.num_wires
+    warm = np.full(W, limits.warm)
+    bend = model.bend_angle(model.heated(warm))
+    slopes = []
+    for wire in range(W):
+        hot = warm.copy()
+        hot[wire] = limits.maximum
+        slopes.append((model.bend_angle(model.heated(hot)) - bend) / (limits.maximum - limits.warm))
+    return np.transpose(slopes) * heating_rates(model)
+
+
+def heating_rates(model: ReducedModel) -> np.ndarray:
+    """a2 (W,), °C/s: by how much faster cold wires heat at full duty than at none."""
+    W = model.num_wires
+    full, none = (model.step(model.cold, np.full(W, duty))[:W] for duty in (1.0, 0.0))
+    return (full - none) / PERIOD

@@ -1,0 +1,156 @@
+"""Keeps wires from getting too hot, whatever a controller asks for."""
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+
+from controllers.estimator import Estimate, Estimator
+from controllers.reduced_model import PERIOD, ReducedModel
+from limb_systems import LimbError, LimbParameters
+from limb_systems.model.ownership import weak_method
+
+HOLD = 0.5  # s, for which a duty must be harmless
+DEVIATIONS = 2.0  # of the estimated temperature, by which predictions stay below the limit
+ABOVE_PLANS = 5.0  # °C, that feedback may heat wires beyond T_max
+BELOW_BOARD = 5.0  # °C, that it stays below what the board cuts out at
+
+
+class TemperatureLimiter:
+    """The most duty that a wire may have.
+
+    Under it, the predicted temperature of the wire in half a second, and two standard
+    deviations of its estimate, are the limit.
+
+    - ``limit``: °C.
+
+    Args:
+        parameters: of the limb.
+        limit: °C; if None, 5 °C above ``temperature_limits.maximum``, but at least 5 °C
+            below ``temperature_limits.measured_maximum``.
+
+    Raises:
+        LimbError: if the limit is not below ``temperature_limits.measured_maximum``.
+    """
+
+    def __init__(self, parameters: LimbParameters, limit: float | None = None):
+        limits = parameters.temperature_limits
+        if limit is None:
+            limit = min(limits.maximum + ABOVE_PLANS, limits.measured_maximum - BELOW_BOARD)
+        if not limit < limits.measured_maximum:
+            raise LimbError(
+                f"The limit of a wire's temperature is {limit!r} °C; it must be below "
+                f"measured_maximum, {limits.measured_maximum:g} °C, where the board cuts out."
+            )
+        self.limit = limit
+        self._model = ReducedModel(parameters, HOLD)
+
+    def caps(self, estimate: Estimate) -> np.ndarray:
+        """The most duty of each wire (W,), in [0, 1]."""
+        W = self._model.num_wires
+        after, _, by_duty = self._model.linearized_step(estimate.heat, np.zeros(W))
+        cooled = after[:W] + HOLD * estimate.heating_rate
+        deviation = np.sqrt(np.diag(estimate.covariance)[:W])
+        room = self.limit - DEVIATIONS * deviation - cooled
+        return np.clip(room / np.diag(by_duty[:W]), 0.0, 1.0)
+
+
+class TemperatureSupervisor(LeafSystem):
+    """Between any controller and a limb of W wires: reduces duty before a wire is too hot.
+
+    What comes out is the duty nearest to the one that was asked for with which each
+    wire stays below the limit of `TemperatureLimiter`; duty that is no number is zero.
+
+    - input 0 ``duty``: D (W), as asked for
+    - input 1 ``measured_temperature``: V (W), °C; NaN where there is no reading
+    - output 0 ``duty``: D (W), in [0, 1]
+    - state, discrete, at 20 Hz: 0: the most duty (W); 1: the `Estimate`, NaN before the
+      first readings
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, parameters: LimbParameters, *, limit: float | None = None):
+        """
+        Args:
+            parameters: of the limb.
+            limit: of the wires' temperature, °C, as for `TemperatureLimiter`.
+
+        Raises:
+            LimbError: if the limit is not below where the board cuts out.
+        """
+        super().__init__()
+        parameters = LimbParameters.of(parameters)
+        self._estimator = Estimator(parameters)
+        self._limiter = TemperatureLimiter(parameters, limit)
+        W = len(parameters.wires)
+        duty = self.DeclareVectorInputPort("duty", W)
+        self.DeclareVectorInputPort("measured_temperature", W)
+        caps = self.DeclareDiscreteState(W)
+        self.DeclareDiscreteState(self._estimator.nothing)
+        self.DeclareVectorOutputPort(
+            "duty",
+            W,
+            weak_method(self._calc_duty),
+            {self.discrete_state_ticket(caps), self.input_port_ticket(duty.get_index())},
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
+        self.set_name("temperature_supervisor")
+
+    def _update(self, context, state) -> None:
+        readings = self.GetInputPort("measured_temperature").Eval(context)
+        no_bend = np.full(self._estimator.model.num_segments, np.nan)
+        estimate = self._estimator.read(state.value(1), readings, no_bend)
+        estimate = self._estimator.predicted(estimate, self._allowed(context, state.value(0)))
+        state.set_value(0, self._limiter.caps(estimate))
+        state.set_value(1, self._estimator.pack(estimate))
+
+    def _calc_duty(self, context, output) -> None:
+        output.SetFromVector(self._allowed(context, context.get_discrete_state(0).value()))
+
+    def _allowed(self, context, caps: np.ndarray) -> np.ndarray:
+        asked = self.GetInputPort("duty").Eval(context)
+        return np.clip(np.nan_to_num(asked, nan=0.0), 0.0, caps)
+
+
+def supervised(
+    controller: System, parameters: LimbParameters, *, limit: float | None = None
+) -> Diagram:
+    """A controller behind a `TemperatureSupervisor`, with the controller's ports.
+
+    Args:
+        controller: with the output ``duty`` and any inputs that a limb has outputs for;
+            it becomes part of the diagram.
+        parameters: of the limb.
+        limit: °C, as for `TemperatureLimiter`.
+
+    Returns:
+        A system for ``replay(trajectory, limb, controller=...)``.
+
+    Raises:
+        LimbError: if the controller has no output ``duty`` for the limb's wires.
+    """
+    if not controller.HasOutputPort("duty"):
+        raise LimbError(
+            f"{type(controller).__name__} has no output port duty, and cannot be supervised."
+        )
+    asked, wires = controller.GetOutputPort("duty"), len(parameters.wires)
+    if asked.size() != wires:
+        raise LimbError(
+            f"{type(controller).__name__} has a duty for {asked.size()} wires, but the limb has "
+            f"{wires}."
+        )
+    builder = DiagramBuilder()
+    builder.AddSystem(controller)
+    supervisor = builder.AddSystem(TemperatureSupervisor(parameters, limit=limit))
+    builder.Connect(asked, supervisor.GetInputPort("duty"))
+    reading = supervisor.GetInputPort("measured_temperature")
+    builder.ExportInput(reading, "measured_temperature")
+    for index in range(controller.num_input_ports()):
+        port = controller.get_input_port(index)
+        if port.get_name() == "measured_temperature":
+            builder.ConnectInput("measured_temperature", port)
+        else:
+            builder.ExportInput(port, port.get_name())
+    builder.ExportOutput(supervisor.GetOutputPort("duty"), "duty")
+    diagram = builder.Build()
+    diagram.set_name(f"supervised_{controller.get_name()}")
+    return diagram
