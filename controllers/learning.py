@@ -386,9 +386,12 @@ class Learner:
 def _around(
     nodes: np.ndarray, spacing: float, times: np.ndarray, signals: np.ndarray
 ) -> np.ndarray:
-    """Means of signals (R, K) around the nodes (M + 1, R); NaN where there are no samples."""
-    low = np.searchsorted(times, nodes - 0.5 * spacing - 1e-6)
-    high = np.searchsorted(times, nodes + 0.5 * spacing + 1e-6)
+    """Means of signals (R, K) around the nodes (M + 1, R); NaN where there are no samples.
+
+    Samples lie alike on both sides of a node, so that the first and the last have only one.
+    """
+    reach = np.minimum(0.5 * spacing, np.minimum(nodes - nodes[0], nodes[-1] - nodes)) + 1e-6
+    low, high = np.searchsorted(times, nodes - reach), np.searchsorted(times, nodes + reach)
     sums = np.cumsum(np.pad(signals, ((0, 0), (1, 0))), axis=1)
     counts = np.where(high > low, high - low, np.nan)
     return ((sums[:, high] - sums[:, low]) / counts).T

@@ -68,14 +68,14 @@ class Plant:
     def __init__(self, parameters, seed=0, disturbance=lambda times: 0 * times):
         self.model, self.random = ReducedModel(parameters), np.random.default_rng(seed)
         self.disturbance = disturbance
-        self.heat = np.zeros(0)
+        self.start, self.heat = self.model.cold, np.zeros(0)
 
     def repeat(self, learner, *, offset=0.0, end=DURATION, interrupted="") -> Recording:
         """A repetition with the learned duty, and an offset of the bend, rad."""
         times = np.arange(0.0, end + 0.01, 0.05)
         course = learner.duty_trajectory()
         duty = course.vector_values(times[:-1] + 0.025).T
-        self.heat = self.model.course(self.model.cold, duty)
+        self.heat = self.model.course(self.start, duty)
         self.bend = self.model.bend_angle(self.heat) + self.disturbance(times)[:, None] + offset
         bend = self.bend.copy()
         for column, segment in zip(bend.T, self.model.parameters.segments, strict=True):
@@ -241,6 +241,17 @@ def test_worse_repetitions_are_undone_and_steps_get_shorter():
     step = learner.correction - good.correction
     whole = learner._program.improve(good.correction, learner._start, learner._errors())
     np.testing.assert_allclose(step, 0.5 * (whole - good.correction), atol=1e-12)
+
+
+def test_warmer_start_is_no_error_that_repeats():
+    parameters = limb(0.0, 0.0)
+    learner, plant = Learner(plan_of(parameters)), Plant(parameters)
+    plant.start = plant.model.cold + 3.0  # T and V of both wires
+    learner.update(plant.repeat(learner))
+    assert np.abs(learner._errors().wire_temperature).max() < 0.5
+    assert np.abs(learner._errors().bend_angle).max() < np.deg2rad(0.1)
+    learner.update(plant.repeat(learner))
+    assert plant.error(learner) < 0.2
 
 
 def test_interrupted_repetitions_are_undone_but_seen():

@@ -13,6 +13,7 @@ from limb_systems.views.plots import (
     PLAN_COLOR,
     REFERENCE_COLOR,
     ROLLOUT_COLOR,
+    plot_repetitions,
     plot_tracking,
     save_figure,
     wire_colors,
@@ -116,3 +117,13 @@ def test_a_picture_of_no_known_format_is_refused_before_it_is_drawn(tmp_path):
     with pytest.raises(LimbError, match=r"fig.xyz is of no known format; .*\.pdf"):
         save_figure(Figure(), tmp_path / "new" / "fig.xyz")
     assert not (tmp_path / "new").exists()
+
+
+def test_repetitions_are_drawn_as_errors_and_the_first_and_the_last(fig5_plan):
+    recording = replay(fig5_plan, Limb(fig5_plan.parameters))
+    last = dataclasses.replace(recording, bend_angle=recording.bend_angle + np.deg2rad(1.0))
+    errors, bend = plot_repetitions(fig5_plan, np.deg2rad([2.0, 1.0]), recording, last).axes
+    (line,) = errors.get_lines()
+    np.testing.assert_allclose(line.get_xydata(), [[1, 2.0], [2, 1.0]])
+    drawn = {line.get_label(): line.get_ydata() for line in bend.get_lines()}
+    np.testing.assert_allclose(drawn["last repetition"] - drawn["first repetition"], 1.0)
