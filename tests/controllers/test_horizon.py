@@ -43,27 +43,37 @@ def warm_heat(parameters, temperature=60.0):
 
 
 def test_a_linear_limb_is_planned_by_least_squares():
-    """The impulse responses of a linear model, and bounds of duty, determine the best duty."""
+    """The impulse responses of a linear model, and bounds of duty, determine the best duty.
+
+    The linear cost of the temperatures is completed to squares.
+    """
     parameters = small_limb()
     parameters.temperature_limits.warm = -20.0
     parameters.total_duty = 2.0
     model, K, heat = ReducedModel(parameters, 0.2), 20, warm_heat(parameters)
 
-    def bend_under(duty):
-        return model.bend_angle(model.course(heat, duty)[1:])[:, 0]
+    def under(duty):
+        """The bend at the knots, and the sum of the mean temperatures."""
+        course = model.course(heat, duty)[1:]
+        return np.append(model.bend_angle(course)[:, 0], course[:, :2].mean(axis=1).sum())
 
-    free = bend_under(np.zeros((K, 2)))
+    still = under(np.zeros((K, 2)))
     impulses = np.eye(2 * K).reshape(2 * K, K, 2)
-    responses = np.array([bend_under(impulse) - free for impulse in impulses]).T
+    changes = np.array([under(impulse) - still for impulse in impulses]).T
+    free, responses, warming = still[:-1], changes[:-1], 0.002 * changes[-1]
     target = wave(12.0).vector_values(3.0 + 0.2 * np.arange(1, K + 1))[0] - 0.02
     angle = np.sqrt(100.0 * 2 * (2 / 3) ** 2)  # two joints, each at 2/3 of the bend, by (11)
     A = np.vstack([angle * responses, np.sqrt(0.5) * np.eye(2 * K)])
-    best = lsq_linear(A, np.r_[angle * (target - free), np.zeros(2 * K)], (0.0, 1.0), tol=1e-12)
-    found = HorizonPlanner(parameters, wave(12.0), ONCE, duration=4.0).plan(
+    b = np.r_[angle * (target - free), np.zeros(2 * K)]
+    squares = b - A @ np.linalg.solve(A.T @ A, warming)
+    best = lsq_linear(A, squares, (0.0, 1.0), tol=1e-12)
+    task = dataclasses.replace(ONCE, temperature_weight=0.002)
+    found = HorizonPlanner(parameters, wave(12.0), task, duration=4.0).plan(
         3.0, heat, np.array([0.02])
     )
     assert found.success
-    assert found.cost == pytest.approx(best.cost, rel=1e-6)
+    cost = 0.5 * ((A @ best.x - b) ** 2).sum() + warming @ best.x + 0.002 * (still[-1] - 25.0 * K)
+    assert found.cost == pytest.approx(cost, rel=1e-6)
     np.testing.assert_allclose(found.duty.ravel(), best.x, atol=2e-3)
     np.testing.assert_allclose(found.bend_angle[1:, 0] - 0.02, free + responses @ best.x, atol=1e-4)
 
@@ -128,6 +138,17 @@ def test_wires_stay_within_their_limits():
     assert cold.duty.sum(axis=1).max() == pytest.approx(0.6, abs=1e-6)
 
 
+def test_cold_hysteretic_wires_are_planned_from_nothing():
+    """Where they are, they do not move the limb at all, so that slopes there lead nowhere."""
+    parameters = small_limb(HystereticLaw)
+    parameters.temperature_limits.warm_up_time = 1000.0
+    times = [0.0, 6.0, 7.0, 10.0]
+    reference = references.from_samples(times, np.deg2rad([0.0, 0.0, 10.0, 10.0]))
+    cold = ReducedModel(parameters).cold
+    found = HorizonPlanner(parameters, reference).plan(0.0, cold, np.zeros(1))
+    assert np.rad2deg(found.bend_angle[-10:, 0]).min() > 8.0
+
+
 def test_common_heat_is_given_up():
     """Two wires that hold each other are let cool as far as the reference allows."""
     parameters = small_limb()
@@ -153,10 +174,9 @@ def test_each_segment_follows_its_own_reference(two_segments):
 
 
 def test_a_plan_that_is_read_beyond_its_end_holds_its_last_duty():
-    found = HorizonPlanner(small_limb(), wave(10.0), duration=1.0).plan(
-        14.5, warm_heat(small_limb()), np.zeros(1)
-    )
-    assert found.time[-1] == pytest.approx(15.5)  # the reference ends at 14.9 s
+    planner = HorizonPlanner(small_limb(), wave(10.0), duration=1.0)
+    found = planner.plan(14.5, warm_heat(small_limb()), np.zeros(1))
+    assert found.time[-1] == pytest.approx(15.5)
     np.testing.assert_array_equal(found.duty_at([14.55, 14.71, 99.0]), found.duty[[0, 1, -1]])
 
 
