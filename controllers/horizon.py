@@ -37,7 +37,7 @@ def horizon_task() -> Task:
     return Task(
         duty_weight=0.05,
         terminal_factor=1.0,
-        temperature_weight=1e-3,
+        temperature_weight=2e-3,
         temperature_margin=10.0,
     )
 

@@ -216,7 +216,7 @@ def test_a_weaker_limb_follows_the_reference(short_plan):
     late = followed.time > 3.4
     missed = [np.rad2deg(np.abs(r.bend_angle[0, late] - wanted)).max() for r in (alone, followed)]
     assert missed[0] > 3.0
-    assert missed[1] < 0.5
+    assert missed[1] < 0.8
 
 
 def test_plans_are_counted_and_those_that_fail_leave_the_last_in_force(short_plan):
