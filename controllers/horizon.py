@@ -24,7 +24,7 @@ from planners import Task
 from planners.program import temperature_weights
 
 DURATION, KNOT_RATE = 10.0, 5.0  # s, Hz
-ROUNDS = 2  # of linearizing and solving, in a plan from one before
+ROUNDS = 1  # of linearizing and solving, from a plan before; two are not better, and slower
 FIRST_ROUNDS = 8  # without one
 SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.1, 0.03])  # of the way to a program's solution
 LITTLE = 1e-3  # relative; a round that reduces the cost by less is the last

@@ -96,7 +96,7 @@ def test_it_is_as_good_as_the_planner_with_its_chain():
 
 
 def test_hysteresis_is_planned_from_a_plan_before():
-    """Two rounds from the plan before are as good as many from nothing."""
+    """One round from the plan before is as good as many from nothing."""
     parameters = small_limb(HystereticLaw)
     planner, heat = HorizonPlanner(parameters, wave(10.0)), warm_heat(parameters)
     first = planner.plan(0.0, heat, np.zeros(1))
