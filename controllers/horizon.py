@@ -25,10 +25,9 @@ from planners.program import temperature_weights
 
 DURATION, KNOT_RATE = 10.0, 5.0  # s, Hz
 ROUNDS = 1  # of linearizing and solving, from a plan before; two are not better, and slower
-FIRST_ROUNDS = 8  # without one
+FIRST_ROUNDS = 8  # from wires that are off
 SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.1, 0.03])  # of the way to a program's solution
 LITTLE = 1e-3  # relative; a round that reduces the cost by less is the last
-LEVELS = np.array([0.02, 0.05, 0.1, 0.2, 0.4])  # of constant duty, where a first plan starts
 LIMIT_WEIGHT = 1.0  # 1/°C, of each knot beyond T_max or T_warm; as much as 11° of bend
 
 
@@ -128,17 +127,20 @@ class HorizonPlanner:
             time: since the start of the reference, s.
             heat: [x, V] at that time (H,).
             bend_offset: by which the bend angle is off the model's (S,), rad.
-            previous: a plan that begins before, to start from.
+            previous: a plan that begins before, to start from; wires that are off if None.
         """
         started, program = clock.perf_counter(), self._program
         times = time + self._times
         reference = self._reference.vector_values(np.minimum(times, self._reference.end_time()))
         warm = np.where(times > self._limits.warm_up_time, self._limits.warm, -np.inf)
         aims = _Aims(reference.T[1:] - bend_offset, warm[1:])
-        duty = self._level(heat) if previous is None else previous.duty_at(times[:-1])
+        if previous is None:
+            duty = np.zeros((len(times) - 1, self._model.num_wires))
+        else:
+            duty = previous.duty_at(times[:-1])
         course = self._courses(heat, duty[None])[:, 0]
         cost, success = program.costs(course[:, None], duty[None], aims)[0], False
-        for _ in range(ROUNDS if previous else FIRST_ROUNDS):
+        for _ in range(FIRST_ROUNDS if previous is None else ROUNDS):
             best = program.solve(course, duty, aims)
             if best is None:
                 break
@@ -176,17 +178,6 @@ class HorizonPlanner:
             solve_time=0.0,
             success=True,
         )
-
-    def _level(self, heat: np.ndarray) -> np.ndarray:
-        """The constant duty (K, W) that brings wires nearest to where they move the limb.
-
-        Cold wires with a threshold or hysteresis do not, and say nothing about where to go.
-        """
-        shape = (len(LEVELS), len(self._times) - 1, self._model.num_wires)
-        duty = np.broadcast_to(LEVELS[:, None, None], shape)
-        middle = 0.5 * (self._limits.warm + self._limits.maximum)
-        last = self._model.temperatures(self._courses(heat, duty)[-1])
-        return duty[np.abs(last - middle).sum(axis=-1).argmin()]
 
     def _courses(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Heat at the knots (K + 1, B, H) from (H,) on, under duty (B, K, W)."""
