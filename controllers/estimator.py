@@ -66,6 +66,7 @@ class Estimator:
 
     - ``model``: `ReducedModel`.
     - ``size``: of the vector.
+    - ``reading_variances``: of the noise of readings (W), °C², and bend sensors (S), rad².
 
     Args:
         parameters: of the limb.
@@ -76,12 +77,13 @@ class Estimator:
         model = self.model = ReducedModel(parameters)
         H, W, S = model.size, model.num_wires, model.num_segments
         self._means = H + W + 2 * S
+        self._ends = np.cumsum([H, W, S])
         self.size = self._means + self._means**2 + W + 3 * S
         sensors = [segment.bend_sensor for segment in parameters.segments]
         self._gain = np.array([sensor.gain for sensor in sensors])
         self._sensor_offset = np.array([sensor.offset for sensor in sensors])
         noise = np.maximum([sensor.noise for sensor in sensors], np.deg2rad(0.1))
-        self._noise = np.concatenate([np.full(W, READING_NOISE), noise]) ** 2
+        self.reading_variances = np.concatenate([np.full(W, READING_NOISE), noise]) ** 2
         temperatures = model.scales >= 10.0
         walks = np.where(temperatures, TEMPERATURE_WALK, OTHER_WALK * model.scales)
         walks[-W:] = READING_WALK
@@ -174,50 +176,38 @@ class Estimator:
         self, estimate: Estimate, readings: np.ndarray, bend_angle: np.ndarray
     ) -> Estimate:
         """With the readings, as far as they are believed; arguments as of `step`."""
-        model, period = self.model, self.model.period
-        H, W, S, M = model.size, model.num_wires, model.num_segments, self._means
-        alike = np.where(bend_angle == estimate.last_bend, estimate.alike + period, 0.0)
-        held, slopes = model.bend_slopes(estimate.heat)
+        model, W = self.model, self.model.num_wires
+        alike = np.where(bend_angle == estimate.last_bend, estimate.alike + model.period, 0.0)
+        held, C = self.sensing(estimate.heat)
         bend = (bend_angle - self._sensor_offset) / self._gain
         predicted = held + estimate.offset + estimate.drift
         innovations = np.concatenate([readings - model.readings(estimate.heat), bend - predicted])
-        C = np.zeros((W + S, M))
-        C[:W, H - W : H] = np.eye(W)
-        C[W:, :H] = slopes
-        C[W:, H + W : H + W + S] = C[W:, H + W + S :] = np.eye(S)
-        spread = C @ estimate.covariance @ C.T + np.diag(self._noise)
+        spread = C @ estimate.covariance @ C.T + np.diag(self.reading_variances)
         believed = innovations**2 < GATE**2 * np.diag(spread)  # false for NaN, too
         believed[W:] &= (alike < STUCK_TIME) & (np.abs(bend - held) < LARGEST_OFFSET)
-        unbelieved = np.where(believed, 0.0, estimate.unbelieved + period)
         C, innovations = C[believed], innovations[believed]
         gain = np.linalg.solve(spread[np.ix_(believed, believed)], C @ estimate.covariance).T
         P = estimate.covariance - gain @ C @ estimate.covariance
-        change = gain @ innovations
+        heat, heating_rate, drift, offset = np.split(gain @ innovations, self._ends)
         return Estimate(
-            estimate.heat + change[:H],
-            estimate.heating_rate + change[H : H + W],
-            estimate.drift + change[H + W : H + W + S],
-            estimate.offset + change[H + W + S :],
+            estimate.heat + heat,
+            estimate.heating_rate + heating_rate,
+            estimate.drift + drift,
+            estimate.offset + offset,
             (P + P.T) / 2,
-            unbelieved,
+            np.where(believed, 0.0, estimate.unbelieved + model.period),
             alike,
             np.where(np.isfinite(bend_angle), bend_angle, estimate.last_bend),
         )
 
     def predicted(self, estimate: Estimate, duty: np.ndarray) -> Estimate:
         """A period later under duty (W), without new readings."""
-        model = self.model
-        H, W, S = model.size, model.num_wires, model.num_segments
-        after, A, _ = model.linearized_step(estimate.heat, duty)
-        after[:W] += model.period * estimate.heating_rate
-        F = np.diag(np.concatenate([np.zeros(H), self._decay]))
-        F[:H, :H] = A
-        F[:W, H : H + W] = model.period * np.eye(W)
-        walk = self._walk.copy()
-        walk[:W] += (HEATING_ERROR * self._heating * duty) ** 2 / model.period
+        W, period = self.model.num_wires, self.model.period
+        after, F, _ = self.transition(estimate.heat, duty)
+        after[:W] += period * estimate.heating_rate
         P = F @ estimate.covariance @ F.T
-        P[np.diag_indices_from(P)] += walk
-        decay = np.split(self._decay, [W, W + S])
+        P[np.diag_indices_from(P)] += self.walk_variances(duty)
+        decay = np.split(self._decay, [W, W + self.model.num_segments])
         return dataclasses.replace(
             estimate,
             heat=after,
@@ -225,3 +215,45 @@ class Estimator:
             drift=decay[1] * estimate.drift,
             covariance=P,
         )
+
+    def sensing(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """φ(x) (S,), rad, and the derivatives (W + S, M) of all readings by all that is estimated.
+
+        Args:
+            heat: [x, V] (H,).
+        """
+        H, W, S = self.model.size, self.model.num_wires, self.model.num_segments
+        held, slopes = self.model.bend_slopes(heat)
+        C = np.zeros((W + S, self._means))
+        C[:W, H - W : H] = np.eye(W)
+        C[W:, :H] = slopes
+        C[W:, H + W : H + W + S] = C[W:, H + W + S :] = np.eye(S)
+        return held, C
+
+    def transition(
+        self, heat: np.ndarray, duty: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The law's heat a period later (H,), and derivatives of all that is estimated then.
+
+        Args:
+            heat: [x, V] (H,).
+            duty: (W,).
+
+        Returns:
+            The heat, and the derivatives by what was estimated (M, M) and by duty (M, W).
+        """
+        H, W = self.model.size, self.model.num_wires
+        after, A, B = self.model.linearized_step(heat, duty)
+        F = np.diag(np.concatenate([np.zeros(H), self._decay]))
+        F[:H, :H] = A
+        F[:W, H : H + W] = self.model.period * np.eye(W)
+        by_duty = np.zeros((self._means, W))
+        by_duty[:H] = B
+        return after, F, by_duty
+
+    def walk_variances(self, duty: np.ndarray) -> np.ndarray:
+        """By which the variances of all that is estimated (M,) increase in a period."""
+        walk = self._walk.copy()
+        heating_error = HEATING_ERROR * self._heating * duty
+        walk[: self.model.num_wires] += heating_error**2 / self.model.period
+        return walk

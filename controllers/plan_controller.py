@@ -62,6 +62,11 @@ class PlanController(LeafSystem):
         """
         raise NotImplementedError
 
+    @property
+    def estimator(self) -> Estimator:
+        """What it estimates with."""
+        return self._estimator
+
 
 class SampledPlan:
     """A plan at the controllers' period.

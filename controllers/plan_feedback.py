@@ -62,6 +62,20 @@ class PlanFeedback(PlanController):
         base = np.clip(base, 0.0, caps)
         return share(self._proportional * missed, base, self._gains, caps)
 
+    def linearized(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The plan's heat (H,) and duty (W,) at a time, s, and K (W, M) of the feedback there.
+
+        D = D* - K (all that is estimated, less the plan's), while no bound is active and wires
+        are not too warm.
+        """
+        k, model = self._plan.index(time), self._estimator.model
+        heat = self._plan.heat[k]
+        missed = np.zeros((model.num_segments, self._estimator.sensing(heat)[1].shape[1]))
+        missed[:, : model.size] = model.bend_slopes(heat)[1]
+        missed[:, -model.num_segments :] = np.eye(model.num_segments)
+        sharing = self._gains.T / (self._gains**2).sum(axis=1)
+        return heat, self._plan.duty[k], self._proportional * sharing @ missed
+
     def _mean(self, temperature: np.ndarray) -> np.ndarray:
         """The mean over the wires of each wire's segment (..., W) of T (..., W), °C."""
         same = np.abs(np.sign(self._estimator.model.sides))

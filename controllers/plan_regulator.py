@@ -35,9 +35,7 @@ def TangentModel_(T):
 
         __slots__ = ()  # see limb_systems.model.ownership
 
-        def _construct(
-            self, A: np.ndarray, B: np.ndarray, C: np.ndarray, converter=None
-        ):
+        def _construct(self, A: np.ndarray, B: np.ndarray, C: np.ndarray, converter=None):
             """
             Args:
                 A, B: of δx⁺ = A δx + B δD, for each period (K, N, N), (K, N, W).
@@ -57,7 +55,8 @@ def TangentModel_(T):
             time = context.get_time()
             k = min(round((time if T is float else time.value()) / PERIOD), len(A) - 1)
             x, p, _ = np.split(
-                context.get_discrete_state_vector().CopyToVector(), np.cumsum([A.shape[1], C.shape[1]])
+                context.get_discrete_state_vector().CopyToVector(),
+                np.cumsum([A.shape[1], C.shape[1]]),
             )
             duty = self.get_input_port().Eval(context)
             state.set_value(np.concatenate([A[k] @ x + B[k] @ duty, p, C[k] @ x + p]))
@@ -103,6 +102,18 @@ class PlanRegulator(PlanController):
         wanted = self._plan.duty[k] - self._regulator[k] @ deviation
         possible = np.clip(wanted, 0.0, caps)
         return share(self._gains @ (wanted - possible), possible, self._gains, caps)
+
+    def linearized(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The plan's heat (H,) and duty (W,) at a time, s, and K (W, M) of the regulator there.
+
+        D = D* - K (all that is estimated, less the plan's), while no bound is active.
+        """
+        k, model = self._plan.index(time), self._estimator.model
+        heat, S = self._plan.heat[k], model.num_segments
+        K = np.zeros((model.num_wires, self._estimator.sensing(heat)[1].shape[1]))
+        K[:, : model.size - model.num_wires] = self._regulator[k][:, :-S]
+        K[:, -S:] = self._regulator[k][:, -S:]
+        return heat, self._plan.duty[k], K
 
 
 def regulator_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
