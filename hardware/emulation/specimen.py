@@ -49,6 +49,15 @@ from limb_systems.model.parameters import Board
 
 EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor")
 EXTRA_EFFECTS = ("memory", "bond")  # that a limb has on request only
+# What may change about a limb, with the values of no change.
+DISTURBANCES = {
+    "ambient": 0.0,
+    "payload": 0.0,
+    "stiffness": 1.0,
+    "cooling": 1.0,
+    "supply": 1.0,
+    "noise": 1.0,
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -140,6 +149,7 @@ class Specimen:
     - ``noise``: of the sensors; the state says how much of it was used.
     - ``extra``: the effects that it has beside those of every limb.
     - ``absent``: the effects that were taken out, see `without`.
+    - ``disturbances``: what was changed about it, see `disturbed`.
 
     A new specimen is unused: its wires are cold, its rubber is at rest, and its
     noise is at the beginning.
@@ -173,6 +183,7 @@ class Specimen:
         self._drawn_around = "" if nominal else self.description.to_yaml()
         self.seed = seed
         self.extra, self.absent = tuple(extra), tuple[str, ...]()
+        self.disturbances: dict[str, float] = {}
         self.noise = Noise(np.random.default_rng(noise_seed))
         self.state: dict[str, np.ndarray] = {}
         self.segments = [_draw_segment(generator.uniform, s) for s in description.segments]
@@ -201,12 +212,15 @@ class Specimen:
         """
         text = board.description
         description = LimbParameters.from_yaml(text) if text else LimbParameters()
-        return cls(description, board.seed, board.extra).without(*board.absent)
+        specimen = cls(description, board.seed, board.extra).without(*board.absent)
+        return specimen.disturbed(**dict(map(_disturbance, board.disturbances)))
 
     @property
     def board(self) -> EmulatedLimb:
         """The limb's identity, from which `of` makes it again."""
-        return EmulatedLimb(self.seed, self._drawn_around, list(self.absent), list(self.extra))
+        changes = [f"{name} {value!r}" for name, value in self.disturbances.items()]
+        absent, extra = list(self.absent), list(self.extra)
+        return EmulatedLimb(self.seed, self._drawn_around, absent, extra, changes)
 
     def without(self, *effects: str) -> "Specimen":
         """This limb in its present state and with the same noise, without some of its effects.
@@ -236,6 +250,73 @@ class Specimen:
         specimen.absent += effects
         return specimen
 
+    def disturbed(self, **changes: float) -> "Specimen":
+        """This limb in its present state and with the same noise, after something has changed.
+
+        It has rested in the change: its temperatures move with the room, and its joints with
+        the payload.
+
+        Args:
+            changes: any of
+
+                - "ambient": by which the room is warmer, °C;
+                - "payload": rad, by which a constant torque on all joints would bend its rubber
+                  alone; cold wires hold back a tenth of that;
+                - "stiffness": factor of the rubber's k;
+                - "cooling": factor of the rates at which wires and silicone cool, as by a fan;
+                - "supply": factor of the heat for the same duty;
+                - "noise": factor of the bend sensors' noise.
+
+        Raises:
+            LimbError: if a change is unknown, or a factor not a positive number, or if the
+                limb was disturbed before.
+        """
+        for name, value in changes.items():
+            if name not in DISTURBANCES:
+                raise LimbError(f"{name!r} is not one of the changes {', '.join(DISTURBANCES)}.")
+            if not np.isfinite(value) or (DISTURBANCES[name] and value <= 0):
+                raise LimbError(f"{name} of a limb is changed by {value!r}, which makes no sense.")
+        if changes and self.disturbances:
+            raise LimbError("This limb is disturbed already; disturb the original by both at once.")
+        specimen = copy.deepcopy(self)
+        specimen.disturbances = {name: float(value) for name, value in changes.items()}
+        change = DISTURBANCES | specimen.disturbances
+        specimen.ambient += change["ambient"]
+        specimen.wires = [
+            dataclasses.replace(
+                wire,
+                heating=wire.heating * change["supply"],
+                fast_time=wire.fast_time / change["cooling"],
+                slow_time=wire.slow_time / change["cooling"],
+            )
+            for wire in self.wires
+        ]
+        specimen.segments = [
+            dataclasses.replace(
+                segment,
+                stiffness=segment.stiffness * change["stiffness"],
+                # A torque on a spring is another angle at rest.
+                rest_offset=segment.rest_offset + change["payload"] / change["stiffness"],
+                sensor_noise=segment.sensor_noise * change["noise"],
+            )
+            for segment in self.segments
+        ]
+        specimen._move_state(change["ambient"], specimen.rest_angles() - self.rest_angles())
+        return specimen
+
+    def _move_state(self, warmer: float, bent: np.ndarray) -> None:
+        """Adds to the temperatures, °C, and the joint angles (n,), rad, of a limb that was used."""
+        if not self.state:
+            return
+        state, num_wires, num_joints = self.state, len(self.wires), len(bent)
+        masses = np.arange(len(state["wires"])) < 2 * num_wires  # T and S, before ξ and ε
+        self.state = state | {
+            "wires": state["wires"] + warmer * masses,
+            "measured": state["measured"] + warmer,
+            "joints": state["joints"] + np.append(bent, np.zeros(num_joints)),
+            "rubber": state["rubber"] + bent,
+        }
+
     def rest_angles(self) -> np.ndarray:
         """Joint angles of the unused limb at rest (n,), rad, by eqn (11)."""
         rest = [
@@ -261,7 +342,7 @@ class Specimen:
 
 def serial_number(board: EmulatedLimb) -> str:
     """Serial number of the emulated board of an emulated limb: eight letters and digits."""
-    special = board.description or board.absent or board.extra
+    special = board.description or board.absent or board.extra or board.disturbances
     if not special and board.seed < 10_000:
         return f"twin{board.seed:04d}"
     return f"t{hashlib.sha256(board.identity.encode()).hexdigest()[:7]}"
@@ -292,6 +373,17 @@ def _check_effects(effects: Sequence[str], known: Sequence[str]) -> None:
     for effect in effects:
         if effect not in known:
             raise LimbError(f"{effect!r} is not one of the effects {', '.join(known)}.")
+
+
+def _disturbance(text: str) -> tuple[str, float]:
+    """Name and value of an entry of `EmulatedLimb.disturbances`."""
+    try:
+        name, value = text.split()
+        return name, float(value)
+    except ValueError:
+        raise LimbError(
+            f"{text!r} of an emulated limb's disturbances is not a name and a number."
+        ) from None
 
 
 def _draw_memory(uniform) -> dict[str, float]:

@@ -215,17 +215,20 @@ class EmulatedLimb(Board):
       around; empty for the nominal limb.
     - ``absent``: the effects that were taken out of it.
     - ``extra``: the effects that it has beside those of every emulated limb.
+    - ``disturbances``: what was changed about it afterwards, each a name and a number.
     """
 
     seed: int
     description: str = dataclasses.field(default="", metadata={"lines": True})
     absent: list[str] = dataclasses.field(default_factory=list)
     extra: list[str] = dataclasses.field(default_factory=list)
+    disturbances: list[str] = dataclasses.field(default_factory=list)
 
     @property
     def identity(self) -> str:
         """All fields, since each of them makes another limb."""
-        return repr((self.seed, self.description, self.absent, self.extra))
+        fields = self.seed, self.description, self.absent, self.extra
+        return repr((*fields, self.disturbances) if self.disturbances else fields)
 
 
 @dataclasses.dataclass

@@ -11,7 +11,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from hardware.emulation.hand import GRIP, Hand
 from hardware.emulation.rubber import Rubber
-from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
+from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen, serial_number
 from hardware.emulation.twin import LimbTwin
 from hardware.emulation.wires import ShapeMemoryWires
 from limb_systems import (
@@ -410,3 +410,88 @@ def test_memory_that_is_taken_out_leaves_the_limb_as_it_was():
 def test_an_extra_effect_that_is_not_known_is_refused():
     with pytest.raises(LimbError, match="'hysteresis' is not one of the effects memory, bond"):
         Specimen(LimbParameters(), 3, ("hysteresis",))
+
+
+def rested(**changes) -> Specimen:
+    """A limb of linear rubber and slack wires, with an exact bend sensor, used and then changed."""
+    specimen = Specimen(LimbParameters(), 3).without("bend sensor", "rubber", "stress")
+    simulate(LimbTwin(specimen=specimen), [0.0, 0.0], 0.5)
+    return specimen.disturbed(**changes)
+
+
+def test_a_payload_bends_the_cold_limb_by_its_angle_without_a_swing():
+    plain, loaded = (
+        simulate(LimbTwin(specimen=rested(payload=payload)), [0.0, 0.0], 2.0).bend_angle
+        for payload in (0.0, np.deg2rad(5.0))
+    )
+    assert np.rad2deg(loaded - plain) == pytest.approx(5.0, abs=0.11)  # steps of the sensor
+
+
+def test_a_warmer_room_is_read_and_changes_nothing_else():
+    recordings = [
+        simulate(LimbTwin(specimen=rested(ambient=ambient)), [0.0, 0.0], 5.0)
+        for ambient in (0.0, 5.0)
+    ]
+    plain, warm = (recording.measured_temperature.mean(axis=1) for recording in recordings)
+    assert warm - plain == pytest.approx([5.0, 5.0], abs=0.1)
+    assert np.ptp(recordings[1].measured_temperature) < 2.0
+
+
+def test_disturbances_of_heat_scale_heating_and_cooling():
+    def heated_and_cooled(**changes):
+        specimen = Specimen(LimbParameters(), 3).without("stress", "silicone").disturbed(**changes)
+        time, (wire, _, _), _ = run_wires(specimen, steps([0, 5], [[0.2, 0], [0, 0]]), 30)
+        rise = wire[0] - specimen.ambient
+        first, hot, last = (np.interp(at, time, rise) for at in (0.1, 5.0, 30.0))
+        return first, -25.0 / np.log(last / hot)
+
+    heating, cooling_time = heated_and_cooled()
+    weaker, same = heated_and_cooled(supply=0.9)
+    assert weaker / heating == pytest.approx(0.9)
+    assert same == pytest.approx(cooling_time)
+    _, blown = heated_and_cooled(cooling=1.3)
+    assert cooling_time / blown == pytest.approx(1.3, rel=5e-3)
+
+
+def test_a_stiffer_limb_bends_less_by_the_same_torque():
+    """Without what is not linear, by the factor of k; the payload is a torque, too."""
+    specimen = Specimen(LimbParameters(), 3).without("rubber", "stress")
+    bends = []
+    for stiffness in (1.0, 1.25):
+        limb = specimen.disturbed(stiffness=stiffness, payload=0.1)
+        parameters, (segment,) = limb.mechanics(), limb.segments
+        assert parameters.segments[0].stiffness == segment.stiffness
+        bends.append(limb.rest_angles().sum())
+        rubber = Rubber(limb)
+        context = rubber.CreateDefaultContext()
+        rubber.get_input_port().FixValue(context, np.zeros(10))
+        torque = rubber.get_output_port().Eval(context)[:5]
+        assert torque == pytest.approx(specimen.segments[0].stiffness * np.full(5, 2 * 0.1 / 6))
+    assert bends[0] / bends[1] == pytest.approx(1.25)
+
+
+def test_noise_of_the_bend_sensor_is_scaled():
+    limb = Specimen(LimbParameters(), 3)
+    assert limb.disturbed(noise=2.0).segments[0].sensor_noise == 2 * limb.segments[0].sensor_noise
+
+
+def test_a_disturbed_limb_says_so_and_can_be_made_again():
+    limb = Specimen(LimbParameters(), 3)
+    disturbed = limb.disturbed(ambient=-5.0, stiffness=1.2)
+    assert limb.disturbances == {}
+    assert disturbed.board != limb.board
+    assert serial_number(disturbed.board) != serial_number(limb.board)
+    twin = LimbTwin(specimen=disturbed)
+    assert twin.source == ("emulated limb, seed 3, ambient changed by -5, stiffness changed by 1.2")
+    kept = LimbParameters.from_yaml(twin.parameters.to_yaml())
+    again = LimbTwin.of(kept).specimen
+    assert (again.ambient, again.segments) == (disturbed.ambient, disturbed.segments)
+    with pytest.raises(LimbError, match="'wind' is not one of the changes ambient, payload"):
+        limb.disturbed(wind=1.0)
+    with pytest.raises(LimbError, match=r"stiffness of a limb is changed by 0\.0"):
+        limb.disturbed(stiffness=0.0)
+    with pytest.raises(LimbError, match="is disturbed already"):
+        disturbed.disturbed(supply=0.9)
+    kept.board.disturbances = ["ambient"]
+    with pytest.raises(LimbError, match="'ambient' of an emulated limb's disturbances is not"):
+        LimbTwin.of(kept)
