@@ -2,15 +2,19 @@
 
 Records limbs whose physics is richer than the model, calibrates the model to
 the recordings, plans the motion of Fig. 5 and two that are taught by hand,
-replays each plan five times open loop, and writes Table I, Figs. 4 to 7, where
-the error comes from, and all the data to a folder. Nothing but the split of the
-error knows what an emulated limb is made of.
+replays each plan five times open loop and with each controller, learns it over
+ten repetitions, disturbs the limbs, and writes Table I, Figs. 4 to 7, where
+the error comes from, and all the data to a folder. Nothing but what is called
+true, and the split of the error, knows what an emulated limb is made of.
 
     python examples/reproduce_paper.py [FOLDER] [--quick] [--limbs N] [--protocol paper]
+
+`reproduce` does the same on any executor, such as that of a cluster.
 """
 
 import argparse
 import concurrent.futures
+import contextlib
 import dataclasses
 import itertools
 import json
@@ -18,27 +22,39 @@ import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from calibration import save_recordings
 from calibration.report import calibration_summary
 from calibration.report import write_report as write_calibration_report
-from evaluation.experiment import NUM_ANGLES, NUM_ROLLOUTS, NUM_STEPS, Experiment, run_experiment
+from evaluation.experiment import (
+    NUM_ANGLES,
+    NUM_REPETITIONS,
+    NUM_ROLLOUTS,
+    NUM_STEPS,
+    Experiment,
+    Settings,
+    evaluate,
+)
 from evaluation.figures import figures
+from evaluation.jobs import run_all
 from evaluation.report import EMULATED, write_report
 from evaluation.tables import (
-    ABORTED,
     APPROACH_HEADER,
-    STATISTICS,
+    DISTURBANCE_HEADER,
+    PAPER_TABLE_1,
+    TABLE_1_HEADER,
     Summary,
     approach_table,
+    disturbance_table,
     findings,
     summarize,
     table_1,
 )
-from hardware.emulation.specimen import EFFECTS, EXTRA_EFFECTS, Specimen
-from limb_systems import LimbParameters, write_meshcat_replay
+from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP
+from hardware.emulation.specimen import EFFECTS, EXTRA_EFFECTS
+from limb_systems import write_meshcat_replay
 from limb_systems.command import run_command
 from limb_systems.output import write_atomically
 from limb_systems.views.plots import save_figure
@@ -51,7 +67,11 @@ def main() -> int:
     )
     parser.add_argument("folder", nargs="?", default="out", type=Path, help="for all results")
     parser.add_argument("--limbs", type=int, default=10, help="how many (default %(default)s)")
-    parser.add_argument("--quick", action="store_true", help="one limb, and --no-compare")
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="one limb, --no-compare, and of closed loop feedback and learning of Fig. 5 alone",
+    )
     parser.add_argument(
         "--no-compare",
         action="store_true",
@@ -62,6 +82,12 @@ def main() -> int:
     )
     parser.add_argument(
         "--rollouts", type=int, default=NUM_ROLLOUTS, help="of each plan (default %(default)s)"
+    )
+    parser.add_argument(
+        "--repetitions",
+        type=int,
+        default=NUM_REPETITIONS,
+        help="of each plan that is learned (default %(default)s)",
     )
     parser.add_argument(
         "--protocol",
@@ -83,35 +109,26 @@ def main() -> int:
         help="an effect that all limbs have beside those of every limb",
     )
     options = parser.parse_args()
-    if min(options.limbs, options.rollouts, options.angles) < 1:
-        parser.error("--limbs, --rollouts and --angles must be one or more")
+    if min(options.limbs, options.rollouts, options.repetitions, options.angles) < 1:
+        parser.error("--limbs, --rollouts, --repetitions and --angles must be one or more")
     stopped = f"stopped; limbs that were finished are in {options.folder}"
     return run_command(lambda: _reproduce(options), stopped)
 
 
 def _reproduce(options) -> int:
     folder, started = options.folder, time.perf_counter()
-    seeds = range(1 if options.quick else options.limbs)
-    extra = tuple(options.extra)
-    compare = not (options.quick or options.no_compare)
-    jobs = [(seed, extra, (), options.rollouts, compare) for seed in seeds]
-    if options.effects:
-        # What limbs are without, to see what each effect costs; all of them at last.
-        absences = [(effect,) for effect in EFFECTS + extra if effect != "stress"]
-        absences.append(EFFECTS + extra)
-        jobs += [(seed, extra, absent, 1, False) for seed in seeds for absent in absences]
-    if len(jobs) == 1:
-        steps = itertools.count(1)
+    jobs = _jobs(options)
+    steps = itertools.count(1)
 
-        def tell(step: str) -> None:
+    def tell(step: str) -> None:
+        if len(jobs) == 1:
             print(f"{next(steps)}/{NUM_STEPS + 1} {step} ...", flush=True)
 
-        results = [_run(*jobs[0], options, tell)]
-        tell("drawing figures, and writing the report")
-    else:
-        results = _run_all(jobs, options)
-    summaries = [summary for summary, _ in results]
-    shown = results[0][1]
+    with _local_executor(min(os.cpu_count() or 1, 3 * len(jobs))) as executor:
+        # One more than can be worked on, so that there is always something to do.
+        at_once = (os.cpu_count() or 1) + 1
+        summaries, shown = reproduce(jobs, executor, folder, at_once=at_once, tell=tell)
+    tell("drawing figures, and writing the report")
 
     pictures = figures(shown)
     for name, (figure, _) in pictures.items():
@@ -122,20 +139,19 @@ def _reproduce(options) -> int:
     motion = shown.motions[0]
     write_meshcat_replay(
         folder / "replay.html",
-        motion.rollouts[0],
-        plan=motion.trajectory,
+        motion.open_loop.rollouts[0],
+        plan=motion.open_loop.trajectory,
         title="Steps and sinusoid, on an emulated limb",
     )
 
     print(f"\n{calibration_summary(shown.calibration)}\n")
     print(f"Table I: tracking error |φ* - φ|, rollouts per plan: {options.rollouts}, in degrees")
-    line = "{:<12}{:<20}{:>16}{:>16}{:>18}{:>18}"
-    print(line.format("", "", *STATISTICS, ABORTED))
-    for row in table_1(summaries):
-        print(line.format(*row))
+    _print_table([TABLE_1_HEADER, *table_1(summaries)])
+    if rows := disturbance_table(summaries):
+        print("\nDisturbances, in the motion of Fig. 5: mean |φ* - φ| in degrees")
+        _print_table([DISTURBANCE_HEADER, *rows])
     print("\nMean errors, read / true, of plans with each calibrated model:")
-    for row in [APPROACH_HEADER, *approach_table(summaries)]:
-        print("{:<42}{:>25}{:>20}{:>20}{:>8}{:>9}".format(*row))
+    _print_table([APPROACH_HEADER, *approach_table(summaries)])
     print(EMULATED, *findings(summaries), sep="\n")
     print(f"\nwritten in {time.perf_counter() - started:.0f} s:")
     for path in sorted(folder.iterdir()):
@@ -143,27 +159,116 @@ def _reproduce(options) -> int:
     return 0
 
 
-def _run_all(jobs: list, options: argparse.Namespace) -> list[tuple[Summary, Experiment | None]]:
-    """All jobs on all cores, in their order."""
+def _jobs(options) -> list[Settings]:
+    """What is done with each limb."""
+    seeds, extra = range(1 if options.quick else options.limbs), tuple(options.extra)
+    whole = Settings(
+        0,
+        extra,
+        rollouts=options.rollouts,
+        repetitions=options.repetitions,
+        compare=not (options.quick or options.no_compare),
+        protocol=options.protocol,
+        num_angles=options.angles,
+    )
+    if options.quick:
+        closed_loop = {next(iter(PAPER_TABLE_1)): (FEEDBACK, LEARNING)}
+        whole = dataclasses.replace(whole, closed_loop=closed_loop, disturbances=())
+    jobs = [dataclasses.replace(whole, seed=seed) for seed in seeds]
+    if options.effects:
+        # What limbs are without, to see what each effect costs; all of them at last.
+        absences = [(effect,) for effect in EFFECTS + extra if effect != "stress"]
+        absences.append(EFFECTS + extra)
+        fewer = dataclasses.replace(
+            whole, rollouts=1, compare=False, closed_loop={}, disturbances=()
+        )
+        jobs += [
+            dataclasses.replace(fewer, seed=seed, absent=absent)
+            for seed in seeds
+            for absent in absences
+        ]
+    return jobs
+
+
+def reproduce(
+    jobs: Sequence[Settings],
+    executor: concurrent.futures.Executor,
+    folder: Path,
+    *,
+    at_once: int | None = None,
+    tell: Callable[[str], object] = lambda step: None,
+) -> tuple[list[Summary], Experiment]:
+    """The evaluation of limbs on an executor; files are written where this is called.
+
+    On a cluster, with this folder on the workers' path::
+
+        client = distributed.Client(...)
+        jobs = [Settings(seed) for seed in range(1000)]
+        reproduce(jobs, client.get_executor(), Path("out"))
+
+    Args:
+        jobs: what is done with each limb; the first is without nothing.
+        executor: as for `evaluation.jobs.run_all`.
+        folder: for a folder of files of each limb, and for ``results.json``, which has those
+            that are finished.
+        at_once: how many limbs are begun before one is finished; all if None.
+        tell: is called with what comes next for a limb.
+
+    Returns:
+        The numbers of each job, and the first one's experiment.
+    """
+    found: dict[int, Summary] = {}
+    shown = None
+    for number, experiment in run_all([evaluate(job, tell) for job in jobs], executor, at_once):
+        found[number] = summary = summarize(experiment)
+        shown = experiment if number == 0 else shown
+        if not jobs[number].absent:
+            _save(experiment, folder / f"limb_{summary.seed}")
+        _write_results(folder, [found[done] for done in sorted(found)])
+        if len(jobs) > 1:
+            print(f"{len(found):>3} of {len(jobs)}: {_line(summary)}", flush=True)
+    assert shown is not None
+    return [found[number] for number in range(len(jobs))], shown
+
+
+def _line(summary: Summary) -> str:
+    """A limb's mean errors, open loop and then with what else it was driven by."""
+    without = f" without {', '.join(summary.absent)}" if summary.absent else ""
+    names = dict.fromkeys(name for ways in summary.ways.values() for name in ways)
+    parts = []
+    for name in names:
+        errors = [ways[name].read for ways in summary.ways.values() if name in ways]
+        if name == LEARNING:
+            errors = [repetitions[-1].read for repetitions in summary.repetitions.values()]
+        parts.append(f"{name} {', '.join(f'{error:.1f}°' for error in errors)}")
+    aborted = sum(way.aborted for ways in summary.ways.values() for way in ways.values())
+    if aborted:
+        parts.append(f"{aborted} rollouts aborted")
+    return f"limb {summary.seed}{without}: {'; '.join(parts)}"
+
+
+@contextlib.contextmanager
+def _local_executor(num_processes: int) -> Iterator[concurrent.futures.Executor]:
+    """Processes on this machine, which end at once if something fails or Ctrl-C is pressed."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of each process
     context = multiprocessing.get_context("spawn")
-    results = {}
-    with concurrent.futures.ProcessPoolExecutor(mp_context=context, initializer=_hush) as pool:
-        futures = {pool.submit(_run, *job, options): job for job in jobs}
+    with concurrent.futures.ProcessPoolExecutor(
+        num_processes, mp_context=context, initializer=_hush
+    ) as pool:
         try:
-            for future in concurrent.futures.as_completed(futures):
-                seed, _, absent, *_ = job = futures[future]
-                results[job] = future.result()
-                _write_results(options.folder, [summary for summary, _ in results.values()])
-                errors = ", ".join(f"{e:.1f}°" for e in results[job][0].first.values())
-                without = f" without {', '.join(absent)}" if absent else ""
-                aborted = sum(results[job][0].aborted.values())
-                told = f"{errors}; {aborted} rollouts aborted" if aborted else errors
-                print(f"{len(results):>3} of {len(jobs)}: limb {seed}{without}: {told}", flush=True)
+            yield pool
         except BaseException:
             for process in multiprocessing.active_children():
                 process.terminate()  # or the pool would wait for what they are at
             raise
-    return [results[job] for job in jobs]
+
+
+def _print_table(rows: Sequence[Sequence[str]]) -> None:
+    """The first column to the left, the others to the right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for first, *row in rows:
+        cells = [f"{cell:>{width}}" for cell, width in zip(row, widths[1:], strict=True)]
+        print("  ".join([f"{first:<{widths[0]}}", *cells]))
 
 
 def _write_results(folder: Path, summaries: list[Summary]) -> None:
@@ -176,30 +281,6 @@ def _hush() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
 
 
-def _run(
-    seed: int,
-    extra: tuple[str, ...],
-    absent: tuple[str, ...],
-    num_rollouts: int,
-    compare: bool,
-    options: argparse.Namespace,
-    tell: Callable[[str], object] = lambda step: None,
-) -> tuple[Summary, Experiment | None]:
-    """One limb; its files are written, and the first limb is returned as well."""
-    specimen = Specimen(LimbParameters(), seed, extra).without(*absent)
-    experiment = run_experiment(
-        specimen,
-        num_rollouts,
-        tell,
-        compare=compare,
-        protocol=options.protocol,
-        num_angles=options.angles,
-    )
-    if not absent:
-        _save(experiment, options.folder / f"limb_{seed}")
-    return summarize(experiment), None if seed or absent else experiment
-
-
 def _save(experiment: Experiment, folder: Path) -> None:
     save_recordings(experiment.recordings, folder / "recordings")
     experiment.calibration.parameters.save(folder / "limb.yaml")
@@ -208,9 +289,13 @@ def _save(experiment: Experiment, folder: Path) -> None:
         name = motion.name.replace("&", "_and_").replace(" ", "_").lower()
         if motion.taught:
             motion.taught.save(folder / name / "taught.csv")
-        motion.trajectory.save(folder / name / "trajectory.csv")
-        for number, rollout in enumerate(motion.rollouts, 1):
-            rollout.save(folder / name / f"rollout_{number}.csv")
+        for loop, way in motion.ways.items():
+            kind = "" if loop == OPEN_LOOP else f"{loop.partition(' (')[0].replace(' ', '_')}_"
+            way.trajectory.save(folder / name / f"{kind}trajectory.csv")
+            for number, rollout in enumerate(way.rollouts, 1):
+                # In closed loop rollouts are alike, and repetitions are on their way to the last.
+                if not kind or number in (1, len(way.rollouts)):
+                    rollout.save(folder / name / f"{kind}rollout_{number}.csv")
 
 
 if __name__ == "__main__":

@@ -11,12 +11,15 @@ each with one thing swapped against the one before:
 5. the limb as its bend sensor reads it.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from calibration.calibrate import Calibration
 from calibration.course import STEP, Course
 from calibration.prediction import fit_law
 from calibration.selection import rubber_of
-from evaluation.experiment import Experiment
+from evaluation.ways import Way, true_bend
 from limb_systems import Limb, simulate
 
 STEPS = {
@@ -27,42 +30,46 @@ STEPS = {
 }
 
 
-def error_split(experiment: Experiment) -> dict[str, dict[str, tuple[float, float]]]:
+def error_split(
+    calibration: Calibration, motions: Mapping[str, Way]
+) -> dict[str, dict[str, tuple[float, float]]]:
     """Splits the error of the first rollout of each motion, planned by prediction.
 
     The best parameters are those of the law that was calibrated, fitted in hindsight to
-    the bend and the readings of all motions.
+    the true bend and the readings of all motions.
+
+    Args:
+        calibration: of the limb.
+        motions: by their names, open loop.
 
     Returns:
         For each motion and each of `STEPS` the mean absolute difference that
         the step makes, and what would be left of the tracking error without
         it, degrees.
     """
-    calibration = experiment.calibration
     assert calibration.prediction is not None
     fit = calibration.prediction.fit
-    courses = [Course.of(motion.exact) for motion in experiment.motions]
+    truths = [true_bend(way.rollouts[0]) for way in motions.values()]
+    courses = [Course.of(truth) for truth in truths]
     best = fit_law(
         fit.law, courses, fit.segment, fit.ambient, rubber=rubber_of(fit), start=fit
     ).predicted
     result = {}
-    for motion, hindsight in zip(experiment.motions, best, strict=True):
-        trajectory, measured = motion.trajectory.since_start(), motion.rollouts[0]
-        times = measured.time[: motion.exact.bend_angle.shape[1]]
-        times = times[times <= motion.exact.time[-1]]
+    for (name, way), truth, hindsight in zip(motions.items(), truths, best, strict=True):
+        trajectory, times = way.trajectory.since_start(), truth.time
         model = simulate(Limb(calibration.parameters), trajectory)
         angles = [trajectory.bend_angle_at(times)[0]]
         angles.append(np.interp(times, model.time, model.bend_angle[0]))
         angles.append(np.interp(times, hindsight.course.times, hindsight.bend))
-        angles += [motion.exact.bend_angle[0, : len(times)], measured.bend_angle[0, : len(times)]]
+        angles += [truth.bend_angle[0], way.rollouts[0].bend_angle[0]]
         # The hindsight is in steps, which all are averaged over.
         numbers = (times / STEP).astype(int)
         counts = np.bincount(numbers)
         means = [np.bincount(numbers, angle)[counts > 0] / counts[counts > 0] for angle in angles]
         steps = np.rad2deg(np.diff(means, axis=0))
         whole = steps.sum(axis=0)
-        result[motion.name] = {
-            name: (float(np.abs(step).mean()), float(np.abs(whole - step).mean()))
-            for name, step in zip(STEPS, steps, strict=True)
+        result[name] = {
+            part: (float(np.abs(step).mean()), float(np.abs(whole - step).mean()))
+            for part, step in zip(STEPS, steps, strict=True)
         }
     return result

@@ -2,6 +2,7 @@
 
 import copy
 import dataclasses
+import functools
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,22 +10,65 @@ import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import Calibration, calibrate, collect_from_twin
-from hardware import LimbTwin, replay, watch
+from evaluation.disturbances import DISTURBANCES
+from evaluation.error_split import error_split
+from evaluation.jobs import Evaluation
+from evaluation.ways import (
+    CLOSED_LOOP,
+    FEEDBACK,
+    LEARNING,
+    OPEN_LOOP,
+    Way,
+    roll_out,
+    roll_out_disturbed,
+)
+from hardware import LimbTwin, watch
 from hardware.emulation.specimen import Specimen
-from limb_systems import Recording, Trajectory
+from limb_systems import LimbParameters, Recording, Trajectory
 from planners import Task, plan, references
 
 PAPER = "LinearLaw, calibrated as in Sec. V"
 NUM_ROLLOUTS = 5
+NUM_REPETITIONS = 10
 NUM_ANGLES = 6  # equilibria of each calibration recording
-PAUSE = 300.0  # s without heat before each rollout
+PAUSE = 300.0  # s without heat, in which a limb rests
 SMOOTHING_TIME = 0.5  # s, of taught bend angles
 
 # What the hand moves through for the two taught motions, time in s and bend angle in degrees.
 HANDS = {"T&R 1": "hand_1.csv", "T&R 2": "hand_2.csv"}
 
 
-NUM_STEPS = 3 + len(HANDS)  # recording, calibrating, the drawn motion and the taught ones
+MOTIONS = ("Validation", *HANDS)
+NUM_STEPS = 5  # that `evaluate` tells
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """What is done with a limb.
+
+    - ``seed``, ``extra``, ``absent``: of the limb, see `Specimen`.
+    - ``rollouts``: of each plan, open loop and with each controller.
+    - ``repetitions``: of each plan that is learned.
+    - ``closed_loop``: for each motion, in which of `CLOSED_LOOP` it is driven, too.
+    - ``disturbances``: under which of `DISTURBANCES` feedback drives the first motion.
+    - ``compare``: whether to plan with the paper's calibration and with other laws, too;
+      plans by the latter are rolled out once.
+    - ``protocol``, ``num_angles``: of the recordings, "all" or "paper", and how many
+      equilibria each of Sec. V has; see `collect_from_twin`.
+    """
+
+    seed: int
+    extra: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
+    rollouts: int = NUM_ROLLOUTS
+    repetitions: int = NUM_REPETITIONS
+    closed_loop: dict[str, tuple[str, ...]] = dataclasses.field(
+        default_factory=lambda: dict.fromkeys(MOTIONS, CLOSED_LOOP)
+    )
+    disturbances: tuple[str, ...] = DISTURBANCES
+    compare: bool = True
+    protocol: str = "all"
+    num_angles: int = NUM_ANGLES
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -33,17 +77,17 @@ class Motion:
 
     - ``name``: as in Table I.
     - ``taught``: what the hand did, with the wires off; None if drawn.
-    - ``trajectory``: the plan.
-    - ``rollouts``: open loop, as the sensors saw them; those in which a wire was
+    - ``ways``: by their names, each a plan and its rollouts; those in which a wire was
       measured at the limit of the board end there.
-    - ``exact``: the first rollout as a sensor without errors sees it.
     """
 
     name: str
     taught: Recording | None
-    trajectory: Trajectory
-    rollouts: list[Recording]
-    exact: Recording
+    ways: dict[str, Way]
+
+    @property
+    def open_loop(self) -> Way:
+        return self.ways[OPEN_LOOP]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -53,6 +97,8 @@ class Experiment:
     - ``specimen``: the emulation's truth, which nothing looks into.
     - ``calibration``: by prediction error.
     - ``motions``: planned with it.
+    - ``disturbed``: rollouts of the first motion for each disturbance.
+    - ``split``: of the error of the first rollouts, see `error_split`.
     - ``compared``: motions that were planned with the paper's calibration, by `PAPER`, and
       with other laws, by their names.
     """
@@ -61,6 +107,8 @@ class Experiment:
     recordings: dict[str, list[Recording]]
     calibration: Calibration
     motions: list[Motion]
+    disturbed: dict[str, dict[str, Way]]
+    split: dict[str, dict[str, tuple[float, float]]]
     compared: dict[str, list[Motion]]
 
 
@@ -72,30 +120,99 @@ def hand_course(name: str) -> PiecewisePolynomial:
     )
 
 
-def run_experiment(
-    specimen: Specimen,
-    num_rollouts: int = NUM_ROLLOUTS,
-    tell: Callable[[str], object] = lambda step: None,
-    *,
-    compare: bool = True,
-    protocol: str = "all",
-    num_angles: int = NUM_ANGLES,
-) -> Experiment:
-    """Takes a new limb through Secs. V to VII.
+def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: None) -> Evaluation:
+    """Takes a new limb through Secs. V to VII, and on to closed loop, for `run_all`.
+
+    All rollouts begin in the state in which the limb was left by the recordings, the hand
+    and a rest, and differ by their sensors' noise.
 
     Args:
-        specimen: the limb; it is used from then on.
-        num_rollouts: of each plan; those with other laws are rolled out once.
+        settings: what is done.
         tell: is called before each of the `NUM_STEPS` steps, with what comes.
-        compare: whether to plan with the paper's calibration and with other laws, too.
-        protocol, num_angles: of the recordings, "all" or "paper", and how many equilibria each
-            of Sec. V has; see `collect_from_twin`.
+
+    Returns:
+        An `Experiment`.
     """
-    tell("recording it as calibration wants it")
+    tell("recording the limb as calibration wants it")
+    ((specimen, recordings),) = yield [functools.partial(record, settings)]
+    tell("calibrating the model to the recordings, and teaching motions by hand")
+    (calibration, limbs), (rested, taught) = yield [
+        functools.partial(fit, recordings, settings.compare),
+        functools.partial(teach, specimen),
+    ]
+    closed = [motion for motion in MOTIONS if settings.closed_loop.get(motion)]
+    wanted = [(motion, OPEN_LOOP, limb) for motion in MOTIONS for limb in limbs]
+    wanted += [(motion, FEEDBACK, "") for motion in closed]
+    tell(f"planning motions: {len(wanted)}")
+    found = yield [
+        functools.partial(plan_motion, limbs[limb], taught.get(motion), loop)
+        for motion, loop, limb in wanted
+    ]
+    plans = dict(zip(wanted, found, strict=True))
+    # What is done with each plan, the longest first.
+    runs = [
+        (motion, way, "")
+        for way in (*reversed(CLOSED_LOOP), OPEN_LOOP)
+        for motion in MOTIONS
+        if way in (OPEN_LOOP, *settings.closed_loop.get(motion, ()))
+    ]
+    runs += [key for key in wanted if key[2]]
+    tell(f"driving the limb along its plans in several ways: {len(runs)}")
+    counts = {LEARNING: settings.repetitions}
+    calls = []
+    for motion, way, limb in runs:
+        count = counts.get(way, settings.rollouts if limb in ("", PAPER) else 1)
+        trajectory = plans[motion, OPEN_LOOP if way == OPEN_LOOP else FEEDBACK, limb]
+        calls.append(functools.partial(roll_out, rested, trajectory, way, count))
+    both = {loop: plans.get((MOTIONS[0], loop, "")) for loop in (OPEN_LOOP, FEEDBACK)}
+    calls += [
+        functools.partial(roll_out_disturbed, rested, both, disturbance)
+        for disturbance in settings.disturbances
+    ]
+    driven = yield calls
+    ways = dict(zip(runs, driven, strict=False))
+    motions = {
+        limb: [
+            Motion(
+                motion,
+                taught.get(motion),
+                {
+                    way: ways[motion, way, limb]
+                    for way in (OPEN_LOOP, *CLOSED_LOOP)
+                    if (motion, way, limb) in ways
+                },
+            )
+            for motion in MOTIONS
+        ]
+        for limb in limbs
+    }
+    tell("splitting the error")
+    firsts = {
+        motion.name: Way(motion.open_loop.trajectory, motion.open_loop.rollouts[:1])
+        for motion in motions[""]
+    }
+    (split,) = yield [functools.partial(error_split, calibration, firsts)]
+    disturbed = dict(zip(settings.disturbances, driven[len(runs) :], strict=True))
+    return Experiment(specimen, recordings, calibration, motions.pop(""), disturbed, split, motions)
+
+
+def record(settings: Settings) -> tuple[Specimen, dict[str, list[Recording]]]:
+    """A new limb, and its recordings for calibration."""
+    specimen = Specimen(LimbParameters(), settings.seed, settings.extra)
+    specimen = specimen.without(*settings.absent)
     recordings = collect_from_twin(
-        LimbTwin(specimen=specimen), seed=specimen.seed, num_angles=num_angles, protocol=protocol
+        LimbTwin(specimen=specimen),
+        seed=settings.seed,
+        num_angles=settings.num_angles,
+        protocol=settings.protocol,
     )
-    tell("calibrating the model to the recordings")
+    return specimen, recordings
+
+
+def fit(
+    recordings: dict[str, list[Recording]], compare: bool
+) -> tuple[Calibration, dict[str, LimbParameters]]:
+    """The calibration of a limb, and the limb as calibrated, also otherwise, by its name."""
     calibration = calibrate(recordings)
     limbs = {"": calibration.parameters}
     if compare:
@@ -105,21 +222,22 @@ def run_experiment(
             limbs[candidate.name] = copy.deepcopy(calibration.parameters)
             limbs[candidate.name].calibration = None  # it is of the best law
             candidate.fit.apply(limbs[candidate.name].segments[0])
-    motions: dict[str, list[Motion]] = {name: [] for name in limbs}
-    for name in ("Validation", *HANDS):
-        tell(f"planning the motion {name}, and replaying it")
-        taught, reference = None, references.step_and_decaying_sine()
-        if name in HANDS:
-            hand = hand_course(name)
-            taught = watch(LimbTwin(specimen=specimen).again(PAUSE, hand=hand), hand.end_time())
-            reference = references.from_recording(taught, SMOOTHING_TIME)
-        for approach, limb in limbs.items():
-            trajectory = plan(limb, reference, task=Task.paper())
-            rollouts, exact = [], None
-            for _ in range(num_rollouts if approach in ("", PAPER) else 1):
-                rested = LimbTwin(specimen=specimen).again(PAUSE)
-                if exact is None:
-                    exact = replay(trajectory, LimbTwin(specimen=specimen.without("bend sensor")))
-                rollouts.append(replay(trajectory, rested))
-            motions[approach].append(Motion(name, taught, trajectory, rollouts, exact))
-    return Experiment(specimen, recordings, calibration, motions.pop(""), motions)
+    return calibration, limbs
+
+
+def teach(specimen: Specimen) -> tuple[Specimen, dict[str, Recording]]:
+    """Moves a limb by hand, and lets it rest; the limb then, and what it recorded."""
+    taught = {}
+    for name in HANDS:
+        hand = hand_course(name)
+        taught[name] = watch(LimbTwin(specimen=specimen).again(PAUSE, hand=hand), hand.end_time())
+    LimbTwin(specimen=specimen).again(PAUSE)
+    return specimen.with_noise(0), taught
+
+
+def plan_motion(limb: LimbParameters, taught: Recording | None, loop: str) -> Trajectory:
+    """A plan of a motion that was taught, or of Fig. 5, to be driven in a loop."""
+    reference = references.step_and_decaying_sine()
+    if taught:
+        reference = references.from_recording(taught, SMOOTHING_TIME)
+    return plan(limb, reference, task=Task.paper() if loop == OPEN_LOOP else Task.closed_loop())

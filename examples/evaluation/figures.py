@@ -6,8 +6,9 @@ import numpy as np
 
 from calibration import plot_validation
 from evaluation.error_split import STEPS
-from evaluation.experiment import Experiment
+from evaluation.experiment import Experiment, Motion
 from evaluation.tables import PAPER_TABLE_1, STATISTICS, Summary, complete, mean_and_margin
+from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, true_bend
 from limb_systems import Recording, joint_angles_from_bend_angle
 from limb_systems.views.figure import Figure
 from limb_systems.views.plots import (
@@ -18,6 +19,7 @@ from limb_systems.views.plots import (
     WIDTH,
     dress,
     plot_tracking,
+    wire_colors,
 )
 
 
@@ -28,7 +30,9 @@ def plot_limbs(summaries: Sequence[Summary]) -> Figure:
     axes = figure.subplots(1, 3, sharey=True)
     motions = range(len(PAPER_TABLE_1))
     for index, (axis, statistic) in enumerate(zip(axes, STATISTICS, strict=True)):
-        values = np.array([[s.tracking[m][index] for m in PAPER_TABLE_1] for s in whole])
+        values = np.array(
+            [[s.ways[m][OPEN_LOOP].tracking[index] for m in PAPER_TABLE_1] for s in whole]
+        )
         mean, margin = np.transpose([mean_and_margin(column) for column in values.T])
         paper = [row[index] for row in PAPER_TABLE_1.values()]
         for place in motions:
@@ -86,7 +90,7 @@ def plot_taught(experiment: Experiment) -> Figure:
         taught, repeated = axes[2 * index : 2 * index + 2]
         _plot_poses(taught, motion.taught, "0.35")
         taught.set_ylabel(f"{motion.name},\ntaught", fontsize=8.5)
-        _plot_poses(repeated, motion.rollouts[0], ROLLOUT_COLOR)
+        _plot_poses(repeated, motion.open_loop.rollouts[0], ROLLOUT_COLOR)
         repeated.set_ylabel(f"{motion.name},\nrepeated", fontsize=8.5)
     axes[-1].set_xlabel("time (s)")
     return figure
@@ -118,8 +122,8 @@ def plot_error(experiment: Experiment) -> Figure:
     figure = Figure(figsize=(WIDTH, 4.5), layout="constrained")
     axes = figure.subplots(len(experiment.motions), 1, sharex=True)
     for axis, motion in zip(axes, experiment.motions, strict=True):
-        plan = motion.trajectory.since_start()
-        for number, rollout in enumerate(motion.rollouts):
+        plan = motion.open_loop.trajectory.since_start()
+        for number, rollout in enumerate(motion.open_loop.rollouts):
             error = rollout.bend_angle - plan.bend_angle_at(rollout.time)
             label = None if number else "rollouts, φ − φ*"
             axis.plot(
@@ -145,6 +149,69 @@ def plot_error(experiment: Experiment) -> Figure:
     return figure
 
 
+def plot_ways(motion: Motion) -> Figure:
+    """Open loop, feedback and the last repetition, side by side: bend as read and true, and V."""
+    shown = {
+        OPEN_LOOP: motion.open_loop.rollouts[0],
+        FEEDBACK: motion.ways[FEEDBACK].rollouts[0],
+        f"{LEARNING}, repetition {len(motion.ways[LEARNING].rollouts)}": motion.ways[
+            LEARNING
+        ].rollouts[-1],
+    }
+    figure = Figure(figsize=(1.5 * WIDTH, 4.6), layout="constrained")
+    axes = figure.subplots(2, len(shown), sharex=True, sharey="row", height_ratios=[1.4, 1.0])
+    for (bend, heat), (name, rollout), way in zip(
+        axes.T, shown.items(), (OPEN_LOOP, FEEDBACK, LEARNING), strict=True
+    ):
+        plan = motion.ways[way].trajectory.since_start()
+        during = rollout.time <= plan.time[-1]
+        angles = rollout.bend_angle[0], true_bend(rollout).bend_angle[0]
+        missed = [
+            np.rad2deg(np.abs(plan.bend_angle_at(rollout.time)[0] - angle)[during].mean())
+            for angle in angles
+        ]
+        bend.set_title(f"{name}\n{missed[0]:.2f}° read, {missed[1]:.2f}° true", fontsize=9)
+        bend.plot(rollout.time, np.rad2deg(angles[0]), color=ROLLOUT_COLOR, lw=0.6, label="read")
+        bend.plot(rollout.time, np.rad2deg(angles[1]), color="k", lw=1.0, label="true")
+        bend.plot(plan.time, np.rad2deg(plan.bend_angle[0]), "--", color=PLAN_COLOR, label="plan")
+        names = rollout.parameters.wire_names
+        for wire, color in enumerate(wire_colors(len(names))):
+            reading, planned = rollout.measured_temperature[wire], plan.measured_temperature[wire]
+            heat.plot(rollout.time, reading, color=color, lw=1.0, label=f"{names[wire]}, V")
+            heat.plot(plan.time, planned, "--", color=color, lw=1.0)
+        heat.set_xlabel("time (s)")
+        for axis in (bend, heat):
+            axis.grid(alpha=0.25)
+            axis.spines[["top", "right"]].set_visible(False)
+    axes[0, 0].set_ylabel("bend angle (°)")
+    axes[1, 0].set_ylabel("temperature (°C)")
+    for axis in axes[:, 0]:
+        axis.legend(frameon=False, fontsize=8)
+    return figure
+
+
+def plot_learning(summaries: Sequence[Summary]) -> Figure:
+    """Mean error of each repetition: each limb thin, their mean thick, as read and true."""
+    whole = [s for s in complete(summaries) if s.repetitions]
+    motions = list(whole[0].repetitions)
+    figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
+    axes = figure.subplots(1, len(motions), sharey=True, squeeze=False)[0]
+    for axis, motion in zip(axes, motions, strict=True):
+        for what, color in (("read", ROLLOUT_COLOR), ("true", "k")):
+            errors = np.array([[getattr(f, what) for f in s.repetitions[motion]] for s in whole])
+            numbers = np.arange(1, errors.shape[1] + 1)
+            axis.plot(numbers, errors.T, color=color, lw=0.5, alpha=0.35)
+            axis.plot(numbers, errors.mean(axis=0), "o-", color=color, ms=3, label=what)
+        axis.set_title(motion, fontsize=9)
+        axis.set_xlabel("repetition")
+        axis.grid(alpha=0.25)
+        axis.spines[["top", "right"]].set_visible(False)
+    axes[0].set_ylim(bottom=0)
+    axes[0].set_ylabel("mean |φ* − φ| (°)")
+    axes[0].legend(frameon=False, fontsize=8.5)
+    return figure
+
+
 def figures(experiment: Experiment) -> dict[str, tuple[Figure, str]]:
     """The paper's figures of one limb, by the names of their files, with a description."""
     validation, *taught = experiment.motions
@@ -154,13 +221,13 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure, str]]:
             "Fig. 4: the calibrated model and the emulated limb for the same duty",
         ),
         "fig5": (
-            plot_tracking(validation.trajectory, validation.rollouts),
+            plot_tracking(validation.open_loop.trajectory, validation.open_loop.rollouts),
             "Fig. 5: two steps and a decaying sinusoid, plan and rollouts",
         ),
     }
     for letter, motion in zip("ab", taught, strict=True):
         result[f"fig6{letter}"] = (
-            plot_tracking(motion.trajectory, motion.rollouts),
+            plot_tracking(motion.open_loop.trajectory, motion.open_loop.rollouts),
             f"Fig. 6, {motion.name}: a motion that was taught, plan and rollouts",
         )
     result["fig7"] = (
@@ -168,4 +235,10 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure, str]]:
         "Fig. 7: the limb's shape by its bend sensor, constant curvature (11), as it was taught "
         "and as it repeated it",
     )
+    driven = validation.ways
+    if {FEEDBACK, LEARNING} <= driven.keys():
+        result["ways"] = (
+            plot_ways(validation),
+            "Fig. 5 in open loop, with feedback, and in the last repetition of learning",
+        )
     return result

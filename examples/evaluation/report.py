@@ -8,16 +8,17 @@ from pathlib import Path
 
 from calibration.report import parameter_table, validation_summary
 from evaluation.experiment import NUM_ANGLES, PAUSE, Experiment
-from evaluation.figures import plot_error, plot_limbs, plot_split
+from evaluation.figures import plot_error, plot_learning, plot_limbs, plot_split
 from evaluation.tables import (
-    ABORTED,
     APPROACH_HEADER,
+    DISTURBANCE_HEADER,
     PAPER_TABLE_1,
-    STATISTICS,
+    TABLE_1_HEADER,
     Summary,
     absence_table,
     approach_table,
     complete,
+    disturbance_table,
     findings,
     split_table,
     table_1,
@@ -55,10 +56,12 @@ def write_report(
         page.paragraph(
             "Trajectory optimization for a thermally actuated soft planar limb, after Wertz, "
             f"Sabelhaus and Majidi: {limbs}, recorded, calibrated, taught, planned for and driven "
-            "open loop. Planner and calibration know of a limb what its recordings tell."
+            "open loop and in closed loop. Planner, calibration and controllers know of a limb "
+            "what its sensors tell."
         ),
         f"<p><strong>{EMULATED}</strong></p>",
         _table_1(summaries),
+        *_closed_loop(summaries),
         _approaches(summaries),
         _error_split(summaries),
     ]
@@ -80,21 +83,56 @@ def write_report(
 
 def _table_1(summaries: Sequence[Summary]) -> str:
     caption = (
-        "Tracking error |φ* − φ| of the open-loop rollouts of each plan, in degrees, and how many "
-        "of them were aborted as a wire was measured at the board's limit of 110 °C; these count "
-        "up to then."
+        "Tracking error |φ* − φ| of the rollouts of each plan as the sensor reads it, in degrees; "
+        "mean error of the true bend; mean distance |φ_REF − φ| from the reference as it is read; "
+        "highest reading V and true temperature T of any wire, °C; how many rollouts were aborted "
+        "as a wire was measured at the board's limit of 110 °C; these count up to then."
     )
-    header = ["trajectory", "", *STATISTICS, ABORTED]
-    if len(complete(summaries)) == 1:
+    whole = complete(summaries)
+    if len(whole) == 1:
         return page.section(
-            "Table I, tracking error", page.table(header, table_1(summaries), caption)
+            "Table I, tracking error", page.table(TABLE_1_HEADER, table_1(summaries), caption)
         )
     caption += " ± is half of the 95% confidence interval of the mean over limbs."
     return page.section(
         "Table I, tracking error",
-        page.table(header, table_1(summaries), caption),
-        page.picture(plot_limbs(summaries), "Table I for each limb"),
+        page.table(TABLE_1_HEADER, table_1(summaries), caption),
+        page.picture(plot_limbs(summaries), "Table I for each limb, open loop"),
     )
+
+
+def _closed_loop(summaries: Sequence[Summary]) -> list[str]:
+    parts = []
+    if any(s.repetitions for s in complete(summaries)):
+        parts.append(
+            page.section(
+                "Learning over repetitions",
+                page.paragraph(
+                    "Each repetition is driven in open loop, with the duty that was learned from "
+                    "the readings of those before. The sensor's own gain and drift are learned "
+                    "as well, so the true bend gains less."
+                ),
+                page.picture(plot_learning(summaries), "Mean error of each repetition"),
+            )
+        )
+    if rows := disturbance_table(summaries):
+        parts.append(
+            page.section(
+                "Disturbances",
+                page.paragraph(
+                    "Something changes after the calibration, or a reading fails in mid motion. "
+                    "The plan of Fig. 5 is driven with feedback, and in open loop if the limb "
+                    "has changed."
+                ),
+                page.table(
+                    DISTURBANCE_HEADER,
+                    rows,
+                    "Mean |φ* − φ| in degrees, as read and of the true bend; highest V and T of "
+                    "any wire, °C; aborted rollouts.",
+                ),
+            )
+        )
+    return parts
 
 
 def _approaches(summaries: Sequence[Summary]) -> str:
@@ -162,7 +200,10 @@ def _error_split(summaries: Sequence[Summary]) -> str:
 
 def _parameters(experiment: Experiment) -> str:
     calibration = experiment.calibration
-    plans = "\n\n".join(f"{m.name}\n{plan_summary(m.trajectory)}" for m in experiment.motions)
+    plans = "\n\n".join(
+        f"{motion.name}\n{plan_summary(motion.open_loop.trajectory)}"
+        for motion in experiment.motions
+    )
     return page.section(
         "Parameters and plans",
         page.paragraph(
@@ -194,8 +235,12 @@ def _how_it_was_made(summaries: Sequence[Summary], experiment: Experiment, comma
                 "Motions: the reference of Fig. 5 drawn by hand, and two that a hand moves the "
                 "limb through with its wires off, one faster and narrow, one wide with holds. The "
                 "paper gives no numbers for them; these are ours.",
-                f"Rollouts of each plan: {len(experiment.motions[0].rollouts)}, open loop, after "
-                f"{PAUSE:g} s without heat each.",
+                f"Rollouts of each plan: {len(experiment.motions[0].open_loop.rollouts)}, in open "
+                "loop and with each controller. All begin where the limb was left by the "
+                f"recordings, the hand and {PAUSE:g} s without heat, and differ by the sensors' "
+                "noise.",
+                "Closed loop and learning follow plans with a margin of temperature and duty, "
+                "open loop the paper's.",
                 "Bands in the figures are mean ± 1.96 standard deviations of the rollouts.",
                 f"Software: {versions}, Python {platform.python_version()}.",
             ]

@@ -6,12 +6,35 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import t as student
 
-from evaluation.error_split import STEPS, error_split
-from evaluation.experiment import Experiment, Motion
+from evaluation.error_split import STEPS
+from evaluation.experiment import Experiment
+from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way, true_bend
+from limb_systems import Recording, Trajectory
 from limb_systems.tracking import tracking_errors
 
 STATISTICS = ("mean", "median", "90th percentile")
 ABORTED = "aborted rollouts"
+TABLE_1_HEADER = [
+    "trajectory",
+    "",
+    *STATISTICS,
+    "true bend",
+    "from the reference",
+    "highest V",
+    "highest T",
+    ABORTED,
+]
+SHOWN_REPETITIONS = (1, 4, 10)
+DISTURBANCE_HEADER = [
+    "disturbance",
+    "feedback: read / true",
+    "highest V",
+    "highest T",
+    "aborted",
+    "open loop: read / true",
+    "highest T",
+    "aborted",
+]
 PAPER_TABLE_1 = {  # degrees
     "Validation": (3.44, 2.33, 7.43),
     "T&R 1": (3.90, 2.73, 10.61),
@@ -27,72 +50,141 @@ APPROACH_HEADER = [
 
 
 @dataclasses.dataclass(frozen=True)
+class Followed:
+    """How rollouts of a plan went, as far as they came; angles in degrees.
+
+    - ``rollouts``, ``aborted``: how many there were, and were ended at the board's limit.
+    - ``tracking``: `STATISTICS` of |φ* - φ| as the bend was read.
+    - ``true``: mean |φ* - φ| of the true bend.
+    - ``reference``: mean |φ_REF - φ| as the bend was read.
+    - ``true_reference``: the same of the true bend.
+    - ``reading``: mean |V* - V| of all wires, °C.
+    - ``highest_reading``, ``highest_temperature``: of any wire, V and the true T, °C.
+    """
+
+    rollouts: int
+    aborted: int
+    tracking: tuple[float, ...]
+    true: float
+    reference: float
+    true_reference: float
+    reading: float
+    highest_reading: float
+    highest_temperature: float
+
+    @classmethod
+    def of(cls, way: Way) -> "Followed":
+        trajectory, rollouts = way.trajectory.since_start(), way.rollouts
+        truths = [true_bend(rollout) for rollout in rollouts]
+        errors = tracking_errors(trajectory, rollouts)
+        statistics = np.rad2deg([errors.mean, errors.median, errors.percentile_90])
+        return cls(
+            rollouts=len(rollouts),
+            aborted=sum(bool(rollout.interrupted) for rollout in rollouts),
+            tracking=tuple(statistics.tolist()),
+            true=float(np.rad2deg(tracking_errors(trajectory, truths).mean)),
+            reference=_from_reference(trajectory, rollouts),
+            true_reference=_from_reference(trajectory, truths),
+            reading=_mean_reading_error(way),
+            highest_reading=float(max(r.measured_temperature.max() for r in rollouts)),
+            highest_temperature=float(max(r.wire_temperature.max() for r in rollouts)),
+        )
+
+    @property
+    def read(self) -> float:
+        """Mean |φ* - φ| as it was read."""
+        return self.tracking[0]
+
+
+def _from_reference(trajectory: Trajectory, rollouts: Sequence[Recording]) -> float:
+    """Mean |φ_REF - φ| of a limb of one segment, degrees."""
+    away = [
+        np.abs(
+            np.interp(rollout.time, trajectory.time, trajectory.reference[0])
+            - rollout.bend_angle[0]
+        )[rollout.time <= trajectory.duration]
+        for rollout in rollouts
+    ]
+    return float(np.rad2deg(np.concatenate(away).mean()))
+
+
+def _mean_reading_error(way: Way) -> float:
+    trajectory = way.trajectory.since_start()
+    errors = [
+        np.abs(np.interp(rollout.time, trajectory.time, planned) - measured).mean()
+        for rollout in way.rollouts
+        for planned, measured in zip(
+            trajectory.measured_temperature, rollout.measured_temperature, strict=True
+        )
+    ]
+    return float(np.mean(errors))
+
+
+@dataclasses.dataclass(frozen=True)
 class Summary:
     """The numbers of one experiment, angles in degrees.
 
     - ``seed``, ``absent``: of the limb, and which effects it was without.
-    - ``rollouts``: of each motion, how many there were.
-    - ``aborted``: of each motion, how many of them ended at the limit of the board.
-    - ``tracking``: of each motion `STATISTICS` over all rollouts, as far as they came.
-    - ``first``: of each motion the mean over the first rollout.
+    - ``ways``: of each motion and each way to drive it; learning is all its repetitions.
+    - ``repetitions``: of each motion that was learned, each repetition.
+    - ``disturbed``: of each disturbance and each way.
+    - ``first``: of each motion the mean error that was read in the first rollout, open loop.
     - ``split``: of each motion and step, see `error_split`.
-    - ``approaches``: of each approach to calibration and each motion, errors as of `_approach`.
+    - ``approaches``: of each approach to calibration and each motion, open loop.
     - ``law``: that the limb was calibrated with.
     """
 
     seed: int
     absent: tuple[str, ...]
-    rollouts: int
-    aborted: dict[str, int]
-    tracking: dict[str, tuple[float, ...]]
+    ways: dict[str, dict[str, Followed]]
+    repetitions: dict[str, list[Followed]]
+    disturbed: dict[str, dict[str, Followed]]
     first: dict[str, float]
     split: dict[str, dict[str, tuple[float, float]]]
-    approaches: dict[str, dict[str, tuple[float, ...]]]
+    approaches: dict[str, dict[str, Followed]]
     law: str
 
 
 def summarize(experiment: Experiment) -> Summary:
-    tracking, first, aborted = {}, {}, {}
-    for motion in experiment.motions:
-        aborted[motion.name] = sum(bool(rollout.interrupted) for rollout in motion.rollouts)
-        errors = tracking_errors(motion.trajectory, motion.rollouts)
-        degrees = np.rad2deg([errors.mean, errors.median, errors.percentile_90])
-        tracking[motion.name] = tuple(degrees.tolist())
-        alone = tracking_errors(motion.trajectory, motion.rollouts[:1])
-        first[motion.name] = float(np.rad2deg(alone.mean))
-    specimen = experiment.specimen
-    rollouts = len(experiment.motions[0].rollouts)
-    prediction = experiment.calibration.prediction
-    approaches = {
-        name: {motion.name: _approach(motion) for motion in motions}
-        for name, motions in [*experiment.compared.items(), (PREDICTION, experiment.motions)]
+    motions = experiment.motions
+    ways = {
+        motion.name: {name: Followed.of(way) for name, way in motion.ways.items()}
+        for motion in motions
     }
+    repetitions = {
+        motion.name: [
+            Followed.of(Way(motion.ways[LEARNING].trajectory, [rollout]))
+            for rollout in motion.ways[LEARNING].rollouts
+        ]
+        for motion in motions
+        if LEARNING in motion.ways
+    }
+    first = {
+        motion.name: Followed.of(
+            Way(motion.open_loop.trajectory, motion.open_loop.rollouts[:1])
+        ).read
+        for motion in motions
+    }
+    approaches = {
+        name: {motion.name: Followed.of(motion.open_loop) for motion in compared}
+        for name, compared in experiment.compared.items()
+    }
+    approaches[PREDICTION] = {name: driven[OPEN_LOOP] for name, driven in ways.items()}
+    specimen, prediction = experiment.specimen, experiment.calibration.prediction
     return Summary(
         specimen.seed,
         specimen.absent,
-        rollouts,
-        aborted,
-        tracking,
+        ways,
+        repetitions,
+        {
+            disturbance: {name: Followed.of(way) for name, way in driven.items()}
+            for disturbance, driven in experiment.disturbed.items()
+        },
         first,
-        error_split(experiment),
+        experiment.split,
         approaches,
         prediction.best.name if prediction else "",
     )
-
-
-def _approach(motion: Motion) -> tuple[float, ...]:
-    """Mean errors of a motion: the bend as read and the true bend, degrees, and V, °C; aborted."""
-    trajectory = motion.trajectory.since_start()
-    read = tracking_errors(trajectory, motion.rollouts).mean
-    true = tracking_errors(trajectory, [motion.exact]).mean
-    heat = []
-    for rollout in motion.rollouts:
-        for planned, measured in zip(
-            trajectory.measured_temperature, rollout.measured_temperature, strict=True
-        ):
-            heat.append(np.abs(np.interp(rollout.time, trajectory.time, planned) - measured).mean())
-    aborted = sum(bool(rollout.interrupted) for rollout in motion.rollouts) / len(motion.rollouts)
-    return float(np.rad2deg(read)), float(np.rad2deg(true)), float(np.mean(heat)), aborted
 
 
 def approach_table(summaries: Sequence[Summary]) -> list[list[str]]:
@@ -103,11 +195,13 @@ def approach_table(summaries: Sequence[Summary]) -> list[list[str]]:
         limbs = [s.approaches[name] for s in whole if name in s.approaches]
         cells = []
         for motion in PAPER_TABLE_1:
-            read, true, _, _ = np.mean([limb[motion] for limb in limbs], axis=0)
+            read, true = np.mean([(limb[motion].read, limb[motion].true) for limb in limbs], axis=0)
             cells.append(f"{read:.2f} / {true:.2f}")
-        means = np.mean([list(limb.values()) for limb in limbs], axis=(0, 1))
+        driven = [followed for limb in limbs for followed in limb.values()]
+        heat = np.mean([followed.reading for followed in driven])
+        aborted = np.mean([followed.aborted / followed.rollouts for followed in driven])
         suffix = f" ({len(limbs)} limbs)" if len(limbs) < len(whole) else ""
-        rows.append([name + suffix, *cells, f"{means[2]:.2f}", f"{100 * means[3]:.0f}%"])
+        rows.append([name + suffix, *cells, f"{heat:.2f}", f"{100 * aborted:.0f}%"])
     return rows
 
 
@@ -126,17 +220,78 @@ def mean_and_margin(values: Sequence[float]) -> tuple[float, float]:
 
 
 def table_1(summaries: Sequence[Summary]) -> list[list[str]]:
-    """Rows of Table I: trajectory, who, `STATISTICS` in degrees, and how many were aborted."""
+    """Rows of Table I, of each motion and each way, as of `TABLE_1_HEADER`; angles in degrees."""
     whole = complete(summaries)
     limbs = "emulated limb" if len(whole) == 1 else f"{len(whole)} emulated limbs"
     rows = []
     for motion, paper in PAPER_TABLE_1.items():
-        ours = np.transpose([s.tracking[motion] for s in whole])
-        aborted = sum(s.aborted[motion] for s in whole)
-        aborted_of = f"{aborted} of {sum(s.rollouts for s in whole)}"
-        rows.append([motion, limbs, *(_with_margin(*mean_and_margin(v)) for v in ours), aborted_of])
-        rows.append(["", "the paper's robot", *(f"{value:.2f}" for value in paper), ""])
+        groups: dict[str, list[Followed]] = {}
+        for summary in whole:
+            for name, followed in _rows_of(summary, motion).items():
+                groups.setdefault(name, []).append(followed)
+        for name, group in groups.items():
+            rows.append([motion, f"{limbs}, {name}", *_cells(group)])
+            motion = ""
+        rows.append(["", "the paper's robot", *(f"{value:.2f}" for value in paper), *[""] * 5])
     return rows
+
+
+def _rows_of(summary: Summary, motion: str) -> dict[str, Followed]:
+    """What Table I has of a limb and a motion, by what the row is called."""
+    rows = {name: way for name, way in summary.ways[motion].items() if name != LEARNING}
+    learned = summary.repetitions.get(motion, [])
+    shown = sorted({n for n in SHOWN_REPETITIONS if n < len(learned)} | {len(learned)} - {0})
+    return rows | {f"{LEARNING}, repetition {n}": learned[n - 1] for n in shown}
+
+
+def _cells(group: Sequence[Followed]) -> list[str]:
+    statistics = np.transpose([followed.tracking for followed in group])
+    aborted, rollouts = (sum(getattr(f, name) for f in group) for name in ("aborted", "rollouts"))
+    return [
+        *(_with_margin(*mean_and_margin(values)) for values in statistics),
+        f"{np.mean([followed.true for followed in group]):.2f}",
+        f"{np.mean([followed.reference for followed in group]):.2f}",
+        *_hottest(group),
+        f"{aborted} of {rollouts}",
+    ]
+
+
+def _hottest(group: Sequence[Followed]) -> list[str]:
+    """Highest V and highest T of all rollouts, °C."""
+    return [
+        f"{max(followed.highest_reading for followed in group):.0f}",
+        f"{max(followed.highest_temperature for followed in group):.0f}",
+    ]
+
+
+def disturbance_table(summaries: Sequence[Summary]) -> list[list[str]]:
+    """Rows of each disturbance, as of `DISTURBANCE_HEADER`, first without any, at last of all."""
+    whole = [s for s in complete(summaries) if s.disturbed]
+    if not whole:
+        return []
+    motion = next(iter(PAPER_TABLE_1))
+    groups = {"none": [s.ways[motion] for s in whole]}
+    groups |= {name: [s.disturbed[name] for s in whole] for name in whole[0].disturbed}
+    rows = []
+    for name, limbs in groups.items():
+        closed = [limb[FEEDBACK] for limb in limbs]
+        row = [name, _read_and_true(closed), *_hottest(closed), _aborted(closed)]
+        if OPEN_LOOP in limbs[0]:
+            opened = [limb[OPEN_LOOP] for limb in limbs]
+            row += [_read_and_true(opened), _hottest(opened)[1], _aborted(opened)]
+        rows.append(row + [""] * (len(DISTURBANCE_HEADER) - len(row)))
+    every = [limb[FEEDBACK] for limbs in groups.values() for limb in limbs]
+    rows.append(["all, the worst", "", *_hottest(every), _aborted(every), "", "", ""])
+    return rows
+
+
+def _read_and_true(group: Sequence[Followed]) -> str:
+    read, true = np.mean([(followed.read, followed.true) for followed in group], axis=0)
+    return f"{read:.2f} / {true:.2f}"
+
+
+def _aborted(group: Sequence[Followed]) -> str:
+    return f"{sum(f.aborted for f in group)} of {sum(f.rollouts for f in group)}"
 
 
 def split_table(summaries: Sequence[Summary], which: int) -> list[list[str]]:

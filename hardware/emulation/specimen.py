@@ -250,6 +250,13 @@ class Specimen:
         specimen.absent += effects
         return specimen
 
+    def with_noise(self, number: int) -> "Specimen":
+        """This limb in its present state, with other noise of its sensors for each number."""
+        specimen = copy.copy(self)
+        specimen.noise = Noise(np.random.default_rng([self.seed, number]))
+        specimen.state = self.state | {"draws": np.zeros(1)} if self.state else {}
+        return copy.deepcopy(specimen)
+
     def disturbed(self, **changes: float) -> "Specimen":
         """This limb in its present state and with the same noise, after something has changed.
 
@@ -279,8 +286,8 @@ class Specimen:
         if changes and self.disturbances:
             raise LimbError("This limb is disturbed already; disturb the original by both at once.")
         specimen = copy.deepcopy(self)
-        specimen.disturbances = {name: float(value) for name, value in changes.items()}
-        change = DISTURBANCES | specimen.disturbances
+        change = DISTURBANCES | {name: float(value) for name, value in changes.items()}
+        specimen.disturbances = self.disturbances | {name: change[name] for name in changes}
         specimen.ambient += change["ambient"]
         specimen.wires = [
             dataclasses.replace(

@@ -1,0 +1,70 @@
+"""Many evaluations at once, in calls that any of Python's executors can run."""
+
+import concurrent.futures
+from collections.abc import Callable, Generator, Iterable, Iterator
+from typing import Any
+
+# Yields calls that do not need each other, gets their results, and returns its own.
+Evaluation = Generator[list[Callable[[], Any]], list[Any], Any]
+
+
+def run_all(
+    evaluations: Iterable[Evaluation],
+    executor: concurrent.futures.Executor,
+    at_once: int | None = None,
+) -> Iterator[tuple[int, Any]]:
+    """Runs evaluations whose calls an executor runs, and yields results as they come.
+
+    The calls and what they return are pickled if the executor has other processes or other
+    machines, as have `concurrent.futures.ProcessPoolExecutor`, Dask's
+    ``Client.get_executor()`` and mpi4py's ``MPIPoolExecutor``; these need the modules of
+    this folder on their path. Between calls, evaluations run where this is called.
+
+    Args:
+        evaluations: generators, each of which yields lists of calls without arguments.
+        executor: runs the calls; it is not shut down.
+        at_once: how many evaluations are begun before one has ended; all if None. With
+            few, the first results come early.
+
+    Yields:
+        The number of an evaluation, and what it returned.
+
+    Raises:
+        Exception: of the first call that fails; calls that have not begun are cancelled
+            then, as when the generator is closed.
+    """
+    waiting = enumerate(evaluations)
+    # By the number of an evaluation: itself, and what its calls return.
+    running: dict[int, tuple[Evaluation, list[concurrent.futures.Future]]] = {}
+
+    def proceed(number: int, evaluation: Evaluation, results: list[Any] | None) -> Any:
+        calls = next(evaluation) if results is None else evaluation.send(results)
+        running[number] = evaluation, [executor.submit(call) for call in calls]
+
+    try:
+        while True:
+            while at_once is None or len(running) < at_once:
+                number, evaluation = next(waiting, (None, None))
+                if evaluation is None:
+                    break
+                proceed(number, evaluation, None)
+            if not running:
+                return
+            pending = [f for _, futures in running.values() for f in futures if not f.done()]
+            if pending:
+                concurrent.futures.wait(pending, return_when=concurrent.futures.FIRST_COMPLETED)
+            for number, (evaluation, futures) in list(running.items()):
+                for future in futures:
+                    if future.done():
+                        future.result()  # raises what the call has raised, before others end
+                if not all(future.done() for future in futures):
+                    continue
+                del running[number]
+                try:
+                    proceed(number, evaluation, [future.result() for future in futures])
+                except StopIteration as end:
+                    yield number, end.value
+    finally:
+        for _, futures in running.values():
+            for future in futures:
+                future.cancel()

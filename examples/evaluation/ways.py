@@ -1,0 +1,95 @@
+"""Ways to drive a limb along a plan: open loop, in closed loop, and learning over repetitions."""
+
+import copy
+import dataclasses
+from collections.abc import Sequence
+
+from controllers import Learner, PlanFeedback, PlanRegulator, RecedingHorizon
+from evaluation.disturbances import (
+    LIMB_DISTURBANCES,
+    SENSOR_DISTURBANCES,
+    behind_bend_path,
+)
+from hardware import LimbTwin, replay
+from hardware.emulation.specimen import Specimen
+from limb_systems import LimbParameters, Recording, Trajectory
+
+OPEN_LOOP, FEEDBACK, LEARNING = "open loop", "feedback (PI)", "learning"
+CONTROLLERS = {
+    FEEDBACK: PlanFeedback,
+    "regulator (LQR)": PlanRegulator,
+    "receding horizon": RecedingHorizon,
+}
+CLOSED_LOOP = (*CONTROLLERS, LEARNING)
+# Numbers of the sensors' noise: rollouts count from here, and disturbed ones from there.
+FIRST, FIRST_DISTURBED = 1, 1001
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Way:
+    """A plan, and rollouts of it, whose recordings have the truth; by learning, in their order."""
+
+    trajectory: Trajectory
+    rollouts: Sequence[Recording]
+
+
+def roll_out(specimen: Specimen, trajectory: Trajectory, way: str, count: int) -> Way:
+    """Rollouts of a plan on a limb in the same state, each with noise of its own."""
+    rollouts = []
+    learner = Learner(trajectory) if way == LEARNING else None
+    for number in range(count):
+        if learner:
+            controller = learner.source()
+        else:
+            controller = CONTROLLERS[way](trajectory) if way in CONTROLLERS else None
+        rollouts.append(_run(specimen.with_noise(FIRST + number), trajectory, controller))
+        if learner and number < count - 1:
+            learner.update(_read(rollouts[-1]))
+    return Way(trajectory, rollouts)
+
+
+def roll_out_disturbed(
+    specimen: Specimen, plans: dict[str, Trajectory], disturbance: str
+) -> dict[str, Way]:
+    """A rollout of feedback with a disturbance, and one in open loop if it is of the limb.
+
+    Args:
+        plans: for `OPEN_LOOP` and `FEEDBACK`.
+        disturbance: one of `DISTURBANCES`.
+    """
+    limb = specimen.with_noise(FIRST_DISTURBED).disturbed(**LIMB_DISTURBANCES.get(disturbance, {}))
+    trajectory, ways = plans[FEEDBACK], {}
+    if disturbance in SENSOR_DISTURBANCES:
+        changes = SENSOR_DISTURBANCES[disturbance]
+        start = trajectory.duration / 2
+        controller = behind_bend_path(PlanFeedback(trajectory), start=start, **changes)
+    elif disturbance in LIMB_DISTURBANCES:
+        controller = PlanFeedback(trajectory)
+        ways[OPEN_LOOP] = plans[OPEN_LOOP], None
+    else:
+        controller = PlanFeedback(trajectory, parameters=LimbParameters())
+    ways[FEEDBACK] = trajectory, controller
+    return {
+        way: Way(plan, [_run(copy.deepcopy(limb), plan, system)])
+        for way, (plan, system) in ways.items()
+    }
+
+
+def _run(limb: Specimen, trajectory: Trajectory, controller) -> Recording:
+    return replay(trajectory, LimbTwin(specimen=limb, truth=True), controller=controller)
+
+
+def _read(recording: Recording) -> Recording:
+    """A recording without the truth, as one of a robot is."""
+    return dataclasses.replace(recording, joint_state=None, wire_temperature=None)
+
+
+def true_bend(recording: Recording) -> Recording:
+    """A recording with the truth, as a bend sensor without errors would have made it.
+
+    For limbs of one segment.
+    """
+    (segment,) = recording.parameters.segments
+    angles = recording.joint_state[: segment.links]
+    bend = segment.bend_sensor.exact_bend_angle(angles)
+    return dataclasses.replace(recording, bend_angle=bend[None])
