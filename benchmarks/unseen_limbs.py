@@ -10,13 +10,18 @@ those of the evaluation. Shown are
 - in which share of the plans a reading passes the limit of the board, as was
   predicted from the calibration's covariance, and as was seen.
 
-A limb takes about a minute of one core. What is finished is in the file, and a
-run that was stopped goes on from there.
+With --feedback each motion is planned again with room for feedback, and driven
+with it; shown are errors as read and of the true bend, and the highest V and T.
 
-    python benchmarks/unseen_limbs.py FILE [--limbs 200] [--first 1000] [--jobs 2]
+A limb takes about a minute of one core. What is finished is in the file, and a
+run that was stopped goes on from there; give it the same options.
+
+    python benchmarks/unseen_limbs.py FILE [--limbs 200] [--first 1000] [--jobs 2] [--feedback]
 """
 
 import argparse
+import dataclasses
+import functools
 import json
 import multiprocessing
 import os
@@ -31,18 +36,18 @@ sys.path.append(str(Path(__file__).parents[1] / "examples"))
 import numpy as np
 
 from calibration import calibrate, collect_from_twin
-from evaluation.experiment import HANDS, NUM_ANGLES, PAUSE, SMOOTHING_TIME, hand_course
-from hardware import LimbTwin, replay, watch
+from evaluation.experiment import MOTIONS, NUM_ANGLES, plan_motion, teach
+from evaluation.tables import Followed
+from evaluation.ways import FEEDBACK, OPEN_LOOP, roll_out
+from hardware import LimbTwin
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbError, LimbParameters, band
 from limb_systems.progress import Progress
-from limb_systems.tracking import tracking_errors
-from planners import Task, plan, references
 
 TOLD = re.compile(r"(?P<name>.+): predicted to (?P<bend>[\d.]+)° and (?P<heat>[\d.]+) °C")
 
 
-def take(seed: int) -> dict:
+def take(seed: int, feedback: bool) -> dict:
     """A limb from its first recording to its last rollout; angles in degrees."""
     sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - progress of several limbs at once
     specimen, told = Specimen(LimbParameters(), seed), []
@@ -55,33 +60,37 @@ def take(seed: int) -> dict:
     record = calibration.parameters.calibration
     assert record is not None
     assert calibration.prediction is not None
+    rested, taught = teach(specimen)
     plans = []
-    for name in ("Validation", *HANDS):
-        reference = references.step_and_decaying_sine()
-        if name in HANDS:
-            hand = hand_course(name)
-            taught = watch(LimbTwin(specimen=specimen).again(PAUSE, hand=hand), hand.end_time())
-            reference = references.from_recording(taught, SMOOTHING_TIME)
+    for name in MOTIONS:
+        motion = calibration.parameters, taught.get(name)
         try:
-            trajectory = plan(calibration.parameters, reference, task=Task.paper())
+            trajectory = plan_motion(*motion, OPEN_LOOP)
         except LimbError as error:
             plans.append({"motion": name, "failure": str(error)})
             continue
         around = band(trajectory)
         assert around is not None
-        rollout = replay(trajectory, LimbTwin(specimen=specimen).again(PAUSE))
-        plans.append(
-            {
-                "motion": name,
-                "solver": trajectory.check.solver,
-                "total_time": trajectory.check.total_time,
-                "error": np.rad2deg(tracking_errors(trajectory, [rollout]).mean),
-                "predicted": around.aborted_share,
-                "planned": trajectory.measured_temperature.max(),
-                "highest": rollout.measured_temperature.max(),
-                "aborted": bool(rollout.interrupted),
-            }
-        )
+        rollout = Followed.of(roll_out(rested, trajectory, OPEN_LOOP, 1))
+        made = {
+            "motion": name,
+            "solver": trajectory.check.solver,
+            "total_time": trajectory.check.total_time,
+            "error": rollout.read,
+            "true": rollout.true,
+            "predicted": around.aborted_share,
+            "planned": trajectory.measured_temperature.max(),
+            "highest": rollout.highest_reading,
+            "highest_temperature": rollout.highest_temperature,
+            "aborted": bool(rollout.aborted),
+        }
+        if feedback:
+            try:
+                closed = roll_out(rested, plan_motion(*motion, FEEDBACK), FEEDBACK, 1)
+                made["feedback"] = dataclasses.asdict(Followed.of(closed))
+            except LimbError as error:
+                made["feedback"] = {"failure": str(error)}
+        plans.append(made)
     matches = [TOLD.match(line) for line in told]
     return {
         "seed": seed,
@@ -120,6 +129,7 @@ def show(limbs: list[dict]) -> None:
     above = [made["highest"] - made["planned"] for made in found]
     mean, most = np.mean(above), max(above)
     print(f"  highest V above the planned: mean {mean:+.2f} °C, at most {most:+.1f} °C")
+    show_feedback(found)
     aborted = sum(made["aborted"] for made in found)
     print(
         f"  V passes the limit: predicted {np.mean([p['predicted'] for p in found]):.2%}, ", end=""
@@ -127,8 +137,34 @@ def show(limbs: list[dict]) -> None:
     print(f"seen {aborted / len(found):.2%} ({aborted} of {len(found)})")
     for limb in limbs:
         for made in limb["plans"]:
-            if made.get("aborted") or "failure" in made:
+            failed = "failure" in made or "failure" in made.get("feedback", {})
+            if failed or made.get("aborted") or made.get("feedback", {}).get("aborted"):
                 print(f"  limb {limb['seed']}: {made}")
+
+
+def show_feedback(found: list[dict]) -> None:
+    """Beside open loop, for plans that were driven with feedback, too."""
+    both = [made for made in found if "tracking" in made.get("feedback", {})]
+    if not both:
+        return
+    print(f"  {'mean |φ* - φ|, read / true':<28}{'open loop':>15}{'feedback':>15}")
+    for motion in dict.fromkeys(made["motion"] for made in both):
+        group = [made for made in both if made["motion"] == motion]
+        opened = np.mean([(made["error"], made["true"]) for made in group], axis=0)
+        closed = [(made["feedback"]["tracking"][0], made["feedback"]["true"]) for made in group]
+        cells = [
+            "{:.2f}° / {:.2f}°".format(*errors) for errors in (opened, np.mean(closed, axis=0))
+        ]
+        print(f"    {motion:<26}{cells[0]:>15}{cells[1]:>15}")
+    driven = [made["feedback"] for made in both]
+    readings, temperatures = (
+        max(made[key] for made in driven) for key in ("highest_reading", "highest_temperature")
+    )
+    aborted = sum(made["aborted"] for made in driven)
+    print(
+        f"  with feedback: highest V {readings:.1f} °C, highest T {temperatures:.1f} °C, "
+        f"aborted {aborted} of {len(driven)}"
+    )
 
 
 def main() -> None:
@@ -137,14 +173,16 @@ def main() -> None:
     parser.add_argument("--limbs", type=int, default=200, help="default %(default)s")
     parser.add_argument("--first", type=int, default=1000, help="seed of the first limb")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default %(default)s)")
+    parser.add_argument("--feedback", action="store_true", help="drive limbs with it, too")
     options = parser.parse_args()
     lines = options.file.read_text().splitlines() if options.file.exists() else []
     limbs = [json.loads(line) for line in lines]
     seeds = set(range(options.first, options.first + options.limbs))
     seeds -= {limb["seed"] for limb in limbs}
+    work = functools.partial(take, feedback=options.feedback)
     context = multiprocessing.get_context("spawn")
     with context.Pool(options.jobs) as pool, Progress("limbs", len(seeds), "limbs") as progress:
-        for done, limb in enumerate(pool.imap_unordered(take, sorted(seeds)), 1):
+        for done, limb in enumerate(pool.imap_unordered(work, sorted(seeds)), 1):
             limbs.append(limb)
             with options.file.open("a") as file:
                 file.write(json.dumps(limb, ensure_ascii=False) + "\n")

@@ -1,21 +1,29 @@
 """The paper's evaluation: its numbers, counted again by hand, and the split of the error."""
 
+import concurrent.futures
 import copy
 import dataclasses
+import functools
 import json
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.prediction import LawFit
 from calibration.unknowns import unknowns_of
+from hardware import LimbTwin, replay
 from hardware.emulation.specimen import Specimen
-from limb_systems import Limb, LimbParameters, LinearLaw, Recording, Trajectory, simulate
+from limb_systems import Limb, LimbError, LimbParameters, LinearLaw, Recording, Trajectory, simulate
 from planners import plan, references
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -25,7 +33,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 def demo(tmp_path_factory):
     """The folder that the demo leaves, and what it said, with few and short recordings."""
     folder = tmp_path_factory.mktemp("demo") / "out"
-    few = ["--protocol", "paper", "--angles", "2", "--rollouts", "1"]
+    few = ["--protocol", "paper", "--angles", "2", "--rollouts", "1", "--repetitions", "2"]
     done = subprocess.run(
         [sys.executable, EXAMPLES / "reproduce_paper.py", folder, "--quick", *few],
         cwd=folder.parent,
@@ -42,9 +50,16 @@ def evaluation():
     """The modules beside the script, which are no package of the distribution."""
     sys.path.insert(0, str(EXAMPLES))
     try:
-        from evaluation import error_split, experiment, tables
+        from evaluation import disturbances, error_split, experiment, jobs, tables, ways
 
-        yield SimpleNamespace(error_split=error_split, experiment=experiment, tables=tables)
+        yield SimpleNamespace(
+            disturbances=disturbances,
+            error_split=error_split,
+            experiment=experiment,
+            jobs=jobs,
+            tables=tables,
+            ways=ways,
+        )
     finally:
         sys.path.remove(str(EXAMPLES))
 
@@ -60,7 +75,7 @@ def test_demo_leaves_what_it_promises(demo):
     trials = {f"sag_{n}" for n in range(1, 11)} | {f"ring_down_{n}" for n in range(1, 4)}
     assert recordings == trials | {"right", "left", "both"}
     assert b"</html>" in (folder / "limb_0" / "calibration.html").read_bytes()
-    for name in ("fig4", "fig5", "fig6a", "fig6b", "fig7"):
+    for name in ("fig4", "fig5", "fig6a", "fig6b", "fig7", "ways"):
         assert (folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     for name in ("replay", "report"):
         assert b"</html>" in (folder / f"{name}.html").read_bytes()
@@ -74,15 +89,37 @@ def test_table_1_is_that_of_the_files(demo):
         trajectory = Trajectory.load(folder / "limb_0" / name / "trajectory.csv")
         assert trajectory.check.failure() is None
         (path,) = (folder / "limb_0" / name).glob("rollout_*.csv")
-        rollout = Recording.load(path)
-        assert rollout.time[-1] == pytest.approx(trajectory.duration)
-        planned = np.interp(rollout.time, trajectory.time, trajectory.bend_angle[0])
-        errors = np.rad2deg(np.abs(planned - rollout.bend_angle[0]))
-        expected = [np.mean(errors), np.median(errors), np.percentile(errors, 90)]
-        assert summary["tracking"][motion] == pytest.approx(expected, abs=0.01)
-        assert " ".join(f"{value:.2f}" for value in summary["tracking"][motion]) in re.sub(
-            " +", " ", said
-        )
+        assert_followed(summary["ways"][motion]["open loop"], trajectory, path, said)
+    trajectory = Trajectory.load(folder / "limb_0" / "validation" / "feedback_trajectory.csv")
+    assert trajectory.wire_temperature.max() < 90.0  # it leaves room for feedback
+    names = {"feedback_rollout_1": summary["ways"]["Validation"]["feedback (PI)"]}
+    for number, followed in enumerate(summary["repetitions"]["Validation"], 1):
+        names[f"learning_rollout_{number}"] = followed
+    assert len(names) == 3
+    for name, followed in names.items():
+        path = folder / "limb_0" / "validation" / f"{name}.csv"
+        assert_followed(followed, trajectory, path, said)
+
+
+def assert_followed(followed, trajectory, path, said):
+    """The numbers of a rollout, from its file, and that they are in what was said."""
+    rollout = Recording.load(path)
+    assert rollout.time[-1] == pytest.approx(trajectory.duration)
+    planned = np.interp(rollout.time, trajectory.time, trajectory.bend_angle[0])
+    errors = np.rad2deg(np.abs(planned - rollout.bend_angle[0]))
+    expected = [np.mean(errors), np.median(errors), np.percentile(errors, 90)]
+    assert followed["tracking"] == pytest.approx(expected, abs=0.01)
+    # α/2 of the tip's tangent, which is half a joint's angle beyond the last link.
+    joints = rollout.joint_state[:5]
+    true = 6 / 11 * (joints.sum(axis=0) + joints[-1] / 2)
+    assert followed["true"] == pytest.approx(np.rad2deg(np.abs(planned - true)).mean(), abs=0.01)
+    wanted = np.interp(rollout.time, trajectory.time, trajectory.reference[0])
+    away = np.rad2deg(np.abs(wanted - rollout.bend_angle[0])).mean()
+    assert followed["reference"] == pytest.approx(away, abs=0.01)
+    assert followed["highest_reading"] == pytest.approx(rollout.measured_temperature.max())
+    assert followed["highest_temperature"] == pytest.approx(rollout.wire_temperature.max())
+    row = [*followed["tracking"], followed["true"], followed["reference"]]
+    assert " ".join(f"{value:.2f}" for value in row) in re.sub(" +", " ", said)
 
 
 def test_taught_motions_are_what_the_paper_says(demo):
@@ -131,11 +168,15 @@ def driven(evaluation):
 
     def experiment(rollouts):
         motions = [
-            evaluation.experiment.Motion(name, None, trajectory, recordings, exact)
+            evaluation.experiment.Motion(
+                name, None, {"open loop": evaluation.ways.Way(trajectory, recordings)}
+            )
             for name, recordings in rollouts.items()
         ]
+        ways = {motion.name: motion.open_loop for motion in motions}
+        split = evaluation.error_split.error_split(calibration, ways)
         return evaluation.experiment.Experiment(
-            Specimen(calibrated, 0), {}, calibration, motions, {}
+            Specimen(calibrated, 0), {}, calibration, motions, {}, split, {}
         )
 
     return SimpleNamespace(
@@ -147,10 +188,10 @@ def test_split_of_a_limb_that_is_a_model_finds_its_parameters(evaluation, driven
     """The limb is the model with other a1 and a2, so that its form makes no difference."""
     read = copy.deepcopy(driven.exact)
     read.bend_angle = read.bend_angle + np.deg2rad(0.5)
-    steps = evaluation.error_split.error_split(driven.experiment({"swing": [read]}))["swing"]
+    steps = driven.experiment({"swing": [read]}).split["swing"]
     assert steps["collocation"][0] < 0.1
     assert steps["form of the model"][0] < 0.2
-    assert steps["bend sensor"][0] == pytest.approx(0.5)
+    assert steps["bend sensor"][0] == pytest.approx(0.5, abs=1e-3)
     model = simulate(Limb(driven.calibrated), driven.trajectory)
     difference = np.rad2deg(np.abs(driven.exact.bend_angle - model.bend_angle))
     assert difference.mean() > 0.9
@@ -171,19 +212,19 @@ def test_rollouts_that_were_aborted_are_counted_and_compared_up_to_then(evaluati
     rollouts = ([aborted, whole], [whole, whole], [aborted, aborted])
     experiment = driven.experiment(dict(zip(names, rollouts, strict=True)))
     summary = evaluation.tables.summarize(experiment)
-    assert summary.rollouts == 2
-    assert list(summary.aborted.values()) == [1, 0, 2]
-    assert [row[3] for row in summary.approaches[evaluation.tables.PREDICTION].values()] == [
-        0.5,
-        0.0,
-        1.0,
-    ]
+    followed = [ways["open loop"] for ways in summary.ways.values()]
+    assert [(way.aborted, way.rollouts) for way in followed] == [(1, 2), (0, 2), (2, 2)]
+    assert list(summary.approaches[evaluation.tables.PREDICTION].values()) == followed
+    (row,) = evaluation.tables.approach_table([summary])
+    assert row[-1] == "50%"
     planned = np.interp(exact.time, driven.trajectory.time, driven.trajectory.bend_angle[0])
     away = np.rad2deg(exact.bend_angle[0] - planned)
     errors = np.abs(np.concatenate([away[:401] + 2.5, away + 0.5]))
     expected = [np.mean(errors), np.median(errors), np.percentile(errors, 90)]
-    assert summary.tracking[names[0]] == pytest.approx(expected, abs=0.02)
-    assert summary.split[names[0]]["bend sensor"][0] == pytest.approx(2.5)
+    assert followed[0].tracking == pytest.approx(expected, abs=0.02)
+    true = np.abs(np.concatenate([away[:401], away])).mean()
+    assert followed[0].true == pytest.approx(true, abs=0.02)
+    assert summary.split[names[0]]["bend sensor"][0] == pytest.approx(2.5, abs=1e-3)
     rows = evaluation.tables.table_1([summary, summary])
     assert [row[-1] for row in rows] == ["2 of 4", "", "0 of 4", "", "4 of 4", ""]
 
@@ -193,7 +234,7 @@ def test_absences_are_compared_limb_by_limb(evaluation):
         motions = ("Validation", "T&R 1", "T&R 2")
         split = {m: dict.fromkeys(evaluation.error_split.STEPS, (1.0, 1.0)) for m in motions}
         first = dict.fromkeys(motions, error)
-        return evaluation.tables.Summary(seed, absent, 1, {}, {}, first, split, {}, "LinearLaw")
+        return evaluation.tables.Summary(seed, absent, {}, {}, {}, first, split, {}, "LinearLaw")
 
     summaries = [summary(0, (), 2.0), summary(1, (), 6.0)]
     summaries += [summary(0, ("silicone",), 3.0), summary(1, ("silicone",), 7.2)]
@@ -214,7 +255,7 @@ def test_command_refuses_no_limbs():
         check=False,
     )
     assert done.returncode == 2
-    assert "--limbs, --rollouts and --angles must be one or more" in done.stderr
+    assert "--limbs, --rollouts, --repetitions and --angles must be one or more" in done.stderr
     assert "Traceback" not in done.stderr
 
 
@@ -232,3 +273,173 @@ def test_hands_move_through_their_points(evaluation):
             between = np.rad2deg(course.vector_values(np.linspace(start, end, 50))[0])
             assert between.min() >= min(ends) - 1e-9
             assert between.max() <= max(ends) + 1e-9
+
+
+def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions(evaluation):
+    tables = evaluation.tables
+
+    def followed(error, aborted=0):
+        return tables.Followed(5, aborted, (error,) * 3, error / 2, 2.0, 1.0, 0.5, 90.0, 95.0)
+
+    def summary(seed, worse):
+        ways = {"open loop": followed(2.0 + worse, 1), "learning": followed(9.0)}
+        learned = [followed(3.0 - 0.1 * number + worse) for number in range(10)]
+        motions = tables.PAPER_TABLE_1
+        disturbed = {
+            "payload": {"feedback (PI)": followed(1.0 + worse), "open loop": followed(4.0)},
+            "no bend": {"feedback (PI)": followed(1.5, 2)},
+        }
+        ways["feedback (PI)"] = followed(0.5)
+        return tables.Summary(
+            seed,
+            (),
+            dict.fromkeys(motions, ways),
+            dict.fromkeys(motions, learned),
+            disturbed,
+            {},
+            {},
+            {},
+            "LinearLaw",
+        )
+
+    summaries = [summary(0, 0.0), summary(1, 0.0)]
+    rows = tables.table_1(summaries)[:6]
+    assert [row[1].removeprefix("2 emulated limbs, ") for row in rows] == [
+        "open loop",
+        "feedback (PI)",
+        "learning, repetition 1",
+        "learning, repetition 4",
+        "learning, repetition 10",
+        "the paper's robot",
+    ]
+    assert rows[0][2:] == ["2.00 ± 0.00"] * 3 + ["1.00", "2.00", "90", "95", "2 of 10"]
+    assert [row[2] for row in rows[2:5]] == ["3.00 ± 0.00", "2.70 ± 0.00", "2.10 ± 0.00"]
+    table = tables.disturbance_table(summaries)
+    assert [row[0] for row in table] == ["none", "payload", "no bend", "all, the worst"]
+    assert table[1] == [
+        "payload",
+        "1.00 / 0.50",
+        "90",
+        "95",
+        "0 of 10",
+        "4.00 / 2.00",
+        "95",
+        "0 of 10",
+    ]
+    assert table[2][4:] == ["4 of 10", "", "", ""]
+    assert table[3][4] == "4 of 30"
+
+
+def test_bend_is_read_late_absent_or_held(evaluation):
+    """A ramp of one unit in a second, seen where a controller would update, every 0.05 s."""
+
+    def seen(**changes):
+        builder = DiagramBuilder()
+        ramp = PiecewisePolynomial.FirstOrderHold([0.0, 9.0], [[1.0, 10.0]])
+        source = builder.AddSystem(TrajectorySource(ramp))
+        path = builder.AddSystem(evaluation.disturbances.BendPath(1, **changes))
+        builder.Connect(source.get_output_port(), path.get_input_port())
+        log = LogVectorOutput(path.get_output_port(), builder, 0.05)
+        simulator = Simulator(builder.Build())
+        simulator.AdvanceTo(2.0)
+        return log.FindLog(simulator.get_context()).data()[0]
+
+    time = 0.05 * np.arange(41)
+    np.testing.assert_allclose(seen(), 1 + time)
+    np.testing.assert_allclose(seen(delay=0.1), np.maximum(1.0, 0.9 + time), atol=1e-9)
+    absent = seen(start=1.0, absence=0.5)
+    assert np.flatnonzero(np.isnan(absent)).tolist() == list(range(20, 30))
+    held = seen(start=1.0, absence=0.5, held=True)
+    np.testing.assert_allclose(held[20:30], 1.95)  # the last reading before
+    np.testing.assert_allclose(np.delete(held, np.s_[20:30]), np.delete(1 + time, np.s_[20:30]))
+
+
+def test_a_disturbed_controller_has_the_ports_of_a_controller(evaluation, fig5_plan):
+    """And drives a limb by what it is shown."""
+    shown = []
+
+    class Watching(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            self.DeclareVectorInputPort("measured_temperature", 2)
+            self.DeclareVectorInputPort("bend_angle", 1)
+            self.DeclareVectorOutputPort("duty", 2, lambda _, duty: duty.set_value([0, 0]))
+            self.DeclarePeriodicPublishEvent(0.05, 0.0, self._watch)
+
+        def _watch(self, context):
+            shown.append(
+                np.append(
+                    self.get_input_port(0).Eval(context), self.get_input_port(1).Eval(context)
+                )
+            )
+
+    controller = evaluation.disturbances.behind_bend_path(Watching(), start=1.0, absence=2.0)
+    recording = replay(fig5_plan, LimbTwin(seed=3), controller=controller)
+    assert not np.isnan(recording.bend_angle).any()
+    temperatures, bends = np.split(np.array(shown), [2], axis=1)
+    assert (temperatures > 15.0).all()
+    assert np.isnan(bends).sum() == 40
+
+
+def _twice(number):
+    return 2 * number
+
+
+def _steps(start, told):
+    (first,) = yield [functools.partial(_twice, start)]
+    told.append(start)
+    both = yield [functools.partial(_twice, first), functools.partial(_twice, first + 1)]
+    return both
+
+
+def test_evaluations_run_on_any_executor_a_few_at_once(evaluation):
+    told = []
+    with concurrent.futures.ThreadPoolExecutor(2) as pool:
+        many = [_steps(start, told) for start in range(20)]
+        found = evaluation.jobs.run_all(many, pool, at_once=2)
+        assert next(found) in [(0, [0, 2]), (1, [4, 6])]
+        assert max(told) <= 2
+        rest = dict(found)
+    assert len(rest) == 19
+    assert all(values == [4 * start, 4 * start + 2] for start, values in rest.items())
+
+
+def test_a_call_that_fails_ends_the_run_and_cancels_what_has_not_begun(evaluation):
+    ran = []
+
+    def work(number):
+        time.sleep(0.05)
+        if number == 0:
+            raise LimbError("this limb is broken")
+        ran.append(number)
+
+    def steps():
+        yield [functools.partial(work, number) for number in range(20)]
+
+    with (
+        concurrent.futures.ThreadPoolExecutor(1) as pool,
+        pytest.raises(LimbError, match="this limb is broken"),
+    ):
+        list(evaluation.jobs.run_all([steps()], pool))
+    assert len(ran) <= 2
+
+
+def test_rollouts_on_a_cluster_are_those_of_this_process(evaluation, fig5_plan):
+    distributed = pytest.importorskip(
+        "distributed", reason="Dask is not installed: pip install -e '.[cluster]'"
+    )
+    specimen = Specimen(LimbParameters(), 0)
+    call = functools.partial(evaluation.ways.roll_out, specimen, fig5_plan, "open loop", 1)
+
+    def steps():
+        return (yield [call])
+
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        ((_, (there,)),) = evaluation.jobs.run_all([steps()], client.get_executor())
+    here = call()
+    np.testing.assert_array_equal(there.rollouts[0].bend_angle, here.rollouts[0].bend_angle)
