@@ -16,8 +16,10 @@ from evaluation.jobs import Evaluation
 from evaluation.ways import (
     CLOSED_LOOP,
     FEEDBACK,
+    HORIZON,
     LEARNING,
     OPEN_LOOP,
+    PAUSE,
     Way,
     roll_out,
     roll_out_disturbed,
@@ -31,7 +33,6 @@ PAPER = "LinearLaw, calibrated as in Sec. V"
 NUM_ROLLOUTS = 5
 NUM_REPETITIONS = 10
 NUM_ANGLES = 6  # equilibria of each calibration recording
-PAUSE = 300.0  # s without heat, in which a limb rests
 SMOOTHING_TIME = 0.5  # s, of taught bend angles
 
 # What the hand moves through for the two taught motions, time in s and bend angle in degrees.
@@ -47,7 +48,8 @@ class Settings:
     """What is done with a limb.
 
     - ``seed``, ``extra``, ``absent``: of the limb, see `Specimen`.
-    - ``rollouts``: of each plan, open loop and with each controller.
+    - ``rollouts``: of each plan, open loop and with each controller; one with the receding
+      horizon, which takes ten times as long as the others.
     - ``repetitions``: of each plan that is learned.
     - ``closed_loop``: for each motion, in which of `CLOSED_LOOP` it is driven, too.
     - ``disturbances``: under which of `DISTURBANCES` feedback drives the first motion.
@@ -123,8 +125,8 @@ def hand_course(name: str) -> PiecewisePolynomial:
 def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: None) -> Evaluation:
     """Takes a new limb through Secs. V to VII, and on to closed loop, for `run_all`.
 
-    All rollouts begin in the state in which the limb was left by the recordings, the hand
-    and a rest, and differ by their sensors' noise.
+    Each way to drive each plan begins where the limb was left by the recordings, the hand
+    and a rest.
 
     Args:
         settings: what is done.
@@ -158,7 +160,7 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
     ]
     runs += [key for key in wanted if key[2]]
     tell(f"driving the limb along its plans in several ways: {len(runs)}")
-    counts = {LEARNING: settings.repetitions}
+    counts = {LEARNING: settings.repetitions, HORIZON: 1}
     calls = []
     for motion, way, limb in runs:
         count = counts.get(way, settings.rollouts if limb in ("", PAPER) else 1)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from calibration.report import parameter_table, validation_summary
-from evaluation.experiment import NUM_ANGLES, PAUSE, Experiment
+from evaluation.experiment import NUM_ANGLES, Experiment
 from evaluation.figures import plot_error, plot_learning, plot_limbs, plot_split
 from evaluation.tables import (
     APPROACH_HEADER,
@@ -23,6 +23,7 @@ from evaluation.tables import (
     split_table,
     table_1,
 )
+from evaluation.ways import PAUSE
 from limb_systems.views import page
 from limb_systems.views.figure import Figure
 from planners.report import plan_summary
@@ -236,9 +237,10 @@ def _how_it_was_made(summaries: Sequence[Summary], experiment: Experiment, comma
                 "limb through with its wires off, one faster and narrow, one wide with holds. The "
                 "paper gives no numbers for them; these are ours.",
                 f"Rollouts of each plan: {len(experiment.motions[0].open_loop.rollouts)}, in open "
-                "loop and with each controller. All begin where the limb was left by the "
-                f"recordings, the hand and {PAUSE:g} s without heat, and differ by the sensors' "
-                "noise.",
+                "loop and with each controller, but one with the receding horizon. The first ones "
+                "of each plan and way begin where the limb was left by the recordings, the hand "
+                f"and {PAUSE:g} s without heat, the others where the first one left it, likewise. "
+                "They differ by the sensors' noise and drift.",
                 "Closed loop and learning follow plans with a margin of temperature and duty, "
                 "open loop the paper's.",
                 "Bands in the figures are mean ± 1.96 standard deviations of the rollouts.",

@@ -14,13 +14,19 @@ from hardware import LimbTwin, replay
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, Recording, Trajectory
 
-OPEN_LOOP, FEEDBACK, LEARNING = "open loop", "feedback (PI)", "learning"
+OPEN_LOOP, FEEDBACK, HORIZON, LEARNING = (
+    "open loop",
+    "feedback (PI)",
+    "receding horizon",
+    "learning",
+)
 CONTROLLERS = {
     FEEDBACK: PlanFeedback,
     "regulator (LQR)": PlanRegulator,
-    "receding horizon": RecedingHorizon,
+    HORIZON: RecedingHorizon,
 }
 CLOSED_LOOP = (*CONTROLLERS, LEARNING)
+PAUSE = 300.0  # s without heat, in which a limb rests
 # Numbers of the sensors' noise: rollouts count from here, and disturbed ones from there.
 FIRST, FIRST_DISTURBED = 1, 1001
 
@@ -34,7 +40,13 @@ class Way:
 
 
 def roll_out(specimen: Specimen, trajectory: Trajectory, way: str, count: int) -> Way:
-    """Rollouts of a plan on a limb in the same state, each with noise of its own."""
+    """Rollouts of a plan on a limb, which has rested, each with noise of its own.
+
+    The first one leaves the limb a little warm and not quite where it was, by some tenths of
+    a degree, and further ones by some hundredths. So the limb rests after the first one, and
+    the others begin there; repetitions of learning, whose duty changes, each begin where
+    the one before has left it.
+    """
     rollouts = []
     learner = Learner(trajectory) if way == LEARNING else None
     for number in range(count):
@@ -42,9 +54,15 @@ def roll_out(specimen: Specimen, trajectory: Trajectory, way: str, count: int) -
             controller = learner.source()
         else:
             controller = CONTROLLERS[way](trajectory) if way in CONTROLLERS else None
-        rollouts.append(_run(specimen.with_noise(FIRST + number), trajectory, controller))
-        if learner and number < count - 1:
+        limb = specimen.with_noise(FIRST + number)
+        rollouts.append(_run(limb, trajectory, controller))
+        if number == count - 1:
+            break
+        if learner:
             learner.update(_read(rollouts[-1]))
+        if learner or number == 0:
+            LimbTwin(specimen=limb).again(PAUSE)
+            specimen = limb
     return Way(trajectory, rollouts)
 
 
