@@ -437,20 +437,26 @@ def test_a_warmer_room_is_read_and_changes_nothing_else():
     assert np.ptp(recordings[1].measured_temperature) < 2.0
 
 
-def test_disturbances_of_heat_scale_heating_and_cooling():
-    def heated_and_cooled(**changes):
-        specimen = Specimen(LimbParameters(), 3).without("stress", "silicone").disturbed(**changes)
-        time, (wire, _, _), _ = run_wires(specimen, steps([0, 5], [[0.2, 0], [0, 0]]), 30)
-        rise = wire[0] - specimen.ambient
-        first, hot, last = (np.interp(at, time, rise) for at in (0.1, 5.0, 30.0))
-        return first, -25.0 / np.log(last / hot)
+def test_supply_scales_heating():
+    limb = Specimen(LimbParameters(), 3).without("stress")
+    rises = []
+    for specimen in (limb, limb.disturbed(supply=0.9)):
+        _, (wire, _, _), _ = run_wires(specimen, steps([0], [[0.2, 0]]), 20)
+        rises.append(wire[0] - specimen.ambient)
+    assert rises[1] == pytest.approx(0.9 * rises[0], abs=1e-9)
 
-    heating, cooling_time = heated_and_cooled()
-    weaker, same = heated_and_cooled(supply=0.9)
-    assert weaker / heating == pytest.approx(0.9)
-    assert same == pytest.approx(cooling_time)
-    _, blown = heated_and_cooled(cooling=1.3)
-    assert cooling_time / blown == pytest.approx(1.3, rel=5e-3)
+
+def test_a_fan_cools_alike_in_less_time():
+    """Wire and silicone: what takes 26 s without it takes 20 s."""
+    limb = Specimen(LimbParameters(), 3).without("stress")
+    left = []
+    for specimen, time in ((limb, 26.0), (limb.disturbed(cooling=1.3), 20.0)):
+        warm = specimen.ambient + np.array([60.0, 60.0, 20.0, 20.0])
+        specimen.state = {"wires": np.concatenate([warm, [1.0, 1.0, 0.0, 0.0]])}
+        _, (wire, silicone, _), _ = run_wires(specimen, steps([0], [[0, 0]]), time)
+        left.append([wire[0, -1] - specimen.ambient, silicone[0, -1] - specimen.ambient])
+    assert 10.0 < left[0][0] < 40.0
+    assert left[1] == pytest.approx(left[0], rel=2e-3)
 
 
 def test_a_stiffer_limb_bends_less_by_the_same_torque():
