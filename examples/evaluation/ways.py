@@ -4,7 +4,7 @@ import copy
 import dataclasses
 from collections.abc import Sequence
 
-from controllers import Learner, PlanFeedback, PlanRegulator, RecedingHorizon
+from controllers import Learner, PlanFeedback, RecedingHorizon
 from evaluation.disturbances import (
     LIMB_DISTURBANCES,
     SENSOR_DISTURBANCES,
@@ -22,7 +22,6 @@ OPEN_LOOP, FEEDBACK, HORIZON, LEARNING = (
 )
 CONTROLLERS = {
     FEEDBACK: PlanFeedback,
-    "regulator (LQR)": PlanRegulator,
     HORIZON: RecedingHorizon,
 }
 CLOSED_LOOP = (*CONTROLLERS, LEARNING)
