@@ -264,11 +264,14 @@ def _local_executor(num_processes: int) -> Iterator[concurrent.futures.Executor]
 
 
 def _print_table(rows: Sequence[Sequence[str]]) -> None:
-    """The first column to the left, the others to the right."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for first, *row in rows:
-        cells = [f"{cell:>{width}}" for cell, width in zip(row, widths[1:], strict=True)]
-        print("  ".join([f"{first:<{widths[0]}}", *cells]))
+    """Columns of words to the left, those of numbers to the right."""
+    columns = []
+    for column in zip(*rows, strict=True):
+        width = max(map(len, column))
+        words = any(cell[:1].isalpha() for cell in column[1:])
+        columns.append([f"{cell:{'<' if words else '>'}{width}}" for cell in column])
+    for cells in zip(*columns, strict=True):
+        print("  ".join(cells).rstrip())
 
 
 def _write_results(folder: Path, summaries: list[Summary]) -> None:
