@@ -8,7 +8,8 @@ from limb_systems.model.ownership import weak_method
 PERIOD = 0.05  # s, at which bend sensors are read
 
 # Of the limb, as of `Specimen.disturbed`.
-LIMB_DISTURBANCES = {
+LIMB_DISTURBANCES: dict[str, dict[str, float]] = {
+    "none": {},
     "room +5 °C": {"ambient": 5.0},
     "room -5 °C": {"ambient": -5.0},
     "payload +5°": {"payload": np.deg2rad(5.0)},

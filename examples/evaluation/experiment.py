@@ -165,7 +165,8 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
     for motion, way, limb in runs:
         count = counts.get(way, settings.rollouts if limb in ("", PAPER) else 1)
         trajectory = plans[motion, OPEN_LOOP if way == OPEN_LOOP else FEEDBACK, limb]
-        calls.append(functools.partial(roll_out, rested, trajectory, way, count))
+        number = MOTIONS.index(motion)
+        calls.append(functools.partial(roll_out, rested, trajectory, way, count, number))
     both = {loop: plans.get((MOTIONS[0], loop, "")) for loop in (OPEN_LOOP, FEEDBACK)}
     calls += [
         functools.partial(roll_out_disturbed, rested, both, disturbance)

@@ -265,13 +265,11 @@ def _hottest(group: Sequence[Followed]) -> list[str]:
 
 
 def disturbance_table(summaries: Sequence[Summary]) -> list[list[str]]:
-    """Rows of each disturbance, as of `DISTURBANCE_HEADER`, first without any, at last of all."""
+    """Rows of each disturbance, as of `DISTURBANCE_HEADER`, and of all at last."""
     whole = [s for s in complete(summaries) if s.disturbed]
     if not whole:
         return []
-    motion = next(iter(PAPER_TABLE_1))
-    groups = {"none": [s.ways[motion] for s in whole]}
-    groups |= {name: [s.disturbed[name] for s in whole] for name in whole[0].disturbed}
+    groups = {name: [s.disturbed[name] for s in whole] for name in whole[0].disturbed}
     rows = []
     for name, limbs in groups.items():
         closed = [limb[FEEDBACK] for limb in limbs]

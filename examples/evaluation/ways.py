@@ -26,8 +26,6 @@ CONTROLLERS = {
 }
 CLOSED_LOOP = (*CONTROLLERS, LEARNING)
 PAUSE = 300.0  # s without heat, in which a limb rests
-# Numbers of the sensors' noise: rollouts count from here, and disturbed ones from there.
-FIRST, FIRST_DISTURBED = 1, 1001
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -38,13 +36,16 @@ class Way:
     rollouts: Sequence[Recording]
 
 
-def roll_out(specimen: Specimen, trajectory: Trajectory, way: str, count: int) -> Way:
+def roll_out(
+    specimen: Specimen, trajectory: Trajectory, way: str, count: int, motion: int = 0
+) -> Way:
     """Rollouts of a plan on a limb, which has rested, each with noise of its own.
 
     The first one leaves the limb a little warm and not quite where it was, by some tenths of
     a degree, and further ones by some hundredths. So the limb rests after the first one, and
     the others begin there; repetitions of learning, whose duty changes, each begin where
-    the one before has left it.
+    the one before has left it. Noise depends on the number of the motion, too, but not on
+    the way.
     """
     rollouts = []
     learner = Learner(trajectory) if way == LEARNING else None
@@ -53,7 +54,7 @@ def roll_out(specimen: Specimen, trajectory: Trajectory, way: str, count: int) -
             controller = learner.source()
         else:
             controller = CONTROLLERS[way](trajectory) if way in CONTROLLERS else None
-        limb = specimen.with_noise(FIRST + number)
+        limb = specimen.with_noise(motion, number)
         rollouts.append(_run(limb, trajectory, controller))
         if number == count - 1:
             break
@@ -74,7 +75,7 @@ def roll_out_disturbed(
         plans: for `OPEN_LOOP` and `FEEDBACK`.
         disturbance: one of `DISTURBANCES`.
     """
-    limb = specimen.with_noise(FIRST_DISTURBED).disturbed(**LIMB_DISTURBANCES.get(disturbance, {}))
+    limb = specimen.with_noise(0, 0).disturbed(**LIMB_DISTURBANCES.get(disturbance, {}))
     trajectory, ways = plans[FEEDBACK], {}
     if disturbance in SENSOR_DISTURBANCES:
         changes = SENSOR_DISTURBANCES[disturbance]

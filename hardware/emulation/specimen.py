@@ -250,10 +250,10 @@ class Specimen:
         specimen.absent += effects
         return specimen
 
-    def with_noise(self, number: int) -> "Specimen":
-        """This limb in its present state, with other noise of its sensors for each number."""
+    def with_noise(self, *numbers: int) -> "Specimen":
+        """This limb in its present state, with other noise of its sensors for other numbers."""
         specimen = copy.copy(self)
-        specimen.noise = Noise(np.random.default_rng([self.seed, number]))
+        specimen.noise = Noise(np.random.default_rng([self.seed, *numbers]))
         specimen.state = self.state | {"draws": np.zeros(1)} if self.state else {}
         return copy.deepcopy(specimen)
 
