@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from controllers.estimator import Estimate, Estimator
-from controllers.reduced_model import PERIOD
+from controllers.reduced_model import PERIOD, ReducedModel
 from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import LimbParameters, Trajectory, split_state
 from limb_systems.model.ownership import weak_method
@@ -46,7 +46,9 @@ class PlanController(LeafSystem):
     def _update(self, context, state) -> None:
         readings, bend = (self.get_input_port(index).Eval(context) for index in range(2))
         estimate = self._estimator.read(state.value(1), readings, bend)
-        duty = self._duty(context.get_time(), estimate, self._limiter.caps(estimate), state)
+        limit = self._temperature_limit(context.get_time(), estimate)
+        caps = self._limiter.caps(estimate, limit)
+        duty = self._duty(context.get_time(), estimate, caps, state)
         duty = within_total(duty, self._parameters.total_duty)
         state.set_value(0, duty)
         state.set_value(1, self._estimator.pack(self._estimator.predicted(estimate, duty)))
@@ -62,6 +64,10 @@ class PlanController(LeafSystem):
         """
         raise NotImplementedError
 
+    def _temperature_limit(self, time: float, estimate: Estimate) -> np.ndarray | None:
+        """That of each wire (W,), °C, if it is lower than that of `TemperatureLimiter`."""
+        return None
+
     @property
     def estimator(self) -> Estimator:
         """What it estimates with."""
@@ -73,13 +79,16 @@ class SampledPlan:
 
     - ``duty``: the mean over each period (K, W).
     - ``bend_angle``: φ* at the ends of the periods (K, S), rad.
+    - ``temperature``: T* at their beginnings (K, W), °C.
     - ``heat``: [x, V] at their beginnings (K, H).
 
     Args:
         trajectory: the plan.
+        parameters: of the limb; if they are not the plan's, heat is that of this limb with
+            the plan's duty.
     """
 
-    def __init__(self, trajectory: Trajectory):
+    def __init__(self, trajectory: Trajectory, parameters: LimbParameters):
         plan = trajectory.since_start()
         times = PERIOD * np.arange(int(np.ceil(plan.duration / PERIOD)) + 1)
         middle, end = (np.minimum(times + ahead, plan.duration) for ahead in (PERIOD / 2, PERIOD))
@@ -87,6 +96,10 @@ class SampledPlan:
         self.bend_angle = plan.bend_angle_at(end).T
         states = plan.state_trajectory().vector_values(np.minimum(times, plan.duration))
         self.heat = np.vstack(split_state(plan.parameters, states)[2:]).T
+        self.temperature = self.heat[:, : len(plan.duty)]
+        if parameters != plan.parameters:
+            model = ReducedModel(parameters)
+            self.heat = model.course(model.heated(plan.measured_temperature[:, 0]), self.duty[:-1])
 
     def index(self, time: float) -> int:
         """Of the period that begins at a time, s, the last one after the end."""

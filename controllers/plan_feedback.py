@@ -1,6 +1,7 @@
 """Feedback that holds a limb to its plan: the default on robots."""
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from controllers.estimator import Estimate
 from controllers.plan_controller import PlanController, SampledPlan, share
@@ -9,6 +10,7 @@ from limb_systems import LimbParameters, Trajectory
 
 PROPORTIONAL = 2.5  # 1/s
 COMMON_MODE = 0.5  # 1/s
+WARMER, AHEAD = 8.0, 2.0  # °C, that a wire may be warmer than planned within these s
 
 
 class PlanFeedback(PlanController):
@@ -26,7 +28,9 @@ class PlanFeedback(PlanController):
 
         D* - k_c max(0, mean T - mean T*) / a2
 
-    No duty is beyond what `TemperatureLimiter` allows.
+    No duty is beyond what `TemperatureLimiter` allows, and no wire is heated to more than
+    8 °C beyond the most that it has in the next 2 s of the plan, and what holds p: a bend that
+    needs more is left, as heat would stay for long after it.
 
     Ports and state are those of `PlanController`.
     """
@@ -47,11 +51,15 @@ class PlanFeedback(PlanController):
             proportional: k_p, 1/s.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
-        self._plan, self._proportional = SampledPlan(trajectory), proportional
+        self._plan, self._proportional = SampledPlan(trajectory, parameters), proportional
         super().__init__(parameters, self._plan.duty[0])
         model = self._estimator.model
         self._gains, self._heating = mean_gains(model), heating_rates(model)
-        self._planned_mean = self._mean(model.temperatures(self._plan.heat))
+        planned = self._plan.temperature
+        self._planned_mean = self._mean(planned)
+        ahead = round(AHEAD / PERIOD)
+        later = np.pad(planned, ((0, ahead), (0, 0)), mode="edge")
+        self._highest = sliding_window_view(later, ahead + 1, axis=0).max(axis=-1) + WARMER
         self.set_name("plan_feedback")
 
     def _duty(self, time: float, estimate: Estimate, caps: np.ndarray, state) -> np.ndarray:
@@ -61,6 +69,12 @@ class PlanFeedback(PlanController):
         base = self._plan.duty[k] - COMMON_MODE * np.maximum(warmer, 0.0) / self._heating
         base = np.clip(base, 0.0, caps)
         return share(self._proportional * missed, base, self._gains, caps)
+
+    def _temperature_limit(self, time: float, estimate: Estimate) -> np.ndarray:
+        by_temperature = self._gains / self._heating  # rad/°C
+        against = np.sign(by_temperature) * -estimate.offset[:, None]
+        held = np.maximum(against, 0.0).max(axis=0) / np.abs(by_temperature).max(axis=0)
+        return self._highest[self._plan.index(time)] + held
 
     def linearized(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The plan's heat (H,) and duty (W,) at a time, s, and K (W, M) of the feedback there.

@@ -90,7 +90,7 @@ class PlanRegulator(PlanController):
             parameters: of the limb, from which gains and estimates follow; the plan's if None.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
-        self._plan = SampledPlan(trajectory)
+        self._plan = SampledPlan(trajectory, parameters)
         super().__init__(parameters, self._plan.duty[0])
         self._gains = mean_gains(self._estimator.model)
         self._regulator = regulator_gains(self._estimator.model, self._plan)

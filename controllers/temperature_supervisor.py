@@ -1,6 +1,7 @@
 """Keeps wires from getting too hot, whatever a controller asks for."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from controllers.estimator import Estimate, Estimator
@@ -10,22 +11,26 @@ from limb_systems.model.ownership import weak_method
 
 HOLD = 0.5  # s, for which a duty must be harmless
 DEVIATIONS = 2.0  # of the estimated temperature, by which predictions stay below the limit
-ABOVE_PLANS = 5.0  # °C, that feedback may heat wires beyond T_max
+# By which share a thermocouple may lag more than its law says: lags of 0.8 to 2.5 s are usual.
+LAG_ERROR, UNCALIBRATED_LAG_ERROR = 0.1, 1.0
+ABOVE_PLANS = 5.0  # °C, that feedback may heat wires of calibrated limbs beyond T_max
 BELOW_BOARD = 5.0  # °C, that it stays below what the board cuts out at
 
 
 class TemperatureLimiter:
     """The most duty that a wire may have.
 
-    Under it, the predicted temperature of the wire in half a second, and two standard
-    deviations of its estimate, are the limit.
+    Under it the wire is predicted to be at the limit in half a second, two standard deviations
+    of its estimate included, and what it may be warmer if its thermocouple lags more than
+    the law says: a tenth of T - V, or as much again if the limb is not calibrated.
 
     - ``limit``: °C.
 
     Args:
         parameters: of the limb.
-        limit: °C; if None, 5 °C above ``temperature_limits.maximum``, but at least 5 °C
-            below ``temperature_limits.measured_maximum``.
+        limit: °C; if None, 5 °C above ``temperature_limits.maximum``, or that itself if the
+            limb is not calibrated, but at least 5 °C below
+            ``temperature_limits.measured_maximum``.
 
     Raises:
         LimbError: if the limit is not below ``temperature_limits.measured_maximum``.
@@ -34,22 +39,31 @@ class TemperatureLimiter:
     def __init__(self, parameters: LimbParameters, limit: float | None = None):
         limits = parameters.temperature_limits
         if limit is None:
-            limit = min(limits.maximum + ABOVE_PLANS, limits.measured_maximum - BELOW_BOARD)
+            above = ABOVE_PLANS if parameters.calibration else 0.0
+            limit = min(limits.maximum + above, limits.measured_maximum - BELOW_BOARD)
         if not limit < limits.measured_maximum:
             raise LimbError(
                 f"The limit of a wire's temperature is {limit!r} °C; it must be below "
                 f"measured_maximum, {limits.measured_maximum:g} °C, where the board cuts out."
             )
         self.limit = limit
+        self._lag_error = LAG_ERROR if parameters.calibration else UNCALIBRATED_LAG_ERROR
         self._model = ReducedModel(parameters, HOLD)
 
-    def caps(self, estimate: Estimate) -> np.ndarray:
-        """The most duty of each wire (W,), in [0, 1]."""
+    def caps(self, estimate: Estimate, limit: ArrayLike | None = None) -> np.ndarray:
+        """The most duty of each wire (W,), in [0, 1].
+
+        Args:
+            estimate: of the limb.
+            limit: for each wire (W,), °C, where that is lower.
+        """
         W = self._model.num_wires
         after, _, by_duty = self._model.linearized_step(estimate.heat, np.zeros(W))
-        cooled = after[:W] + HOLD * estimate.heating_rate
+        T, V = estimate.heat[:W], self._model.readings(estimate.heat)
         deviation = np.sqrt(np.diag(estimate.covariance)[:W])
-        room = self.limit - DEVIATIONS * deviation - cooled
+        error = DEVIATIONS * deviation + self._lag_error * np.maximum(T - V, 0.0)
+        highest = self.limit if limit is None else np.minimum(self.limit, limit)
+        room = highest - error - after[:W] - HOLD * estimate.heating_rate
         return np.clip(room / np.diag(by_duty[:W]), 0.0, 1.0)
 
 
