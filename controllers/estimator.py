@@ -18,7 +18,13 @@ from limb_systems import LimbParameters
 
 GATE = 5.0  # standard deviations, beyond which a reading is not believed
 LARGEST_OFFSET = np.deg2rad(20.0)  # rad, of p and d; a bend further from the model is not believed
-STUCK_TIME = 0.5  # s, after which a bend reading that is equal to the last bit is not believed
+# s, after which what is read to be equal to the last bit is not believed, of bend sensors and of
+# thermocouples, whose steps are coarse. A wire at rest may be read so: then nothing is lost.
+STUCK_TIME, STUCK_READING_TIME = 0.5, 2.0
+STUCK_CHANGE = 5.0  # °C, by which a wire warms or cools while its reading is equal to the last bit
+# s, after which p and d are forgotten if the bend reads otherwise: what bent the limb, or a fault
+# of the sensor that they came from, has gone; but not while it jumps by so much, rad.
+FORGET_TIME, JUMP = 0.5, np.deg2rad(5.0)
 
 # The noise of thermocouples with steps of 0.25 °C that are read at 10 Hz and used at 20 Hz.
 READING_NOISE = 0.4  # °C
@@ -47,8 +53,9 @@ class Estimate:
     - ``covariance``: of all of these, in this order (M, M).
     - ``unbelieved``: for how long the readings (W) and the bend sensors (S) were not
       believed, s.
-    - ``alike``: for how long the bend readings did not change by a bit (S), s.
-    - ``last_bend``: the last reading of each bend sensor (S), rad.
+    - ``alike``: for how long these did not change by a bit (W + S), s.
+    - ``unshown``: by how much the wires' temperature changed meanwhile (W), °C.
+    - ``last``: their last readings (W + S), °C and rad.
     """
 
     heat: np.ndarray
@@ -58,7 +65,8 @@ class Estimate:
     covariance: np.ndarray
     unbelieved: np.ndarray
     alike: np.ndarray
-    last_bend: np.ndarray
+    unshown: np.ndarray
+    last: np.ndarray
 
 
 class Estimator:
@@ -78,7 +86,7 @@ class Estimator:
         H, W, S = model.size, model.num_wires, model.num_segments
         self._means = H + W + 2 * S
         self._ends = np.cumsum([H, W, S])
-        self.size = self._means + self._means**2 + W + 3 * S
+        self.size = self._means + self._means**2 + 4 * W + 3 * S
         sensors = [segment.bend_sensor for segment in parameters.segments]
         self._gain = np.array([sensor.gain for sensor in sensors])
         self._sensor_offset = np.array([sensor.offset for sensor in sensors])
@@ -126,8 +134,9 @@ class Estimator:
             none,
             np.diag(self._initial**2),
             np.zeros(W + S),
-            none,
-            np.nan_to_num(bend_angle),
+            np.zeros(W + S),
+            np.zeros(W),
+            np.concatenate([known, np.nan_to_num(bend_angle)]),
         )
 
     def read(self, vector: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray) -> Estimate:
@@ -154,7 +163,7 @@ class Estimator:
     def unpack(self, vector: np.ndarray) -> Estimate:
         """The inverse of `pack`."""
         M, W, S = self._means, self.model.num_wires, self.model.num_segments
-        sizes = [self.model.size, W, S, S, M * M, W + S, S]
+        sizes = [self.model.size, W, S, S, M * M, W + S, W + S, W]
         parts = np.split(vector, np.cumsum(sizes))
         parts[4] = parts[4].reshape(M, M)
         return Estimate(*parts)
@@ -175,29 +184,62 @@ class Estimator:
     def corrected(
         self, estimate: Estimate, readings: np.ndarray, bend_angle: np.ndarray
     ) -> Estimate:
-        """With the readings, as far as they are believed; arguments as of `step`."""
-        model, W = self.model, self.model.num_wires
-        alike = np.where(bend_angle == estimate.last_bend, estimate.alike + model.period, 0.0)
+        """With the readings, as far as they are believed; arguments as of `step`.
+
+        A thermocouple that is hotter than can be believed counts as far as it could be.
+        """
+        model, W, S = self.model, self.model.num_wires, self.model.num_segments
+        read = np.concatenate([readings, bend_angle])
+        same = read == estimate.last
+        alike = np.where(same, estimate.alike + model.period, 0.0)
+        unshown = np.where(same[:W], estimate.unshown, 0.0)
+        frozen = np.abs(unshown) > STUCK_CHANGE
+        works = np.isfinite(read) & (alike < np.repeat([STUCK_READING_TIME, STUCK_TIME], [W, S]))
+        works[:W] &= ~frozen
         held, C = self.sensing(estimate.heat)
         bend = (bend_angle - self._sensor_offset) / self._gain
         predicted = held + estimate.offset + estimate.drift
         innovations = np.concatenate([readings - model.readings(estimate.heat), bend - predicted])
         spread = C @ estimate.covariance @ C.T + np.diag(self.reading_variances)
-        believed = innovations**2 < GATE**2 * np.diag(spread)  # false for NaN, too
-        believed[W:] &= (alike < STUCK_TIME) & (np.abs(bend - held) < LARGEST_OFFSET)
-        C, innovations = C[believed], innovations[believed]
-        gain = np.linalg.solve(spread[np.ix_(believed, believed)], C @ estimate.covariance).T
+        gate = GATE * np.sqrt(np.diag(spread))
+        believed = works & (np.abs(innovations) < gate)
+        believed[W:] &= np.abs(bend - held) < LARGEST_OFFSET
+        unbelieved = np.where(believed, 0.0, estimate.unbelieved + model.period)
+        # A bend sensor that lies may have made the estimate too cold; no wire must suffer from it.
+        hotter = works & (innovations >= gate) & (np.arange(W + S) < W)
+        used = believed | hotter
+        C, innovations = C[used], np.minimum(innovations, gate)[used]
+        gain = np.linalg.solve(spread[np.ix_(used, used)], C @ estimate.covariance).T
         P = estimate.covariance - gain @ C @ estimate.covariance
         heat, heating_rate, drift, offset = np.split(gain @ innovations, self._ends)
-        return Estimate(
+        corrected = Estimate(
             estimate.heat + heat,
-            estimate.heating_rate + heating_rate,
+            # What a frozen thermocouple said of it is forgotten.
+            np.where(frozen, 0.0, estimate.heating_rate + heating_rate),
             estimate.drift + drift,
             estimate.offset + offset,
             (P + P.T) / 2,
-            np.where(believed, 0.0, estimate.unbelieved + model.period),
+            unbelieved,
             alike,
-            np.where(np.isfinite(bend_angle), bend_angle, estimate.last_bend),
+            unshown,
+            np.where(np.isfinite(read), read, estimate.last),
+        )
+        forget = works[W:] & (unbelieved[W:] > FORGET_TIME)
+        forget &= np.abs(bend_angle - estimate.last[W:]) < JUMP
+        return self._forgetting(corrected, forget) if forget.any() else corrected
+
+    def _forgetting(self, estimate: Estimate, segments: np.ndarray) -> Estimate:
+        """An estimate that knows nothing of p and d of some segments (S,)."""
+        kept = np.concatenate(
+            [np.full(self._means - 2 * len(segments), True), ~segments, ~segments]
+        )
+        covariance = np.where(np.outer(kept, kept), estimate.covariance, 0.0)
+        covariance[np.diag_indices_from(covariance)] += np.where(kept, 0.0, self._initial**2)
+        return dataclasses.replace(
+            estimate,
+            drift=np.where(segments, 0.0, estimate.drift),
+            offset=np.where(segments, 0.0, estimate.offset),
+            covariance=covariance,
         )
 
     def predicted(self, estimate: Estimate, duty: np.ndarray) -> Estimate:
@@ -214,6 +256,7 @@ class Estimator:
             heating_rate=decay[0] * estimate.heating_rate,
             drift=decay[1] * estimate.drift,
             covariance=P,
+            unshown=estimate.unshown + after[:W] - estimate.heat[:W],
         )
 
     def sensing(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

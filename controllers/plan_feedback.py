@@ -97,7 +97,10 @@ class PlanFeedback(PlanController):
 
 
 def mean_gains(model: ReducedModel) -> np.ndarray:
-    """g (S, W), rad/s: the bend rate by full duty, on average from T_warm to T_max."""
+    """g (S, W), rad/s: the bend rate by full duty, on average from T_warm to T_max.
+
+    Zero for the wires of other segments, by whose bend gravity bends a segment, too.
+    """
     limits, W = model.parameters.temperature_limits, model.num_wires
     warm = np.full(W, limits.warm)
     bend = model.bend_angle(model.heated(warm))
@@ -106,7 +109,7 @@ def mean_gains(model: ReducedModel) -> np.ndarray:
         hot = warm.copy()
         hot[wire] = limits.maximum
         slopes.append((model.bend_angle(model.heated(hot)) - bend) / (limits.maximum - limits.warm))
-    return np.transpose(slopes) * heating_rates(model)
+    return np.transpose(slopes) * heating_rates(model) * np.abs(np.sign(model.sides))
 
 
 def heating_rates(model: ReducedModel) -> np.ndarray:

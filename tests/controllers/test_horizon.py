@@ -14,7 +14,7 @@ from controllers import RecedingHorizon, ReducedModel
 from controllers.horizon import HorizonPlanner, horizon_task
 from hardware import replay
 from limb_systems import HystereticLaw, Limb, LimbParameters, simulate
-from planners import Planner, Task, plan, references
+from planners import Planner, Task, references
 
 ONCE = Task(angle_weight=100.0, duty_weight=0.5, terminal_factor=1.0, duty_hold=0.0)
 
@@ -189,14 +189,6 @@ def test_the_ends_of_reference_and_plan_are_held():
     np.testing.assert_allclose(endless.duty, held.duty, atol=1e-6)
     assert held.time[-1] == pytest.approx(16.5)
     np.testing.assert_array_equal(held.duty_at([14.55, 14.71, 99.0]), held.duty[[0, 1, -1]])
-
-
-@pytest.fixture(scope="module")
-def short_plan():
-    parameters = small_limb()
-    parameters.temperature_limits.warm_up_time = 1000.0
-    reference = references.from_samples([0.0, 1.0, 2.0, 4.0], np.deg2rad([0.0, 0.0, 12.0, 12.0]))
-    return plan(parameters, reference, knot_rate=5.0, tolerance_deg=0.5)
 
 
 def in_a_loop(controller, parameters):

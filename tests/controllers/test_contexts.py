@@ -1,0 +1,94 @@
+"""All that a controller knows is in its Context, and comes from the ports of a limb."""
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from controllers import (
+    LimbObserver,
+    PlanFeedback,
+    PlanRegulator,
+    RecedingHorizon,
+    TemperatureSupervisor,
+    supervised,
+)
+from hardware import LimbTwin, replay
+
+CONTROLLERS = {
+    "LimbObserver": lambda plan: LimbObserver(plan.parameters),
+    "TemperatureSupervisor": lambda plan: TemperatureSupervisor(plan.parameters, limit=45.0),
+    "PlanFeedback": PlanFeedback,
+    "PlanRegulator": PlanRegulator,
+    "RecedingHorizon": RecedingHorizon,
+    "supervised": lambda plan: supervised(PlanFeedback(plan), plan.parameters, limit=45.0),
+}
+
+
+def course(controller, ticks):
+    """Readings, and duty if it takes any, of a limb that warms and swings (K, size)."""
+    times, rng = 0.05 * np.arange(ticks)[:, None], np.random.default_rng(7)
+    inputs = {
+        "measured_temperature": 25.0 + [4.0, 9.0] * times + rng.normal(0.0, 0.2, (ticks, 2)),
+        "bend_angle": np.deg2rad(4.0 * times + rng.normal(0.0, 0.3, (ticks, 1))),
+        "duty": np.clip(0.5 + [0.3, -0.2] * np.sin(times), 0.0, 1.0),
+    }
+    return {name: rows for name, rows in inputs.items() if controller.HasInputPort(name)}
+
+
+def part(inputs, rows):
+    return {name: values[rows] for name, values in inputs.items()}
+
+
+def assert_alike(one, other):
+    for name, values in vars(one).items():
+        if name != "context":
+            np.testing.assert_array_equal(values, getattr(other, name), name)
+
+
+@pytest.mark.parametrize("make", CONTROLLERS.values(), ids=CONTROLLERS)
+def test_a_copy_of_the_context_goes_on_alike(fed, short_plan, make):
+    """In the same system, though that went on meanwhile, and in one that is made anew."""
+    controller = make(short_plan)
+    inputs = course(controller, 30)
+    early, late = part(inputs, slice(17)), part(inputs, slice(17, None))
+    middle = fed(controller, early).context
+    at_once = fed(controller, late, middle.Clone())
+    assert np.ptp(next(iter(vars(at_once).values())), axis=0).max() > 0.0
+    assert_alike(at_once, fed(controller, late, middle.Clone()))
+
+    another = make(short_plan)
+    context = another.CreateDefaultContext()
+    context.SetTime(middle.get_time())
+    for index in range(middle.num_discrete_state_groups()):
+        context.SetDiscreteState(index, middle.get_discrete_state(index).value())
+    assert_alike(at_once, fed(another, late, context))
+
+    beginning = fed(another, late).context.get_discrete_state(0).value()
+    assert not np.array_equal(beginning, at_once.context.get_discrete_state(0).value())
+
+
+def behind_its_ports(limb):
+    """A limb of which nothing is to be seen but duty, readings, and what a lab knows of it."""
+    builder = DiagramBuilder()
+    builder.AddSystem(limb)
+    builder.ExportInput(limb.GetInputPort("duty"), "duty")
+    for name in ("measured_temperature", "bend_angle"):
+        builder.ExportOutput(limb.GetOutputPort(name), name)
+    hidden = builder.Build()
+    hidden.parameters, hidden.source, hidden.accuracy = limb.parameters, "hidden", limb.accuracy
+    return hidden
+
+
+@pytest.mark.parametrize("make", [PlanFeedback, PlanRegulator, RecedingHorizon])
+def test_controllers_see_the_ports_of_an_emulated_limb_and_nothing_else(short_plan, make):
+    parameters = short_plan.parameters
+    shown = replay(
+        short_plan, LimbTwin(parameters, seed=14, truth=True), controller=make(short_plan)
+    )
+    hidden = replay(
+        short_plan, behind_its_ports(LimbTwin(parameters, seed=14)), controller=make(short_plan)
+    )
+    assert hidden.wire_temperature is None
+    assert np.ptp(shown.duty) > 0.1
+    for name in ("duty", "measured_temperature", "bend_angle"):
+        np.testing.assert_array_equal(getattr(shown, name), getattr(hidden, name))

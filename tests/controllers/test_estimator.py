@@ -1,0 +1,261 @@
+"""The Kalman filter, against its textbook form, and what it does not believe."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pydrake.trajectories import PiecewisePolynomial
+
+from controllers import estimator as module
+from controllers.estimator import Estimator
+from limb_systems import Limb, LimbParameters, TipTangentSensor, simulate
+
+PERIOD = 0.05
+DUTY = np.array([0.15, 0.6])
+
+
+def linear_limb():
+    parameters = LimbParameters()
+    segment = parameters.segments[0]
+    segment.bend_sensor = TipTangentSensor(gain=1.1, offset=0.02, noise=0.01, drift=0.03)
+    segment.wire("left").law.a1, segment.wire("right").law.a3 = -0.1, -0.7
+    segment.wire("left").law.beta = 3e-4
+    return parameters
+
+
+def textbook_filter(parameters, duty, readings, bends):
+    """Means (K, 8) of [T, V, q, d, p] and the last covariance, in the information form.
+
+    All matrices are written down from (4), (6), (7), (11) and the constants of the filter.
+    """
+    segment, T0 = parameters.segments[0], parameters.ambient_temperature
+    laws = [segment.wire(name).law for name in ("left", "right")]
+    a1, a2, a3, beta = np.transpose([[law.a1, law.a2, law.a3, law.beta] for law in laws])
+    sensor = segment.bend_sensor
+    rates = np.block([[np.diag(a1), np.zeros((2, 2))], [-np.diag(a3), np.diag(a3)]])
+    step = np.eye(4) + PERIOD * rates + (PERIOD * rates) @ (PERIOD * rates) / 2  # midpoint method
+    of_duty = (PERIOD * np.eye(4) + PERIOD**2 / 2 * rates) @ np.vstack(
+        [np.diag(a2), 0 * rates[:2, :2]]
+    )
+    F = np.zeros((8, 8))
+    F[:4, :4] = step
+    F[:2, 4:6] = PERIOD * np.eye(2)
+    F[4:, 4:] = np.diag(np.exp(-PERIOD / np.array([15.0, 15.0, 120.0, np.inf])))
+    bend = (segment.links + 1) / 2 / segment.stiffness * beta * [-1.0, 1.0]
+    C = np.zeros((3, 8))
+    C[0, 2] = C[1, 3] = 1.0
+    C[2] = [*bend, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0]
+    R = np.diag([module.READING_NOISE**2, module.READING_NOISE**2, sensor.noise**2])
+    x = np.array([*readings[0], *readings[0], 0.0, 0.0, 0.0, 0.0])
+    P = np.diag([1.0, 1.0, 1.0, 1.0, 0.5, 0.5, sensor.drift, module.INITIAL_BEND]) ** 2
+    means = []
+    for D, V, phi in zip(duty, readings, bends, strict=True):
+        z = [*V, (phi - sensor.offset) / sensor.gain + bend @ [T0, T0]]
+        information = np.linalg.inv(P) + C.T @ np.linalg.inv(R) @ C
+        x = np.linalg.solve(information, np.linalg.solve(P, x) + C.T @ np.linalg.solve(R, z))
+        means.append(x)
+        heating = (0.1 * of_duty[:2] @ D) ** 2 / PERIOD  # after a second, as for the others
+        walk = PERIOD * np.array([0.25, 0.25, 0.01, 0.01, 2 / 15, 2 / 15, 0.0, module.BEND_WALK**2])
+        walk[6] = PERIOD * 2 * sensor.drift**2 / 120.0
+        walk[:2] += heating
+        P = F @ np.linalg.inv(information) @ F.T + np.diag(walk)
+        x = F @ x
+        x[:4] += (np.eye(4) - step) @ np.full(4, T0) + of_duty @ D
+    return np.array(means), P
+
+
+def test_on_a_linear_law_it_is_the_textbook_filter():
+    parameters, rng, K = linear_limb(), np.random.default_rng(8), 60
+    duty = rng.uniform(0.0, 1.0, (K, 2))
+    times = PERIOD * np.arange(K)[:, None]
+    readings = 22.0 + [3.0, 6.0] * times + rng.normal(0.0, 0.3, (K, 2))
+    bends = 0.05 + 0.02 * times[:, 0] + rng.normal(0.0, 0.01, K)
+    filtered, means = Estimator(parameters), []
+    estimate = filtered.begin(readings[0], bends[:1])
+    for k in range(K):
+        estimate = filtered.corrected(estimate, readings[k], bends[k : k + 1])
+        assert (estimate.unbelieved == 0.0).all()
+        means.append(np.r_[estimate.heat, estimate.heating_rate, estimate.drift, estimate.offset])
+        estimate = filtered.predicted(estimate, duty[k])
+    expected, covariance = textbook_filter(parameters, duty, readings, bends)
+    np.testing.assert_allclose(means, expected, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(estimate.covariance, covariance, rtol=1e-7, atol=1e-12)
+
+
+def test_an_estimate_is_one_vector_for_the_context():
+    filtered = Estimator(linear_limb())
+    estimate = filtered.begin(np.array([22.0, 30.0]), np.array([0.1]))
+    estimate = filtered.step(estimate, DUTY, np.array([22.1, 29.0]), np.array([np.nan]))
+    vector = filtered.pack(estimate)
+    assert vector.shape == (filtered.size,)
+    for field in dataclasses.fields(estimate):
+        np.testing.assert_array_equal(
+            getattr(filtered.unpack(vector), field.name), getattr(estimate, field.name)
+        )
+
+
+@pytest.fixture(scope="module")
+def limb():
+    parameters = LimbParameters()
+    parameters.segments[0].links = 2
+    return parameters
+
+
+@pytest.fixture(scope="module")
+def recording(limb):
+    """Of the model, with noise: the right wire is heated, then the left one."""
+    course = PiecewisePolynomial.ZeroOrderHold(
+        [0.0, 5.0, 10.0], np.transpose([DUTY, DUTY[::-1], DUTY])
+    )
+    recorded = simulate(Limb(limb), course, 10.0)
+    rng = np.random.default_rng(4)
+    noise = {"measured_temperature": 0.2, "bend_angle": 0.005}
+    for name, deviation in noise.items():
+        values = getattr(recorded, name)
+        setattr(recorded, name, values + rng.normal(0.0, deviation, values.shape))
+    return recorded
+
+
+def estimates(limb, recording, spoil=lambda k, V, phi: (V, phi)):
+    """Of all samples, from readings that are spoilt."""
+    filtered = Estimator(limb)
+    vector, found = filtered.nothing, []
+    for k in range(len(recording.time)):
+        V, phi = spoil(
+            k, recording.measured_temperature[:, k].copy(), recording.bend_angle[:, k].copy()
+        )
+        found.append(filtered.read(vector, V, phi))
+        vector = filtered.pack(filtered.predicted(found[-1], recording.duty[:, k]))
+    return found
+
+
+def bends(limb, found):
+    model = Estimator(limb).model
+    return np.rad2deg([model.bend_angle(estimate.heat) + estimate.offset for estimate in found])[
+        :, 0
+    ]
+
+
+FROM = 100  # the sample from which a sensor fails
+
+
+def absent(k, V, phi):
+    return V, np.where(k >= FROM, np.nan, phi)
+
+
+def lying(k, V, phi):
+    return V, phi + np.deg2rad(40.0) * (k >= FROM)
+
+
+def jumping(k, V, phi):
+    return V, phi + np.deg2rad(12.0) * (k >= FROM) * (-1) ** k
+
+
+def stuck(shown):
+    return lambda k, V, phi: (V, shown if k >= FROM else phi)
+
+
+@pytest.mark.parametrize("spoil", [absent, lying, jumping, stuck(np.zeros(1))])
+def test_a_bend_sensor_that_fails_does_not_move_the_estimate(limb, recording, spoil):
+    good, spoilt = estimates(limb, recording), estimates(limb, recording, spoil)
+    late = slice(FROM + 11, None)  # it must be stuck for half a second
+    assert all(estimate.unbelieved[2] > 0.0 for estimate in spoilt[late])
+    assert all(estimate.unbelieved[2] == 0.0 for estimate in good)
+    assert np.abs(bends(limb, spoilt) - bends(limb, good)).max() < 1.5
+    heat = [np.array([e.heat[:2] for e in found]) for found in (good, spoilt)]
+    assert np.abs(heat[0] - heat[1]).max() < 1.0
+    assert spoilt[-1].unbelieved[2] == pytest.approx(PERIOD * (len(spoilt) - FROM), abs=0.51)
+
+
+def test_a_bend_sensor_that_creeps_is_believed_up_to_20_degrees(limb, recording):
+    """8° more each second, which no gate for single readings notices."""
+
+    def creeping(k, V, phi):
+        return V, phi + np.deg2rad(8.0) * PERIOD * max(0, k - FROM)
+
+    found = estimates(limb, recording, creeping)
+    assert found[FROM + 30].unbelieved[2] == 0.0
+    assert found[-1].unbelieved[2] > 1.0
+    offsets = np.rad2deg([estimate.offset + estimate.drift for estimate in found])
+    assert 10.0 < offsets.max() < 21.0
+
+
+def test_a_thermocouple_that_freezes_does_not_move_the_estimate(limb, recording):
+    """Its wire is heated, while it goes on showing what it did."""
+
+    def frozen(k, V, phi):
+        return np.where(
+            (k >= FROM) & (np.arange(2) == 0), recording.measured_temperature[0, FROM], V
+        ), phi
+
+    found = estimates(limb, recording, frozen)
+    missed = [
+        estimate.heat[:2] - truth
+        for estimate, truth in zip(found, recording.wire_temperature.T, strict=True)
+    ]
+    assert np.abs(missed).max() < 6.0
+    assert recording.wire_temperature[0, -1] > recording.wire_temperature[0, FROM] + 20.0
+    assert found[-1].unbelieved[0] > 2.0
+    assert found[-1].unbelieved[1] == 0.0
+    assert all(estimate.unbelieved[2] == 0.0 for estimate in found)
+
+
+def test_a_thermocouple_that_stands_still_is_not_believed_for_long(limb):
+    """That of a wire whose temperature does not change."""
+    filtered = Estimator(limb)
+    estimate = filtered.begin(np.full(2, 25.0), np.zeros(1))
+    for k in range(45):
+        estimate = filtered.step(
+            estimate, np.zeros(2), np.array([25.0, 25.0 + 0.1 * (k % 2)]), np.full(1, np.nan)
+        )
+    assert estimate.unbelieved[0] > 0.0
+    assert estimate.unbelieved[1] == 0.0
+
+
+def test_a_load_that_is_taken_away_is_forgotten(limb, recording):
+    """20° at once, which is more than a bend walks: the estimate is there within a second."""
+
+    def loaded(k, V, phi):
+        return V, phi + np.deg2rad(20.0) * min(k / 80, 1.0) * (k < FROM) * 0.9
+
+    found = estimates(limb, recording, loaded)
+    offsets = np.rad2deg([estimate.offset[0] for estimate in found])
+    assert offsets[FROM - 1] > 12.0
+    assert found[FROM + 5].unbelieved[2] > 0.0
+    assert np.abs(offsets[FROM + 20 :]).max() < 2.0
+
+
+def test_a_reading_that_is_too_hot_to_be_believed_warms_the_estimate(limb):
+    filtered = Estimator(limb)
+    estimate = filtered.begin(np.full(2, 25.0), np.zeros(1))
+    hot = filtered.corrected(estimate, np.array([25.0, 90.0]), np.full(1, np.nan))
+    cold = filtered.corrected(estimate, np.array([25.0, -40.0]), np.full(1, np.nan))
+    assert hot.unbelieved[1] > 0.0
+    assert hot.heat[1] > 25.1 or hot.heat[3] > 25.1
+    np.testing.assert_array_equal(cold.heat, estimate.heat)
+
+
+def test_a_reading_that_is_absent_leaves_the_law(limb, recording):
+    found = estimates(
+        limb, recording, lambda k, V, phi: (np.full(2, np.nan) if k else V, phi * np.nan)
+    )
+    temperature = np.array([estimate.heat[:2] for estimate in found]).T
+    np.testing.assert_allclose(temperature, recording.wire_temperature, atol=1.0)
+    deviation = [np.sqrt(estimate.covariance[0, 0]) for estimate in found]
+    assert deviation[-1] > 2 * deviation[0]
+
+
+def test_what_heats_the_wires_besides_is_found(limb, recording):
+    """A supply of 10% more voltage heats by 21% more."""
+    stronger = LimbParameters()
+    stronger.segments[0].links = 2
+    for wire in stronger.wires:
+        wire.law.a2 /= 1.21
+    found = estimates(stronger, recording)
+    missed = [
+        estimate.heat[:2] - truth
+        for estimate, truth in zip(found, recording.wire_temperature.T, strict=True)
+    ]
+    assert np.abs(missed).max() < 3.0
+    # The missing 0.6 · 20 · 0.21 / 1.21 °C/s, but it decays within 15 s.
+    assert 0.5 * 2.1 < found[FROM].heating_rate[1] < 1.1 * 2.1

@@ -1,0 +1,262 @@
+"""The supervisor against wires that follow (6) and (7) exactly, and others that do not."""
+
+import copy
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+from scipy.linalg import expm
+
+from controllers import TemperatureSupervisor, supervised
+from hardware import LimbTwin, replay
+from limb_systems import (
+    HystereticLaw,
+    Limb,
+    LimbError,
+    LimbParameters,
+    TwoMassLaw,
+)
+from limb_systems.simulation import record
+
+LIMIT = 105.0  # °C, 5 °C above T_max
+PERIOD = 0.05
+
+
+def small_limb(law=None):
+    parameters = LimbParameters()
+    parameters.segments[0].links = 1
+    for wire in parameters.wires:
+        wire.law = law() if law else wire.law
+    return parameters
+
+
+class ExactWires:
+    """Two wires in steps of constant duty, by the matrix exponential of (6) and (7)."""
+
+    def __init__(self, parameters):
+        self._ambient = parameters.ambient_temperature
+        self._steps = []
+        for wire in parameters.wires:
+            law = wire.law
+            rates = np.array([[law.a1, 0.0, law.a2], [-law.a3, law.a3, 0.0], [0.0, 0.0, 0.0]])
+            self._steps.append(expm(PERIOD * rates))
+        self.excess = np.zeros((2, 2))  # [T, V] - T0 of each wire
+
+    @property
+    def temperature(self):
+        return self._ambient + self.excess[:, 0]
+
+    @property
+    def reading(self):
+        return self._ambient + self.excess[:, 1]
+
+    def step(self, duty):
+        self.excess = np.array(
+            [(A @ [*x, D])[:2] for A, x, D in zip(self._steps, self.excess, duty, strict=True)]
+        )
+
+
+def driven(supervisor, wires, asked):
+    """T (K, 2) of wires behind a supervisor that is asked for duty (K, 2), and what they got."""
+    simulator = Simulator(supervisor)
+    context, temperatures, applied = simulator.get_mutable_context(), [], []
+    ports = [supervisor.GetInputPort(name) for name in ("duty", "measured_temperature")]
+    for k, duty in enumerate(asked):
+        ports[0].FixValue(context, np.asarray(duty, float))
+        ports[1].FixValue(context, wires.reading)
+        simulator.AdvanceTo(PERIOD * (k + 1))
+        applied.append(supervisor.GetOutputPort("duty").Eval(context).copy())
+        wires.step(applied[-1])
+        temperatures.append(wires.temperature)
+    return np.array(temperatures), np.array(applied)
+
+
+square = [[1.0, float(k // 20 % 2)] for k in range(300)]
+
+
+@settings(max_examples=6, deadline=None, derandomize=True)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    ticks=st.integers(1, 60),
+    highest=st.floats(0.5, 5.0),
+)
+def test_wires_that_are_known_never_pass_the_limit(seed, ticks, highest):
+    """Whatever is asked, and however long each of it lasts."""
+    parameters, rng = small_limb(), np.random.default_rng(seed)
+    asked = np.repeat(rng.uniform(-0.5, highest, (160 // ticks + 1, 2)), ticks, axis=0)[:160]
+    temperature, applied = driven(TemperatureSupervisor(parameters), ExactWires(parameters), asked)
+    assert temperature.max() <= LIMIT
+    assert applied.min() >= 0.0
+    assert applied.max() <= 1.0
+
+
+@pytest.mark.parametrize(("asked", "hottest"), [([[9.0, 1.0]] * 300, 100.0), (square, 100.0)])
+def test_full_duty_is_used_as_far_as_it_goes(asked, hottest):
+    parameters = small_limb()
+    temperature, applied = driven(TemperatureSupervisor(parameters), ExactWires(parameters), asked)
+    assert hottest < temperature.max() <= LIMIT
+    law = parameters.segments[0].wire("left").law
+    holds = -law.a1 * (temperature[-1, 0] - parameters.ambient_temperature) / law.a2
+    assert applied[-1, 0] == pytest.approx(holds, abs=0.03)
+
+
+def test_duty_is_untouched_far_below_the_limit():
+    parameters, rng = small_limb(), np.random.default_rng(2)
+    asked = rng.uniform(0.0, 0.3, (200, 2))
+    temperature, applied = driven(TemperatureSupervisor(parameters), ExactWires(parameters), asked)
+    assert temperature.max() < 80.0
+    np.testing.assert_array_equal(applied[1:], asked[1:])
+
+
+def test_the_nearest_duty_is_applied():
+    """Each wire has a bound of its own, so what is nearest to the duty asked is nearest in each."""
+    parameters = small_limb()
+    asked = [[1.0, 0.2]] * 200 + [[0.1, np.nan]] * 3 + [[-3.0, 0.4]] * 2
+    _, applied = driven(TemperatureSupervisor(parameters), ExactWires(parameters), asked)
+    assert applied[199, 0] < 0.5
+    np.testing.assert_array_equal(applied[1:200, 1], np.full(199, 0.2))
+    np.testing.assert_array_equal(applied[200:203], [[0.1, 0.0]] * 3)
+    np.testing.assert_array_equal(applied[203:], [[0.0, 0.4]] * 2)
+
+
+def test_a_chosen_limit_is_kept():
+    parameters = small_limb()
+    supervisor = TemperatureSupervisor(parameters, limit=70.0)
+    temperature, _ = driven(supervisor, ExactWires(parameters), [[1.0, 1.0]] * 200)
+    assert 66.0 < temperature.max() <= 70.0
+
+
+@pytest.mark.parametrize(
+    ("a2_share", "a3_share", "beyond"), [(1.2, 1.0, 2.0), (1.0, 0.5, 12.0), (1.2, 0.5, 15.0)]
+)
+def test_wires_that_are_known_badly_pass_the_limit_by_so_much(a2_share, a3_share, beyond):
+    """A supply of 10% more voltage heats by 20% more; a bad bond halves the rate of readings.
+
+    Where readings lag by another second than one knows, full duty from cold passes the limit.
+    """
+    parameters = small_limb()
+    others = copy.deepcopy(parameters)
+    for wire in others.wires:
+        wire.law.a2 *= a2_share
+        wire.law.a3 *= a3_share
+    wires = ExactWires(others)
+    temperature, _ = driven(TemperatureSupervisor(parameters), wires, square[:200])
+    assert LIMIT - 5.0 < temperature.max() < LIMIT + beyond
+
+
+def test_without_readings_the_law_is_believed():
+    parameters = small_limb()
+    wires = ExactWires(parameters)
+    supervisor = TemperatureSupervisor(parameters)
+    simulator = Simulator(supervisor)
+    context = simulator.get_mutable_context()
+    supervisor.GetInputPort("duty").FixValue(context, np.ones(2))
+    supervisor.GetInputPort("measured_temperature").FixValue(context, np.full(2, np.nan))
+    hottest = []
+    for k in range(300):
+        simulator.AdvanceTo(PERIOD * (k + 1))
+        wires.step(supervisor.GetOutputPort("duty").Eval(context))
+        hottest.append(wires.temperature.max())
+    assert 60.0 < max(hottest) <= LIMIT
+    assert hottest[-1] < hottest[150]  # the less it knows, the more careful it is
+
+
+def supervised_recording(limb, parameters, asked, seconds):
+    builder = DiagramBuilder()
+    builder.AddSystem(limb)
+    supervisor = builder.AddSystem(TemperatureSupervisor(parameters))
+    source = builder.AddSystem(TrajectorySource(asked))
+    builder.Connect(source.get_output_port(), supervisor.GetInputPort("duty"))
+    name = "measured_temperature"
+    builder.Connect(limb.GetOutputPort(name), supervisor.GetInputPort(name))
+    return record(builder, limb, supervisor.GetOutputPort("duty"), seconds)
+
+
+def waves(num_wires, seconds):
+    """Full duty of half of the wires, and square waves of the others."""
+    times = np.arange(0.0, seconds + 1.5, 1.5)
+    rows = [
+        np.ones(len(times)) if wire % 2 else np.arange(len(times)) % 2.0
+        for wire in range(num_wires)
+    ]
+    return PiecewisePolynomial.ZeroOrderHold(times, rows)
+
+
+@pytest.mark.parametrize("law", [None, TwoMassLaw, HystereticLaw])
+def test_limbs_of_any_law_stay_below_the_limit(law):
+    parameters = small_limb(law)
+    recording = supervised_recording(Limb(parameters), parameters, waves(2, 9.0), 9.0)
+    assert 100.0 < recording.wire_temperature.max() <= LIMIT
+
+
+def test_limbs_of_two_segments_stay_below_the_limit(two_segments):
+    recording = supervised_recording(Limb(two_segments), two_segments, waves(4, 10.0), 10.0)
+    hottest = recording.wire_temperature.max(axis=1)
+    assert (hottest <= LIMIT).all()
+    assert hottest.max() > 100.0
+
+
+def test_an_emulated_limb_that_is_not_calibrated_does_not_cut_out():
+    limb = LimbTwin(seed=14, truth=True)
+    recording = supervised_recording(limb, LimbParameters(), waves(2, 14.0), 14.0)
+    assert recording.measured_temperature.max() < 110.0
+    assert recording.wire_temperature.max() < LIMIT + 10.0
+    assert recording.wire_temperature.max() > 95.0
+
+
+class FullDuty(LeafSystem):
+    """A controller that reads the bend angle and asks for all."""
+
+    __slots__ = ()
+
+    def __init__(self, names=("bend_angle",), duty=(1.0, 1.0)):
+        super().__init__()
+        for name in names:
+            self.DeclareVectorInputPort(name, 1 + (name != "bend_angle"))
+        self.DeclareVectorOutputPort(
+            "duty", len(duty), lambda _, output: output.SetFromVector(duty)
+        )
+        self.set_name("full_duty")
+
+
+def ports_of(system):
+    inputs = [system.get_input_port(k).get_name() for k in range(system.num_input_ports())]
+    outputs = [system.get_output_port(k).get_name() for k in range(system.num_output_ports())]
+    return sorted(inputs), outputs
+
+
+@pytest.mark.parametrize("names", [(), ("bend_angle",), ("measured_temperature", "bend_angle")])
+def test_a_supervised_controller_has_the_ports_of_a_controller(names):
+    diagram = supervised(FullDuty(names), LimbParameters())
+    assert ports_of(diagram) == (sorted({*names, "measured_temperature"}), ["duty"])
+
+
+def test_a_supervised_controller_drives_a_limb(short_plan):
+    parameters = copy.deepcopy(short_plan.parameters)
+    controller = supervised(FullDuty(), parameters, limit=60.0)
+    recording = replay(short_plan, Limb(parameters), controller=controller)
+    assert 55.0 < recording.wire_temperature.max() <= 60.0
+
+
+def test_what_cannot_be_supervised_is_refused():
+    parameters = LimbParameters()
+    with pytest.raises(LimbError, match=r"^The limit of a wire's temperature is 110.0 °C; .*\.$"):
+        TemperatureSupervisor(parameters, limit=110.0)
+    with pytest.raises(LimbError, match=r"^FullDuty has a duty for 3 wires, but .* has 2\.$"):
+        supervised(FullDuty(duty=(1.0, 1.0, 1.0)), parameters)
+    with pytest.raises(LimbError, match=r"^ConstantVectorSource has no output port duty, .*\.$"):
+        supervised(ConstantVectorSource(np.ones(2)), parameters)
+
+
+def test_the_limit_stays_below_that_of_the_board():
+    parameters = small_limb()
+    parameters.temperature_limits.measured_maximum = 103.0
+    temperature, _ = driven(
+        TemperatureSupervisor(parameters), ExactWires(parameters), [[1.0, 1.0]] * 200
+    )
+    assert 94.0 < temperature.max() <= 98.0
