@@ -173,11 +173,14 @@ def test_calibrate_from_csv(tmp_path):
     assert b"</html>" in (tmp_path / "calibration.html").read_bytes()
 
 
-def test_custom_controller(tmp_path):
-    said = run([EXAMPLES / "custom_controller.py", "-o", tmp_path], tmp_path).stdout
-    open_loop, closed_loop = map(float, re.findall(r"emulated limbs (.*)°", said))
-    assert closed_loop < 0.75 * open_loop
-    for name in ("open_loop", "closed_loop"):
+def test_supervised_controller(tmp_path):
+    """T_max is 100 °C, a supervisor lets feedback go to 105 °C, and a board cuts out at 110 °C."""
+    said = run([EXAMPLES / "supervised_controller.py", "-o", tmp_path], tmp_path).stdout
+    alone, supervised = map(float, re.findall(r"wires got (.*) °C hot", said))
+    assert alone > 115.0
+    assert 95.0 < supervised < 110.0
+    assert said.count("ended early") == 1
+    for name in ("alone", "supervised"):
         assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
 
 
