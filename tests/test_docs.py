@@ -20,6 +20,13 @@ from pydrake.trajectories import PiecewisePolynomial
 
 import hardware.robot.serial_limb
 from calibration import BendAngleController, EquilibriumSchedule, LimitedDuty, excitations
+from controllers import (
+    LimbObserver,
+    PlanFeedback,
+    PlanRegulator,
+    RecedingHorizon,
+    TemperatureSupervisor,
+)
 from hardware import LimbTwin, SensedLimb, SerialLimb
 from hardware.emulation.hand import Hand
 from hardware.emulation.rubber import RestShift, Rubber
@@ -260,7 +267,7 @@ def known_limb() -> LimbParameters:
 
 
 @pytest.fixture
-def make_system(monkeypatch):
+def make_system(monkeypatch, fig5_plan):
     monkeypatch.setattr(hardware.robot.serial_limb, "BoardLink", Board)
     parameters = LimbParameters()
     specimen = Specimen(parameters, 0)
@@ -276,6 +283,11 @@ def make_system(monkeypatch):
         BendAngleController: lambda: BendAngleController(parameters, "right"),
         EquilibriumSchedule: lambda: EquilibriumSchedule([0.1]),
         LimitedDuty: lambda: LimitedDuty(known_limb(), excitations(2)[0].course),
+        LimbObserver: lambda: LimbObserver(parameters),
+        PlanFeedback: lambda: PlanFeedback(fig5_plan),
+        PlanRegulator: lambda: PlanRegulator(fig5_plan),
+        RecedingHorizon: lambda: RecedingHorizon(fig5_plan),
+        TemperatureSupervisor: lambda: TemperatureSupervisor(parameters),
         LimbTwin: LimbTwin,
         SensedLimb: lambda: SensedLimb(Limb()),
         CutOut: lambda: CutOut(2, 0.05),
