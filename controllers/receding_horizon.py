@@ -5,12 +5,13 @@ import concurrent.futures
 import numpy as np
 
 from controllers.estimator import Estimate
-from controllers.horizon import HorizonPlan, HorizonPlanner
+from controllers.horizon import HorizonPlan
 from controllers.plan_controller import PlanController, share, within_total
 from controllers.plan_feedback import mean_gains
+from controllers.planner_process import PlannerProcess, planner_of
 from controllers.reduced_model import PERIOD
 from limb_systems import Trajectory
-from planners import Task, references
+from planners import Task
 
 TICKS = 5  # from one plan to the next
 PROPORTIONAL = 1.0  # 1/s; the next plan corrects what this does not
@@ -24,7 +25,7 @@ class RecedingHorizon(PlanController):
     newest by a bend rate of k_p (φ* - φ), which the wires share as in `PlanFeedback`.
 
     In simulated time, a plan is made within its tick. In real time it is made in a
-    thread of its own and the command never waits for it: the plan before stays in
+    process of its own and the command never waits for it: the plan before stays in
     force until it is there. It is late if that is not so when the next one is due,
     which is then left out. If planning fails, the plan before stays in force, too.
 
@@ -44,12 +45,12 @@ class RecedingHorizon(PlanController):
             trajectory: a plan, whose reference it follows, and whose duty is in force
                 until the first plan of its own.
             task: as of `HorizonPlanner`.
-            real_time: whether plans are made in a thread of their own.
+            real_time: whether plans are made in a process of their own.
         """
         plan, parameters = trajectory.since_start(), trajectory.parameters
-        reference = references.from_samples(plan.time, plan.reference)
-        self._planner = HorizonPlanner(parameters, reference, task)
-        first = self._planner.beginning_of(plan)
+        planner = planner_of(plan, task)
+        self._planner = PlannerProcess(plan, task) if real_time else planner
+        first = planner.beginning_of(plan)
         super().__init__(parameters, first.duty[0])
         self._thread = concurrent.futures.ThreadPoolExecutor(1) if real_time else None
         self._pending: concurrent.futures.Future | None = None

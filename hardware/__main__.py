@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,11 @@ from pydrake.geometry import Meshcat
 from serial.tools import list_ports
 
 from controllers.learning import Repetition
-from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
+from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, watch
+from hardware.drive import CONTROLLER_HELP, CONTROLLERS, OPEN, drive, trouble
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import EXTRA_EFFECTS, emulated_limb
+from hardware.follow import PICTURE, PLAN, RECORDING, closed_loop_request, follow
 from hardware.learning import (
     STATE,
     draw_repetitions,
@@ -25,13 +28,13 @@ from hardware.robot.self_test import self_test
 from limb_systems import (
     LimbError,
     LimbParameters,
+    LimbSystem,
     Recording,
     Trajectory,
     bend_angle_from_tip_tangent,
 )
 from limb_systems.command import add_force_option, run_command
 from limb_systems.output import check_outputs
-from limb_systems.tracking import tracking_errors
 
 
 def main(arguments: list[str] | None = None, prog: str = "python -m hardware") -> int:
@@ -68,10 +71,11 @@ def _parser(prog: str) -> argparse.ArgumentParser:
 
     run = commands.add_parser(
         "replay",
-        help="replay a trajectory open loop and record it",
-        description="Drives a limb with a trajectory's duty: a robot in real time, or without a "
-        "port an emulated limb in simulated time. On a robot every sample is written when it "
-        "arrives, to NAME.unfinished.csv; it becomes NAME.csv when the plan has ended. With "
+        help="replay a trajectory and record it",
+        description="Drives a limb along a trajectory, open loop or by a controller: a robot in "
+        "real time, or without a port an emulated limb in simulated time. On a robot every sample "
+        "is written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the plan has "
+        "ended, and the report tells how many commands left more than 5 ms late. With "
         "--meshcat a browser shows the limb as it is measured, the plan as a blue ghost, its "
         "reference as a grey one, and the duty of the left and the right wire as bars.",
     )
@@ -82,11 +86,40 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     run.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
     _add_emulated_option(run)
+    _add_controller_option(run, OPEN)
     run.add_argument(
         "--plot", type=Path, help="picture of plan and recording to write (.png, .pdf, .svg)"
     )
     _add_meshcat_option(run)
     add_force_option(run)
+
+    go = commands.add_parser(
+        "follow",
+        help="plan what was taught, and follow it by feedback",
+        description="Teach and go: plans what was taught, with margins for feedback, and drives a "
+        "limb along the plan by a controller, a robot in real time. The folder has plan.csv, "
+        "recording.csv and tracking.png.",
+    )
+    go.add_argument(
+        "reference",
+        help="a recording of teach; or a CSV of time in s and bend angle in degrees; or 'fig5'",
+    )
+    go.add_argument("-o", "--output", required=True, type=Path, help="folder to write to")
+    go.add_argument(
+        "-l", "--limb", type=Path, help="limb parameters (.yaml); the nominal limb if left out"
+    )
+    go.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
+    _add_emulated_option(go)
+    _add_controller_option(go, "pi")
+    go.add_argument(
+        "--smooth",
+        type=float,
+        default=0.5,
+        help="window for smoothing a recording's bend angle, s (default %(default)g)",
+    )
+    _add_meshcat_option(go)
+    go.add_argument("--json", action="store_true", help="print JSON")
+    add_force_option(go)
 
     learn = commands.add_parser(
         "learn",
@@ -183,6 +216,15 @@ def _add_emulated_option(command: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_controller_option(command: argparse.ArgumentParser, default: str) -> None:
+    command.add_argument(
+        "--controller",
+        choices=CONTROLLERS,
+        default=default,
+        help=f"{CONTROLLER_HELP} (default %(default)s)",
+    )
+
+
 def _add_meshcat_option(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--meshcat",
@@ -275,72 +317,37 @@ def _replay(options) -> int:
         force=options.force,
     )
     trajectory = Trajectory.load(options.trajectory)
-    meshcat = _start_meshcat(options)
-    timing = None
-    if options.port:
-        limb = SerialLimb(options.port, trajectory.parameters)
-        recording = replay(trajectory, limb, journal=options.output, meshcat=meshcat)
-        late = 1000 * np.array(limb.timing_errors)
-        timing = {
-            "late_median_ms": float(np.median(late)),
-            "late_percentile_99_ms": float(np.percentile(late, 99)),
-            "lost_samples": limb.link.lost_samples,
-            "reduced_s": reduced_time(recording),
-        }
-    else:
-        recording = replay(trajectory, _twin(trajectory.parameters, options), meshcat=meshcat)
-        recording.save(options.output)
+    driven = drive(
+        trajectory,
+        _limb_maker(trajectory.parameters, options),
+        options.output,
+        controller=options.controller,
+        real_time=bool(options.port),
+        meshcat=_start_meshcat(options),
+    )
     written = [str(path) for path in (options.output, options.plot) if path]
     if options.plot:
         # Matplotlib takes as long to import as all the rest.
         from limb_systems.views.plots import plot_tracking, save_figure
 
-        save_figure(plot_tracking(trajectory, [recording]), options.plot)
-    errors = tracking_errors(trajectory, [recording])
-    mean, median, percentile_90 = np.rad2deg(
-        [errors.mean, errors.median, errors.percentile_90]
-    ).tolist()
-    status = 1 if recording.interrupted else 0  # an emulated limb's that cut out
+        save_figure(plot_tracking(trajectory, [driven.recording]), options.plot)
+    return _report(options, driven.facts(), driven.lines(), written)
+
+
+def _report(options, facts: dict, lines: list[str], written: list[str]) -> int:
+    """Says how a limb was driven; the exit status."""
     if options.json:
-        tracking = {"mean_deg": mean, "median_deg": median, "percentile_90_deg": percentile_90}
-        facts = {"source": recording.source, "interrupted": recording.interrupted}
-        results = {"tracking": tracking, "timing": timing, "written": written}
-        print(json.dumps({**facts, **results}))
-        return status
-    if timing:
-        print(
-            f"timing      commands were late by {timing['late_median_ms']:.1f} ms (median), "
-            f"{timing['late_percentile_99_ms']:.1f} ms (99%); {timing['lost_samples']} samples "
-            "were lost"
-        )
-        if timing["reduced_s"]:
-            print(
-                f"reduced     the board reduced the duty for {timing['reduced_s']:.1f} s, as a "
-                "wire got hot or both asked for too much"
-            )
-    print(f"source      {recording.source}")
-    _print_trouble(recording)
-    print(
-        f"tracking    |φ* - φ|: mean {mean:.2f}°, median {median:.2f}°, "
-        f"90th percentile {percentile_90:.2f}°"
-    )
-    print(f"written     {', '.join(written)}")
-    return status
+        print(json.dumps({**facts, "written": written}))
+    else:
+        print("\n".join([*lines, f"written     {', '.join(written)}"]))
+    return 1 if facts["interrupted"] else 0  # an emulated limb's that cut out
 
 
-def reduced_time(recording: Recording) -> float:
-    """s for which the board applied less than a duty that was commanded before and after."""
-    assert recording.applied_duty is not None  # a robot's
-    commanded = np.minimum(recording.duty[:, :-2], recording.duty[:, 1:-1])
-    reduced = (recording.applied_duty[:, 2:] < commanded - 2e-3).any(axis=0)
-    return float(np.sum(reduced) / recording.sample_rate)
-
-
-def _print_trouble(recording: Recording) -> None:
-    if recording.interrupted:
-        print(f"interrupted {recording.interrupted}")
-    if recording.doubt:
-        print(f"doubt       {recording.doubt}")
+def _limb_maker(planned: LimbParameters, options) -> Callable[[], LimbSystem]:
+    """Makes the robot on a port, or the emulated limb."""
+    if options.port:
+        return lambda: SerialLimb(options.port, planned)
+    return lambda: _twin(planned, options)
 
 
 def _twin(planned: LimbParameters, options) -> LimbTwin:
@@ -352,6 +359,23 @@ def _twin(planned: LimbParameters, options) -> LimbTwin:
             f"not {options.emulated}; calibrate that one, or leave --emulated out."
         )
     return LimbTwin.of(planned, options.emulated or 0)
+
+
+def _follow(options) -> int:
+    outputs = [options.output / name for name in (PLAN, RECORDING, PICTURE)]
+    check_outputs(outputs, inputs=[Path(options.reference), options.limb], force=options.force)
+    if options.port:
+        with BoardLink(options.port) as link:  # before the plan is made in vain
+            link.sample()
+    followed = follow(
+        closed_loop_request(options.reference, options.limb, options.smooth),
+        lambda planned: _limb_maker(planned, options)(),
+        options.output,
+        controller=options.controller,
+        real_time=bool(options.port),
+        meshcat=_start_meshcat(options),
+    )
+    return _report(options, followed.facts(), followed.lines(), [str(path) for path in outputs])
 
 
 def _learn(options) -> int:
@@ -402,7 +426,8 @@ def _teach(options) -> int:
     recording = watch(robot, options.time, journal=options.output, meshcat=meshcat)
     low, high = np.rad2deg([recording.bend_angle.min(), recording.bend_angle.max()])
     print(f"taught      {recording.time[-1]:.1f} s, from {low:.1f}° to {high:.1f}°")
-    _print_trouble(recording)
+    for line in trouble(recording):
+        print(line)
     print(f"written     {options.output}")
     return 0
 
@@ -414,7 +439,8 @@ def _recover(options) -> int:
         raise LimbError(f"{options.recording} has no samples; there is nothing to recover.")
     recording.save(options.output)
     print(f"recovered   {len(recording.time)} samples, {recording.time[-1]:.2f} s")
-    _print_trouble(recording)
+    for line in trouble(recording):
+        print(line)
     print(f"written     {options.output}")
     return 0
 
@@ -432,6 +458,7 @@ _COMMANDS = {
     "status": _status,
     "arm-check": _arm_check,
     "replay": _replay,
+    "follow": _follow,
     "learn": _learn,
     "teach": _teach,
     "recover": _recover,

@@ -20,6 +20,7 @@ COMMANDS = {
     "fit": ("calibration", "fit a limb to a folder of recordings"),
     "validate": ("calibration", "compare a calibrated limb with a recording, open loop"),
     "replay": ("hardware", "replay a trajectory on a robot or an emulated limb"),
+    "follow": ("hardware", "plan what was taught, and follow it by feedback"),
     "learn": ("hardware", "repeat a trajectory, and learn from each repetition to follow it"),
     "teach": ("hardware", "record the bend while the limb is moved by hand"),
     "status": ("hardware", "print the state of a board"),
