@@ -30,6 +30,7 @@ from controllers import (
 from hardware import LimbTwin, SensedLimb, SerialLimb
 from hardware.emulation.hand import Hand
 from hardware.emulation.rubber import RestShift, Rubber
+from hardware.emulation.sensor_faults import FaultySensors, SensorFault
 from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import CutOut
@@ -292,6 +293,7 @@ def make_system(monkeypatch, fig5_plan):
         SensedLimb: lambda: SensedLimb(Limb()),
         CutOut: lambda: CutOut(2, 0.05),
         ExactBend: lambda: ExactBend(parameters),
+        FaultySensors: lambda: FaultySensors(2, 1, SensorFault(0, max, 0.0)),
         RestShift: lambda: RestShift(specimen, 0.05),
         SerialLimb: lambda: SerialLimb("port"),
         ShapeMemoryWires: lambda: ShapeMemoryWires(specimen),

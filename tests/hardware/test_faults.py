@@ -13,9 +13,10 @@ import time
 
 import numpy as np
 import pytest
+from pydrake.systems.framework import LeafSystem
 
-from hardware import BoardLink, HardwareError, SerialLimb
-from limb_systems import simulate
+from hardware import BoardLink, HardwareError, SerialLimb, replay
+from limb_systems import Recording, simulate
 
 from .conftest import BOUNDS, Heating, wait_for
 
@@ -53,14 +54,17 @@ def test_host_that_dies_or_freezes(emulator, start_host, number, record_property
         assert emulator.duty() == [0.0, 0.0]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+@pytest.mark.parametrize(
+    ("number", "controller"),
+    [(signal.SIGTERM, "open"), (signal.SIGINT, "mpc"), (signal.SIGHUP, "pi")],
+)
 def test_host_that_is_told_to_stop(
-    emulator, start_host, fig5_plan, number, tmp_path, record_property
+    emulator, start_host, fig5_plan, number, controller, tmp_path, record_property
 ):
     fig5_plan.save(tmp_path / "plan.csv")
     output = tmp_path / "out.csv"
     command = [sys.executable, "-m", "hardware", "replay", tmp_path / "plan.csv", "-o", output]
-    process = start_host([*command, "--port", emulator.port])
+    process = start_host([*command, "--port", emulator.port, "--controller", controller])
     assert wait_for(lambda: emulator.duty()[1] > 0.0, 20.0)
     time.sleep(0.5)
     since = time.monotonic()
@@ -70,6 +74,34 @@ def test_host_that_is_told_to_stop(
     assert off < HEARTBEAT
     assert "stopped; wires are off" in process.communicate(timeout=10)[1]
     assert process.returncode == 130
+
+
+class _Failing(LeafSystem):
+    """A controller that heats, and fails after a second."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("bend_angle", 1)
+        self.DeclareStateOutputPort("duty", self.DeclareDiscreteState([0.0, 0.3]))
+        self.DeclarePeriodicDiscreteUpdateEvent(0.05, 0.0, self._update)
+
+    def _update(self, context, _):
+        if context.get_time() > 1.0:
+            self.failed = time.monotonic()
+            raise ArithmeticError("of the controller")
+
+
+def test_a_controller_that_fails(emulator, fig5_plan, tmp_path, record_property):
+    controller, path = _Failing(), tmp_path / "recording.csv"
+    robot = SerialLimb(emulator.port, fig5_plan.parameters)
+    with pytest.raises(ArithmeticError), pytest.warns(UserWarning, match="unfinished"):
+        replay(fig5_plan, robot, controller=controller, journal=path)
+    assert max(event["right"] for event in emulator.events("duty")) > 0.29
+    off = emulator.off_after(controller.failed)
+    report(record_property, "controller fails", off)
+    assert off < HEARTBEAT
+    kept = Recording.load(tmp_path / "recording.unfinished.csv")
+    assert "of the controller" in kept.interrupted
 
 
 def test_cable_that_is_unplugged(emulator, heating, record_property):

@@ -248,6 +248,7 @@ def test_replay_tells_its_timing_in_words_and_in_json(emulator, short_plan, tmp_
     assert said["source"] == Recording.load(output).source
     assert said["timing"]["lost_samples"] == 0
     assert 0.0 < said["timing"]["late_median_ms"] <= said["timing"]["late_percentile_99_ms"] < 100.0
+    assert 0 <= said["timing"]["missed_deadline"] <= 20
     assert said["tracking"]["mean_deg"] > 0.0
 
 

@@ -1,0 +1,79 @@
+"""Sensors that lie while a limb is held to its plan: no wire gets hot, and nothing winds up.
+
+The limb is an emulated one that its plan does not know well, and the fault is between it and the
+controller, so that neither board nor cut-out sees it. benchmarks/board_faults.py has more of them,
+with the board's rules and on many limbs.
+"""
+
+import numpy as np
+import pytest
+
+from controllers import PlanFeedback
+from hardware import LimbTwin, replay
+from hardware.emulation.sensor_faults import SensorFault, with_faulty_sensors
+from limb_systems import LimbParameters
+from planners import Task, plan, references
+
+START, END = 6.0, 12.0  # s, of the faults
+LEFT, RIGHT, BEND = range(3)
+HOTTEST = 111.0  # °C, true: the most that a board lets a wire become by docs/hardware.md
+
+
+@pytest.fixture(scope="module")
+def wave():
+    """From side to side by 12°."""
+    times = np.arange(0.0, 18.01, 0.1)
+    reference = references.from_samples(times, np.deg2rad(12.0) * np.sin(0.7 * times))
+    return plan(LimbParameters(), reference, task=Task.closed_loop(), tolerance_deg=0.2)
+
+
+def driven(trajectory, sensor=None, shown=None):
+    controller = PlanFeedback(trajectory)
+    if shown:
+        fault = SensorFault(sensor, shown, START, END)
+        controller = with_faulty_sensors(controller, fault)
+    return replay(trajectory, LimbTwin(truth=True), controller=controller)
+
+
+@pytest.fixture(scope="module")
+def good(wave):
+    return driven(wave)
+
+
+def apart(recording, good, begin, end):
+    """The largest difference of bend from that without a fault, °."""
+    during = (good.time >= begin) & (good.time <= end)
+    return np.rad2deg(np.abs(recording.bend_angle - good.bend_angle)[0, during]).max()
+
+
+@pytest.mark.parametrize(
+    ("sensor", "shown", "misled", "in_the_end"),
+    [
+        (BEND, lambda t, y, before, noise: before, 8.0, 1.0),
+        (BEND, lambda t, y, before, noise: y + np.deg2rad(45.0), 8.0, 1.0),
+        (BEND, lambda t, y, before, noise: y + np.deg2rad(3.0 * t), 18.0, 1.0),
+        # Taken for something that holds the limb: both wires are driven to their limit.
+        (BEND, lambda t, y, before, noise: before + np.deg2rad(0.5) * noise, 12.0, 10.0),
+        (RIGHT, lambda t, y, before, noise: before, 1.0, 0.5),
+        (RIGHT, lambda t, y, before, noise: 25.0 + 0.25 * noise, 1.0, 0.5),
+        (LEFT, lambda t, y, before, noise: np.nan, 1.0, 0.5),
+    ],
+    ids=["stuck", "far off", "drifting", "stuck with noise", "frozen", "detached", "silent"],
+)
+def test_lies_heat_no_wire_and_do_not_wind_up(wave, good, sensor, shown, misled, in_the_end):
+    recording = driven(wave, sensor, shown)
+    assert not recording.interrupted
+    assert recording.wire_temperature.max() < HOTTEST
+    before = recording.time <= START
+    np.testing.assert_array_equal(recording.duty[:, before], good.duty[:, before])
+    assert apart(recording, good, START, END) < misled
+    assert apart(recording, good, END + 3.0, 18.0) < in_the_end
+
+
+def test_a_wire_that_gets_hot_unseen_is_not_heated_to_the_limit_of_a_lie(wave, good):
+    """Its thermocouple reads ever less, as if something cooled it; what reads more is believed."""
+    lies = driven(wave, LEFT, lambda t, y, before, noise: y - 2.0 * t)
+    assert lies.wire_temperature.max() < HOTTEST
+    warned = driven(wave, LEFT, lambda t, y, before, noise: y + 40.0)
+    late = (good.time > START + 2.0) & (good.time <= END)
+    assert warned.duty[0, late].mean() < 0.6 * good.duty[0, late].mean()

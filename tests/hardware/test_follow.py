@@ -1,0 +1,92 @@
+"""Controllers from the shell: replay with one, and teach and go."""
+
+import json
+
+import numpy as np
+import pytest
+
+from hardware import LimbTwin
+from hardware.__main__ import main
+from hardware.drive import DEADLINE, Drive, drive
+from limb_systems import LimbParameters, Recording, Trajectory, simulate
+from planners import plan, references
+
+
+@pytest.fixture(scope="module")
+def short_plan():
+    return plan(LimbParameters(), references.from_samples([0.0, 2.0], [0.0, 0.05]))
+
+
+@pytest.mark.parametrize(("name", "called"), [("pi", "PlanFeedback"), ("mpc", "RecedingHorizon")])
+def test_replay_by_a_controller_says_so(short_plan, name, called, tmp_path, capsys):
+    short_plan.save(tmp_path / "plan.csv")
+    output = tmp_path / "recording.csv"
+    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output), "--controller", name]
+    assert main([*arguments, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    recording = Recording.load(output)
+    assert said["controller"] == name
+    assert said["source"] == recording.source == f"emulated limb, seed 0, driven by {called}"
+    assert recording.how == "emulated"
+    assert said["timing"] is None  # simulated time
+    planned = simulate(LimbTwin(), short_plan).duty
+    assert np.abs(recording.duty - planned).max() > 0.02
+    # Every 0.25 s, from the start to the last moment.
+    assert said["replans"] == ({"begun": 8, "late": 0, "failed": 0} if name == "mpc" else None)
+
+
+def test_deadlines_that_were_missed_are_counted(short_plan):
+    recording = simulate(LimbTwin(), short_plan)
+    late = np.array([0.0, 1e-3, DEADLINE + 1e-4, 9e-3])
+    driven = Drive("mpc", short_plan, recording, late, 3, np.array([8.0, 2.0, 1.0]))
+    timing = driven.facts()["timing"]
+    assert timing["missed_deadline"] == 2
+    assert timing["missed_deadline_share"] == 0.5
+    lines = "\n".join(driven.lines())
+    assert "2 (50.0%) by more than 5 ms; 3 samples were lost\nsource" in lines
+    assert "replans     8 begun, 2 late, 1 failed" in lines
+
+
+def test_open_loop_is_named_as_before(short_plan, tmp_path):
+    driven = drive(short_plan, lambda: LimbTwin(seed=3), tmp_path / "recording.csv")
+    assert driven.recording.source == "emulated limb, seed 3"
+    assert driven.replans is None
+
+
+def test_what_was_taught_is_followed(tmp_path, capsys):
+    """A motion that the limb cannot do in full: the report tells plan and reference apart."""
+    (tmp_path / "taught.csv").write_text("0,0\n3,6\n4,6\n")
+    folder = tmp_path / "followed"
+    arguments = ["follow", str(tmp_path / "taught.csv"), "-o", str(folder)]
+    assert main([*arguments, "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    names = ("plan.csv", "recording.csv", "tracking.png")
+    assert said["written"] == [str(folder / name) for name in names]
+    assert (folder / "tracking.png").read_bytes().startswith(b"\x89PNG")
+    planned, recording = (
+        Trajectory.load(folder / "plan.csv"),
+        Recording.load(folder / "recording.csv"),
+    )
+    assert said["controller"] == "pi"
+    assert planned.duty.max() <= 0.9 + 1e-6  # the margin of a plan for feedback
+    wanted = np.interp(recording.time, [0.0, 3.0, 4.0], [0.0, 6.0, 6.0])
+    missed = np.abs(wanted - np.rad2deg(recording.bend_angle[0])).mean()
+    assert said["reference_distance_deg"] == pytest.approx(missed, rel=1e-6)
+    wanted = np.interp(planned.time, [0.0, 3.0, 4.0], [0.0, 6.0, 6.0])
+    missed = np.abs(wanted - np.rad2deg(planned.bend_angle[0])).mean()
+    assert said["planned_distance_deg"] == pytest.approx(missed, rel=1e-6)
+    assert said["highest_readings_c"] == recording.measured_temperature.max(axis=1).tolist()
+
+    assert main(arguments) == 1
+    assert "plan.csv exists; give another name, or --force" in capsys.readouterr().err
+    missing = ["follow", str(tmp_path / "none.csv"), "-o", str(tmp_path / "other")]
+    assert main(missing) == 1
+    assert "none.csv" in capsys.readouterr().err
+    assert not (tmp_path / "other").exists()
+
+
+def test_without_a_board_nothing_is_planned(tmp_path, capsys):
+    folder = tmp_path / "followed"
+    assert main(["follow", "fig5", "-o", str(folder), "-p", str(tmp_path / "no_port")]) == 1
+    assert "Cannot open" in capsys.readouterr().err
+    assert not folder.exists()
