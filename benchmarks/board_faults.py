@@ -6,6 +6,7 @@ not a measurement of wires. It takes some hours; Ctrl-C shows what there is.
 
     python benchmarks/board_faults.py faults [--limbs 50] [--jobs 2]
     python benchmarks/board_faults.py ordinary [--limbs 50] [--jobs 2]
+    python benchmarks/board_faults.py feedback [--limbs 50] [--jobs 2]
 
 ``faults`` prints for each fault and duty the share of runs in which a wire got
 above 130 °C, the hottest, and the time until the board was off; for a fault
@@ -15,10 +16,16 @@ emulated thermocouples.
 
 ``ordinary`` collects, calibrates, plans, replays and teaches on each limb, every
 other one with three times the noise, and counts what switched off.
+
+``feedback`` calibrates each limb, plans Fig. 5 for feedback, and lets every controller
+follow the plan while a sensor lies for 20 s. It prints the hottest that a wire truly
+became, before and behind the board, how often the board was off for what, and by how much
+the bend was off that without a fault, while the sensor lied and from 4 s after on.
 """
 
 import argparse
 import contextlib
+import copy
 import itertools
 import multiprocessing
 import random
@@ -28,16 +35,19 @@ import time
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from calibration import calibrate, collect_equilibria
+from calibration import calibrate, collect_equilibria, collect_from_twin
 from calibration.collect import WARM_UP_MARGIN, collect_warm_up
 from calibration.heat_bounds import fit_heat_bounds
-from hardware import LimbTwin
+from hardware import LimbTwin, replay
+from hardware.drive import CONTROLLERS, OPEN, controller_of
+from hardware.emulation.sensor_faults import SensorFault, with_faulty_sensors
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.emulation.simulated_board import SimulatedBoard
+from hardware.emulation.specimen import Specimen
 from hardware.firmware import guard
 from hardware.robot.reasons import REASONS
-from limb_systems import LimbParameters, bend_angle_from_tip_tangent, simulate
-from planners import plan, references
+from limb_systems import LimbParameters, Trajectory, bend_angle_from_tip_tangent, simulate
+from planners import Task, plan, references
 
 STEP = 25  # ms, between two passes of the firmware's loop, a slow one
 DUTIES = (0.1, 0.3, 0.5, 1.0)
@@ -149,6 +159,27 @@ def print_faults(results: list[dict]) -> None:
         )
 
 
+# For feedback: orders to the board, or what a sensor shows the controller
+# alone, of the time since, the reading, that before and a random number.
+LYING, MENDED = 20.0, 40.0  # s, from the start of the plan
+RIGHT, BEND = 1, 2
+FEEDBACK_FAULTS = {
+    "none": None,
+    "bend sensor frozen": "freeze bend",
+    "bend sensor stuck, with noise": "stick bend",
+    "bend sensor drifts by 1°/s": (BEND, lambda t, y, before, noise: y + np.deg2rad(t)),
+    "bend sensor reads 15° too much": (BEND, lambda t, y, before, noise: y + np.deg2rad(15.0)),
+    "bend sensor reads 45° too much": (BEND, lambda t, y, before, noise: y + np.deg2rad(45.0)),
+    "bend sensor absent": (BEND, lambda t, y, before, noise: np.nan),
+    "thermocouple frozen": "freeze right",
+    "thermocouple reads 10 °C too little": "offset right -10",
+    "thermocouple reads 19 °C too little": "offset right -19",
+    "thermocouple drifts by -0.5 °C/s": "drift right -0.5",
+    "thermocouple has come off": "detach right",
+    "thermocouple absent": (RIGHT, lambda t, y, before, noise: np.nan),
+}
+
+
 class SimulatedRobot(LeafSystem):
     """A `SimulatedBoard` with the ports of `Limb`, armed, as a limb of a diagram."""
 
@@ -159,7 +190,8 @@ class SimulatedRobot(LeafSystem):
     def __init__(self, board: SimulatedBoard, parameters: LimbParameters):
         super().__init__()
         self.board, self.parameters, self.source = board, parameters, "emulated limb on its board"
-        self.reduced = 0.0
+        self.reduced, self.hottest = 0.0, -np.inf
+        self.orders: list[tuple[float, str]] = []  # s, from when on, and what; in their order
         self.DeclareVectorInputPort("duty", 2)
         state = self.DeclareDiscreteState(5)
         self.DeclareInitializationDiscreteUpdateEvent(self._read)
@@ -179,8 +211,11 @@ class SimulatedRobot(LeafSystem):
             )
 
     def _update(self, context, state):
+        while self.orders and self.orders[0][0] <= context.get_time():
+            self.board.emulation.misbehave(self.orders.pop(0)[1])
         duty = np.clip(self.get_input_port().Eval(context), 0.0, 1.0)
         self.board.run(self.PERIOD, duty)
+        self.hottest = max(self.hottest, self.board.emulation.board.wire_temperature().max())
         self.reduced += self.PERIOD * bool(np.sum(self.board.duty) < np.sum(duty) - 0.02)
         self._read(context, state)
 
@@ -268,18 +303,99 @@ def print_ordinary(results: list[dict]) -> None:
     print(f"hottest wire at the end of a run: {max(r['hottest'] for r in results):.1f} °C")
 
 
+def calibrated_limb(seed: int) -> tuple[Specimen, LimbParameters]:
+    """A limb, rested after it was calibrated, and what calibration found."""
+    twin = LimbTwin(seed=seed)
+    parameters = calibrate(collect_from_twin(twin, seed=seed)).parameters
+    return twin.again(300.0).specimen, parameters
+
+
+def run_feedback(seed: int) -> list[dict]:
+    """A limb with all controllers and faults."""
+    specimen, parameters = calibrated_limb(seed)
+    trajectory = plan(parameters, references.step_and_decaying_sine(), task=Task.closed_loop())
+    return [
+        result
+        for name in CONTROLLERS
+        if name != OPEN
+        for result in run_feedback_faults(specimen, trajectory, name)
+    ]
+
+
+def run_feedback_faults(specimen: Specimen, trajectory: Trajectory, name: str) -> list[dict]:
+    """A limb and a controller with all faults; what became of it."""
+    results, good = [], None
+    for fault, what in FEEDBACK_FAULTS.items():
+        random.seed(repr((fault, name, specimen.seed)))
+        board = SimulatedBoard(
+            LimbTwin(specimen=copy.deepcopy(specimen)), trajectory.parameters, step=STEP
+        )
+        prepare(board, 1)
+        controller = controller_of(name, trajectory)
+        robot = SimulatedRobot(board, trajectory.parameters)
+        if isinstance(what, str):
+            robot.orders = [(LYING, what), (MENDED, "mend")]
+        elif what:
+            controller = with_faulty_sensors(controller, SensorFault(*what, LYING, MENDED))
+        armed = board.arm()
+        recording = replay(trajectory, robot, controller=controller)
+        good = good or recording
+        off = np.rad2deg(np.abs(recording.bend_angle - good.bend_angle))[0]
+        lying = (recording.time > LYING) & (recording.time <= MENDED)
+        results.append(
+            {
+                "controller": name,
+                "fault": fault,
+                "hottest": robot.hottest,
+                "reason": board.emulation.firmware.guard.reason if armed else "not armed",
+                "lying": off[lying].max(),
+                "after": off[recording.time > MENDED + 4.0].max(),
+                "reduced": robot.reduced,
+            }
+        )
+    return results
+
+
+def print_feedback(results: list[list[dict]]) -> None:
+    runs = [run for limb in results for run in limb]
+    print(f"{len(results)} limbs")
+    print(
+        "controller  fault                                hottest °C   bend off by, °: lying  "
+        "after   reduced s   board off"
+    )
+    for name, fault in itertools.product(CONTROLLERS, FEEDBACK_FAULTS):
+        these = [run for run in runs if (run["controller"], run["fault"]) == (name, fault)]
+        if not these:
+            continue
+        ended = [run for run in these if run["reason"] != guard.NONE]
+        went_on = [run for run in these if run["reason"] == guard.NONE]
+        lying, after = (
+            f"{max((run[key] for run in went_on), default=np.nan):.1f}"
+            for key in ("lying", "after")
+        )
+        reasons = ", ".join(sorted({REASONS.get(r["reason"], r["reason"]) for r in ended}))
+        print(
+            f"{name:<12}{fault:<37}{max(run['hottest'] for run in these):>10.1f}"
+            f"{lying:>25}{after:>7}{max(run['reduced'] for run in these):>12.1f}"
+            f"   {len(ended)} of {len(these)} {reasons}"
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("faults", "ordinary"))
+    parser.add_argument("what", choices=("faults", "ordinary", "feedback"))
     parser.add_argument("--limbs", type=int, default=50)
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--fault", help="only faults whose name contains this")
     options = parser.parse_args()
     start = time.perf_counter()
-    jobs: list[tuple]
+    jobs: list
     if options.what == "faults":
         run, show = run_fault, print_faults
         jobs = fault_jobs(options.limbs, options.fault or "")
+    elif options.what == "feedback":
+        run, show = run_feedback, print_feedback
+        jobs = list(range(options.limbs))
     else:
         run, show = run_ordinary, print_ordinary
         jobs = [(seed, NOISES[seed % 2]) for seed in range(options.limbs)]
@@ -290,7 +406,7 @@ def main() -> None:
     ):
         for number, result in enumerate(pool.imap_unordered(run, jobs), 1):
             results.append(result)
-            for alarm in result.get("alarms", ()):
+            for alarm in result.get("alarms", ()) if isinstance(result, dict) else ():
                 print(f"\nlimb {result['job'][0]}: {alarm}", file=sys.stderr)
             print(f"\r{number} of {len(jobs)} runs", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
