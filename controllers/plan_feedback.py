@@ -10,7 +10,10 @@ from limb_systems import LimbParameters, Trajectory
 
 PROPORTIONAL = 2.5  # 1/s
 COMMON_MODE = 0.5  # 1/s
-WARMER, AHEAD = 8.0, 2.0  # °C, that a wire may be warmer than planned within these s
+# °C, that a wire of a limb that is calibrated, or is not, may be warmer than planned within these s
+WARMER, WARMER_UNCALIBRATED, AHEAD = 8.0, 20.0, 2.0
+LUKEWARM = 30.0  # °C above T_warm, that it may have in any case
+LEAST_GAIN = 0.25  # of the mean gain, that a cold wire is taken to have at least
 
 
 class PlanFeedback(PlanController):
@@ -22,15 +25,16 @@ class PlanFeedback(PlanController):
 
         w = k_p (φ* - p - φ(x))
 
-    which both wires share: D = D* + λ g, with g the bend rate that full duty makes. As the
+    which both wires share: D = D* + λ g, with g the bend rate that full duty makes there. As the
     antagonist can always push, what runs out is heat. Where the wires of a segment are
     warmer than in the plan on average, the plan's duty is reduced, so that they cool:
 
         D* - k_c max(0, mean T - mean T*) / a2
 
     No duty is beyond what `TemperatureLimiter` allows, and no wire is heated to more than
-    8 °C beyond the most that it has in the next 2 s of the plan, and what holds p: a bend that
-    needs more is left, as heat would stay for long after it.
+    8 °C beyond the most that it has in the next 2 s of the plan, and what holds p (20 °C if
+    the limb is not calibrated): a bend that needs more is left, as heat would stay for long
+    after it. Up to 30 °C above T_warm there is no such limit, as wires cool from there soon.
 
     Ports and state are those of `PlanController`.
     """
@@ -54,12 +58,14 @@ class PlanFeedback(PlanController):
         self._plan, self._proportional = SampledPlan(trajectory, parameters), proportional
         super().__init__(parameters, self._plan.duty[0])
         model = self._estimator.model
-        self._gains, self._heating = mean_gains(model), heating_rates(model)
+        self._mean_gains, self._heating = mean_gains(model), heating_rates(model)
+        self._gains = planned_gains(model, self._plan)
         planned = self._plan.temperature
         self._planned_mean = self._mean(planned)
         ahead = round(AHEAD / PERIOD)
         later = np.pad(planned, ((0, ahead), (0, 0)), mode="edge")
-        self._highest = sliding_window_view(later, ahead + 1, axis=0).max(axis=-1) + WARMER
+        self._highest = sliding_window_view(later, ahead + 1, axis=0).max(axis=-1)
+        self._highest += WARMER if parameters.calibration else WARMER_UNCALIBRATED
         self.set_name("plan_feedback")
 
     def _duty(self, time: float, estimate: Estimate, caps: np.ndarray, state) -> np.ndarray:
@@ -68,13 +74,14 @@ class PlanFeedback(PlanController):
         warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
         base = self._plan.duty[k] - COMMON_MODE * np.maximum(warmer, 0.0) / self._heating
         base = np.clip(base, 0.0, caps)
-        return share(self._proportional * missed, base, self._gains, caps)
+        return share(self._proportional * missed, base, self._gains[k], caps)
 
     def _temperature_limit(self, time: float, estimate: Estimate) -> np.ndarray:
-        by_temperature = self._gains / self._heating  # rad/°C
+        by_temperature = self._mean_gains / self._heating  # rad/°C
         against = np.sign(by_temperature) * -estimate.offset[:, None]
         held = np.maximum(against, 0.0).max(axis=0) / np.abs(by_temperature).max(axis=0)
-        return self._highest[self._plan.index(time)] + held
+        lukewarm = self._parameters.temperature_limits.warm + LUKEWARM
+        return np.maximum(self._highest[self._plan.index(time)] + held, lukewarm)
 
     def linearized(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The plan's heat (H,) and duty (W,) at a time, s, and K (W, M) of the feedback there.
@@ -87,7 +94,7 @@ class PlanFeedback(PlanController):
         missed = np.zeros((model.num_segments, self._estimator.sensing(heat)[1].shape[1]))
         missed[:, : model.size] = model.bend_slopes(heat)[1]
         missed[:, -model.num_segments :] = np.eye(model.num_segments)
-        sharing = self._gains.T / (self._gains**2).sum(axis=1)
+        sharing = self._gains[k].T / (self._gains[k] ** 2).sum(axis=1)
         return heat, self._plan.duty[k], self._proportional * sharing @ missed
 
     def _mean(self, temperature: np.ndarray) -> np.ndarray:
@@ -110,6 +117,17 @@ def mean_gains(model: ReducedModel) -> np.ndarray:
         hot[wire] = limits.maximum
         slopes.append((model.bend_angle(model.heated(hot)) - bend) / (limits.maximum - limits.warm))
     return np.transpose(slopes) * heating_rates(model) * np.abs(np.sign(model.sides))
+
+
+def planned_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
+    """g (K, S, W), rad/s: the bend rate by full duty along a plan, from a quarter of the mean up.
+
+    It is not more than the mean, as a wire that transforms now may not do so later.
+    """
+    mean = mean_gains(model)
+    by_duty = model.bend_slopes(plan.heat)[1] @ model.linearized_step(plan.heat, plan.duty)[2]
+    towards = by_duty / PERIOD * np.sign(mean)
+    return np.sign(mean) * np.clip(towards, LEAST_GAIN * np.abs(mean), np.abs(mean))
 
 
 def heating_rates(model: ReducedModel) -> np.ndarray:

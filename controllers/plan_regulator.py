@@ -16,7 +16,7 @@ from limb_systems import LimbParameters, Trajectory
 from limb_systems.model.ownership import weak_method
 
 # Deviations that cost alike; (15) has no weight on temperature, but feedback runs out of heat.
-BEND = np.deg2rad(1.0)  # rad
+BEND = np.deg2rad(0.5)  # rad
 DUTY = 0.2
 TEMPERATURE = 10.0  # °C
 
@@ -72,7 +72,7 @@ class PlanRegulator(PlanController):
 
     The least of, summed over the periods to the end of the plan,
 
-        (δφ / 1°)² + Σ (δT / 10 °C)² + Σ (δD / 0.2)²
+        (δφ / 0.5°)² + Σ (δT / 10 °C)² + Σ (δD / 0.2)²
 
     for deviations from the plan that the `Estimator` sees, and a bend p from outside that
     stays: D = D* - K(t) [x - x*, p]. What a wire cannot do of it the others of its segment
@@ -94,11 +94,15 @@ class PlanRegulator(PlanController):
         super().__init__(parameters, self._plan.duty[0])
         self._gains = mean_gains(self._estimator.model)
         self._regulator = regulator_gains(self._estimator.model, self._plan)
+        # How other parameters than the plan's bend otherwise under the plan's duty.
+        self._unlike_plan = self._estimator.model.bend_angle(self._plan.heat)
+        self._unlike_plan[1:] -= self._plan.bend_angle[:-1]
         self.set_name("plan_regulator")
 
     def _duty(self, time: float, estimate: Estimate, caps: np.ndarray, state) -> np.ndarray:
         k, N = self._plan.index(time), estimate.heat.size - len(caps)
-        deviation = np.append((estimate.heat - self._plan.heat[k])[:N], estimate.offset)
+        offset = estimate.offset + self._unlike_plan[k]
+        deviation = np.append((estimate.heat - self._plan.heat[k])[:N], offset)
         wanted = self._plan.duty[k] - self._regulator[k] @ deviation
         possible = np.clip(wanted, 0.0, caps)
         return share(self._gains @ (wanted - possible), possible, self._gains, caps)

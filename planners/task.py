@@ -155,8 +155,12 @@ class Task:
 
     @classmethod
     def closed_loop(cls) -> "Task":
-        """For plans that feedback follows: margins for it, and wires no hotter than needed."""
-        return cls(temperature_margin=15.0, duty_margin=0.1, temperature_weight=1e-3)
+        """For plans that feedback follows: they leave it heat and duty.
+
+        With more weight on duty wires stay cooler, and a limb that lags behind its plan can
+        catch up before both wires are hot.
+        """
+        return cls(duty_weight=10.0, temperature_margin=15.0, duty_margin=0.4)
 
     @classmethod
     def load(cls, path: str | Path) -> "Task":

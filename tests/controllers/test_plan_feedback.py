@@ -69,7 +69,7 @@ def test_gains_are_those_of_the_springs(two_segments):
 
 
 def test_a_plan_is_sampled_at_the_controllers_period(short_plan):
-    sampled = SampledPlan(short_plan)
+    sampled = SampledPlan(short_plan, short_plan.parameters)
     assert sampled.duty.shape == (81, 2)
     early = short_plan.duty_trajectory().vector_values(np.linspace(1.0, 1.05, 101)).mean(axis=1)
     np.testing.assert_allclose(sampled.duty[20], np.clip(early, 0, 1), atol=1e-3)
@@ -155,7 +155,7 @@ def test_wires_that_are_hotter_than_planned_are_let_cool(fed, short_plan):
     duty = under(fed, PlanFeedback(short_plan), limb, ticks=12, readings=even)
     cold = under(fed, PlanFeedback(short_plan), limb, ticks=12)
     assert model.bend_angle(model.heated(even)) == pytest.approx(0.0, abs=1e-9)
-    planned = SampledPlan(short_plan).duty[:12].sum()
+    planned = SampledPlan(short_plan, short_plan.parameters).duty[:12].sum()
     assert planned > 0.01
     assert duty[1:].sum() < 0.5 * cold[1:].sum()
 
