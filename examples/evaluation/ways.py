@@ -4,7 +4,7 @@ import copy
 import dataclasses
 from collections.abc import Sequence
 
-from controllers import Learner, PlanFeedback, RecedingHorizon
+from controllers import Learner, PlanFeedback, PlanRegulator, RecedingHorizon
 from evaluation.disturbances import (
     LIMB_DISTURBANCES,
     SENSOR_DISTURBANCES,
@@ -14,14 +14,16 @@ from hardware import LimbTwin, replay
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, Recording, Trajectory
 
-OPEN_LOOP, FEEDBACK, HORIZON, LEARNING = (
+OPEN_LOOP, FEEDBACK, REGULATOR, HORIZON, LEARNING = (
     "open loop",
-    "feedback (PI)",
+    "feedback",
+    "regulator (LQR)",
     "receding horizon",
     "learning",
 )
 CONTROLLERS = {
     FEEDBACK: PlanFeedback,
+    REGULATOR: PlanRegulator,
     HORIZON: RecedingHorizon,
 }
 CLOSED_LOOP = (*CONTROLLERS, LEARNING)
