@@ -21,9 +21,11 @@ from limb_systems import (
     LimbParameters,
     TwoMassLaw,
 )
+from limb_systems.model.parameters import CalibrationRecord
 from limb_systems.simulation import record
 
-LIMIT = 105.0  # °C, 5 °C above T_max
+LIMIT = 100.0  # °C, T_max, of limbs that are not calibrated
+CALIBRATED_LIMIT = 105.0  # °C
 PERIOD = 0.05
 
 
@@ -95,7 +97,7 @@ def test_wires_that_are_known_never_pass_the_limit(seed, ticks, highest):
     assert applied.max() <= 1.0
 
 
-@pytest.mark.parametrize(("asked", "hottest"), [([[9.0, 1.0]] * 300, 100.0), (square, 100.0)])
+@pytest.mark.parametrize(("asked", "hottest"), [([[9.0, 1.0]] * 300, 98.0), (square, 98.0)])
 def test_full_duty_is_used_as_far_as_it_goes(asked, hottest):
     parameters = small_limb()
     temperature, applied = driven(TemperatureSupervisor(parameters), ExactWires(parameters), asked)
@@ -132,12 +134,12 @@ def test_a_chosen_limit_is_kept():
 
 
 @pytest.mark.parametrize(
-    ("a2_share", "a3_share", "beyond"), [(1.2, 1.0, 2.0), (1.0, 0.5, 12.0), (1.2, 0.5, 15.0)]
+    ("a2_share", "a3_share", "beyond"), [(1.2, 1.0, 0.0), (1.0, 0.5, 1.0), (1.2, 0.5, 2.0)]
 )
 def test_wires_that_are_known_badly_pass_the_limit_by_so_much(a2_share, a3_share, beyond):
     """A supply of 10% more voltage heats by 20% more; a bad bond halves the rate of readings.
 
-    Where readings lag by another second than one knows, full duty from cold passes the limit.
+    As nothing says how well it is known, the limiter takes readings to lag up to twice as long.
     """
     parameters = small_limb()
     others = copy.deepcopy(parameters)
@@ -147,6 +149,13 @@ def test_wires_that_are_known_badly_pass_the_limit_by_so_much(a2_share, a3_share
     wires = ExactWires(others)
     temperature, _ = driven(TemperatureSupervisor(parameters), wires, square[:200])
     assert LIMIT - 5.0 < temperature.max() < LIMIT + beyond
+
+
+def test_wires_that_are_calibrated_may_be_warmer():
+    parameters = small_limb()
+    parameters.calibration = CalibrationRecord([], [], [], [])
+    temperature, _ = driven(TemperatureSupervisor(parameters), ExactWires(parameters), square)
+    assert 103.0 < temperature.max() <= CALIBRATED_LIMIT
 
 
 def test_without_readings_the_law_is_believed():
@@ -191,22 +200,20 @@ def waves(num_wires, seconds):
 def test_limbs_of_any_law_stay_below_the_limit(law):
     parameters = small_limb(law)
     recording = supervised_recording(Limb(parameters), parameters, waves(2, 9.0), 9.0)
-    assert 100.0 < recording.wire_temperature.max() <= LIMIT
+    assert 95.0 < recording.wire_temperature.max() <= LIMIT
 
 
 def test_limbs_of_two_segments_stay_below_the_limit(two_segments):
     recording = supervised_recording(Limb(two_segments), two_segments, waves(4, 10.0), 10.0)
     hottest = recording.wire_temperature.max(axis=1)
     assert (hottest <= LIMIT).all()
-    assert hottest.max() > 100.0
+    assert hottest.max() > 95.0
 
 
 def test_an_emulated_limb_that_is_not_calibrated_does_not_cut_out():
     limb = LimbTwin(seed=14, truth=True)
     recording = supervised_recording(limb, LimbParameters(), waves(2, 14.0), 14.0)
-    assert recording.measured_temperature.max() < 110.0
-    assert recording.wire_temperature.max() < LIMIT + 10.0
-    assert recording.wire_temperature.max() > 95.0
+    assert 95.0 < recording.wire_temperature.max() < LIMIT + 2.0
 
 
 class FullDuty(LeafSystem):
@@ -240,7 +247,7 @@ def test_a_supervised_controller_drives_a_limb(short_plan):
     parameters = copy.deepcopy(short_plan.parameters)
     controller = supervised(FullDuty(), parameters, limit=60.0)
     recording = replay(short_plan, Limb(parameters), controller=controller)
-    assert 55.0 < recording.wire_temperature.max() <= 60.0
+    assert 50.0 < recording.wire_temperature.max() <= 60.0
 
 
 def test_what_cannot_be_supervised_is_refused():
