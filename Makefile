@@ -22,6 +22,7 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/board_faults.py ordinary --limbs 2
 	$(BIN)/python benchmarks/serial_replay.py
 	$(BIN)/python benchmarks/laws.py
+	$(BIN)/python benchmarks/controller_steps.py
 	$(BIN)/python benchmarks/planning.py
 
 # Needs Node.js and npm.
