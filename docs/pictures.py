@@ -40,7 +40,7 @@ def main() -> None:
     parser.add_argument("--demo", type=Path, help="folder of `make demo` to copy pictures from")
     folder = parser.parse_args().demo
     if folder:
-        for name in ("fig4.png", "fig5.png"):
+        for name in ("fig4.png", "fig5.png", "ways.png"):
             shutil.copy(folder / name, FOLDER)
         return
     save_dot(diagram_dot(Limb(), LIMB), FOLDER / "limb.svg")
