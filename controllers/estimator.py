@@ -35,7 +35,7 @@ OTHER_WALK = 0.005  # of the typical change of other states
 HEATING_ERROR = 0.1  # of the heating by duty, in addition
 BEND_WALK = np.deg2rad(0.4)  # rad, of p
 HEATING_RATE, HEATING_TIME = 1.0, 15.0  # °C/s and s, of q
-DRIFT_TIME = 120.0  # s, of d
+DRIFT_TIME = 120.0  # s, in which the correlation of d falls to 1/e
 INITIAL_BEND = np.deg2rad(3.0)  # rad, of p
 INITIAL_TEMPERATURE = 1.0  # °C
 INITIAL_OTHER = 0.1  # of the typical change of other states
@@ -113,8 +113,7 @@ class Estimator:
         self._initial = np.concatenate(
             [initial, np.full(W, HEATING_RATE / 2), drift, np.full(S, INITIAL_BEND)]
         )
-        _, _, by_duty = model.linearized_step(model.cold, np.full(W, 0.5))
-        self._heating = np.abs(np.diag(by_duty[:W]))  # °C per step, by full duty
+        self._heating = model.period * model.heating_rates  # °C per step, by full duty
 
     def begin(self, readings: np.ndarray, bend_angle: np.ndarray) -> Estimate:
         """The estimate for a limb at rest whose wires have had their temperature for long.

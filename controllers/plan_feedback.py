@@ -4,8 +4,9 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from controllers.estimator import Estimate
+from controllers.gains import mean_gains, planned_gains
 from controllers.plan_controller import PlanController, SampledPlan, share
-from controllers.reduced_model import PERIOD, ReducedModel
+from controllers.reduced_model import PERIOD
 from limb_systems import LimbParameters, Trajectory
 
 PROPORTIONAL = 2.5  # 1/s
@@ -13,7 +14,6 @@ COMMON_MODE = 0.5  # 1/s
 # °C, that a wire of a limb that is calibrated, or is not, may be warmer than planned within these s
 WARMER, WARMER_UNCALIBRATED, AHEAD = 8.0, 20.0, 2.0
 LUKEWARM = 30.0  # °C above T_warm, that it may have in any case
-LEAST_GAIN = 0.25  # of the mean gain, that a cold wire is taken to have at least
 
 
 class PlanFeedback(PlanController):
@@ -58,7 +58,7 @@ class PlanFeedback(PlanController):
         self._plan, self._proportional = SampledPlan(trajectory, parameters), proportional
         super().__init__(parameters, self._plan.duty[0])
         model = self._estimator.model
-        self._mean_gains, self._heating = mean_gains(model), heating_rates(model)
+        self._mean_gains, self._heating = mean_gains(model), model.heating_rates
         self._gains = planned_gains(model, self._plan)
         planned = self._plan.temperature
         self._planned_mean = self._mean(planned)
@@ -101,37 +101,3 @@ class PlanFeedback(PlanController):
         """The mean over the wires of each wire's segment (..., W) of T (..., W), °C."""
         same = np.abs(np.sign(self._estimator.model.sides))
         return temperature @ (same.T @ (same / same.sum(axis=1, keepdims=True)))
-
-
-def mean_gains(model: ReducedModel) -> np.ndarray:
-    """g (S, W), rad/s: the bend rate by full duty, on average from T_warm to T_max.
-
-    Zero for the wires of other segments, by whose bend gravity bends a segment, too.
-    """
-    limits, W = model.parameters.temperature_limits, model.num_wires
-    warm = np.full(W, limits.warm)
-    bend = model.bend_angle(model.heated(warm))
-    slopes = []
-    for wire in range(W):
-        hot = warm.copy()
-        hot[wire] = limits.maximum
-        slopes.append((model.bend_angle(model.heated(hot)) - bend) / (limits.maximum - limits.warm))
-    return np.transpose(slopes) * heating_rates(model) * np.abs(np.sign(model.sides))
-
-
-def planned_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
-    """g (K, S, W), rad/s: the bend rate by full duty along a plan, from a quarter of the mean up.
-
-    It is not more than the mean, as a wire that transforms now may not do so later.
-    """
-    mean = mean_gains(model)
-    by_duty = model.bend_slopes(plan.heat)[1] @ model.linearized_step(plan.heat, plan.duty)[2]
-    towards = by_duty / PERIOD * np.sign(mean)
-    return np.sign(mean) * np.clip(towards, LEAST_GAIN * np.abs(mean), np.abs(mean))
-
-
-def heating_rates(model: ReducedModel) -> np.ndarray:
-    """a2 (W,), °C/s: by how much faster cold wires heat at full duty than at none."""
-    W = model.num_wires
-    full, none = (model.step(model.cold, np.full(W, duty))[:W] for duty in (1.0, 0.0))
-    return (full - none) / PERIOD

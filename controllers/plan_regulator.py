@@ -9,8 +9,8 @@ from pydrake.systems.framework import LeafSystem_
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from controllers.estimator import Estimate
+from controllers.gains import mean_gains
 from controllers.plan_controller import PlanController, SampledPlan, share
-from controllers.plan_feedback import mean_gains
 from controllers.reduced_model import PERIOD, ReducedModel
 from limb_systems import LimbParameters, Trajectory
 from limb_systems.model.ownership import weak_method

@@ -5,9 +5,9 @@ import concurrent.futures
 import numpy as np
 
 from controllers.estimator import Estimate
+from controllers.gains import mean_gains
 from controllers.horizon import HorizonPlan
 from controllers.plan_controller import PlanController, share, within_total
-from controllers.plan_feedback import mean_gains
 from controllers.planner_process import PlannerProcess, planner_of
 from controllers.reduced_model import PERIOD
 from limb_systems import Trajectory

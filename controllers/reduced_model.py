@@ -55,6 +55,13 @@ class ReducedModel:
         in_segment = (self._to_bend > 0).T
         self.bend_by_torque = np.diag(self._to_bend @ self._compliance @ in_segment).copy()
 
+    @property
+    def heating_rates(self) -> np.ndarray:
+        """a2 (W,), °C/s: by how much faster cold wires heat at full duty than at none."""
+        W = self.num_wires
+        full, none = (self.step(self.cold, np.full(W, duty))[:W] for duty in (1.0, 0.0))
+        return (full - none) / self.period
+
     def temperatures(self, heat: np.ndarray) -> np.ndarray:
         """T (..., W), °C."""
         return heat[..., : self.num_wires]

@@ -7,8 +7,8 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from controllers import PlanFeedback, PlanRegulator, ReducedModel
+from controllers.gains import mean_gains
 from controllers.plan_controller import SampledPlan, share, within_total
-from controllers.plan_feedback import mean_gains
 from hardware import LimbTwin, replay
 from limb_systems import Limb, LimbParameters, simulate
 from limb_systems.tracking import tracking_errors
