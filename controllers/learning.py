@@ -19,22 +19,22 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from controllers.duty_correction import READING_MARGIN, DutyCorrection, Errors
+from controllers.estimator import DRIFT_TIME
 from controllers.repeating_error import RepeatingError, wandering
 from limb_systems import LimbError, Recording, Trajectory
+from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.files.tables import FileFormatError
 from limb_systems.input import LARGEST_TABLE, read_bytes
 from limb_systems.output import write_atomically
 from limb_systems.schema import check_text
 from limb_systems.tracking import tracking_errors
 
-DRIFT_TIME = 120.0  # s, in which the correlation of a sensor's drift falls to 1/e
 READING_NOISE = 0.3  # °C, of a mean of some readings of a thermocouple
 MEANS = 0.25  # of a sample's variance, left in the mean of those around a node
 ROUNDING = 1e-10  # rad², so that sensors without noise leave no singular matrix
 SMOOTH = 2.0  # s, in which the correlation of the model's errors falls to 1/e
 REST_ERROR = np.deg2rad(1.0)  # of the model's bend with cold wires
 UNKNOWN_BEND, UNKNOWN_TEMPERATURE = np.deg2rad(5.0), 10.0  # errors of uncalibrated models
-MEAN_TO_DEVIATION = 1.25  # of the mean of |x| to the standard deviation of x, if x is normal
 CHANGED_SHARE = 0.15  # of a change of bend or temperature, which the model has wrong
 CHANGED_REST = np.deg2rad(0.1)  # by which a limb changes between repetitions
 CHANGED_TEMPERATURE = 0.3  # °C, likewise
