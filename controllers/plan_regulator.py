@@ -95,8 +95,9 @@ class PlanRegulator(PlanController):
         self._gains = mean_gains(self._estimator.model)
         self._regulator = regulator_gains(self._estimator.model, self._plan)
         # How other parameters than the plan's bend otherwise under the plan's duty.
-        self._unlike_plan = self._estimator.model.bend_angle(self._plan.heat)
-        self._unlike_plan[1:] -= self._plan.bend_angle[:-1]
+        first = trajectory.bend_angle[:, :1].T
+        planned = np.vstack([first, self._plan.bend_angle[:-1]])
+        self._unlike_plan = self._estimator.model.bend_angle(self._plan.heat) - planned
         self.set_name("plan_regulator")
 
     def _duty(self, time: float, estimate: Estimate, caps: np.ndarray, state) -> np.ndarray:

@@ -69,3 +69,9 @@ def test_margins_are_where_the_loop_begins_to_oscillate(kind, steady_plan):
         assert (late > 0.3) == oscillates, (kind, share, late)
         much = largest_late(kind(steady_plan), model, 2.0, gain=share * margins.gain)
         assert (much > 0.3) == oscillates, (kind, share, much)
+
+
+def test_a_plan_is_the_model_under_its_own_duty(short_plan):
+    """So that only what the limb does otherwise is regulated, from the first period on."""
+    controller = PlanRegulator(short_plan)
+    assert np.rad2deg(np.abs(controller._unlike_plan[[0, 1, -1]])).max() < 0.05
