@@ -1,7 +1,6 @@
 """Drives limbs along plans by what is named on the command line, and says how it went."""
 
 import dataclasses
-import importlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
-from controllers import PlanFeedback, RecedingHorizon
+from controllers import PlanFeedback, PlanRegulator, RecedingHorizon
 from hardware.replay import replay
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import LimbSystem, Recording, Trajectory
@@ -18,13 +17,7 @@ from limb_systems.simulation import REAL_TIME_STEP
 from limb_systems.tracking import tracking_errors
 
 OPEN = "open"
-# What each controller is called in recordings.
-CONTROLLERS = {
-    OPEN: "open loop",
-    "pi": "PlanFeedback",
-    "lqr": "PlanRegulator",
-    "mpc": "RecedingHorizon",
-}
+CONTROLLERS = {OPEN: None, "pi": PlanFeedback, "lqr": PlanRegulator, "mpc": RecedingHorizon}
 CONTROLLER_HELP = (
     "what drives it: open, the plan's duty; pi, feedback about the plan; lqr, time-varying LQR "
     "about the plan; mpc, plans of the coming seconds towards the reference"
@@ -149,7 +142,7 @@ def drive(
     counted = _Counted(driver) if driver and driver.HasOutputPort("replans") else None
     limb = make_limb()
     if driver:
-        limb.source += f", driven by {CONTROLLERS[controller]}"
+        limb.source += f", driven by {type(driver).__name__}"
     recording = replay(
         trajectory,
         limb,
@@ -172,13 +165,10 @@ def drive(
 
 def controller_of(name: str, trajectory: Trajectory, *, real_time: bool = False) -> System | None:
     """A controller by its key in `CONTROLLERS`; None for open loop."""
-    if name == OPEN:
+    kind = CONTROLLERS[name]
+    if kind is None:
         return None
-    if name == "pi":
-        return PlanFeedback(trajectory)
-    if name == "mpc":
-        return RecedingHorizon(trajectory, real_time=real_time)
-    return importlib.import_module("controllers").PlanRegulator(trajectory)
+    return kind(trajectory, real_time=real_time) if kind is RecedingHorizon else kind(trajectory)
 
 
 def reduced_time(recording: Recording) -> float:
