@@ -1,6 +1,7 @@
 """Feedback about a plan: shares of duty by least squares, and limbs that are not as planned."""
 
 import copy
+import dataclasses
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from controllers.gains import mean_gains
 from controllers.plan_controller import SampledPlan, share, within_total
 from hardware import LimbTwin, replay
 from limb_systems import Limb, LimbParameters, simulate
+from limb_systems.model.parameters import CalibrationRecord
 from limb_systems.tracking import tracking_errors
 from planners import plan, references
 
@@ -174,3 +176,24 @@ def test_each_segment_is_held_to_its_own_plan(two_segments):
     late = held.time > 3.9
     missed = np.rad2deg(held.bend_angle - course.bend_angle_at(held.time))[:, late]
     assert np.abs(missed).max() < 1.0
+
+
+@pytest.mark.parametrize(("calibrated", "warmer"), [(True, 8.0), (False, 20.0)])
+def test_no_wire_is_heated_far_beyond_the_plan(short_plan, calibrated, warmer):
+    """Than in the next 2 s of the plan, plus what holds a bend from outside; or 30 °C over warm."""
+    parameters = copy.deepcopy(short_plan.parameters)
+    parameters.calibration = CalibrationRecord([], [], [], []) if calibrated else None
+    lukewarm = PlanFeedback(short_plan, parameters=parameters)
+    parameters.temperature_limits.warm = -40.0
+    feedback = PlanFeedback(short_plan, parameters=parameters)
+    estimate = feedback.estimator.begin(np.full(2, 25.0), np.zeros(1))
+    soon = np.linspace(1.0, 3.0, 200)
+    planned = [np.interp(soon, short_plan.time, row).max() for row in short_plan.wire_temperature]
+    limit = feedback._temperature_limit(1.0, estimate)
+    np.testing.assert_allclose(limit, np.array(planned) + warmer, atol=0.5)
+    pushed = dataclasses.replace(estimate, offset=np.deg2rad([-5.0]))
+    law, segment = parameters.wires[1].law, parameters.segments[0]
+    holds = np.deg2rad(5.0) * segment.stiffness / law.beta * 2 / (segment.links + 1)
+    more = feedback._temperature_limit(1.0, pushed) - limit
+    np.testing.assert_allclose(more, [0.0, holds], rtol=0.01, atol=1e-9)
+    np.testing.assert_allclose(lukewarm._temperature_limit(1.0, estimate), np.maximum(limit, 75.0))
