@@ -110,8 +110,8 @@ def _closed_loop(summaries: Sequence[Summary]) -> list[str]:
                 "Learning over repetitions",
                 page.paragraph(
                     "Each repetition is driven in open loop, with the duty that was learned from "
-                    "the readings of those before. The sensor's own gain and drift are learned "
-                    "as well, so the true bend gains less."
+                    "the readings of those before. The sensor's noise and drift do not repeat, and "
+                    "stay in what is read; its gain does, and stays in the true bend."
                 ),
                 page.picture(plot_learning(summaries), "Mean error of each repetition"),
             )
