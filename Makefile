@@ -3,7 +3,7 @@ PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test bench lint micropython api coverage clean
+.PHONY: demo test bench browser lint micropython api coverage clean
 
 demo: $(VENV)/ready
 	$(BIN)/python examples/reproduce_paper.py out --quick
@@ -24,6 +24,10 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/laws.py
 	$(BIN)/python benchmarks/controller_steps.py
 	$(BIN)/python benchmarks/planning.py
+
+# For the tests that look at pages; a Chromium that is installed already will do.
+browser: $(VENV)/ready
+	$(BIN)/playwright install --with-deps --only-shell chromium
 
 # Needs Node.js and npm.
 micropython: $(VENV)/ready

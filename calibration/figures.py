@@ -8,15 +8,14 @@ from calibration.heat import HeatFit
 from calibration.prediction import Predicted
 from calibration.stiffness import StiffnessFit
 from calibration.validation import Validation
-from limb_systems.views.figure import Figure
-from limb_systems.views.plots import (
+from limb_systems.views.colors import (
     PLAN_COLOR,
     REFERENCE_COLOR,
     ROLLOUT_COLOR,
-    WIDTH,
-    dress,
     wire_colors,
 )
+from limb_systems.views.figure import Figure
+from limb_systems.views.plots import WIDTH, dress
 
 
 def plot_validation(validation: Validation) -> Figure:

@@ -19,8 +19,8 @@ from calibration.heat import HeatFit
 from calibration.selection import Prediction
 from calibration.validation import Validation
 from limb_systems.views import page
+from limb_systems.views.colors import wire_colors
 from limb_systems.views.figure import Figure
-from limb_systems.views.plots import wire_colors
 
 _MEANING = {
     "ambient_temperature": "T0",

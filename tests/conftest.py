@@ -7,6 +7,8 @@ that time, but with it samples have come too late for a host on two cores.
 """
 
 import os
+import shutil
+from collections.abc import Iterator
 
 import pytest
 from xdist.scheduler import LoadScopeScheduling
@@ -17,6 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from limb_systems import LimbParameters, SegmentParameters, Trajectory
 from planners import Task, plan, references
 
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 REAL_TIME = (
     "tests/hardware/test_faults.py",
     "tests/hardware/test_link.py",
@@ -69,3 +72,22 @@ def two_segments() -> LimbParameters:
     tip.wire("left").law.beta, tip.wire("right").law.beta = 2.5e-4, 3.0e-4
     tip.wire("left").law.a1, tip.wire("right").law.a2 = -0.09, 26.0
     return LimbParameters(segments=[SegmentParameters(links=2), tip])
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator:
+    """Playwright's handle of a headless Chromium; without one, the test is skipped."""
+    # Few tests look at pages.
+    from playwright.sync_api import Error, sync_playwright
+
+    installed = next(filter(None, map(shutil.which, BROWSERS)), None)
+    with sync_playwright() as playwright:
+        try:
+            # Its sandbox needs rights that containers do not have.
+            chromium = playwright.chromium.launch(
+                executable_path=installed, args=["--no-sandbox", "--use-angle=swiftshader"]
+            )
+        except Error:
+            pytest.skip("there is no Chromium here; `make browser` installs one")
+        yield chromium
+        chromium.close()

@@ -10,17 +10,15 @@ from evaluation.experiment import Experiment, Motion
 from evaluation.tables import PAPER_TABLE_1, STATISTICS, Summary, complete, mean_and_margin
 from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, true_bend
 from limb_systems import Recording, joint_angles_from_bend_angle
-from limb_systems.views.figure import Figure
-from limb_systems.views.plots import (
+from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
     PLAN_COLOR,
     REFERENCE_COLOR,
     ROLLOUT_COLOR,
-    WIDTH,
-    dress,
-    plot_tracking,
     wire_colors,
 )
+from limb_systems.views.figure import Figure
+from limb_systems.views.plots import WIDTH, dress, plot_tracking
 
 
 def plot_limbs(summaries: Sequence[Summary]) -> Figure:

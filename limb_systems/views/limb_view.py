@@ -18,6 +18,7 @@ from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.kinematics import joint_angles_from_bend_angle
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR
 
 GHOST_OPACITY = 0.5
 DUTY_COLOR = (0.16, 0.18, 0.22)  # sRGB
@@ -45,8 +46,6 @@ class Ghost:
         """That of the plots, sRGB."""
         # Matplotlib takes as long to import as all the rest, and few limbs have ghosts.
         from matplotlib.colors import to_rgb
-
-        from limb_systems.views.plots import PLAN_COLOR, REFERENCE_COLOR
 
         return to_rgb({"reference": REFERENCE_COLOR, "plan": PLAN_COLOR}[self.name])
 

@@ -10,11 +10,15 @@ from matplotlib.axes import Axes
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.output import check_picture
+from limb_systems.views.colors import (
+    LEFT_RIGHT_COLORS,
+    PLAN_COLOR,
+    REFERENCE_COLOR,
+    ROLLOUT_COLOR,
+    wire_colors,
+)
 from limb_systems.views.figure import Figure
 
-LEFT_RIGHT_COLORS = ("#1f9bb4", "#e07b1f")  # cyan and orange, as in the paper
-_FURTHER_COLORS = ("#2f9e6e", "#7b61c9", "#8a5a2b", "#b09a1a")  # unlike those below, too
-REFERENCE_COLOR, PLAN_COLOR, ROLLOUT_COLOR = "0.6", "#1f4fd8", "#c2268f"
 BAND = 1.96  # standard deviations that hold 95% of the rollouts
 WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
 
@@ -91,11 +95,6 @@ def plot_repetitions(
     for axis in (over, *axes):
         dress(axis)
     return figure
-
-
-def wire_colors(number: int) -> list[str]:
-    """A colour for each wire of a segment; the first two are left's and right's."""
-    return list(itertools.islice(itertools.cycle(LEFT_RIGHT_COLORS + _FURTHER_COLORS), number))
 
 
 def dress(axis: Axes) -> None:

@@ -8,16 +8,14 @@ from matplotlib.figure import Figure
 
 from hardware import LimbTwin, SensedLimb, replay
 from limb_systems import Limb, LimbError, PlanCheck, Trajectory
-from limb_systems.views.plots import (
+from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
     PLAN_COLOR,
     REFERENCE_COLOR,
     ROLLOUT_COLOR,
-    plot_repetitions,
-    plot_tracking,
-    save_figure,
     wire_colors,
 )
+from limb_systems.views.plots import plot_repetitions, plot_tracking, save_figure
 
 
 def test_rollouts_are_drawn_as_their_mean_and_the_band_of_95_percent(fig5_plan, tmp_path):

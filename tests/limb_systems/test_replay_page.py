@@ -25,7 +25,7 @@ from limb_systems import (
     wire_color,
     write_meshcat_replay,
 )
-from limb_systems.views import plots, replay_page
+from limb_systems.views import colors, replay_page
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -208,7 +208,7 @@ def test_ghosts_have_the_colours_of_the_plots_and_the_strip_is_translucent(tmp_p
     }
     assert len(found) == 2 * 2 * 5
     for path, material in found.items():
-        color = plots.PLAN_COLOR if "ghosts/plan" in path else plots.REFERENCE_COLOR
+        color = colors.PLAN_COLOR if "ghosts/plan" in path else colors.REFERENCE_COLOR
         assert f"#{material['color']:06x}" == matplotlib.colors.to_hex(color)
         assert material["opacity"] == pytest.approx(0.5 if path.endswith("strip") else 1.0)
         assert material["transparent"] == path.endswith("strip")

@@ -1,0 +1,12 @@
+"""The colours of curves, in pictures, pages and the 3D view alike."""
+
+import itertools
+
+LEFT_RIGHT_COLORS = ("#1f9bb4", "#e07b1f")  # cyan and orange, as in the paper
+_FURTHER_COLORS = ("#2f9e6e", "#7b61c9", "#8a5a2b", "#b09a1a")  # unlike those below, too
+REFERENCE_COLOR, PLAN_COLOR, ROLLOUT_COLOR = "#999999", "#1f4fd8", "#c2268f"
+
+
+def wire_colors(number: int) -> list[str]:
+    """A colour for each wire of a segment; the first two are left's and right's."""
+    return list(itertools.islice(itertools.cycle(LEFT_RIGHT_COLORS + _FURTHER_COLORS), number))
