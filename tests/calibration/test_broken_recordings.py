@@ -77,6 +77,8 @@ BREAKS = {
     "a sample each second": lambda r: part(r, 0, None, int(r.sample_rate)),
 }
 
+OF_HEAT = ("no temperature", "huge temperature", "full duty", "hardly any duty")  # not of the rest
+
 
 def calibrated_or_refused(recordings, method):
     """Whether recordings are calibrated; any trouble must be one sentence of ours."""
@@ -99,7 +101,7 @@ def calibrated_or_refused(recordings, method):
 @pytest.mark.parametrize("name", BREAKS)
 def test_broken_recordings_by_the_paper(short, name, monkeypatch):
     monkeypatch.setattr("calibration.damping.STEPS", 2)  # simulations take most of the time
-    for kind in ("sag", "ring_down", "right"):
+    for kind in ("right",) if name in OF_HEAT else ("sag", "ring_down", "right"):
         recordings = {k: [BREAKS[name](r) if k == kind else r] for k, r in short.items()}
         if kind != "ring_down":
             del recordings["ring_down"]  # takes most of the time

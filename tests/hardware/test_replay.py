@@ -33,11 +33,11 @@ def test_replay_on_the_model_itself_follows_the_plan(fig5_plan):
 
 def test_rollouts_behind_sensors_have_errors_of_the_size_of_their_noise(fig5_plan):
     rollouts = [
-        replay(fig5_plan, SensedLimb(Limb(fig5_plan.parameters), seed=s)) for s in range(20)
+        replay(fig5_plan, SensedLimb(Limb(fig5_plan.parameters), seed=s)) for s in range(12)
     ]
     errors = tracking_errors(fig5_plan, rollouts)
     # Noise of 0.5° and drift of 1° are normal of σ = 1.12°: |w| has the mean √(2/π) σ and the
-    # median 0.674 σ. Few drifts are seen in 20 min, which is what the tolerance is for.
+    # median 0.674 σ. Few drifts are seen in 12 min, which is what the tolerance is for.
     assert np.rad2deg(errors.mean) == pytest.approx(np.sqrt(2 / np.pi) * 1.12, rel=0.3)
     assert np.rad2deg(errors.median) == pytest.approx(0.674 * 1.12, rel=0.3)
 

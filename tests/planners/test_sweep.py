@@ -11,7 +11,7 @@ sweep = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(sweep)
 
 
-@pytest.mark.parametrize("seed", range(1000, 1012))
+@pytest.mark.parametrize("seed", range(1000, 1008))
 def test_random_problem_is_solved(seed):
     result = sweep.solve(seed)
     assert "failure" not in result, result
