@@ -3,36 +3,57 @@
 import base64
 import html
 import io
-from collections.abc import Sequence
+import json
+import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-
-import matplotlib
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from limb_systems.output import write_atomically
 
+if TYPE_CHECKING:  # Bokeh takes as long to import as all the rest
+    from bokeh.models import Model
+    from matplotlib.figure import Figure
+
 _STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; background: #fff; max-width: 46rem;
-       margin: 0 auto; padding: 1rem; }
+:root { color-scheme: light dark; --text: #222; --soft: #555; --line: #ddd; --ground: #fff; }
+@media (prefers-color-scheme: dark) {
+  :root { --text: #e4e4e4; --soft: #a8a8a8; --line: #3d3d3d; --ground: #161616; }
+}
+/* Charts take these, see "css_variables" in Bokeh's documentation. */
+:root {
+  --bk-axis-label-text-color: var(--soft); --bk-major-label-text-color: var(--soft);
+  --bk-axis-line-color: #888; --bk-major-tick-line-color: #888;
+  --bk-grid-line-color: rgba(128, 128, 128, 0.25);
+}
+body { font: 16px/1.5 system-ui, sans-serif; color: var(--text); background: var(--ground);
+       max-width: 46rem; margin: 0 auto; padding: 1rem; overflow-wrap: break-word; }
 h1 { line-height: 1.2; } h2 { margin-top: 2.5rem; } li { margin: .3rem 0; }
-figure { margin: 1rem 0; } img { width: 100%; height: auto; } figcaption { color: #555; }
+figure { margin: 1rem 0; } figcaption { color: var(--soft); }
+img { width: 100%; height: auto; background: #fff; }
+.verdict { font-size: 1.15em; border-left: .3rem solid #888; padding-left: .8rem; }
 .table { overflow-x: auto; margin: 1rem 0; }
 table { border-collapse: collapse; width: 100%; }
 td, th { text-align: left; vertical-align: top; padding: .25rem .75rem .25rem 0;
-         border-bottom: 1px solid #ddd; }
+         border-bottom: 1px solid var(--line); }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 td.number, th.number { white-space: nowrap; }
-caption { text-align: left; color: #555; caption-side: bottom; padding-top: .3rem; }
+caption { text-align: left; color: var(--soft); caption-side: bottom; padding-top: .3rem; }
 pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .8em; line-height: 1.35; }
 @media (max-width: 40rem) {
   table { font-size: .8rem; } td, th { padding-right: .4rem; } td.number { white-space: normal; }
 }
 @media print {
-  body { font-size: 10.5pt; max-width: none; padding: 0; }
+  body { font-size: 10.5pt; padding: 0; }
   h2, caption { break-after: avoid; } figure, table { break-inside: avoid; }
   img { max-height: 21cm; object-fit: contain; }
 }
 """
+_SHOW_CHARTS = """<script>
+for (const chart of document.querySelectorAll("figure.chart"))
+  Bokeh.embed.embed_item(JSON.parse(chart.firstElementChild.textContent), chart);
+</script>"""
 
 
 def write_page(path: str | Path, title: str, parts: Sequence[str]) -> None:
@@ -44,12 +65,19 @@ def write_page(path: str | Path, title: str, parts: Sequence[str]) -> None:
         parts: of its body, HTML.
     """
     title = html.escape(title)
-    body = "\n".join([f"<h1>{title}</h1>", *parts])
+    body, script = "\n".join([f"<h1>{title}</h1>", *parts]), ""
+    if '<figure class="chart"' in body:  # text cannot be this, as it is escaped
+        from bokeh.resources import Resources
+
+        # The same for all charts; widgets, tables and formulas would make it thrice as large.
+        script = Resources(mode="inline", components=["bokeh"], log_level="warn").render_js()
+        body += _SHOW_CHARTS
     write_atomically(
         path,
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{title}</title><style>{_STYLE}</style></head>\n<body>{body}</body></html>\n",
+        f"<title>{title}</title><style>{_STYLE}</style>{script}</head>\n"
+        f"<body>{body}</body></html>\n",
     )
 
 
@@ -73,12 +101,56 @@ def preformatted(text: str) -> str:
     return f"<pre>{html.escape(text)}</pre>"
 
 
-def picture(figure: Figure, description: str) -> str:
+def links(report: str | Path, targets: Mapping[str, str | Path]) -> str:
+    """Links to files, which hold as long as the files stay where they are from the report.
+
+    Args:
+        report: the path of the page.
+        targets: by what they hold, plain text.
+    """
+    entries = []
+    for text, target in targets.items():
+        relative = Path(os.path.relpath(target, Path(report).parent)).as_posix()
+        name = html.escape(relative)
+        entries.append(f'<li>{html.escape(text)}: <a href="{quote(relative)}">{name}</a></li>')
+    return f"<ul>{''.join(entries)}</ul>"
+
+
+def chart(model: "Model", description: str) -> str:
+    """A chart of Bokeh's as part of a page; the same chart gives the same text.
+
+    Args:
+        model: a figure or a layout of figures; it cannot be shown twice.
+        description: plain text, for readers who cannot see it.
+    """
+    from bokeh.embed import json_item
+
+    numbers: dict[str, str] = {}
+
+    def renumber(part: dict[str, Any]) -> dict[str, Any]:
+        """Bokeh counts what it has made since it was imported; here what is in this chart."""
+        if "id" in part:
+            part["id"] = numbers.setdefault(part["id"], f"p{len(numbers)}")
+        return part
+
+    item = json.loads(json.dumps(json_item(model)), object_hook=renumber)
+    item["root_id"] = numbers[item["root_id"]]
+    item["target_id"] = None
+    text = json.dumps(item, separators=(",", ":")).replace("<", "\\u003c")
+    return (
+        f'<figure class="chart" role="img" aria-label="{html.escape(description)}">'
+        f'<script type="application/json">{text}</script></figure>'
+    )
+
+
+def picture(figure: "Figure", description: str) -> str:
     """A figure as part of a page, sharp at any size.
 
     Args:
         description: plain text, for readers who cannot see the picture.
     """
+    import matplotlib
+
     buffer = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "limb"}):  # the same picture, the same bytes
         figure.savefig(buffer, format="svg", metadata={"Date": None})

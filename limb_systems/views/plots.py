@@ -18,8 +18,8 @@ from limb_systems.views.colors import (
     wire_colors,
 )
 from limb_systems.views.figure import Figure
+from limb_systems.views.rollouts import how_recorded, mean_and_band
 
-BAND = 1.96  # standard deviations that hold 95% of the rollouts
 WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
 
 
@@ -136,7 +136,7 @@ def _plot_bend_angle(axis, trajectory, recordings, segment: int) -> None:
         label=r"reference $\varphi_{REF}$",
     )
     angles = [np.rad2deg(recording.bend_angle[segment]) for recording in recordings]
-    what = _how(recordings) + (" rollouts" if len(recordings) > 1 else "")
+    what = how_recorded(recordings) + (" rollouts" if len(recordings) > 1 else "")
     _plot_band(axis, recordings, angles, ROLLOUT_COLOR, rf"{what} $\varphi$")
     axis.plot(
         trajectory.time,
@@ -152,7 +152,7 @@ def _plot_temperatures(axis, trajectory, recordings, wires) -> None:
     limits = trajectory.parameters.temperature_limits
     for index, name, color in wires:
         measured = [recording.measured_temperature[index] for recording in recordings]
-        _plot_band(axis, recordings, measured, color, f"{name}, V {_how(recordings)}")
+        _plot_band(axis, recordings, measured, color, f"{name}, V {how_recorded(recordings)}")
     for what, course, style, width in (
         ("V* planned", trajectory.measured_temperature, "--", 1.4),
         ("T* planned", trajectory.wire_temperature, ":", 0.8),
@@ -196,20 +196,10 @@ def _plot_duty(axis, trajectory, recordings, wires) -> None:
     axis.set_ylim(-0.04, 1.04)
 
 
-def _how(recordings: Sequence[Recording]) -> str:
-    """How recordings were made; all ways, if they differ."""
-    return " and ".join(dict.fromkeys(recording.how for recording in recordings))
-
-
 def _plot_band(axis, recordings, samples, color: str, label: str) -> None:
     """Mean and 95% band of samples of recordings, if any, on the times of the first."""
     if not recordings:
         return
-    length = min(len(sample) for sample in samples)
-    time = recordings[0].time[:length]
-    stacked = np.array([sample[:length] for sample in samples])
-    mean, spread = stacked.mean(axis=0), stacked.std(axis=0, ddof=min(1, len(samples) - 1))
+    time, mean, half = mean_and_band(recordings, samples)
     axis.plot(time, mean, color=color, linewidth=1.1, label=label)
-    axis.fill_between(
-        time, mean - BAND * spread, mean + BAND * spread, color=color, alpha=0.2, lw=0
-    )
+    axis.fill_between(time, mean - half, mean + half, color=color, alpha=0.2, lw=0)

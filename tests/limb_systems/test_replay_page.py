@@ -218,7 +218,7 @@ def test_caption_names_what_is_shown_and_what_was_measured(tmp_path, two_segment
     plan = make_plan(two_segments)
     both = replay(tmp_path, make_recording(two_segments), plan=plan).split('id="caption"')[1]
     assert "recorded bend angle (a test)" in both
-    assert re.search(r"--rgb: 31 79 216[^>]*></i>plan φ", both)  # #1f4fd8
+    assert re.search(r"--rgb: 66 112 236[^>]*></i>plan φ", both)  # #4270ec
     assert re.search(r"--rgb: 153 153 153[^>]*></i>reference φ", both)
     assert "duty from 0 to 1: left 1, right 1, left 2, right 2" in both
     for motion in (plan, modelled):

@@ -1,0 +1,297 @@
+"""Charts that one can look into: zoom, values under the pointer, curves that can be hidden.
+
+Importing this takes as long as Bokeh does; what makes no page does without.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+from bokeh.layouts import gridplot
+from bokeh.models import (
+    ColumnDataSource,
+    CrosshairTool,
+    DataRange1d,
+    GlyphRenderer,
+    HoverTool,
+    Legend,
+    LegendItem,
+    Model,
+    Span,
+)
+from bokeh.plotting import figure
+
+from limb_systems.files.recording import Recording
+from limb_systems.files.trajectory import Trajectory
+from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
+from limb_systems.views.rollouts import how_recorded, mean_and_band
+
+LIMIT_COLOR = "#808080"
+MAX_POINTS = 2000  # of a curve; more than a screen has columns
+DUTY_RANGE = (-0.04, 1.04)
+LEFT_OF_AXIS = 62  # px, for the same numbers of digits in panels that stand on each other
+# Where a phone has no room for an entry, it goes to the next line; colours are those of the page.
+_LEGEND_STYLE = """
+:host { width: 100%; }
+.bk-grid { display: flex; flex-wrap: wrap; width: auto; column-gap: 14px; }
+.bk-item .bk-label { color: var(--text); }
+.bk-item.bk-inactive { opacity: 0.4; }
+"""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Curve:
+    """A curve of a panel.
+
+    - ``name``: in the legend, where a click hides it, and under the pointer; without one
+      it is in neither.
+    - ``x``, ``y``: (K,), in the units of the panel's labels.
+    - ``color``: that can be told on white and on black.
+    - ``dash``: "solid", "dashed" or "dotted".
+    - ``width``: px.
+    - ``band``: half-width of a band about y (K,), or its lower and upper edge; None for none.
+    - ``marks``: whether the samples are dots that no line joins.
+    - ``alpha``: opacity.
+    """
+
+    name: str
+    x: np.ndarray
+    y: np.ndarray
+    color: str
+    dash: str = "solid"
+    width: float = 1.5
+    band: np.ndarray | tuple[np.ndarray, np.ndarray] | None = None
+    marks: bool = False
+    alpha: float = 1.0
+
+
+def panel(
+    label: str,
+    curves: Sequence[Curve],
+    *,
+    height: int = 230,
+    x_label: str = "time (s)",
+    y_range: tuple[float, float] | None = None,
+) -> figure:
+    """A panel with curves, which are drawn in their order.
+
+    Args:
+        label: of the vertical axis, with its unit in brackets.
+        curves: any number.
+        height: px, with the legend.
+        x_label: of the horizontal axis, with its unit in brackets.
+        y_range: of the vertical axis; that of the curves if None.
+    """
+    plot = figure(
+        height=height,
+        sizing_mode="stretch_width",
+        x_range=DataRange1d(range_padding=0.0),
+        y_range=y_range or DataRange1d(),
+        x_axis_label=x_label,
+        y_axis_label=label,
+        # Nothing is active at first: a finger scrolls the page, and not the plot.
+        tools="xpan,box_zoom,xwheel_zoom,reset,save",
+        active_drag=None,
+        active_scroll=None,
+        min_border_left=LEFT_OF_AXIS,
+        min_border_right=12,
+        background_fill_color=None,
+        border_fill_color=None,
+        outline_line_color=None,
+        output_backend="canvas",
+    )
+    entries = []
+    for curve in curves:
+        drawn = _draw(plot, curve)
+        if curve.name:
+            entries.append(LegendItem(label={"value": curve.name}, renderers=drawn))
+    plot.add_tools(_hover(plot, [curve for curve in curves if curve.name], label, x_label))
+    plot.add_layout(
+        Legend(
+            items=entries,
+            orientation="horizontal",
+            click_policy="hide",
+            background_fill_color=None,
+            border_line_color=None,
+            margin=0,
+            padding=0,
+            inactive_fill_color=None,
+            glyph_height=14,
+            label_text_font_size="12px",
+            stylesheets=[_LEGEND_STYLE],
+        ),
+        "above",
+    )
+    for axis in plot.axis:
+        axis.axis_label_text_font_style = "normal"
+        axis.minor_tick_line_color = None
+    return plot
+
+
+def stacked(panels: Sequence[figure]) -> Model:
+    """Panels one below the other: they share x range and toolbar, and the last has the x label."""
+    first, *others = panels
+    cross = CrosshairTool(overlay=Span(dimension="height", line_color=LIMIT_COLOR, line_alpha=0.6))
+    first.add_tools(cross)
+    for other in others:
+        other.x_range = first.x_range
+        other.add_tools(cross)
+    for upper in panels[:-1]:
+        upper.xaxis.axis_label = None
+    layout = gridplot(
+        [[plot] for plot in panels],
+        sizing_mode="stretch_width",
+        toolbar_location="above",
+        toolbar_options={"logo": None},
+        merge_tools=True,
+    )
+    layout.spacing = 12
+    return layout
+
+
+def tracking_chart(trajectory: Trajectory, recordings: Sequence[Recording] = ()) -> Model:
+    """Fig. 5, `plots.plot_tracking`: bend angle, temperatures and duty of a plan and its rollouts.
+
+    Time counts from the start of the plan. Plans are dashed; the legend says whether
+    the rollouts were simulated, emulated or recorded. Several recordings are drawn as
+    their mean and the band of 95%. Each segment has its own three panels.
+
+    Args:
+        trajectory: the plan.
+        recordings: of rollouts of this plan, all with the same sample rate.
+    """
+    trajectory = trajectory.since_start()
+    panels = []
+    for segment, suffix in enumerate(trajectory.parameters.segment_suffixes):
+        names = [wire.name for wire in trajectory.parameters.segments[segment].wires]
+        first = trajectory.parameters.wire_slices[segment].start
+        wires = list(zip(itertools.count(first), names, wire_colors(len(names)), strict=False))
+        bend_label = f"bend angle{suffix.replace('_', ' of segment ')} (°)"
+        panels += [
+            panel(bend_label, _bend_angles(trajectory, recordings, segment), height=280),
+            panel("temperature (°C)", _temperatures(trajectory, recordings, wires), height=280),
+            panel(
+                "duty", _duties(trajectory, recordings, wires), height=210, y_range=(-0.04, 1.04)
+            ),
+        ]
+    return stacked(panels)
+
+
+def _bend_angles(trajectory, recordings, segment: int) -> list[Curve]:
+    time, what = trajectory.time, how_recorded(recordings)
+    what += " rollouts" if len(recordings) > 1 else ""
+    angles = [np.rad2deg(recording.bend_angle[segment]) for recording in recordings]
+    reference = np.rad2deg(trajectory.reference[segment])
+    plan = np.rad2deg(trajectory.bend_angle[segment])
+    return [
+        Curve("reference φ_REF", time, reference, REFERENCE_COLOR),
+        *_rollouts(f"{what} φ", recordings, angles, ROLLOUT_COLOR),
+        Curve("plan φ*", time, plan, PLAN_COLOR, "dashed"),
+    ]
+
+
+def _temperatures(trajectory, recordings, wires) -> list[Curve]:
+    time, what, curves = trajectory.time, how_recorded(recordings), []
+    for index, name, color in wires:
+        measured = [recording.measured_temperature[index] for recording in recordings]
+        curves += _rollouts(f"{name}, V {what}", recordings, measured, color)
+    for index, name, color in wires:
+        planned = trajectory.measured_temperature[index]
+        curves.append(Curve(f"{name}, V* planned", time, planned, color, "dashed"))
+    for index, name, color in wires:
+        planned = trajectory.wire_temperature[index]
+        curves.append(Curve(f"{name}, T* planned", time, planned, color, "dotted", 1.0))
+    limits = trajectory.parameters.temperature_limits
+    for name, limit, start in (
+        ("T_max", limits.maximum, time[0]),
+        ("T_warm", limits.warm, limits.warm_up_time),
+    ):
+        if start < time[-1]:
+            span = np.array([start, time[-1]])
+            curves.append(Curve(name, span, np.full(2, limit), LIMIT_COLOR, width=1.0))
+    return curves
+
+
+def _duties(trajectory, recordings, wires) -> list[Curve]:
+    curves, dash = [], "dashed" if recordings else "solid"
+    for index, name, color in wires:
+        duty = [recording.duty[index] for recording in recordings]
+        curves += _rollouts(f"{name}, D", recordings, duty, color)
+    for index, name, color in wires:
+        planned = trajectory.duty[index]
+        curves.append(Curve(f"{name}, D* planned", trajectory.time, planned, color, dash))
+    return curves
+
+
+def _rollouts(name: str, recordings, samples, color: str) -> list[Curve]:
+    if not recordings:
+        return []
+    time, mean, half = mean_and_band(recordings, samples)
+    return [Curve(name, time, mean, color, band=half if len(recordings) > 1 else None)]
+
+
+def _draw(plot: figure, curve: Curve) -> list[GlyphRenderer]:
+    """The band of a curve, if it has one, and the curve."""
+    columns = {"x": curve.x, "y": curve.y}
+    if isinstance(curve.band, tuple):
+        columns["low"], columns["high"] = curve.band
+    elif curve.band is not None:
+        columns["low"], columns["high"] = curve.y - curve.band, curve.y + curve.band
+    kept = _kept(np.asarray(curve.y))
+    # Seven digits are more than any sensor has, in half the bytes.
+    source = ColumnDataSource(
+        {name: np.asarray(column, np.float32)[kept] for name, column in columns.items()}
+    )
+    drawn = []
+    if curve.band is not None:
+        drawn.append(
+            plot.varea(
+                "x", "low", "high", source=source, color=curve.color, alpha=0.2 * curve.alpha
+            )
+        )
+    style = {"source": source, "color": curve.color, "alpha": curve.alpha, "name": curve.name}
+    if curve.marks:
+        drawn.append(plot.scatter("x", "y", size=4 * curve.width, **style))
+    else:
+        drawn.append(plot.line("x", "y", line_width=curve.width, line_dash=curve.dash, **style))
+    return drawn
+
+
+def _hover(plot: figure, curves: Sequence[Curve], label: str, x_label: str) -> HoverTool:
+    """What the pointer shows: all curves at its x, or the one under it if x goes back and forth."""
+    at_x = f"@x{{0.00}}{_unit(x_label)}"
+    if not all(len(curve.x) and (np.diff(curve.x) > 0).all() for curve in curves):
+        return HoverTool(tooltips=[(label, "@y{0.00} ($name)"), (x_label, at_x)])
+    longest = max((curve.x for curve in curves), key=len)
+    x = np.asarray(longest)[_kept(np.asarray(longest))]
+    columns = {"x": x, "y": np.interp(x, curves[0].x, curves[0].y)}
+    for number, curve in enumerate(curves):
+        columns[f"y{number}"] = np.interp(x, curve.x, curve.y, left=np.nan, right=np.nan)
+    source = ColumnDataSource({name: np.float32(column) for name, column in columns.items()})
+    return HoverTool(
+        renderers=[plot.line("x", "y", source=source, line_alpha=0.0)],
+        mode="vline",
+        line_policy="nearest",
+        attachment="horizontal",
+        tooltips=[(x_label.partition(" (")[0], at_x)]
+        + [
+            (curve.name, f"@y{number}{{0.00}}{_unit(label)}") for number, curve in enumerate(curves)
+        ],
+    )
+
+
+def _kept(y: np.ndarray) -> np.ndarray:
+    """Indices of the samples that are drawn: all, or of many the extremes of short stretches."""
+    if len(y) <= MAX_POINTS:
+        return np.arange(len(y))
+    stretches = np.array_split(np.arange(len(y)), MAX_POINTS // 2)
+    return np.unique(
+        [[stretch[np.argmin(y[stretch])], stretch[np.argmax(y[stretch])]] for stretch in stretches]
+    )
+
+
+def _unit(label: str) -> str:
+    """The unit in the brackets of an axis' label, with a space before it if it takes one."""
+    unit = label.rpartition("(")[2].removesuffix(")") if label.endswith(")") else ""
+    return unit if unit in ("", "°") else f" {unit}"
