@@ -23,7 +23,7 @@ from hardware import LimbTwin
 from limb_systems import Limb, LimbParameters
 from limb_systems.views.plots import LEFT_RIGHT_COLORS, save_figure
 from planners import plan, references
-from planners.report import plot_diagnostics
+from planners.diagnostics import plot_diagnostics
 from urdf import limb_urdf
 
 FOLDER = Path(__file__).parent

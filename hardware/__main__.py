@@ -15,7 +15,7 @@ from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, watch
 from hardware.drive import CONTROLLER_HELP, CONTROLLERS, OPEN, drive, trouble
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import EXTRA_EFFECTS, emulated_limb
-from hardware.follow import PICTURE, PLAN, RECORDING, closed_loop_request, follow
+from hardware.follow import PICTURE, PLAN, RECORDING, REPORT, closed_loop_request, follow
 from hardware.learning import (
     STATE,
     draw_repetitions,
@@ -24,6 +24,7 @@ from hardware.learning import (
     rested_robots,
     rested_twins,
 )
+from hardware.report import write_drive_report
 from hardware.robot.self_test import self_test
 from limb_systems import (
     LimbError,
@@ -90,6 +91,9 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     run.add_argument(
         "--plot", type=Path, help="picture of plan and recording to write (.png, .pdf, .svg)"
     )
+    run.add_argument(
+        "--report", type=Path, help="page on both to write, with a chart to look into (.html)"
+    )
     _add_meshcat_option(run)
     add_force_option(run)
 
@@ -98,7 +102,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="plan what was taught, and follow it by feedback",
         description="Teach and go: plans what was taught, with margins for feedback, and drives a "
         "limb along the plan by a controller, a robot in real time. The folder has plan.csv, "
-        "recording.csv and tracking.png.",
+        "recording.csv, tracking.png and report.html.",
     )
     go.add_argument(
         "reference",
@@ -127,7 +131,8 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         description="Replays a trajectory again and again, a robot in real time, each time when "
         "its wires are cool. Corrects the duty after each repetition, so that the limb follows the "
         "plan. Ends early when another repetition does not pay. The folder has a recording of each "
-        "repetition, a picture and what was learned: started again, it goes on from there.",
+        "repetition, a picture, a report and what was learned: started again, it goes on from "
+        "there.",
     )
     learn.add_argument("trajectory", type=Path, help="trajectory file (.csv)")
     learn.add_argument("-o", "--output", required=True, type=Path, help="folder to write to")
@@ -311,7 +316,7 @@ def _arm_check(options) -> int:
 
 def _replay(options) -> int:
     check_outputs(
-        [options.output, options.plot],
+        [options.output, options.plot, options.report],
         inputs=[options.trajectory],
         pictures=[options.plot],
         force=options.force,
@@ -325,12 +330,15 @@ def _replay(options) -> int:
         real_time=bool(options.port),
         meshcat=_start_meshcat(options),
     )
-    written = [str(path) for path in (options.output, options.plot) if path]
+    written = [str(path) for path in (options.output, options.plot, options.report) if path]
     if options.plot:
         # Matplotlib takes as long to import as all the rest.
         from limb_systems.views.plots import plot_tracking, save_figure
 
         save_figure(plot_tracking(trajectory, [driven.recording]), options.plot)
+    if options.report:
+        data = {"plan": options.trajectory, "recording": options.output}
+        write_drive_report(driven, driven.lines(), options.report, data)
     return _report(options, driven.facts(), driven.lines(), written)
 
 
@@ -362,7 +370,7 @@ def _twin(planned: LimbParameters, options) -> LimbTwin:
 
 
 def _follow(options) -> int:
-    outputs = [options.output / name for name in (PLAN, RECORDING, PICTURE)]
+    outputs = [options.output / name for name in (PLAN, RECORDING, PICTURE, REPORT)]
     check_outputs(outputs, inputs=[Path(options.reference), options.limb], force=options.force)
     if options.port:
         with BoardLink(options.port) as link:  # before the plan is made in vain
@@ -397,8 +405,8 @@ def _learn(options) -> int:
     try:
         learn(learner, limbs, options.repetitions, options.output, tell=tell)
     finally:
-        picture = draw_repetitions(learner, options.output)
-    written = [str(path) for path in (options.output / STATE, picture) if path]
+        drawn = draw_repetitions(learner, options.output)
+    written = [str(path) for path in (options.output / STATE, *drawn)]
     if options.json:
         repetitions = [
             {

@@ -8,12 +8,13 @@ import numpy as np
 from pydrake.geometry import Meshcat
 
 from hardware.drive import Drive, drive
+from hardware.report import write_drive_report
 from limb_systems import LimbParameters, LimbSystem
 from planners import Task
 from planners.planning import MAX_KNOTS
 from planners.request import Request, make_plan
 
-PLAN, RECORDING, PICTURE = "plan.csv", "recording.csv", "tracking.png"
+PLAN, RECORDING, PICTURE, REPORT = "plan.csv", "recording.csv", "tracking.png", "report.html"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,8 +92,8 @@ def follow(
 ) -> Following:
     """Plans, and drives a limb along the plan.
 
-    The folder has ``plan.csv``, ``recording.csv`` and ``tracking.png``. If the limb
-    fails, the plan is there, and of a robot an unfinished recording.
+    The folder has ``plan.csv``, ``recording.csv``, ``tracking.png`` and ``report.html``.
+    If the limb fails, the plan is there, and of a robot an unfinished recording.
 
     Args:
         request: of the plan, such as a `closed_loop_request`.
@@ -119,4 +120,7 @@ def follow(
     from limb_systems.views.plots import plot_tracking, save_figure
 
     save_figure(plot_tracking(trajectory, [driven.recording]), folder / PICTURE)
-    return Following(driven)
+    followed = Following(driven)
+    data = {"plan": folder / PLAN, "recording": folder / RECORDING, "picture": folder / PICTURE}
+    write_drive_report(driven, followed.lines(), folder / REPORT, data)
+    return followed

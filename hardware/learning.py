@@ -11,6 +11,7 @@ from controllers import Learner
 from controllers.learning import Repetition
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError, replay
+from hardware.report import write_learning_report
 from hardware.robot.link import BoardLink, HardwareError
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import LimbSystem, Recording, Trajectory
@@ -18,7 +19,7 @@ from limb_systems.files.table_writer import unfinished_files
 from limb_systems.output import OutputError, check_folder
 from limb_systems.progress import Progress
 
-STATE, PICTURE = "learning.txt", "learning.png"
+STATE, PICTURE, REPORT = "learning.txt", "learning.png", "learning.html"
 PAUSE = 300.0  # s, without heat, between two repetitions on an emulated limb
 COOL = 3.0  # °C, by which a wire may be warmer than where the plan starts
 LONGEST_REST = 1200.0  # s
@@ -185,19 +186,20 @@ def learner_in(folder: Path, trajectory: Trajectory, *, force: bool = False) -> 
     return learner
 
 
-def draw_repetitions(learner: Learner, folder: Path) -> Path | None:
-    """The picture of all repetitions, if there are recordings of the first and the last."""
-    complete = [
-        path
+def draw_repetitions(learner: Learner, folder: Path) -> list[Path]:
+    """Writes picture and report of all repetitions, if there are recordings; their paths."""
+    complete = {
+        number: path
         for number in range(1, len(learner.repetitions) + 1)
         if (path := folder / f"repetition_{number}.csv").exists()
-    ]
+    }
     if not complete:
-        return None
+        return []
     # Matplotlib takes as long to import as all the rest.
     from limb_systems.views.plots import plot_repetitions, save_figure
 
     errors = [repetition.mean_error for repetition in learner.repetitions]
-    first, last = Recording.load(complete[0]), Recording.load(complete[-1])
+    first, last = (Recording.load(complete[choose(complete)]) for choose in (min, max))
     save_figure(plot_repetitions(learner.trajectory, errors, first, last), folder / PICTURE)
-    return folder / PICTURE
+    write_learning_report(learner, complete, folder / STATE, folder / REPORT)
+    return [folder / PICTURE, folder / REPORT]

@@ -5,11 +5,11 @@ import json
 import sys
 from pathlib import Path
 
+from limb_systems import Trajectory
 from limb_systems.command import add_force_option, run_command
 from limb_systems.output import check_outputs
-from limb_systems.views.plots import plot_tracking, save_figure
 from planners.planning import MAX_KNOTS
-from planners.report import plan_facts, plan_summary, plot_diagnostics
+from planners.report import plan_facts, plan_summary, write_report
 from planners.request import Request, make_plan
 from planners.task import Task
 
@@ -56,6 +56,9 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="picture of constraint violations and the Jacobian's sparsity to write",
     )
     parser.add_argument(
+        "--report", type=Path, help="page on the plan to write, with a chart to look into (.html)"
+    )
+    parser.add_argument(
         "--knot-rate", type=float, default=10.0, help="knots per second (default %(default)g)"
     )
     parser.add_argument(
@@ -82,11 +85,12 @@ def _parser(prog: str) -> argparse.ArgumentParser:
 
 
 def _plan(options) -> int:
-    outputs = [path for path in (options.output, options.plot, options.diagnostics) if path]
+    pictures = [options.plot, options.diagnostics]
+    outputs = [path for path in (options.output, *pictures, options.report) if path]
     check_outputs(
         outputs,
         inputs=[Path(options.reference), options.limb, options.task and Path(options.task)],
-        pictures=[options.plot, options.diagnostics],
+        pictures=pictures,
         force=options.force,
     )
     trajectory = make_plan(
@@ -101,10 +105,10 @@ def _plan(options) -> int:
         )
     )
     trajectory.save(options.output)
-    if options.plot:
-        save_figure(plot_tracking(trajectory), options.plot)
-    if options.diagnostics:
-        save_figure(plot_diagnostics(trajectory), options.diagnostics)
+    if any(pictures):
+        _draw(trajectory, options)
+    if options.report:
+        write_report(trajectory, options.report, _data(options))
     written = [str(path) for path in outputs]
     if options.json:
         print(json.dumps({**plan_facts(trajectory), "written": written}))
@@ -112,6 +116,28 @@ def _plan(options) -> int:
         print(plan_summary(trajectory))
         print(f"written     {', '.join(written)}")
     return 0
+
+
+def _draw(trajectory: Trajectory, options) -> None:
+    # Matplotlib takes as long to import as all the rest.
+    from limb_systems.views.plots import plot_tracking, save_figure
+    from planners.diagnostics import plot_diagnostics
+
+    if options.plot:
+        save_figure(plot_tracking(trajectory), options.plot)
+    if options.diagnostics:
+        save_figure(plot_diagnostics(trajectory), options.diagnostics)
+
+
+def _data(options) -> dict[str, Path]:
+    """The files of a plan, by what they are."""
+    reference = Path(options.reference)
+    files = {
+        "trajectory": options.output,
+        "reference": reference if reference.is_file() else None,
+        "limb": options.limb,
+    }
+    return {name: path for name, path in files.items() if path}
 
 
 def _task(name: str | None) -> Task | None:

@@ -1,24 +1,20 @@
-"""A summary of a plan, in words, in numbers and as a picture."""
+"""A summary of a plan, in words, in numbers and as one HTML page."""
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from limb_systems import Trajectory
-from limb_systems.model.wire_law import TEMPERATURE_SCALE
-from limb_systems.model.wires import num_wire_states
-from limb_systems.views.figure import Figure
-from limb_systems.views.plots import WIDTH, dress
-from planners.program import TrajectoryProgram
-
-SHOWN_INTERVALS = 4  # of the Jacobian; it repeats from interval to interval
+from limb_systems.views import page
 
 
 def plan_summary(trajectory: Trajectory) -> str:
     """A few lines on how a plan was found, how it was checked and what limits it."""
     check = trajectory.check
     joints, segments = trajectory.parameters.num_joints, len(trajectory.parameters.segments)
-    missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))
+    missed = _missed(trajectory)
     lines = [
         f"limb        {segments} segment{'s' * (segments > 1)}, {joints} joints, "
         f"{len(trajectory.parameters.wires)} wires",
@@ -37,14 +33,11 @@ def plan_summary(trajectory: Trajectory) -> str:
             f"band        of limbs alike: ±{check.bend_band_deg:.2f}° about the plan (95%), "
             f"readings up to {max(check.highest_readings):.0f} °C (99.5%)",
         )
-    stretches: dict[str, list[str]] = {}
-    for active in check.active_constraints:
-        stretch = f"{active.start:.1f}-{active.end:.1f}"
-        stretches.setdefault(active.bound, []).append(stretch)
+    stretches = active_times(trajectory)
     width = max((len(bound) for bound in stretches), default=0)
     lines += [
-        f"            {bound.ljust(width)}  at {', '.join(when)} s"
-        for bound, when in stretches.items()
+        f"            {bound.ljust(width)}  at {_spans(times)} s"
+        for bound, times in stretches.items()
     ]
     return "\n".join(lines)
 
@@ -52,7 +45,7 @@ def plan_summary(trajectory: Trajectory) -> str:
 def plan_facts(trajectory: Trajectory) -> dict[str, Any]:
     """The content of `plan_summary` for programs: numbers, with the unit in the name."""
     check = trajectory.check
-    missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))
+    missed = _missed(trajectory)
     return {
         "duration_s": trajectory.duration,
         "knots": len(trajectory.time),
@@ -78,57 +71,89 @@ def plan_facts(trajectory: Trajectory) -> dict[str, Any]:
     }
 
 
-def plot_diagnostics(trajectory: Trajectory) -> Figure:
-    """A solution: violation of the dynamics, distance to the bounds, and the Jacobian.
+def plan_verdict(trajectory: Trajectory) -> str:
+    """Whether a plan was checked, how far it is from its reference, and what holds it there."""
+    check, missed = trajectory.check, _missed(trajectory)
+    said = (
+        f"Not to be used: {failure}"
+        if (failure := check.failure())
+        else "Checked: simulated again, the limb stays within "
+        f"{check.largest_difference_deg:.4f}° of the plan."
+    )
+    said += f" The reference is missed by {missed.mean():.2f}° on average, {missed.max():.2f}° at"
+    said += " most"
+    times = active_times(trajectory)
+    if not times:
+        return f"{said}, and no limit is active."
+    longest = sorted(times, key=lambda bound: -sum(end - start for start, end in times[bound]))[:3]
+    named = [
+        f"{bound} for {sum(end - start for start, end in times[bound]):.1f} s" for bound in longest
+    ]
+    return f"{said}; it runs along limits: {', '.join(named)}."
 
-    Everything is scaled as for the solver. The Jacobian is that of the first
-    intervals; all others look the same.
+
+def active_times(trajectory: Trajectory) -> dict[str, list[tuple[float, float]]]:
+    """From when to when a plan runs along each bound, s."""
+    times: dict[str, list[tuple[float, float]]] = {}
+    for active in trajectory.check.active_constraints:
+        times.setdefault(active.bound, []).append((active.start, active.end))
+    return times
+
+
+def write_report(
+    trajectory: Trajectory, path: str | Path, data: Mapping[str, str | Path] | None = None
+) -> None:
+    """Writes one HTML page: verdict, chart, limits, how the plan was found, and the limb.
+
+    Args:
+        trajectory: the plan; times are since its start.
+        path: of the page.
+        data: files that the page links to, by what they are.
     """
-    parameters, time = trajectory.parameters, trajectory.time
-    n, num_states = parameters.num_joints, len(trajectory.state)
-    program = TrajectoryProgram(parameters, time)
-    x = program.variables(trajectory.state, trajectory.duty)
-    figure = Figure(figsize=(WIDTH, 8.5), layout="constrained")
-    defects_axis, room_axis, jacobian_axis = figure.subplots(3, 1, height_ratios=[1, 1, 1.3])
+    # Bokeh takes as long to import as all the rest.
+    from limb_systems.views.charts import tracking_chart
 
-    defects = np.abs(program.defects_of(x))
-    sizes = np.cumsum([n, n, num_wire_states(parameters)])
-    for label, rows in zip(("θ", "θ̇", "wires", "V"), np.split(defects, sizes), strict=True):
-        largest = np.maximum(rows.max(axis=0), 1e-17)
-        defects_axis.semilogy(time[:-1], largest, linewidth=1.0, label=f"largest of {label}")
-    defects_axis.set_ylabel("violation of the\ndynamics (17), scaled")
+    trajectory = trajectory.since_start()
+    rows = [
+        [
+            bound,
+            _spans(times),
+            f"{sum(end - start for start, end in times):.1f}",
+        ]
+        for bound, times in active_times(trajectory).items()
+    ]
+    limits = trajectory.parameters.temperature_limits
+    bounds = (
+        f"Duty is from 0 to 1 (18). No wire is planned above T_max = {limits.maximum:g} °C (19), "
+        f"and none below T_warm = {limits.warm:g} °C from {limits.warm_up_time:g} s on (20)."
+    )
+    found = [
+        line
+        for line in plan_summary(trajectory).splitlines()
+        if not line.startswith(("limits", " "))  # they have a section of their own
+    ]
+    parts = [
+        page.verdict(plan_verdict(trajectory)),
+        page.chart(tracking_chart(trajectory), "Bend angle, temperatures and duty of the plan"),
+        page.section(
+            "Limits",
+            page.paragraph(bounds),
+            page.table(["the plan runs along", "at (s)", "in all (s)"], rows)
+            if rows
+            else page.paragraph("None is active."),
+        ),
+        page.section("How it was found", page.facts(found)),
+        page.section("Limb", page.preformatted(trajectory.parameters.to_yaml())),
+    ]
+    if data:
+        parts.append(page.section("Data", page.links(path, data)))
+    page.write_page(path, "Plan of a limb's motion", parts)
 
-    limits = parameters.temperature_limits
-    for index, name in enumerate(parameters.wire_names):
-        duty = trajectory.duty[index]
-        room = np.minimum(duty, 1 - duty)
-        color = f"C{index}"
-        room_axis.plot(time, room, color=color, linewidth=1.0, label=f"duty {name}")
-        wire = trajectory.wire_temperature[index]
-        low = np.where(time > limits.warm_up_time, wire - limits.warm, np.inf)
-        room = np.minimum(low, limits.maximum - wire) / TEMPERATURE_SCALE
-        room_axis.plot(time, room, "--", color=color, linewidth=1.0, label=f"T {name}")
-    room_axis.axhline(0.0, color="0.4", linewidth=0.8)
-    room_axis.set_ylabel("distance to bounds\n(18)-(20), scaled")
-    for axis in (defects_axis, room_axis):
-        axis.set_xlim(time[0], time[-1])
-        axis.set_xlabel("time (s)")
-        dress(axis)
 
-    if program.defects is not None:
-        shown = program.defects.rows < SHOWN_INTERVALS * num_states
-        shown &= ~np.isin(program.defects.columns, program.time_steps)
-        rows, columns = program.defects.rows[shown], program.defects.columns[shown]
-        _, columns = np.unique(columns, return_inverse=True)
-        jacobian_axis.plot(columns, rows, "s", color="0.25", markersize=2.0)
-        share = len(program.defects.rows) / (len(program.defects.lower) * program.prog.num_vars())
-        jacobian_axis.set_title(
-            f"Jacobian of (17), first {SHOWN_INTERVALS} of {len(time) - 1} intervals "
-            f"({len(program.defects.rows)} nonzeros, {100 * share:.2g}% of it)",
-            fontsize=10,
-        )
-        jacobian_axis.invert_yaxis()
-        jacobian_axis.set_aspect("equal")
-    jacobian_axis.set_xlabel("variable")
-    jacobian_axis.set_ylabel("constraint")
-    return figure
+def _missed(trajectory: Trajectory) -> np.ndarray:
+    """|φ_ref - φ*| at the knots (S, K), degrees."""
+    return np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))
+
+
+def _spans(times: list[tuple[float, float]]) -> str:
+    return ", ".join(f"{start:.1f}-{end:.1f}" for start, end in times)

@@ -5,7 +5,7 @@ Importing this takes as long as Bokeh does; what makes no page does without.
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from bokeh.layouts import gridplot
@@ -24,7 +24,13 @@ from bokeh.plotting import figure
 
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
+from limb_systems.views.colors import (
+    LEFT_RIGHT_COLORS,
+    PLAN_COLOR,
+    REFERENCE_COLOR,
+    ROLLOUT_COLOR,
+    wire_colors,
+)
 from limb_systems.views.rollouts import how_recorded, mean_and_band
 
 LIMIT_COLOR = "#808080"
@@ -44,14 +50,14 @@ _LEGEND_STYLE = """
 class Curve:
     """A curve of a panel.
 
-    - ``name``: in the legend, where a click hides it, and under the pointer; without one
-      it is in neither.
+    - ``name``: in the legend, where a click hides it, and under the pointer, where of
+      curves with one name the first is shown; without a name it is in neither.
     - ``x``, ``y``: (K,), in the units of the panel's labels.
     - ``color``: that can be told on white and on black.
     - ``dash``: "solid", "dashed" or "dotted".
     - ``width``: px.
     - ``band``: half-width of a band about y (K,), or its lower and upper edge; None for none.
-    - ``marks``: whether the samples are dots that no line joins.
+    - ``marks``: whether the samples are dots that no line joins; the band is then a bar at each.
     - ``alpha``: opacity.
     """
 
@@ -73,6 +79,8 @@ def panel(
     height: int = 230,
     x_label: str = "time (s)",
     y_range: tuple[float, float] | None = None,
+    from_zero: bool = False,
+    x_ticks: Mapping[float, str] | None = None,
 ) -> figure:
     """A panel with curves, which are drawn in their order.
 
@@ -82,6 +90,8 @@ def panel(
         height: px, with the legend.
         x_label: of the horizontal axis, with its unit in brackets.
         y_range: of the vertical axis; that of the curves if None.
+        from_zero: whether the vertical axis begins at zero.
+        x_ticks: what stands below the horizontal axis, and where; numbers if None.
     """
     plot = figure(
         height=height,
@@ -101,15 +111,16 @@ def panel(
         outline_line_color=None,
         output_backend="canvas",
     )
-    entries = []
+    named: dict[str, Curve] = {}
+    drawn: dict[str, list[GlyphRenderer]] = {}
     for curve in curves:
-        drawn = _draw(plot, curve)
-        if curve.name:
-            entries.append(LegendItem(label={"value": curve.name}, renderers=drawn))
-    plot.add_tools(_hover(plot, [curve for curve in curves if curve.name], label, x_label))
+        named.setdefault(curve.name, curve)
+        drawn.setdefault(curve.name, []).extend(_draw(plot, curve))
+    named.pop("", None)
+    plot.add_tools(_hover(plot, list(named.values()), label, x_label))
     plot.add_layout(
         Legend(
-            items=entries,
+            items=[LegendItem(label={"value": name}, renderers=drawn[name]) for name in named],
             orientation="horizontal",
             click_policy="hide",
             background_fill_color=None,
@@ -126,6 +137,12 @@ def panel(
     for axis in plot.axis:
         axis.axis_label_text_font_style = "normal"
         axis.minor_tick_line_color = None
+    if from_zero:
+        plot.y_range.start = 0.0
+    if x_ticks is not None:
+        plot.xaxis.ticker = list(x_ticks)
+        plot.xaxis.major_label_overrides = dict(x_ticks)
+        plot.x_range.range_padding = 0.1
     return plot
 
 
@@ -167,15 +184,56 @@ def tracking_chart(trajectory: Trajectory, recordings: Sequence[Recording] = ())
         names = [wire.name for wire in trajectory.parameters.segments[segment].wires]
         first = trajectory.parameters.wire_slices[segment].start
         wires = list(zip(itertools.count(first), names, wire_colors(len(names)), strict=False))
-        bend_label = f"bend angle{suffix.replace('_', ' of segment ')} (°)"
         panels += [
-            panel(bend_label, _bend_angles(trajectory, recordings, segment), height=280),
+            panel(_bend_label(suffix), _bend_angles(trajectory, recordings, segment), height=280),
             panel("temperature (°C)", _temperatures(trajectory, recordings, wires), height=280),
             panel(
                 "duty", _duties(trajectory, recordings, wires), height=210, y_range=(-0.04, 1.04)
             ),
         ]
     return stacked(panels)
+
+
+def repetitions_chart(
+    trajectory: Trajectory, errors: Sequence[float], first: Recording, last: Recording
+) -> tuple[Model, Model]:
+    """How the error fell over repetitions of a plan, and the bend in the first and the last.
+
+    Args:
+        trajectory: the plan.
+        errors: mean of |φ* - φ| in each repetition, as it was read, rad.
+        first, last: recordings of repetitions.
+    """
+    trajectory = trajectory.since_start()
+    numbers = np.arange(1, len(errors) + 1)
+    degrees = np.rad2deg(errors)
+    fell = panel(
+        "mean |φ* − φ| (°)",
+        [
+            Curve("", numbers, degrees, ROLLOUT_COLOR),
+            Curve("mean error, as read", numbers, degrees, ROLLOUT_COLOR, width=2.0, marks=True),
+        ],
+        x_label="repetition",
+        from_zero=True,
+        x_ticks={int(number): str(number) for number in numbers},
+    )
+    panels = []
+    for segment, suffix in enumerate(trajectory.parameters.segment_suffixes):
+        planned = np.rad2deg(trajectory.bend_angle[segment])
+        curves = [
+            Curve(name, recording.time, np.rad2deg(recording.bend_angle[segment]), color)
+            for recording, color, name in (
+                (first, LEFT_RIGHT_COLORS[1], "first repetition"),
+                (last, ROLLOUT_COLOR, "last repetition"),
+            )
+        ]
+        curves.append(Curve("plan φ*", trajectory.time, planned, PLAN_COLOR, "dashed"))
+        panels.append(panel(_bend_label(suffix), curves, height=280))
+    return stacked([fell]), stacked(panels)
+
+
+def _bend_label(suffix: str) -> str:
+    return f"bend angle{suffix.replace('_', ' of segment ')} (°)"
 
 
 def _bend_angles(trajectory, recordings, segment: int) -> list[Curve]:
@@ -201,7 +259,7 @@ def _temperatures(trajectory, recordings, wires) -> list[Curve]:
         curves.append(Curve(f"{name}, V* planned", time, planned, color, "dashed"))
     for index, name, color in wires:
         planned = trajectory.wire_temperature[index]
-        curves.append(Curve(f"{name}, T* planned", time, planned, color, "dotted", 1.0))
+        curves.append(Curve(f"{name}, T* planned", time, planned, color, "dotted", 1.3))
     limits = trajectory.parameters.temperature_limits
     for name, limit, start in (
         ("T_max", limits.maximum, time[0]),
@@ -260,9 +318,10 @@ def _draw(plot: figure, curve: Curve) -> list[GlyphRenderer]:
 
 def _hover(plot: figure, curves: Sequence[Curve], label: str, x_label: str) -> HoverTool:
     """What the pointer shows: all curves at its x, or the one under it if x goes back and forth."""
-    at_x = f"@x{{0.00}}{_unit(x_label)}"
+    at_x = (x_label.partition(" (")[0], f"@x{{0.00}}{_unit(x_label)}")
     if not all(len(curve.x) and (np.diff(curve.x) > 0).all() for curve in curves):
-        return HoverTool(tooltips=[(label, "@y{0.00} ($name)"), (x_label, at_x)])
+        at_y = (label.partition(" (")[0], f"@y{{0.00}}{_unit(label)}")
+        return HoverTool(tooltips=[("", "$name"), at_y, at_x])
     longest = max((curve.x for curve in curves), key=len)
     x = np.asarray(longest)[_kept(np.asarray(longest))]
     columns = {"x": x, "y": np.interp(x, curves[0].x, curves[0].y)}
@@ -274,9 +333,12 @@ def _hover(plot: figure, curves: Sequence[Curve], label: str, x_label: str) -> H
         mode="vline",
         line_policy="nearest",
         attachment="horizontal",
-        tooltips=[(x_label.partition(" (")[0], at_x)]
-        + [
-            (curve.name, f"@y{number}{{0.00}}{_unit(label)}") for number, curve in enumerate(curves)
+        tooltips=[
+            at_x,
+            *(
+                (curve.name, f"@y{number}{{0.00}}{_unit(label)}")
+                for number, curve in enumerate(curves)
+            ),
         ],
     )
 

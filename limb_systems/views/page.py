@@ -91,6 +91,11 @@ def paragraph(text: str) -> str:
     return f"<p>{html.escape(text)}</p>"
 
 
+def verdict(text: str) -> str:
+    """Plain text that a report begins with: what came of it, in a sentence or two."""
+    return f'<p class="verdict">{html.escape(text)}</p>'
+
+
 def items(texts: Sequence[str]) -> str:
     """Plain texts as a list."""
     return "<ul>" + "".join(f"<li>{html.escape(text)}</li>" for text in texts) + "</ul>"
@@ -161,11 +166,23 @@ def picture(figure: "Figure", description: str) -> str:
     )
 
 
+def facts(lines: Sequence[str]) -> str:
+    """What a command prints, lines that begin with a name or go on with the one before, a table."""
+    rows: list[list[str]] = []
+    for line in lines:
+        name, _, text = line.partition(" ")
+        if name or not rows:
+            rows.append([name, text.strip()])
+        else:
+            rows[-1][1] += f"; {text.strip()}"
+    return table(["", ""], rows)
+
+
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
     """A table of plain text; what begins with a digit or a sign is set as a number.
 
     Args:
-        header: a text for each column.
+        header: a text for each column; no line of them if all are empty.
         rows: each with a text for each column.
         caption: below the table.
     """
@@ -181,6 +198,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "
         )
         return f"<tr>{''.join(marked)}</tr>"
 
-    body = "\n".join([line(header, "th"), *(line(row, "td") for row in rows)])
+    above = [line(header, "th")] if any(header) else []
+    body = "\n".join([*above, *(line(row, "td") for row in rows)])
     below = f"<caption>{html.escape(caption)}</caption>" if caption else ""
     return f'<div class="table"><table>{below}{body}</table></div>'

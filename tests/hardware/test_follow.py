@@ -60,9 +60,11 @@ def test_what_was_taught_is_followed(tmp_path, capsys):
     arguments = ["follow", str(tmp_path / "taught.csv"), "-o", str(folder)]
     assert main([*arguments, "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    names = ("plan.csv", "recording.csv", "tracking.png")
+    names = ("plan.csv", "recording.csv", "tracking.png", "report.html")
     assert said["written"] == [str(folder / name) for name in names]
     assert (folder / "tracking.png").read_bytes().startswith(b"\x89PNG")
+    report = (folder / "report.html").read_text(encoding="utf-8")
+    assert all(f'<a href="{name}">' in report for name in names[:-1])
     planned, recording = (
         Trajectory.load(folder / "plan.csv"),
         Recording.load(folder / "recording.csv"),

@@ -33,9 +33,14 @@ def test_command_repeats_and_goes_on(plan_file, tmp_path, capsys, monkeypatch):
     lines = capsys.readouterr().out.splitlines()
     assert re.fullmatch(r"repetition  1: mean \|φ\* - φ\| \d\.\d\d° as read", lines[0])
     assert lines[1].startswith("repetition  2: ")
-    assert lines[2] == f"written     {folder / 'learning.txt'}, {folder / 'learning.png'}"
-    made = sorted(path.name for path in folder.iterdir())
-    assert made == ["learning.png", "learning.txt", "repetition_1.csv", "repetition_2.csv"]
+    written = [f"learning.{end}" for end in ("txt", "png", "html")]
+    assert lines[2] == f"written     {', '.join(str(folder / name) for name in written)}"
+    made = {path.name for path in folder.iterdir()}
+    assert made == {*written, "repetition_1.csv", "repetition_2.csv"}
+    report = (folder / "learning.html").read_text(encoding="utf-8")
+    for number, said in enumerate(lines[:2], 1):
+        assert f'<a href="repetition_{number}.csv">' in report
+        assert re.search(r"mean .* (\d\.\d\d)°", said)[1] in report
     first, second = (Recording.load(folder / f"repetition_{n}.csv") for n in (1, 2))
     assert first.source == second.source == "emulated limb, seed 0"
     assert np.abs(first.duty - second.duty).max() > 1e-3  # the second had learned

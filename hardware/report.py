@@ -1,0 +1,126 @@
+"""How a limb followed its plan, and how it learned to, each as one HTML page."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from controllers import Learner
+from hardware.drive import Drive
+from limb_systems import Recording
+from limb_systems.views import page
+
+
+def drive_verdict(driven: Drive) -> str:
+    """How well a limb followed its plan, and what went wrong."""
+    facts, check = driven.facts(), driven.trajectory.check
+    tracking, timing = facts["tracking"], facts["timing"]
+    said = [
+        f"Followed the plan to {tracking['mean_deg']:.2f}° on average, and to "
+        f"{tracking['percentile_90_deg']:.2f}° for nine tenths of the samples."
+    ]
+    if check.bend_band_deg:
+        said.append(
+            f"In open loop, 95% of the limbs that the calibration allows for are within "
+            f"±{check.bend_band_deg:.2f}° of the plan."
+        )
+    recording = driven.recording
+    if recording.interrupted:
+        said.insert(
+            0,
+            f"Interrupted at {recording.time[-1]:.1f} s of {driven.trajectory.duration:.1f} s: "
+            f"{recording.interrupted.rstrip('.')}.",
+        )
+    if recording.doubt:
+        said.append(f"Doubtful: {recording.doubt}; they do not count.")
+    if timing:
+        missed = timing["missed_deadline"]
+        said.append(
+            f"{missed} command{'s' * (missed != 1)} ({timing['missed_deadline_share']:.1%}) "
+            "left too late."
+            if missed
+            else "All commands left in time."
+        )
+    return " ".join(said)
+
+
+def write_drive_report(
+    driven: Drive, lines: Sequence[str], path: str | Path, data: Mapping[str, str | Path]
+) -> None:
+    """Writes one HTML page: verdict, chart of plan and recording, facts and links to the data.
+
+    Args:
+        lines: what the command prints, such as `Drive.lines`.
+        path: of the page.
+        data: files that the page links to, by what they are.
+    """
+    # Bokeh takes as long to import as all the rest.
+    from limb_systems.views.charts import tracking_chart
+
+    chart = tracking_chart(driven.trajectory, [driven.recording])
+    parts = [
+        page.verdict(drive_verdict(driven)),
+        page.chart(chart, "Bend angle, temperatures and duty of the plan and the recording"),
+        page.section("Facts", page.facts(lines)),
+        page.section("Data", page.links(path, data)),
+    ]
+    page.write_page(path, "A plan, followed", parts)
+
+
+def learning_verdict(learner: Learner) -> str:
+    """How far the error fell, and why it ended."""
+    repetitions = learner.repetitions
+    first, last = (np.rad2deg(repetitions[n].mean_error) for n in (0, -1))
+    said = [f"The mean error was {first:.2f}° in the first repetition."]
+    if len(repetitions) > 1:
+        said = [
+            f"The mean error went from {first:.2f}° in the first repetition to {last:.2f}° in the "
+            f"last of {len(repetitions)}."
+        ]
+    if broken := [n for n, repetition in enumerate(repetitions, 1) if repetition.interrupted]:
+        said.append(f"Interrupted: {', '.join(map(str, broken))}.")
+    if learner.finished:
+        said.append(f"Learning is finished: {learner.finished.rstrip('.')}.")
+    return " ".join(said)
+
+
+def write_learning_report(
+    learner: Learner, recordings: Mapping[int, Path], state: Path, path: str | Path
+) -> None:
+    """Writes one HTML page: verdict, errors, the first and the last repetition, and links.
+
+    Args:
+        recordings: the files of repetitions by their numbers, one or more.
+        state: file of the learner.
+        path: of the page.
+    """
+    from limb_systems.views.charts import repetitions_chart, tracking_chart
+
+    numbers = sorted(recordings)
+    first, last = (Recording.load(recordings[number]) for number in (numbers[0], numbers[-1]))
+    errors = [repetition.mean_error for repetition in learner.repetitions]
+    fell, bends = repetitions_chart(learner.trajectory, errors, first, last)
+    rows = [
+        [
+            str(number),
+            f"{np.rad2deg(repetition.mean_error):.2f}",
+            "; ".join(filter(None, [repetition.interrupted, repetition.remark])),
+        ]
+        for number, repetition in enumerate(learner.repetitions, 1)
+    ]
+    tracked = page.chart(
+        tracking_chart(learner.trajectory, [last]),
+        "Bend angle, temperatures and duty of the plan and the last repetition",
+    )
+    data = {f"repetition {number}": recordings[number] for number in numbers}
+    parts = [
+        page.verdict(learning_verdict(learner)),
+        page.chart(fell, "Mean error of each repetition"),
+        page.section(
+            "First and last repetition", page.chart(bends, "Bend angle in both and in the plan")
+        ),
+        page.section(f"Repetition {numbers[-1]}", tracked),
+        page.section("Repetitions", page.table(["repetition", "mean |φ* − φ|, °", "remark"], rows)),
+        page.section("Data", page.links(path, {"what was learned": state, **data})),
+    ]
+    page.write_page(path, "A plan, learned", parts)

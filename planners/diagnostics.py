@@ -1,0 +1,68 @@
+"""A solution as a picture: violations, distances to bounds and the Jacobian."""
+
+import numpy as np
+
+from limb_systems import Trajectory
+from limb_systems.model.wire_law import TEMPERATURE_SCALE
+from limb_systems.model.wires import num_wire_states
+from limb_systems.views.figure import Figure
+from limb_systems.views.plots import WIDTH, dress
+from planners.program import TrajectoryProgram
+
+SHOWN_INTERVALS = 4  # of the Jacobian; it repeats from interval to interval
+
+
+def plot_diagnostics(trajectory: Trajectory) -> Figure:
+    """A solution: violation of the dynamics, distance to the bounds, and the Jacobian.
+
+    Everything is scaled as for the solver. The Jacobian is that of the first
+    intervals; all others look the same.
+    """
+    parameters, time = trajectory.parameters, trajectory.time
+    n, num_states = parameters.num_joints, len(trajectory.state)
+    program = TrajectoryProgram(parameters, time)
+    x = program.variables(trajectory.state, trajectory.duty)
+    figure = Figure(figsize=(WIDTH, 8.5), layout="constrained")
+    defects_axis, room_axis, jacobian_axis = figure.subplots(3, 1, height_ratios=[1, 1, 1.3])
+
+    defects = np.abs(program.defects_of(x))
+    sizes = np.cumsum([n, n, num_wire_states(parameters)])
+    for label, rows in zip(("θ", "θ̇", "wires", "V"), np.split(defects, sizes), strict=True):
+        largest = np.maximum(rows.max(axis=0), 1e-17)
+        defects_axis.semilogy(time[:-1], largest, linewidth=1.0, label=f"largest of {label}")
+    defects_axis.set_ylabel("violation of the\ndynamics (17), scaled")
+
+    limits = parameters.temperature_limits
+    for index, name in enumerate(parameters.wire_names):
+        duty = trajectory.duty[index]
+        room = np.minimum(duty, 1 - duty)
+        color = f"C{index}"
+        room_axis.plot(time, room, color=color, linewidth=1.0, label=f"duty {name}")
+        wire = trajectory.wire_temperature[index]
+        low = np.where(time > limits.warm_up_time, wire - limits.warm, np.inf)
+        room = np.minimum(low, limits.maximum - wire) / TEMPERATURE_SCALE
+        room_axis.plot(time, room, "--", color=color, linewidth=1.0, label=f"T {name}")
+    room_axis.axhline(0.0, color="0.4", linewidth=0.8)
+    room_axis.set_ylabel("distance to bounds\n(18)-(20), scaled")
+    for axis in (defects_axis, room_axis):
+        axis.set_xlim(time[0], time[-1])
+        axis.set_xlabel("time (s)")
+        dress(axis)
+
+    if program.defects is not None:
+        shown = program.defects.rows < SHOWN_INTERVALS * num_states
+        shown &= ~np.isin(program.defects.columns, program.time_steps)
+        rows, columns = program.defects.rows[shown], program.defects.columns[shown]
+        _, columns = np.unique(columns, return_inverse=True)
+        jacobian_axis.plot(columns, rows, "s", color="0.25", markersize=2.0)
+        share = len(program.defects.rows) / (len(program.defects.lower) * program.prog.num_vars())
+        jacobian_axis.set_title(
+            f"Jacobian of (17), first {SHOWN_INTERVALS} of {len(time) - 1} intervals "
+            f"({len(program.defects.rows)} nonzeros, {100 * share:.2g}% of it)",
+            fontsize=10,
+        )
+        jacobian_axis.invert_yaxis()
+        jacobian_axis.set_aspect("equal")
+    jacobian_axis.set_xlabel("variable")
+    jacobian_axis.set_ylabel("constraint")
+    return figure
