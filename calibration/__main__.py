@@ -19,13 +19,17 @@ from calibration import (
 from calibration.calibrate import HEAT_METHODS, METHODS
 from calibration.checks import check_recording
 from calibration.collect import PROTOCOLS
-from calibration.report import calibration_facts, validation_facts, validation_summary
+from calibration.report import (
+    calibration_facts,
+    validation_facts,
+    validation_summary,
+    write_validation_report,
+)
 from hardware import LimbTwin, SerialLimb
 from hardware.emulation.specimen import EXTRA_EFFECTS
 from limb_systems import LimbParameters, Recording
 from limb_systems.command import add_force_option, run_command
 from limb_systems.output import OutputError, check_folder, check_outputs
-from limb_systems.views.plots import save_figure
 
 
 def main(arguments: list[str] | None = None, prog: str = "python -m calibration") -> int:
@@ -111,7 +115,9 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "-o", "--output", required=True, type=Path, help="limb parameters to write (.yaml)"
     )
     fit.add_argument(
-        "--report", type=Path, help="page with every fit over its data to write (.html)"
+        "--report",
+        type=Path,
+        help="page to write, with every fit over its data in charts to look into (.html)",
     )
     fit.add_argument(
         "-l",
@@ -146,6 +152,9 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     check.add_argument("limb", type=Path, help="limb parameters (.yaml)")
     check.add_argument("recording", type=Path, help="recording with heated wires (.csv)")
     check.add_argument("--plot", type=Path, help="picture of both to write (.png, .pdf, .svg)")
+    check.add_argument(
+        "--report", type=Path, help="page on both to write, with a chart to look into (.html)"
+    )
     check.add_argument("--json", action="store_true", help="print JSON")
     add_force_option(check)
     return parser
@@ -192,7 +201,9 @@ def _fit(options) -> int:
     calibration = calibrate(options.recordings, limb, method=options.method, heat=options.heat)
     calibration.parameters.save(options.output)
     if options.report:
-        write_report(calibration, options.report)
+        recordings = {path.stem: path for path in sorted(options.recordings.glob("*.csv"))}
+        data = {"calibrated limb": options.output, **recordings}
+        write_report(calibration, options.report, data)
     written = [path for path in (options.output, options.report) if path]
     _tell(options, calibration_facts(calibration), calibration_summary(calibration), written)
     return 0
@@ -200,7 +211,7 @@ def _fit(options) -> int:
 
 def _validate(options) -> int:
     check_outputs(
-        [options.plot],
+        [options.plot, options.report],
         inputs=[options.limb, options.recording],
         pictures=[options.plot],
         force=options.force,
@@ -209,8 +220,14 @@ def _validate(options) -> int:
     check_recording(recording)
     validation = validate(limb, recording)
     if options.plot:
+        # Matplotlib takes as long to import as all the rest.
+        from limb_systems.views.plots import save_figure
+
         save_figure(plot_validation(validation), options.plot)
-    written = [options.plot] if options.plot else []
+    if options.report:
+        data = {"limb": options.limb, "recording": options.recording}
+        write_validation_report(validation, options.report, data)
+    written = [path for path in (options.plot, options.report) if path]
     _tell(options, validation_facts(validation), validation_summary(validation), written)
     return 0
 

@@ -1,26 +1,23 @@
 """A calibration to read: in lines of text, for programs, and as one HTML page."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibration.calibrate import Calibration
 from calibration.damping import DampingFit
-from calibration.figures import (
-    plot_damping,
-    plot_predicted,
-    plot_stiffness,
-    plot_validation,
-    plot_wire,
-)
 from calibration.heat import HeatFit
+from calibration.remarks import remarks_on_validation, verdict
 from calibration.selection import Prediction
 from calibration.validation import Validation
 from limb_systems.views import page
 from limb_systems.views.colors import wire_colors
-from limb_systems.views.figure import Figure
+
+if TYPE_CHECKING:  # Bokeh takes as long to import as all the rest
+    from bokeh.models import Model
 
 _MEANING = {
     "ambient_temperature": "T0",
@@ -125,43 +122,55 @@ def validation_facts(validation: Validation) -> dict[str, float]:
     }
 
 
-def write_report(calibration: Calibration, path: str | Path) -> None:
-    """Writes one HTML page, with all pictures in it."""
+def write_report(
+    calibration: Calibration, path: str | Path, data: Mapping[str, str | Path] | None = None
+) -> None:
+    """Writes one HTML page: verdict, what to do next, result, and every fit over its data.
+
+    Args:
+        path: of the page.
+        data: files that the page links to, by what they are.
+    """
+    # Bokeh takes as long to import as all the rest.
+    from calibration import charts
+
     sources = sorted({source for group in calibration.sources.values() for source in group})
-    parts = [page.paragraph(calibration.verdict)]
+    parts = [page.verdict(calibration.verdict)]
     if calibration.remarks:
         parts.append(page.section("What to do next", page.items(_ranked(calibration))))
-    parts.append(
-        page.section("Result", page.paragraph(f"From recordings of: {', '.join(sources)}."))
-    )
-    if calibration.validation:
-        parts.append(page.paragraph(f"{validation_summary(calibration.validation)}."))
-    parts.append(parameter_table(calibration))
     if calibration.validation:
         parts.append(
             _section(
                 "Validation, Sec. V-D and Fig. 4",
-                plot_validation(calibration.validation),
-                "The duty of a recording that was not used in any fit, simulated open loop.",
+                f"The duty of a recording that was not used in any fit, simulated open loop. "
+                f"{validation_summary(calibration.validation)}.",
+                charts.validation_chart(calibration.validation),
             )
         )
+    parts.append(
+        page.section(
+            "Parameters",
+            page.paragraph(f"From recordings of: {', '.join(sources)}."),
+            parameter_table(calibration),
+        )
+    )
     if calibration.prediction:
-        parts += _prediction(calibration.prediction)
+        parts += _prediction(calibration.prediction, calibration.parameters.wire_names)
     if calibration.stiffness:
         parts.append(
             _section(
                 "Spring constant, Sec. V-A",
-                plot_stiffness(calibration.stiffness),
                 f"The correction factor of (9) comes to λ = "
                 f"{calibration.stiffness.correction_factor:.3f}.",
+                charts.stiffness_chart(calibration.stiffness),
             )
         )
     if calibration.damping:
         parts.append(
             _section(
                 "Damping, Sec. V-B and Algorithm 1",
-                plot_damping(calibration.damping),
                 _compare_decay(calibration.damping),
+                charts.damping_chart(calibration.damping),
             )
         )
     colors = wire_colors(len(calibration.heat))
@@ -171,14 +180,33 @@ def write_report(calibration: Calibration, path: str | Path) -> None:
         parts.append(
             _section(
                 f"The {heat.wire} wire, Sec. V-C",
-                plot_wire(heat, compared, force, color),
                 _compare(heat, compared),
+                *charts.wire_charts(heat, compared, force, color),
             )
         )
+    if data:
+        parts.append(page.section("Data", page.links(path, data)))
     page.write_page(path, "Calibration of a limb", parts)
 
 
-def _prediction(prediction: Prediction) -> list[str]:
+def write_validation_report(
+    validation: Validation, path: str | Path, data: Mapping[str, str | Path]
+) -> None:
+    """Writes one HTML page on how a calibrated limb predicts a recording; see `write_report`."""
+    from calibration.charts import validation_chart
+
+    parts = [
+        page.verdict(verdict(remarks_on_validation(validation), validation)),
+        page.paragraph(f"{validation_summary(validation)}."),
+        page.chart(validation_chart(validation), "Limb and model for the same duty"),
+        page.section("Data", page.links(path, data)),
+    ]
+    page.write_page(path, "Validation of a calibrated limb", parts)
+
+
+def _prediction(prediction: Prediction, wire_names: list[str]) -> list[str]:
+    from calibration.charts import predicted_chart
+
     rows = [
         [
             f"{candidate.name}{' (used)' if candidate is prediction.best else ''}",
@@ -199,9 +227,9 @@ def _prediction(prediction: Prediction) -> list[str]:
         parts.append(
             _section(
                 title,
-                plot_predicted(predicted),
                 f"{predicted.course.source}: bend within {np.rad2deg(predicted.bend_error):.2f}°, "
                 f"V within {predicted.temperature_error:.1f} °C on average.",
+                predicted_chart(predicted, wire_names),
             )
         )
     return parts
@@ -238,5 +266,7 @@ def _compare(heat: HeatFit, compared: HeatFit) -> str:
     )
 
 
-def _section(title: str, figure: Figure, text: str) -> str:
-    return page.section(title, page.paragraph(text), page.picture(figure, title))
+def _section(title: str, text: str, *charts: "Model") -> str:
+    return page.section(
+        title, page.paragraph(text), *(page.chart(chart, title) for chart in charts)
+    )

@@ -80,7 +80,7 @@ def panel(
     x_label: str = "time (s)",
     y_range: tuple[float, float] | None = None,
     from_zero: bool = False,
-    x_ticks: Mapping[float, str] | None = None,
+    x_ticks: Mapping[int, str] | None = None,
 ) -> figure:
     """A panel with curves, which are drawn in their order.
 
