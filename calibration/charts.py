@@ -9,7 +9,7 @@ from calibration.heat import HeatFit
 from calibration.prediction import Predicted
 from calibration.stiffness import StiffnessFit
 from calibration.validation import Validation
-from limb_systems.views.charts import DUTY_RANGE, LIMIT_COLOR, Curve, panel, stacked
+from limb_systems.views.charts import DUTY_RANGE, NEUTRAL_COLOR, Curve, panel, stacked
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
 
 
@@ -88,7 +88,7 @@ def damping_chart(fit: DampingFit) -> Model:
     shown = (fit.time >= measured.start - 1.5) & (fit.time <= span[-1])
     curves = [
         Curve("limb", fit.time[shown], np.rad2deg(fit.bend_angle[shown]), ROLLOUT_COLOR),
-        Curve("its sinusoid", span, np.rad2deg(measured(span)), LIMIT_COLOR),
+        Curve("its sinusoid", span, np.rad2deg(measured(span)), NEUTRAL_COLOR),
         Curve(
             f"model's decay, σ = {fit.damping}",
             span,
@@ -109,7 +109,7 @@ def wire_charts(
         name = f"fit from {fit.method}, V"
         readings.append(Curve(name, fit.time, fit.measured_temperature, PLAN_COLOR, dash))
     name = f"fit from {heat.method}, T"
-    readings.append(Curve(name, heat.time, heat.wire_temperature, LIMIT_COLOR))
+    readings.append(Curve(name, heat.time, heat.wire_temperature, NEUTRAL_COLOR))
     by_bend = heat if heat.method == "bend" else compared
     assert by_bend.bend_angle is not None
     angles, fitted = np.rad2deg(heat.recorded_angle), np.rad2deg(by_bend.bend_angle)

@@ -22,7 +22,7 @@ import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from calibration import save_recordings
@@ -133,8 +133,6 @@ def _reproduce(options) -> int:
     pictures = figures(shown)
     for name, (figure, _) in pictures.items():
         save_figure(figure, folder / f"{name}.png")
-    command = f"python examples/reproduce_paper.py {' '.join(sys.argv[1:])}".strip()
-    write_report(folder / "report.html", summaries, shown, pictures, command)
     _write_results(folder, summaries)
     motion = shown.motions[0]
     write_meshcat_replay(
@@ -143,6 +141,9 @@ def _reproduce(options) -> int:
         plan=motion.open_loop.trajectory,
         title="Steps and sinusoid, on an emulated limb",
     )
+    command = f"python examples/reproduce_paper.py {' '.join(sys.argv[1:])}".strip()
+    data = _data(folder, shown, pictures)
+    write_report(folder / "report.html", summaries, shown, pictures, command, data)
 
     print(f"\n{calibration_summary(shown.calibration)}\n")
     print(f"Table I: tracking error |φ* - φ|, rollouts per plan: {options.rollouts}, in degrees")
@@ -284,10 +285,27 @@ def _hush() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
 
 
+def _data(folder: Path, shown: Experiment, pictures: Iterable[str]) -> dict[str, Path]:
+    """What is in the folder beside the report, by what it is."""
+    limb = folder / f"limb_{shown.specimen.seed}"
+    files = {
+        "3D replay of the first rollout": folder / "replay.html",
+        "numbers of all limbs": folder / "results.json",
+        "calibration of the limb that is shown": limb / "calibration.html",
+        "its parameters": limb / "limb.yaml",
+    }
+    files |= {name: folder / f"{name}.png" for name in pictures}
+    for path in sorted(limb.glob("*/*.csv")):
+        if path.parent.name != "recordings":  # the calibration's page has these
+            files[f"{path.parent.name}, {path.stem}"] = path
+    return files
+
+
 def _save(experiment: Experiment, folder: Path) -> None:
-    save_recordings(experiment.recordings, folder / "recordings")
+    recordings = save_recordings(experiment.recordings, folder / "recordings")
     experiment.calibration.parameters.save(folder / "limb.yaml")
-    write_calibration_report(experiment.calibration, folder / "calibration.html")
+    data = {"calibrated limb": folder / "limb.yaml", **{path.stem: path for path in recordings}}
+    write_calibration_report(experiment.calibration, folder / "calibration.html", data)
     for motion in experiment.motions:
         name = motion.name.replace("&", "_and_").replace(" ", "_").lower()
         if motion.taught:

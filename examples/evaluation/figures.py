@@ -1,82 +1,18 @@
-"""What came of the evaluation in pictures: Figs. 4 to 7, Table I and the split of the error."""
-
-from collections.abc import Sequence
+"""The paper's figures of one limb as pictures, Figs. 4 to 7."""
 
 import numpy as np
 
 from calibration import plot_validation
-from evaluation.error_split import STEPS
 from evaluation.experiment import Experiment, Motion
-from evaluation.tables import PAPER_TABLE_1, STATISTICS, Summary, complete, mean_and_margin
 from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, true_bend
 from limb_systems import Recording, joint_angles_from_bend_angle
 from limb_systems.views.colors import (
-    LEFT_RIGHT_COLORS,
     PLAN_COLOR,
-    REFERENCE_COLOR,
     ROLLOUT_COLOR,
     wire_colors,
 )
 from limb_systems.views.figure import Figure
-from limb_systems.views.plots import WIDTH, dress, plot_tracking
-
-
-def plot_limbs(summaries: Sequence[Summary]) -> Figure:
-    """Table I as a picture: every limb, their mean with its interval, and the paper's robot."""
-    whole = complete(summaries)
-    figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
-    axes = figure.subplots(1, 3, sharey=True)
-    motions = range(len(PAPER_TABLE_1))
-    for index, (axis, statistic) in enumerate(zip(axes, STATISTICS, strict=True)):
-        values = np.array(
-            [[s.ways[m][OPEN_LOOP].tracking[index] for m in PAPER_TABLE_1] for s in whole]
-        )
-        mean, margin = np.transpose([mean_and_margin(column) for column in values.T])
-        paper = [row[index] for row in PAPER_TABLE_1.values()]
-        for place in motions:
-            axis.plot([place] * len(whole), values[:, place], "o", color=ROLLOUT_COLOR, alpha=0.35)
-        axis.errorbar(np.add(motions, 0.15), mean, margin, fmt="o", color="k", capsize=4)
-        axis.plot(np.subtract(motions, 0.2), paper, "D", color=PLAN_COLOR)
-        axis.set_xticks(motions, [name.replace(" ", "\n") for name in PAPER_TABLE_1])
-        axis.set_xlim(-0.5, len(PAPER_TABLE_1) - 0.5)
-        axis.grid(alpha=0.25)
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.set_xlabel(statistic)
-    axes[0].set_ylim(bottom=0)
-    axes[0].set_ylabel("|φ* − φ| (°)")
-    limb, *_, paper = axes[0].get_lines()
-    entries = {
-        "each limb": limb,
-        "mean, 95% interval": axes[0].containers[0],
-        "the paper's robot": paper,
-    }
-    figure.legend(
-        entries.values(), entries, loc="outside upper left", ncols=3, frameon=False, fontsize=8.5
-    )
-    return figure
-
-
-def plot_split(summaries: Sequence[Summary]) -> Figure:
-    """What each step of `error_split` makes of the bend angle, beside the whole error."""
-    whole = complete(summaries)
-    figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
-    axis = figure.subplots()
-    names = ["the whole error", *STEPS]
-    colors = ["0.35", "#2f9e6e", PLAN_COLOR, ROLLOUT_COLOR, LEFT_RIGHT_COLORS[1]]
-    for place, (name, color) in enumerate(zip(names, colors, strict=True)):
-        bars = [
-            mean_and_margin(
-                [s.split[motion][name][0] if name in STEPS else s.first[motion] for s in whole]
-            )
-            for motion in PAPER_TABLE_1
-        ]
-        mean, margin = np.transpose(bars)
-        at = np.arange(len(PAPER_TABLE_1)) + 0.16 * (place - 2)
-        axis.bar(at, mean, 0.15, yerr=margin, color=color, label=name, error_kw={"lw": 0.9})
-    axis.set_xticks(range(len(PAPER_TABLE_1)), list(PAPER_TABLE_1))
-    axis.set_ylabel("mean |difference| (°)")
-    dress(axis)
-    return figure
+from limb_systems.views.plots import WIDTH, plot_tracking
 
 
 def plot_taught(experiment: Experiment) -> Figure:
@@ -113,38 +49,6 @@ def _plot_poses(axis, recording: Recording, color: str) -> None:
     axis.spines[:].set_visible(False)
     axis.set_xticks(places, [f"{time:g}" for time in times], fontsize=8)
     axis.tick_params(length=0)
-
-
-def plot_error(experiment: Experiment) -> Figure:
-    """φ - φ* of all rollouts over time, with the motions under each other."""
-    figure = Figure(figsize=(WIDTH, 4.5), layout="constrained")
-    axes = figure.subplots(len(experiment.motions), 1, sharex=True)
-    for axis, motion in zip(axes, experiment.motions, strict=True):
-        plan = motion.open_loop.trajectory.since_start()
-        for number, rollout in enumerate(motion.open_loop.rollouts):
-            error = rollout.bend_angle - plan.bend_angle_at(rollout.time)
-            label = None if number else "rollouts, φ − φ*"
-            axis.plot(
-                rollout.time,
-                np.rad2deg(error[0]),
-                color=ROLLOUT_COLOR,
-                lw=0.5,
-                alpha=0.6,
-                label=label,
-            )
-        missed = plan.bend_angle[0] - plan.reference[0]
-        axis.plot(
-            plan.time,
-            np.rad2deg(missed),
-            color=REFERENCE_COLOR,
-            label="plan against reference, φ* − φ_REF",
-        )
-        axis.set_ylabel(f"{motion.name} (°)")
-        dress(axis)
-    for axis in axes[1:]:
-        axis.get_legend().remove()
-    axes[-1].set_xlabel("time (s)")
-    return figure
 
 
 def plot_ways(motion: Motion) -> Figure:
@@ -185,28 +89,6 @@ def plot_ways(motion: Motion) -> Figure:
     axes[1, 0].set_ylabel("temperature (°C)")
     for axis in axes[:, 0]:
         axis.legend(frameon=False, fontsize=8)
-    return figure
-
-
-def plot_learning(summaries: Sequence[Summary]) -> Figure:
-    """Mean error of each repetition: each limb thin, their mean thick, as read and true."""
-    whole = [s for s in complete(summaries) if s.repetitions]
-    motions = list(whole[0].repetitions)
-    figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
-    axes = figure.subplots(1, len(motions), sharey=True, squeeze=False)[0]
-    for axis, motion in zip(axes, motions, strict=True):
-        for what, color in (("read", ROLLOUT_COLOR), ("true", "k")):
-            errors = np.array([[getattr(f, what) for f in s.repetitions[motion]] for s in whole])
-            numbers = np.arange(1, errors.shape[1] + 1)
-            axis.plot(numbers, errors.T, color=color, lw=0.5, alpha=0.35)
-            axis.plot(numbers, errors.mean(axis=0), "o-", color=color, ms=3, label=what)
-        axis.set_title(motion, fontsize=9)
-        axis.set_xlabel("repetition")
-        axis.grid(alpha=0.25)
-        axis.spines[["top", "right"]].set_visible(False)
-    axes[0].set_ylim(bottom=0)
-    axes[0].set_ylabel("mean |φ* − φ| (°)")
-    axes[0].legend(frameon=False, fontsize=8.5)
     return figure
 
 

@@ -3,12 +3,12 @@
 import collections
 import importlib.metadata
 import platform
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from calibration.report import parameter_table, validation_summary
+from evaluation.charts import charts, error_chart, learning_chart, limbs_chart, split_chart
 from evaluation.experiment import NUM_ANGLES, Experiment
-from evaluation.figures import plot_error, plot_learning, plot_limbs, plot_split
 from evaluation.tables import (
     APPROACH_HEADER,
     DISTURBANCE_HEADER,
@@ -32,7 +32,7 @@ EMULATED = (
     "These limbs are emulated. The numbers say how the method fares on an emulation with physics "
     "that the model leaves out, and nothing of a real limb."
 )
-PACKAGES = ("soft-limb", "drake", "ipyopt", "numpy", "scipy", "matplotlib")
+PACKAGES = ("soft-limb", "drake", "ipyopt", "numpy", "scipy", "matplotlib", "bokeh")
 
 
 def write_report(
@@ -41,6 +41,7 @@ def write_report(
     experiment: Experiment,
     pictures: dict[str, tuple[Figure, str]],
     command: str,
+    data: Mapping[str, Path],
 ) -> None:
     """Writes the page.
 
@@ -48,8 +49,9 @@ def write_report(
         path: of the HTML file.
         summaries: of all limbs.
         experiment: the limb that is shown.
-        pictures: `figures` of it.
+        pictures: `figures` of it; those without a chart are shown as they are.
         command: that this was made with.
+        data: files that the page links to, by what they are.
     """
     count = len(complete(summaries))
     limbs = f"{count} emulated limbs" if count > 1 else "an emulated limb"
@@ -60,13 +62,20 @@ def write_report(
             "open loop and in closed loop. Planner, calibration and controllers know of a limb "
             "what its sensors tell."
         ),
-        f"<p><strong>{EMULATED}</strong></p>",
+        page.verdict(EMULATED),
         _table_1(summaries),
         *_closed_loop(summaries),
         _approaches(summaries),
         _error_split(summaries),
     ]
-    parts += [page.section(text, page.picture(figure, text)) for figure, text in pictures.values()]
+    drawn = charts(experiment)
+    parts += [
+        page.section(
+            text,
+            page.chart(drawn[name], text) if name in drawn else page.picture(figure, text),
+        )
+        for name, (figure, text) in pictures.items()
+    ]
     parts += [
         page.section(
             "Error over time",
@@ -74,10 +83,11 @@ def write_report(
                 "Rollouts against their plan, beside the plan against its reference, which moves "
                 "faster than the wires cool, or costs more duty than its weight in (15) allows."
             ),
-            page.picture(plot_error(experiment), "Error of all rollouts over time"),
+            page.chart(error_chart(experiment), "Error of all rollouts over time"),
         ),
         _parameters(experiment),
         _how_it_was_made(summaries, experiment, command),
+        page.section("Data", page.links(path, data)),
     ]
     page.write_page(path, "The paper reproduced, on emulated limbs", parts)
 
@@ -98,7 +108,7 @@ def _table_1(summaries: Sequence[Summary]) -> str:
     return page.section(
         "Table I, tracking error",
         page.table(TABLE_1_HEADER, table_1(summaries), caption),
-        page.picture(plot_limbs(summaries), "Table I for each limb, open loop"),
+        page.chart(limbs_chart(summaries), "Table I for each limb, open loop"),
     )
 
 
@@ -113,7 +123,7 @@ def _closed_loop(summaries: Sequence[Summary]) -> list[str]:
                     "the readings of those before. The sensor's noise and drift do not repeat, and "
                     "stay in what is read; its gain does, and stays in the true bend."
                 ),
-                page.picture(plot_learning(summaries), "Mean error of each repetition"),
+                page.chart(learning_chart(summaries), "Mean error of each repetition"),
             )
         )
     if rows := disturbance_table(summaries):
@@ -168,7 +178,7 @@ def _error_split(summaries: Sequence[Summary]) -> str:
             "reading. Only first rollouts are used. The steps partly cancel each other, so they do "
             "not add up."
         ),
-        page.picture(plot_split(summaries), "Change of the bend angle by each step"),
+        page.chart(split_chart(summaries), "Change of the bend angle by each step"),
         page.table(
             ["step", *PAPER_TABLE_1],
             split_table(summaries, 0),

@@ -33,7 +33,7 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.rollouts import how_recorded, mean_and_band
 
-LIMIT_COLOR = "#808080"
+NEUTRAL_COLOR = "#808080"  # on white and on black
 MAX_POINTS = 2000  # of a curve; more than a screen has columns
 DUTY_RANGE = (-0.04, 1.04)
 LEFT_OF_AXIS = 62  # px, for the same numbers of digits in panels that stand on each other
@@ -149,7 +149,9 @@ def panel(
 def stacked(panels: Sequence[figure]) -> Model:
     """Panels one below the other: they share x range and toolbar, and the last has the x label."""
     first, *others = panels
-    cross = CrosshairTool(overlay=Span(dimension="height", line_color=LIMIT_COLOR, line_alpha=0.6))
+    cross = CrosshairTool(
+        overlay=Span(dimension="height", line_color=NEUTRAL_COLOR, line_alpha=0.6)
+    )
     first.add_tools(cross)
     for other in others:
         other.x_range = first.x_range
@@ -267,7 +269,7 @@ def _temperatures(trajectory, recordings, wires) -> list[Curve]:
     ):
         if start < time[-1]:
             span = np.array([start, time[-1]])
-            curves.append(Curve(name, span, np.full(2, limit), LIMIT_COLOR, width=1.0))
+            curves.append(Curve(name, span, np.full(2, limit), NEUTRAL_COLOR, width=1.0))
     return curves
 
 

@@ -1,0 +1,154 @@
+"""What came of the evaluation in charts: Figs. 4 to 6, Table I and the split of the error."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from bokeh.models import Model
+
+from calibration.charts import validation_chart
+from evaluation.error_split import STEPS
+from evaluation.experiment import Experiment, Motion
+from evaluation.tables import PAPER_TABLE_1, STATISTICS, Summary, complete, mean_and_margin
+from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, true_bend
+from limb_systems.views.charts import NEUTRAL_COLOR, Curve, panel, stacked, tracking_chart
+from limb_systems.views.colors import (
+    LEFT_RIGHT_COLORS,
+    PLAN_COLOR,
+    REFERENCE_COLOR,
+    ROLLOUT_COLOR,
+    wire_colors,
+)
+
+MOTION_TICKS = dict(enumerate(PAPER_TABLE_1))
+
+
+def limbs_chart(summaries: Sequence[Summary]) -> Model:
+    """Table I as a chart: every limb, their mean with its interval, and the paper's robot."""
+    whole, panels = complete(summaries), []
+    at = np.arange(len(PAPER_TABLE_1), dtype=float)
+    for index, statistic in enumerate(STATISTICS):
+        values = np.array(
+            [[s.ways[m][OPEN_LOOP].tracking[index] for m in PAPER_TABLE_1] for s in whole]
+        )
+        mean, margin = np.transpose([mean_and_margin(column) for column in values.T])
+        paper = np.array([row[index] for row in PAPER_TABLE_1.values()])
+        every = {"marks": True, "alpha": 0.4}
+        curves = [
+            Curve("each limb", np.tile(at, len(whole)), values.ravel(), ROLLOUT_COLOR, **every),
+            Curve("mean, 95% interval", at + 0.1, mean, NEUTRAL_COLOR, band=margin, marks=True),
+            Curve("the paper's robot", at - 0.1, paper, PLAN_COLOR, marks=True),
+        ]
+        panels.append(_by_motion(f"{statistic} of |φ* − φ| (°)", curves))
+    return stacked(panels)
+
+
+def split_chart(summaries: Sequence[Summary]) -> Model:
+    """What each step of `error_split` makes of the bend angle, beside the whole error."""
+    whole, curves = complete(summaries), []
+    names = ["the whole error", *STEPS]
+    colors = [NEUTRAL_COLOR, "#2f9e6e", PLAN_COLOR, ROLLOUT_COLOR, LEFT_RIGHT_COLORS[1]]
+    for place, (name, color) in enumerate(zip(names, colors, strict=True)):
+        mean, margin = np.transpose(
+            [
+                mean_and_margin(
+                    [s.split[motion][name][0] if name in STEPS else s.first[motion] for s in whole]
+                )
+                for motion in PAPER_TABLE_1
+            ]
+        )
+        at = np.arange(len(PAPER_TABLE_1)) + 0.1 * (place - 2)
+        curves.append(Curve(name, at, mean, color, width=2.0, band=margin, marks=True))
+    return stacked([_by_motion("mean |difference| (°)", curves)])
+
+
+def _by_motion(label: str, curves: list[Curve]):
+    return panel(label, curves, x_label="motion", from_zero=True, x_ticks=MOTION_TICKS)
+
+
+def error_chart(experiment: Experiment) -> Model:
+    """φ - φ* of all rollouts over time, with the motions under each other."""
+    panels = []
+    for motion in experiment.motions:
+        plan = motion.open_loop.trajectory.since_start()
+        curves = [
+            Curve(
+                f"rollout {number}, φ − φ*",
+                rollout.time,
+                np.rad2deg(rollout.bend_angle - plan.bend_angle_at(rollout.time))[0],
+                ROLLOUT_COLOR,
+                width=1.0,
+                alpha=0.6,
+            )
+            for number, rollout in enumerate(motion.open_loop.rollouts, 1)
+        ]
+        missed = np.rad2deg(plan.bend_angle[0] - plan.reference[0])
+        curves.append(
+            Curve("plan against reference, φ* − φ_REF", plan.time, missed, REFERENCE_COLOR)
+        )
+        panels.append(panel(f"{motion.name} (°)", curves))
+    return stacked(panels)
+
+
+def ways_chart(motion: Motion) -> Model:
+    """Open loop, feedback and the last repetition: bend as read and true, and V."""
+    repetitions = motion.ways[LEARNING].rollouts
+    bends, heats = [], []
+    for way, name, rollout in (
+        (OPEN_LOOP, OPEN_LOOP, motion.open_loop.rollouts[0]),
+        (FEEDBACK, FEEDBACK, motion.ways[FEEDBACK].rollouts[0]),
+        (LEARNING, f"repetition {len(repetitions)}", repetitions[-1]),
+    ):
+        plan = motion.ways[way].trajectory.since_start()
+        during = rollout.time <= plan.time[-1]
+        curves = []
+        for what, color, angle in (
+            ("read", ROLLOUT_COLOR, rollout.bend_angle[0]),
+            ("true", NEUTRAL_COLOR, true_bend(rollout).bend_angle[0]),
+        ):
+            missed = np.rad2deg(np.abs(plan.bend_angle_at(rollout.time)[0] - angle)[during].mean())
+            label = f"{what}, {missed:.2f}° off"
+            curves.append(Curve(label, rollout.time, np.rad2deg(angle), color))
+        planned = np.rad2deg(plan.bend_angle[0])
+        curves.append(Curve("plan", plan.time, planned, PLAN_COLOR, "dashed"))
+        bends.append(panel(f"{name}: bend (°)", curves))
+        names = rollout.parameters.wire_names
+        readings = [
+            Curve(f"{names[wire]}, {what}", source.time, source.measured_temperature[wire], *style)
+            for wire, color in enumerate(wire_colors(len(names)))
+            for what, source, style in (
+                ("V", rollout, (color,)),
+                ("V*", plan, (color, "dashed")),
+            )
+        ]
+        heats.append(panel(f"{name}: V (°C)", readings))
+    return stacked([*bends, *heats])
+
+
+def learning_chart(summaries: Sequence[Summary]) -> Model:
+    """Mean error of each repetition: each limb thin, their mean thick, as read and true."""
+    whole, panels = [s for s in complete(summaries) if s.repetitions], []
+    for motion in whole[0].repetitions:
+        curves = []
+        for what, color in (("read", ROLLOUT_COLOR), ("true", NEUTRAL_COLOR)):
+            errors = np.array([[getattr(f, what) for f in s.repetitions[motion]] for s in whole])
+            numbers = np.arange(1, errors.shape[1] + 1)
+            curves += [Curve("", numbers, row, color, width=0.7, alpha=0.4) for row in errors]
+            curves.append(Curve(what, numbers, errors.mean(axis=0), color, width=2.0))
+        ticks = {int(number): str(number) for number in numbers}
+        panels.append(
+            panel(f"{motion} (°)", curves, x_label="repetition", from_zero=True, x_ticks=ticks)
+        )
+    return stacked(panels)
+
+
+def charts(experiment: Experiment) -> dict[str, Model]:
+    """The paper's figures of one limb, as far as there is something to look into; by `figures`."""
+    validation, *taught = experiment.motions
+    driven = {"fig5": validation, "fig6a": taught[0], "fig6b": taught[1]}
+    result = {"fig4": validation_chart(experiment.calibration.validation)}
+    for name, motion in driven.items():
+        way = motion.open_loop
+        result[name] = tracking_chart(way.trajectory, way.rollouts)
+    if {FEEDBACK, LEARNING} <= validation.ways.keys():
+        result["ways"] = ways_chart(validation)
+    return result
