@@ -303,14 +303,12 @@ def _draw(plot: figure, curve: Curve) -> list[GlyphRenderer]:
     source = ColumnDataSource(
         {name: np.asarray(column, np.float32)[kept] for name, column in columns.items()}
     )
-    drawn = []
-    if curve.band is not None:
-        drawn.append(
-            plot.varea(
-                "x", "low", "high", source=source, color=curve.color, alpha=0.2 * curve.alpha
-            )
-        )
     style = {"source": source, "color": curve.color, "alpha": curve.alpha, "name": curve.name}
+    drawn = []
+    if curve.band is not None and curve.marks:
+        drawn.append(plot.segment("x", "low", "x", "high", line_width=1.5, **style))
+    elif curve.band is not None:
+        drawn.append(plot.varea("x", "low", "high", **(style | {"alpha": 0.2 * curve.alpha})))
     if curve.marks:
         drawn.append(plot.scatter("x", "y", size=4 * curve.width, **style))
     else:

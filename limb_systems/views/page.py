@@ -42,8 +42,7 @@ td.number, th.number { white-space: nowrap; }
 caption { text-align: left; color: var(--soft); caption-side: bottom; padding-top: .3rem; }
 pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .8em; line-height: 1.35; }
 @media (max-width: 40rem) {
-  table { font-size: .8rem; } td, th { padding-right: .4rem; overflow-wrap: anywhere; }
-  td.number { white-space: normal; overflow-wrap: normal; }
+  table { font-size: .8rem; } td, th { padding-right: .4rem; } td.number { white-space: normal; }
 }
 @media print {
   body { font-size: 10.5pt; padding: 0; }
