@@ -57,7 +57,7 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
         jacobian_axis.plot(columns, rows, "s", color="0.25", markersize=2.0)
         share = len(program.defects.rows) / (len(program.defects.lower) * program.prog.num_vars())
         jacobian_axis.set_title(
-            f"Jacobian of (17), first {SHOWN_INTERVALS} of {len(time) - 1} intervals "
+            f"Jacobian of (17), first {SHOWN_INTERVALS} of {len(time) - 1} intervals\n"
             f"({len(program.defects.rows)} nonzeros, {100 * share:.2g}% of it)",
             fontsize=10,
         )

@@ -1,11 +1,15 @@
 """Pictures of plans and rollouts, as in Figs. 5 and 6, and the style of all pictures."""
 
 import itertools
+import pickle
 from collections.abc import Sequence
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.text import Text
 
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
@@ -21,6 +25,8 @@ from limb_systems.views.figure import Figure
 from limb_systems.views.rollouts import how_recorded, mean_and_band
 
 WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
+FOR_PAPERS = (".pdf", ".eps")
+COLUMN_WIDTH, COLUMN_TEXT = 3.5, 8.0  # inches and pt, of the IEEE's journals
 
 
 def plot_tracking(
@@ -97,7 +103,7 @@ def plot_repetitions(
     return figure
 
 
-def dress(axis: Axes) -> None:
+def dress(axis: Axes, most_columns: int = 3) -> None:
     """Applies the common style to a panel: a light grid, and the legend above it."""
     axis.grid(alpha=0.25)
     axis.spines[["top", "right"]].set_visible(False)
@@ -107,7 +113,9 @@ def dress(axis: Axes) -> None:
     axis.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),
-        ncols=num_entries if num_entries <= 3 else min(3, (num_entries + 1) // 2),
+        ncols=num_entries
+        if num_entries <= most_columns
+        else min(most_columns, (num_entries + 1) // 2),
         frameon=False,
         fontsize=8.5,
         borderaxespad=0.2,
@@ -118,13 +126,34 @@ def dress(axis: Axes) -> None:
 def save_figure(figure: Figure, path: str | Path) -> None:
     """Writes a figure to a file, in the format that its name ends with.
 
+    One that ends with .pdf or .eps is for a paper: as wide as a column of two, 3.5 inches,
+    with text of 8 pt, thin lines, and its fonts inside.
+
     Raises:
         OutputError: if there is no such format.
     """
     path = Path(path)
     check_picture(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=150)
+    if path.suffix.lower() in FOR_PAPERS:
+        figure = _in_a_column(figure)
+    with matplotlib.rc_context({"pdf.fonttype": 42, "ps.fonttype": 42}):  # TrueType, as asked for
+        figure.savefig(path, dpi=150)
+
+
+def _in_a_column(figure: Figure) -> Figure:
+    """A copy that fits a column of a paper."""
+    figure = pickle.loads(pickle.dumps(figure))
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(COLUMN_WIDTH, 1.4 * height * COLUMN_WIDTH / width)
+    for axis in figure.axes:
+        if axis.get_legend():
+            dress(axis, most_columns=2)
+    for line in figure.findobj(Line2D):
+        line.set_linewidth(0.75 * line.get_linewidth())
+    for text in figure.findobj(Text):
+        text.set_fontsize(COLUMN_TEXT)
+    return figure
 
 
 def _plot_bend_angle(axis, trajectory, recordings, segment: int) -> None:

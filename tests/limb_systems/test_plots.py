@@ -1,6 +1,7 @@
 """Pictures show what they say: Fig. 5's mean and band of rollouts."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -37,8 +38,12 @@ def test_rollouts_are_drawn_as_their_mean_and_the_band_of_95_percent(fig5_plan, 
     np.testing.assert_allclose(drawn["right, D* planned"], fig5_plan.duty[1])
     np.testing.assert_allclose(drawn["right, D"], recording.duty[1])
     assert figure.get_suptitle() == "three rollouts"
+    width = figure.get_size_inches()[0]
     save_figure(figure, tmp_path / "deep" / "fig5.pdf")
-    assert (tmp_path / "deep" / "fig5.pdf").read_bytes().startswith(b"%PDF")
+    pdf = (tmp_path / "deep" / "fig5.pdf").read_bytes()
+    assert re.search(rb"/MediaBox \[ 0 0 252 [0-9.]+ \]", pdf)  # 3.5 inches of 72 pt
+    assert b"/FontFile2" in pdf  # TrueType, inside
+    assert figure.get_size_inches()[0] == width > 6.0  # the figure is as it was
 
 
 @pytest.mark.parametrize(
