@@ -8,7 +8,8 @@ that time, but with it samples have come too late for a host on two cores.
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from xdist.scheduler import LoadScopeScheduling
@@ -91,3 +92,29 @@ def browser() -> Iterator:
             pytest.skip("there is no Chromium here; `make browser` installs one")
         yield chromium
         chromium.close()
+
+
+@pytest.fixture
+def look_at(browser) -> Iterator[Callable[[Path], None]]:
+    """Opens a report as a reader without a network would, on a desktop and on a phone."""
+    context = browser.new_context(offline=True, color_scheme="dark")
+
+    def look(path: Path) -> None:
+        page, complaints = context.new_page(), []
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("console", lambda m: m.type in ("error", "warning") and complaints.append(m.text))
+        page.on("request", lambda r: r.url.startswith("http") and complaints.append(r.url))
+        page.goto(path.as_uri())
+        drawn = "Bokeh.documents.length == document.querySelectorAll('figure.chart').length"
+        page.wait_for_function(f"{drawn} && Bokeh.documents.every(chart => chart.is_idle)")
+        for width in (1280, 420):
+            page.set_viewport_size({"width": width, "height": 800})
+            # Charts follow with the next frame.
+            page.wait_for_function(f"document.documentElement.scrollWidth <= {width}", timeout=5000)
+        assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(22, 22, 22)"
+        assert path.stat().st_size < 5e6
+        assert complaints == []
+        page.close()
+
+    yield look
+    context.close()

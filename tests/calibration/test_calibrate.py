@@ -194,7 +194,7 @@ def test_validation_of_the_truth_has_no_error_and_of_another_limb_has(true_limb,
     assert np.rad2deg(validate(wrong, both).mean) > 1.0
 
 
-def test_command_fits_and_validates_an_emulated_limb(twin_folder, tmp_path, capsys):
+def test_command_fits_and_validates_an_emulated_limb(twin_folder, tmp_path, capsys, look_at):
     limb, report, plot = (tmp_path / name for name in ("limb.yaml", "report.html", "fig4.png"))
     fit = ["fit", str(twin_folder), "-o", str(limb), "--report", str(report), "--method", "paper"]
     assert main(fit) == 0
@@ -220,11 +220,14 @@ def test_command_fits_and_validates_an_emulated_limb(twin_folder, tmp_path, caps
     links = [tmp_path / link for link in re.findall(r'<a href="([^"]+)">', page)]
     assert [limb, *sorted(twin_folder.glob("*.csv"))] == [link.resolve() for link in links]
 
+    look_at(report)
+
     both, report = twin_folder / "both.csv", tmp_path / "validation.html"
     pages = ["--plot", str(plot), "--report", str(report)]
     assert main(["validate", str(limb), str(both), *pages]) == 0
     mean = float(re.search(r"mean ([\d.]+)°", capsys.readouterr().out)[1])
     assert f"mean {mean:.2f}°" in report.read_text(encoding="utf-8")
+    look_at(report)
     assert 0.5 < mean < 12.0
     assert plot.read_bytes().startswith(b"\x89PNG")
 

@@ -91,6 +91,17 @@ def test_demo_leaves_what_it_promises(demo):
         assert b"</html>" in (folder / f"{name}.html").read_bytes()
 
 
+def test_the_report_can_be_looked_into_and_links_to_the_data(demo, look_at):
+    folder = demo[0]
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    links = re.findall(r'<a href="([^"]+)">', text)
+    assert {"replay.html", "results.json", "limb_0/limb.yaml", "limb_0/calibration.html"} < {*links}
+    assert "limb_0/t_and_r_1/taught.csv" in links
+    assert all((folder / link).is_file() for link in links)
+    look_at(folder / "report.html")
+    look_at(folder / "limb_0" / "calibration.html")
+
+
 def test_table_1_is_that_of_the_files(demo):
     folder, said, _ = demo
     (summary,) = json.loads((folder / "results.json").read_text(encoding="utf-8"))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -40,6 +41,26 @@ def test_plans_and_writes_a_trajectory_and_a_picture(quick, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "simulated again" in said
     assert str(output) in said
+
+
+def test_report_says_whether_to_use_the_plan(quick, tmp_path, capsys, look_at):
+    output, report = tmp_path / "plan.csv", tmp_path / "pages" / "plan.html"
+    assert main([*quick, "-o", str(output), "--report", str(report)]) == 0
+    assert f"written     {output}, {report}" in capsys.readouterr().out
+    text = report.read_text(encoding="utf-8")
+    trajectory = Trajectory.load(output)
+    missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))
+    verdict = text.partition('<p class="verdict">')[2].partition("</p>")[0]
+    assert verdict.startswith("Checked: simulated again, the limb stays within 0.0")
+    assert f"missed by {missed.mean():.2f}° on average, {missed.max():.2f}° at most" in verdict
+    times = {}
+    for active in trajectory.check.active_constraints:
+        times[active.bound] = times.get(active.bound, 0.0) + active.end - active.start
+    assert f"limits: {max(times, key=times.get)} for {max(times.values()):.1f} s" in verdict
+    links = [report.parent / link for link in re.findall(r'<a href="([^"]+)">', text)]
+    files = [output, tmp_path / "reference.csv", tmp_path / "limb.yaml"]
+    assert [link.resolve() for link in links] == files
+    look_at(report)
 
 
 def test_json_says_what_is_in_the_file(quick, tmp_path, capsys):

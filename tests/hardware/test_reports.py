@@ -1,0 +1,91 @@
+"""Reports on limbs that follow plans: what went wrong is said first, and names are text."""
+
+import dataclasses
+import html
+
+import numpy as np
+import pytest
+
+from hardware.drive import Drive
+from hardware.report import drive_verdict, write_drive_report
+from limb_systems import (
+    Limb,
+    LimbParameters,
+    PlanCheck,
+    SegmentParameters,
+    Trajectory,
+    WireParameters,
+    simulate,
+)
+
+
+@pytest.fixture(scope="module")
+def driven() -> Drive:
+    """A limb of two segments with three wires and one, 1° beside its plan, cut off on the way."""
+    wires = [WireParameters(name, e2=e2) for name, e2 in (("a", -3e-3), ("b", 1e-3), ("c", 3e-3))]
+    limb = LimbParameters(
+        segments=[
+            SegmentParameters(links=2, wires=wires),
+            SegmentParameters(links=2, wires=[WireParameters("d", e2=3e-3)]),
+        ]
+    )
+    made = simulate(Limb(limb), [0.1, 0.0, 0.0, 0.2], 2.0)
+    plan = Trajectory(
+        time=made.time,
+        reference=made.bend_angle,
+        duty=made.duty,
+        joint_state=made.joint_state,
+        wire_temperature=made.wire_temperature,
+        measured_temperature=made.measured_temperature,
+        parameters=limb,
+        check=PlanCheck(bend_band_deg=0.7),
+    )
+    read = made.measured_temperature[:, :21].copy()
+    read[0, 4] = 700.0
+    recording = dataclasses.replace(
+        made,
+        time=made.time[:21],
+        duty=made.duty[:, :21],
+        bend_angle=made.bend_angle[:, :21] + np.deg2rad(1.0),
+        measured_temperature=read,
+        applied_duty=made.duty[:, :21],
+        joint_state=None,
+        wire_temperature=None,
+        source="limb <b>7</b>",
+        interrupted="the <i>a</i> wire is open",
+    )
+    return Drive("pi", plan, recording, np.array([0.0, 6e-3, 0.0, 0.0]), 2, None)
+
+
+@pytest.mark.filterwarnings("ignore:Left out of the tracking errors")
+def test_a_report_begins_with_what_went_wrong(driven, tmp_path, look_at):
+    folder = tmp_path / "of <runs> & more"
+    folder.mkdir()
+    report = folder / "report.html"
+    write_drive_report(driven, driven.lines(), report, {"plan": tmp_path / "plan.csv"})
+    text = report.read_text(encoding="utf-8")
+    verdict = text.partition('<p class="verdict">')[2].partition("</p>")[0]
+    assert verdict == html.escape(
+        "Interrupted at 1.0 s of 2.0 s: the <i>a</i> wire is open. Followed the plan "
+        "to 1.00° on average, and to 1.00° for nine tenths of the samples. In open loop, 95% of "
+        "the limbs that the calibration allows for are within ±0.70° of the plan. Doubtful: 1 of "
+        "21 samples out of range, the first at 0.2 s; they do not count. 1 command (25.0%) left "
+        "too late."
+    )
+    assert "<b>7" not in text
+    assert '<a href="../plan.csv">' in text
+    look_at(report)
+
+
+def test_a_report_says_that_all_is_well(driven):
+    whole = dataclasses.replace(
+        driven.recording,
+        interrupted="",
+        measured_temperature=np.clip(driven.recording.measured_temperature, 0.0, 100.0),
+    )
+    trajectory = dataclasses.replace(driven.trajectory, check=PlanCheck())
+    well = dataclasses.replace(driven, recording=whole, trajectory=trajectory, late=np.zeros(4))
+    assert drive_verdict(well) == (
+        "Followed the plan to 1.00° on average, and to 1.00° for nine tenths of the samples. All "
+        "commands left in time."
+    )
