@@ -12,13 +12,15 @@ with ``#``:
 
 A table that is not all that it should be has a line before its end line that
 starts with ``# interrupted:`` and says why. With the end line, truncation at any
-byte is noticed, and with its digest any other change. Numbers are written so that
-they read back as the same doubles; angles are in degrees in the file and in
-radians in memory.
+byte is noticed, and with its digest any other change. Numbers have the fewest
+digits that read back as the same doubles; angles are in degrees in the file and
+in radians in memory.
 """
 
 import decimal
 import hashlib
+import itertools
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
@@ -243,12 +245,28 @@ def _is_angle(name: str) -> bool:
 
 
 def _format_degrees(radians: float) -> str:
-    """Degrees, as short as they can be to come back as the same double."""
+    """Degrees, in the fewest digits that come back as the same double."""
     if radians == 0:
         return repr(radians)
+    fewest = 1
+    if 1e-300 < abs(radians) < 1e300:
+        # Of the numbers with 15 digits or fewer only this one can be near enough.
+        about = math.degrees(radians)
+        text = f"{about:.15g}"
+        if abs(float(text) - about) <= 4 * math.ulp(about) and _parse_degrees(text) == radians:
+            return text
+        fewest = 16
     degrees = _DECIMAL.multiply(decimal.Decimal(radians), _RADIAN)
-    text = f"{degrees:.17g}"
-    return text if _parse_degrees(text) == radians else f"{degrees:.19g}"
+    for digits in itertools.count(fewest):
+        text = f"{degrees:.{digits}g}"
+        if _parse_degrees(text) == radians:
+            return text
+        if abs(math.frexp(radians)[0]) == 0.5:
+            # Doubles are closer below a power of two than above, where farther away may do.
+            text = str(decimal.Context(prec=digits, rounding=decimal.ROUND_UP).plus(degrees))
+            if _parse_degrees(text) == radians:
+                return text
+    raise AssertionError("there are digits without end")
 
 
 def _parse_degrees(text: str) -> float:
