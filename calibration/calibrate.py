@@ -32,7 +32,15 @@ from calibration.rest_angle import rest_angle
 from calibration.selection import LAWS, Prediction, fit_by_prediction
 from calibration.stiffness import StiffnessFit, fit_stiffness
 from calibration.validation import Validation, as_validation, validate
-from limb_systems import CalibrationRecord, LimbParameters, LinearLaw, NoBoard, Recording, WireLaw
+from limb_systems import (
+    CalibrationRecord,
+    LimbParameters,
+    LinearLaw,
+    NoBoard,
+    Provenance,
+    Recording,
+    WireLaw,
+)
 from limb_systems.display import Shown
 from limb_systems.errors import LimbError
 from limb_systems.files.table_writer import is_unfinished
@@ -306,6 +314,7 @@ def calibrate(
         },
     )
     limb.calibration = _record(calibration)
+    limb.calibration.provenance = Provenance.now(limb)
     return calibration
 
 

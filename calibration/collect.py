@@ -28,7 +28,14 @@ from calibration.prediction import LawFit, fit_law
 from calibration.rest_angle import rest_angle
 from hardware import LimbTwin, SerialLimb
 from hardware.robot.journal import journaled
-from limb_systems import HystereticLaw, LimbError, LimbParameters, LimbSystem, Recording
+from limb_systems import (
+    HystereticLaw,
+    LimbError,
+    LimbParameters,
+    LimbSystem,
+    Provenance,
+    Recording,
+)
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.model.limb_system import check_limb
 from limb_systems.progress import Progress
@@ -107,7 +114,8 @@ def collect_equilibria(
             builder.Connect(limb.GetOutputPort(name), system.GetInputPort(name))
     builder.Connect(schedule.get_output_port(), controller.GetInputPort("set_point"))
     duty, reference = controller.get_output_port(), schedule.get_output_port()
-    with journaled(builder, journal, limb, duty, HEATED_RATE, reference=reference):
+    made = Provenance.now(limb.parameters, seed)
+    with journaled(builder, journal, limb, duty, HEATED_RATE, reference=reference, provenance=made):
         return record(
             builder,
             limb,
@@ -116,6 +124,7 @@ def collect_equilibria(
             reference=reference,
             until=lambda context: schedule.is_finished(schedule.GetMyContextFromRoot(context)),
             sample_rate=HEATED_RATE,
+            provenance=made,
         )
 
 
@@ -158,8 +167,9 @@ def collect_excitation(
     builder.AddSystem(limb)
     builder.Connect(limb.GetOutputPort("measured_temperature"), source.get_input_port())
     duty = source.get_output_port()
-    with journaled(builder, journal, limb, duty, HEATED_RATE):
-        return record(builder, limb, duty, excitation.course.end_time(), sample_rate=HEATED_RATE)
+    made, end = Provenance.now(limb.parameters, excitation.seed), excitation.course.end_time()
+    with journaled(builder, journal, limb, duty, HEATED_RATE, provenance=made):
+        return record(builder, limb, duty, end, sample_rate=HEATED_RATE, provenance=made)
 
 
 class Knowledge:
@@ -241,8 +251,9 @@ def _collect(
     builder.AddSystem(source)
     builder.AddSystem(limb)
     duty = source.get_output_port()
-    with journaled(builder, journal, limb, duty, sample_rate):
-        return record(builder, limb, duty, duration, sample_rate=sample_rate)
+    made = Provenance.now(limb.parameters)
+    with journaled(builder, journal, limb, duty, sample_rate, provenance=made):
+        return record(builder, limb, duty, duration, sample_rate=sample_rate, provenance=made)
 
 
 def hand_for_ring_down() -> PiecewisePolynomial:

@@ -35,6 +35,7 @@ class Excitation:
     - ``purpose``: in words, for the operator.
     - ``pause``: s without heat before it.
     - ``course``: duty over time, a row for each wire.
+    - ``seed``: of what is random in it; None if nothing is.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Excitation:
     purpose: str
     pause: float
     course: PiecewisePolynomial
+    seed: int | None = None
 
 
 def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
@@ -78,7 +80,9 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
 
     return [
         Excitation("conditioning", "heated", "two pulses of each wire", 0.0, _course(conditioning)),
-        Excitation("pulses", "heated", "pulses of many heights and lengths", 5.0, _course(pulses)),
+        Excitation(
+            "pulses", "heated", "pulses of many heights and lengths", 5.0, _course(pulses), seed
+        ),
         Excitation("ramps", "heated", "slow ramps with reversals", 5.0, _course(ramps)),
         Excitation(
             "random",
@@ -86,6 +90,7 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
             "random levels of all wires, then two minutes of cooling",
             5.0,
             _course([*_random_levels(random, num_wires), (120.0, off)]),
+            seed,
         ),
         *(
             Excitation(

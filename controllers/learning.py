@@ -21,7 +21,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from controllers.duty_correction import READING_MARGIN, DutyCorrection, Errors
 from controllers.estimator import DRIFT_TIME
 from controllers.repeating_error import RepeatingError, wandering
-from limb_systems import LimbError, Recording, Trajectory
+from limb_systems import LimbError, Provenance, Recording, Trajectory
 from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.files.tables import FileFormatError
 from limb_systems.input import LARGEST_TABLE, read_bytes
@@ -43,7 +43,7 @@ SURELY = 3.0  # standard deviations, by which a repetition must be worse to coun
 COOLER = 3.0  # °C, by which bounds are lowered after a wire was read too hot
 WORTH = 0.01  # of the sensor's error; what another repetition must promise at least
 MOST_FAILURES = 3  # in a row
-_FIRST_LINE = "# limb learning, format 1, sha256 "
+_FIRST_LINE = "# limb learning, format 2, sha256 "
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -95,6 +95,7 @@ class Learner:
     - ``repetitions``: all `Repetition` so far.
     - ``correction``: of the plan's duty in the next repetition (M + 1, W), at ``nodes``
       (M + 1,), s since the start of the plan.
+    - ``provenance``: what made the learner; None if its file does not say.
     """
 
     def __init__(self, trajectory: Trajectory):
@@ -108,6 +109,7 @@ class Learner:
         if not trajectory.check.is_missing and (failure := trajectory.check.failure()):
             raise LimbError(f"This trajectory failed its check and is not learned: {failure}")
         self.trajectory = trajectory
+        self.provenance: Provenance | None = Provenance.now(trajectory.parameters)
         self.repetitions: list[Repetition] = []
         self._program = DutyCorrection(trajectory)
         self.nodes, self.correction = self._program.nodes, self._program.none
@@ -336,7 +338,7 @@ class Learner:
 
     def save(self, path: str | Path) -> None:
         """Writes plan and repetitions whole or not at all; `load` goes on from there."""
-        state = {
+        state: dict[str, Any] = {
             "plan": self.trajectory.to_text(),
             "repetitions": [
                 {
@@ -347,6 +349,8 @@ class Learner:
             ],
             "correction": self.correction.tolist(),
         }
+        if self.provenance:
+            state["provenance"] = dataclasses.asdict(self.provenance)
         body = json.dumps(state, allow_nan=False)
         write_atomically(path, f"{_FIRST_LINE}{_digest(body)}\n{body}\n")
 
@@ -366,6 +370,7 @@ class Learner:
                 repetition = _repetition(item, shapes, f"repetition {index + 1}")
                 learner._learn(repetition)
                 learner.repetitions.append(repetition)
+            learner.provenance = Provenance.from_json(state.get("provenance"))
             learner.correction = _array(state["correction"], shapes["correction"], "correction")
         except LimbError as error:
             raise FileFormatError(f"{path}: {error}") from error
@@ -412,7 +417,7 @@ def _parse(data: bytes) -> dict:
     """The state in a file, whose fields are there."""
     text = data.decode("utf-8", errors="replace")
     first, _, body = text.partition("\n")
-    if not re.fullmatch(re.escape(_FIRST_LINE) + "[0-9a-f]{64}", first):
+    if not re.fullmatch(r"# limb learning, format [12], sha256 [0-9a-f]{64}", first):
         raise FileFormatError(
             f"this is not what a learner saved: its first line is not '{_FIRST_LINE}...'."
         )
@@ -425,7 +430,10 @@ def _parse(data: bytes) -> dict:
         state = json.loads(body)
     except ValueError as error:
         raise FileFormatError(f"it is not valid JSON: {error}.") from error
-    _check_fields(state, {"plan": str, "repetitions": list, "correction": list}, "the file")
+    kinds: dict[str, type] = {"plan": str, "repetitions": list, "correction": list}
+    if isinstance(state, dict) and "provenance" in state:  # format 1 had none
+        kinds["provenance"] = dict
+    _check_fields(state, kinds, "the file")
     return state
 
 

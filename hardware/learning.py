@@ -167,7 +167,7 @@ def learner_in(folder: Path, trajectory: Trajectory, *, force: bool = False) -> 
     state = folder / STATE
     if state.exists() and not force:
         learner = Learner.load(state)
-        if learner.trajectory.to_text() != trajectory.to_text():
+        if not learner.trajectory.is_same_plan(trajectory):
             raise OutputError(
                 f"{state} is of another plan; give another folder, or --force to start anew."
             )

@@ -30,6 +30,7 @@ from limb_systems import (
     LimbError,
     LimbSystem,
     LimbVisualizer,
+    Provenance,
     Recording,
     Trajectory,
     joint_angles_from_bend_angle,
@@ -260,8 +261,15 @@ def _run(
         end = builder.AddSystem(_EndAtCutOut())
         builder.Connect(limb.GetOutputPort("cut_out"), end.get_input_port())
 
+    provenance = Provenance.now(limb.parameters)
     with journaled(
-        builder, journal, limb, duty, sample_rate, ended_by_hand=ended_by_hand
+        builder,
+        journal,
+        limb,
+        duty,
+        sample_rate,
+        provenance=provenance,
+        ended_by_hand=ended_by_hand,
     ) as writer:
         if meshcat is not None:
             _add_view(builder, limb, duty, meshcat, plan)
@@ -274,6 +282,7 @@ def _run(
             real_time=meshcat is not None,
             sample_rate=sample_rate,
             remark=_remark(limb) if limb.real_time else None,
+            provenance=provenance,
         )
         if may_cut_out and recording.time[-1] < duration - 0.5 / sample_rate:
             hottest = int(np.argmax(recording.measured_temperature[:, -1]))

@@ -47,6 +47,7 @@ from limb_systems.model.two_mass_laws import (
 )
 from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.model.wires import Wires
+from limb_systems.provenance import Provenance
 from limb_systems.simulation import simulate
 from limb_systems.views.limb_visualizer import LimbVisualizer, wire_color
 from limb_systems.views.replay_page import write_meshcat_replay
@@ -71,6 +72,7 @@ __all__ = [
     "LinearLaw",
     "NoBoard",
     "PlanCheck",
+    "Provenance",
     "Recording",
     "RestMemory",
     "SaturatingLaw",

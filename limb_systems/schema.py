@@ -117,7 +117,8 @@ def _validate(value: Any, schema: Any, name: str, metadata: typing.Mapping) -> N
         if not isinstance(value, choices):
             names = " or ".join(c.__name__ for c in choices if c is not type(None))
             raise SchemaError(f"{name} is not a {names}.")
-        validate(value, f"{name}.")
+        if dataclasses.is_dataclass(value):
+            validate(value, f"{name}.")
     elif dataclasses.is_dataclass(schema):
         if not isinstance(value, typing.cast(type, schema)):
             raise SchemaError(f"{name} is not a {typing.cast(type, schema).__name__}.")

@@ -20,6 +20,7 @@ from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb
 from limb_systems.model.limb_system import ACCURACY, LimbSystem, check_limb
 from limb_systems.progress import Progress
+from limb_systems.provenance import Provenance
 
 
 class SimulationError(LimbError):
@@ -106,6 +107,7 @@ def record(
     sample_rate: float = 20.0,
     accuracy: float | None = None,
     initial_state: ArrayLike | None = None,
+    provenance: Provenance | None = None,
 ) -> Recording:
     """Runs a diagram with a limb in it and records the limb.
 
@@ -123,12 +125,14 @@ def record(
         real_time: whether to run in real time although the system does not need
             it, for example because a person watches.
         sample_rate, accuracy, initial_state: as for `simulate`.
+        provenance: of the recording; that of this call if None.
 
     Raises:
         SimulationError: if the integrator fails.
         LimbError: if the duty left [0, 1], or the system is not a `LimbSystem`.
     """
     check_limb(system)
+    provenance = provenance or Provenance.now(system.parameters)  # before it has to keep time
     builder.Connect(duty, system.GetInputPort("duty"))
     ports = {name: system.GetOutputPort(name) for name in _logged_ports(system)}
     ports |= {"duty": duty} | ({"reference": reference} if reference else {})
@@ -164,6 +168,7 @@ def record(
         parameters=system.parameters,
         source=system.source,
         sample_rate=sample_rate,
+        provenance=provenance,
         **signals,
     )
 

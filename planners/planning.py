@@ -13,6 +13,7 @@ from limb_systems import (
     ActiveConstraint,
     LimbParameters,
     PlanCheck,
+    Provenance,
     Trajectory,
     Wires,
     band,
@@ -158,6 +159,8 @@ class Planner:
         self._margin = _measured_margin(measured_margin, len(parameters.wires))
         self._rest_angles, self._compliance = static_equilibrium(parameters)
         self._wires = Wires(parameters)
+        # Once for all plans, of which a control loop makes many.
+        self._provenance = Provenance.now(parameters)
         self._program: TrajectoryProgram | None = None
         self._previous: tuple[np.ndarray, np.ndarray, Solution] | None = None
 
@@ -270,6 +273,7 @@ class Planner:
                 largest_defect=program.largest_defect(solution.x),
                 tolerance_deg=self._tolerance_deg,
             ),
+            provenance=self._provenance,
         )
 
     def _fill_in(self, initial_state, wire_states: np.ndarray, duty: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
-from limb_systems import LimbError, LimbSystem
+from limb_systems import LimbError, LimbSystem, Provenance
 from limb_systems.files.recording import RecordingHeader
 from limb_systems.files.samples import column_names, without_rounding
 from limb_systems.files.table_writer import TableWriter
@@ -39,7 +39,13 @@ class Journal(LeafSystem):
     __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(
-        self, path: str | Path, limb: LimbSystem, sample_rate: float, *, has_reference: bool = False
+        self,
+        path: str | Path,
+        limb: LimbSystem,
+        sample_rate: float,
+        *,
+        has_reference: bool = False,
+        provenance: Provenance | None = None,
     ):
         """
         Args:
@@ -47,13 +53,14 @@ class Journal(LeafSystem):
             limb: whose ``parameters`` and ``source`` go into the header.
             sample_rate: Hz.
             has_reference: whether there is an input for the bend angle that is asked for.
+            provenance: of the recording; None if it is not known.
 
         Raises:
             OutputError: if no file can be made there.
         """
         super().__init__()
         names = column_names(limb.parameters)
-        header = RecordingHeader(limb.source, sample_rate, limb.parameters)
+        header = RecordingHeader(limb.source, sample_rate, limb.parameters, provenance)
         signals = ["duty", *journaled_outputs(limb), *(["reference"] if has_reference else [])]
         columns = [column for signal in ("time", *signals) for column in names[signal]]
         for signal in signals:
@@ -83,6 +90,7 @@ def journaled(
     sample_rate: float,
     *,
     reference: OutputPort | None = None,
+    provenance: Provenance | None = None,
     ended_by_hand: bool = False,
 ) -> Iterator[TableWriter | None]:
     """A context in which a diagram is built and run, with a journal of its limb.
@@ -97,6 +105,7 @@ def journaled(
         path: of the file; there is no journal if it is None.
         duty: the port that drives the limb.
         reference: port of the bend angle that is asked for.
+        provenance: of the recording; None if it is not known.
         ended_by_hand: whether Ctrl-C is how the recording ends. It then ends the
             context and not the program, and the file gets its name.
 
@@ -107,7 +116,9 @@ def journaled(
     if path is None:
         yield None
         return
-    journal = Journal(path, limb, sample_rate, has_reference=reference is not None)
+    journal = Journal(
+        path, limb, sample_rate, has_reference=reference is not None, provenance=provenance
+    )
     writer = journal.writer
     try:
         builder.AddSystem(journal)

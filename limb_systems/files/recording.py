@@ -18,6 +18,7 @@ from limb_systems.files.samples import (
 )
 from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.provenance import Provenance
 from limb_systems.schema import check_text, dump_typed, load_typed
 
 MEASURED = ("measured_temperature", "bend_angle")
@@ -38,11 +39,13 @@ class RecordingHeader:
     - ``source``: text that names what was recorded.
     - ``sample_rate_hz``: nominal rate of the samples, Hz.
     - ``parameters``: of the limb as it was known when it was recorded.
+    - ``provenance``: what made the recording; None if it is not known.
     """
 
     source: str
     sample_rate_hz: float
     parameters: LimbParameters
+    provenance: Provenance | None = None
 
 
 @dataclasses.dataclass(eq=False, repr=False)
@@ -71,6 +74,7 @@ class Recording(Shown):
       without a board.
     - ``interrupted``: why it ended before its time, in a line of text, such as the
       fault of a board; empty if it did not.
+    - ``provenance``: what made it; None if it is not known.
 
     Raises:
         LimbError: at construction, if shapes disagree or values are not
@@ -92,6 +96,7 @@ class Recording(Shown):
     board_time: np.ndarray | None = None
     sample_age: np.ndarray | None = None
     interrupted: str = ""
+    provenance: Provenance | None = None
 
     def __post_init__(self):
         self.parameters.validate()
@@ -174,12 +179,15 @@ class Recording(Shown):
                 source=header.source,
                 sample_rate=header.sample_rate_hz,
                 interrupted=table.interrupted,
+                provenance=header.provenance,
             )
         except LimbError as error:
             raise FileFormatError(f"{path}: {error}") from error
 
     def save(self, path: str | Path) -> None:
         """Writes the recording whole or not at all."""
-        header = RecordingHeader(self.source, float(self.sample_rate), self.parameters)
+        header = RecordingHeader(
+            self.source, float(self.sample_rate), self.parameters, self.provenance
+        )
         columns = ungroup_columns(self, columns_of(Recording, self.parameters))
         write_table(path, "recording", dump_typed(header), columns, self.interrupted)

@@ -3,7 +3,7 @@
 A file is a CSV table between a header and an end line, comments that start
 with ``#``:
 
-    # limb recording, format 2
+    # limb recording, format 3
     # sample_rate_hz: 20.0
     # ... more YAML, in comments ...
     time_s,duty_left,duty_right,...
@@ -32,8 +32,8 @@ from limb_systems.errors import LimbError
 from limb_systems.input import LARGEST_TABLE, read_bytes
 from limb_systems.output import write_atomically
 
-FORMAT_VERSION = 2
-READABLE = (1, FORMAT_VERSION)  # format 1 had fewer columns
+FORMAT_VERSION = 3
+READABLE = (1, 2, FORMAT_VERSION)  # format 1 had fewer columns, and 2 no provenance
 KILLED = "the program that recorded it was killed"
 _INTERRUPTED = "# interrupted: "
 _DECIMAL = decimal.Context(prec=40)
@@ -176,7 +176,7 @@ def parse_table(data: bytes, kind: str) -> Table:
     if int(first[2]) not in READABLE:
         raise FileFormatError(
             f"this {kind} has format {first[2]}, but this program reads format "
-            f"{' and '.join(map(str, READABLE))}."
+            f"{', '.join(map(str, READABLE[:-1]))} and {READABLE[-1]}."
         )
     last = lines[-2] if len(lines) > 2 else ""
     end = re.fullmatch(r"# end, (\d{1,15}) rows, sha256 ([0-9a-f]{64})", last)

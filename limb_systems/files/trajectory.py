@@ -24,6 +24,7 @@ from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb, split_state
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.output import write_atomically
+from limb_systems.provenance import Provenance
 from limb_systems.schema import dump_typed, load_typed
 
 DEFECT_TOLERANCE = 1e-6
@@ -105,11 +106,13 @@ class TrajectoryHeader:
     - ``sample_rate_hz``: of the knots, Hz.
     - ``check``: how the plan was found and checked.
     - ``parameters``: of the limb that it was planned for.
+    - ``provenance``: what made the plan; None if it is not known.
     """
 
     sample_rate_hz: float
     check: PlanCheck
     parameters: LimbParameters
+    provenance: Provenance | None = None
 
 
 @dataclasses.dataclass(eq=False, repr=False)
@@ -128,6 +131,7 @@ class Trajectory(Shown):
     - ``check``: how it was found and checked.
     - ``other_wire_state``: the states of the wires' laws other than T
       (N - W, K), in the order of `Wires`; None if there are no others.
+    - ``provenance``: what made it; None if it is not known.
 
     Raises:
         LimbError: at construction, if shapes disagree, values are not finite,
@@ -143,6 +147,7 @@ class Trajectory(Shown):
     parameters: LimbParameters
     check: PlanCheck
     other_wire_state: np.ndarray | None = None
+    provenance: Provenance | None = None
 
     def __post_init__(self):
         self.parameters.validate()
@@ -301,6 +306,7 @@ class Trajectory(Shown):
             parameters=parameters,
             check=check,
             other_wire_state=wire[num_wires:] if len(wire) > num_wires else None,
+            provenance=Provenance.now(parameters),
         )
 
     def bend_angle_at(self, times: ArrayLike) -> np.ndarray:
@@ -341,7 +347,22 @@ class Trajectory(Shown):
         header.parameters.validate()
         signals = group_columns(table.columns, columns_of(cls, header.parameters))
         del signals["bend_angle"]  # it follows from the joint angles
-        return cls(**signals, parameters=header.parameters, check=header.check)
+        return cls(
+            **signals,
+            parameters=header.parameters,
+            check=header.check,
+            provenance=header.provenance,
+        )
+
+    def is_same_plan(self, other: "Trajectory") -> bool:
+        """Whether another trajectory has the same file, but for what made it."""
+        texts = [
+            dataclasses.replace(
+                plan, parameters=plan.parameters.without_provenance(), provenance=None
+            ).to_text()
+            for plan in (self, other)
+        ]
+        return texts[0] == texts[1]
 
     def save(self, path: str | Path) -> None:
         """Writes the trajectory whole or not at all.
@@ -357,6 +378,6 @@ class Trajectory(Shown):
         if not self.check.is_missing and (failure := self.check.failure()):
             raise LimbError(f"This plan failed its check and is not saved: {failure}")
         sample_rate = (len(self.time) - 1) / self.duration
-        header = TrajectoryHeader(sample_rate, self.check, self.parameters)
+        header = TrajectoryHeader(sample_rate, self.check, self.parameters, self.provenance)
         columns = ungroup_columns(self, columns_of(Trajectory, self.parameters))
         return format_table("trajectory", dump_typed(header), columns)

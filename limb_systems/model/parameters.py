@@ -7,6 +7,7 @@ cannot drift apart.
 
 import copy
 import dataclasses
+import hashlib
 import re
 import warnings
 from pathlib import Path
@@ -20,6 +21,7 @@ from limb_systems.model.bend_sensor import BendSensor, TipTangentSensor
 from limb_systems.model.heat_bounds import BOUNDED, HeatBounds
 from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.output import write_atomically
+from limb_systems.provenance import Provenance
 from limb_systems.schema import (
     SchemaError,
     Strict,
@@ -246,6 +248,8 @@ class CalibrationRecord(Strict):
       used in any fit; empty if there was none.
     - ``bend_error``, ``temperature_error``: mean errors of open-loop predictions
       of such recordings, of the bend, rad, and of the readings, °C; 0 if unknown.
+    - ``provenance``: what made it; None if it is not known. Records are equal whenever
+      they were made.
     """
 
     names: list[str]
@@ -256,6 +260,7 @@ class CalibrationRecord(Strict):
     validation: str = ""
     bend_error: float = quantity(0.0, "rad", 0.0, 3.2)
     temperature_error: float = quantity(0.0, "°C", 0.0, 500.0)
+    provenance: Provenance | None = dataclasses.field(default=None, compare=False)
 
 
 @dataclasses.dataclass
@@ -369,6 +374,19 @@ class LimbParameters(Strict):
         """The YAML text of these parameters, every float exact."""
         self.validate()
         return dump_typed(self)
+
+    def without_provenance(self) -> "LimbParameters":
+        """These parameters without what made them, for comparisons."""
+        if self.calibration is None:
+            return self
+        record = dataclasses.replace(self.calibration, provenance=None)
+        return dataclasses.replace(self, calibration=record)
+
+    @property
+    def digest(self) -> str:
+        """The first 12 hex digits of the SHA-256 of their YAML, without what made them."""
+        text = self.without_provenance().to_yaml()
+        return hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def validate(self) -> None:
         """Raises ParameterError for the first field that is out of its range."""

@@ -414,15 +414,16 @@ def test_what_only_robots_know_comes_back(tmp_path):
         make_recording(board_time=[[1.0, 2.0, 3.0, 4.0]])
 
 
-def test_a_file_of_the_first_version_is_read(tmp_path, lines):
-    lines[0] = lines[0].replace("format 2", "format 1")
+@pytest.mark.parametrize("version", [1, 2])
+def test_a_file_of_an_earlier_version_is_read(tmp_path, lines, version):
+    lines[0] = lines[0].replace("format 3", f"format {version}")
     write_sealed(tmp_path / "file.csv", lines)
     assert_identical(Recording.load(tmp_path / "file.csv"), make_recording())
 
 
 def test_another_version_is_refused(lines, refuse_sealed):
-    lines[0] = lines[0].replace("format 2", "format 3")
-    refuse_sealed(lines, "format 3", "format 1 and 2")
+    lines[0] = lines[0].replace("format 3", "format 4")
+    refuse_sealed(lines, "format 4", "format 1, 2 and 3")
 
 
 def test_shuffled_rows_are_refused(lines, refuse_sealed):
