@@ -186,7 +186,8 @@ def write_report(
         )
     if data:
         parts.append(page.section("Data", page.links(path, data)))
-    page.write_page(path, "Calibration of a limb", parts)
+    record = calibration.parameters.calibration
+    page.write_page(path, "Calibration of a limb", parts, record.provenance if record else None)
 
 
 def write_validation_report(

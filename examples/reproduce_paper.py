@@ -141,9 +141,8 @@ def _reproduce(options) -> int:
         plan=motion.open_loop.trajectory,
         title="Steps and sinusoid, on an emulated limb",
     )
-    command = f"python examples/reproduce_paper.py {' '.join(sys.argv[1:])}".strip()
     data = _data(folder, shown, pictures)
-    write_report(folder / "report.html", summaries, shown, pictures, command, data)
+    write_report(folder / "report.html", summaries, shown, pictures, data)
 
     print(f"\n{calibration_summary(shown.calibration)}\n")
     print(f"Table I: tracking error |φ* - φ|, rollouts per plan: {options.rollouts}, in degrees")

@@ -40,7 +40,6 @@ def write_report(
     summaries: Sequence[Summary],
     experiment: Experiment,
     pictures: dict[str, tuple[Figure, str]],
-    command: str,
     data: Mapping[str, Path],
 ) -> None:
     """Writes the page.
@@ -50,7 +49,6 @@ def write_report(
         summaries: of all limbs.
         experiment: the limb that is shown.
         pictures: `figures` of it; those without a chart are shown as they are.
-        command: that this was made with.
         data: files that the page links to, by what they are.
     """
     count = len(complete(summaries))
@@ -86,10 +84,10 @@ def write_report(
             page.chart(error_chart(experiment), "Error of all rollouts over time"),
         ),
         _parameters(experiment),
-        _how_it_was_made(summaries, experiment, command),
+        _what_was_done(summaries, experiment),
         page.section("Data", page.links(path, data)),
     ]
-    page.write_page(path, "The paper reproduced, on emulated limbs", parts)
+    page.write_page(path, "The paper reproduced, on emulated limbs", parts, summaries[0].provenance)
 
 
 def _table_1(summaries: Sequence[Summary]) -> str:
@@ -228,14 +226,13 @@ def _parameters(experiment: Experiment) -> str:
     )
 
 
-def _how_it_was_made(summaries: Sequence[Summary], experiment: Experiment, command: str) -> str:
+def _what_was_done(summaries: Sequence[Summary], experiment: Experiment) -> str:
     seeds = ", ".join(str(s.seed) for s in complete(summaries))
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in PACKAGES)
     return page.section(
-        "How it was made",
+        "What was done",
         page.items(
             [
-                f"Command: {command}",
                 f"Limbs: seeds {seeds}; pictures show seed {experiment.specimen.seed}. A seed "
                 "draws a limb and its sensors' noise from ranges that "
                 "hardware/emulation/specimen.py lists with their sources; none was left out.",

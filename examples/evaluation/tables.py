@@ -9,7 +9,7 @@ from scipy.stats import t as student
 from evaluation.error_split import STEPS
 from evaluation.experiment import Experiment
 from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way, true_bend
-from limb_systems import Recording, Trajectory
+from limb_systems import Provenance, Recording, Trajectory
 from limb_systems.tracking import tracking_errors
 
 STATISTICS = ("mean", "median", "90th percentile")
@@ -132,6 +132,7 @@ class Summary:
     - ``split``: of each motion and step, see `error_split`.
     - ``approaches``: of each approach to calibration and each motion, open loop.
     - ``law``: that the limb was calibrated with.
+    - ``provenance``: what made them.
     """
 
     seed: int
@@ -143,6 +144,7 @@ class Summary:
     split: dict[str, dict[str, tuple[float, float]]]
     approaches: dict[str, dict[str, Followed]]
     law: str
+    provenance: Provenance | None = None
 
 
 def summarize(experiment: Experiment) -> Summary:
@@ -184,6 +186,7 @@ def summarize(experiment: Experiment) -> Summary:
         experiment.split,
         approaches,
         prediction.best.name if prediction else "",
+        Provenance.now(experiment.calibration.parameters, specimen.seed),
     )
 
 

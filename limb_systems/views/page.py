@@ -1,6 +1,7 @@
 """Reports as one HTML file without further files, for desktops, phones and paper."""
 
 import base64
+import dataclasses
 import html
 import io
 import json
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from limb_systems.output import write_atomically
+from limb_systems.provenance import Provenance
 
 if TYPE_CHECKING:  # Bokeh takes as long to import as all the rest
     from bokeh.models import Model
@@ -56,15 +58,21 @@ for (const chart of document.querySelectorAll("figure.chart"))
 </script>"""
 
 
-def write_page(path: str | Path, title: str, parts: Sequence[str]) -> None:
+def write_page(
+    path: str | Path, title: str, parts: Sequence[str], provenance: Provenance | None = None
+) -> None:
     """Writes a page, whole or not at all.
 
     Args:
         path: of the HTML file.
         title: plain text, also used as the heading.
         parts: of its body, HTML.
+        provenance: what made it, for the last section, and for programs in a script of JSON
+            with the id "provenance"; None if it is not known.
     """
     title = html.escape(title)
+    if provenance:
+        parts = [*parts, _how_it_was_made(provenance)]
     body, script = "\n".join([f"<h1>{title}</h1>", *parts]), ""
     if '<figure class="chart"' in body:  # text cannot be this, as it is escaped
         from bokeh.resources import Resources
@@ -78,6 +86,16 @@ def write_page(path: str | Path, title: str, parts: Sequence[str]) -> None:
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{title}</title><style>{_STYLE}</style>{script}</head>\n"
         f"<body>{body}</body></html>\n",
+    )
+
+
+def _how_it_was_made(provenance: Provenance) -> str:
+    data = json.dumps(dataclasses.asdict(provenance)).replace("<", "\\u003c")
+    return "\n".join(
+        [
+            section("How it was made", table(["", ""], list(provenance.facts().items()))),
+            f'<script type="application/json" id="provenance">{data}</script>',
+        ]
     )
 
 
