@@ -12,14 +12,14 @@ class OutputError(LimbError):
     """A file must not or cannot be written at the given path."""
 
 
-def write_atomically(path: str | Path, text: str) -> None:
-    """Writes a text file whole or not at all, also if the process dies."""
+def write_atomically(path: str | Path, content: str | bytes) -> None:
+    """Writes a file, text or bytes, whole or not at all, also if the process dies."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
         os.chmod(temporary, 0o644)

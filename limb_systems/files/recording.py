@@ -2,11 +2,13 @@
 
 import dataclasses
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from limb_systems.display import Shown
 from limb_systems.errors import LimbError
+from limb_systems.files.frames import frame_of
 from limb_systems.files.samples import (
     bend_range,
     check_samples,
@@ -20,6 +22,9 @@ from limb_systems.files.tables import FileFormatError, read_table, write_table
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.provenance import Provenance
 from limb_systems.schema import check_text, dump_typed, load_typed
+
+if TYPE_CHECKING:  # not all who record have it
+    import pandas
 
 MEASURED = ("measured_temperature", "bend_angle")
 OPTIONAL = (
@@ -183,6 +188,17 @@ class Recording(Shown):
             )
         except LimbError as error:
             raise FileFormatError(f"{path}: {error}") from error
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """A table as in the file: a row per sample, indexed by time in s, angles in degrees.
+
+        Its ``attrs`` have the unit of each column, the source and the provenance.
+
+        Raises:
+            LimbError: if pandas is not installed.
+        """
+        about = {"source": self.source, "interrupted": self.interrupted}
+        return frame_of(self, "recording", about)
 
     def save(self, path: str | Path) -> None:
         """Writes the recording whole or not at all."""

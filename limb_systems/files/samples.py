@@ -15,6 +15,18 @@ from limb_systems.files.tables import FileFormatError
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wires import Wires
 
+_UNITS = {  # in files
+    "time": "s",
+    "duty": "1",
+    "applied_duty": "1",
+    "board_time": "s",
+    "sample_age": "s",
+    "measured_temperature": "°C",
+    "bend_angle": "°",
+    "reference": "°",
+    "wire_temperature": "°C",
+    "joint_state": "°",
+}
 TIMES = ("time", "board_time", "sample_age")  # signals with one number for each sample
 
 
@@ -42,6 +54,15 @@ def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
         + [f"joint_rate_{i}_deg_s" for i in joints],
         **({"other_wire_state": [f"wire_state_{name}" for name in others]} if others else {}),
     }
+
+
+def column_units(parameters: LimbParameters) -> dict[str, str]:
+    """The unit of each column in files; empty for states of wires, which their laws define."""
+    units = {}
+    for signal, names in column_names(parameters).items():
+        unit = _UNITS.get(signal, "")
+        units |= {name: "°/s" if name.startswith("joint_rate") else unit for name in names}
+    return units
 
 
 def columns_of(kind: type, parameters: LimbParameters) -> dict[str, list[str]]:

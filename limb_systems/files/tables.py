@@ -114,6 +114,16 @@ def format_rows(columns: Mapping[str, np.ndarray]) -> Iterator[str]:
     return (",".join(row) + "\n" for row in zip(*texts, strict=True))
 
 
+def values_in_files(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The numbers in a table's rows as other programs read them: angles in degrees."""
+    return {
+        name: np.array([float(_format_degrees(value)) for value in values.tolist()])
+        if _is_angle(name)
+        else values
+        for name, values in columns.items()
+    }
+
+
 def end_of_table(digest: Any, num_rows: int, interrupted: str) -> list[str]:
     """The lines after the rows of a table.
 

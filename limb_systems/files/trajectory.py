@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +13,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.display import Shown
 from limb_systems.errors import LimbError
+from limb_systems.files.frames import frame_of
 from limb_systems.files.samples import (
     bend_range,
     check_samples,
@@ -26,6 +28,9 @@ from limb_systems.model.parameters import LimbParameters
 from limb_systems.output import write_atomically
 from limb_systems.provenance import Provenance
 from limb_systems.schema import dump_typed, load_typed
+
+if TYPE_CHECKING:  # not all who plan have it
+    import pandas
 
 DEFECT_TOLERANCE = 1e-6
 
@@ -353,6 +358,16 @@ class Trajectory(Shown):
             check=header.check,
             provenance=header.provenance,
         )
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """A table as in the file: a row per knot, indexed by time in s, angles in degrees.
+
+        Its ``attrs`` have the unit of each column, the check and the provenance.
+
+        Raises:
+            LimbError: if pandas is not installed.
+        """
+        return frame_of(self, "trajectory", {"check": dataclasses.asdict(self.check)})
 
     def is_same_plan(self, other: "Trajectory") -> bool:
         """Whether another trajectory has the same file, but for what made it."""

@@ -1,0 +1,161 @@
+"""Recordings and trajectories for other tools: pandas, Parquet, MCAP.
+
+The packages for these are an extra of soft-limb. The CSV has all that these have; they
+are made from it, and never read back.
+"""
+
+import dataclasses
+import importlib
+import io
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from limb_systems.errors import LimbError
+from limb_systems.files.samples import column_units, columns_of, ungroup_columns
+from limb_systems.files.tables import values_in_files
+from limb_systems.output import write_atomically
+
+if TYPE_CHECKING:
+    import pandas
+
+    from limb_systems.files.recording import Recording
+    from limb_systems.files.trajectory import Trajectory
+
+METADATA = "soft_limb"  # name of what is about the whole file
+FORMATS = (".parquet", ".mcap")
+
+
+def frame_of(
+    samples: "Recording | Trajectory", kind: str, about: dict[str, Any]
+) -> "pandas.DataFrame":
+    """The columns of a file as a table of pandas.
+
+    Args:
+        samples: whose columns these are.
+        kind: of its file.
+        about: what else its ``attrs`` have.
+
+    Raises:
+        LimbError: if pandas is not installed.
+    """
+    pandas = optional("pandas")
+    columns = values_in_files(_columns(samples))
+    units, made = column_units(samples.parameters), samples.provenance
+    frame = pandas.DataFrame(columns).set_index("time_s")
+    frame.attrs = {
+        "kind": kind,
+        "units": {name: units[name] for name in columns},
+        "provenance": made and dataclasses.asdict(made),
+        **about,
+    }
+    return frame
+
+
+def write_parquet(samples: "Recording | Trajectory", path: str | Path) -> None:
+    """Writes a Parquet file: the columns of `to_pandas`, as doubles.
+
+    Each column's metadata have its ``unit``, and those of the file under ``soft_limb``
+    as JSON what ``attrs`` have and the limb's parameters in YAML. pandas reads ``attrs``.
+
+    Raises:
+        LimbError: if pandas or pyarrow is not installed.
+    """
+    frame = samples.to_pandas()
+    frame.attrs = _without_nan(frame.attrs)
+    arrow, parquet = optional("pyarrow"), optional("pyarrow.parquet")
+    table = arrow.Table.from_pandas(frame)
+    units = frame.attrs["units"]
+    schema = arrow.schema(
+        [field.with_metadata({"unit": units[field.name]}) for field in table.schema]
+    )
+    about = json.dumps(_about(samples, frame), ensure_ascii=False)
+    schema = schema.with_metadata({**table.schema.metadata, METADATA: about})
+    buffer = io.BytesIO()
+    parquet.write_table(table.cast(schema), buffer)
+    write_atomically(path, buffer.getvalue())
+
+
+def write_mcap(samples: "Recording | Trajectory", path: str | Path) -> None:
+    """Writes an MCAP file: for each signal a channel of JSON with its columns.
+
+    The topic is the signal's name, such as ``/duty``. Log times are ns since time zero;
+    each message has ``time_s`` as well, which is exact. The schema of a channel describes
+    each column by its unit, and the metadata ``soft_limb`` are those of `write_parquet`.
+
+    Raises:
+        LimbError: if pandas or mcap is not installed.
+    """
+    frame = samples.to_pandas()
+    writers = optional("mcap.writer")
+    units, times = frame.attrs["units"], frame.index.to_numpy()
+    buffer = io.BytesIO()
+    writer = writers.Writer(buffer)
+    writer.start(library="soft-limb")
+    channels = []
+    for signal, names in columns_of(type(samples), samples.parameters).items():
+        present = [name for name in names if name in frame]
+        if not present:
+            continue
+        schema = {
+            "title": signal,
+            "type": "object",
+            "properties": {
+                name: {"type": "number", "description": units[name]}
+                for name in ["time_s", *present]
+            },
+        }
+        identity = writer.register_schema(
+            f"soft_limb.{signal}", "jsonschema", json.dumps(schema, ensure_ascii=False).encode()
+        )
+        channel = writer.register_channel(f"/{signal}", "json", identity)
+        channels.append((channel, present, frame[present].to_numpy().tolist()))
+    for index, time in enumerate(times.tolist()):
+        at = round(time * 1e9)
+        for channel, names, rows in channels:
+            message = {"time_s": time, **dict(zip(names, rows[index], strict=True))}
+            writer.add_message(channel, at, json.dumps(message).encode(), at, sequence=index)
+    about = _without_nan(_about(samples, frame))
+    writer.add_metadata(
+        METADATA,
+        {
+            name: value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+            for name, value in about.items()
+        },
+    )
+    writer.finish()
+    write_atomically(path, buffer.getvalue())
+
+
+def optional(module: str) -> Any:
+    """A module of the extra ``data``.
+
+    Raises:
+        LimbError: if its package is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        raise LimbError(
+            f"{package} is not installed; pip install 'soft-limb[data]' installs it."
+        ) from error
+
+
+def _columns(samples: Any) -> dict[str, np.ndarray]:
+    return ungroup_columns(samples, columns_of(type(samples), samples.parameters))
+
+
+def _about(samples: Any, frame: Any) -> dict[str, Any]:
+    return {**frame.attrs, "parameters": samples.parameters.to_yaml()}
+
+
+def _without_nan(value: Any) -> Any:
+    """For JSON, which has no NaN: the check of a plan that was never checked has them."""
+    if isinstance(value, dict):
+        return {name: _without_nan(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_without_nan(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
