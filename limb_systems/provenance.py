@@ -38,7 +38,7 @@ class Provenance:
     - ``commit``: of git, if soft-limb ran from a checkout of its repository, with
       "-dirty" if there were changes that are not in it; else empty.
     - ``command``: of the program, as it can be typed again in a shell.
-    - ``parameters``: `LimbParameters.digest` of the limb.
+    - ``parameters``: `LimbParameters.digest` of the limb; empty if there is none.
     - ``time``: UTC, ISO 8601, such as "2030-01-31T12:00:00Z".
     - ``limb_seed``: of the emulated limb; None if there is none.
     - ``seed``: of the random numbers in what was done to the limb; None if there are none.
@@ -53,14 +53,16 @@ class Provenance:
     seed: int | None = None
 
     @classmethod
-    def now(cls, parameters: "LimbParameters", seed: int | None = None) -> "Provenance":
+    def now(
+        cls, parameters: "LimbParameters | None" = None, seed: int | None = None
+    ) -> "Provenance":
         """Of what is being made by this program.
 
         The first call in a process asks git, which takes some milliseconds: it is no
         call for a loop that has to keep time.
 
         Args:
-            parameters: of the limb; those of an emulated limb know its seed.
+            parameters: of the limb, if there is one; those of an emulated limb know its seed.
             seed: of the random numbers in what is done to the limb, if there are any.
         """
         now = datetime.datetime.now(datetime.UTC)
@@ -68,9 +70,9 @@ class Provenance:
             version=_version(),
             commit=_commit(),
             command=command_line(sys.argv),
-            parameters=parameters.digest,
+            parameters=parameters.digest if parameters else "",
             time=now.strftime("%Y-%m-%dT%H:%M:%SZ"),
-            limb_seed=getattr(parameters.board, "seed", None),
+            limb_seed=getattr(parameters.board, "seed", None) if parameters else None,
             seed=seed,
         )
 

@@ -1,0 +1,1 @@
+"""What results are, what made them, and how they differ: ``show`` and ``compare``."""

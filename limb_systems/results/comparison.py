@@ -1,0 +1,359 @@
+"""How results differ: what made them, their parameters, their signals."""
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from limb_systems.errors import LimbError
+from limb_systems.files.recording import Recording
+from limb_systems.files.trajectory import Trajectory
+from limb_systems.model.parameters import CalibrationRecord, LimbParameters
+from limb_systems.results.reading import (
+    EVALUATION,
+    LIMB,
+    RECORDING,
+    STATISTICS,
+    TRAJECTORY,
+    Result,
+)
+from limb_systems.tracking import TrackingErrors, tracking_errors
+
+NONE = "-"  # for a value that one of the runs does not have
+SIGNALS = {"bend_angle": "°", "measured_temperature": "°C", "duty": ""}  # that runs are compared by
+_RUNS = (RECORDING, TRAJECTORY)
+_OF_FITS = ("names", "values", "standard_errors", "covariance", "provenance")  # see the laws
+
+
+class ComparisonError(LimbError):
+    """Results cannot be compared."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Change:
+    """A value that is not the same in all runs.
+
+    - ``name``, ``unit``: of the value.
+    - ``values``: of each run, numbers or texts; None where a run has no such value.
+    """
+
+    name: str
+    unit: str
+    values: list[Any]
+
+    @property
+    def relative(self) -> list[float | None]:
+        """The difference of each run from the first, over the first; None if it has none."""
+        first, *others = self.values
+        return [None, *(_relative(first, value) for value in others)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Difference:
+    """How far a signal of a run is from the first run's, or from its plan's.
+
+    - ``run``: its number, from 0 on.
+    - ``signal``, ``unit``: such as "bend_angle" in degrees.
+    - ``mean``, ``median``, ``percentile_90``: of the absolute difference.
+    """
+
+    run: int
+    signal: str
+    unit: str
+    mean: float
+    median: float
+    percentile_90: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Curves:
+    """The course of a signal of a run, in degrees or °C.
+
+    - ``time``: since the start of the plan (K,), s.
+    - ``values``: (size, K).
+    - ``difference_time``, ``differences``: from the first run (M,), s, and (size, M); empty
+      for the first.
+    """
+
+    time: np.ndarray
+    values: np.ndarray
+    difference_time: np.ndarray
+    differences: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Comparison:
+    """How results of one kind differ.
+
+    - ``results``: R of them; the first is what the others are compared with.
+    - ``changes``: what is not the same in all of them.
+    - ``differences``: of the signals of the other runs from the first.
+    - ``tracking``: of each recording |φ* - φ|, if there is a plan.
+    - ``motions``: of evaluations each number of Table I.
+    - ``curves``: of each run by signal.
+    """
+
+    results: Sequence[Result]
+    changes: list[Change]
+    differences: list[Difference]
+    tracking: list[Difference]
+    motions: list[Change]
+    curves: list[dict[str, Curves]]
+
+    def to_json(self) -> dict[str, Any]:
+        """For JSON: all but the curves."""
+
+        def listed(changes: Sequence[Change]) -> list[dict]:
+            return [{**dataclasses.asdict(c), "relative": c.relative} for c in changes]
+
+        return {
+            "runs": [str(result.path) for result in self.results],
+            "kinds": [result.kind for result in self.results],
+            "changes": listed(self.changes),
+            "differences": [dataclasses.asdict(item) for item in self.differences],
+            "tracking": [dataclasses.asdict(item) for item in self.tracking],
+            "motions": listed(self.motions),
+        }
+
+
+def compare(results: Sequence[Result]) -> Comparison:
+    """Compares plans and recordings, or calibrated limbs, or evaluations.
+
+    Args:
+        results: two or more of one kind; plans and recordings may be compared with each
+            other, and a plan is then what recordings are tracked against.
+
+    Raises:
+        ComparisonError: with one sentence, if they are of different kinds or shapes.
+    """
+    if len(results) < 2:
+        raise ComparisonError("There is one result; a comparison needs two or more.")
+    kinds = {result.kind for result in results}
+    if len(kinds) > 1 and not kinds <= set(_RUNS):
+        said = " and ".join(f"{result.path} is a {result.kind}" for result in _one_of_each(results))
+        raise ComparisonError(f"{said}; compare results of one kind.")
+    (kind, *_) = kinds
+    if kind not in (*_RUNS, LIMB, EVALUATION):
+        raise ComparisonError(
+            f"{results[0].path} is a {kind}; plans, recordings, limbs and evaluations are compared."
+        )
+    changes = [
+        change
+        for change in _changed([_about(result) for result in results])
+        # What plans alone have says nothing of a plan beside its recordings.
+        if len({value for value in change.values if value is not None}) > 1
+    ]
+    if kind == EVALUATION:
+        motions = _changed([table_1(result.value) for result in results], all_of_them=True)
+        return Comparison(results, changes, [], [], motions, [])
+    parameters = [r.value if kind == LIMB else r.value.parameters for r in results]
+    changes += _changed([flattened(limb) for limb in parameters])
+    if kind == LIMB:
+        return Comparison(results, changes, [], [], [], [])
+    _check_shapes(results)
+    curves = _curves([result.value for result in results])
+    differences = [
+        _difference(run, signal, unit, curves[run][signal].differences)
+        for run in range(1, len(results))
+        for signal, unit in SIGNALS.items()
+    ]
+    return Comparison(results, changes, differences, _tracking(results), [], curves)
+
+
+def _one_of_each(results: Sequence[Result]) -> list[Result]:
+    first = results[0]
+    return [first, next(r for r in results if r.kind != first.kind)]
+
+
+def flattened(parameters: LimbParameters) -> dict[str, tuple[Any, str]]:
+    """All numbers and texts of a limb with their units, by names such as "right.law.a1".
+
+    Wires go by their names, and segments by their numbers if there are several. Of a
+    calibration it has how well it predicts, and not the fitted values, which the laws have.
+    """
+    return {
+        name.replace("segments.", "").replace("wires.", ""): entry
+        for name, entry in _leaves(parameters, "").items()
+    }
+
+
+def _leaves(value: Any, unit: str, path: str = "") -> dict[str, tuple[Any, str]]:
+    leaves: dict[str, tuple[Any, str]] = {}
+    if dataclasses.is_dataclass(value):
+        for field in dataclasses.fields(value):
+            if isinstance(value, CalibrationRecord) and field.name in _OF_FITS:
+                continue
+            inner = f"{path}.{field.name}" if path else field.name
+            leaves |= _leaves(getattr(value, field.name), field.metadata.get("unit", unit), inner)
+        if path.endswith((".law", ".bend_sensor", "board")):
+            leaves[path] = (type(value).__name__, "")
+    elif isinstance(value, list):
+        several = len(value) > 1
+        for number, item in enumerate(value, 1):
+            name = getattr(item, "name", str(number) if several else "")
+            leaves |= _leaves(item, unit, f"{path}.{name}" if name else path)
+    elif value not in (None, ""):
+        leaves[path] = (value, unit)
+    return leaves
+
+
+def _about(result: Result) -> dict[str, tuple[Any, str]]:
+    """What is said of a result beside its parameters."""
+    about: dict[str, tuple[Any, str]] = {"kind": (result.kind, "")}
+    if result.provenance:
+        about |= {name: (text, "") for name, text in result.provenance.facts().items()}
+    value = result.value
+    if isinstance(value, Recording):
+        about |= {"source": (value.source, ""), "rate": (float(value.sample_rate), "Hz")}
+        about["end"] = (value.interrupted or "as it should be", "")
+    if isinstance(value, Trajectory):
+        about |= {"duration": (value.duration, "s"), "knots": (len(value.time), "")}
+        about |= {
+            f"check.{field.name}": (number, "")
+            for field in dataclasses.fields(value.check)
+            if isinstance(number := getattr(value.check, field.name), int | float | str)
+        }
+    if result.kind == EVALUATION:
+        about |= {name: (result.facts[name], "") for name in ("limbs", "motions", "ways")}
+    return about
+
+
+def _changed(runs: Sequence[dict[str, tuple[Any, str]]], all_of_them: bool = False) -> list[Change]:
+    """The values that are not the same in all runs, or all of them."""
+    names = dict.fromkeys(itertools.chain.from_iterable(runs))
+    changes = []
+    for name in names:
+        values = [run[name][0] if name in run else None for run in runs]
+        if all_of_them or any(not _same(value, values[0]) for value in values):
+            unit = next(run[name][1] for run in runs if name in run)
+            changes.append(Change(name, unit, values))
+    return changes
+
+
+def _same(value: Any, first: Any) -> bool:
+    return value == first or (value != value and first != first)  # NaN is like NaN
+
+
+def _relative(first: Any, value: Any) -> float | None:
+    numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in (first, value))
+    if not numbers or first == 0 or not np.isfinite([first, value]).all():
+        return None
+    return float((value - first) / abs(first))
+
+
+def _check_shapes(results: Sequence[Result]) -> None:
+    first, *others = [
+        (len(result.value.parameters.segments), len(result.value.parameters.wires))
+        for result in results
+    ]
+    for result, shape in zip(results[1:], others, strict=True):
+        if shape != first:
+            raise ComparisonError(
+                f"{results[0].path} is of {first[0]} segments and {first[1]} wires, but "
+                f"{result.path} of {shape[0]} and {shape[1]}; compare runs of limbs alike."
+            )
+    for result in results:
+        if len(result.value.time) < 2:
+            raise ComparisonError(f"{result.path} has fewer than two samples to compare.")
+
+
+def _curves(runs: Sequence[Recording | Trajectory]) -> list[dict[str, Curves]]:
+    """Signals of all runs, and at the samples of each their differences from the first."""
+    runs = [run.since_start() if isinstance(run, Trajectory) else run for run in runs]
+    curves: list[dict[str, Curves]] = []
+    for number, run in enumerate(runs):
+        time, signals = _signals(run)
+        common = (time >= runs[0].time[0]) & (time <= runs[0].time[-1]) & (number > 0)
+        if number and not common.any():
+            raise ComparisonError(
+                f"Run {number + 1} lasts from {time[0]:g} s to {time[-1]:g} s, and the first from "
+                f"{runs[0].time[0]:g} s to {runs[0].time[-1]:g} s: they have no time in common."
+            )
+        first = _at(runs[0], time[common])
+        curves.append(
+            {
+                # Without what is but rounding, which would look like a difference in a chart.
+                name: Curves(
+                    time, values, time[common], np.round(values[:, common] - first[name], 9)
+                )
+                for name, values in signals.items()
+            }
+        )
+    return curves
+
+
+def _signals(run: Recording | Trajectory) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times of the samples that are plausible, and the signals at them, in degrees and °C."""
+    good = ~run.implausible if isinstance(run, Recording) else np.ones(len(run.time), bool)
+    signals = {
+        "bend_angle": np.rad2deg(run.bend_angle[:, good]),
+        "measured_temperature": run.measured_temperature[:, good],
+        "duty": run.duty[:, good],
+    }
+    return run.time[good], signals
+
+
+def _at(run: Recording | Trajectory, times: np.ndarray) -> dict[str, np.ndarray]:
+    """The signals of a run at other times."""
+    time, signals = _signals(run)
+    found = {
+        name: np.array([np.interp(times, time, row) for row in values])
+        for name, values in signals.items()
+    }
+    if isinstance(run, Trajectory) and len(times):
+        found["bend_angle"] = np.rad2deg(run.bend_angle_at(times))  # cubic between knots
+    return found
+
+
+def _difference(run: int, signal: str, unit: str, values: np.ndarray) -> Difference:
+    size = np.abs(values)
+    return Difference(
+        run,
+        signal,
+        unit,
+        float(size.mean()),
+        float(np.median(size)),
+        float(np.percentile(size, 90)),
+    )
+
+
+def _tracking(results: Sequence[Result]) -> list[Difference]:
+    """|φ* - φ| of each recording, if there is one plan."""
+    plans = [result.value for result in results if result.kind == TRAJECTORY]
+    if len(plans) != 1:
+        return []
+    return [
+        _in_degrees(number, tracking_errors(plans[0], [result.value]))
+        for number, result in enumerate(results)
+        if result.kind == RECORDING
+    ]
+
+
+def _in_degrees(run: int, errors: TrackingErrors) -> Difference:
+    mean, median, percentile_90 = np.rad2deg(
+        [errors.mean, errors.median, errors.percentile_90]
+    ).tolist()
+    return Difference(run, "bend_angle", "°", mean, median, percentile_90)
+
+
+def table_1(summaries: list[dict]) -> dict[str, tuple[Any, str]]:
+    """Of each motion and way of an evaluation the statistics of |φ* - φ|, means over limbs.
+
+    Limbs that are without some of their effects do not count.
+    """
+    groups: dict[tuple[str, str], list[dict]] = {}
+    for summary in summaries:
+        if not summary["absent"]:
+            for motion, driven in summary["ways"].items():
+                for way, numbers in driven.items():
+                    groups.setdefault((motion, way), []).append(numbers)
+    table = {}
+    for (motion, way), group in groups.items():
+        means = np.mean([numbers["tracking"] for numbers in group], axis=0).tolist()
+        for statistic, value in zip(STATISTICS, means, strict=True):
+            table[f"{motion}, {way}, {statistic}"] = (value, "°")
+        aborted = sum(numbers.get("aborted", 0) for numbers in group)
+        table[f"{motion}, {way}, aborted"] = (aborted, "rollouts")
+    return table

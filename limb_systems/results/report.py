@@ -1,0 +1,119 @@
+"""A comparison as a page: what changed, how far runs are apart, and all of them in one chart."""
+
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from limb_systems.provenance import Provenance
+from limb_systems.results.comparison import Comparison, Curves
+from limb_systems.results.reading import TRAJECTORY, Result
+from limb_systems.results.tables import (
+    changes_table,
+    differences_table,
+    motions_table,
+    run_names,
+)
+from limb_systems.views import page
+from limb_systems.views.charts import Curve, panel, stacked
+from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
+
+_COLORS = (PLAN_COLOR, ROLLOUT_COLOR, *wire_colors(6))
+_DASHES = ("solid", "dashed", "dotted")  # of wires
+_LABELS = {
+    "bend_angle": ("φ", "bend angle", " (°)", 260),
+    "measured_temperature": ("V", "temperature", " (°C)", 240),
+    "duty": ("D", "duty", "", 220),
+}
+
+
+def write_comparison(comparison: Comparison, path: str | Path) -> None:
+    """Writes the page to an HTML file."""
+    names = run_names(comparison)
+    parts = [page.section("Runs", page.table(["", "kind", "made by", "at"], _runs(comparison)))]
+    if comparison.motions:
+        head, *rows = motions_table(comparison)
+        caption = f"Table I: |φ* − φ| in degrees, means over limbs; differences from {names[0]}."
+        parts.append(page.section("How well limbs follow", page.table(head, rows, caption)))
+    if comparison.curves:
+        parts += _signals(comparison)
+    head, *rows = changes_table(comparison, comparison.changes)
+    caption = f"In brackets the difference from {names[0]}, over its size."
+    changed = page.table(head, rows, caption) if rows else page.paragraph("Nothing changed.")
+    parts.append(page.section("What changed", changed))
+    others = names[1] if len(names) == 2 else f"{len(names) - 1} others"
+    page.write_page(path, f"{names[0]} compared with {others}", parts, Provenance.now())
+
+
+def _runs(comparison: Comparison) -> list[list[str]]:
+    rows = []
+    for name, result in zip(run_names(comparison), comparison.results, strict=True):
+        made = result.provenance
+        by = f"soft-limb {made.version} {made.commit}".strip() if made else "not known"
+        rows.append([name, result.kind, by, made.time if made else ""])
+    return rows
+
+
+def _signals(comparison: Comparison) -> list[str]:
+    first = run_names(comparison)[0]
+    head, *rows = differences_table(comparison, comparison.differences, "|Δ{}|")
+    parts = [page.table(head, rows, f"Absolute differences from {first} over their common time.")]
+    if comparison.tracking:
+        head, *rows = differences_table(comparison, comparison.tracking, "|{0}* − {0}|")
+        parts.append(page.table(head, rows, "Tracking errors of the recordings of the plan."))
+    chart = page.chart(stacked(_panels(comparison)), f"All runs, and what differs from {first}")
+    return [
+        page.section("How far apart they are", *parts),
+        page.section(
+            "All runs",
+            page.paragraph(f"Below each signal is its difference (Δ) from that of {first}."),
+            chart,
+        ),
+    ]
+
+
+def _panels(comparison: Comparison) -> list:
+    results, names = comparison.results, run_names(comparison)
+    parameters = results[0].value.parameters
+    panels = []
+    for segment, suffix in enumerate(parameters.segment_suffixes):
+        where = suffix.replace("_", " of segment ")
+        wires = list(range(len(parameters.wires)))[parameters.wire_slices[segment]]
+        for signal, (symbol, label, unit, height) in _LABELS.items():
+            rows = [segment] if signal == "bend_angle" else wires
+            called = [""] if signal == "bend_angle" else [parameters.wire_names[w] for w in wires]
+            values, differences = [], []
+            if signal == "bend_angle":
+                values += _references(results, segment)
+            for number, curves in enumerate(comparison.curves):
+                color = _COLORS[number % len(_COLORS)]
+                for row, wire, dash in zip(rows, called, itertools.cycle(_DASHES), strict=False):
+                    name = ", ".join(filter(None, [names[number], wire]))
+                    course: Curves = curves[signal]
+                    values.append(Curve(name, course.time, course.values[row], color, dash))
+                    if number:
+                        differences.append(
+                            Curve(
+                                name,
+                                course.difference_time,
+                                course.differences[row],
+                                color,
+                                dash,
+                            )
+                        )
+            panels.append(panel(f"{label}{where}{unit}", values, height=height))
+            panels.append(panel(f"Δ{symbol}{unit}", differences, height=170))
+    return panels
+
+
+def _references(results: Sequence[Result], segment: int) -> list[Curve]:
+    """What the plans are for; one that several share is drawn once."""
+    drawn: list[Curve] = []
+    for result in results:
+        if result.kind == TRAJECTORY:
+            plan = result.value.since_start()
+            angle = np.rad2deg(plan.reference[segment])
+            if not any(np.array_equal(curve.y, angle) for curve in drawn):
+                drawn.append(Curve("reference φ_REF", plan.time, angle, REFERENCE_COLOR))
+    return drawn
