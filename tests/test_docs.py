@@ -60,7 +60,7 @@ from limb_systems.files.tables import FORMAT_VERSION
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
-COMMANDS = ("planners", "calibration", "hardware")
+COMMANDS = ("limb_systems", "planners", "calibration", "hardware")
 PAGES = {name: ROOT / "docs" / f"{name}.md" for name in PACKAGES}
 DOCUMENTS = [
     path
@@ -225,7 +225,12 @@ def test_commands_parse(words, monkeypatch):
 
 @pytest.mark.parametrize(
     ("package", "arguments"),
-    [("planners", "fig5 -o x"), ("calibration", "collect -o x"), ("hardware", "ports")],
+    [
+        ("limb_systems", "show x"),
+        ("planners", "fig5 -o x"),
+        ("calibration", "collect -o x"),
+        ("hardware", "ports"),
+    ],
 )
 def test_tables_of_options_are_those_of_the_parser(package, arguments, monkeypatch):
     parser = parser_of(package, arguments.split(), monkeypatch)

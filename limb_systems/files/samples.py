@@ -58,7 +58,7 @@ def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
 
 def column_units(parameters: LimbParameters) -> dict[str, str]:
     """The unit of each column in files; empty for states of wires, which their laws define."""
-    units = {}
+    units: dict[str, str] = {}
     for signal, names in column_names(parameters).items():
         unit = _UNITS.get(signal, "")
         units |= {name: "°/s" if name.startswith("joint_rate") else unit for name in names}

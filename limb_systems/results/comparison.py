@@ -132,12 +132,12 @@ def compare(results: Sequence[Result]) -> Comparison:
         raise ComparisonError("There is one result; a comparison needs two or more.")
     kinds = {result.kind for result in results}
     if len(kinds) > 1 and not kinds <= set(_RUNS):
-        said = " and ".join(f"{result.path} is a {result.kind}" for result in _one_of_each(results))
+        said = " and ".join(map(_named, _one_of_each(results)))
         raise ComparisonError(f"{said}; compare results of one kind.")
     (kind, *_) = kinds
     if kind not in (*_RUNS, LIMB, EVALUATION):
         raise ComparisonError(
-            f"{results[0].path} is a {kind}; plans, recordings, limbs and evaluations are compared."
+            f"{_named(results[0])}; plans, recordings, limbs and evaluations are compared."
         )
     changes = [
         change
@@ -165,6 +165,10 @@ def compare(results: Sequence[Result]) -> Comparison:
 def _one_of_each(results: Sequence[Result]) -> list[Result]:
     first = results[0]
     return [first, next(r for r in results if r.kind != first.kind)]
+
+
+def _named(result: Result) -> str:
+    return f"{result.path} is a{'n' * (result.kind == EVALUATION)} {result.kind}"
 
 
 def flattened(parameters: LimbParameters) -> dict[str, tuple[Any, str]]:

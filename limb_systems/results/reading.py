@@ -172,7 +172,8 @@ def _limb(path: Path) -> Result:
         "identity": _identity(limb),
     }
     if record:
-        facts["recordings"] = str(len(record.recordings)) + " kinds"
+        kinds = [line.partition(":")[0] for line in record.recordings]
+        facts["recordings"] = ", ".join(kinds) or "none"
         facts["validation"] = record.validation or "none"
         made = record.provenance
         if made and made.parameters != limb.digest:

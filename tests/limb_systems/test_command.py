@@ -116,7 +116,7 @@ def test_soft_limb_runs_the_commands_of_the_packages(name, capsys):
 
 
 def test_soft_limb_has_every_command_of_every_package(capsys):
-    for package in ("calibration", "hardware"):
+    for package in ("limb_systems", "calibration", "hardware"):
         with pytest.raises(SystemExit):
             importlib.import_module(f"{package}.__main__").main(["--help"])
         listed = re.search(r"{(.*?)}", capsys.readouterr().out, re.DOTALL)[1].split(",")

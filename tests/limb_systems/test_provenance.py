@@ -1,0 +1,202 @@
+"""What made a result: that it is told truly, without secrets, and stays with the result."""
+
+import copy
+import dataclasses
+import datetime
+import hashlib
+import importlib.metadata
+import shlex
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from limb_systems import (
+    CalibrationRecord,
+    EmulatedLimb,
+    Limb,
+    LimbParameters,
+    PlanCheck,
+    Provenance,
+    Recording,
+    Trajectory,
+    provenance,
+    simulate,
+)
+from limb_systems.provenance import command_line
+
+MADE = Provenance(
+    "0.1.0",
+    "0123456789ab-dirty",
+    "soft-limb plan 'a b.csv' -o °.csv: # {x}",
+    "aaaaaaaaaaaa",
+    "2030-01-31T12:00:00Z",
+    limb_seed=7,
+)
+
+
+def recording(parameters=None, **changes) -> Recording:
+    return Recording(
+        time=[0.0, 0.1, 0.2],
+        duty=np.zeros((2, 3)),
+        measured_temperature=np.full((2, 3), 25.0),
+        bend_angle=np.zeros((1, 3)),
+        parameters=parameters or LimbParameters(),
+        source="a test",
+        sample_rate=10.0,
+        **changes,
+    )
+
+
+def trajectory(**changes) -> Trajectory:
+    parameters = changes.pop("parameters", None) or LimbParameters()
+    return Trajectory(
+        time=[0.0, 0.1, 0.2],
+        reference=np.zeros((1, 3)),
+        duty=np.zeros((2, 3)),
+        joint_state=np.zeros((10, 3)),
+        wire_temperature=np.full((2, 3), 25.0),
+        measured_temperature=np.full((2, 3), 25.0),
+        parameters=parameters,
+        check=PlanCheck(),
+        **changes,
+    )
+
+
+def calibrated(made: Provenance | None) -> LimbParameters:
+    record = CalibrationRecord(["left.a2"], [20.0], [1.0], [[1.0]], provenance=made)
+    return LimbParameters(calibration=record)
+
+
+def test_a_simulation_is_stamped_with_what_made_it(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["swing.py", "a b", "--n=3"])
+    before = datetime.datetime.now(datetime.UTC).replace(microsecond=0)
+    made = simulate(Limb(), [0.0, 0.1], 0.1).provenance
+    assert made.version == importlib.metadata.version("soft-limb")
+    assert shlex.split(made.command) == ["python", "swing.py", "a b", "--n=3"]
+    yaml = LimbParameters().to_yaml().encode()
+    assert made.parameters == hashlib.sha256(yaml).hexdigest()[:12]
+    time = datetime.datetime.fromisoformat(made.time)
+    assert before <= time <= datetime.datetime.now(datetime.UTC)
+    assert made.limb_seed is made.seed is None
+
+
+def test_seeds_are_those_of_the_limb_and_of_what_was_done_to_it():
+    made = Provenance.now(LimbParameters(board=EmulatedLimb(7)), 3)
+    assert (made.limb_seed, made.seed) == (7, 3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "command"),
+    [
+        (["/opt/bin/soft-limb", "plan", "my file.csv"], "soft-limb plan 'my file.csv'"),
+        (["/opt/planners/__main__.py", "fig5", "-o", "x"], "python -m planners fig5 -o x"),
+        (["examples/own.py"], "python examples/own.py"),
+        ([""], "python"),
+        ([], "python"),
+        (["x.py", "--token", "s3cret", "o"], "python x.py --token '***' o"),
+        (["x.py", "--api-key=s3cret"], "python x.py '--api-key=***'"),
+        (["x.py", "socket://me:s3cret@host:1/?token=s3cret&a=1"], None),
+        (["x.py", "two\nlines\x1b[2J"], "python x.py 'two?lines?[2J'"),
+        (["x.py", "a" * 5000], f"python x.py {'a' * 985}..."),
+    ],
+)
+def test_a_command_is_as_it_was_typed_but_for_secrets(arguments, command):
+    said = command_line(arguments)
+    assert command is None or said == command
+    assert "s3cret" not in said
+
+
+@pytest.fixture
+def checkout(tmp_path, monkeypatch):
+    """A repository with one commit, in place of this project's."""
+
+    def git(*arguments):
+        config = ["-c", "user.name=a", "-c", "user.email=a@b"]
+        done = subprocess.run(
+            ["git", *config, *arguments], cwd=tmp_path, check=True, capture_output=True, text=True
+        )
+        return done.stdout.strip()
+
+    git("init", "-q")
+    (tmp_path / "file").write_text("1")
+    git("add", "file")
+    git("commit", "-q", "-m", "first")
+    monkeypatch.setattr(provenance, "_ROOT", tmp_path)
+    return git
+
+
+def test_commit_is_gits_with_a_mark_for_changes(checkout, tmp_path, monkeypatch):
+    ask = provenance._commit.__wrapped__
+    commit = checkout("rev-parse", "HEAD")[:12]
+    monkeypatch.setenv("GIT_DIR", str(tmp_path / "elsewhere"))  # as in a hook
+    assert ask() == commit
+    (tmp_path / "own.csv").write_text("of a user")
+    assert ask() == commit
+    (tmp_path / "file").write_text("2")
+    assert ask() == f"{commit}-dirty"
+    # An installed package within a repository of somebody else's.
+    (tmp_path / "site-packages").mkdir()
+    monkeypatch.setattr(provenance, "_ROOT", tmp_path / "site-packages")
+    assert ask() == ""
+
+
+def test_without_git_there_is_no_commit(checkout, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    assert provenance._commit.__wrapped__() == ""
+
+
+def test_git_is_asked_once(checkout, monkeypatch):
+    calls, run = [], subprocess.run
+    monkeypatch.setattr(subprocess, "run", lambda *a, **k: calls.append(a) or run(*a, **k))
+    provenance._commit.cache_clear()
+    assert len({Provenance.now().commit for _ in range(3)}) == len(calls) == 1
+    provenance._commit.cache_clear()
+
+
+@pytest.mark.parametrize("made", [MADE, None])
+@pytest.mark.parametrize("make", [recording, trajectory])
+def test_a_result_keeps_its_provenance_when_it_is_saved_again(tmp_path, make, made):
+    original = make(provenance=made)
+    original.save(tmp_path / "once.csv")
+    loaded = type(original).load(tmp_path / "once.csv")
+    assert loaded.provenance == made
+    loaded.save(tmp_path / "twice.csv")
+    assert (tmp_path / "twice.csv").read_bytes() == (tmp_path / "once.csv").read_bytes()
+
+
+def test_a_calibrated_limb_keeps_its_provenance_also_in_plans(tmp_path):
+    calibrated(MADE).save(tmp_path / "limb.yaml")
+    loaded = LimbParameters.load(tmp_path / "limb.yaml")
+    assert loaded.calibration.provenance == MADE
+    trajectory(parameters=loaded).save(tmp_path / "plan.csv")
+    assert Trajectory.load(tmp_path / "plan.csv").parameters.calibration.provenance == MADE
+
+
+def test_provenance_comes_back_from_json():
+    assert Provenance.from_json(dataclasses.asdict(MADE)) == MADE
+    assert Provenance.from_json(None) is None
+
+
+def test_digest_is_that_of_every_parameter_and_not_of_when_it_was_made():
+    later = dataclasses.replace(MADE, time="2031-01-31T12:00:00Z")
+    assert calibrated(MADE).digest == calibrated(later).digest == calibrated(None).digest
+    assert calibrated(MADE) == calibrated(later)
+    changed = [copy.deepcopy(calibrated(MADE)) for _ in range(5)]
+    changed[0].segments[0].wire("left").law.beta += 1e-12
+    changed[1].gravity[2] = -0.0
+    changed[2].board = EmulatedLimb(1)
+    changed[3].calibration.standard_errors[0] = 1.1
+    changed[4].segments[0].links = 6
+    digests = {limb.digest for limb in [*changed, calibrated(MADE)]}
+    assert len(digests) == 6
+
+
+def test_a_plan_is_the_same_whoever_made_it():
+    later = dataclasses.replace(MADE, time="2031-01-31T12:00:00Z")
+    plan = trajectory(parameters=calibrated(MADE), provenance=MADE)
+    assert plan.is_same_plan(trajectory(parameters=calibrated(later), provenance=None))
+    other = trajectory(parameters=calibrated(MADE), provenance=MADE)
+    other.duty[1, 2] = 1e-9
+    assert not plan.is_same_plan(other)
