@@ -183,7 +183,8 @@ def test_equilibria_are_reached_and_recorded_with_their_set_points(model_recordi
 
 
 def test_a_twin_is_never_hotter_than_its_limit(tmp_path):
-    recording = collect_equilibria(LimbTwin(seed=3), "both", num_angles=3, longest=40.0)
+    recording = collect_equilibria(LimbTwin(seed=3), "both", num_angles=3, longest=40.0, seed=0)
+    assert (recording.provenance.limb_seed, recording.provenance.seed) == (3, 0)
     assert recording.measured_temperature.max() < 100.0
     recording.save(tmp_path / "both.csv")
     again = Recording.load(tmp_path / "both.csv")

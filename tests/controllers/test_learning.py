@@ -2,6 +2,8 @@
 
 import copy
 import dataclasses
+import re
+from importlib.metadata import version
 
 import numpy as np
 import pytest
@@ -362,6 +364,19 @@ def test_files_that_are_damaged_are_refused_in_a_sentence(saved, damage, sentenc
         Learner.load(path)
     assert str(error.value).startswith(str(path))
     assert "\n" not in str(error.value)
+
+
+def test_files_of_the_first_format_have_no_provenance(saved, tmp_path):
+    (tmp_path / "new.txt").write_text(saved)
+    made = Learner.load(tmp_path / "new.txt").provenance
+    old = re.sub(r', "provenance": {[^}]*}', "", saved)
+    assert old != saved
+    old = resealed(old, '"plan"', '"plan"').replace("format 2", "format 1", 1)
+    (tmp_path / "old.txt").write_text(old)
+    learner = Learner.load(tmp_path / "old.txt")
+    assert (made.version, learner.provenance) == (version("soft-limb"), None)
+    learner.save(tmp_path / "again.txt")
+    assert Learner.load(tmp_path / "again.txt").provenance is None
 
 
 def resealed(text, old, new):
