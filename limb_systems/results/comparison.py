@@ -18,6 +18,7 @@ from limb_systems.results.reading import (
     STATISTICS,
     TRAJECTORY,
     Result,
+    rollouts_of,
 )
 from limb_systems.tracking import TrackingErrors, tracking_errors
 
@@ -186,13 +187,13 @@ def flattened(parameters: LimbParameters) -> dict[str, tuple[Any, str]]:
 def _leaves(value: Any, unit: str, path: str = "") -> dict[str, tuple[Any, str]]:
     leaves: dict[str, tuple[Any, str]] = {}
     if dataclasses.is_dataclass(value):
+        if path.endswith((".law", ".bend_sensor", "board")):
+            leaves[path] = (type(value).__name__, "")
         for field in dataclasses.fields(value):
             if isinstance(value, CalibrationRecord) and field.name in _OF_FITS:
                 continue
             inner = f"{path}.{field.name}" if path else field.name
             leaves |= _leaves(getattr(value, field.name), field.metadata.get("unit", unit), inner)
-        if path.endswith((".law", ".bend_sensor", "board")):
-            leaves[path] = (type(value).__name__, "")
     elif isinstance(value, list):
         several = len(value) > 1
         for number, item in enumerate(value, 1):
@@ -350,9 +351,8 @@ def table_1(summaries: list[dict]) -> dict[str, tuple[Any, str]]:
     groups: dict[tuple[str, str], list[dict]] = {}
     for summary in summaries:
         if not summary["absent"]:
-            for motion, driven in summary["ways"].items():
-                for way, numbers in driven.items():
-                    groups.setdefault((motion, way), []).append(numbers)
+            for motion, way, numbers in rollouts_of(summary):
+                groups.setdefault((motion, way), []).append(numbers)
     table = {}
     for (motion, way), group in groups.items():
         means = np.mean([numbers["tracking"] for numbers in group], axis=0).tolist()

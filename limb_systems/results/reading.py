@@ -6,6 +6,7 @@ import importlib
 import json
 import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -236,16 +237,29 @@ def _check_summaries(file: Path, summaries: Any) -> None:
         for name, kind in kinds.items():
             if not isinstance(summary, dict) or not isinstance(summary.get(name), kind):
                 raise ResultError(f"{where} has no {name}; it is no evaluation, or damaged.")
-        for motion, driven in summary["ways"].items():
-            for way, numbers in driven.items() if isinstance(driven, dict) else [("", None)]:
-                tracking = numbers.get("tracking") if isinstance(numbers, dict) else None
-                if not _are_numbers(tracking, len(STATISTICS)):
-                    raise ResultError(
-                        f"{where} has as tracking of {motion}, {way}: {shown(tracking)}; it must "
-                        f"be {len(STATISTICS)} numbers, {', '.join(STATISTICS)}."
-                    )
+        for motion, way, numbers in rollouts_of(summary):
+            tracking = numbers.get("tracking") if isinstance(numbers, dict) else None
+            if not _are_numbers(tracking, len(STATISTICS)):
+                raise ResultError(
+                    f"{where} has as tracking of {motion}, {way}: {shown(tracking)}; it must be "
+                    f"{len(STATISTICS)} numbers, {', '.join(STATISTICS)}."
+                )
     if not any(not summary["absent"] for summary in summaries):
         raise ResultError(f"{file} has no limb with all its effects.")
+
+
+def rollouts_of(summary: dict) -> Iterator[tuple[str, str, Any]]:
+    """Motion, way and numbers of all that a limb of an evaluation was driven by.
+
+    Learning has all its repetitions as a way; the last one alone comes after it.
+    """
+    for motion, driven in summary["ways"].items():
+        for way, numbers in driven.items() if isinstance(driven, dict) else [("", None)]:
+            yield motion, way, numbers
+    repeated = summary.get("repetitions")
+    for motion, repetitions in repeated.items() if isinstance(repeated, dict) else ():
+        if isinstance(repetitions, list) and repetitions:
+            yield motion, f"learning, repetition {len(repetitions)}", repetitions[-1]
 
 
 def _are_numbers(values: Any, count: int) -> bool:

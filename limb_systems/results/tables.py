@@ -65,11 +65,14 @@ def differences_table(
 
 
 def run_names(comparison: Comparison) -> list[str]:
-    """What the runs are called: their files, without the folders that all of them are in."""
-    parts = [list(result.path.parts) for result in comparison.results]
-    while all(len(p) > 1 for p in parts) and len({p[0] for p in parts}) == 1:
-        parts = [p[1:] for p in parts]
-    return ["/".join(p).replace("//", "/") for p in parts]
+    """What the runs are called: the ends of their paths by which they can be told apart."""
+    parts = [result.path.parts or (".",) for result in comparison.results]
+    paths = len(set(parts))
+    for length in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(part[-length:]).replace("//", "/") for part in parts]
+        if len(set(names)) == paths:
+            break
+    return names
 
 
 def _rounded(value: Any, sign: str = "") -> str:

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +23,8 @@ from limb_systems import (
 )
 from limb_systems.__main__ import main
 from limb_systems.results.comparison import compare, flattened
-from limb_systems.results.reading import read_result
+from limb_systems.results.reading import Result, read_result
+from limb_systems.results.tables import run_names
 from limb_systems.views import page
 
 MADE = Provenance("0.1.0", "0123456789ab", "soft-limb plan", "a" * 12, "2030-01-31T12:00:00Z", 7, 3)
@@ -76,6 +78,7 @@ def evaluation(*errors, provenance=MADE, absent=()) -> list[dict]:
             "seed": seed,
             "absent": list(absent),
             "ways": {"Validation": {"open loop": {"tracking": [error, 1.0, 3.0], "aborted": 1}}},
+            "repetitions": {"Validation": [{"tracking": [9.0, 9.0, 9.0]}, {"tracking": [0.5] * 3}]},
             "provenance": provenance and dataclasses.asdict(provenance),
         }
         for seed, error in enumerate(errors)
@@ -283,10 +286,26 @@ def test_compare_sets_table_1_of_evaluations_side_by_side(folder, capsys):
     mean = motions["Validation, open loop, mean"]
     assert mean["values"] == [1.5, 1.0]  # of limbs with all their effects
     assert mean["relative"][1] == pytest.approx(-1 / 3)
+    assert motions["Validation, learning, repetition 2, mean"]["values"] == [0.5, 0.5]
     assert motions["Validation, open loop, aborted"]["values"] == [2, 2]
     assert main(["compare", "out", "other"]) == 0
     said = capsys.readouterr().out
     assert re.search(r"Validation, open loop, mean +° +1\.50 +1\.00 +-0\.50\n", said)
+
+
+@pytest.mark.parametrize(
+    ("paths", "names"),
+    [
+        (["out/plan.csv", "out/recording.csv"], ["plan.csv", "recording.csv"]),
+        (["/a/b/limb.yaml", "limb.yaml"], ["b/limb.yaml", "limb.yaml"]),
+        (["x/a/out", "y/a/out", "z"], ["x/a/out", "y/a/out", "z"]),
+        (["/out", "out"], ["/out", "out"]),
+        (["a/out", "a/out"], ["out", "out"]),
+    ],
+)
+def test_runs_are_called_by_what_tells_them_apart(paths, names):
+    runs = [Result(Path(path), "limb", {}, None, LimbParameters()) for path in paths]
+    assert run_names(compare(runs)) == names
 
 
 @pytest.mark.parametrize(
