@@ -178,6 +178,7 @@ def test_duty_is_rounded_into_its_range_as_in_the_recording(plan_of_3_s, path):
     recording = replay(plan_of_3_s, Limb(), controller=AlmostOff(), journal=path)
     np.testing.assert_array_equal(recording.duty, 0.0)
     np.testing.assert_array_equal(Recording.load(path).duty, 0.0)
+    assert Recording.load(path).provenance == recording.provenance is not None
 
 
 class AlmostOff(LeafSystem):
