@@ -27,6 +27,8 @@ from calibration.report import (
 )
 from hardware import LimbTwin, SerialLimb
 from hardware.emulation.specimen import EXTRA_EFFECTS
+from hardware.live.options import add_live_options, live_page
+from hardware.live.page import LivePage
 from limb_systems import LimbParameters, Recording
 from limb_systems.command import add_force_option, run_command
 from limb_systems.output import OutputError, check_folder, check_outputs
@@ -101,6 +103,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="paper: sag, ring-downs and equilibria, as in Sec. V; excitation: in place of the "
         "equilibria pulses, ramps, random levels and motions; all of them (default %(default)s)",
     )
+    add_live_options(collect)
     add_force_option(collect)
 
     fit = commands.add_parser(
@@ -164,31 +167,42 @@ def _collect(options) -> int:
     check_folder(options.output)
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
     if options.port:
-        collect_from_robot(
-            lambda parameters: SerialLimb(options.port, parameters),
-            limb,
-            options.output,
-            lambda what: input(f"{what}\nPress Enter when this is done. "),
-            seed=options.seed,
-            num_angles=options.angles,
-            protocol=options.protocol,
-            tell=print,
-        )
+        with live_page(options) as live:
+            collect_from_robot(
+                lambda parameters: SerialLimb(options.port, parameters),
+                limb,
+                options.output,
+                lambda what: _ask(what, live),
+                seed=options.seed,
+                num_angles=options.angles,
+                protocol=options.protocol,
+                tell=print,
+                live=live,
+            )
         return 0
     if not options.force and any(options.output.glob("*.csv")):
         raise OutputError(
             f"{options.output} holds recordings; give another folder, or --force to replace them."
         )
-    recordings = collect_from_twin(
-        LimbTwin(limb, seed=options.emulated, extra=options.extra),
-        seed=options.seed,
-        num_angles=options.angles,
-        protocol=options.protocol,
-        tell=print,
-    )
+    with live_page(options) as live:
+        recordings = collect_from_twin(
+            LimbTwin(limb, seed=options.emulated, extra=options.extra),
+            seed=options.seed,
+            num_angles=options.angles,
+            protocol=options.protocol,
+            tell=print,
+            live=live,
+        )
     for path in save_recordings(recordings, options.output):
         print(f"written     {path}")
     return 0
+
+
+def _ask(what: str, live: LivePage | None) -> None:
+    """Asks the operator to do something, and waits until it is done."""
+    if live:
+        live.say(f"{what} Press Enter in the terminal when this is done.")
+    input(f"{what}\nPress Enter when this is done. ")
 
 
 def _fit(options) -> int:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from threadpoolctl import threadpool_limits
@@ -27,6 +27,8 @@ from calibration.kinds import heated_kinds, heated_wires, only_segment
 from calibration.prediction import LawFit, fit_law
 from calibration.rest_angle import rest_angle
 from hardware import LimbTwin, SerialLimb
+from hardware.live.feed import shown
+from hardware.live.page import LivePage
 from hardware.robot.journal import journaled
 from limb_systems import (
     HystereticLaw,
@@ -61,6 +63,7 @@ def collect_equilibria(
     seed: int = 0,
     longest: float = 60.0,
     journal: str | Path | None = None,
+    live: LivePage | None = None,
 ) -> Recording:
     """The datasets C^r, C^l and C^m of Sec. V-C: random equilibria, held by PI control.
 
@@ -76,7 +79,7 @@ def collect_equilibria(
         largest_deg: bend angle, degrees.
         seed: of the random angles.
         longest: s that one of them is held.
-        journal: file of the recording, as for `hardware.replay`.
+        journal, live: file of the recording, and page, as for `hardware.replay`.
 
     Returns:
         A recording with the set points φ_eq as its ``reference``.
@@ -114,38 +117,50 @@ def collect_equilibria(
             builder.Connect(limb.GetOutputPort(name), system.GetInputPort(name))
     builder.Connect(schedule.get_output_port(), controller.GetInputPort("set_point"))
     duty, reference = controller.get_output_port(), schedule.get_output_port()
-    made = Provenance.now(limb.parameters, seed)
-    with journaled(builder, journal, limb, duty, HEATED_RATE, reference=reference, provenance=made):
+    duration, made = num_angles * longest, Provenance.now(limb.parameters, seed)
+    with (
+        shown(builder, live, limb, duty, duration, reference=reference),
+        journaled(builder, journal, limb, duty, HEATED_RATE, reference=reference, provenance=made),
+    ):
         return record(
             builder,
             limb,
             duty,
-            num_angles * longest,
+            duration,
             reference=reference,
             until=lambda context: schedule.is_finished(schedule.GetMyContextFromRoot(context)),
+            real_time=live is not None,
             sample_rate=HEATED_RATE,
             provenance=made,
         )
 
 
-def collect_sag(limb: LimbSystem, *, journal: str | Path | None = None) -> Recording:
+def collect_sag(
+    limb: LimbSystem, *, journal: str | Path | None = None, live: LivePage | None = None
+) -> Recording:
     """Sec. V-A: the unheated limb, mounted so that gravity bends it, until it rests (15 s)."""
-    return _collect_unheated(limb, 15.0, SAG_RATE, journal)
+    return _collect_unheated(limb, 15.0, SAG_RATE, journal, live)
 
 
 def collect_ring_down(
-    limb: LimbSystem, sample_rate: float = RING_DOWN_RATE, *, journal: str | Path | None = None
+    limb: LimbSystem,
+    sample_rate: float = RING_DOWN_RATE,
+    *,
+    journal: str | Path | None = None,
+    live: LivePage | None = None,
 ) -> Recording:
     """Sec. V-B: a person holds the limb at 45° and releases it within the next 6 s."""
-    return _collect_unheated(limb, 6.0, sample_rate, journal)
+    return _collect_unheated(limb, 6.0, sample_rate, journal, live)
 
 
-def collect_warm_up(limb: LimbSystem, *, journal: str | Path | None = None) -> Recording:
+def collect_warm_up(
+    limb: LimbSystem, *, journal: str | Path | None = None, live: LivePage | None = None
+) -> Recording:
     """All wires a little heated at once, for a minute, from which `fit_heat_bounds` learns."""
     num_wires = len(limb.parameters.wires)
     course = np.outer(np.ones(num_wires), [WARM_UP_DUTY, 0.0, 0.0])
     duty = PiecewisePolynomial.ZeroOrderHold([0.0, WARM_UP_TIME, WARM_UP_END], course)
-    return _collect(limb, TrajectorySource(duty), WARM_UP_END, HEATED_RATE, journal)
+    return _collect(limb, TrajectorySource(duty), WARM_UP_END, HEATED_RATE, journal, live)
 
 
 def collect_excitation(
@@ -154,22 +169,22 @@ def collect_excitation(
     known: LimbParameters,
     *,
     journal: str | Path | None = None,
+    live: LivePage | None = None,
 ) -> Recording:
     """One of `excitations`, with duty that is limited by what is known of the limb so far.
 
     Args:
         known: the limb as it is calibrated so far.
-        limb, journal: as for `collect_equilibria`.
+        limb, journal, live: as for `collect_equilibria`.
     """
     check_limb(limb)
     builder = DiagramBuilder()
     source = builder.AddSystem(LimitedDuty(known, excitation.course))
     builder.AddSystem(limb)
     builder.Connect(limb.GetOutputPort("measured_temperature"), source.get_input_port())
-    duty = source.get_output_port()
-    made, end = Provenance.now(limb.parameters, excitation.seed), excitation.course.end_time()
-    with journaled(builder, journal, limb, duty, HEATED_RATE, provenance=made):
-        return record(builder, limb, duty, end, sample_rate=HEATED_RATE, provenance=made)
+    duty, duration = source.get_output_port(), excitation.course.end_time()
+    made = Provenance.now(limb.parameters, excitation.seed)
+    return _record(builder, limb, duty, duration, HEATED_RATE, journal, live, made)
 
 
 class Knowledge:
@@ -233,10 +248,14 @@ class Knowledge:
 
 
 def _collect_unheated(
-    limb: LimbSystem, duration: float, sample_rate: float, journal: str | Path | None
+    limb: LimbSystem,
+    duration: float,
+    sample_rate: float,
+    journal: str | Path | None,
+    live: LivePage | None,
 ) -> Recording:
     off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
-    return _collect(limb, off, duration, sample_rate, journal)
+    return _collect(limb, off, duration, sample_rate, journal, live)
 
 
 def _collect(
@@ -245,6 +264,7 @@ def _collect(
     duration: float,
     sample_rate: float,
     journal: str | Path | None,
+    live: LivePage | None,
 ) -> Recording:
     check_limb(limb)
     builder = DiagramBuilder()
@@ -252,8 +272,32 @@ def _collect(
     builder.AddSystem(limb)
     duty = source.get_output_port()
     made = Provenance.now(limb.parameters)
-    with journaled(builder, journal, limb, duty, sample_rate, provenance=made):
-        return record(builder, limb, duty, duration, sample_rate=sample_rate, provenance=made)
+    return _record(builder, limb, duty, duration, sample_rate, journal, live, made)
+
+
+def _record(
+    builder: DiagramBuilder,
+    limb: LimbSystem,
+    duty: OutputPort,
+    duration: float,
+    sample_rate: float,
+    journal: str | Path | None,
+    live: LivePage | None,
+    made: Provenance,
+) -> Recording:
+    with (
+        shown(builder, live, limb, duty, duration),
+        journaled(builder, journal, limb, duty, sample_rate, provenance=made),
+    ):
+        return record(
+            builder,
+            limb,
+            duty,
+            duration,
+            real_time=live is not None,
+            sample_rate=sample_rate,
+            provenance=made,
+        )
 
 
 def hand_for_ring_down() -> PiecewisePolynomial:
@@ -272,6 +316,7 @@ def collect_from_twin(
     ring_downs: int = RING_DOWNS,
     protocol: str = "all",
     tell: Callable[[str], object] = lambda what: None,
+    live: LivePage | None = None,
 ) -> dict[str, list[Recording]]:
     """All recordings that calibration wants, from an emulated limb, one after the other.
 
@@ -286,6 +331,7 @@ def collect_from_twin(
         protocol: "paper" for those of Sec. V, "excitation" for `excitations` in place
             of equilibria, or "all".
         tell: is called after each excitation, with how well it was predicted.
+        live: page on which the limb is shown, in real time: for an hour.
 
     Returns:
         recordings by kind, as `calibrate` takes them.
@@ -295,32 +341,45 @@ def collect_from_twin(
     """
     check_protocol(protocol)
     kinds = heated_kinds(twin.parameters)
+    say = live.say if live else lambda _: None
     sags, swings, heated = [], [], {}
-    for _ in range(sag_trials):
+    for number in range(1, sag_trials + 1):
+        say(f"sag {number} of {sag_trials}")
         twin = twin.again(gravity=(0.0, -GRAVITY, 0.0))
-        sags.append(collect_sag(twin))
-    for _ in range(ring_downs):
+        sags.append(collect_sag(twin, live=live))
+    for number in range(1, ring_downs + 1):
+        say(f"ring-down {number} of {ring_downs}")
         twin = twin.again(
             gravity=(0.0, 0.0, 0.0), hand=hand_for_ring_down(), bend_rate=RING_DOWN_RATE
         )
-        swings.append(collect_ring_down(twin))
+        swings.append(collect_ring_down(twin, live=live))
     for number, actuated in enumerate(kinds if protocol != "excitation" else ()):
+        say(f"equilibria: {actuated}")
         twin = twin.again(cooling_time, gravity=(0.0, 0.0, 0.0))
         heated[actuated] = [
             collect_equilibria(
-                twin, actuated, num_angles=num_angles, seed=seed + number, longest=longest
+                twin,
+                actuated,
+                num_angles=num_angles,
+                seed=seed + number,
+                longest=longest,
+                live=live,
             )
         ]
     recordings = {"sag": sags, "ring_down": swings, **heated}
     if protocol == "paper":
         return recordings
     twin = twin.again(cooling_time, gravity=(0.0, 0.0, 0.0))
-    recordings["heated"] = [collect_warm_up(twin)]
+    say("warm-up")
+    recordings["heated"] = [collect_warm_up(twin, live=live)]
     knowledge = Knowledge(twin.parameters, swings + recordings["heated"])
     recordings["motion"] = []
     for number, excitation in enumerate(excitations(len(twin.parameters.wires), seed)):
         twin = twin.again(excitation.pause if number else cooling_time)
-        recording = collect_excitation(twin, excitation, knowledge.limb)
+        say(f"{excitation.name}: calibrating with what was recorded so far")
+        known = knowledge.limb
+        say(excitation.name)
+        recording = collect_excitation(twin, excitation, known, live=live)
         recordings[excitation.kind].append(recording)
         tell(f"{excitation.name}: {knowledge.add(recording, excitation.kind)}")
     return recordings
@@ -343,6 +402,7 @@ def collect_from_robot(
     longest: float = 60.0,
     protocol: str = "all",
     tell: Callable[[str], object] = lambda what: None,
+    live: LivePage | None = None,
 ) -> None:
     """All recordings that calibration wants, from a robot, one file after the other.
 
@@ -361,6 +421,7 @@ def collect_from_robot(
         ask: shows an instruction to the operator, and returns when it is done.
         seed, num_angles, longest: as for `collect_equilibria`.
         protocol, tell: as for `collect_from_twin`.
+        live: page on which the limb is shown, and what is done.
 
     Raises:
         LimbError: if there is no such protocol.
@@ -369,6 +430,7 @@ def collect_from_robot(
     """
     check_protocol(protocol)
     kinds = heated_kinds(parameters)
+    say = live.say if live else lambda _: None
     mounted, level = copy.deepcopy(parameters), copy.deepcopy(parameters)
     mounted.gravity, level.gravity = [0.0, -GRAVITY, 0.0], [0.0, 0.0, 0.0]
     below = next(wire.name for wire in only_segment(parameters).wires if wire.direction < 0)
@@ -401,15 +463,19 @@ def collect_from_robot(
         if not path.exists():
             _warn_of_unfinished(path)
             ask(f"{name}: {instruction}")
+            say(f"{name}: recording")
             with connect(description) as limb:
-                collect(limb, journal=path)
+                collect(limb, journal=path, live=live)
     if protocol != "paper":
         _set_heat_bounds(level, Path(folder) / f"{WARM_UP}.csv")
-        _excite_robot(connect, level, Path(folder), ask, seed, tell)
+        _excite_robot(connect, level, Path(folder), ask, seed, tell, live)
 
 
-def _excite_robot(connect, level: LimbParameters, folder: Path, ask, seed: int, tell) -> None:
+def _excite_robot(
+    connect, level: LimbParameters, folder: Path, ask, seed: int, tell, live: LivePage | None
+) -> None:
     """`excitations`, which run one after the other without the operator."""
+    say = live.say if live else lambda _: None
     todo = excitations(len(level.wires), seed)
     before = [*sorted(folder.glob("ring_down_?.csv")), folder / f"{WARM_UP}.csv"]
     knowledge = Knowledge(level, map(Recording.load, before))
@@ -427,10 +493,14 @@ def _excite_robot(connect, level: LimbParameters, folder: Path, ask, seed: int, 
             )
             asked = True
         else:
-            _wait(excitation.pause, f"resting before {excitation.name}")
+            resting = f"resting before {excitation.name}"
+            say(f"{resting} for {excitation.pause:g} s")
+            _wait(excitation.pause, resting)
+        say(f"{excitation.name}: calibrating with what was recorded so far")
         known = knowledge.limb  # takes seconds, in which no robot should wait
+        say(f"{excitation.name}: recording")
         with connect(level) as limb:
-            recording = collect_excitation(limb, excitation, known, journal=path)
+            recording = collect_excitation(limb, excitation, known, journal=path, live=live)
         tell(f"{excitation.name}: {knowledge.add(recording, excitation.kind)}")
 
 

@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from pydrake.geometry import Meshcat
 from serial.tools import list_ports
 
 from controllers.learning import Repetition
-from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, watch
+from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
 from hardware.drive import CONTROLLER_HELP, CONTROLLERS, OPEN, drive, trouble
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import EXTRA_EFFECTS, emulated_limb
@@ -24,6 +25,10 @@ from hardware.learning import (
     rested_robots,
     rested_twins,
 )
+from hardware.live.feed import board_reading
+from hardware.live.messages import Phase, Reading
+from hardware.live.options import add_live_options, live_page
+from hardware.live.page import DONE, STOPPED, LivePage
 from hardware.report import write_drive_report
 from hardware.robot.self_test import self_test
 from limb_systems import (
@@ -36,6 +41,7 @@ from limb_systems import (
 )
 from limb_systems.command import add_force_option, run_command
 from limb_systems.output import check_outputs
+from limb_systems.simulation import REAL_TIME_STEP
 
 
 def main(arguments: list[str] | None = None, prog: str = "python -m hardware") -> int:
@@ -60,6 +66,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     status.add_argument("port", help="of the board")
     status.add_argument("--clear", action="store_true", help="clear a fault that is latched")
     status.add_argument("--json", action="store_true", help="print JSON")
+    add_live_options(status)
 
     check = commands.add_parser(
         "arm-check",
@@ -95,6 +102,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "--report", type=Path, help="page on both to write, with a chart to look into (.html)"
     )
     _add_meshcat_option(run)
+    add_live_options(run)
     add_force_option(run)
 
     go = commands.add_parser(
@@ -122,6 +130,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="window for smoothing a recording's bend angle, s (default %(default)g)",
     )
     _add_meshcat_option(go)
+    add_live_options(go)
     go.add_argument("--json", action="store_true", help="print JSON")
     add_force_option(go)
 
@@ -145,6 +154,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     learn.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
     _add_emulated_option(learn)
+    add_live_options(learn)
     learn.add_argument("--json", action="store_true", help="print JSON")
     add_force_option(learn)
 
@@ -163,6 +173,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     teach.add_argument("-l", "--limb", type=Path, help="parameters of the limb (.yaml)")
     _add_meshcat_option(teach)
+    add_live_options(teach)
     add_force_option(teach)
 
     recover = commands.add_parser(
@@ -265,7 +276,14 @@ def _status(options) -> int:
         info = link.info()
         if options.clear:
             link.clear()
-        sample = link.sample()
+        _print_status(options, info, link.sample())
+        with live_page(options) as live:
+            if live:
+                _show_board(link, info, live)
+    return 0
+
+
+def _print_status(options, info: BoardInfo, sample: Sample) -> None:
     bend_angle = np.rad2deg(bend_angle_from_tip_tangent(sample.tip_tangent))
     if options.json:
         print(
@@ -282,9 +300,10 @@ def _status(options) -> int:
                     "bend_angle_deg": float(bend_angle),
                     "duty": sample.duty.tolist(),
                 }
-            )
+            ),
+            flush=True,
         )
-        return 0
+        return
     print(f"board       {info.serial_number}, firmware {info.firmware_version}")
     print(f"state       {'armed' if sample.armed else 'off: ' + sample.reason_text}")
     print(f"last reset  {info.reset_cause}")
@@ -296,7 +315,28 @@ def _status(options) -> int:
     left, right = sample.warmest
     print(f"heat        left at most {left:.0f} °C, right at most {right:.0f} °C, by their duty")
     print(f"bend angle  {bend_angle:.1f}°")
-    return 0
+
+
+def _show_board(link: BoardLink, info: BoardInfo, live: LivePage) -> None:
+    """Shows a board, which is not armed, until it is stopped."""
+    live.say("State of the board; this program does not arm it")
+    live.begin(Phase(f"board {info.serial_number}", LimbParameters(), info.temperature_limit))
+    start = time.monotonic()
+    try:
+        while True:
+            sample = link.sample()
+            live.show(
+                Reading(
+                    time.monotonic() - start,
+                    [float(bend_angle_from_tip_tangent(sample.tip_tangent))],
+                    sample.temperature.tolist(),
+                    sample.duty.tolist(),
+                    board=board_reading(link),
+                )
+            )
+            time.sleep(REAL_TIME_STEP)
+    except KeyboardInterrupt:  # which is how it ends
+        live.end(STOPPED)
 
 
 def _arm_check(options) -> int:
@@ -322,14 +362,20 @@ def _replay(options) -> int:
         force=options.force,
     )
     trajectory = Trajectory.load(options.trajectory)
-    driven = drive(
-        trajectory,
-        _limb_maker(trajectory.parameters, options),
-        options.output,
-        controller=options.controller,
-        real_time=bool(options.port),
-        meshcat=_start_meshcat(options),
-    )
+    with live_page(options) as live:
+        if live:
+            live.say(f"Replay of {options.trajectory}, controller {options.controller}")
+        driven = drive(
+            trajectory,
+            _limb_maker(trajectory.parameters, options),
+            options.output,
+            controller=options.controller,
+            real_time=bool(options.port),
+            meshcat=_start_meshcat(options),
+            live=live,
+        )
+        if live:
+            live.end(driven.recording.interrupted or DONE)
     written = [str(path) for path in (options.output, options.plot, options.report) if path]
     if options.plot:
         # Matplotlib takes as long to import as all the rest.
@@ -375,25 +421,24 @@ def _follow(options) -> int:
     if options.port:
         with BoardLink(options.port) as link:  # before the plan is made in vain
             link.sample()
-    followed = follow(
-        closed_loop_request(options.reference, options.limb, options.smooth),
-        lambda planned: _limb_maker(planned, options)(),
-        options.output,
-        controller=options.controller,
-        real_time=bool(options.port),
-        meshcat=_start_meshcat(options),
-    )
+    with live_page(options) as live:
+        followed = follow(
+            closed_loop_request(options.reference, options.limb, options.smooth),
+            lambda planned: _limb_maker(planned, options)(),
+            options.output,
+            controller=options.controller,
+            real_time=bool(options.port),
+            meshcat=_start_meshcat(options),
+            live=live,
+        )
+        if live:
+            live.end(followed.driven.recording.interrupted or DONE)
     return _report(options, followed.facts(), followed.lines(), [str(path) for path in outputs])
 
 
 def _learn(options) -> int:
     trajectory = Trajectory.load(options.trajectory)
     learner = learner_in(options.output, trajectory, force=options.force)
-    limbs = (
-        rested_robots(options.port, trajectory)
-        if options.port
-        else rested_twins(_twin(trajectory.parameters, options), trajectory, learner)
-    )
 
     def tell(number: int, repetition: Repetition) -> None:
         if options.json:
@@ -403,7 +448,13 @@ def _learn(options) -> int:
         print(f"repetition  {number}: {'; '.join(said)}", flush=True)
 
     try:
-        learn(learner, limbs, options.repetitions, options.output, tell=tell)
+        with live_page(options) as live:
+            limbs = (
+                rested_robots(options.port, trajectory, live)
+                if options.port
+                else rested_twins(_twin(trajectory.parameters, options), trajectory, learner)
+            )
+            learn(learner, limbs, options.repetitions, options.output, tell=tell, live=live)
     finally:
         drawn = draw_repetitions(learner, options.output)
     written = [str(path) for path in (options.output / STATE, *drawn)]
@@ -429,9 +480,15 @@ def _teach(options) -> int:
     check_outputs([options.output], inputs=[options.limb], force=options.force)
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
     meshcat = _start_meshcat(options)
-    robot = SerialLimb(options.port, limb, heated=False)
-    print("Move the limb by hand; Ctrl-C ends the recording.", flush=True)
-    recording = watch(robot, options.time, journal=options.output, meshcat=meshcat)
+    with live_page(options) as live:
+        robot = SerialLimb(options.port, limb, heated=False)
+        what = "Move the limb by hand; Ctrl-C ends the recording."
+        print(what, flush=True)
+        if live:
+            live.say(what)
+        recording = watch(robot, options.time, journal=options.output, meshcat=meshcat, live=live)
+        if live:
+            live.end(recording.interrupted or DONE)
     low, high = np.rad2deg([recording.bend_angle.min(), recording.bend_angle.max()])
     print(f"taught      {recording.time[-1]:.1f} s, from {low:.1f}° to {high:.1f}°")
     for line in trouble(recording):

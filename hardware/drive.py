@@ -9,8 +9,9 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from controllers import PlanFeedback, PlanRegulator, RecedingHorizon
+from hardware.live.page import LivePage
 from hardware.replay import replay
-from hardware.robot.serial_limb import SerialLimb
+from hardware.robot.serial_limb import DEADLINE, SerialLimb
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import REAL_TIME_STEP
@@ -22,7 +23,6 @@ CONTROLLER_HELP = (
     "what drives it: open, the plan's duty; pi, feedback about the plan; lqr, time-varying LQR "
     "about the plan; mpc, plans of the coming seconds towards the reference"
 )
-DEADLINE = 5e-3  # s, by which a command may be late
 
 
 @dataclasses.dataclass(frozen=True)
@@ -125,6 +125,7 @@ def drive(
     controller: str = OPEN,
     real_time: bool = False,
     meshcat: Meshcat | None = None,
+    live: LivePage | None = None,
 ) -> Drive:
     """Drives a limb along a plan and writes the recording.
 
@@ -133,7 +134,7 @@ def drive(
         output: file of the recording; that of a robot is written while it runs.
         controller: a key of `CONTROLLERS`.
         real_time: whether the limb is a robot.
-        meshcat: as for `replay`.
+        meshcat, live: as for `replay`.
 
     Raises:
         ReplayError, HardwareError, OutputError, LimbError: as `replay` does.
@@ -149,6 +150,7 @@ def drive(
         controller=counted or driver,
         journal=output if real_time else None,
         meshcat=meshcat,
+        live=live,
     )
     if not real_time:
         recording.save(output)

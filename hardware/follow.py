@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 
 from hardware.drive import Drive, drive
+from hardware.live.page import LivePage
 from hardware.report import write_drive_report
 from limb_systems import LimbParameters, LimbSystem
 from planners import Task
@@ -89,6 +90,7 @@ def follow(
     controller: str = "pi",
     real_time: bool = False,
     meshcat: Meshcat | None = None,
+    live: LivePage | None = None,
 ) -> Following:
     """Plans, and drives a limb along the plan.
 
@@ -98,7 +100,7 @@ def follow(
     Args:
         request: of the plan, such as a `closed_loop_request`.
         make_limb: gives the limb for the parameters of the plan.
-        controller, real_time, meshcat: as for `hardware.drive.drive`.
+        controller, real_time, meshcat, live: as for `hardware.drive.drive`.
 
     Raises:
         PlanningError: if there is no plan.
@@ -106,8 +108,11 @@ def follow(
         LimbError: if a file cannot be read.
     """
     folder = Path(folder)
+    say = live.say if live else lambda _: None
+    say(f"Planning {request.reference}")
     trajectory = make_plan(request)
     trajectory.save(folder / PLAN)
+    say(f"Following {request.reference}, controller {controller}")
     driven = drive(
         trajectory,
         lambda: make_limb(trajectory.parameters),
@@ -115,6 +120,7 @@ def follow(
         controller=controller,
         real_time=real_time,
         meshcat=meshcat,
+        live=live,
     )
     # Matplotlib takes as long to import as all the rest.
     from limb_systems.views.plots import plot_tracking, save_figure

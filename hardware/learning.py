@@ -10,6 +10,7 @@ import numpy as np
 from controllers import Learner
 from controllers.learning import Repetition
 from hardware.emulation.twin import LimbTwin
+from hardware.live.page import LivePage
 from hardware.replay import ReplayError, replay
 from hardware.report import write_learning_report
 from hardware.robot.link import BoardLink, HardwareError
@@ -34,6 +35,7 @@ def learn(
     folder: str | Path,
     *,
     tell: Callable[[int, Repetition], object] = lambda number, repetition: None,
+    live: LivePage | None = None,
 ) -> None:
     """Repeats a plan until a number of repetitions is reached, or another does not pay.
 
@@ -47,6 +49,7 @@ def learn(
         limb_of_repetition: gives a limb that is ready for the next repetition.
         repetitions: in all, those before included.
         tell: is told of each repetition, with its number from 1 on.
+        live: as for `replay`.
 
     Raises:
         ReplayError: if the plan must not be replayed on the limb.
@@ -63,9 +66,11 @@ def learn(
             recording = Recording.load(path)
         else:
             limb = limb_of_repetition()
+            if live:
+                live.say(f"Repetition {number} of {repetitions}{_errors_so_far(learner)}")
             before = unfinished_files(path)
             try:
-                recording = _recorded(learner, limb, path)
+                recording = _recorded(learner, limb, path, live)
             except HardwareError as error:
                 new = unfinished_files(path) - before
                 if not new:
@@ -78,11 +83,18 @@ def learn(
             raise failure
 
 
-def _recorded(learner: Learner, limb: LimbSystem, path: Path) -> Recording:
+def _errors_so_far(learner: Learner) -> str:
+    errors = [f"{np.rad2deg(repetition.mean_error):.2f}°" for repetition in learner.repetitions]
+    return f"; mean |φ* - φ| so far {', '.join(errors)}" if errors else ""
+
+
+def _recorded(learner: Learner, limb: LimbSystem, path: Path, live: LivePage | None) -> Recording:
     """A repetition on a limb, in a file."""
     if limb.real_time:
-        return replay(learner.trajectory, limb, controller=learner.source(), journal=path)
-    recording = replay(learner.trajectory, limb, controller=learner.source())
+        return replay(
+            learner.trajectory, limb, controller=learner.source(), journal=path, live=live
+        )
+    recording = replay(learner.trajectory, limb, controller=learner.source(), live=live)
     recording.save(path)
     return recording
 
@@ -105,12 +117,15 @@ def rested_twins(
     return rested
 
 
-def rested_robots(port: str, trajectory: Trajectory) -> Callable[[], LimbSystem]:
-    """For `learn`: the robot on a port, when its wires have cooled."""
+def rested_robots(
+    port: str, trajectory: Trajectory, live: LivePage | None = None
+) -> Callable[[], LimbSystem]:
+    """For `learn`: the robot on a port, when its wires have cooled; a page says so."""
+    tell = live.say if live else lambda _: None
 
     def rested() -> LimbSystem:
         with BoardLink(port) as link:
-            wait_until_cool(lambda: link.sample().temperature, trajectory)
+            wait_until_cool(lambda: link.sample().temperature, trajectory, tell=tell)
         return SerialLimb(port, trajectory.parameters)
 
     return rested
@@ -122,6 +137,7 @@ def wait_until_cool(
     *,
     longest: float = LONGEST_REST,
     period: float = LOOK_PERIOD,
+    tell: Callable[[str], object] = lambda what: None,
 ) -> None:
     """Waits until no wire is read more than 3 °C warmer than where a plan starts.
 
@@ -129,6 +145,7 @@ def wait_until_cool(
         read: gives V of the wires (W,), °C.
         longest: s, to wait.
         period: s, between two looks.
+        tell: is told at each look what is waited for.
 
     Raises:
         ReplayError: if a wire is too warm after that.
@@ -149,7 +166,9 @@ def wait_until_cool(
                     f"{now:.1f} °C, but the trajectory starts at {start[warmest]:.1f} °C; cool the "
                     "limb, or plan from where it is."
                 )
-            progress.update(waited, f"{names[warmest]} {now:.1f} °C")
+            remark = f"{names[warmest]} {now:.1f} °C"
+            progress.update(waited, remark)
+            tell(f"Resting until the wires are cool: {remark}")
             time.sleep(period)
 
 

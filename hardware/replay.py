@@ -23,6 +23,8 @@ from pydrake.systems.primitives import (
 
 from hardware.emulation.specimen import serial_number
 from hardware.firmware import guard
+from hardware.live.feed import shown
+from hardware.live.page import LivePage
 from hardware.robot.journal import journaled
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
@@ -55,6 +57,7 @@ def replay(
     sample_rate: float = 20.0,
     journal: str | Path | None = None,
     meshcat: Meshcat | None = None,
+    live: LivePage | None = None,
 ) -> Recording:
     """Drives a limb along a trajectory and records it.
 
@@ -80,6 +83,7 @@ def replay(
             file that is there is replaced then.
         meshcat: where to show the limb while it runs: its bend angle, measured
             temperatures and duty, with ghosts of the plan and its reference.
+        live: page on which to show it, with its curves, while it runs.
 
     Raises:
         ReplayError: if the trajectory failed its check, if it was planned for
@@ -100,7 +104,7 @@ def replay(
         else:
             _check_controller(controller, limb)
         return _run(
-            limb, controller, trajectory.duration, sample_rate, journal, meshcat, trajectory
+            limb, controller, trajectory.duration, sample_rate, journal, meshcat, live, trajectory
         )
 
 
@@ -111,6 +115,7 @@ def watch(
     sample_rate: float = 20.0,
     journal: str | Path | None = None,
     meshcat: Meshcat | None = None,
+    live: LivePage | None = None,
 ) -> Recording:
     """Records a limb with its wires off, while it hangs, swings or is moved by hand.
 
@@ -118,7 +123,7 @@ def watch(
 
     Args:
         duration: s.
-        limb, sample_rate, journal, meshcat: as for `replay`.
+        limb, sample_rate, journal, meshcat, live: as for `replay`.
 
     Raises:
         HardwareError: if the robot fails on the way.
@@ -127,7 +132,7 @@ def watch(
     """
     with _closing(limb):
         off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
-        return _run(limb, off, duration, sample_rate, journal, meshcat, ended_by_hand=True)
+        return _run(limb, off, duration, sample_rate, journal, meshcat, live, ended_by_hand=True)
 
 
 def _closing(limb: LimbSystem):
@@ -242,6 +247,7 @@ def _run(
     sample_rate: float,
     journal,
     meshcat: Meshcat | None,
+    live: LivePage | None,
     plan: Trajectory | None = None,
     *,
     ended_by_hand: bool = False,
@@ -262,15 +268,18 @@ def _run(
         builder.Connect(limb.GetOutputPort("cut_out"), end.get_input_port())
 
     provenance = Provenance.now(limb.parameters)
-    with journaled(
-        builder,
-        journal,
-        limb,
-        duty,
-        sample_rate,
-        provenance=provenance,
-        ended_by_hand=ended_by_hand,
-    ) as writer:
+    with (
+        shown(builder, live, limb, duty, duration, plan=plan),
+        journaled(
+            builder,
+            journal,
+            limb,
+            duty,
+            sample_rate,
+            provenance=provenance,
+            ended_by_hand=ended_by_hand,
+        ) as writer,
+    ):
         if meshcat is not None:
             _add_view(builder, limb, duty, meshcat, plan)
         recording = record(
@@ -279,7 +288,7 @@ def _run(
             duty,
             duration,
             until=_has_cut_out(limb) if may_cut_out else None,
-            real_time=meshcat is not None,
+            real_time=meshcat is not None or live is not None,
             sample_rate=sample_rate,
             remark=_remark(limb) if limb.real_time else None,
             provenance=provenance,

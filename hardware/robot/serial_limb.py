@@ -14,6 +14,7 @@ from limb_systems.model.ownership import weak_method
 PERIOD = 0.05  # s
 CHANNELS = 2  # that a COMMAND and a SAMPLE are for
 LATEST = 0.1  # s, that a command may be late
+DEADLINE = 5e-3  # s, by which it is late for the record
 
 
 class SerialLimb(LeafSystem):

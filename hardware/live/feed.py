@@ -1,0 +1,140 @@
+"""Tells a live page what a limb in a diagram does."""
+
+import contextlib
+from collections.abc import Iterator
+
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
+
+from hardware.firmware import guard
+from hardware.live.messages import BoardReading, Phase, Reading
+from hardware.live.page import LivePage
+from hardware.robot.link import BoardLink, HardwareError
+from hardware.robot.serial_limb import DEADLINE, SerialLimb
+from limb_systems import LimbSystem, Trajectory
+from limb_systems.band import band
+from limb_systems.model.ownership import weak_method
+from limb_systems.simulation import REAL_TIME_STEP
+
+
+class Feed(LeafSystem):
+    """Hands what a limb does to a `LivePage`, at 20 Hz; it waits for nothing.
+
+    - input 0 ``duty``: D (W), in [0, 1]
+    - input 1 ``measured_temperature``: V (W), °C
+    - input 2 ``bend_angle``: φ (S), rad
+    - further inputs, if there are such: ``applied_duty`` (W), ``reference`` (S), rad
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, live: LivePage, limb: LimbSystem, *, has_reference: bool = False):
+        """
+        Args:
+            live: the page.
+            limb: of which it tells.
+            has_reference: whether there is an input for the bend angle that is asked for.
+        """
+        super().__init__()
+        num_wires, num_segments = len(limb.parameters.wires), len(limb.parameters.segments)
+        sizes = {
+            "duty": num_wires,
+            "measured_temperature": num_wires,
+            "bend_angle": num_segments,
+        }
+        if limb.HasOutputPort("applied_duty"):
+            sizes["applied_duty"] = num_wires
+        if has_reference:
+            sizes["reference"] = num_segments
+        self._live, self._names = live, list(sizes)
+        self._robot = (limb.link, limb.timing_errors) if isinstance(limb, SerialLimb) else None
+        self._commands = self._missed = 0
+        for name, size in sizes.items():
+            self.DeclareVectorInputPort(name, size)
+        self.DeclarePeriodicPublishEvent(REAL_TIME_STEP, 0.0, weak_method(self._tell))
+        self.set_name("live")
+
+    def _tell(self, context) -> None:
+        signals = {
+            name: self.get_input_port(index).Eval(context).tolist()
+            for index, name in enumerate(self._names)
+        }
+        board = self._board(*self._robot) if self._robot else None
+        self._live.show(Reading(context.get_time(), **signals, board=board))
+
+    def _board(self, link: BoardLink, late: list[float]) -> BoardReading | None:
+        new = late[self._commands :]
+        self._commands += len(new)
+        self._missed += sum(delay > DEADLINE for delay in new)
+        # It is the limb that fails if samples do not come.
+        with contextlib.suppress(HardwareError):
+            return board_reading(link, late[-1] if late else None, self._commands, self._missed)
+        return None
+
+
+def board_reading(
+    link: BoardLink, late: float | None = None, commands: int = 0, missed: int = 0
+) -> BoardReading:
+    """What is known of a board; arguments as of `BoardReading`.
+
+    Raises:
+        HardwareError: if samples do not come.
+    """
+    sample = link.sample()
+    return BoardReading(
+        sample.armed,
+        sample.reason_text,
+        sample.warmest.tolist(),
+        link.lost_samples,
+        late,
+        commands,
+        missed,
+    )
+
+
+@contextlib.contextmanager
+def shown(
+    builder: DiagramBuilder,
+    live: LivePage | None,
+    limb: LimbSystem,
+    duty: OutputPort,
+    duration: float,
+    *,
+    plan: Trajectory | None = None,
+    reference: OutputPort | None = None,
+) -> Iterator[None]:
+    """A context in which a diagram is built and run whose limb is on a page, if there is one.
+
+    Args:
+        builder: of the diagram, which has the limb already: its command leaves before this tells.
+        live: the page.
+        limb: that runs.
+        duty: the port that drives it.
+        duration: at most, s.
+        plan: that the limb follows.
+        reference: port of the bend angle that is asked for.
+    """
+    if live is None:
+        yield
+        return
+    live.begin(
+        Phase(
+            limb.source,
+            limb.parameters,
+            limb.info.temperature_limit
+            if isinstance(limb, SerialLimb)
+            else guard.TEMPERATURE_LIMIT,
+            duration,
+            plan.since_start() if plan else None,
+            band(plan) if plan else None,
+        )
+    )
+    feed = builder.AddSystem(Feed(live, limb, has_reference=reference is not None))
+    ports = {"duty": duty, **({"reference": reference} if reference else {})}
+    for index in range(feed.num_input_ports()):
+        port = feed.get_input_port(index)
+        name = port.get_name()
+        builder.Connect(ports.get(name) or limb.GetOutputPort(name), port)
+    try:
+        yield
+    finally:
+        live.rest()

@@ -1,0 +1,66 @@
+"""What the page's process knows of a run."""
+
+import collections
+import os
+import pickle
+import time
+
+import numpy as np
+
+from hardware.live.messages import Message, Phase, Reading
+from limb_systems.simulation import REAL_TIME_STEP
+
+MOST_POINTS = 1500  # of a curve; the browser draws them on the computer that runs the limb
+ENDED_WITHOUT_A_WORD = "the program has gone without saying why: it was killed, or it crashed"
+
+
+class Run:
+    """What was heard, and how it ended.
+
+    - ``said``: what runs, in words.
+    - ``phase``: the last that began; None before one. ``number`` counts them.
+    - ``reading``: the newest; None while no limb runs.
+    - ``readings``: of the phase, as many as its curves show; ``count`` is how many there were.
+    - ``highest``: the highest V of each wire so far, °C.
+    - ``heard``: when something was heard last, s of the monotonic clock.
+    - ``ended``: why it ended; empty until then.
+    """
+
+    def __init__(self):
+        self.said, self.ended = "", ""
+        self.phase: Phase | None = None
+        self.reading: Reading | None = None
+        self.heard = time.monotonic()
+        self.number = self.count = 0
+        self.readings: collections.deque[Reading] = collections.deque(maxlen=MOST_POINTS)
+        self.highest: np.ndarray = np.zeros(0)
+        self._stride, self._received = 1, 0
+
+    def take(self, data: bytes, files: list[int]) -> None:
+        """Takes in a message, and the file that came with it if a phase begins."""
+        for handle in files:
+            with os.fdopen(handle, "rb") as file:
+                file.seek(0)
+                self._begin(pickle.load(file))
+        message: Message = pickle.loads(data)
+        self.heard = time.monotonic()
+        self.said, self.reading = message.said, message.reading
+        if message.reading is None:
+            return
+        self.highest = np.fmax(self.highest, message.reading.measured_temperature)
+        if self._received % self._stride == 0:
+            self.readings.append(message.reading)
+            self.count += 1
+        self._received += 1
+
+    def end(self, reason: str) -> None:
+        """Notes the end; without a reason the program was killed."""
+        self.ended, self.reading = reason or ENDED_WITHOUT_A_WORD, None
+
+    def _begin(self, phase: Phase) -> None:
+        self.phase, self.number = phase, self.number + 1
+        self.readings.clear()
+        self.count = self._received = 0
+        self.highest = np.full(len(phase.parameters.wires), -np.inf)
+        expected = (phase.duration or 0.0) / REAL_TIME_STEP
+        self._stride = max(1, int(np.ceil(expected / MOST_POINTS)))
