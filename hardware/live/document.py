@@ -7,9 +7,17 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from bokeh.document import Document
-from bokeh.events import ButtonClick
+from bokeh.events import ButtonClick, ClientReconnected
 from bokeh.layouts import column
-from bokeh.models import Button, ColumnDataSource, DataRange1d, Div, InlineStyleSheet, Range1d
+from bokeh.models import (
+    Button,
+    ColumnDataSource,
+    CustomJS,
+    DataRange1d,
+    Div,
+    InlineStyleSheet,
+    Range1d,
+)
 from bokeh.plotting import figure
 from jinja2 import Template
 
@@ -39,7 +47,10 @@ p { margin: .6rem 0; }
 b.big { font-size: 1.35rem; line-height: 1.25; display: block; }
 b.armed { color: var(--hot); } b.bad { color: var(--bad); } b.off { color: var(--good); }
 span.key { white-space: nowrap; margin-right: .8rem; }
-i { display: inline-block; width: 1.1em; height: .5em; border-radius: 2px; margin-right: .3em; }
+i {
+  display: inline-block; width: 1.1em; height: .5em; border-radius: 2px; margin-right: .3em;
+  filter: var(--figures);
+}
 """
 
 TEMPLATE = Template("""
@@ -126,7 +137,7 @@ class LiveDocument:
         self._number = self._sent = 0
         style = InlineStyleSheet(css=STYLE)
         self._state, self._facts = (
-            Div(name=name, sizing_mode="stretch_width", stylesheets=[style])
+            Div(name=name, sizing_mode="stretch_width", margin=0, stylesheets=[style])
             for name in ("state", "facts")
         )
         big = InlineStyleSheet(css=".bk-btn { font-size: 1.3rem; padding: .6rem 1.3rem; }")
@@ -138,6 +149,8 @@ class LiveDocument:
         self._look()
         for root in (self._state, self._button, self._curves, self._facts, self._pulse):
             document.add_root(root)
+        # Another run may be served at the same address, whose document is another.
+        document.js_on_event(ClientReconnected, CustomJS(code="window.location.reload()"))
         document.title = "Soft limb, live"
         document.template = TEMPLATE
         document.add_periodic_callback(self._look, PERIOD)
@@ -160,7 +173,7 @@ class LiveDocument:
             self._source.stream(_columns(phase, list(fresh)), MOST_POINTS)
             self._sent = run.count
         self._state.text = state(run)
-        if phase is not None and (run.reading is not None or not self._facts.text):
+        if phase is not None:
             self._facts.text = facts(run, phase, run.reading)
         self._button.disabled = bool(run.ended)
         self._pulse.tags = [self._pulse.tags[0] + 1, bool(run.ended)]
@@ -211,6 +224,7 @@ def figures(phase: Phase, source: ColumnDataSource) -> list:
         picture.axis.axis_label_text_font_style = "normal"
         picture.yaxis.axis_label, picture.xgrid.visible = unit, False
         picture.outline_line_color = None
+        picture.background_fill_color = picture.border_fill_color = None
         return picture
 
     bend = make("bend angle φ (°)")
@@ -302,10 +316,10 @@ def state(run: Run) -> str:
     board = run.reading.board if run.reading is not None else None
     if run.ended:
         kind, what = "off" if run.ended == "done" else "bad", f"Ended: {run.ended}"
-    elif run.reading is not None and silence > SILENCE:
-        kind, what = "bad", f"Nothing was heard of the limb for {silence:.0f} s"
-    elif run.reading is None:
+    elif not run.is_running:
         kind, what = "off", "No limb runs"
+    elif silence > SILENCE:
+        kind, what = "bad", f"Nothing was heard of the limb for {silence:.0f} s"
     elif board is None:
         kind, what = "armed", "Running"
     elif board.armed:

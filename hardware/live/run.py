@@ -19,7 +19,8 @@ class Run:
 
     - ``said``: what runs, in words.
     - ``phase``: the last that began; None before one. ``number`` counts them.
-    - ``reading``: the newest; None while no limb runs.
+    - ``reading``: the newest of the phase, if there is one.
+    - ``is_running``: whether a limb runs.
     - ``readings``: of the phase, as many as its curves show; ``count`` is how many there were.
     - ``highest``: the highest V of each wire so far, °C.
     - ``heard``: when something was heard last, s of the monotonic clock.
@@ -31,7 +32,7 @@ class Run:
         self.phase: Phase | None = None
         self.reading: Reading | None = None
         self.heard = time.monotonic()
-        self.number = self.count = 0
+        self.is_running, self.number, self.count = False, 0, 0
         self.readings: collections.deque[Reading] = collections.deque(maxlen=MOST_POINTS)
         self.highest: np.ndarray = np.zeros(0)
         self._stride, self._received = 1, 0
@@ -44,9 +45,10 @@ class Run:
                 self._begin(pickle.load(file))
         message: Message = pickle.loads(data)
         self.heard = time.monotonic()
-        self.said, self.reading = message.said, message.reading
+        self.said, self.is_running = message.said, message.reading is not None
         if message.reading is None:
             return
+        self.reading = message.reading
         self.highest = np.fmax(self.highest, message.reading.measured_temperature)
         if self._received % self._stride == 0:
             self.readings.append(message.reading)
@@ -55,10 +57,10 @@ class Run:
 
     def end(self, reason: str) -> None:
         """Notes the end; without a reason the program was killed."""
-        self.ended, self.reading = reason or ENDED_WITHOUT_A_WORD, None
+        self.ended, self.is_running = reason or ENDED_WITHOUT_A_WORD, False
 
     def _begin(self, phase: Phase) -> None:
-        self.phase, self.number = phase, self.number + 1
+        self.phase, self.number, self.reading = phase, self.number + 1, None
         self.readings.clear()
         self.count = self._received = 0
         self.highest = np.full(len(phase.parameters.wires), -np.inf)

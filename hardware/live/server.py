@@ -30,6 +30,7 @@ from tornado.netutil import bind_sockets
 from tornado.web import ErrorHandler, RequestHandler
 
 from hardware.live.document import LiveDocument
+from hardware.live.messages import Reading
 from hardware.live.run import Run
 from hardware.live.view import View, ViewHandler
 
@@ -142,6 +143,7 @@ class Server:
         )
         self._loop = IOLoop.current()
         self._run, self._view, self._number = Run(), View(), 0
+        self._shown: Reading | None = None
         gate, switch = Gate(loopback, port), StopSwitch(program)
         application = LiveApplication(
             gate, self._view, lambda document: LiveDocument(document, self._run, switch.press)
@@ -183,7 +185,8 @@ class Server:
         if run.phase is not None and self._number != run.number:
             self._number = run.number
             self._view.begin(run.phase)
-        if run.reading is not None and self._view.watchers:
+        if self._view.watchers and run.reading is not None and run.reading is not self._shown:
+            self._shown = run.reading
             self._view.show(run.reading)
 
 
