@@ -1,0 +1,361 @@
+"""The live page: what it shows, its button, who may see it, and that no run depends on it."""
+
+import contextlib
+import http.client
+import os
+import pickle
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+import urllib.error
+import urllib.request
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from hardware import LimbTwin, LivePage, SerialLimb, replay
+from hardware.__main__ import main
+from hardware.live import options, server
+from hardware.live.messages import Message, Phase, Reading
+from hardware.live.run import ENDED_WITHOUT_A_WORD, MOST_POINTS, Run
+from limb_systems import LimbError, LimbParameters, Recording, Trajectory
+from planners import plan, references
+
+from .conftest import wait_for
+
+READ = """() => {
+    const source = Bokeh.documents[0].get_model_by_name("readings");
+    const columns = Object.entries(source.data).map(([name, values]) => [name, [...values]]);
+    const text = (name) => Bokeh.documents[0].get_model_by_name(name).text;
+    return {columns: Object.fromEntries(columns), facts: text("facts"), state: text("state")};
+}"""
+COUNT = "window.Bokeh?.documents[0]?.get_model_by_name('readings')?.data.time?.length ?? 0"
+
+
+@pytest.fixture(scope="module")
+def motion() -> Trajectory:
+    """Twenty seconds that heat both wires."""
+    parameters = LimbParameters()
+    parameters.temperature_limits.warm_up_time = 100.0
+    times = np.linspace(0.0, 20.0, 81)
+    return plan(parameters, references.from_samples(times, 0.15 * np.sin(times)), knot_rate=4.0)
+
+
+@pytest.fixture
+def beginning(motion) -> Trajectory:
+    """Its first three seconds."""
+    reference = references.from_samples([0.0, 3.0], [0.0, 0.1])
+    return plan(motion.parameters, reference, knot_rate=4.0)
+
+
+PROGRAM = """
+import sys
+from hardware import LivePage, SerialLimb, replay
+from limb_systems import Trajectory
+from limb_systems.command import run_command
+
+def run():
+    plan = Trajectory.load("plan.csv")
+    with LivePage() as live:
+        print(live.url, flush=True)
+        input()
+        replay(plan, SerialLimb(sys.argv[1], plan.parameters), journal="rec.csv", live=live)
+
+run_command(run, "stopped; wires are off")
+"""
+
+
+def test_browsers_show_what_is_recorded_and_their_button_switches_off(
+    emulator, start_host, browser, motion, tmp_path
+):
+    """One run over the cable, on two pages: one is closed on the way, the other stops it."""
+    motion.save(tmp_path / "plan.csv")
+    screenless = {"DISPLAY", "WAYLAND_DISPLAY"}
+    host = start_host(
+        [sys.executable, "-c", PROGRAM, emulator.port],
+        cwd=tmp_path,
+        env={name: value for name, value in os.environ.items() if name not in screenless},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    url, asked = host.stdout.readline().strip(), []
+    closed, page = (browser.new_context().new_page() for _ in range(2))
+    for one in (closed, page):
+        # Chromium draws in 3D without a graphics card here, on the cores that keep time.
+        one.route("**/view/", lambda route: route.fulfill(body=""))
+        one.on("request", lambda request: asked.append(request.url))
+        one.goto(url)
+        one.get_by_text("No limb runs").wait_for()
+    assert {address.split("/")[2] for address in asked if "//" in address} == {url.split("/")[2]}
+    host.stdin.write("\n")
+    host.stdin.flush()
+
+    page.wait_for_function(f"() => ({COUNT}) > 30")
+    closed.context.close()
+    shown = page.evaluate(READ)
+    page.wait_for_function(f"() => ({COUNT}) > 50")
+    assert max(emulator.duty()) > 0.0
+    pressed = time.monotonic()
+    page.get_by_role("button", name="STOP").click()
+    assert emulator.off_after(pressed) < 0.3
+    page.get_by_text("Ended: stopped by Ctrl-C, by a signal or on the page").wait_for()
+    at_the_end = page.evaluate(READ)  # the curves stay
+    page.context.close()
+    assert "stopped; wires are off" in host.communicate()[1]
+
+    recording = Recording.load(tmp_path / "rec.unfinished.csv")
+    assert recording.interrupted == "stopped by Ctrl-C or a signal"
+    np.testing.assert_allclose(np.diff(recording.time), 0.05, atol=1e-9)
+    assert len(shown["columns"]["time"]) > 30
+    assert len(at_the_end["columns"]["time"]) >= len(recording.time) - 5
+    for columns in (shown["columns"], at_the_end["columns"]):
+        index = np.round(np.array(columns["time"]) * 20).astype(int)
+        index = index[index < len(recording.time)]  # the journal comes after the feed
+        same = slice(0, len(index))
+        angle = np.rad2deg(recording.bend_angle[0, index])
+        np.testing.assert_allclose(columns["bend_angle_0"][same], angle, atol=1e-6)
+        for wire in range(2):
+            for name in ("measured_temperature", "duty", "applied_duty"):
+                recorded = getattr(recording, name)[wire, index]
+                np.testing.assert_allclose(columns[f"{name}_{wire}"][same], recorded, atol=1e-6)
+    read = re.search(r"reading V, °C</td><td>([\d.]+)</td><td>([\d.]+)", shown["facts"])
+    near = recording.measured_temperature[:, 20 : len(shown["columns"]["time"]) + 10]
+    for wire in range(2):
+        assert np.abs(near[wire] - float(read[wire + 1])).min() <= 0.06
+    assert "Armed: wires may be heated" in shown["state"]
+    assert "0 samples lost" in shown["facts"]
+
+
+def test_a_page_that_freezes_and_dies_changes_nothing(emulator, beginning, tmp_path):
+    """It is frozen after a second, and killed after another; what is told to it is lost."""
+    limb = SerialLimb(emulator.port, beginning.parameters)
+    with LivePage() as live:
+        process = live._process.pid
+        timers = [
+            threading.Timer(1.0, os.kill, (process, signal.SIGSTOP)),
+            threading.Timer(2.0, os.kill, (process, signal.SIGKILL)),
+        ]
+        for timer in timers:
+            timer.start()
+        recording = replay(beginning, limb, journal=tmp_path / "journal.csv", live=live)
+        for timer in timers:
+            timer.join()
+        with pytest.warns(UserWarning, match="page's process ended before"):
+            live.end("done")
+    assert len(recording.time) == len(Recording.load(tmp_path / "journal.csv").time) == 61
+    assert limb.link.lost_samples == 0
+    assert np.median(limb.timing_errors) < 0.02
+
+
+class Told:
+    """In place of a `LivePage`: keeps what it is told."""
+
+    url = "http://127.0.0.1:1/"
+
+    def __init__(self, address=""):
+        self.phases, self.readings, self.said, self.ended = [], [], [], []
+        self.begin, self.show, self.say = self.phases.append, self.readings.append, self.said.append
+        self.end = self.ended.append
+        self.rested = 0
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.end("left")
+
+    def rest(self):
+        self.rested += 1
+
+
+def test_what_is_told_is_what_is_recorded(beginning):
+    told = Told()
+    begun = time.monotonic()
+    recording = replay(beginning, LimbTwin(seed=1), live=told)
+    assert time.monotonic() - begun >= 3.0  # in real time
+    (phase,) = told.phases
+    assert phase.source == "emulated limb, seed 1"
+    assert (phase.limit, phase.duration, phase.plan.time[-1]) == (110.0, 3.0, 3.0)
+    assert told.rested == 1
+    np.testing.assert_allclose([r.time for r in told.readings], recording.time, atol=1e-9)
+    for name in ("bend_angle", "measured_temperature", "duty", "applied_duty"):
+        values = np.array([getattr(reading, name) for reading in told.readings]).T
+        np.testing.assert_allclose(values, getattr(recording, name), atol=1e-9)
+
+
+def test_commands_say_where_the_page_is_and_what_runs(monkeypatch, tmp_path, capsys):
+    pages = []
+    monkeypatch.setattr(options, "LivePage", lambda at: pages.append(Told(at)) or pages[-1])
+    reference = references.from_samples([0.0, 0.5], [0.0, 0.02])
+    plan(LimbParameters(), reference, knot_rate=4.0).save(tmp_path / "plan.csv")
+    path = str(tmp_path / "plan.csv")
+    assert main(["replay", path, "-o", str(tmp_path / "rec.csv"), "--live"]) == 0
+    assert "live        http://127.0.0.1:1/\n" in capsys.readouterr().out
+    assert main(["learn", path, "-o", str(tmp_path / "l"), "-n", "2", "--live", "--json"]) == 0
+    assert "live        http://127.0.0.1:1/\n" in capsys.readouterr().err
+    replayed, learned = pages
+    assert replayed.said == [f"Replay of {path}, controller open"]
+    assert replayed.ended == ["done", "left"]
+    first, second = learned.said
+    assert first == "Repetition 1 of 2"
+    assert re.fullmatch(r"Repetition 2 of 2; mean \|φ\* - φ\| so far \d\.\d\d°", second)
+    assert (len(replayed.phases), len(learned.phases), learned.rested) == (1, 2, 2)
+    assert main(["replay", path, "-o", str(tmp_path / "unseen.csv")]) == 0
+    assert len(pages) == 2
+
+
+@pytest.fixture(scope="module")
+def live():
+    """A page for other computers."""
+    with LivePage("0.0.0.0", open_browser=False) as live:
+        yield live
+
+
+@pytest.fixture(scope="module")
+def port(live):
+    return int(re.search(r":(\d+)/", live.url)[1])
+
+
+@pytest.fixture(scope="module")
+def token(live):
+    return live.url.partition("?token=")[2]
+
+
+def status(port, path, **headers):
+    """Of an answer, without going where it redirects to; and its headers."""
+
+    class Stay(urllib.request.HTTPRedirectHandler):
+        def redirect_request(self, *_):
+            return None
+
+    headers = {name.replace("_", "-"): value for name, value in headers.items()}
+    request = urllib.request.Request(f"http://127.0.0.1:{port}{path}", headers=headers)
+    try:
+        with urllib.request.build_opener(Stay).open(request) as answer:
+            return answer.status, answer.headers
+    except urllib.error.HTTPError as error:
+        return error.code, error.headers
+
+
+def test_from_beyond_this_computer_the_token_is_needed(port, token):
+    assert len(token) > 40
+    known = f"{server.COOKIE}_{port}={token}"
+    for path in ("/", "/?token=wrong", "/view/", "/ws", "/static/js/bokeh.min.js", "/metadata"):
+        assert status(port, path)[0] == 403, path
+        assert status(port, path, Cookie=f"{known[:-1]}-")[0] == 403, path
+    code, headers = status(port, f"/?token={token}")
+    assert (code, headers["Location"]) == (302, "/")
+    assert headers["Set-Cookie"] == f"{known}; HttpOnly; Path=/; SameSite=Strict"
+    for path in ("/", "/view/"):
+        assert status(port, path, Cookie=known)[0] == 200, path
+    assert status(port, "/", Cookie=known, Origin="http://example.org")[0] == 403
+
+
+@pytest.mark.parametrize("path", ["/ws", "/view/"])
+def test_pages_of_other_sites_are_refused(port, token, path):
+    """Browsers say from which page a websocket is opened."""
+
+    def answer(origin):
+        connection = http.client.HTTPConnection("127.0.0.1", port)
+        headers = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
+        headers |= {"Sec-WebSocket-Key": "x", "Sec-WebSocket-Protocol": "bokeh, x"}
+        headers |= {"Origin": origin, "Cookie": f"{server.COOKIE}_{port}={token}"}
+        connection.request("GET", path, headers=headers)
+        with contextlib.closing(connection):
+            return connection.getresponse().status
+
+    assert answer(f"http://127.0.0.1:{port}") == 101
+    for origin in ("http://example.org", f"https://127.0.0.1:{port}", "null"):
+        assert answer(origin) == 403
+
+
+def test_at_home_a_page_has_a_name_of_this_computer():
+    """Or another site's name could be made to lead here, and its page would be of this origin."""
+    gate = server.Gate(loopback=True, port=5006)
+    assert not gate.token
+
+    def is_at_home(host, origin=None):
+        headers = {"Origin": origin} if origin else {}
+        return gate.is_at_home(SimpleNamespace(host=host, headers=headers))
+
+    assert is_at_home("127.0.0.1:5006")
+    assert is_at_home("localhost:5006", "http://localhost:5006")
+    assert not is_at_home("example.org:5006")
+    assert not is_at_home("example.org:5006", "http://example.org:5006")
+    assert not is_at_home("localhost:5006", "http://localhost:5007")
+    assert not is_at_home("localhost:5006", "http://127.0.0.1:5006")
+
+
+def test_the_button_stops_once_in_two_seconds_and_nothing_else_than_its_program(monkeypatch):
+    now, sent = [100.0], []
+    monkeypatch.setattr(server.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(server.os, "kill", lambda *what: sent.append(what))
+    switch = server.StopSwitch(os.getppid())
+    for step in (0.0, 0.3, 1.0, 1.0):
+        now[0] += step
+        switch.press()
+    assert sent == [(os.getppid(), signal.SIGINT)] * 2
+    server.StopSwitch(os.getppid() + 1).press()
+    assert len(sent) == 2
+
+
+def test_a_frozen_page_is_never_waited_for(live):
+    reading = Reading(0.0, [0.0], [25.0] * 2, [0.0] * 2)
+
+    def tell_much():
+        for _ in range(3000):
+            live.show(reading)
+        live.begin(Phase("a limb", LimbParameters(), 110.0))
+
+    os.kill(live._process.pid, signal.SIGSTOP)
+    try:
+        thread = threading.Thread(target=tell_much, daemon=True)
+        thread.start()
+        thread.join(10.0)
+        assert not thread.is_alive()
+        assert live._phase  # it was not taken; it goes with what is told next
+    finally:
+        os.kill(live._process.pid, signal.SIGCONT)
+
+    def is_sent():
+        live.show(reading)
+        return live._phase is None
+
+    assert wait_for(is_sent)
+
+
+def test_what_is_lost_leaves_the_rest_in_order():
+    """Curves of hours are thinned, and the highest readings are of all."""
+    run = Run()
+    handle = os.memfd_create("phase")
+    with os.fdopen(os.dup(handle), "wb") as file:
+        pickle.dump(Phase("a limb", LimbParameters(), 110.0, duration=300.0), file)
+    run.take(pickle.dumps(Message("warm-up", None)), [handle])
+    assert (run.said, run.is_running, run.number) == ("warm-up", False, 1)
+    for step in range(6000):
+        values = [30.0 + 60.0 * (step == 1234), 20.0]
+        run.take(pickle.dumps(Message("warm-up", Reading(step / 20, [0.0], values, [0.0] * 2))), [])
+    assert run.is_running
+    assert len(run.readings) == run.count == MOST_POINTS
+    assert [r.time for r in run.readings][:3] == [0.0, 0.2, 0.4]
+    np.testing.assert_array_equal(run.highest, [90.0, 20.0])
+    run.end("")
+    assert (run.ended, run.is_running) == (ENDED_WITHOUT_A_WORD, False)
+
+
+def test_a_page_that_cannot_be_served_is_said_before_anything_is_heated(
+    port, motion, tmp_path, capsys
+):
+    motion.save(tmp_path / "plan.csv")
+    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
+    assert main([*arguments, "--live-address", f"127.0.0.1:{port}"]) == 1
+    said = f"error: The live page cannot be served at 127.0.0.1:{port}: Address already in use"
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "recording.csv").exists()
+    for wrong in ("", "somewhere:port", "host/path", "host:99999"):
+        with pytest.raises(LimbError, match="is no address for the live page"):
+            LivePage(wrong)
