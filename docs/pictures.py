@@ -3,12 +3,15 @@
 python docs/pictures.py              diagrams, flows and the drawing of the links
 python docs/pictures.py --demo out   copies of those that `make demo` left in a folder
 
+python docs/pictures.py --live       a screenshot of the live page, by the tests' Chromium
+
 `replay.png` is a screenshot of the page that the demo writes.
 """
 
 import argparse
 import shutil
 import subprocess
+import threading
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -18,11 +21,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPortIndex
 
-from calibration import BendAngleController, EquilibriumSchedule
-from hardware import LimbTwin
+from calibration import BendAngleController, EquilibriumSchedule, calibrate, collect_from_twin
+from controllers import PlanFeedback
+from hardware import LimbTwin, LivePage, SerialLimb, emulated_port, replay
 from limb_systems import Limb, LimbParameters
 from limb_systems.views.plots import LEFT_RIGHT_COLORS, save_figure
-from planners import plan, references
+from planners import Task, plan, references
 from planners.diagnostics import plot_diagnostics
 from urdf import limb_urdf
 
@@ -38,8 +42,12 @@ edge [color="#3b4a6b", fontname="Arial", fontsize=12, arrowsize=0.7];
 def main() -> None:
     parser = argparse.ArgumentParser(description="Makes the pictures of the documentation.")
     parser.add_argument("--demo", type=Path, help="folder of `make demo` to copy pictures from")
-    folder = parser.parse_args().demo
-    if folder:
+    parser.add_argument("--live", action="store_true", help="make the picture of the live page")
+    options = parser.parse_args()
+    if options.live:
+        photograph_live_page(FOLDER / "live.png")
+        return
+    if folder := options.demo:
         for name in ("fig4.png", "fig5.png", "ways.png"):
             shutil.copy(folder / name, FOLDER)
         return
@@ -274,6 +282,39 @@ def draw_links(parameters: LimbParameters) -> Figure:
     axis.set(xlim=(-14, 106), xlabel="along E1 (mm)", ylabel="along E2 (mm)", aspect="equal")
     axis.spines[["top", "right"]].set_visible(False)
     return figure
+
+
+def photograph_live_page(path: Path) -> None:
+    """The page of an emulated limb that follows a plan, shortly before the end."""
+    # Only this picture needs a browser.
+    from playwright.sync_api import sync_playwright
+
+    recordings = collect_from_twin(LimbTwin(seed=0), protocol="excitation")
+    parameters = calibrate(recordings).parameters
+    times = np.linspace(0.0, 20.0, 101)
+    reference = references.from_samples(times, np.deg2rad(25.0) * np.sin(times / 3.0))
+    trajectory = plan(parameters, reference, task=Task.closed_loop())
+    installed = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
+    with emulated_port() as port, sync_playwright() as playwright:
+        arguments = ["--no-sandbox", "--use-angle=swiftshader"]
+        browser = playwright.chromium.launch(executable_path=installed, args=arguments)
+        # Playwright's functions belong to one thread, as do the signals of a run.
+        with LivePage(open_browser=False) as live:
+            page = browser.new_page(viewport={"width": 1280, "height": 860})
+            page.goto(live.url)
+            page.frame_locator("iframe").locator("canvas").wait_for()
+            live.say("Replay of plan.csv, controller pi")
+            limb = SerialLimb(port, trajectory.parameters)
+            controller = PlanFeedback(trajectory)
+            run = threading.Thread(
+                target=replay,
+                args=(trajectory, limb),
+                kwargs={"controller": controller, "live": live},
+            )
+            run.start()
+            page.wait_for_timeout(17_000)
+            page.screenshot(path=path)
+            run.join()
 
 
 def _numbers(element, attribute: str) -> np.ndarray:

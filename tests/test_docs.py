@@ -35,6 +35,7 @@ from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import CutOut
 from hardware.emulation.wires import ShapeMemoryWires
+from hardware.live.feed import Feed
 from hardware.robot.journal import Journal
 from limb_systems import (
     BendAngle,
@@ -307,6 +308,7 @@ def make_system(monkeypatch, fig5_plan):
             limb_sensors(parameters, 20.0, bend_response=np.asarray, bend_noise=0.0, bend_drift=0.0)
         ),
         Hand: lambda: Hand(parameters, course),
+        Feed: lambda: Feed(None, Limb()),
         Journal: lambda: Journal(os.devnull, Limb(), 20.0),
     }
     return {kind.__name__.partition("_𝓣")[0]: make for kind, make in makers.items()}
