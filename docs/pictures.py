@@ -302,7 +302,7 @@ def photograph_live_page(path: Path) -> None:
         with LivePage(open_browser=False) as live:
             page = browser.new_page(viewport={"width": 1280, "height": 860})
             page.goto(live.url)
-            page.frame_locator("iframe").locator("canvas").wait_for()
+            page.frame_locator("iframe").locator("#meshcat-pane canvas").wait_for()
             live.say("Replay of plan.csv, controller pi")
             limb = SerialLimb(port, trajectory.parameters)
             controller = PlanFeedback(trajectory)
