@@ -23,7 +23,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, O
 
 from calibration import BendAngleController, EquilibriumSchedule, calibrate, collect_from_twin
 from controllers import PlanFeedback
-from hardware import LimbTwin, LivePage, SerialLimb, emulated_port, replay
+from hardware import LimbTwin, LivePage, replay
 from limb_systems import Limb, LimbParameters
 from limb_systems.views.plots import LEFT_RIGHT_COLORS, save_figure
 from planners import Task, plan, references
@@ -291,11 +291,11 @@ def photograph_live_page(path: Path) -> None:
 
     recordings = collect_from_twin(LimbTwin(seed=0), protocol="excitation")
     parameters = calibrate(recordings).parameters
-    times = np.linspace(0.0, 20.0, 101)
-    reference = references.from_samples(times, np.deg2rad(25.0) * np.sin(times / 3.0))
+    times = np.linspace(0.0, 12.0, 61)
+    reference = references.from_samples(times, np.deg2rad(25.0) * np.sin(times / 2.0))
     trajectory = plan(parameters, reference, task=Task.closed_loop())
     installed = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
-    with emulated_port() as port, sync_playwright() as playwright:
+    with sync_playwright() as playwright:
         arguments = ["--no-sandbox", "--use-angle=swiftshader"]
         browser = playwright.chromium.launch(executable_path=installed, args=arguments)
         # Playwright's functions belong to one thread, as do the signals of a run.
@@ -304,15 +304,14 @@ def photograph_live_page(path: Path) -> None:
             page.goto(live.url)
             page.frame_locator("iframe").locator("#meshcat-pane canvas").wait_for()
             live.say("Replay of plan.csv, controller pi")
-            limb = SerialLimb(port, trajectory.parameters)
             controller = PlanFeedback(trajectory)
             run = threading.Thread(
                 target=replay,
-                args=(trajectory, limb),
+                args=(trajectory, LimbTwin.of(parameters)),
                 kwargs={"controller": controller, "live": live},
             )
             run.start()
-            page.wait_for_timeout(17_000)
+            page.wait_for_timeout(10_000)
             page.screenshot(path=path)
             run.join()
 
