@@ -117,7 +117,14 @@ def panel(
         named.setdefault(curve.name, curve)
         drawn.setdefault(curve.name, []).extend(_draw(plot, curve))
     named.pop("", None)
-    plot.add_tools(_hover(plot, list(named.values()), label, x_label))
+    plot.add_tools(
+        HoverTool(
+            renderers=[drawn[name][-1] for name in named],
+            tooltips=[("", "$name"), (label.partition(" (")[0], f"@y{{0.00}}{_unit(label)}")],
+        )
+        if not named or any(curve.marks or not _increasing(curve.x) for curve in curves)
+        else _hover_at_x(plot, list(named.values()), label, x_label)
+    )
     plot.add_layout(
         Legend(
             items=[LegendItem(label={"value": name}, renderers=drawn[name]) for name in named],
@@ -316,12 +323,12 @@ def _draw(plot: figure, curve: Curve) -> list[GlyphRenderer]:
     return drawn
 
 
-def _hover(plot: figure, curves: Sequence[Curve], label: str, x_label: str) -> HoverTool:
-    """What the pointer shows: all curves at its x, or the one under it if x goes back and forth."""
-    at_x = (x_label.partition(" (")[0], f"@x{{0.00}}{_unit(x_label)}")
-    if not all(len(curve.x) and (np.diff(curve.x) > 0).all() for curve in curves):
-        at_y = (label.partition(" (")[0], f"@y{{0.00}}{_unit(label)}")
-        return HoverTool(tooltips=[("", "$name"), at_y, at_x])
+def _increasing(x: np.ndarray) -> bool:
+    return len(x) > 0 and bool((np.diff(x) > 0).all())
+
+
+def _hover_at_x(plot: figure, curves: Sequence[Curve], label: str, x_label: str) -> HoverTool:
+    """Shows the values of all curves at the pointer's x."""
     longest = max((curve.x for curve in curves), key=len)
     x = np.asarray(longest)[_kept(np.asarray(longest))]
     columns = {"x": x, "y": np.interp(x, curves[0].x, curves[0].y)}
@@ -334,7 +341,7 @@ def _hover(plot: figure, curves: Sequence[Curve], label: str, x_label: str) -> H
         line_policy="nearest",
         attachment="horizontal",
         tooltips=[
-            at_x,
+            (x_label.partition(" (")[0], f"@x{{0.00}}{_unit(x_label)}"),
             *(
                 (curve.name, f"@y{number}{{0.00}}{_unit(label)}")
                 for number, curve in enumerate(curves)
