@@ -30,6 +30,8 @@ from hardware.live.messages import Phase, Reading
 from hardware.live.options import add_live_options, live_page
 from hardware.live.page import DONE, STOPPED, LivePage
 from hardware.report import write_drive_report
+from hardware.robot import conformance
+from hardware.robot.bench import SerialEnd
 from hardware.robot.self_test import self_test
 from limb_systems import (
     LimbError,
@@ -76,6 +78,26 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     )
     check.add_argument("port", help="of the board")
     check.add_argument("--json", action="store_true", help="print JSON")
+
+    conform = commands.add_parser(
+        "board-check",
+        help="test a board's firmware against docs/protocol.md, rule by rule",
+        description="Tests whether a board keeps the rules of docs/protocol.md, also one with "
+        "firmware of your own. Takes two minutes, and warms each wire by 40 °C at most. Rules for "
+        "faults of sensors need a hand at the robot, and are not run without one; by hand it takes "
+        "some ten minutes, and wires reach 80 °C. Exit status 0 if all that ran passed.",
+    )
+    conform.add_argument("port", help="of the board")
+    hands = conform.add_mutually_exclusive_group()
+    hands.add_argument(
+        "--by-hand", action="store_true", help="tell what to do at the robot, and wait for it"
+    )
+    hands.add_argument(
+        "--by-order",
+        action="store_true",
+        help="tell what to type at soft-limb emulate, and wait for it",
+    )
+    conform.add_argument("--json", action="store_true", help="print JSON")
 
     run = commands.add_parser(
         "replay",
@@ -354,6 +376,52 @@ def _arm_check(options) -> int:
     return 0 if passed else 1
 
 
+def _board_check(options) -> int:
+    words = {conformance.PASSED: "ok", conformance.FAILED: "FAILED"}
+    stream = sys.stderr if options.json else sys.stdout
+
+    def say(result: conformance.Result) -> None:
+        if not options.json:
+            what = f": {result.what}" if result.what else ""
+            print(f"{words.get(result.outcome, result.outcome):<9}{result.check.name}{what}")
+            if result.outcome == conformance.FAILED:
+                print(f"         rule: {result.check.rule} docs/protocol.md#{result.check.section}")
+            sys.stdout.flush()
+
+    def ask(order: str, by_hand: str | None) -> bool:
+        if options.by_order:
+            by_hand = f'Type "{order}" at soft-limb emulate, then press Enter here.'
+        if not by_hand:
+            return False
+        print(f"         {by_hand} (s and Enter: skip) ", end="", file=stream, flush=True)
+        return sys.stdin.readline().strip() == ""
+
+    with SerialEnd(options.port) as end:
+        results = conformance.run_checks(
+            end, say, ask if options.by_hand or options.by_order else None, conformance.CHECKS
+        )
+    counts = {
+        outcome: sum(result.outcome == outcome for result in results)
+        for outcome in (conformance.PASSED, conformance.FAILED, conformance.NOT_RUN)
+    }
+    if options.json:
+        checks = [
+            {
+                "name": result.check.name,
+                "rule": result.check.rule,
+                "section": f"docs/protocol.md#{result.check.section}",
+                "outcome": result.outcome,
+                "what": result.what,
+            }
+            for result in results
+        ]
+        facts = {outcome.replace(" ", "_"): count for outcome, count in counts.items()}
+        print(json.dumps({**facts, "checks": checks}))
+    else:
+        print(", ".join(f"{outcome} {count}" for outcome, count in counts.items()))
+    return 1 if counts[conformance.FAILED] else 0
+
+
 def _replay(options) -> int:
     check_outputs(
         [options.output, options.plot, options.report],
@@ -522,6 +590,7 @@ _COMMANDS = {
     "ports": _ports,
     "status": _status,
     "arm-check": _arm_check,
+    "board-check": _board_check,
     "replay": _replay,
     "follow": _follow,
     "learn": _learn,

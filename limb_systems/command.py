@@ -25,12 +25,13 @@ COMMANDS = {
     "teach": ("hardware", "record the bend while the limb is moved by hand"),
     "status": ("hardware", "print the state of a board"),
     "arm-check": ("hardware", "test sensors and wires one by one"),
-    "show": ("limb_systems", "say what files are, and what made them"),
-    "compare": ("limb_systems", "say how plans, recordings, limbs or evaluations differ"),
-    "export": ("limb_systems", "write recordings and plans for other tools"),
+    "board-check": ("hardware", "test a board's firmware against the protocol, rule by rule"),
     "ports": ("hardware", "list the serial ports of this computer"),
     "recover": ("hardware", "finish the recording of a program that was killed"),
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
+    "show": ("limb_systems", "say what files are, and what made them"),
+    "compare": ("limb_systems", "say how plans, recordings, limbs or evaluations differ"),
+    "export": ("limb_systems", "write recordings and plans for other tools"),
 }
 
 

@@ -22,6 +22,7 @@ from planners import Task, plan, references
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 REAL_TIME = (
+    "tests/hardware/test_board_check.py",
     "tests/hardware/test_faults.py",
     "tests/hardware/test_link.py",
     "tests/hardware/test_live_page.py",

@@ -35,6 +35,7 @@ class Thermocouple:
       reversed, 0 if it has come off the wire.
     - ``offset``, ``drift``: °C that it reads too much, and °C/s by which that grows.
     - ``noise``: standard deviation that is added to its noise, °C.
+    - ``word``: that its amplifier sends, whatever it reads.
     """
 
     faults: int = 0
@@ -43,6 +44,7 @@ class Thermocouple:
     offset: float = 0.0
     drift: float = 0.0
     noise: float = 0.0
+    word: int | None = None
 
 
 class EmulatedBoard:
@@ -149,7 +151,8 @@ class EmulatedBoard:
             temperature = fault.frozen
         junction = round(16 * (room + AMPLIFIERS))
         word = (round(4 * temperature) & 0x3FFF) << 18 | junction << 4 | fault.faults
-        return struct.pack(">I", word | (0x10000 if fault.faults else 0))
+        word |= 0x10000 if fault.faults else 0
+        return struct.pack(">I", word if fault.word is None else fault.word)
 
     def read_bend(self) -> bytes:
         if self.bend_is_silent:

@@ -26,6 +26,7 @@ TURN = 0.001  # s, between two passes of the firmware's loop
 LONGEST_DELAY = 3.0  # s, of a buffer that is full
 WATCHDOG = 0.2  # s, as that of board_nrf52dk.py
 THERMOCOUPLE_FAULTS = {"open": 1, "ground": 2, "supply": 4}
+WORDS = {"dead": 0, "garbled": 8}  # that an amplifier sends: nothing, or a reserved bit
 SHARES = {"detach": 0.0, "reverse": -1.0}  # of the rise in temperature that is read
 SIDES = {"left": 0, "right": 1}
 
@@ -178,10 +179,13 @@ class Emulation:
             self.board.from_host += random.randbytes(int(words[1]))
         elif name in THERMOCOUPLE_FAULTS:
             self.board.fail(SIDES[words[1]], faults=THERMOCOUPLE_FAULTS[name])
+        elif name in WORDS:
+            self.board.fail(SIDES[words[1]], word=WORDS[name])
         elif name == "freeze" and words[1] == "bend":
             self.board.frozen_bend = self.board.read_bend()
         elif name == "stick":
-            (self.board.stuck_bend,) = np.rad2deg(self.board.reading("bend_angle"))
+            (now,) = np.rad2deg(self.board.reading("bend_angle"))
+            self.board.stuck_bend = float(words[2]) if len(words) > 2 else now
         elif name in ("freeze", "hot"):
             side = SIDES[words[1]]
             now = self.board.reading("measured_temperature")[side]
@@ -234,9 +238,10 @@ class Emulation:
 ORDERS = (
     "drop RATE, corrupt RATE, duplicate RATE, reorder RATE, delay SECONDS, "
     "creep SECONDS_PER_S, noise BYTES (cable); "
-    "open SIDE, ground SIDE, supply SIDE, hot SIDE, freeze SIDE, detach SIDE, reverse SIDE, "
-    "share SIDE SHARE, offset SIDE CELSIUS, drift SIDE CELSIUS_PER_S, jitter SIDE CELSIUS "
-    "(thermocouples); freeze bend, stick bend, silence (bend sensor); weaken SHARE, short SIDE "
+    "open SIDE, ground SIDE, supply SIDE, dead SIDE, garbled SIDE, hot SIDE, freeze SIDE, "
+    "detach SIDE, reverse SIDE, share SIDE SHARE, offset SIDE CELSIUS, "
+    "drift SIDE CELSIUS_PER_S, jitter SIDE CELSIUS (thermocouples and amplifiers); "
+    "freeze bend, stick bend [DEGREES], silence (bend sensor); weaken SHARE, short SIDE "
     "(supply and MOSFETs); stall SECONDS, stop clock, reset, restart (board); unplug, replay, "
     "mend, cool; SIDE is left or right"
 )

@@ -104,6 +104,31 @@ class BoardInfo:
     reset_cause: str
 
 
+def open_port(port: str) -> serial.Serial:
+    """Opens a serial port, for this program alone.
+
+    Args:
+        port: its name, or any URL of pyserial's.
+
+    Raises:
+        HardwareError: if it cannot be opened, or another program has it.
+    """
+    try:
+        opened = serial.serial_for_url(
+            port, BAUD_RATE, timeout=0.01, write_timeout=0.2, do_not_open=True
+        )
+        with contextlib.suppress(AttributeError, ValueError):
+            opened.exclusive = True  # only for ports, not for URLs of sockets
+        opened.open()
+    except (serial.SerialException, ValueError, OSError) as error:
+        if "exclusively lock" in str(error):
+            raise HardwareError(f"{port} is in use by another program.") from error
+        number = getattr(error, "errno", None)
+        reason = os.strerror(number) if number else str(error)
+        raise HardwareError(f"Cannot open {port}: {reason}.") from error
+    return opened
+
+
 class BoardLink:
     """A connection to a board. It arms the board only in `arm`.
 
@@ -125,19 +150,7 @@ class BoardLink:
             HardwareError: if it cannot be opened, or another program has it.
         """
         self.port = port
-        try:
-            self._serial = serial.serial_for_url(
-                port, BAUD_RATE, timeout=0.01, write_timeout=0.2, do_not_open=True
-            )
-            with contextlib.suppress(AttributeError, ValueError):
-                self._serial.exclusive = True  # only for ports, not for URLs of sockets
-            self._serial.open()
-        except (serial.SerialException, ValueError, OSError) as error:
-            if "exclusively lock" in str(error):
-                raise HardwareError(f"{port} is in use by another program.") from error
-            number = getattr(error, "errno", None)
-            reason = os.strerror(number) if number else str(error)
-            raise HardwareError(f"Cannot open {port}: {reason}.") from error
+        self._serial = open_port(port)
         self.parser = protocol.Parser((protocol.INFO, protocol.SAMPLE))
         self.lost_samples = 0
         self._sample: Sample | None = None

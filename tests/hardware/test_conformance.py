@@ -1,0 +1,773 @@
+"""`soft-limb board-check`: this firmware passes, and boards that break one rule fail its check."""
+
+import random
+import struct
+import zlib
+
+import pytest
+
+from hardware.emulation.emulator import Emulation
+from hardware.emulation.twin import LimbTwin
+from hardware.firmware import firmware, guard, heat, protocol
+from hardware.firmware.firmware import Firmware
+from hardware.robot.conformance import CHECKS, FAILED, NOT_RUN, PASSED, run_checks
+
+from .firmware_checks import ROOM, PaperBoard
+
+STEP = 10  # ms, of the loop
+WATCHDOG = 200  # ms
+
+
+class PaperRobot(PaperBoard):
+    """A board on paper that obeys the orders of `soft-limb emulate`, and the host's end."""
+
+    def __init__(self, program=Firmware):
+        super().__init__()
+        self._random = random.Random(0)
+        self.program = program
+        self.hung = 0
+        self.obey("mend")
+        self.firmware = program(self)
+
+    def wait(self, seconds):
+        for _ in range(round(1000 * seconds / STEP)):
+            self.pass_time(STEP)
+            self.drifted += self.drift * STEP / 1000
+            if self.hung > 0:
+                self.hung -= STEP
+            else:
+                self.firmware.step()
+            if self.now - self.fed > WATCHDOG:
+                self.reset(firmware.WATCHDOG_RESET)
+
+    # Orders.
+
+    def ask(self, order, by_hand):
+        self.obey(order)
+        return True
+
+    def obey(self, order):
+        name, *words = order.split()
+        wire = 0 if "left" in words else 1
+        if name == "mend":
+            self.faults, self.words, self.errors = [0, 0], [None, None], [0.0, 0.0]
+            self.drift = self.drifted = 0.0
+            self.detached, self.silent, self.bends = False, False, None
+            self.hung = 0
+        elif name in ("open", "ground", "supply"):
+            self.faults[wire] = {"open": 1, "ground": 2, "supply": 4}[name]
+        elif name in ("dead", "garbled"):
+            self.words[wire] = {"dead": 0, "garbled": 8}[name]
+        elif name == "offset":
+            self.errors[wire] = float(words[1])
+        elif name == "drift":
+            self.drift = float(words[1])
+        elif name == "detach":
+            self.detached = True
+        elif name == "silence":
+            self.silent = True
+        elif name == "freeze":
+            self.bends = lambda: 77
+        elif name == "stick":
+            angle = 64 * int(words[1]) if len(words) > 1 else 0
+            self.bends = lambda: angle + self._random.randrange(5)
+        elif name == "stall":
+            self.hung = 1000 * float(words[0])
+        else:
+            assert name == "reset"
+            self.reset(firmware.PIN_RESET)
+
+    def reset(self, cause):
+        self.duty = [0.0, 0.0]
+        self.reset_cause, self.random = cause, self._random.getrandbits(16)
+        self.hung, self.fed = 0, self.now
+        self.firmware = self.program(self)
+
+    def read_thermocouple(self, wire):
+        if self.words[wire] is not None:
+            return struct.pack(">I", self.words[wire])
+        before = self.temperatures[wire], self.errors[wire]
+        if wire == 0:
+            self.errors[0] += self.drifted
+            if self.detached:
+                self.temperatures[0] = ROOM
+        data = super().read_thermocouple(wire)
+        self.temperatures[wire], self.errors[wire] = before
+        return data
+
+    def read_bend(self):
+        data = super().read_bend()
+        return data if self.bends is None or not data else struct.pack("<bh", 0, self.bends())
+
+
+class HostEnd:
+    """The host's end of the cable to a board on paper."""
+
+    def __init__(self, robot):
+        self.robot = robot
+        self.wait = robot.wait
+
+    def send(self, data):
+        self.robot.incoming += data
+
+    def receive(self):
+        data = b"".join(self.robot.sent)
+        self.robot.sent.clear()
+        return data
+
+    def now(self):
+        return self.robot.now / 1000
+
+
+@pytest.fixture(autouse=True)
+def fast_checksum(monkeypatch):
+    """The same one, as test_protocol.py tests; it would take a third of the time."""
+    monkeypatch.setattr(protocol, "crc32", lambda data: struct.pack("<I", zlib.crc32(data)))
+
+
+def outcomes(change=lambda program, patch: None, by_hand=True, checks=CHECKS):
+    """Results of checks of a board whose program was changed."""
+
+    with pytest.MonkeyPatch.context() as patch:
+
+        class Program(Firmware):
+            def __init__(self, board):
+                super().__init__(board)
+                change(self, patch)
+
+        robot = PaperRobot(Program)
+        results = run_checks(HostEnd(robot), ask=robot.ask if by_hand else None, checks=checks)
+    assert [r.check for r in results] == checks
+    return results
+
+
+def failed(results):
+    return {r.check.name: r.what for r in results if r.outcome == FAILED}
+
+
+def test_this_firmware_passes_all_checks():
+    results = outcomes()
+    assert [(r.check.name, r.what) for r in results if r.outcome != PASSED] == []
+
+
+class EmulatedEnd:
+    """Both ends of the cable to an emulated board, in simulated time."""
+
+    def __init__(self):
+        self.milliseconds = 0
+        self.to_board, self.to_host = b"", b""
+        self.emulation = Emulation(LimbTwin(seed=1), self, clock=self.now)
+
+    def read(self):
+        data, self.to_board = self.to_board, b""
+        return data
+
+    def write(self, data):
+        self.to_host += data
+
+    def unplug(self):
+        pass
+
+    def send(self, data):
+        self.to_board += data
+
+    def receive(self):
+        data, self.to_host = self.to_host, b""
+        return data
+
+    def now(self):
+        return self.milliseconds / 1000
+
+    def wait(self, seconds):
+        for _ in range(round(1000 * seconds / STEP)):
+            self.milliseconds += STEP
+            self.emulation.step()
+
+    def ask(self, order, by_hand):
+        self.emulation.misbehave(order)
+        return True
+
+
+def test_the_emulated_board_passes_what_it_is_asked_by_heat_and_by_order():
+    """All checks would pass, but take eight seconds."""
+    end = EmulatedEnd()
+    names = {
+        "bend-in-64ths-of-a-degree",
+        "dead-amplifier-latches",
+        "reserved-bit-latches",
+        "clear-leaves-it-off",
+        "heated-wire-is-the-one-that-warms",
+        "warmest-follows-the-heat",
+        "duty-is-reduced-before-127-c",
+        "hung-program-is-reset",
+    }
+    checks = [check for check in CHECKS if check.name in names]
+    results = run_checks(end, ask=end.ask, checks=checks)
+    assert [(r.check.name, r.what) for r in results if r.outcome != PASSED] == []
+    assert end.emulation.board.wire_temperature().max() < 70.0
+
+
+def test_a_silent_board_fails():
+    def say_nothing(program, patch):
+        program._board.send = lambda data: None
+
+    first, *others = outcomes(say_nothing)
+    assert (first.outcome, {r.outcome for r in others}) == (FAILED, {NOT_RUN})
+
+
+def test_a_board_that_does_not_switch_off_ends_the_checks():
+    def never_off(program, patch):
+        no_disarm(program, patch)
+        heartbeat_of(10**9)(program, patch)
+        patch.setattr(guard, "LONGEST_HOLD", 10**9)
+
+    results = outcomes(never_off)
+    (outcome,) = (r for r in results if "disconnect the supply of its wires" in r.what)
+    assert {r.outcome for r in results[results.index(outcome) + 1 :]} == {NOT_RUN}
+
+
+def test_without_a_hand_the_checks_of_faults_are_not_run():
+    results = outcomes(by_hand=False)
+    assert {r.check.by_hand for r in results if r.outcome == NOT_RUN} == {True}
+    assert {r.check.by_hand for r in results if r.outcome == PASSED} == {False}
+    assert len({r.outcome for r in results}) == 2
+
+
+# Boards that break one rule each.
+
+
+def constants(module=guard, **values):
+    """Constants of the board; the checks do not use them."""
+
+    def change(program, patch):
+        for name, value in values.items():
+            patch.setattr(module, name, value)
+
+    return change
+
+
+def in_guard(name):
+    """A method of the guard, which gets the guard and the old one first."""
+
+    def decorate(new):
+        def change(program, patch):
+            subject = program.guard
+            old = getattr(subject, name)
+            setattr(subject, name, lambda *arguments: new(subject, old, *arguments))
+
+        return change
+
+    return decorate
+
+
+def in_program(name):
+    """A method of the program, which gets the program and the old one first."""
+
+    def decorate(new):
+        def change(program, patch):
+            old = getattr(program, name)
+            setattr(program, name, lambda *arguments: new(program, old, *arguments))
+
+        return change
+
+    return decorate
+
+
+def ignores(*reasons):
+    """A guard that does not mind these faults."""
+
+    @in_guard("trip")
+    def change(subject, trip, reason, now):
+        if reason not in reasons:
+            trip(reason, now)
+
+    return change
+
+
+def sends(damage):
+    """What the board sends is damaged."""
+
+    def change(program, patch):
+        board = program._board
+        board.send = lambda data: board.sent.append(damage(data))
+
+    return change
+
+
+def parses(kind):
+    def change(program, patch):
+        program._parser = kind(program._parser._kinds)
+
+    return change
+
+
+class NoChecksum(protocol.Parser):
+    def _finish(self, frames):
+        body = bytes(self._body[:-4])
+        self._body = body + protocol.crc32(body)
+        super()._finish(frames)
+
+
+class AnyVersion(protocol.Parser):
+    def _finish(self, frames):
+        body = bytes([protocol.VERSION]) + bytes(self._body[1:-4])
+        if bytes(self._body[-4:]) == protocol.crc32(bytes(self._body[:-4])):
+            self._body = body + protocol.crc32(body)
+        super()._finish(frames)
+
+
+class AnyLength(protocol.Parser):
+    def _finish(self, frames):
+        body = bytes(self._body[:-4])
+        if bytes(self._body[-4:]) == protocol.crc32(body) and body[1] == protocol.HELLO:
+            self._body = body[:2] + protocol.crc32(body[:2])
+        super()._finish(frames)
+
+
+class AnyType(protocol.Parser):
+    def _finish(self, frames):
+        body = bytes(self._body[:-4])
+        if body[:1] == b"\x03" and len(body) == 2 and body[1] not in self._kinds:
+            frames.append((protocol.HELLO, ()))
+        super()._finish(frames)
+
+
+class NoEscapes(protocol.Parser):
+    """It takes no escapes in a sequence."""
+
+    def _finish(self, frames):
+        if self._body[1] != protocol.COMMAND or not {0x7D, 0x7E} & set(self._body[4:8]):
+            super()._finish(frames)
+
+
+class StuckByNoise(protocol.Parser):
+    """Noise takes the frame after it with it."""
+
+    noisy = False
+
+    def _lose(self):
+        super()._lose()
+        self.noisy = True
+
+    def feed(self, data):
+        frames = super().feed(data)
+        if frames and self.noisy:
+            self.noisy = False
+            return []
+        return frames
+
+
+class EatsFlags(protocol.Parser):
+    """After a frame it waits for another flag to begin the next one."""
+
+    def _finish(self, frames):
+        count = len(frames)
+        super()._finish(frames)
+        self.ended = len(frames) > count
+
+    def feed(self, data):
+        frames = []
+        for byte in data:
+            self.ended = False
+            frames += super().feed(bytes([byte]))
+            if self.ended:
+                self._lost = True
+        return frames
+
+
+class ForgetsPieces(protocol.Parser):
+    def feed(self, data):
+        frames = super().feed(data)
+        self._body, self._lost = bytearray(), True
+        return frames
+
+
+@in_program("_handle")
+def says_50_ms(program, handle, kind, values, now):
+    firmware.SAMPLE_PERIOD = 50
+    handle(kind, values, now)
+    firmware.SAMPLE_PERIOD = 60
+
+
+def slow_samples(program, patch):
+    patch.setattr(firmware, "SAMPLE_PERIOD", 60)
+    says_50_ms(program, patch)
+
+
+@in_program("_send_sample")
+def once(program, send_sample, now):
+    send_sample(now)
+    program._board.sent.pop()
+
+
+@in_program("_send_sample")
+def jumping_sequence(program, send_sample, now):
+    program._sequence += 2 * (program._sequence % 8 == 7)
+    send_sample(now)
+
+
+def fast_clock(program, patch):
+    board = program._board
+    board.ticks = lambda: board.now + board.now // 10
+
+
+def damaged_copies(program, patch):
+    board = program._board
+    counter = iter(range(10**6))
+    board.send = lambda data: board.sent.append(
+        data[:-3] + bytes([data[-3] ^ 0x40]) + data[-2:] if next(counter) % 32 == 0 else data
+    )
+
+
+@in_program("_handle")
+def no_greeting(program, handle, kind, values, now):
+    if kind != protocol.HELLO:
+        handle(kind, values, now)
+
+
+@in_program("_send_sample")
+def whole_degrees(program, send_sample, now):
+    quarters = program._quarters
+    program._quarters = [value // 4 for value in quarters]
+    send_sample(now)
+    program._quarters = quarters
+
+
+@in_program("_send_sample")
+def sixteenths_of_a_degree(program, send_sample, now):
+    bend = program._bend
+    program._bend = bend // 4 if bend else bend
+    send_sample(now)
+    program._bend = bend
+
+
+@in_guard("arm")
+def keeps_its_reason(subject, arm, *arguments):
+    arm(*arguments)
+    if subject.state == guard.ARMED:
+        subject.reason = guard.HOST
+
+
+@in_guard("_agree")
+def any_cold_wires(subject, agree):
+    return True
+
+
+@in_guard("arm")
+def any_challenge(subject, arm, challenge, *arguments):
+    arm(subject.challenge, *arguments)
+
+
+@in_guard("trip")
+def same_challenge(subject, trip, *arguments):
+    challenge = subject.challenge
+    trip(*arguments)
+    subject.challenge = challenge
+
+
+def keeps_the_duty(program, patch):
+    asked = [0.0, 0.0]
+
+    @in_guard("command")
+    def command(subject, old, *arguments):
+        old(*arguments)
+        asked[:] = subject._asked
+
+    @in_guard("arm")
+    def arm(subject, old, *arguments):
+        old(*arguments)
+        if subject.state == guard.ARMED:
+            subject._asked = list(asked)
+
+    command(program, patch)
+    arm(program, patch)
+
+
+def heats_when_off(program, patch):
+    @in_guard("command")
+    def command(subject, old, session, sequence, heard, left, right, now):
+        old(session, sequence, heard, left, right, now)
+        if subject.state == guard.DISARMED:
+            subject._asked = [left, right]
+
+    @in_guard("sample")
+    def sample(subject, old, *arguments):
+        old(*arguments)
+        if subject.state == guard.DISARMED:
+            subject._asked = [0.0, 0.0]
+
+    command(program, patch)
+    sample(program, patch)
+
+
+@in_guard("arm")
+def arms_again(subject, arm, *arguments):
+    subject.state = guard.DISARMED
+    arm(*arguments)
+
+
+def only_in_order(bounds):
+    return bounds[0] <= bounds[1] and bounds[2] <= bounds[3]
+
+
+def only_in_range(bounds):
+    return all(low <= b <= high for b, (low, high) in zip(bounds, heat.RANGES, strict=True))
+
+
+@in_guard("arm")
+def any_sum(subject, arm, challenge, bounds, total, now):
+    arm(challenge, bounds, total if 0.0 < total <= 2.0 else 1.0, now)
+
+
+@in_guard("command")
+def swapped_wires(subject, command, session, sequence, heard, left, right, now):
+    command(session, sequence, heard, right, left, now)
+
+
+@in_program("_send_sample")
+def low_byte_of_the_sequence(program, send_sample, now):
+    acknowledged = program.guard.acknowledged
+    program.guard.acknowledged &= 0xFF
+    send_sample(now)
+    program.guard.acknowledged = acknowledged
+
+
+@in_guard("command")
+def any_sequence(subject, command, *arguments):
+    subject.acknowledged = -1
+    command(*arguments)
+    subject.acknowledged = max(subject.acknowledged, 0)
+
+
+@in_guard("command")
+def any_session(subject, command, session, *arguments):
+    command(subject.session, *arguments)
+
+
+@in_guard("command")
+def any_age(subject, command, session, sequence, heard, left, right, now):
+    late = (now - heard) & 0xFFFFFFFF >= 250
+    command(session, sequence, now - 249 if late else heard, left, right, now)
+
+
+@in_guard("command")
+def limits_the_duty(subject, command, session, sequence, heard, left, right, now):
+    command(session, sequence, heard, min(left, 1.0), min(right, 1.0), now)
+
+
+def heartbeat_of(milliseconds):
+    @in_guard("tick")
+    def change(subject, tick, now):
+        subject._heard += milliseconds - 250
+        tick(now)
+        subject._heard -= milliseconds - 250
+
+    return change
+
+
+@in_guard("disarm")
+def no_disarm(subject, disarm, now):
+    pass
+
+
+@in_guard("trip")
+def always_the_host(subject, trip, reason, now):
+    trip(reason if reason >= guard.LATCHING else guard.HOST, now)
+
+
+@in_guard("arm")
+def any_power(subject, arm, challenge, bounds, total, now):
+    arm(challenge, bounds, 2.0 if 0.0 < total <= 2.0 else total, now)
+
+
+def no_open(wire):
+    @in_guard("_check_wire")
+    def change(subject, check_wire, number, temperature, faults, *arguments):
+        check_wire(number, temperature, faults & ~1 if number == wire else faults, *arguments)
+
+    return change
+
+
+@in_guard("trip")
+def newest_fault(subject, trip, reason, now):
+    if reason == guard.BEND_SILENT:
+        subject.reason = guard.NONE
+    trip(reason, now)
+
+
+@in_guard("arm")
+def does_not_latch(subject, arm, *arguments):
+    if not subject._faulty and subject.reason >= guard.LATCHING:
+        subject.reason = guard.HOST
+    arm(*arguments)
+
+
+@in_guard("clear")
+def any_clear(subject, clear, challenge):
+    clear(subject.challenge)
+
+
+@in_guard("clear")
+def clear_keeps_the_challenge(subject, clear, challenge):
+    clear(challenge)
+    subject.challenge = challenge
+
+
+@in_guard("clear")
+def no_clear(subject, clear, challenge):
+    pass
+
+
+def swapped_thermocouples(program, patch):
+    board = program._board
+    board.read_thermocouple = lambda wire: PaperRobot.read_thermocouple(board, 1 - wire)
+
+
+@in_guard("warmest")
+def forgets_heat_when_off(subject, warmest, wire):
+    return warmest(wire) if subject.state == guard.ARMED else 25
+
+
+def forgets_faults(program, patch):
+    program._board.remember = lambda reason: None
+    program._board.remembered = 0
+
+
+@in_program("_handle")
+def no_cause(program, handle, *arguments):
+    cause, program._board.reset_cause = program._board.reset_cause, firmware.POWER_ON
+    handle(*arguments)
+    program._board.reset_cause = cause
+
+
+def same_random_number(program, patch):
+    program.guard.challenge = 4711
+
+
+def less_heat_after_a_reset(program, patch):
+    for observer in program.guard.observers:
+        observer.most = min(observer.most, 80.0)
+
+
+def no_watchdog(program, patch):
+    program._board.feed = lambda: None
+    program._board.fed = 10**9
+
+
+# Checks of more than 4 s.
+SLOW = {
+    "cold-thermocouples-must-agree",
+    "clear-leaves-it-off",
+    "heat-that-is-not-read-latches",
+    "fault-stays-until-clear",
+    "clear-needs-the-newest-challenge",
+    "warmth-without-heat-latches",
+    "heated-wire-is-the-one-that-warms",
+    "detached-thermocouple-latches",
+    "bend-that-does-not-follow-latches",
+    "warmest-follows-the-heat",
+    "duty-ends-from-101-to-106-c",
+    "reading-below-the-room-latches",
+    "fault-outlives-a-reset",
+    "reading-above-110-c-latches",
+    "steep-rise-latches-before-110-c",
+}
+
+# For each check a board that breaks its rule, and the other checks that it cannot pass either.
+BOARDS = [
+    ("samples-every-50-ms", slow_samples),
+    ("samples-come-twice", once),
+    ("samples-are-numbered", jumping_sequence),
+    ("clock-counts-ms", fast_clock),
+    ("frames-are-valid", damaged_copies),
+    ("03-is-escaped", sends(lambda data: data.replace(b"\x7d\x23", b"\x03"))),
+    ("hello-is-answered", no_greeting),
+    ("info-describes-the-board", constants(firmware, CHANNELS=1)),
+    ("bad-checksum-is-ignored", parses(NoChecksum)),
+    ("other-version-is-ignored", parses(AnyVersion)),
+    ("wrong-length-is-ignored", parses(AnyLength)),
+    ("unknown-types-are-ignored", parses(AnyType)),
+    ("noise-is-skipped", parses(StuckByNoise)),
+    ("flags-may-be-shared", parses(EatsFlags)),
+    ("frames-come-in-pieces", parses(ForgetsPieces)),
+    (
+        "temperatures-in-quarter-degrees",
+        whole_degrees,
+        "reading-above-110-c-latches",
+        "steep-rise-latches-before-110-c",
+    ),
+    ("bend-in-64ths-of-a-degree", sixteenths_of_a_degree),
+    ("arm-arms", keeps_its_reason),
+    ("cold-thermocouples-must-agree", any_cold_wires),
+    ("arm-needs-the-newest-challenge", any_challenge),
+    ("challenge-changes-when-off", same_challenge),
+    ("armed-without-command-no-duty", keeps_the_duty),
+    ("no-heat-unless-armed", heats_when_off),
+    ("arming-again-changes-nothing", arms_again),
+    ("bounds-in-range", constants(heat, acceptable=only_in_order)),
+    ("bounds-in-order", constants(heat, acceptable=only_in_range)),
+    ("sum-in-range", any_sum),
+    ("duty-goes-to-its-wire", swapped_wires, "heated-wire-is-the-one-that-warms"),
+    ("acknowledges-the-last-command", low_byte_of_the_sequence),
+    ("escapes-are-understood", parses(NoEscapes)),
+    ("sequence-must-increase", any_sequence),
+    ("command-needs-its-session", any_session),
+    ("late-commands-do-nothing", any_age),
+    ("duty-out-of-range-switches-off", limits_the_duty),
+    ("off-250-ms-after-last-command", heartbeat_of(400)),
+    ("duty-holds-for-250-ms", heartbeat_of(150)),
+    ("off-290-ms-after-the-answered-sample", constants(LONGEST_HOLD=1000)),
+    ("disarm-switches-off", no_disarm),
+    ("off-has-its-reason", always_the_host),
+    ("sum-of-duties-is-limited", any_power),
+    ("open-thermocouple-latches", no_open(0)),
+    ("short-to-ground-latches", ignores(guard.THERMOCOUPLE_TO_GROUND)),
+    ("short-to-supply-latches", ignores(guard.THERMOCOUPLE_TO_SUPPLY), "first-fault-is-kept"),
+    ("dead-amplifier-latches", no_open(1)),
+    ("reserved-bit-latches", ignores(guard.AMPLIFIER)),
+    ("jump-latches", ignores(guard.TEMPERATURE_JUMP)),
+    ("silent-bend-sensor-latches", ignores(guard.BEND_SILENT)),
+    ("frozen-bend-sensor-latches", constants(STUCK_SAMPLES=1000)),
+    ("first-fault-is-kept", newest_fault),
+    (
+        "heat-that-is-not-read-latches",
+        ignores(guard.NOT_WARMING),
+        "detached-thermocouple-latches",
+    ),
+    ("fault-stays-until-clear", does_not_latch),
+    ("clear-needs-the-newest-challenge", any_clear),
+    ("clear-leaves-it-off", clear_keeps_the_challenge),
+    ("warmth-without-heat-latches", ignores(guard.TOO_WARM)),
+    ("heated-wire-is-the-one-that-warms", swapped_thermocouples),
+    ("detached-thermocouple-latches", ignores(guard.NOT_WARMING), "heat-that-is-not-read-latches"),
+    ("bend-that-does-not-follow-latches", constants(PULL=1000.0)),
+    ("warmest-follows-the-heat", forgets_heat_when_off),
+    ("duty-is-reduced-before-127-c", constants(HIGHEST=1000.0), "little-heat-after-a-reset"),
+    ("duty-ends-from-101-to-106-c", constants(WARMEST=300.0)),
+    ("reading-below-the-room-latches", ignores(guard.BELOW_ROOM)),
+    ("not-armed-before-ten-samples", constants(SETTLING_SAMPLES=3)),
+    ("fault-outlives-a-reset", forgets_faults),
+    ("reset-is-reported", no_cause),
+    ("reset-draws-a-new-challenge", same_random_number),
+    ("little-heat-after-a-reset", less_heat_after_a_reset, "reading-above-110-c-latches"),
+    ("hung-program-is-reset", no_watchdog),
+    ("reading-above-110-c-latches", constants(HOT_SAMPLES=10**6)),
+    ("steep-rise-latches-before-110-c", constants(OVERSHOOT=1000.0)),
+]
+
+
+@pytest.mark.parametrize("board", BOARDS, ids=lambda board: board[0])
+def test_a_board_that_breaks_a_rule_fails_its_check(board):
+    """And no other one. Slow ones are left out where they are not asked for, as they pass."""
+    name, change, *others = board
+    left_out = SLOW - {name, *others}
+    checks = [check for check in CHECKS if check.name not in left_out]
+    assert set(failed(outcomes(change, checks=checks))) == {name, *others}
+
+
+def test_a_board_that_does_not_clear_fails():
+    assert set(failed(outcomes(no_clear, by_hand=False))) == {"clear-leaves-it-off"}
+
+
+def test_each_check_has_a_board_that_fails_it():
+    assert {board[0] for board in BOARDS} == {check.name for check in CHECKS}
