@@ -377,6 +377,7 @@ class Bench:
 
         Raises:
             StaysOnError: if a wire is read above ``hottest``, °C.
+            NotRunError: if commands come too late to keep the board armed.
         """
         self.command(duty)
         for came in self.steps(seconds):
@@ -387,6 +388,10 @@ class Bench:
                 raise StaysOnError(
                     f"a wire is read at {max(self.last.temperature):.0f} °C, hotter than any "
                     "check makes it; look at wires and supply"
+                )
+            if not self.last.armed and self.last.reason in (guard.NO_COMMAND, guard.LATE_COMMANDS):
+                raise NotRunError(
+                    "commands did not come in time; is this computer or the connection too busy?"
                 )
             if until(self.last):
                 return True

@@ -764,10 +764,18 @@ def _sum_of_duties_is_limited(bench: Bench) -> None:
 # Faults. Bounds that no wire has let the band act at once.
 
 
+def _cool(bench: Bench, which: Callable[[Sequence[float]], float]) -> None:
+    """Waits until one wire, or both, are nearly as cold as at the beginning; for 60 s at most."""
+    for came in bench.steps(COOLING_TIME):
+        if came and which(bench.last.temperature) < min(bench.rest.temperature) + 5:
+            return
+
+
 def _heat_too_little(bench: Bench) -> None:
     """Heats the cooler wire, which ARM says warms far more, until the board is off."""
+    _cool(bench, min)
     bench.arm(STRONG)
-    duty = (0.2, 0.0) if bench.last.left < bench.last.right else (0.0, 0.2)
+    duty = (0.3, 0.0) if bench.last.left < bench.last.right else (0.0, 0.3)
     bench.drive(duty, 6.0, until=lambda sample: not sample.armed)
 
 
@@ -957,9 +965,7 @@ def _warmth_without_heat(bench: Bench) -> None:
     bench.drive((0.3, 0.0), 15.0, until=lambda sample: not sample.armed)
     seen, risen = bench.last, max(bench.last.temperature) - start
     bench.switch_off()
-    for came in bench.steps(COOLING_TIME):  # or else a board takes it for a wrong thermocouple
-        if came and max(bench.last.temperature) < min(bench.rest.temperature) + 6:
-            break
+    _cool(bench, max)  # or else a board takes the thermocouple for a wrong one
     expect(
         not seen.armed and seen.reason == 24 and seen.duty == (0, 0),
         f"{seen.why}, when a wire became {risen:.0f} °C warmer and ARM said that it warms by "
@@ -1028,12 +1034,12 @@ def _bend_that_does_not_follow(bench: Bench) -> None:
         "Clamp the limb so that it cannot bend, then press Enter.",
         "Release the limb, then press Enter.",
     ):
-        bench.arm(NOMINAL)
+        bench.arm((0.042, 0.07, 17.0, 23.0, 0.5))  # they cool more slowly at most
 
         def ends(sample: RawSample) -> bool:
             return not sample.armed or max(sample.temperature) > WARM
 
-        for duty, seconds in (((0.4, 0.0), 6.5), ((0.0, 0.0), 10.0), ((0.0, 0.4), 8.0)):
+        for duty, seconds in (((0.5, 0.0), 4.5), ((0.0, 0.0), 20.0), ((0.0, 0.5), 9.0)):
             if bench.drive(duty, seconds, until=ends):
                 break
         seen = bench.last
