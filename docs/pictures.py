@@ -5,7 +5,7 @@ python docs/pictures.py --demo out   copies of those that `make demo` left in a 
 
 python docs/pictures.py --live       a screenshot of the live page, by the tests' Chromium
 
-`replay.png` is a screenshot of the page that the demo writes.
+`replay.png` is a screenshot of the page that the demo writes; `wiring.svg` is drawn by hand.
 """
 
 import argparse

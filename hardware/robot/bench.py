@@ -64,8 +64,7 @@ class SerialEnd:
 
     def __exit__(self, *_) -> None:
         with contextlib.suppress(serial.SerialException, OSError):
-            self._serial.flush()
-        self._serial.close()
+            self._serial.close()
 
     def send(self, data: bytes) -> None:
         self._do(lambda: self._serial.write(data))

@@ -1,5 +1,6 @@
 """The real board file on an nRF52-DK of paper (fake_machine.py)."""
 
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -272,3 +273,12 @@ def test_ram_after_power_up_is_no_reason(chip, monkeypatch):
     for address in fake.RAM[::4]:
         chip.registers[address] = 0xA5A5A5A5
     assert chip.load_board(monkeypatch).Board().remembered == 0
+
+
+def test_the_picture_of_the_wiring_has_the_pins(chip, monkeypatch):
+    module = chip.load_board(monkeypatch)
+    drawn = (Path(__file__).parents[2] / "docs" / "wiring.svg").read_text(encoding="utf-8")
+    names = ("heater left", "heater right", "supply", "SCK", "MISO", "CS left", "CS right")
+    pins = (*module.HEATERS, module.SUPPLY, module.SCK, module.MISO, *module.CHIP_SELECTS)
+    for name, pin in zip((*names, "SCL", "SDA"), (*pins, module.SCL, module.SDA), strict=True):
+        assert re.search(rf">P0\.{pin:02} (\(\w+\) )?{name}<", drawn), name
