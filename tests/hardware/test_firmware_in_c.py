@@ -44,7 +44,7 @@ int main(void)
                             {10000, 3}, {126, 3}};
     show("sample", frame, make_frame(frame, SAMPLE, &sample, sizeof sample));
     struct heat heat = {0.042f, 0.095f, 17, 23, 0.5f};
-    for (int i = 0; i < 200; i++)
+    for (int i = 0; i < 2000; i++)
         heat_step(&heat, 0.2f, 10, 0.05f);
     printf("heat %f %f %f %f %f\n", heat.least, heat.least_reading, heat.most, heat.shortfall,
            allowed_duty(&heat, 60));
@@ -126,7 +126,7 @@ def test_the_parser_takes_the_same_frames(printed):
 
 def test_the_heat_is_the_same(printed):
     wire = heat.WireObserver(0.0)
-    for _ in range(200):
+    for _ in range(2000):
         wire.advance(0.2, 0.05, 10.0)
     allowed = wire.allowed_duty(60.0)
     expected = [wire.least, wire.least_reading, wire.most, wire.shortfall, allowed]
