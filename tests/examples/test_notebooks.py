@@ -1,0 +1,126 @@
+"""The notebooks run from top to bottom, show what they draw, and what they say is so."""
+
+import os
+import re
+from pathlib import Path
+
+import nbformat
+import pytest
+from jupyter_client.manager import start_new_kernel
+from nbclient import NotebookClient
+
+ROOT = Path(__file__).parents[2]
+NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
+
+
+@pytest.fixture(scope="module")
+def kernel(tmp_path_factory):
+    """One for all notebooks, as starting one and importing Drake takes longer than some of them."""
+    folder = tmp_path_factory.mktemp("ipython")
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "IPYTHONDIR": str(folder)}
+    manager, client = start_new_kernel(env=environment)
+    client.stop_channels()
+    yield manager
+    manager.shutdown_kernel(now=True)
+
+
+def run(path, folder, kernel):
+    """A notebook with its outputs, run in a folder, without the names of those before it."""
+    notebook = nbformat.read(path, as_version=4)
+    afresh = nbformat.v4.new_code_cell(f"%reset -f\n%cd -q {folder}")
+    notebook.cells.insert(0, afresh)
+    NotebookClient(notebook, km=kernel, timeout=120).execute()
+    return notebook
+
+
+def code_cells(notebook):
+    return [cell for cell in notebook.cells if cell.cell_type == "code"]
+
+
+def said(notebook):
+    """What it printed."""
+    outputs = [output for cell in code_cells(notebook) for output in cell.outputs]
+    return "".join(output.text for output in outputs if output.output_type == "stream")
+
+
+def number(pattern, text):
+    return float(re.search(pattern, text)[1])
+
+
+def check_limb_in_ten_minutes(text):
+    """The bend of (12), as in test_compose_diagram; the plan fits its model, and not another."""
+    assert number(r"after 60 s: (.*)°", text) == pytest.approx(37.0, rel=0.02)
+    assert number(r"its simulation: (.*)°", text) < 0.1
+    assert 2.0 < number(r"mean tracking error: (.*)°", text) < 8.0
+
+
+def check_plan_your_own_motion(text):
+    distances = [float(shown) for shown in re.findall(r" (\d\.\d\d)° from the reference", text)]
+    default, near, far = distances
+    assert near < default / 2
+    assert default < far / 2
+    assert "cannot be at T_warm = 45 °C (20) by 0.6 s" in text
+    # Full duty to one side and then the other, and wires that heat up to the limit.
+    for bound in ("duty left = 1", "duty right = 1", "wire right = T_max"):
+        assert re.search(rf"{bound} +at", text)
+
+
+def check_calibrate_from_your_logger(text):
+    assert text.count("Use with care") == 1
+    assert "  * HystereticLaw" in text
+    calibrated = number(r"calibrated: +mean tracking error (.*)°", text)
+    assert calibrated < 0.7 * number(r"nominal: +mean tracking error (.*)°", text)
+
+
+def check_feedback_and_learning(text):
+    alone = number(r"\nfeedback: mean tracking error (.*)°", f"\n{text}")
+    assert alone < number(r"open loop: mean tracking error (.*)°", text) / 2
+    loaded = re.findall(r"(?:open loop: |feedback:  )mean tracking error (.*)°", text)
+    open_loop, feedback = map(float, loaded[-2:])
+    assert open_loop > 5.0
+    assert feedback < open_loop / 4
+    first, _, last = map(float, re.findall(r"repetition \d: mean tracking error (.*)°", text))
+    assert last < first / 2
+
+
+CHECKS = [
+    check_limb_in_ten_minutes,
+    check_plan_your_own_motion,
+    check_calibrate_from_your_logger,
+    check_feedback_and_learning,
+]
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_is_stored_without_what_running_it_leaves(path):
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    for cell in notebook.cells:
+        assert cell.metadata == {}
+    for cell in code_cells(notebook):
+        assert cell.outputs == []
+        assert cell.execution_count is None
+    assert notebook.metadata.keys() == {"kernelspec", "language_info"}
+    assert notebook.metadata.language_info == {"name": "python"}
+    texts = [cell.source for cell in notebook.cells if cell.cell_type == "markdown"]
+    assert "**There is no robot here.**" in texts[0]
+    assert texts[-1].startswith("## Now change something")
+
+
+@pytest.mark.parametrize(
+    ("path", "check"),
+    [
+        pytest.param(path, check, id=path.stem)
+        for path, check in zip(NOTEBOOKS, CHECKS, strict=True)
+    ],
+)
+def test_notebook_runs(path, check, kernel, tmp_path):
+    assert path.stem[2:] == check.__name__.removeprefix("check_")
+    notebook = run(path, tmp_path, kernel)
+    for cell in code_cells(notebook):
+        kinds = [kind for output in cell.outputs for kind in output.get("data", ())]
+        draws = re.search(r"^(?:\w+\.)?plot_|subplots\(", cell.source, re.MULTILINE)
+        assert kinds.count("image/png") == bool(draws), cell.source
+        assert ("text/html" in kinds) == bool(re.search("^HTML|^recordings\\[", cell.source, re.M))
+        assert not [output for output in cell.outputs if output.get("name") == "stderr"]
+    check(said(notebook))
