@@ -34,7 +34,7 @@ class LimbTwin(Diagram):
     around them and differ from each other (`ShapeMemoryWires`). Its rubber
     stiffens and relaxes (`Rubber`). Its sensors are sampled, noisy, drifting and
     not quite linear (`SampledSensors`). A wire that is measured too hot switches the
-    heaters off (`CutOut`, on the way of the duty):
+    heaters off (`CutOut`, on the way of the duty)::
 
                 ┌──────────────────┐    ┌─────────────┐
         duty ──▶│ ShapeMemoryWires ├───▶│ manipulator ├─┬─▶ sensor ──▶ bend_angle

@@ -19,6 +19,8 @@ from limb_systems.model.wires import Wires, num_wire_states
 class Limb(Diagram):
     """The model of Fig. 3: duty in, measured temperature and bend angle out.
 
+    As a diagram::
+
                 ┌──────────────┐    ┌───────────┐    ┌─────────────┐
         duty ──▶│ JouleHeating ├─┬─▶│ TorqueMap ├───▶│ manipulator ├─┬──▶ joint_state
                 │     (6)      │ │  │    (4)    │    │   (1)-(2)   │ │

@@ -1,0 +1,229 @@
+"""Makes one site of the documentation: python docs/site/build.py
+
+Pages are collected in the folders that they have in the repository, so that links between them are
+the same there and on the site. Pages of the API are written beside them. The notebooks are run.
+"""
+
+import html.parser
+import importlib
+import inspect
+import pkgutil
+import re
+import shutil
+import sys
+import urllib.parse
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+SOURCES = ROOT / "build" / "docs-sources"
+SITE = ROOT / "build" / "docs"
+PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
+OTHERS = "docs/*.md"  # that have no other place
+NAVIGATION = {
+    "Your limb in the room": [
+        "docs/robot.md",
+        "hardware/firmware/README.md",
+        "docs/firmware_in_c.md",
+        "docs/protocol.md",
+        OTHERS,
+    ],
+    "Learn by doing": ["examples/README.md", "examples/notebooks/*.ipynb"],
+    "Packages": [f"docs/{package}.md" for package in PACKAGES],
+    "How good it is": ["docs/evaluation.md", "docs/paper_to_code.md", "benchmarks/results.md"],
+    "API": [],
+    "Project": ["CONTRIBUTING.md", "CHANGELOG.md"],
+}
+START = "README.md"
+LINK = re.compile(r"(\]\()([^()\s#]+)((?:#[^()\s]*)?\))")
+
+
+def navigation() -> dict[str, list[Path]]:
+    """The site's pages below the first one, as files of the repository, by their captions.
+
+    Pages that are not there are left out.
+    """
+    named = {pattern for patterns in NAVIGATION.values() for pattern in patterns}
+    pages = {}
+    for caption, patterns in NAVIGATION.items():
+        found: list[Path] = []
+        for pattern in patterns:
+            files = sorted(ROOT.glob(pattern))
+            if pattern == OTHERS:
+                files = [path for path in files if path.relative_to(ROOT).as_posix() not in named]
+            found += files
+        pages[caption] = found
+    return pages
+
+
+def collect() -> None:
+    """Copies the pages, and the files that they show or link to."""
+    shutil.rmtree(SOURCES, ignore_errors=True)
+    trees = []
+    for caption, pages in navigation().items():
+        for page in pages:
+            _copy(page)
+        documents = [page.relative_to(ROOT).with_suffix("").as_posix() for page in pages]
+        if caption == "API":
+            documents = list(write_api())
+        lines = "\n".join(documents)
+        trees.append(f"```{{toctree}}\n:hidden:\n:caption: {caption}\n\n{lines}\n```\n")
+    _copy(ROOT / START)
+    start = (SOURCES / START).read_text(encoding="utf-8")
+    (SOURCES / "index.md").write_text("\n".join([start, *trees]), encoding="utf-8")
+    (SOURCES / START).unlink()
+
+
+def _copy(page: Path) -> None:
+    """Copies a page with what it links to; links to the README lead to the first page."""
+    target = SOURCES / page.relative_to(ROOT)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    text = page.read_text(encoding="utf-8")
+
+    def follow(link: re.Match) -> str:
+        file = (page.parent / link[2]).resolve()
+        if file == ROOT / START:
+            return f"{link[1]}{link[2].removesuffix(START)}index.md{link[3]}"
+        if file.is_file() and file.suffix not in (".md", ".ipynb"):
+            copy = SOURCES / file.relative_to(ROOT)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, copy)
+        return link[0]
+
+    target.write_text(LINK.sub(follow, text), encoding="utf-8")
+
+
+def write_api() -> Iterator[str]:
+    """Writes a page for the public names of each package, and one for what is inside it.
+
+    What runs under MicroPython is left out, as it cannot be imported here.
+    """
+    (SOURCES / "api").mkdir()
+    public = {}
+    for package in PACKAGES:
+        module = importlib.import_module(package)
+        public |= {name: package for name in module.__all__}
+    for package in PACKAGES:
+        module = importlib.import_module(package)
+        names = sorted(module.__all__, key=str.lower)
+        parts = [_heading(package, "="), f".. automodule:: {package}\n"]
+        parts += [_directive(module, name) for name in names]
+        yield _write_api_page(package, parts)
+        inside = [_heading(f"Inside {package}", "="), f".. py:currentmodule:: {package}\n"]
+        for info in pkgutil.walk_packages(module.__path__, f"{package}."):
+            if info.name.startswith("hardware.firmware") or info.name.endswith("__main__"):
+                continue
+            part = importlib.import_module(info.name)
+            if part in (getattr(module, name) for name in module.__all__):
+                continue
+            own = [name for name in _defined(part) if public.get(name) is None]
+            if own:
+                inside += [_heading(info.name, "-"), inspect.getdoc(part) or "", ""]
+                inside += [_directive(part, name) for name in own]
+        if len(inside) > 2:
+            yield _write_api_page(f"inside_{package}", inside)
+
+
+def _defined(module) -> list[str]:
+    """Documented functions and classes of a module, in their order."""
+    return [
+        name
+        for name, value in vars(module).items()
+        if not name.startswith("_")
+        and getattr(value, "__module__", None) == module.__name__
+        and (inspect.isclass(value) or inspect.isfunction(value))
+        and name == _plain_name(value)
+        and inspect.getdoc(value)
+    ]
+
+
+def _plain_name(value) -> str:
+    """Without the scalar type of Drake's templates, which is no name in Python."""
+    return value.__name__.partition("_𝓣")[0]
+
+
+def _directive(module, name: str) -> str:
+    value = getattr(module, name)
+    if inspect.ismodule(value):
+        return f".. automodule:: {value.__name__}\n   :members:\n"
+    if not inspect.isclass(value):
+        return f".. autofunction:: {module.__name__}::{name}\n"
+    kind = "exception" if issubclass(value, BaseException) else "class"
+    said = "both" if "__init__" in vars(value) else "class"
+    return (
+        f".. auto{kind}:: {module.__name__}::{name}\n   :members:\n   :class-doc-from: {said}\n"
+    )
+
+
+def _heading(text: str, line: str) -> str:
+    return f"{text}\n{line * len(text)}\n"
+
+
+def _write_api_page(name: str, parts: list[str]) -> str:
+    (SOURCES / "api" / f"{name}.rst").write_text("\n".join(parts), encoding="utf-8")
+    return f"api/{name}"
+
+
+class _Page(html.parser.HTMLParser):
+    """What a page links to, what it loads, and the places in it that can be linked to."""
+
+    LOADED = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
+
+    def __init__(self, path: Path):
+        super().__init__()
+        self.places, self.links, self.loaded = {""}, [], []
+        self.feed(path.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attributes):
+        values = dict(attributes)
+        self.places |= {values[key] for key in ("id", "name") if values.get(key)}
+        if tag == "a" and values.get("href"):
+            self.links.append(values["href"])
+        elif values.get(self.LOADED.get(tag)):
+            self.loaded.append(values[self.LOADED[tag]])
+
+
+def dead_links() -> Iterator[str]:
+    """Links to files or places that are not on the site, and what it would load from a network."""
+    files = [path for path in sorted(SITE.rglob("*.html")) if "_static" not in path.parts]
+    pages = {path: _Page(path) for path in files}
+    for path, page in pages.items():
+        name = path.relative_to(SITE)
+        for target in page.loaded:
+            if re.match(r"(https?:)?//", target):
+                yield f"{name} loads {target}"
+        for target in page.links + page.loaded:
+            address = urllib.parse.urlsplit(target)
+            if address.scheme or address.netloc:
+                continue
+            file = (path.parent / urllib.parse.unquote(address.path)).resolve()
+            file = file if address.path else path
+            if not file.is_file():
+                yield f"{name} links to {target}, which is not there"
+            elif file in pages and urllib.parse.unquote(address.fragment) not in pages[file].places:
+                yield f"{name} links to {target}, where there is no such place"
+    for path in sorted(SITE.rglob("*.css")):
+        for target in re.findall(r"""url\(["']?(https?:[^)"']+)""", path.read_text("utf-8")):
+            yield f"{path.relative_to(SITE)} loads {target}"
+
+
+def main() -> int:
+    # Only who builds the site has it.
+    from sphinx.cmd.build import main as sphinx
+
+    collect()
+    if sys.argv[1:] == ["linkcheck"]:
+        options = ["-b", "linkcheck", "-D", "nb_execution_mode=off"]
+        return sphinx([*options, "-c", str(Path(__file__).parent), str(SOURCES), str(SITE)])
+    shutil.rmtree(SITE, ignore_errors=True)
+    options = ["-E", "--fail-on-warning", "--keep-going", "--quiet"]
+    if failed := sphinx([*options, "-c", str(Path(__file__).parent), str(SOURCES), str(SITE)]):
+        return failed
+    dead = list(dead_links())
+    print(*dead, sep="\n", end="\n" if dead else "")
+    print(f"{SITE / 'index.html'}: {len(list(SITE.rglob('*.html')))} pages, {len(dead)} dead links")
+    return bool(dead)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
