@@ -1,5 +1,6 @@
 """What a user installs: the wheel, unpacked and used away from the checkout."""
 
+import email
 import os
 import re
 import shutil
@@ -86,6 +87,18 @@ def test_commands_have_help_with_their_exit_statuses(installed, tmp_path, packag
     for status in ("exit status: 0 ", ", 1 ", ", 2 wrong usage, ", "130 stopped by Ctrl-C"):
         assert status in " ".join(done.stdout.split())
     assert done.stderr == ""
+
+
+def test_package_index_has_no_dead_links(installed):
+    """What it shows has nothing that only a checkout has."""
+    (metadata,) = installed.glob("*.dist-info/METADATA")
+    message = email.message_from_bytes(metadata.read_bytes())
+    assert message["Description-Content-Type"] == "text/markdown"
+    shown = message.get_payload()
+    assert shown.startswith("# soft-limb")
+    targets = re.findall(r"\]\(([^)]*)\)|(?:src|href)=[\"']([^\"']*)", shown)
+    assert targets
+    assert all("".join(target).startswith("https://") for target in targets)
 
 
 def test_installs_the_soft_limb_command(installed, tmp_path):
