@@ -1,9 +1,9 @@
 # Each target sets up what it needs: Python $(PYTHON), make and a shell suffice.
 PYTHON ?= python3.11
-VENV := .venv
+VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test bench browser lint micropython api coverage clean
+.PHONY: demo test bench browser lint micropython notebooks docs linkcheck coverage clean
 
 demo: $(VENV)/ready
 	$(BIN)/python examples/reproduce_paper.py out --quick
@@ -45,14 +45,20 @@ coverage: $(VENV)/ready
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report
 
-# Pages of all docstrings, from build/api/index.html on. Modules that are named like a function in
-# them are left out, as is what runs under MicroPython.
-api: $(VENV)/ready
-	rm -rf build/api
-	$(BIN)/pdoc --docformat google --output-directory build/api \
-	    --footer-text "soft-limb $$($(BIN)/python -c 'from importlib.metadata import version; print(version("soft-limb"))')" \
-	    limb_systems urdf planners controllers calibration hardware \
-	    '!calibration.calibrate' '!hardware.emulation.emulated_port' '!hardware.replay' '!hardware.firmware'
+# Opens them in JupyterLab.
+notebooks: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[notebooks]'
+	$(BIN)/jupyter lab examples/notebooks
+
+# One site of all pages, the notebooks and the API, from build/docs/index.html on.
+docs: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(BIN)/python docs/site/build.py
+
+# Other sites may be down, or there may be no network.
+linkcheck: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	-$(BIN)/python docs/site/build.py linkcheck
 
 lint: $(VENV)/ready
 	$(BIN)/ruff check .

@@ -6,6 +6,7 @@ import inspect
 import itertools
 import os
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -75,6 +76,7 @@ DOCUMENTS = [
     if path.exists()
 ]
 TEXTS = {path: path.read_text(encoding="utf-8") for path in DOCUMENTS}
+PACKAGE_INDEX = ROOT / "docs" / "site" / "package_index.md"
 RUN = "<!-- run by tests/test_docs.py -->"
 NOT_RUN = re.compile(r"<!-- not run: .+ -->\n$")
 
@@ -125,6 +127,30 @@ def test_links_lead_somewhere(path):
         assert file.exists(), f"{name_of(path)} links to {target}, which is not there"
         if anchor:
             assert anchor in anchors(file.read_text(encoding="utf-8")), target
+
+
+def test_all_pages_are_on_the_site():
+    """Without Sphinx, which builds it; pages of test data are no documentation."""
+    site = runpy.run_path(str(ROOT / "docs" / "site" / "build.py"))
+    shown = [page for pages in site["navigation"]().values() for page in pages]
+    assert len(shown) == len(set(shown))
+    aside = {".venv", "build", "out", "tests", PACKAGE_INDEX.parent.name}
+    folders = [path for path in ROOT.iterdir() if path.is_dir() and path.name[0] != "."]
+    pages = {
+        page
+        for folder in folders
+        if folder.name not in aside
+        for kind in ("*.md", "*.ipynb")
+        for page in folder.rglob(kind)
+        if aside.isdisjoint(page.relative_to(ROOT).parts)
+    }
+    assert {*pages, *ROOT.glob("*.md")} == {*shown, ROOT / site["START"]}
+
+
+def test_package_index_shows_how_the_readme_begins():
+    text = PACKAGE_INDEX.read_text(encoding="utf-8")
+    assert TEXTS[ROOT / "README.md"].startswith(text)
+    assert prose(text).strip().startswith("# soft-limb")
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=name_of)

@@ -69,6 +69,7 @@ def collect() -> None:
         lines = "\n".join(documents)
         trees.append(f"```{{toctree}}\n:hidden:\n:caption: {caption}\n\n{lines}\n```\n")
     _copy(ROOT / START)
+    trees.insert(0, "```{toctree}\n:hidden:\n\nStart <self>\n```\n")
     start = (SOURCES / START).read_text(encoding="utf-8")
     (SOURCES / "index.md").write_text("\n".join([start, *trees]), encoding="utf-8")
     (SOURCES / START).unlink()
@@ -99,14 +100,11 @@ def write_api() -> Iterator[str]:
     What runs under MicroPython is left out, as it cannot be imported here.
     """
     (SOURCES / "api").mkdir()
-    public = {}
-    for package in PACKAGES:
-        module = importlib.import_module(package)
-        public |= {name: package for name in module.__all__}
-    for package in PACKAGES:
-        module = importlib.import_module(package)
+    packages = [importlib.import_module(package) for package in PACKAGES]
+    public = [getattr(module, name) for module in packages for name in module.__all__]
+    for package, module in zip(PACKAGES, packages, strict=True):
         names = sorted(module.__all__, key=str.lower)
-        parts = [_heading(package, "="), f".. automodule:: {package}\n"]
+        parts = [_heading(f"API of {package}", "="), f".. automodule:: {package}\n"]
         parts += [_directive(module, name) for name in names]
         yield _write_api_page(package, parts)
         inside = [_heading(f"Inside {package}", "="), f".. py:currentmodule:: {package}\n"]
@@ -114,9 +112,9 @@ def write_api() -> Iterator[str]:
             if info.name.startswith("hardware.firmware") or info.name.endswith("__main__"):
                 continue
             part = importlib.import_module(info.name)
-            if part in (getattr(module, name) for name in module.__all__):
+            if part in public:
                 continue
-            own = [name for name in _defined(part) if public.get(name) is None]
+            own = [name for name in _defined(part) if getattr(part, name) not in public]
             if own:
                 inside += [_heading(info.name, "-"), inspect.getdoc(part) or "", ""]
                 inside += [_directive(part, name) for name in own]
@@ -150,9 +148,7 @@ def _directive(module, name: str) -> str:
         return f".. autofunction:: {module.__name__}::{name}\n"
     kind = "exception" if issubclass(value, BaseException) else "class"
     said = "both" if "__init__" in vars(value) else "class"
-    return (
-        f".. auto{kind}:: {module.__name__}::{name}\n   :members:\n   :class-doc-from: {said}\n"
-    )
+    return f".. auto{kind}:: {module.__name__}::{name}\n   :members:\n   :class-doc-from: {said}\n"
 
 
 def _heading(text: str, line: str) -> str:
@@ -167,8 +163,6 @@ def _write_api_page(name: str, parts: list[str]) -> str:
 class _Page(html.parser.HTMLParser):
     """What a page links to, what it loads, and the places in it that can be linked to."""
 
-    LOADED = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
-
     def __init__(self, path: Path):
         super().__init__()
         self.places, self.links, self.loaded = {""}, [], []
@@ -177,10 +171,9 @@ class _Page(html.parser.HTMLParser):
     def handle_starttag(self, tag, attributes):
         values = dict(attributes)
         self.places |= {values[key] for key in ("id", "name") if values.get(key)}
-        if tag == "a" and values.get("href"):
-            self.links.append(values["href"])
-        elif values.get(self.LOADED.get(tag)):
-            self.loaded.append(values[self.LOADED[tag]])
+        self.links += [values["href"]] if tag == "a" and values.get("href") else []
+        self.loaded += [values["src"]] if values.get("src") else []
+        self.loaded += [values["href"]] if tag == "link" and values.get("href") else []
 
 
 def dead_links() -> Iterator[str]:
@@ -214,7 +207,8 @@ def main() -> int:
     collect()
     if sys.argv[1:] == ["linkcheck"]:
         options = ["-b", "linkcheck", "-D", "nb_execution_mode=off"]
-        return sphinx([*options, "-c", str(Path(__file__).parent), str(SOURCES), str(SITE)])
+        found = SITE.with_name("linkcheck")
+        return sphinx([*options, "-c", str(Path(__file__).parent), str(SOURCES), str(found)])
     shutil.rmtree(SITE, ignore_errors=True)
     options = ["-E", "--fail-on-warning", "--keep-going", "--quiet"]
     if failed := sphinx([*options, "-c", str(Path(__file__).parent), str(SOURCES), str(SITE)]):

@@ -33,6 +33,7 @@ default_role = "py:obj"
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 80
+toc_object_entries_show_parents = "hide"
 
 templates_path = ["templates"]
 html_theme = "pydata_sphinx_theme"
