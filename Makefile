@@ -53,12 +53,12 @@ notebooks: $(VENV)/ready
 # One site of all pages, the notebooks and the API, from build/docs/index.html on.
 docs: $(VENV)/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
-	$(BIN)/python docs/site/build.py
+	$(BIN)/python docs/site/make_site.py
 
 # Other sites may be down, or there may be no network.
 linkcheck: $(VENV)/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
-	-$(BIN)/python docs/site/build.py linkcheck
+	-$(BIN)/python docs/site/make_site.py linkcheck
 
 lint: $(VENV)/ready
 	$(BIN)/ruff check .

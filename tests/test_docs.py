@@ -131,7 +131,7 @@ def test_links_lead_somewhere(path):
 
 def test_all_pages_are_on_the_site():
     """Without Sphinx, which builds it; pages of test data are no documentation."""
-    site = runpy.run_path(str(ROOT / "docs" / "site" / "build.py"))
+    site = runpy.run_path(str(ROOT / "docs" / "site" / "make_site.py"))
     shown = [page for pages in site["navigation"]().values() for page in pages]
     assert len(shown) == len(set(shown))
     aside = {".venv", "build", "out", "tests", PACKAGE_INDEX.parent.name}

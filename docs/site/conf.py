@@ -1,4 +1,4 @@
-"""How Sphinx makes the site; `build.py` says of what."""
+"""How Sphinx makes the site; `make_site.py` says of what."""
 
 import importlib
 import re
@@ -6,8 +6,8 @@ import sys
 from importlib.metadata import version as installed_version
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[2]))
-PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
+from make_site import PACKAGES  # noqa: E402 - beside this file
 
 project = "soft-limb"
 version = release = installed_version(project)
@@ -48,6 +48,7 @@ html_theme_options = {
     "navbar_center": [],
     "show_toc_level": 2,
     "secondary_sidebar_items": ["page-toc"],
+    "back_to_top_button": False,
     "footer_start": ["copyright"],
     "footer_end": [],
 }

@@ -1,4 +1,4 @@
-"""Makes one site of the documentation: python docs/site/build.py
+"""Makes one site of the documentation: python docs/site/make_site.py
 
 Pages are collected in the folders that they have in the repository, so that links between them are
 the same there and on the site. Pages of the API are written beside them. The notebooks are run.
@@ -23,10 +23,10 @@ OTHERS = "docs/*.md"  # that have no other place
 NAVIGATION = {
     "Your limb in the room": [
         "docs/robot.md",
+        OTHERS,
         "hardware/firmware/README.md",
         "docs/firmware_in_c.md",
         "docs/protocol.md",
-        OTHERS,
     ],
     "Learn by doing": ["examples/README.md", "examples/notebooks/*.ipynb"],
     "Packages": [f"docs/{package}.md" for package in PACKAGES],
