@@ -27,6 +27,7 @@ nb_execution_in_temp = True
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_output_stderr = "remove"  # progress
+nb_merge_streams = True
 
 # Docstrings: single backticks link to what there is, and are code otherwise.
 default_role = "py:obj"

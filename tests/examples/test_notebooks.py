@@ -60,6 +60,7 @@ def check_plan_your_own_motion(text):
     assert near < default / 2
     assert default < far / 2
     assert "cannot be at T_warm = 45 °C (20) by 0.6 s" in text
+    assert number(r"highest reading: (.*) °C", text) > 100.0
     # Full duty to one side and then the other, and wires that heat up to the limit.
     for bound in ("duty left = 1", "duty right = 1", "wire right = T_max"):
         assert re.search(rf"{bound} +at", text)
