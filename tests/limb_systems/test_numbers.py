@@ -65,7 +65,7 @@ def test_degrees_that_were_typed_are_written_as_they_were(text):
     assert degrees_of(angle) == text
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.floats(0.01, 100.0))
 @example(0.8)
 def test_a_parameter_has_the_fewest_digits_that_come_back(value):
