@@ -738,7 +738,11 @@ BOARDS = [
     ("clear-needs-the-newest-challenge", any_clear),
     ("clear-leaves-it-off", clear_keeps_the_challenge),
     ("warmth-without-heat-latches", ignores(guard.TOO_WARM)),
-    ("heated-wire-is-the-one-that-warms", swapped_thermocouples),
+    (
+        "heated-wire-is-the-one-that-warms",
+        swapped_thermocouples,
+        "bend-that-does-not-follow-latches",
+    ),
     ("detached-thermocouple-latches", ignores(guard.NOT_WARMING), "heat-that-is-not-read-latches"),
     ("bend-that-does-not-follow-latches", constants(PULL=1000.0)),
     ("warmest-follows-the-heat", forgets_heat_when_off),
