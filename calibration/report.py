@@ -202,7 +202,9 @@ def write_validation_report(
         page.chart(validation_chart(validation), "Limb and model for the same duty"),
         page.section("Data", page.links(path, data)),
     ]
-    page.write_page(path, "Validation of a calibrated limb", parts)
+    page.write_page(
+        path, "Validation of a calibrated limb", parts, validation.simulation.provenance
+    )
 
 
 def _prediction(prediction: Prediction, wire_names: list[str]) -> list[str]:

@@ -64,7 +64,7 @@ def write_drive_report(
         page.section("Facts", page.facts(lines)),
         page.section("Data", page.links(path, data)),
     ]
-    page.write_page(path, "A plan, followed", parts)
+    page.write_page(path, "A plan, followed", parts, driven.recording.provenance)
 
 
 def learning_verdict(learner: Learner) -> str:
@@ -123,4 +123,4 @@ def write_learning_report(
         page.section("Repetitions", page.table(["repetition", "mean |φ* − φ|, °", "remark"], rows)),
         page.section("Data", page.links(path, {"what was learned": state, **data})),
     ]
-    page.write_page(path, "A plan, learned", parts)
+    page.write_page(path, "A plan, learned", parts, last.provenance)

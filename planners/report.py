@@ -147,7 +147,7 @@ def write_report(
     ]
     if data:
         parts.append(page.section("Data", page.links(path, data)))
-    page.write_page(path, "Plan of a limb's motion", parts)
+    page.write_page(path, "Plan of a limb's motion", parts, trajectory.provenance)
 
 
 def _missed(trajectory: Trajectory) -> np.ndarray:
