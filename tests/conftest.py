@@ -90,12 +90,16 @@ def browser(tmp_path_factory) -> Iterator:
     with sync_playwright() as playwright:
         polite = tmp_path_factory.mktemp("browser") / "chromium"
         path = installed or playwright.chromium.executable_path
-        polite.write_text(f'#!/bin/sh\nexec nice -n 10 "{path}" "$@"\n')
+        # As root it would raise its own priority above that of what is timed, as no user's can.
+        user = "setpriv --bounding-set=-sys_nice --inh-caps=-sys_nice" * (os.geteuid() == 0)
+        polite.write_text(f'#!/bin/sh\nexec nice -n 10 {user} "{path}" "$@"\n')
         polite.chmod(0o755)
         try:
-            # Its sandbox needs rights that containers do not have.
+            # Its sandbox needs rights that containers do not have. It draws as it does by itself
+            # where there is no graphics card.
             chromium = playwright.chromium.launch(
-                executable_path=polite, args=["--no-sandbox", "--use-angle=swiftshader"]
+                executable_path=polite,
+                args=["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"],
             )
         except Error:
             pytest.skip("there is no Chromium here; `make browser` installs one")
