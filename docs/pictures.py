@@ -295,7 +295,7 @@ def photograph_live_page(path: Path) -> None:
     trajectory = plan(parameters, reference, task=Task.closed_loop())
     installed = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
     with sync_playwright() as playwright:
-        arguments = ["--no-sandbox", "--use-angle=swiftshader"]
+        arguments = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
         browser = playwright.chromium.launch(executable_path=installed, args=arguments)
         # Playwright's functions belong to one thread, as do the signals of a run.
         with LivePage(open_browser=False) as live:
