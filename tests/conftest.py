@@ -1,9 +1,9 @@
 """What several test files share, and which tests run beside each other.
 
-Two workers of pytest-xdist run the tests: a file is on one worker, so that what its tests share
-is made once. What is timed is on one worker as well, so that no two such tests run beside each
-other. They wait most of the time; all others leave the processor to them. A third worker would use
-that time, but with it samples have come too late for a host on two cores.
+Two workers of pytest-xdist run the tests: a file is on one worker, and so are all of calibration,
+so that what tests share is made once. What is timed is on one worker as well, so that no two such
+tests run beside each other. They wait most of the time; all others leave the processor to them. A
+third worker would use that time, but with it samples have come too late for a host on two cores.
 """
 
 import os
@@ -30,14 +30,20 @@ REAL_TIME = (
     "tests/hardware/test_serial_limb.py",
     "tests/examples/test_examples.py::test_plan_export_replay",
 )
+CALIBRATION = "tests/calibration/"  # its tests share recordings that take long to make
 LONGEST = "tests/examples/test_reproduce_paper.py"
 
 
 class Scheduling(LoadScopeScheduling):
-    """By file and `REAL_TIME`; marks of pytest-xdist's own groups do nothing under pytest 9.2."""
+    """By file, `REAL_TIME` and `CALIBRATION`.
+
+    Marks of pytest-xdist's own groups do nothing under pytest 9.2.
+    """
 
     def _split_scope(self, nodeid):
-        return "real time" if nodeid.startswith(REAL_TIME) else nodeid.partition("::")[0]
+        if nodeid.startswith(REAL_TIME):
+            return "real time"
+        return CALIBRATION if nodeid.startswith(CALIBRATION) else nodeid.partition("::")[0]
 
 
 def pytest_xdist_make_scheduler(config, log):
