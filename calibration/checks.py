@@ -3,7 +3,6 @@
 import itertools
 
 import numpy as np
-from scipy.signal import lfilter
 
 from calibration.course import without_spikes
 from calibration.errors import CalibrationError
@@ -229,6 +228,9 @@ def _check_readings(recording: Recording) -> None:
 
 def _exchanged(recording: Recording) -> tuple[int, int] | None:
     """Two wires, if any, each of which is as warm as the duty of the other would have it."""
+    # scipy.signal takes longer to import than all the rest.
+    from scipy.signal import lfilter
+
     memory = np.exp(-1 / recording.sample_rate / COOLING_TIME)
     heat = lfilter([1 - memory], [1, -memory], recording.duty, axis=1)
     warmth = np.array([without_spikes(v) for v in recording.measured_temperature])

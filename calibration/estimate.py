@@ -3,7 +3,7 @@
 import dataclasses
 
 import numpy as np
-from scipy.stats import norm, t
+from scipy.special import ndtri, stdtrit
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +41,7 @@ def standard_error(values: np.ndarray) -> float:
 
 def _widening(count: int) -> float:
     """Of standard errors that are estimated from so many samples, two or more."""
-    return float(t.ppf(0.975, count - 1) / norm.ppf(0.975))
+    return float(stdtrit(count - 1, 0.975) / ndtri(0.975))
 
 
 def clustered_covariance(

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm, schur
 from scipy.optimize import least_squares
-from scipy.signal import lfilter, savgol_filter
 
 from calibration.checks import check_values
 from calibration.course import START, at_sample_times, despiked
@@ -102,6 +101,9 @@ def simulate_heat(
         ends = np.arange(-1, len(duty)) - delay / period
         duty = np.diff(np.interp(ends, np.arange(len(duty)), total))
     # Of [x, V] above those of a cold wire, and D, over one interval.
+    # scipy.signal takes longer to import than all the rest.
+    from scipy.signal import lfilter
+
     cold = np.array([*law.cold_states(ambient), ambient, 0.0])
     size = len(cold) - 1
     rates = np.zeros((size + 1, size + 1))
@@ -407,6 +409,9 @@ def _two_stage(duty, wire, measured, period: float, ambient: float) -> tuple[flo
     The equations are integrated over a second each, which spares the
     differentiation of noise.
     """
+    # As above.
+    from scipy.signal import savgol_filter
+
     window = 2 * int(1.0 / period) + 1
     wire = savgol_filter(wire - ambient, window, 2)
     measured = savgol_filter(measured - ambient, window, 2)

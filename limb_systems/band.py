@@ -1,9 +1,9 @@
 """How far a limb may be from a plan: the limbs that its calibration cannot tell apart."""
 
 import dataclasses
+from statistics import NormalDist
 
 import numpy as np
-from scipy.stats import norm as normal
 
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.ensemble import draw_ensemble, stacked
@@ -86,7 +86,8 @@ def band(trajectory: Trajectory, seed: int = 0) -> Band | None:
     highest = reading.max(axis=0)
     limit = parameters.temperature_limits.measured_maximum
     mean, spread = above(highest)
-    passing = normal.sf((limit - highest[0] - mean) / spread)
+    excess = (highest[0] + mean - limit) / spread
+    passing = np.array([NormalDist().cdf(value) for value in excess])
     return Band(
         time=ends,
         bend_angle=BEND_QUANTILE * np.hypot(bend[:, 1:].std(axis=1), bend_form),
