@@ -3,6 +3,7 @@
 import os
 import pickle
 import select
+import signal
 import socket
 import subprocess
 import sys
@@ -25,7 +26,9 @@ class LivePage:
 
     Another process serves it, at a lower priority. What is told to it is lost if it
     does not listen: whoever runs the limb never waits for it, and does not notice when the
-    page is closed or its process dies. Its button sends this process the signal of Ctrl-C.
+    page is closed or its process dies. Its button sends this process the signal of Ctrl-C,
+    which is heeded from then on, also in the background: it raises KeyboardInterrupt in the
+    main thread.
 
     Use it as a context manager, and give it to what runs the limb::
 
@@ -49,6 +52,9 @@ class LivePage:
             LimbError: if the page cannot be served there.
         """
         host, port = _host_and_port(address)
+        if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+            # As of a script that a shell runs in the background: the button would do nothing.
+            signal.signal(signal.SIGINT, signal.default_int_handler)
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
         ours.setblocking(False)
         self._socket, self._said, self._ended = ours, "", False

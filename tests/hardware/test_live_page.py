@@ -213,9 +213,13 @@ def test_commands_say_where_the_page_is_and_what_runs(monkeypatch, tmp_path, cap
 
 @pytest.fixture(scope="module")
 def live():
-    """A page for other computers."""
-    with LivePage("0.0.0.0", open_browser=False) as live:
-        yield live
+    """A page for other computers, of a program that a shell runs in the background."""
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with LivePage("0.0.0.0", open_browser=False) as live:
+            yield live
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="module")
@@ -304,6 +308,11 @@ def test_the_button_stops_once_in_two_seconds_and_nothing_else_than_its_program(
     assert sent == [(os.getppid(), signal.SIGINT)] * 2
     server.StopSwitch(os.getppid() + 1).press()
     assert len(sent) == 2
+
+
+def test_the_button_is_heeded_in_the_background(live):
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
 
 
 def test_a_frozen_page_is_never_waited_for(live):
