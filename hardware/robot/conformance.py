@@ -840,76 +840,63 @@ def _latches(
     )
 
 
-@_check("open-thermocouple-latches", "An open thermocouple latches.", "what-a-board-must-do", True)
-def _open_thermocouple(bench: Bench) -> None:
-    _latches(
-        bench,
-        17,
-        "open left",
-        "Unplug the left thermocouple, then press Enter.",
-        "Plug the left thermocouple in again, then press Enter.",
+def _latching(
+    name: str,
+    rule: str,
+    reason: int,
+    order: str,
+    by_hand: str | None = None,
+    mended: str | None = None,
+) -> None:
+    """Adds a check of a fault that must latch, with its reason."""
+    _check(name, rule, "what-a-board-must-do", True)(
+        lambda bench: _latches(bench, reason, order, by_hand, mended)
     )
 
 
-@_check("short-to-ground-latches", "A short to ground latches.", "what-a-board-must-do", True)
-def _short_to_ground(bench: Bench) -> None:
-    _latches(
-        bench,
-        18,
-        "ground right",
-        "Connect a lead of the right thermocouple to ground, then press Enter.",
-        "Remove that connection, then press Enter.",
-    )
-
-
-@_check("short-to-supply-latches", "A short to supply latches.", "what-a-board-must-do", True)
-def _short_to_supply(bench: Bench) -> None:
-    _latches(
-        bench,
-        19,
-        "supply left",
-        "Connect a lead of the left thermocouple to the amplifier's 3.3 V, then press Enter.",
-        "Remove that connection, then press Enter.",
-    )
-
-
-@_check(
-    "dead-amplifier-latches", "A frame of all zeros or ones latches.", "what-a-board-must-do", True
+_latching(
+    "open-thermocouple-latches",
+    "An open thermocouple latches.",
+    17,
+    "open left",
+    "Unplug the left thermocouple, then press Enter.",
+    "Plug the left thermocouple in again, then press Enter.",
 )
-def _dead_amplifier(bench: Bench) -> None:
-    _latches(
-        bench,
-        17,
-        "dead right",
-        "Unplug the right amplifier's data line, DO, then press Enter.",
-        "Plug that line in again, then press Enter.",
-    )
-
-
-@_check("reserved-bit-latches", "A reserved bit that is set latches.", "what-a-board-must-do", True)
-def _reserved_bit(bench: Bench) -> None:
-    _latches(bench, 26, "garbled left")
-
-
-@_check("jump-latches", "A jump of more than 10 °C latches.", "what-a-board-must-do", True)
-def _jump(bench: Bench) -> None:
-    _latches(bench, 20, "offset left 30")
-
-
-@_check("silent-bend-sensor-latches", "A silent bend sensor latches.", "what-a-board-must-do", True)
-def _silent_bend_sensor(bench: Bench) -> None:
-    _latches(
-        bench,
-        22,
-        "silence",
-        "Unplug the bend sensor, then press Enter.",
-        "Plug the bend sensor in again, then press Enter.",
-    )
-
-
-@_check("frozen-bend-sensor-latches", "Ten equal bends latch.", "what-a-board-must-do", True)
-def _frozen_bend_sensor(bench: Bench) -> None:
-    _latches(bench, 23, "freeze bend")
+_latching(
+    "short-to-ground-latches",
+    "A short to ground latches.",
+    18,
+    "ground right",
+    "Connect a lead of the right thermocouple to ground, then press Enter.",
+    "Remove that connection, then press Enter.",
+)
+_latching(
+    "short-to-supply-latches",
+    "A short to supply latches.",
+    19,
+    "supply left",
+    "Connect a lead of the left thermocouple to the amplifier's 3.3 V, then press Enter.",
+    "Remove that connection, then press Enter.",
+)
+_latching(
+    "dead-amplifier-latches",
+    "A frame of all zeros or ones latches.",
+    17,
+    "dead right",
+    "Unplug the right amplifier's data line, DO, then press Enter.",
+    "Plug that line in again, then press Enter.",
+)
+_latching("reserved-bit-latches", "A reserved bit that is set latches.", 26, "garbled left")
+_latching("jump-latches", "A jump of more than 10 °C latches.", 20, "offset left 30")
+_latching(
+    "silent-bend-sensor-latches",
+    "A silent bend sensor latches.",
+    22,
+    "silence",
+    "Unplug the bend sensor, then press Enter.",
+    "Plug the bend sensor in again, then press Enter.",
+)
+_latching("frozen-bend-sensor-latches", "Ten equal bends latch.", 23, "freeze bend")
 
 
 @_check("first-fault-is-kept", "The first fault that latches stays.", "what-a-board-must-do", True)

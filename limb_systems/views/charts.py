@@ -196,9 +196,7 @@ def tracking_chart(trajectory: Trajectory, recordings: Sequence[Recording] = ())
         panels += [
             panel(_bend_label(suffix), _bend_angles(trajectory, recordings, segment), height=280),
             panel("temperature (°C)", _temperatures(trajectory, recordings, wires), height=280),
-            panel(
-                "duty", _duties(trajectory, recordings, wires), height=210, y_range=(-0.04, 1.04)
-            ),
+            panel("duty", _duties(trajectory, recordings, wires), height=210, y_range=DUTY_RANGE),
         ]
     return stacked(panels)
 
