@@ -30,7 +30,8 @@ _STYLE = """
   --bk-grid-line-color: rgba(128, 128, 128, 0.25);
 }
 body { font: 16px/1.5 system-ui, sans-serif; color: var(--text); background: var(--ground);
-       max-width: 46rem; margin: 0 auto; padding: 1rem; overflow-wrap: break-word; }
+       max-width: 62rem; margin: 0 auto; padding: 1rem; overflow-wrap: break-word; }
+p, li { max-width: 46rem; }
 h1 { line-height: 1.2; } h2 { margin-top: 2.5rem; } li { margin: .3rem 0; }
 figure { margin: 1rem 0; } figcaption { color: var(--soft); }
 img { width: 100%; height: auto; background: #fff; }
@@ -40,7 +41,7 @@ table { border-collapse: collapse; width: 100%; }
 td, th { text-align: left; vertical-align: top; padding: .25rem .75rem .25rem 0;
          border-bottom: 1px solid var(--line); }
 td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
-td.number, th.number { white-space: nowrap; }
+td.number { white-space: nowrap; }
 caption { text-align: left; color: var(--soft); caption-side: bottom; padding-top: .3rem; }
 pre { white-space: pre-wrap; overflow-wrap: anywhere; font-size: .8em; line-height: 1.35; }
 @media (max-width: 40rem) {
@@ -197,7 +198,7 @@ def facts(lines: Sequence[str]) -> str:
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
-    """A table of plain text; what begins with a digit or a sign is set as a number.
+    """A table of plain text; columns of numbers are set as such, also if some are missing.
 
     Args:
         header: a text for each column; no line of them if all are empty.
@@ -205,7 +206,8 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "
         caption: below the table.
     """
     numeric = [
-        bool(rows) and all(row[i].lstrip("-+±−")[:1].isdigit() for row in rows)
+        any(row[i] for row in rows)
+        and all(row[i].lstrip("-+±−")[:1].isdigit() for row in rows if row[i])
         for i in range(len(header))
     ]
 

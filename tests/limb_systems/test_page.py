@@ -60,9 +60,11 @@ def test_page_holds_its_parts_as_text(tmp_path):
 
 
 def test_columns_of_numbers_are_set_as_numbers():
-    cells = read(page.table(["name", "°", "mixed"], [["k", "-1", "1"], ["b", "2", "none"]]))
+    """Also where some are missing, but not where all are."""
+    rows = [["k", "-1", "1", "", ""], ["b", "2", "none", "3", ""]]
+    cells = read(page.table(["name", "°", "mixed", "some", "none"], rows))
     marked = [attributes.get("class") for tag, attributes in cells.attributes if tag == "td"]
-    assert marked == [None, "number", None] * 2
+    assert marked == [None, "number", None, "number", None] * 2
 
 
 def test_picture_is_inside_the_page_and_the_same_each_time():
