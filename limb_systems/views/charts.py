@@ -41,7 +41,8 @@ LEFT_OF_AXIS = 62  # px, for the same numbers of digits in panels that stand on 
 _LEGEND_STYLE = """
 :host { width: 100%; }
 .bk-grid { display: flex; flex-wrap: wrap; width: auto; column-gap: 14px; }
-.bk-item .bk-label { color: var(--text); }
+.bk-item { max-width: 100%; }
+.bk-item .bk-label { color: var(--text); white-space: normal; }
 .bk-item.bk-inactive { opacity: 0.4; }
 """
 

@@ -216,6 +216,13 @@ def test_names_are_text(tmp_path, browser):
     shown.close()
 
 
+def test_a_long_name_makes_no_page_wider_than_a_phone(tmp_path, look_at):
+    name = "model, k = 0.1255 N·m/rad (the data do not determine it)"
+    chart = panel("sag (°)", [Curve(name, np.arange(3.0), np.arange(3.0), "#4270ec")])
+    page.write_page(tmp_path / "long.html", "Long", [page.chart(stacked([chart]), "sag")])
+    look_at(tmp_path / "long.html")
+
+
 def test_a_click_in_the_legend_hides_a_curve_and_the_pointer_shows_values(tmp_path, browser):
     x = np.linspace(0.0, 10.0, 101)
     chart = stacked([panel("bend angle (°)", [Curve("φ", x, 2 * x, "#c2268f")])])
