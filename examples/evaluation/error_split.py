@@ -9,6 +9,9 @@ each with one thing swapped against the one before:
    differs by the errors of calibration;
 4. the limb, as a sensor without errors sees it, which differs by the model's form;
 5. the limb as its bend sensor reads it.
+
+All of them are compared at the samples that Table I counts, so that the four differences add
+up to the tracking error at each of them.
 """
 
 from collections.abc import Mapping
@@ -16,7 +19,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from calibration.calibrate import Calibration
-from calibration.course import STEP, Course
+from calibration.course import Course
 from calibration.prediction import fit_law
 from calibration.selection import rubber_of
 from evaluation.ways import Way, true_bend
@@ -43,9 +46,10 @@ def error_split(
         motions: by their names, open loop.
 
     Returns:
-        For each motion and each of `STEPS` the mean absolute difference that
-        the step makes, and what would be left of the tracking error without
-        it, degrees.
+        For each motion and each of `STEPS`, degrees: the mean absolute difference
+        that the step makes, and the step's part of the mean tracking error. A difference
+        counts as positive in that where it has the sign of the error, and as negative
+        where it makes up for others; so the parts add up to the mean tracking error.
     """
     assert calibration.prediction is not None
     fit = calibration.prediction.fit
@@ -56,20 +60,21 @@ def error_split(
     ).predicted
     result = {}
     for (name, way), truth, hindsight in zip(motions.items(), truths, best, strict=True):
-        trajectory, times = way.trajectory.since_start(), truth.time
+        (rollout, *_), trajectory = way.rollouts, way.trajectory.since_start()
+        counted = (rollout.time <= trajectory.duration) & ~rollout.implausible
+        times = rollout.time[counted]
         model = simulate(Limb(calibration.parameters), trajectory)
-        angles = [trajectory.bend_angle_at(times)[0]]
-        angles.append(np.interp(times, model.time, model.bend_angle[0]))
-        angles.append(np.interp(times, hindsight.course.times, hindsight.bend))
-        angles += [truth.bend_angle[0], way.rollouts[0].bend_angle[0]]
-        # The hindsight is in steps, which all are averaged over.
-        numbers = (times / STEP).astype(int)
-        counts = np.bincount(numbers)
-        means = [np.bincount(numbers, angle)[counts > 0] / counts[counts > 0] for angle in angles]
-        steps = np.rad2deg(np.diff(means, axis=0))
-        whole = steps.sum(axis=0)
+        angles = [
+            trajectory.bend_angle_at(times)[0],
+            np.interp(times, model.time, model.bend_angle[0]),
+            np.interp(times, hindsight.course.times, hindsight.bend),
+            truth.bend_angle[0, counted],
+            rollout.bend_angle[0, counted],
+        ]
+        steps = np.rad2deg(np.diff(angles, axis=0))
+        sign = np.sign(steps.sum(axis=0))
         result[name] = {
-            part: (float(np.abs(step).mean()), float(np.abs(whole - step).mean()))
+            part: (float(np.abs(step).mean()), float((sign * step).mean()))
             for part, step in zip(STEPS, steps, strict=True)
         }
     return result

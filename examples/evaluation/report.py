@@ -173,8 +173,9 @@ def _error_split(summaries: Sequence[Summary]) -> str:
             "From the plan to the sensor's reading, one thing is replaced at a time: the "
             "plan by the simulated model, the calibrated parameters by those that fit this limb "
             "best in hindsight, the model by the limb, and the limb's angle by its sensor's "
-            "reading. Only first rollouts are used. The steps partly cancel each other, so they do "
-            "not add up."
+            "reading. Only first rollouts are used, at all samples that Table I counts. The steps "
+            "partly cancel each other, so the first table adds up to more than the whole error; "
+            "the second one adds up to it."
         ),
         page.chart(split_chart(summaries), "Change of the bend angle by each step"),
         page.table(
@@ -183,9 +184,11 @@ def _error_split(summaries: Sequence[Summary]) -> str:
             "Mean absolute difference that each step makes, in degrees.",
         ),
         page.table(
-            ["without the step", *PAPER_TABLE_1],
+            ["part of the step", *PAPER_TABLE_1],
             split_table(summaries, 1),
-            "Error that would remain if the step made no difference, in degrees.",
+            "Mean part that each step has in the whole error, in degrees: its difference, positive "
+            "where it leads away from the plan as the whole error does, negative where it leads "
+            "back.",
         ),
     ]
     if len(complete(summaries)) < len(summaries):

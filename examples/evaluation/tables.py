@@ -296,7 +296,7 @@ def _aborted(group: Sequence[Followed]) -> str:
 
 
 def split_table(summaries: Sequence[Summary], which: int) -> list[list[str]]:
-    """Rows of `error_split`: the difference a step makes (0), or the error without it (1)."""
+    """Rows of `error_split`: the difference a step makes (0), or its part of the error (1)."""
     whole = complete(summaries)
     rows = [
         [

@@ -225,17 +225,21 @@ def driven(evaluation):
 def test_split_of_a_limb_that_is_a_model_finds_its_parameters(evaluation, driven):
     """The limb is the model with other a1 and a2, so that its form makes no difference."""
     read = copy.deepcopy(driven.exact)
-    read.bend_angle = read.bend_angle + np.deg2rad(0.5)
+    noise = np.random.default_rng(0).normal(0.0, 1.0, read.bend_angle.shape)
+    read.bend_angle = read.bend_angle + np.deg2rad(0.5 + noise)
     steps = driven.experiment({"swing": [read]}).split["swing"]
     assert steps["collocation"][0] < 0.1
     assert steps["form of the model"][0] < 0.2
-    assert steps["bend sensor"][0] == pytest.approx(0.5, abs=1e-3)
+    assert steps["bend sensor"][0] == pytest.approx(np.abs(0.5 + noise).mean(), abs=1e-3)
     model = simulate(Limb(driven.calibrated), driven.trajectory)
     difference = np.rad2deg(np.abs(driven.exact.bend_angle - model.bend_angle))
     assert difference.mean() > 0.9
     assert steps["parameters"][0] == pytest.approx(difference.mean(), abs=0.2)
-    # Without the errors of calibration the sensor's half a degree would be left.
-    assert steps["parameters"][1] == pytest.approx(0.5, abs=0.2)
+    # The parts add up to the error, counted by hand at every sample; none is more than its step.
+    planned = np.interp(read.time, driven.trajectory.time, driven.trajectory.bend_angle[0])
+    error = np.rad2deg(np.abs(read.bend_angle[0] - planned)).mean()
+    assert sum(part for _, part in steps.values()) == pytest.approx(error, abs=0.01)
+    assert all(abs(part) <= difference for difference, part in steps.values())
 
 
 def test_rollouts_that_were_aborted_are_counted_and_compared_up_to_then(evaluation, driven):
@@ -263,6 +267,13 @@ def test_rollouts_that_were_aborted_are_counted_and_compared_up_to_then(evaluati
     true = np.abs(np.concatenate([away[:401], away])).mean()
     assert followed[0].true == pytest.approx(true, abs=0.02)
     assert summary.split[names[0]]["bend sensor"][0] == pytest.approx(2.5, abs=1e-3)
+    for name in names:
+        parts = [part for _, part in summary.split[name].values()]
+        assert sum(parts) == pytest.approx(summary.first[name], abs=1e-9)
+    differences, added = (evaluation.tables.split_table([summary], which) for which in (0, 1))
+    assert differences[-1] == added[-1] == ["the whole error"] + [
+        f"{summary.first[name]:.2f}" for name in names
+    ]
     rows = evaluation.tables.table_1([summary, summary])
     assert [row[-1] for row in rows] == ["2 of 4", "", "0 of 4", "", "4 of 4", ""]
 
