@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 import time
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -34,6 +35,7 @@ from hardware.robot import conformance
 from hardware.robot.bench import SerialEnd
 from hardware.robot.self_test import self_test
 from limb_systems import (
+    Limb,
     LimbError,
     LimbParameters,
     LimbSystem,
@@ -103,19 +105,18 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "replay",
         help="replay a trajectory and record it",
         description="Drives a limb along a trajectory, open loop or by a controller: a robot in "
-        "real time, or without a port an emulated limb in simulated time. On a robot every sample "
-        "is written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the plan has "
-        "ended, and the report tells how many commands left more than 5 ms late. With "
-        "--meshcat a browser shows the limb as it is measured, the plan as a blue ghost, its "
-        "reference as a grey one, and the duty of the left and the right wire as bars.",
+        "real time, or without a port an emulated limb or the plan's model in simulated time. On a "
+        "robot every sample is written when it arrives, to NAME.unfinished.csv; it becomes "
+        "NAME.csv when the plan has ended, and the report tells how many commands left more than 5 "
+        "ms late. With --meshcat a browser shows the limb as it is measured, the plan as a blue "
+        "ghost, its reference as a grey one, and the duty of the left and the right wire as bars.",
     )
     run.add_argument("trajectory", type=Path, help="trajectory file (.csv)")
     run.add_argument("--json", action="store_true", help="print JSON")
     run.add_argument(
         "-o", "--output", required=True, type=Path, help="recording file to write (.csv)"
     )
-    run.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
-    _add_emulated_option(run)
+    _add_limb_options(run)
     _add_controller_option(run, OPEN)
     run.add_argument(
         "--plot", type=Path, help="picture of plan and recording to write (.png, .pdf, .svg)"
@@ -142,8 +143,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     go.add_argument(
         "-l", "--limb", type=Path, help="limb parameters (.yaml); the nominal limb if left out"
     )
-    go.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
-    _add_emulated_option(go)
+    _add_limb_options(go)
     _add_controller_option(go, "pi")
     go.add_argument(
         "--smooth",
@@ -174,8 +174,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         default=10,
         help="in all, those before included (default %(default)s)",
     )
-    learn.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
-    _add_emulated_option(learn)
+    _add_limb_options(learn)
     add_live_options(learn)
     learn.add_argument("--json", action="store_true", help="print JSON")
     add_force_option(learn)
@@ -244,13 +243,20 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     return parser
 
 
-def _add_emulated_option(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
+def _add_limb_options(command: argparse.ArgumentParser) -> None:
+    which = command.add_mutually_exclusive_group()
+    which.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
+    which.add_argument(
         "--emulated",
         type=int,
         metavar="SEED",
         help="seed of the emulated limb; if left out, the limb that the plan was calibrated on, "
         "or else 0",
+    )
+    which.add_argument(
+        "--model",
+        action="store_true",
+        help="no other limb than the plan's own model: what it would do if it were exact",
     )
 
 
@@ -466,10 +472,10 @@ def _report(options, facts: dict, lines: list[str], written: list[str]) -> int:
 
 
 def _limb_maker(planned: LimbParameters, options) -> Callable[[], LimbSystem]:
-    """Makes the robot on a port, or the emulated limb."""
+    """Makes the robot on a port, the model of the plan, or an emulated limb."""
     if options.port:
         return lambda: SerialLimb(options.port, planned)
-    return lambda: _twin(planned, options)
+    return lambda: Limb(planned) if options.model else _twin(planned, options)
 
 
 def _twin(planned: LimbParameters, options) -> LimbTwin:
@@ -480,7 +486,15 @@ def _twin(planned: LimbParameters, options) -> LimbTwin:
             f"This trajectory was planned with the calibration of the emulated limb {board.seed}, "
             f"not {options.emulated}; calibrate that one, or leave --emulated out."
         )
-    return LimbTwin.of(planned, options.emulated or 0)
+    twin = LimbTwin.of(planned, options.emulated or 0)
+    if twin.specimen.around_calibrated:
+        warnings.warn(
+            "This plan's limb was not calibrated on an emulated one, so that an unrelated emulated "
+            f"limb, seed {twin.specimen.seed}, follows the plan here, and its errors say nothing "
+            "about yours; --model takes the calibrated model as the limb, -p PORT the robot.",
+            stacklevel=2,
+        )
+    return twin
 
 
 def _follow(options) -> int:
@@ -517,11 +531,12 @@ def _learn(options) -> int:
 
     try:
         with live_page(options) as live:
-            limbs = (
-                rested_robots(options.port, trajectory, live)
-                if options.port
-                else rested_twins(_twin(trajectory.parameters, options), trajectory, learner)
-            )
+            if options.port:
+                limbs = rested_robots(options.port, trajectory, live)
+            elif options.model:
+                limbs = _limb_maker(trajectory.parameters, options)  # as it is before any heat
+            else:
+                limbs = rested_twins(_twin(trajectory.parameters, options), trajectory, learner)
             learn(learner, limbs, options.repetitions, options.output, tell=tell, live=live)
     finally:
         drawn = draw_repetitions(learner, options.output)

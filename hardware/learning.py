@@ -17,6 +17,7 @@ from hardware.robot.link import BoardLink, HardwareError
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.files.table_writer import unfinished_files
+from limb_systems.model.limb_system import check_limb
 from limb_systems.output import OutputError, check_folder
 from limb_systems.progress import Progress
 
@@ -65,7 +66,7 @@ def learn(
         if path.exists():
             recording = Recording.load(path)
         else:
-            limb = limb_of_repetition()
+            limb = check_limb(limb_of_repetition())
             if live:
                 live.say(f"Repetition {number} of {repetitions}{_errors_so_far(learner)}")
             before = unfinished_files(path)

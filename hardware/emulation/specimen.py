@@ -150,6 +150,7 @@ class Specimen:
     - ``extra``: the effects that it has beside those of every limb.
     - ``absent``: the effects that were taken out, see `without`.
     - ``disturbances``: what was changed about it, see `disturbed`.
+    - ``around_calibrated``: whether it was drawn around a calibrated limb, which it is not.
 
     A new specimen is unused: its wires are cold, its rubber is at rest, and its
     noise is at the beginning.
@@ -178,6 +179,7 @@ class Specimen:
         draw_seed, noise_seed, extra_seed = np.random.SeedSequence(seed).spawn(3)
         generator = np.random.default_rng(draw_seed)
         self.description = copy.deepcopy(description)
+        self.around_calibrated = description.calibration is not None
         self.description.board, self.description.calibration = NoBoard(), None
         nominal = self.description == LimbParameters()
         self._drawn_around = "" if nominal else self.description.to_yaml()

@@ -104,6 +104,7 @@ class LimbTwin(Diagram):
         names = [f"with {name}" for name in specimen.extra]
         names += [f"without {name}" for name in specimen.absent]
         names += [f"{name} changed by {value:.4g}" for name, value in specimen.disturbances.items()]
+        names += ["not the calibrated one"] * specimen.around_calibrated
         self.source = ", ".join([f"emulated limb, seed {specimen.seed}", *names])
         mechanics, num_joints = specimen.mechanics(), self.parameters.num_joints
 

@@ -16,7 +16,15 @@ from calibration.__main__ import main as calibration_main
 from hardware import LimbTwin, ReplayError, replay, watch
 from hardware.__main__ import main
 from hardware.emulation.sensors import SensedLimb
-from limb_systems import Limb, LimbError, LimbParameters, Recording, SerialBoard, simulate
+from limb_systems import (
+    CalibrationRecord,
+    Limb,
+    LimbError,
+    LimbParameters,
+    Recording,
+    SerialBoard,
+    simulate,
+)
 from limb_systems.tracking import tracking_errors
 from planners import plan, references
 from planners.__main__ import main as planners_main
@@ -294,6 +302,35 @@ def test_a_plan_that_was_calibrated_through_an_emulated_port_is_for_that_limb(
     assert "calibration of the emulated limb 3, not 5" in capsys.readouterr().err
     assert main(arguments) == 0
     assert Recording.load(tmp_path / "recording.csv").source == "emulated limb, seed 3"
+
+
+def test_a_plan_of_a_limb_of_ones_own_is_not_followed_by_another_in_silence(
+    fig5_plan, tmp_path, capsys
+):
+    """An emulated limb stands in with a warning, and the calibrated model on request."""
+    planned = beginning(fig5_plan, 101)
+    parameters = dataclasses.replace(
+        planned.parameters, calibration=CalibrationRecord([], [], [], [])
+    )
+    planned = dataclasses.replace(planned, parameters=parameters)
+    planned.save(tmp_path / "plan.csv")
+    arguments = [str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
+    assert main(["replay", *arguments]) == 0
+    said = capsys.readouterr()
+    assert "unrelated emulated limb, seed 0, follows the plan here" in said.err
+    source = "emulated limb, seed 0, not the calibrated one"
+    assert f"source      {source}\n" in said.out
+    assert Recording.load(tmp_path / "recording.csv").source == source
+    assert LimbTwin(parameters).again().source == source
+    assert main(["replay", *arguments, "--force", "--model"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    assert "source      model\n" in said.out
+    errors = tracking_errors(planned, [Recording.load(tmp_path / "recording.csv")])
+    assert np.rad2deg(errors.percentile_90) < 0.1
+    folder = tmp_path / "learned"
+    assert main(["learn", arguments[0], "-o", str(folder), "-n", "1", "--model"]) == 0
+    assert Recording.load(folder / "repetition_1.csv").source == "model"
 
 
 def test_command_emulates_a_limb_with_extra_effects(monkeypatch):
