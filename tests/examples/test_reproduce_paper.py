@@ -271,9 +271,11 @@ def test_rollouts_that_were_aborted_are_counted_and_compared_up_to_then(evaluati
         parts = [part for _, part in summary.split[name].values()]
         assert sum(parts) == pytest.approx(summary.first[name], abs=1e-9)
     differences, added = (evaluation.tables.split_table([summary], which) for which in (0, 1))
-    assert differences[-1] == added[-1] == ["the whole error"] + [
-        f"{summary.first[name]:.2f}" for name in names
-    ]
+    assert (
+        differences[-1]
+        == added[-1]
+        == ["the whole error"] + [f"{summary.first[name]:.2f}" for name in names]
+    )
     rows = evaluation.tables.table_1([summary, summary])
     assert [row[-1] for row in rows] == ["2 of 4", "", "0 of 4", "", "4 of 4", ""]
 
