@@ -11,12 +11,18 @@ import dataclasses
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
-from pydrake.solvers import IpoptSolver, MathematicalProgram, SolutionResult, SolverOptions
+from pydrake.solvers import (
+    Binding,
+    IpoptSolver,
+    MathematicalProgram,
+    SolutionResult,
+    SolverOptions,
+)
 
 try:
     import ipyopt
@@ -70,6 +76,7 @@ class ConstraintBlock(Protocol):
     - ``rows``, ``columns``: of the nonzeros of the Jacobian, in (m, len(x)).
     - ``hessian_rows``, ``hessian_columns``: of nonzeros of the Hessian of
       λᵀ g, in its lower triangle; those of the same place add up.
+    - ``replaces``: the program's constraints that they stand for.
     """
 
     lower: np.ndarray
@@ -78,6 +85,7 @@ class ConstraintBlock(Protocol):
     columns: np.ndarray
     hessian_rows: np.ndarray
     hessian_columns: np.ndarray
+    replaces: Collection[Binding]
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         """g(x) (m,)."""
@@ -154,8 +162,9 @@ class ExactHessianIpoptSolver:
         exact: whether the Hessian of the constraints is added to that of the
             cost. Without it (Gauss-Newton) no second derivatives of
             constraints are calculated; programs whose cost is linear need it.
-        nonlinear: evaluates all nonlinear constraints of the program instead
-            of themselves, up to a scaling of their rows.
+        nonlinear: evaluates those constraints of the program that it
+            ``replaces`` instead of themselves, up to a scaling of their rows. The
+            Hessian of the others is then added in any case.
         on_iteration: function that is called with iteration, cost and constraint violation.
     """
 
@@ -225,7 +234,9 @@ class ExactHessianIpoptSolver:
 class BindingBlock:
     """Constraints of a program, evaluated by Drake's AutoDiff."""
 
-    def __init__(self, prog: MathematicalProgram, bindings: Sequence):
+    replaces: Collection[Binding] = ()
+
+    def __init__(self, prog: MathematicalProgram, bindings: Sequence[Binding]):
         self._bindings = [
             (binding.evaluator(), np.array(prog.FindDecisionVariableIndices(binding.variables())))
             for binding in bindings
@@ -240,9 +251,7 @@ class BindingBlock:
         self.columns = _concatenate([grid[1].ravel() for grid in grids], int)
         self.lower = _concatenate([evaluator.lower_bound() for evaluator, _ in self._bindings])
         self.upper = _concatenate([evaluator.upper_bound() for evaluator, _ in self._bindings])
-        self.hessian_rows, self.hessian_columns = _lower_triangles(
-            [indices for _, indices in self._bindings]
-        )
+        self.hessian_rows, self.hessian_columns = _lower_triangles(self._bindings)
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         return _concatenate([evaluator.Eval(x[indices]) for evaluator, indices in self._bindings])
@@ -268,17 +277,26 @@ class _ScaledProblem:
 
     def __init__(self, prog, guess, exact, nonlinear, on_iteration):
         linear = [*prog.linear_constraints(), *prog.linear_equality_constraints()]
-        others = [*prog.generic_constraints(), *prog.quadratic_constraints()]
+        curved = [
+            *prog.generic_constraints(),
+            *prog.quadratic_constraints(),
+            *prog.lorentz_cone_constraints(),
+            *prog.rotated_lorentz_cone_constraints(),
+        ]
         num_bounds = len(prog.bounding_box_constraints())
-        if len(linear) + len(others) + num_bounds != len(prog.GetAllConstraints()):
+        if len(linear) + len(curved) + num_bounds != len(prog.GetAllConstraints()):
             raise ValueError(
-                "This solver takes bounds and linear, quadratic and generic constraints; "
-                "the program has others."
+                "This solver takes bounds, linear, quadratic and generic constraints and Lorentz "
+                "cones; the program has others."
             )
         self.cost = _Cost(prog)
         self._linear = BindingBlock(prog, linear)
-        self._nonlinear = nonlinear or BindingBlock(prog, others)
-        self._blocks = [self._nonlinear, self._linear]
+        replaced = set() if nonlinear is None else set(nonlinear.replaces)
+        others = BindingBlock(prog, [b for b in curved if b not in replaced])
+        self._curved: list[ConstraintBlock] = [others] if nonlinear is None else [others, nonlinear]
+        self._blocks: list[ConstraintBlock] = [*self._curved, self._linear]
+        # Those at the front, whose second derivatives are used.
+        self._bent = self._curved if exact else self._curved[: len(self._curved) - 1]
         self._linear_jacobian = self._linear.jacobian(guess)
         self.lower, self.upper = _bounds(prog)
         self.scale = np.ones(prog.num_vars())
@@ -287,20 +305,21 @@ class _ScaledProblem:
         guess = np.clip(guess, self.lower, self.upper)
         self._cost_scale = min(1.0, 100.0 / max(abs(self.cost.evaluate(guess)), 1e-9))
         self._guess = guess / self.scale
-        self._num_rows = len(self._nonlinear.lower)
+        self._starts = np.cumsum([0, *(len(block.lower) for block in self._blocks)])
+        self._rows = np.concatenate(
+            [start + b.rows for start, b in zip(self._starts, self._blocks, strict=False)]
+        )
         self._columns = np.concatenate([block.columns for block in self._blocks])
         self._g_lower = np.concatenate([block.lower for block in self._blocks])
         self._g_upper = np.concatenate([block.upper for block in self._blocks])
-        self._exact, self._on_iteration = exact, on_iteration
+        self._on_iteration = on_iteration
         self.iterations, self.stop = 0, False
         self.best, self._best_cost = None, np.inf
 
         rows, columns = [self.cost.rows], [self.cost.columns]
-        if exact:
-            rows.append(np.maximum(self._nonlinear.hessian_rows, self._nonlinear.hessian_columns))
-            columns.append(
-                np.minimum(self._nonlinear.hessian_rows, self._nonlinear.hessian_columns)
-            )
+        for block in self._bent:
+            rows.append(np.maximum(block.hessian_rows, block.hessian_columns))
+            columns.append(np.minimum(block.hessian_rows, block.hessian_columns))
         self._hessian_rows, self._hessian_columns = np.concatenate(rows), np.concatenate(columns)
         self._hessian_scale = self.scale[self._hessian_rows] * self.scale[self._hessian_columns]
 
@@ -313,10 +332,7 @@ class _ScaledProblem:
             num_rows,
             self._g_lower,
             self._g_upper,
-            (
-                np.concatenate([self._nonlinear.rows, self._num_rows + self._linear.rows]),
-                self._columns,
-            ),
+            (self._rows, self._columns),
             (self._hessian_rows, self._hessian_columns),
             self._evaluate_cost,
             self._evaluate_cost_gradient,
@@ -354,14 +370,15 @@ class _ScaledProblem:
                 self.best, self._best_cost = y.copy(), cost
 
     def _evaluate_jacobian(self, y, out):
-        nonzeros = [self._nonlinear.jacobian(self.scale * y), self._linear_jacobian]
+        x = self.scale * y
+        nonzeros = [*(block.jacobian(x) for block in self._curved), self._linear_jacobian]
         out[:] = np.concatenate(nonzeros) * self.scale[self._columns]
 
     def _evaluate_hessian(self, y, multipliers, cost_factor, out):
         x = self.scale * y
         parts = [cost_factor * self._cost_scale * self.cost.hessian(x)]
-        if self._exact:
-            parts.append(self._nonlinear.hessian(x, multipliers[: self._num_rows]))
+        for block, start in zip(self._bent, self._starts, strict=False):
+            parts.append(block.hessian(x, multipliers[start : start + len(block.lower)]))
         out[:] = np.concatenate(parts) * self._hessian_scale
 
     def _after_iteration(self, _mode, iteration, scaled_cost, violation, *_):
@@ -401,7 +418,7 @@ class _Cost:
             if not hasattr(binding.evaluator(), "Q") and not hasattr(binding.evaluator(), "a")
         ]
         self._triangle = self._rows >= self._columns
-        others = _lower_triangles([indices for _, indices in self._others])
+        others = _lower_triangles(self._others)
         self.rows = np.concatenate([self._rows[self._triangle], np.maximum(*others)])
         self.columns = np.concatenate([self._columns[self._triangle], np.minimum(*others)])
 
@@ -465,28 +482,42 @@ def _bounds(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:
 
 def _gradient(evaluator, x: np.ndarray) -> np.ndarray:
     """(rows, variables); zero where the evaluator does not depend on them."""
+    if hasattr(evaluator, "Q"):
+        return (evaluator.Q() @ x + evaluator.b())[None]
     values = evaluator.Eval(InitializeAutoDiff(x)[:, 0])
     gradient = ExtractGradient(values)
     return gradient if gradient.size else np.zeros((len(ExtractValue(values)), len(x)))
 
 
 def _weighted_hessian(evaluator, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Lower triangle of the Hessian of weights · evaluator, by differences of gradients."""
+    """Nonzeros of the Hessian of weights · evaluator, as in `_triangle`.
+
+    By differences of gradients, unless it is quadratic.
+    """
+    if hasattr(evaluator, "Q"):
+        return weights[0] * evaluator.Q()[_triangle(evaluator, len(x))]
     hessian = np.empty((len(x), len(x)))
     for index, value in enumerate(x):
         step = np.zeros(len(x))
         step[index] = 1e-5 * max(1.0, abs(value))
         change = _gradient(evaluator, x + step) - _gradient(evaluator, x - step)
         hessian[index] = weights @ change / (2 * step[index])
-    return (0.5 * (hessian + hessian.T))[np.tril_indices(len(x))]
+    return (0.5 * (hessian + hessian.T))[_triangle(evaluator, len(x))]
 
 
-def _lower_triangles(groups: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the dense Hessians of groups of variables."""
-    triangles = [np.tril_indices(len(indices)) for indices in groups]
-    pairs = list(zip(groups, triangles, strict=True))
-    rows = _concatenate([indices[triangle[0]] for indices, triangle in pairs], int)
-    columns = _concatenate([indices[triangle[1]] for indices, triangle in pairs], int)
+def _triangle(evaluator, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where the lower triangle of an evaluator's Hessian may not be zero."""
+    if not hasattr(evaluator, "Q"):
+        return np.tril_indices(size)
+    rows, columns = np.nonzero(np.tril(evaluator.Q()))
+    return rows, columns
+
+
+def _lower_triangles(bindings: Sequence[tuple]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of the Hessians of evaluators of some variables, as in `_triangle`."""
+    places = [(indices, _triangle(evaluator, len(indices))) for evaluator, indices in bindings]
+    rows = _concatenate([indices[row] for indices, (row, _) in places], int)
+    columns = _concatenate([indices[column] for indices, (_, column) in places], int)
     return rows, columns
 
 

@@ -271,6 +271,7 @@ class Planner:
                 solve_time=solution.solve_time,
                 cost=solution.cost,
                 largest_defect=program.largest_defect(solution.x),
+                broken_constraint=program.broken_constraint(solution.x),
                 tolerance_deg=self._tolerance_deg,
             ),
             provenance=self._provenance,

@@ -1,6 +1,7 @@
 """The trajectory program, eqns (15)-(20), on Drake's DirectCollocation."""
 
 import copy
+import textwrap
 import warnings
 
 import numpy as np
@@ -15,6 +16,8 @@ from planners.task import Task, TaskError
 
 REST_RATE = np.deg2rad(0.5)  # rad/s, largest bend rate at rest
 REACH_TOLERANCE = np.deg2rad(0.1)  # rad
+# By how much constraints of one's own may be missed, relative to bounds larger than one.
+ADDED_TOLERANCE = 1e-5
 
 
 class TrajectoryProgram:
@@ -32,6 +35,7 @@ class TrajectoryProgram:
     - ``state_scales``: typical changes of the states (2n + M,).
     - ``defects``: (17) in closed form, or None where it disagrees with the
       limb's `MultibodyPlant`.
+    - ``added``: the constraints that the task's ``customize`` added.
 
     Args:
         parameters: of the limb.
@@ -71,8 +75,10 @@ class TrajectoryProgram:
         self._add_limits_of_motion()
         self._set_scaling()
         self.defects = self._make_defects()
+        before = set(self.prog.GetAllConstraints())
         if self.task.customize:
             self.task.customize(self)
+        self.added = [b for b in self.prog.GetAllConstraints() if b not in before]
 
     def update(self, reference: np.ndarray, initial_state: np.ndarray, warm_up_time: float) -> None:
         """Sets the values that change from plan to plan.
@@ -153,6 +159,37 @@ class TrajectoryProgram:
                 defects[2 * n :] * h / self._wires.heat_scales[:, None],
             ]
         )
+
+    def broken_constraint(self, x: np.ndarray) -> str:
+        """Which of the constraints that were ``added`` is exceeded most, as words, or ""."""
+        worst, most = "", ADDED_TOLERANCE
+        for number, binding in enumerate(self.added, 1):
+            evaluator, values = binding.evaluator(), self.prog.EvalBinding(binding, x)
+            lower, upper = evaluator.lower_bound(), evaluator.upper_bound()
+            missed = np.maximum(lower - values, values - upper)
+            bound = np.where(lower - values > values - upper, lower, upper)
+            relative = missed / np.maximum(1.0, np.abs(bound))
+            row = int(np.argmax(relative))  # NaN if there is one
+            if relative[row] <= most:
+                continue
+            most = np.nan_to_num(relative[row], nan=np.inf)
+            expression = textwrap.shorten(str(binding).partition("\n")[2], 100) or str(binding)
+            name = evaluator.get_description() or expression
+            worst = (
+                f"'{name}' (number {number} of {len(self.added)}{self._when(binding)}) is missed "
+                f"by {missed[row]:.3g}"
+            )
+        return worst
+
+    def _when(self, binding: Binding) -> str:
+        """The times of the knots whose variables a constraint is on, in words."""
+        indices = self.prog.FindDecisionVariableIndices(binding.variables())
+        concerned = np.isin(np.hstack([self.states, self.duty]), indices).any(axis=1)
+        knots = self.times[concerned]
+        if not len(knots):
+            return ""
+        first, last = knots[[0, -1]]
+        return f", at {first:g} s" if first == last else f", from {first:g} to {last:g} s"
 
     def largest_defect(self, x: np.ndarray) -> float:
         """The largest of `defects_of`."""
@@ -287,6 +324,7 @@ class DefectBlock:
 
     def __init__(self, program: TrajectoryProgram, defects: LimbDefects):
         self._program, self._defects, self._hessian = program, defects, defects.hessian
+        self.replaces = program.prog.generic_constraints()  # those of `DirectCollocation`
         num_states = program.states.shape[1]
         variables = self._variables = np.column_stack(
             [

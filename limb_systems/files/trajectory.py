@@ -56,6 +56,8 @@ class PlanCheck:
       quasi-static guess.
     - ``largest_defect``: of the collocation constraints as Drake evaluates
       them, acceleration scaled by M(0)/k to rad, others by their time step.
+    - ``broken_constraint``: which of the constraints that the task's ``customize``
+      added does not hold, and by how much; empty if all do.
     - ``largest_difference_deg``: between the bend angle of the plan and that
       of an accurate simulation of its duty, degrees.
     - ``tolerance_deg``: largest difference that was allowed, degrees.
@@ -76,6 +78,7 @@ class PlanCheck:
     cost: float = 0.0
     guess_cost: float = 0.0
     largest_defect: float = math.nan
+    broken_constraint: str = ""
     largest_difference_deg: float = math.nan
     tolerance_deg: float = math.nan
     active_constraints: list[ActiveConstraint] = dataclasses.field(default_factory=list)
@@ -96,6 +99,8 @@ class PlanCheck:
                 f"the dynamics are violated by {self.largest_defect:.1e} (scaled), "
                 f"more than {DEFECT_TOLERANCE:.0e}."
             )
+        if self.broken_constraint:
+            return f"the task's constraint {self.broken_constraint}."
         if not self.largest_difference_deg <= self.tolerance_deg:
             return (
                 f"simulating the planned duty ends up to {self.largest_difference_deg:.3f}° away "

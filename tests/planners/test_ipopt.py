@@ -128,10 +128,10 @@ def test_ctrl_c_keeps_the_best_feasible_point():
     assert signal.getsignal(signal.SIGINT) is handler
 
 
-def test_cones_are_refused():
+def test_what_is_not_smooth_is_refused():
     prog = MathematicalProgram()
     x = prog.NewContinuousVariables(3)
-    prog.AddLorentzConeConstraint(x)
+    prog.AddExponentialConeConstraint(np.eye(3), np.zeros(3), x)
     with pytest.raises(ValueError, match="the program has others"):
         ExactHessianIpoptSolver().Solve(prog, np.zeros(3))
 

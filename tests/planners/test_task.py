@@ -4,12 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.solvers import SnoptSolver
 
 from hardware import LimbTwin
 from limb_systems import (
     Limb,
     LimbError,
     LimbParameters,
+    SaturatingLaw,
     bend_angle,
     joint_angles_from_bend_angle,
     simulate,
@@ -23,7 +25,9 @@ from planners import (
     TaskError,
     plan,
     references,
+    solving,
 )
+from planners.program import DefectBlock
 
 ROOT = Path(__file__).parents[2]
 
@@ -215,19 +219,65 @@ def test_phases_weigh_time_differently():
     assert error[trajectory.time > 6.0].max() < 0.2
 
 
-def test_costs_and_constraints_of_ones_own():
-    def rest_the_right_wire(program):
-        variables = program.prog.decision_variables()
-        program.prog.AddBoundingBoxConstraint(0.0, 0.0, variables[program.duty[20:30, 1]])
-        program.prog.AddCost(
-            lambda z: 1e3 * (z[0] - 0.3) ** 4, vars=variables[program.duty[40, :1]]
-        )
+def of_ones_own(program):
+    """A constraint of each kind, on the duty of knots of its own, and two costs."""
+    prog = program.prog
+    duty = prog.decision_variables()[program.duty]
+    prog.AddBoundingBoxConstraint(0.0, 0.0, duty[20:30, 1])
+    prog.AddLinearConstraint(duty[31, 0] - duty[31, 1] >= 0.1)
+    prog.AddLinearConstraint(duty[32, 0] == duty[32, 1] + 0.2)
+    for k in range(10, 20):
+        prog.AddQuadraticConstraint(2 * np.eye(2), np.zeros(2), -np.inf, 0.15**2, duty[k])
+    prog.AddConstraint(duty[34, 0] * (1 + duty[35, 0] ** 2) >= 0.05)
+    prog.AddConstraint(
+        lambda z: [z[0] ** 3], [-np.inf], [0.001], vars=duty[11, 1:], description="a cap"
+    )
+    prog.AddLorentzConeConstraint(np.array([[0, 0], [1, 0], [0, 1.0]]), [0.1, 0, 0], duty[12])
+    prog.AddCost(lambda z: 1e4 * (z[0] - 0.3) ** 4, vars=duty[40, :1])
+    prog.AddCost(1e4 * (duty[42, 0] - 0.3) ** 4)
 
-    task = Task(customize=rest_the_right_wire)
-    trajectory = plan(cold_parameters(), step_to_20_degrees(), task=task)
-    assert trajectory.duty[1, 20:30].max() < 1e-9
-    assert trajectory.duty[0, 40] == pytest.approx(0.3, abs=0.1)
-    assert trajectory.duty[0, 38] < 0.1
+
+@pytest.mark.parametrize("way", ["Gauss-Newton", "curvature of the wires", "exact", "SNOPT"])
+def test_costs_and_constraints_of_ones_own_hold_however_they_are_solved(way, monkeypatch):
+    parameters, solver = cold_parameters(), None
+    parameters.segments[0].links = 1
+    if way == "curvature of the wires":
+        for wire in parameters.segments[0].wires:
+            wire.law = SaturatingLaw()
+    elif way == "exact":
+        monkeypatch.setattr(solving, "GAUSS_NEWTON_ITERATIONS", 2)
+    elif way == "SNOPT":
+        solver = SnoptSolver()
+    task = Task(customize=of_ones_own)
+    trajectory = plan(parameters, step_to_20_degrees(), task=task, solver=solver)
+    assert way in trajectory.check.solver.partition("(")[0]
+    left, right = trajectory.duty
+    assert right[20:30].max() < 1e-8
+    assert left[31] - right[31] > 0.1 - 1e-6
+    assert left[32] - right[32] == pytest.approx(0.2, abs=1e-6)
+    assert np.hypot(left, right)[10:20].max() == pytest.approx(0.15, abs=1e-4)
+    assert left[34] * (1 + left[35] ** 2) > 0.05 - 1e-6
+    assert right[11] < 0.1 + 1e-5
+    assert np.hypot(left, right)[12] < 0.1 + 1e-5
+    for costly in (40, 42):
+        assert left[costly] == pytest.approx(0.3, abs=0.1)
+        assert left[costly - 3] < 0.1
+
+
+@pytest.mark.parametrize("description", ["a cap", ""])
+def test_the_check_names_a_constraint_of_ones_own_that_does_not_hold(description, monkeypatch):
+    def customize(program):
+        duty = program.prog.decision_variables()[program.duty]
+        for k in range(9, 13):
+            cap = program.prog.AddConstraint(duty[k, 1] ** 3 <= 0.1 * (k - 7))
+            cap.evaluator().set_description(description)
+
+    forgetful = property(lambda block: block._program.prog.generic_constraints(), lambda *_: None)
+    monkeypatch.setattr(DefectBlock, "replaces", forgetful, raising=False)
+    name = description or r"-inf <= pow\(u\(21\), 3\) <= 0\.30*\d*"
+    message = rf"task's constraint '{name}' \(number 2 of 4, at 1 s\) is missed by 0\.\d+"
+    with pytest.raises(PlanningError, match=message):
+        plan(cold_parameters(), step_to_20_degrees(), task=Task(customize=customize))
 
 
 @pytest.mark.parametrize(
