@@ -297,7 +297,7 @@ def calibrate(
         else:
             prediction = fit_by_prediction(laws, heated, segment, ambient.value, tell=tell)
             prediction.fit.apply(segment)
-            validation = as_validation(prediction.best.judged[0], limb)
+            validation = as_validation(prediction.best.judged, limb)
         limb.validate()
     calibration = Calibration(
         limb,

@@ -10,7 +10,7 @@ from limb_systems import Recording
 STEP = 0.5  # s, of simulation and of averages; wires heat and cool within seconds
 SPIKE = 6.0  # robust standard deviations from the median of five samples, beyond which one counts
 STEEP = 1.5  # of the range of its neighbours, within which a sample is no spike
-START = 1.0  # s, over which the first reading is averaged
+START = 1.0  # s, over which the first readings are averaged
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -23,7 +23,8 @@ class Course:
     - ``temperature``, ``bend``: means of the readings V, °C (M, W), and φ, rad (M,).
     - ``counts``: number of samples in each mean (M,).
     - ``first``: V at the beginning (W,), °C.
-    - ``slope``: rate of V there (W,), °C/s.
+    - ``slope``: rate of V there, before the wire is heated (W,), °C/s; nan where less than a
+      second shows it.
     """
 
     source: str
@@ -38,7 +39,7 @@ class Course:
     @classmethod
     def of(cls, recording: Recording) -> "Course":
         """A recording's, without single samples that are far from their neighbours."""
-        recording = at_sample_times(recording)
+        recording = despiked(at_sample_times(recording))
         bend = bend_sensor_of(recording).corrected(recording.bend_angle[0])
         times = recording.time - recording.time[0]
         num_steps = max(1, int(np.ceil(times[-1] / STEP - 1e-6)))
@@ -53,18 +54,17 @@ class Course:
         def means(values: np.ndarray) -> np.ndarray:
             return np.bincount(bins, values)[filled] / counts[filled]
 
-        temperature = np.array([without_spikes(v) for v in recording.measured_temperature])
-        start = times <= max(START, 2.5 / recording.sample_rate)
-        soon = times <= max(3 * START, 5.0 / recording.sample_rate)
-        slope = [_slope(times[soon], v[soon]) for v in temperature]
+        temperature = recording.measured_temperature
+        soon = before_heat(recording) & (times <= max(3 * START, 5.0 / recording.sample_rate))
+        slope = [_slope(times[s], v[s]) for v, s in zip(temperature, soon, strict=True)]
         return cls(
             source=recording.source,
             duty=np.array(duty).T,
             times=means(times),
             temperature=np.array([means(v) for v in temperature]).T,
-            bend=means(without_spikes(bend)),
+            bend=means(bend),
             counts=counts[filled],
-            first=temperature[:, start].mean(axis=1),
+            first=first_readings(recording),
             slope=np.array(slope),
         )
 
@@ -79,36 +79,60 @@ class Course:
             for share in [after.reshape(-1, *[1] * (signal.ndim - 1))]
         )
 
-    def parts(self, share: float) -> tuple["Course", "Course"]:
-        """The first share of it, and the rest."""
-        step = round(share * len(self.duty))
-        whole = dataclasses.replace(self, duty=self.duty[:step])
-        early = self.times < STEP * step
-        late = np.flatnonzero(~early)
-        soon = late[self.times[late] < STEP * step + 3 * START]
-        first = self.temperature[late[:1]].mean(axis=0)
-        slope = [_slope(self.times[soon], v[soon]) for v in self.temperature.T]
-        return (
-            whole._samples(early, 0.0),
-            dataclasses.replace(
-                self, duty=self.duty[step:], first=first, slope=np.array(slope)
-            )._samples(~early, STEP * step),
-        )
+    def held_out(self, least: float, most: float) -> tuple["Course", "Course"]:
+        """Its samples but the last, and the last; each has the duty of all.
 
-    def _samples(self, which: np.ndarray, start: float) -> "Course":
+        The last are those of a share of the time, or of the same share of the heat if that
+        begins earlier: the end of a recording may show a limb at rest alone.
+
+        Args:
+            least: share of time and heat.
+            most: share of the time, beyond which the heat does not count.
+        """
+        heat = np.cumsum(self.duty.sum(axis=1))
+        late = STEP * float(np.searchsorted(heat, (1 - least) * heat[-1]))
+        end = self.times[-1]
+        early = self.times < np.clip(late, (1 - most) * end, (1 - least) * end)
+        return self._samples(early), self._samples(~early)
+
+    def _samples(self, which: np.ndarray) -> "Course":
         return dataclasses.replace(
             self,
-            times=self.times[which] - start,
+            times=self.times[which],
             temperature=self.temperature[which],
             bend=self.bend[which],
             counts=self.counts[which],
         )
 
 
+def before_heat(recording: Recording) -> np.ndarray:
+    """Whether a wire was not yet heated (W, K); the first sample counts.
+
+    The duty at a sample was in force since the sample before, and that of the first one
+    before the recording.
+    """
+    later = np.cumsum(recording.duty[:, 1:] > 0, axis=1) == 0
+    return np.column_stack([np.ones(len(later), bool), later])
+
+
+def at_start(recording: Recording) -> np.ndarray:
+    """Whether a sample is of the first second, before its wire is heated (W, K)."""
+    since = recording.time - recording.time[0]
+    return before_heat(recording) & (since <= max(START, 2.5 / recording.sample_rate))
+
+
+def first_readings(recording: Recording) -> np.ndarray:
+    """V at the beginning (W,), °C."""
+    readings = zip(recording.measured_temperature, at_start(recording), strict=True)
+    return np.array([measured[shown].mean() for measured, shown in readings])
+
+
 def _slope(times: np.ndarray, values: np.ndarray) -> float:
-    """Of the line through samples; zero if there is only one."""
+    """Of the line through samples; nan if they show less than a second."""
+    if np.ptp(times) < 0.99 * START:
+        return np.nan
     since = times - times.mean()
-    return float(since @ values / (since @ since)) if len(times) > 1 else 0.0
+    return float(since @ values / (since @ since))
 
 
 def without_spikes(signal: np.ndarray) -> np.ndarray:

@@ -9,10 +9,10 @@ from scipy.linalg import expm, schur
 from scipy.optimize import least_squares
 
 from calibration.checks import check_values
-from calibration.course import START, at_sample_times, despiked
+from calibration.course import at_sample_times, at_start, despiked, first_readings
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, clustered_covariance
-from calibration.remarks import Remark
+from calibration.remarks import Remark, remarks_on_start
 from limb_systems import LinearLaw, Recording, WireLaw
 
 RATES = ("a1", "a2", "a3")
@@ -179,7 +179,7 @@ def fit_heat_transfer(
             [weights[0] * (sensed - measured), weights[1] * (bent - angle), prior]
         )
 
-    first = [measured[: max(1, round(START / period))].mean()] * 2
+    first = [first_readings(recording)[index]] * 2
     guess = [*np.clip(np.log(np.abs(start)), _INNER_LOWEST, _INNER_HIGHEST), 1 / b, *first]
     guess += [0.05] * late
     scale = [0.1, 0.1, 0.1, 0.1 / abs(b), 1.0, 1.0] + [0.1] * late
@@ -218,6 +218,7 @@ def fit_heat_transfer(
         temperature_residual=_rms(sensed - measured),
         angle_residual=_rms(bent - angle),
         remarks=_remarks(name, duty, measured, ambient, fit.x, covariance)
+        + remarks_on_start(f"the {name} wire", wire[0], ambient, measured)
         + _proportionality_remark(name, wire, angle),
     )
 
@@ -259,7 +260,7 @@ def fit_heat_transfer_from_temperature(
     def residuals(x: np.ndarray, room: float = ambient) -> np.ndarray:
         return (simulated(x, room)[1] - measured) / TEMPERATURE_SCALE
 
-    first = [measured[: max(1, round(START / period))].mean()] * 2
+    first = [first_readings(recording)[index]] * 2
     a1, a2, _ = _two_stage(duty, measured, measured, period, ambient)
     guess = [*np.log([-a1, a2, 1.0]), *first] + [0.1] * delay
     guess[:3] = np.clip(guess[:3], _INNER_LOWEST, _INNER_HIGHEST)
@@ -294,7 +295,8 @@ def fit_heat_transfer_from_temperature(
         bend_angle=None,
         temperature_residual=_rms(sensed - measured),
         angle_residual=None,
-        remarks=_remarks(name, duty, measured, ambient, x, covariance),
+        remarks=_remarks(name, duty, measured, ambient, x, covariance)
+        + remarks_on_start(f"the {name} wire", wire[0], ambient, measured),
     )
 
 
@@ -325,11 +327,11 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     readings, expected = [], []
     for recording in recordings:
         expected.append(recording.parameters.ambient_temperature)
-        soon = recording.time <= recording.time[0] + max(1.0, 2.5 / recording.sample_rate)
-        for name, duty, measured in zip(
+        for name, duty, measured, soon in zip(
             recording.parameters.wire_names,
             recording.duty,
             recording.measured_temperature,
+            at_start(recording),
             strict=True,
         ):
             heated = bool(duty.any())

@@ -30,6 +30,7 @@ from limb_systems.model.open_loop import OpenLoop, with_fields
 AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
 READING_SPREAD = 1.0  # °C, of a wire from its thermocouple while both rest
 COOLING_TIME = 3.0  # s, by which a thermocouple may be late at the start
+COOLING_RATE = 0.1  # 1/s, at which a wire may cool where its slope is not known
 MEMORY_SPREAD = 0.05  # of other states than temperatures, in typical changes, of a cold wire
 
 # Of residuals: standard deviation in each sample; of what drifts, and within what time, s; of
@@ -77,7 +78,8 @@ class LawFit:
     - ``fitted``: their values (P), as `Unknown` has them.
     - ``covariance``: theirs (P, P).
     - ``ambient``: T0, °C.
-    - ``predicted``: the recordings of the fit, with the initial states that were fitted.
+    - ``nuisances``: of each recording (R, Q): its T0, and the initial states of its wires.
+    - ``predicted``: the recordings of the fit, with these.
     """
 
     law: type[WireLaw]
@@ -86,6 +88,7 @@ class LawFit:
     fitted: np.ndarray
     covariance: np.ndarray
     ambient: float
+    nuisances: np.ndarray
     predicted: list[Predicted]
 
     @property
@@ -172,6 +175,11 @@ class LawFit:
         )
         return problem.predicted(whole(solution.x))
 
+    def continued(self, courses: Sequence[Course]) -> list[Predicted]:
+        """Predicts other samples of the recordings of the fit, from the same initial states."""
+        problem = _Problem(self.law, courses, self.segment, self.ambient, self.unknowns)
+        return problem.predicted(np.concatenate([self.fitted, self.nuisances.ravel()]))
+
 
 def fit_law(
     law: type[WireLaw],
@@ -227,6 +235,7 @@ def fit_law(
         x[:size],
         covariance[:size, :size],
         ambient,
+        x[size:].reshape(len(courses), -1),
         problem.predicted(x),
     )
 
@@ -270,7 +279,9 @@ class _Problem:
     def _nuisances(self, course: Course, ambient: float) -> tuple[np.ndarray, np.ndarray]:
         """Expected values of a recording's (Q,), and their spreads."""
         centers, spreads = [np.array([ambient])], [np.array([AMBIENT_SPREAD])]
-        warmth, change = np.abs(course.first - ambient), COOLING_TIME * np.abs(course.slope)
+        warmth = np.abs(course.first - ambient)
+        slope = np.where(np.isnan(course.slope), COOLING_RATE * warmth, np.abs(course.slope))
+        change = COOLING_TIME * slope
         for index, (cold, (name, scale)) in enumerate(
             zip(self._law().cold_states(0.0), self._law.states.items(), strict=True)
         ):

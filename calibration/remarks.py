@@ -16,6 +16,8 @@ import numpy as np
 from calibration.estimate import Estimate
 from calibration.validation import Validation
 
+BELOW_ROOM, ABOVE_READINGS = 10.0, 20.0  # °C, beyond which nothing in a limb starts
+
 
 class Severity(enum.IntEnum):
     """The effect of a remark on plans."""
@@ -35,6 +37,8 @@ RULES = {
     "untold": (Severity.STOP, "a parameter is unknown"),
     # If a fit ends at its bound, the true value is beyond it by an unknown amount.
     "bound": (Severity.STOP, "a parameter is at its bound"),
+    # What follows from a wrong start is wrong as well: heat is that of the start.
+    "start": (Severity.STOP, "a recording starts at an impossible temperature"),
     # For the validation; the verdict contains its error anyway.
     "far": (Severity.STOP, ""),
     "off": (Severity.CARE, ""),
@@ -87,6 +91,28 @@ def remarks_on_estimate(name: str, estimate: Estimate) -> list[Remark]:
     if estimate.told:
         return []
     return [Remark("untold", f"The data do not determine {name}; record more trials of it.")]
+
+
+def remarks_on_start(what: str, value: float, room: float, readings: np.ndarray) -> list[Remark]:
+    """A remark if a fit has a recording start far below the room, or far above all readings.
+
+    Args:
+        what: starts, in words.
+        value: its fitted temperature at the start, °C.
+        room: T0, °C.
+        readings: V in the recording, °C.
+    """
+    low = min(room, float(readings.min())) - BELOW_ROOM
+    if low < value < max(room, float(readings.max())) + ABOVE_READINGS:
+        return []
+    return [
+        Remark(
+            "start",
+            f"The fit starts {what} at {value:.0f} °C in a room of {room:.0f} °C, which cannot "
+            "be; let the limb rest, record some seconds before the first heat, and see that duty "
+            "and readings are of the same time.",
+        )
+    ]
 
 
 def remarks_on_validation(validation: Validation | None) -> list[Remark]:

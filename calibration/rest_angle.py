@@ -5,10 +5,11 @@ from collections.abc import Iterable
 import numpy as np
 
 from calibration.bend_sensor import bend_sensor_of
+from calibration.course import at_start
 from calibration.estimate import Estimate
 from limb_systems import Recording
 
-SOON, LATE = 1.0, 2.0  # s at the beginning of heated recordings, and at the end of others
+LATE = 2.0  # s, at the end of recordings without heat
 COLD = 3.0  # °C above T0, within which a wire counts as cold
 
 
@@ -25,7 +26,7 @@ def rest_angle(recordings: Iterable[Recording], ambient: float) -> Estimate:
             continue
         heated = recording.duty.any()
         shown = (
-            recording.time < recording.time[0] + max(SOON, 1.5 / recording.sample_rate)
+            at_start(recording).all(axis=0)
             if heated
             else recording.time > recording.time[-1] - LATE
         )

@@ -8,7 +8,7 @@ from threadpoolctl import threadpool_limits
 
 from calibration.course import Course
 from calibration.prediction import LawFit, Predicted, fit_law
-from calibration.remarks import Remark
+from calibration.remarks import Remark, remarks_on_start
 from limb_systems import (
     HystereticLaw,
     LinearLaw,
@@ -29,7 +29,7 @@ LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
 )
 OPTIONS = ("stiffening", "rest_memory")  # of the rubber, which are tried with the best law
 BEND_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 3.0  # rad and °C of error that weigh the same
-FITTED_SHARE = 0.6  # of the only recording; the rest judges
+HELD_OUT = 0.12, 0.4  # of each recording, of its time and heat: least and most that judges
 BLOCK = 10.0  # s, after which errors of prediction count as independent
 AT_BOUND = 0.02  # by which a fitted value may stay inside its bound and count as at it
 WORTH = 0.1  # of a scale: laws that differ by less predict alike
@@ -92,7 +92,7 @@ class Prediction:
 
     - ``candidates``: laws that were compared, each fitted without the judges.
     - ``best``: the simplest of them that no other beats.
-    - ``fit``: that law, fitted to all recordings but motions.
+    - ``fit``: that law, fitted to all recordings but motions that judge.
     - ``judges``: what the laws were judged by, in words.
     """
 
@@ -104,7 +104,7 @@ class Prediction:
     @property
     def remarks(self) -> list[Remark]:
         """On parameters at the bounds of the fit, and on those that the recordings do not tell."""
-        remarks = []
+        remarks = self._remarks_on_starts
         for unknown, x, estimate in zip(
             self.fit.unknowns, self.fit.fitted, self.fit.estimates.values(), strict=True
         ):
@@ -127,6 +127,20 @@ class Prediction:
                 )
         return remarks
 
+    @property
+    def _remarks_on_starts(self) -> list[Remark]:
+        """Remarks on initial temperatures that no limb has."""
+        remarks = []
+        for predicted, nuisances in zip(self.fit.predicted, self.fit.nuisances, strict=True):
+            course, room = predicted.course, float(nuisances[0])
+            states = nuisances[1:].reshape(len(self.fit.law.states), -1)
+            for name, values in zip(self.fit.law.states, states, strict=True):
+                for wire, value in zip(self.fit.segment.wires, values, strict=True):
+                    if self.fit.law.is_temperature(name):
+                        what = f"the {wire.name} wire's {name} in the recording of {course.source}"
+                        remarks += remarks_on_start(what, value, room, course.temperature)
+        return remarks
+
 
 def fit_by_prediction(
     laws: Sequence[type[WireLaw]],
@@ -138,9 +152,9 @@ def fit_by_prediction(
 ) -> Prediction:
     """The wires' law and its parameters from all heated recordings.
 
-    Laws are judged by how they predict the motions. Where there are none, they
-    are judged by the recordings of all wires, or else by the last one, or by the last
-    part of the only one, and what judged them is then fitted as well.
+    Laws are judged by how they predict the motions. Where there are none, they are judged
+    by the recordings of all wires, or else by the last part of each recording, and what
+    judged them is then fitted as well. Recordings judge only wires that others heat.
 
     Args:
         laws: to be compared, from the simplest on.
@@ -150,28 +164,33 @@ def fit_by_prediction(
         tell: is called with what is being done.
     """
     courses = {kind: [Course.of(r) for r in group] for kind, group in recordings.items() if group}
-    judges = courses.pop("motion", [])
+    motions, both = courses.pop("motion", []), courses.get("both", [])
     fitted = [course for group in courses.values() for course in group]
-    rest, words = fitted, f"{len(judges)} motion{'s' * (len(judges) != 1)} left out of the fit"
-    if not fitted:  # motions alone
-        fitted, judges = judges, []
-    if not judges and "both" in courses and len(courses) > 1:
-        judges = courses.pop("both")
-        rest = [course for group in courses.values() for course in group]
+    if judge := bool(motions) and _heated(motions) <= _heated(fitted):
+        rest, judges = fitted, motions
+        words = f"{len(judges)} motion{'s' * (len(judges) != 1)} left out of the fit"
+    else:
+        fitted += motions
+        rest, judges = [course for course in fitted if course not in both], both
         words = "what shows all wires heated, fitted last"
-    elif not judges and len(fitted) > 1:
-        *rest, last = fitted
-        judges, words = [last], "the last recording, fitted last"
-    elif not judges:
-        first, last = fitted[0].parts(FITTED_SHARE)
-        rest, judges, words = [first], [last], "the last part of the only recording, fitted last"
+        judge = bool(both) and _heated(both) <= _heated(rest)
+    if not judge:
+        rest, judges = map(list, zip(*[c.held_out(*HELD_OUT) for c in fitted], strict=True))
+        words = "the last part of each recording, fitted last"
     with threadpool_limits(1, "blas"):  # matrices are small; see README
-        candidates, best = compare_laws(laws, rest, judges, segment, ambient, tell=tell)
+        candidates, best = compare_laws(
+            laws, rest, judges, segment, ambient, continued=not judge, tell=tell
+        )
         fit = best.fit
         if rest is not fitted:
             tell(f"{best.name}, all recordings")
             fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
     return Prediction(candidates, best, fit, words)
+
+
+def _heated(courses: Sequence[Course]) -> set[int]:
+    """Indices of the wires that are heated in recordings."""
+    return {int(wire) for course in courses for wire in np.flatnonzero(course.duty.any(axis=0))}
 
 
 def compare_laws(
@@ -182,6 +201,7 @@ def compare_laws(
     ambient: float,
     *,
     options: Sequence[str] = OPTIONS,
+    continued: bool = False,
     tell: Callable[[str], object] = lambda remark: None,
 ) -> tuple[list[Candidate], Candidate]:
     """Fits laws, then the best of them with options of the rubber, and judges all.
@@ -192,6 +212,7 @@ def compare_laws(
         judges: recordings to predict.
         segment, ambient: as for `fit_law`.
         options: of the rubber that are tried.
+        continued: whether the judges are other samples of the same recordings, in their order.
         tell: is called with what is being done.
 
     Returns:
@@ -211,7 +232,8 @@ def compare_laws(
             start=start,
             tell=lambda remark: tell(f"{name}, {remark}"),
         )
-        candidates.append(Candidate(fit, fit.predict(judges)))
+        judged = fit.continued(judges) if continued else fit.predict(judges)
+        candidates.append(Candidate(fit, judged))
         return candidates[-1]
 
     for law in laws:

@@ -1,13 +1,14 @@
 """Validation of a calibrated limb (Sec. V-D, Fig. 4)."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
-from calibration.course import START, STEP
+from calibration.course import STEP, first_readings
 from calibration.prediction import Predicted
 from limb_systems import Limb, LimbParameters, Recording, Wires, simulate
 from limb_systems.model.kinematics import rest_joint_angles
@@ -47,8 +48,7 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     # The duty at a sample was in force since the sample before.
     held = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
     duty = PiecewisePolynomial.ZeroOrderHold(times, held)
-    soon = times <= max(START, 2.5 / recording.sample_rate)
-    first = recording.measured_temperature[:, soon].mean(axis=1)
+    first = first_readings(recording)
     warm = Wires(parameters).settled_states(first)
     angles = rest_joint_angles(parameters)
     state = np.concatenate([angles, np.zeros_like(angles), warm, first])
@@ -80,25 +80,33 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     return _compared(recording, simulated)
 
 
-def as_validation(predicted: Predicted, parameters: LimbParameters) -> Validation:
-    """A recording and its prediction by a law, of a limb with these parameters."""
-    course = predicted.course
-    steps = np.minimum((course.times / STEP).astype(int), len(course.duty) - 1)
+def as_validation(judged: Sequence[Predicted], parameters: LimbParameters) -> Validation:
+    """Recordings, one after the other, and their prediction by a law, of a limb as given."""
+    courses = [predicted.course for predicted in judged]
+    spans = [course.times[-1] - course.times[0] + STEP for course in courses]
+    starts = np.cumsum([0.0, *spans[:-1]])
 
-    def recording(temperature: np.ndarray, bend: np.ndarray, source: str) -> Recording:
+    def recording(temperature: list[np.ndarray], bend: list[np.ndarray], source: str) -> Recording:
+        steps = [np.minimum((c.times / STEP).astype(int), len(c.duty) - 1) for c in courses]
         return Recording(
-            time=course.times,
-            duty=course.duty[steps].T,
-            measured_temperature=temperature.T,
-            bend_angle=bend[np.newaxis],
+            time=np.concatenate(
+                [c.times - c.times[0] + start for c, start in zip(courses, starts, strict=True)]
+            ),
+            duty=np.concatenate([c.duty[s] for c, s in zip(courses, steps, strict=True)]).T,
+            measured_temperature=np.concatenate(temperature).T,
+            bend_angle=np.concatenate(bend)[np.newaxis],
             parameters=parameters,
             source=source,
             sample_rate=1 / STEP,
         )
 
     return _compared(
-        recording(course.temperature, course.bend, course.source),
-        recording(predicted.temperature, predicted.bend, "model"),
+        recording(
+            [c.temperature for c in courses],
+            [c.bend for c in courses],
+            ", ".join(dict.fromkeys(c.source for c in courses)),
+        ),
+        recording([p.temperature for p in judged], [p.bend for p in judged], "model"),
     )
 
 

@@ -163,7 +163,7 @@ def test_calibrates_from_any_heated_recordings():
     calibration = calibrate({"heated": heated}, LimbParameters(), laws=(TwoMassLaw,))
     assert calibration.parameters.wires[1].law.a2 == pytest.approx(22.0 * 1.2, rel=0.05)
     assert calibration.prediction is not None
-    assert "last part of the only recording" in calibration.prediction.judges
+    assert "last part of each recording" in calibration.prediction.judges
     record = calibration.parameters.calibration
     assert record is not None
     assert record.bend_error > 0
@@ -186,6 +186,14 @@ def test_a_course_has_even_steps_of_any_samples():
     np.testing.assert_allclose(fast.duty.sum(axis=0), slow.duty.sum(axis=0), atol=0.1)
     at_slow = np.array([np.interp(slow.times, fast.times, v) for v in fast.temperature.T]).T
     np.testing.assert_allclose(at_slow, slow.temperature, atol=0.3)
-    early, late = fast.parts(0.5)
-    assert len(early.times) + len(late.times) == len(fast.times)
-    assert late.times[0] < 0.5
+
+
+def test_what_is_held_out_has_heat():
+    """Though most of the end is rest: an eighth of the heat, which is in the first half."""
+    limb = limb_with(LAWS["linear"])
+    levels = PiecewisePolynomial.ZeroOrderHold([0.0, 30.0, 60.0], [[0.3, 0, 0], [0.1, 0, 0]])
+    course = Course.of(simulate(Limb(limb), levels, sample_rate=5.0))
+    early, late = course.held_out(0.12, 0.4)
+    assert late.times[0] == pytest.approx(36.0, abs=0.5)
+    assert len(early.times) + len(late.times) == len(course.times)
+    assert len(late.duty) == len(course.duty)

@@ -198,7 +198,8 @@ def driven(evaluation):
     unknowns = unknowns_of(LinearLaw, calibrated.segments[0])
     fitted = np.array([unknown.center for unknown in unknowns])
     covariance = np.eye(len(unknowns))
-    fit = LawFit(LinearLaw, calibrated.segments[0], unknowns, fitted, covariance, 25.0, [])
+    segment, nobody = calibrated.segments[0], np.empty((0, 3))
+    fit = LawFit(LinearLaw, segment, unknowns, fitted, covariance, 25.0, nobody, [])
     calibration = SimpleNamespace(
         parameters=calibrated,
         prediction=SimpleNamespace(fit=fit, best=SimpleNamespace(name="LinearLaw")),
