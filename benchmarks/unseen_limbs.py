@@ -62,7 +62,7 @@ def take(seed: int, feedback: bool) -> dict:
     assert calibration.prediction is not None
     rested, taught = teach(specimen)
     plans = []
-    for name in MOTIONS:
+    for number, name in enumerate(MOTIONS):
         motion = calibration.parameters, taught.get(name)
         try:
             trajectory = plan_motion(*motion, OPEN_LOOP)
@@ -71,7 +71,7 @@ def take(seed: int, feedback: bool) -> dict:
             continue
         around = band(trajectory)
         assert around is not None
-        rollout = Followed.of(roll_out(rested, trajectory, OPEN_LOOP, 1))
+        rollout = Followed.of(roll_out(rested, trajectory, OPEN_LOOP, 1, 2 * number))
         made = {
             "motion": name,
             "solver": trajectory.check.solver,
@@ -86,7 +86,8 @@ def take(seed: int, feedback: bool) -> dict:
         }
         if feedback:
             try:
-                closed = roll_out(rested, plan_motion(*motion, FEEDBACK), FEEDBACK, 1)
+                plan = plan_motion(*motion, FEEDBACK)
+                closed = roll_out(rested, plan, FEEDBACK, 1, 2 * number + 1)
                 made["feedback"] = dataclasses.asdict(Followed.of(closed))
             except LimbError as error:
                 made["feedback"] = {"failure": str(error)}
