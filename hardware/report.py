@@ -21,8 +21,8 @@ def drive_verdict(driven: Drive) -> str:
     ]
     if check.bend_band_deg:
         said.append(
-            f"In open loop, 95% of the limbs that the calibration allows for are within "
-            f"±{check.bend_band_deg:.2f}° of the plan."
+            f"In open loop, the bend sensors of 95% of the limbs that the calibration allows for "
+            f"read within ±{check.bend_band_deg:.2f}° of the plan."
         )
     recording = driven.recording
     if recording.interrupted:

@@ -22,7 +22,9 @@ class Band:
     """Where a limb of one segment may be that is driven with a plan's duty, open loop.
 
     - ``time``: since the start of the plan (M,), s.
-    - ``bend_angle``: half-width of the band about φ* that has 95% of all limbs (M,), rad.
+    - ``bend_angle``: half-width of the band about φ* that has the true bend of 95% of all
+      limbs (M,), rad.
+    - ``bend_reading``: likewise of what their bend sensors read, with noise and drift.
     - ``wire_temperature``, ``measured_temperature``: how far T and V may be above
       the plan's, in 995 of 1000 limbs for each wire (W, M), °C.
     - ``highest_readings``: the highest V, likewise (W,), °C.
@@ -32,6 +34,7 @@ class Band:
 
     time: np.ndarray
     bend_angle: np.ndarray
+    bend_reading: np.ndarray
     wire_temperature: np.ndarray
     measured_temperature: np.ndarray
     highest_readings: np.ndarray
@@ -72,6 +75,8 @@ def band(trajectory: Trajectory, seed: int = 0) -> Band | None:
     )
     temperature, reading, bend = temperature[:, :, 0], reading[:, :, 0], bend[:, :, 0]
     bend_form = MEAN_TO_DEVIATION * record.bend_error
+    bend_deviation = np.hypot(bend[:, 1:].std(axis=1), bend_form)
+    sensor = parameters.segments[0].bend_sensor
     heat_form = MEAN_TO_DEVIATION * record.temperature_error
 
     def above(signals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -90,7 +95,9 @@ def band(trajectory: Trajectory, seed: int = 0) -> Band | None:
     passing = np.array([NormalDist().cdf(value) for value in excess])
     return Band(
         time=ends,
-        bend_angle=BEND_QUANTILE * np.hypot(bend[:, 1:].std(axis=1), bend_form),
+        bend_angle=BEND_QUANTILE * bend_deviation,
+        bend_reading=BEND_QUANTILE
+        * np.linalg.norm(np.broadcast_arrays(bend_deviation, sensor.noise, sensor.drift), axis=0),
         wire_temperature=quantile(temperature).T,
         measured_temperature=quantile(reading).T,
         highest_readings=highest[0] + quantile(highest),

@@ -295,7 +295,7 @@ def _margin_of(trajectory: Trajectory, margin: np.ndarray) -> np.ndarray | None:
     if around is None:
         return None
     check, limit = trajectory.check, trajectory.parameters.temperature_limits.measured_maximum
-    check.bend_band_deg = float(np.rad2deg(around.bend_angle.mean()))
+    check.bend_band_deg = float(np.rad2deg(around.bend_reading.mean()))
     check.highest_readings = around.highest_readings.tolist()
     if (around.highest_readings < limit).all():
         return None

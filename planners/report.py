@@ -30,8 +30,8 @@ def plan_summary(trajectory: Trajectory) -> str:
     if check.highest_readings:
         lines.insert(
             -1,
-            f"band        of limbs alike: ±{check.bend_band_deg:.2f}° about the plan (95%), "
-            f"readings up to {max(check.highest_readings):.0f} °C (99.5%)",
+            f"band        of limbs alike: φ is read within ±{check.bend_band_deg:.2f}° of the plan "
+            f"(95%), V up to {max(check.highest_readings):.0f} °C (99.5%)",
         )
     stretches = active_times(trajectory)
     width = max((len(bound) for bound in stretches), default=0)

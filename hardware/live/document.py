@@ -232,9 +232,9 @@ def figures(phase: Phase, source: ColumnDataSource) -> list:
     if plan is not None:
         if band is not None:
             middle = np.rad2deg(np.interp(band.time, plan.time, plan.bend_angle[0]))
-            width = np.rad2deg(band.bend_angle)
+            width = np.rad2deg(band.bend_reading)
             bend.varea(band.time, middle - width, middle + width, color=PLAN_COLOR, alpha=0.12)
-            keys.append(("95% of limbs like this", f"{PLAN_COLOR}30"))
+            keys.append(("what 95% of limbs like this read", f"{PLAN_COLOR}30"))
         for row, planned, dash in zip(plan.reference, plan.bend_angle, DASHES, strict=False):
             bend.line(
                 plan.time, np.rad2deg(row), color=REFERENCE_COLOR, line_width=2, line_dash=dash

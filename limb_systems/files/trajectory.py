@@ -62,8 +62,8 @@ class PlanCheck:
       of an accurate simulation of its duty, degrees.
     - ``tolerance_deg``: largest difference that was allowed, degrees.
     - ``active_constraints``: where the plan runs along a bound.
-    - ``bend_band_deg``: mean half-width of the band about the bend angle that
-      has 95% of all limbs of which the calibration cannot tell this one apart,
+    - ``bend_band_deg``: mean half-width of the band about the bend angle that has what
+      is read of 95% of all limbs of which the calibration cannot tell this one apart,
       degrees; 0 if it is not known. See `limb_systems.band`.
     - ``highest_readings``: the highest reading of each wire, °C, that 995 of 1000
       of these limbs stay below; empty if it is not known.

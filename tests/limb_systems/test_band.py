@@ -48,6 +48,10 @@ def test_the_band_of_a_linear_limb_is_that_of_its_one_parameter(uncertain):
     bend = by_left * (planned(uncertain.wire_temperature)[left] - 25.0)
     expected = 1.96 * np.hypot(DEVIATION * bend, 1.25 * 0.01)
     np.testing.assert_allclose(around.bend_angle, expected, rtol=sampled)
+    sensor, drawn = segment.bend_sensor, np.random.default_rng(2).normal(size=(3, 20_000, 1))
+    read = around.bend_angle / 1.96 * drawn[0] + sensor.noise * drawn[1] + sensor.drift * drawn[2]
+    share = (np.abs(read) < around.bend_reading).mean(axis=0)
+    np.testing.assert_allclose(share, 0.95, atol=0.01)
 
 
 @pytest.mark.parametrize("above", [-2.0, 0.0, 4.0])
