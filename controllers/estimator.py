@@ -22,6 +22,9 @@ LARGEST_OFFSET = np.deg2rad(20.0)  # rad, of p and d; a bend further from the mo
 # thermocouples, whose steps are coarse. A wire at rest may be read so: then nothing is lost.
 STUCK_TIME, STUCK_READING_TIME = 0.5, 2.0
 STUCK_CHANGE = 5.0  # °C, by which a wire warms or cools while its reading is equal to the last bit
+# °C, by which no wire's reading changes from one to the next, as boards have it. One that is too
+# hot since it rose so is believed after so many s; that it was is forgotten within so many s.
+LARGEST_JUMP, WAITING_TIME, RAISED_TIME = 10.0, 3.0, 30.0
 # s, after which p and d are forgotten if the bend reads otherwise: what bent the limb, or a fault
 # of the sensor that they came from, has gone; but not while it jumps by so much, rad.
 FORGET_TIME, JUMP = 0.5, np.deg2rad(5.0)
@@ -55,6 +58,8 @@ class Estimate:
       believed, s.
     - ``alike``: for how long these did not change by a bit (W + S), s.
     - ``unshown``: by how much the wires' temperature changed meanwhile (W), °C.
+    - ``raised``: by how much it was raised lately to readings that were too hot (W), °C.
+    - ``hotter``: by how much readings are too hot that are not believed yet (W), °C.
     - ``last``: their last readings (W + S), °C and rad.
     """
 
@@ -66,6 +71,8 @@ class Estimate:
     unbelieved: np.ndarray
     alike: np.ndarray
     unshown: np.ndarray
+    raised: np.ndarray
+    hotter: np.ndarray
     last: np.ndarray
 
 
@@ -86,7 +93,7 @@ class Estimator:
         H, W, S = model.size, model.num_wires, model.num_segments
         self._means = H + W + 2 * S
         self._ends = np.cumsum([H, W, S])
-        self.size = self._means + self._means**2 + 4 * W + 3 * S
+        self.size = self._means + self._means**2 + 6 * W + 3 * S
         sensors = [segment.bend_sensor for segment in parameters.segments]
         self._gain = np.array([sensor.gain for sensor in sensors])
         self._sensor_offset = np.array([sensor.offset for sensor in sensors])
@@ -135,6 +142,8 @@ class Estimator:
             np.zeros(W + S),
             np.zeros(W + S),
             np.zeros(W),
+            np.maximum(known - self.model.cold[-W:], 0.0),
+            np.zeros(W),
             np.concatenate([known, np.nan_to_num(bend_angle)]),
         )
 
@@ -162,7 +171,7 @@ class Estimator:
     def unpack(self, vector: np.ndarray) -> Estimate:
         """The inverse of `pack`."""
         M, W, S = self._means, self.model.num_wires, self.model.num_segments
-        sizes = [self.model.size, W, S, S, M * M, W + S, W + S, W]
+        sizes = [self.model.size, W, S, S, M * M, W + S, W + S, W, W, W]
         parts = np.split(vector, np.cumsum(sizes))
         parts[4] = parts[4].reshape(M, M)
         return Estimate(*parts)
@@ -185,7 +194,9 @@ class Estimator:
     ) -> Estimate:
         """With the readings, as far as they are believed; arguments as of `step`.
 
-        A thermocouple that is hotter than can be believed counts as far as it could be.
+        A thermocouple that is hotter than expected is believed beyond the gate, too, as no wire
+        must suffer from a wrong estimate: its wire is so much hotter altogether. If it jumped
+        there, it has to stay first, and is believed when it jumps back.
         """
         model, W, S = self.model, self.model.num_wires, self.model.num_segments
         read = np.concatenate([readings, bend_angle])
@@ -204,12 +215,20 @@ class Estimator:
         believed = works & (np.abs(innovations) < gate)
         believed[W:] &= np.abs(bend - held) < LARGEST_OFFSET
         unbelieved = np.where(believed, 0.0, estimate.unbelieved + model.period)
-        # A bend sensor that lies may have made the estimate too cold; no wire must suffer from it.
-        hotter = works & (innovations >= gate) & (np.arange(W + S) < W)
-        used = believed | hotter
-        C, innovations = C[used], np.minimum(innovations, gate)[used]
-        gain = np.linalg.solve(spread[np.ix_(used, used)], C @ estimate.covariance).T
-        P = estimate.covariance - gain @ C @ estimate.covariance
+        warmer, rise = innovations[:W], readings - estimate.last[:W]
+        hot = works[:W] & (warmer >= gate[:W])
+        waits = (rise > LARGEST_JUMP) | (estimate.hotter > 0.0)
+        waits &= hot & (unbelieved[:W] < WAITING_TIME)
+        back = works[:W] & (estimate.raised > LARGEST_JUMP) & (rise < -LARGEST_JUMP)
+        moved = (hot & ~waits) | (back & ~believed[:W])
+        raised = np.where(back, 0.0, estimate.raised + np.where(moved, warmer, 0.0))
+        P = estimate.covariance + self._altogether(np.where(moved, warmer, 0.0))
+        spread = C @ P @ C.T + np.diag(self.reading_variances)
+        used = believed.copy()
+        used[:W] |= moved
+        C, innovations = C[used], innovations[used]
+        gain = np.linalg.solve(spread[np.ix_(used, used)], C @ P).T
+        P = P - gain @ C @ P
         heat, heating_rate, drift, offset = np.split(gain @ innovations, self._ends)
         corrected = Estimate(
             estimate.heat + heat,
@@ -221,11 +240,20 @@ class Estimator:
             unbelieved,
             alike,
             unshown,
+            np.exp(-model.period / RAISED_TIME) * raised,
+            np.where(waits, warmer, 0.0),
             np.where(np.isfinite(read), read, estimate.last),
         )
         forget = works[W:] & (unbelieved[W:] > FORGET_TIME)
         forget &= np.abs(bend_angle - estimate.last[W:]) < JUMP
         return self._forgetting(corrected, forget) if forget.any() else corrected
+
+    def _altogether(self, warmer: np.ndarray) -> np.ndarray:
+        """Covariance (M, M) of wires that may be so much warmer (W,), °C, and read so."""
+        H, W = self.model.size, self.model.num_wires
+        together = np.zeros((self._means, W))
+        together[:W] = together[H - W : H] = np.diag(warmer)
+        return together @ together.T
 
     def _forgetting(self, estimate: Estimate, segments: np.ndarray) -> Estimate:
         """An estimate that knows nothing of p and d of some segments (S,)."""

@@ -21,8 +21,9 @@ class TemperatureLimiter:
     """The most duty that a wire may have.
 
     Under it the wire is predicted to be at the limit in half a second, two standard deviations
-    of its estimate included, and what it may be warmer if its thermocouple lags more than
-    the law says: a tenth of T - V, or as much again if the limb is not calibrated.
+    of its estimate included, what it may be warmer if its thermocouple lags more than
+    the law says (a tenth of T - V, or as much again if the limb is not calibrated), and what
+    it reads too hot that the estimate does not believe yet.
 
     - ``limit``: °C.
 
@@ -63,7 +64,7 @@ class TemperatureLimiter:
         deviation = np.sqrt(np.diag(estimate.covariance)[:W])
         error = DEVIATIONS * deviation + self._lag_error * np.maximum(T - V, 0.0)
         highest = self.limit if limit is None else np.minimum(self.limit, limit)
-        room = highest - error - after[:W] - HOLD * estimate.heating_rate
+        room = highest - error - estimate.hotter - after[:W] - HOLD * estimate.heating_rate
         return np.clip(room / np.diag(by_duty[:W]), 0.0, 1.0)
 
 

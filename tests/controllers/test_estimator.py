@@ -8,6 +8,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from controllers import estimator as module
 from controllers.estimator import Estimator
+from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import Limb, LimbParameters, TipTangentSensor, simulate
 
 PERIOD = 0.05
@@ -116,10 +117,10 @@ def recording(limb):
     return recorded
 
 
-def estimates(limb, recording, spoil=lambda k, V, phi: (V, phi)):
-    """Of all samples, from readings that are spoilt."""
+def estimates(limb, recording, spoil=lambda k, V, phi: (V, phi), begun=None):
+    """Of all samples, from readings that are spoilt; after a first estimate if there is one."""
     filtered = Estimator(limb)
-    vector, found = filtered.nothing, []
+    vector, found = filtered.nothing if begun is None else begun, []
     for k in range(len(recording.time)):
         V, phi = spoil(
             k, recording.measured_temperature[:, k].copy(), recording.bend_angle[:, k].copy()
@@ -189,10 +190,7 @@ def test_a_thermocouple_that_freezes_does_not_move_the_estimate(limb, recording)
         ), phi
 
     found = estimates(limb, recording, frozen)
-    missed = [
-        estimate.heat[:2] - truth
-        for estimate, truth in zip(found, recording.wire_temperature.T, strict=True)
-    ]
+    missed = missed_heat(recording, found)
     assert np.abs(missed).max() < 6.0
     assert recording.wire_temperature[0, -1] > recording.wire_temperature[0, FROM] + 20.0
     assert found[-1].unbelieved[0] > 2.0
@@ -225,14 +223,60 @@ def test_a_load_that_is_taken_away_is_forgotten(limb, recording):
     assert np.abs(offsets[FROM + 20 :]).max() < 2.0
 
 
-def test_a_reading_that_is_too_hot_to_be_believed_warms_the_estimate(limb):
+def missed_heat(recording, found):
+    """By how much T of all wires was overestimated (K, W), °C."""
+    return [e.heat[:2] - T for e, T in zip(found, recording.wire_temperature.T, strict=True)]
+
+
+def jumps(t):
+    return 60.0 * (0.0 <= t < 2.0)
+
+
+def stays(t):
+    return 60.0 * (0.0 <= t < 4.5)
+
+
+def climbs(t):
+    return min(60.0, 60.0 * t) * (0.0 <= t < 2.0)
+
+
+@pytest.mark.parametrize(
+    ("fault", "most", "meanwhile"), [(jumps, 3.0, 3.0), (stays, 65.0, 3.0), (climbs, 70.0, 70.0)]
+)
+def test_a_thermocouple_that_reads_too_hot_does_not_wind_up(
+    limb, recording, fault, most, meanwhile
+):
+    """It raises T to what it reads at most, after a jump only if it stays, and not for longer."""
+
+    def hot(k, V, phi):
+        return V + np.array([0.0, fault(PERIOD * (k - FROM))]), phi
+
+    found = estimates(limb, recording, hot)
+    missed = np.array(missed_heat(recording, found))
+    assert missed.max() < most
+    assert missed[: FROM + 59].max() < meanwhile
+    assert np.abs(missed[-1]).max() < 3.0
+    assert missed.min() > -3.0
+    limiter = TemperatureLimiter(limb)
+    assert limiter.caps(found[FROM - 1])[1] > 0.5
+    assert limiter.caps(found[FROM + 25])[1] == 0.0  # it acts on the reading at once
+
+
+def test_a_wrong_start_is_over_after_three_seconds(limb, recording):
+    """Wires are taken for cold that are warm."""
+    late = dataclasses.replace(
+        recording,
+        **{
+            name: getattr(recording, name)[..., FROM:]
+            for name in ("time", "duty", "wire_temperature", "measured_temperature", "bend_angle")
+        },
+        joint_state=None,
+    )
     filtered = Estimator(limb)
-    estimate = filtered.begin(np.full(2, 25.0), np.zeros(1))
-    hot = filtered.corrected(estimate, np.array([25.0, 90.0]), np.full(1, np.nan))
-    cold = filtered.corrected(estimate, np.array([25.0, -40.0]), np.full(1, np.nan))
-    assert hot.unbelieved[1] > 0.0
-    assert hot.heat[1] > 25.1 or hot.heat[3] > 25.1
-    np.testing.assert_array_equal(cold.heat, estimate.heat)
+    begun = filtered.pack(filtered.begin(np.full(2, 25.0), late.bend_angle[:, 0]))
+    missed = np.array(missed_heat(late, estimates(limb, late, begun=begun)))
+    assert missed[0].min() < -30.0
+    assert np.abs(missed[62:]).max() < 6.0
 
 
 def test_a_reading_that_is_absent_leaves_the_law(limb, recording):
@@ -252,10 +296,7 @@ def test_what_heats_the_wires_besides_is_found(limb, recording):
     for wire in stronger.wires:
         wire.law.a2 /= 1.21
     found = estimates(stronger, recording)
-    missed = [
-        estimate.heat[:2] - truth
-        for estimate, truth in zip(found, recording.wire_temperature.T, strict=True)
-    ]
+    missed = missed_heat(recording, found)
     assert np.abs(missed).max() < 3.0
     # The missing 0.6 · 20 · 0.21 / 1.21 °C/s, but it decays within 15 s.
     assert 0.5 * 2.1 < found[FROM].heating_rate[1] < 1.1 * 2.1
