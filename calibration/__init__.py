@@ -1,5 +1,6 @@
 """Calibration of a limb from its recordings (Sec. V)."""
 
+import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from calibration.calibrate import Calibration, calibrate, load_recordings
 from calibration.checks import check_recording, kind_of
 from calibration.collect import (

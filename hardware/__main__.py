@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Meshcat
 from serial.tools import list_ports
 
 from controllers.learning import Repetition
@@ -29,7 +28,7 @@ from hardware.learning import (
 from hardware.live.feed import board_reading
 from hardware.live.messages import Phase, Reading
 from hardware.live.options import add_live_options, live_page
-from hardware.live.page import DONE, STOPPED, LivePage
+from hardware.live.page import DONE, LivePage
 from hardware.report import write_drive_report
 from hardware.robot import conformance
 from hardware.robot.bench import SerialEnd
@@ -108,8 +107,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "real time, or without a port an emulated limb or the plan's model in simulated time. On a "
         "robot every sample is written when it arrives, to NAME.unfinished.csv; it becomes "
         "NAME.csv when the plan has ended, and the report tells how many commands left more than 5 "
-        "ms late. With --meshcat a browser shows the limb as it is measured, the plan as a blue "
-        "ghost, its reference as a grey one, and the duty of the left and the right wire as bars.",
+        "ms late.",
     )
     run.add_argument("trajectory", type=Path, help="trajectory file (.csv)")
     run.add_argument("--json", action="store_true", help="print JSON")
@@ -124,7 +122,6 @@ def _parser(prog: str) -> argparse.ArgumentParser:
     run.add_argument(
         "--report", type=Path, help="page on both to write, with a chart to look into (.html)"
     )
-    _add_meshcat_option(run)
     add_live_options(run)
     add_force_option(run)
 
@@ -151,7 +148,6 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         default=0.5,
         help="window for smoothing a recording's bend angle, s (default %(default)g)",
     )
-    _add_meshcat_option(go)
     add_live_options(go)
     go.add_argument("--json", action="store_true", help="print JSON")
     add_force_option(go)
@@ -193,7 +189,6 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "-t", "--time", type=float, default=60.0, help="to record, s (default %(default)g)"
     )
     teach.add_argument("-l", "--limb", type=Path, help="parameters of the limb (.yaml)")
-    _add_meshcat_option(teach)
     add_live_options(teach)
     add_force_option(teach)
 
@@ -269,23 +264,6 @@ def _add_controller_option(command: argparse.ArgumentParser, default: str) -> No
     )
 
 
-def _add_meshcat_option(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "--meshcat",
-        action="store_true",
-        help="show the limb in a browser while it runs, an emulated limb in real time",
-    )
-
-
-def _start_meshcat(options) -> Meshcat | None:
-    if not options.meshcat:
-        return None
-    meshcat = Meshcat()
-    stream = sys.stderr if vars(options).get("json") else sys.stdout
-    print(f"meshcat     {meshcat.web_url()}", file=stream, flush=True)
-    return meshcat
-
-
 def _ports(options) -> int:
     ports = list_ports.comports()
     if options.json:
@@ -346,25 +324,22 @@ def _print_status(options, info: BoardInfo, sample: Sample) -> None:
 
 
 def _show_board(link: BoardLink, info: BoardInfo, live: LivePage) -> None:
-    """Shows a board, which is not armed, until it is stopped."""
+    """Shows a board, which is not armed, until a signal comes."""
     live.say("State of the board; this program does not arm it")
     live.begin(Phase(f"board {info.serial_number}", LimbParameters(), info.temperature_limit))
     start = time.monotonic()
-    try:
-        while True:
-            sample = link.sample()
-            live.show(
-                Reading(
-                    time.monotonic() - start,
-                    [float(bend_angle_from_tip_tangent(sample.tip_tangent))],
-                    sample.temperature.tolist(),
-                    sample.duty.tolist(),
-                    board=board_reading(link),
-                )
+    while True:
+        sample = link.sample()
+        live.show(
+            Reading(
+                time.monotonic() - start,
+                [float(bend_angle_from_tip_tangent(sample.tip_tangent))],
+                sample.temperature.tolist(),
+                sample.duty.tolist(),
+                board=board_reading(link),
             )
-            time.sleep(REAL_TIME_STEP)
-    except KeyboardInterrupt:  # which is how it ends
-        live.end(STOPPED)
+        )
+        time.sleep(REAL_TIME_STEP)
 
 
 def _arm_check(options) -> int:
@@ -445,7 +420,6 @@ def _replay(options) -> int:
             options.output,
             controller=options.controller,
             real_time=bool(options.port),
-            meshcat=_start_meshcat(options),
             live=live,
         )
         if live:
@@ -510,7 +484,6 @@ def _follow(options) -> int:
             options.output,
             controller=options.controller,
             real_time=bool(options.port),
-            meshcat=_start_meshcat(options),
             live=live,
         )
         if live:
@@ -538,8 +511,10 @@ def _learn(options) -> int:
             else:
                 limbs = rested_twins(_twin(trajectory.parameters, options), trajectory, learner)
             learn(learner, limbs, options.repetitions, options.output, tell=tell, live=live)
-    finally:
-        drawn = draw_repetitions(learner, options.output)
+    except LimbError:
+        draw_repetitions(learner, options.output)
+        raise
+    drawn = draw_repetitions(learner, options.output)
     written = [str(path) for path in (options.output / STATE, *drawn)]
     if options.json:
         repetitions = [
@@ -562,14 +537,13 @@ def _learn(options) -> int:
 def _teach(options) -> int:
     check_outputs([options.output], inputs=[options.limb], force=options.force)
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
-    meshcat = _start_meshcat(options)
     with live_page(options) as live:
         robot = SerialLimb(options.port, limb, heated=False)
         what = "Move the limb by hand; Ctrl-C ends the recording."
         print(what, flush=True)
         if live:
             live.say(what)
-        recording = watch(robot, options.time, journal=options.output, meshcat=meshcat, live=live)
+        recording = watch(robot, options.time, journal=options.output, live=live)
         if live:
             live.end(recording.interrupted or DONE)
     low, high = np.rad2deg([recording.bend_angle.min(), recording.bend_angle.max()])

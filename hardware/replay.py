@@ -119,7 +119,7 @@ def watch(
 ) -> Recording:
     """Records a limb with its wires off, while it hangs, swings or is moved by hand.
 
-    With a journal, Ctrl-C ends the recording, which says so, and returns it.
+    If Ctrl-C ends it, the journal gets its name and says so, and KeyboardInterrupt is raised.
 
     Args:
         duration: s.
@@ -127,7 +127,6 @@ def watch(
 
     Raises:
         HardwareError: if the robot fails on the way.
-        LimbError: if it was ended before there was a sample.
         OutputError: as for `replay`.
     """
     with _closing(limb):

@@ -1,6 +1,10 @@
 """A soft planar limb bent by shape-memory-alloy wires, as Drake systems."""
 
 # ruff: noqa: E402 - what hides a package is said before it is imported
+from limb_systems.startup import let_ctrl_c_end_imports
+
+let_ctrl_c_end_imports()
+
 from limb_systems.shadows import check_shadows
 
 check_shadows()

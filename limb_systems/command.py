@@ -1,16 +1,20 @@
 """``soft-limb``, which runs all commands, and how commands end."""
 
 import argparse
+import contextlib
 import importlib
 import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from importlib.metadata import version
 from typing import Any
 
 from limb_systems.errors import LimbError
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a command
+_came: list[int] = []  # of these, since the command that runs has begun
 
 # For each command: its package and what it does. The package's `__main__` is imported when the
 # command runs, so that this module does not depend on packages that import it.
@@ -74,33 +78,74 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         stopped: what to say when it was stopped.
 
     Returns:
-        Exit status: the command's own, 1 if it could not be done, 130 if it
-        was stopped.
+        Exit status: the command's own, 1 if it could not be done, 128 and the
+        signal's number if it was stopped: 130 by Ctrl-C, 143 by SIGTERM.
     """
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+    _came.clear()
+    before = {number: signal.getsignal(number) for number in SIGNALS}
+    for number in SIGNALS:
+        if number != signal.SIGHUP or before[number] != signal.SIG_IGN:
             signal.signal(number, _stop)
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _say_warning
             status = command()
         sys.stdout.flush()
-        return status
     except BrokenPipeError:
         # The reader has gone, as after `| head`; the rest must not be flushed at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except (LimbError, OSError, MemoryError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+        status = 1
     except KeyboardInterrupt:
+        _came.append(signal.SIGINT)
+    except Exception as error:
+        # What a signal has stopped may fail in consequence.
+        if not _came and not isinstance(error, LimbError | OSError | MemoryError):
+            raise
+        if not _came:
+            print(f"error: {error}", file=sys.stderr)
+        status = 1
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if _came:
         print(stopped, file=sys.stderr)
-        return 130
+        status = 128 + _came[0]
+        _came.clear()
+    return status
+
+
+def heed_signals() -> None:
+    """Raises KeyboardInterrupt if a signal has come that ends the command that runs.
+
+    The handler has done so before, but what it raises is lost in a finalizer,
+    for example, and in some imports. Whoever heats wires asks here first.
+    """
+    if _came:
+        raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
+def ended_at_once() -> Iterator[None]:
+    """A context in which a signal that ends a command ends its process at once, without a word.
+
+    For work that holds no robot and no file. Python heeds signals only between calls
+    into Drake and solvers, which take from seconds to minutes. Scripts, whose
+    signals are not `run_command`'s, get KeyboardInterrupt there as anywhere.
+    """
+    ours = [number for number in SIGNALS if signal.getsignal(number) is _stop]
+    for number in ours:
+        signal.signal(number, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, _stop)
 
 
 def _say_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     print(f"warning: {message}", file=sys.stderr)
 
 
-def _stop(*_: object) -> None:
+def _stop(number: int, _frame: object) -> None:
+    _came.append(number)
     raise KeyboardInterrupt

@@ -1,5 +1,6 @@
 """Feasible trajectories from references, by direct collocation (Sec. VI)."""
 
+import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from planners import references
 from planners.ipopt import ExactHessianIpoptSolver
 from planners.planning import Planner, plan

@@ -25,7 +25,7 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         description="Plans the feasible trajectory of a limb that is nearest to a reference bend "
         "angle, checks it by simulation, and writes it to a file that robots replay.",
         epilog="exit status: 0 the plan was written, 1 there is no plan, 2 wrong usage, 130 "
-        "stopped by Ctrl-C before there was a plan",
+        "stopped by Ctrl-C",
     )
     parser.add_argument(
         "reference",

@@ -12,7 +12,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
@@ -55,7 +55,6 @@ STATUS = {
     2: "infeasible problem detected",
     3: "search direction becomes too small",
     4: "diverging iterates",
-    5: "stopped by the user",
     -1: "maximum number of iterations exceeded",
     -2: "restoration failed",
     -3: "error in step computation",
@@ -65,8 +64,8 @@ STATUS = {
     -13: "invalid number detected",
 }
 
-# Largest violation of scaled constraints at a feasible point.
-FEASIBLE = 1e-7
+# Signals that may end a program; a handler of the program's own says whether they do.
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class ConstraintBlock(Protocol):
@@ -101,14 +100,12 @@ class ConstraintBlock(Protocol):
 class IpoptDetails:
     """IPOPT's status in words, iterations, and time, s.
 
-    - ``violation``: the largest of the scaled constraints at the solution.
     - ``multipliers``: of the scaled constraints, of lower and of upper bounds.
     """
 
     status: str
     iterations: int
     solve_time: float
-    violation: float
     multipliers: tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -155,8 +152,8 @@ class ExactHessianIpoptSolver:
     It is used as Drake's own solvers are: ``Solve(prog, initial_guess)``.
     Bounds, linear and quadratic terms are read from the program, all else is
     evaluated with AutoDiff. Variables are scaled as the program's
-    `SetVariableScaling` says. Ctrl-C ends the solution and keeps the best
-    feasible point found so far.
+    `SetVariableScaling` says. Ctrl-C raises KeyboardInterrupt after the current
+    iteration, whatever its point.
 
     Args:
         exact: whether the Hessian of the constraints is added to that of the
@@ -218,14 +215,11 @@ class ExactHessianIpoptSolver:
         start = time.perf_counter()
         with _interruptible(problem):
             y, status, arguments = problem.solve(options, arguments)
-        if status == 5 and problem.best is not None:
-            y = problem.best
         x = np.clip(problem.scale * y, problem.lower, problem.upper)  # scaling rounds
         details = IpoptDetails(
             status=STATUS.get(status, f"IPOPT status {status}"),
             iterations=problem.iterations,
             solve_time=time.perf_counter() - start,
-            violation=problem.violation(y),
             multipliers=arguments,
         )
         return IpoptResult(prog, x, problem.cost.evaluate(x), _solution_result(status), details)
@@ -313,8 +307,8 @@ class _ScaledProblem:
         self._g_lower = np.concatenate([block.lower for block in self._blocks])
         self._g_upper = np.concatenate([block.upper for block in self._blocks])
         self._on_iteration = on_iteration
-        self.iterations, self.stop = 0, False
-        self.best, self._best_cost = None, np.inf
+        self.iterations = 0
+        self.raised: BaseException | None = None  # by the handler of a signal
 
         rows, columns = [self.cost.rows], [self.cost.columns]
         for block in self._bent:
@@ -347,12 +341,6 @@ class _ScaledProblem:
         y, _, status = problem.solve(self._guess.copy(), **multipliers)
         return y, status, tuple(multipliers.values())
 
-    def violation(self, y: np.ndarray) -> float:
-        return self._violation(self._all_constraints(y))
-
-    def _violation(self, values) -> float:
-        return float(np.maximum(self._g_lower - values, values - self._g_upper).max(initial=0.0))
-
     def _all_constraints(self, y):
         return np.concatenate([block.evaluate(self.scale * y) for block in self._blocks])
 
@@ -364,10 +352,6 @@ class _ScaledProblem:
 
     def _evaluate_constraints(self, y, out):
         out[:] = self._all_constraints(y)
-        if self._violation(out) < FEASIBLE:
-            cost = self.cost.evaluate(self.scale * y)
-            if cost < self._best_cost:
-                self.best, self._best_cost = y.copy(), cost
 
     def _evaluate_jacobian(self, y, out):
         x = self.scale * y
@@ -385,7 +369,7 @@ class _ScaledProblem:
         self.iterations = iteration
         if self._on_iteration:
             self._on_iteration(iteration, scaled_cost / self._cost_scale, violation)
-        return not self.stop
+        return self.raised is None
 
 
 class _Cost:
@@ -447,19 +431,31 @@ class _Cost:
 
 @contextlib.contextmanager
 def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
-    """Lets Ctrl-C stop IPOPT after the current iteration."""
+    """Ends IPOPT after the current iteration if a signal's handler raises, and raises that then.
+
+    IPOPT is C, which loses what is raised inside: a solution must not come out of Ctrl-C.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    set_ones: dict[int, Any] = {number: signal.getsignal(number) for number in SIGNALS}
+    handlers = {number: handler for number, handler in set_ones.items() if callable(handler)}
 
-    def stop(*_):
-        problem.stop = True
+    def hold_back(number, frame):
+        try:
+            handlers[number](number, frame)
+        except BaseException as error:
+            problem.raised = error
 
-    before = signal.signal(signal.SIGINT, stop)
+    for number in handlers:
+        signal.signal(number, hold_back)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        if problem.raised is not None:
+            raise problem.raised
 
 
 def _solution_result(status: int) -> SolutionResult:

@@ -9,7 +9,7 @@ from pydrake.solvers import IpoptSolver, SnoptSolver, SolverInterface, SolverOpt
 
 from limb_systems import LimbError
 from limb_systems.progress import Progress
-from planners.ipopt import FEASIBLE, STATUS, ExactHessianIpoptSolver
+from planners.ipopt import ExactHessianIpoptSolver
 from planners.program import TrajectoryProgram
 
 CURVATURE_ITERATIONS = 80  # most plans need 10 to 30
@@ -57,10 +57,10 @@ def solve_program(
        laws are not affine, with their curvature as well, then the same with a
        monotone barrier and with patience;
     2. IPOPT with the Hessian of the Lagrangian;
-    3. the same with a monotone barrier;
-    4. SNOPT.
+    3. the same with a monotone barrier.
 
-    If `ipyopt` is not installed, Drake's `IpoptSolver` replaces 1 to 3.
+    Ctrl-C ends each of them after an iteration. If `ipyopt` is not installed, Drake's
+    `IpoptSolver` and then SNOPT replace them, which heed no signal until they return.
 
     Args:
         guess: for all decision variables.
@@ -69,7 +69,7 @@ def solve_program(
 
     Raises:
         PlanningError: if all fail.
-        KeyboardInterrupt: if Ctrl-C came before there was a feasible point.
+        KeyboardInterrupt: if Ctrl-C came, whatever point was found.
     """
     failures: list[str] = []
     iterations, started = 0, time.perf_counter()
@@ -83,10 +83,7 @@ def solve_program(
             details = result.get_solver_details()
             iterations += getattr(details, "iterations", 0)
             status = getattr(details, "status", result.get_solution_result().name)
-            stopped = status == STATUS[5]
-            if stopped and details.violation > FEASIBLE:
-                raise KeyboardInterrupt
-            if result.is_success() or stopped:
+            if result.is_success():
                 x = np.array(result.get_x_val())
                 # Drake's solvers let bounds be exceeded by 1e-8.
                 x[program.duty] = np.clip(x[program.duty], 0.0, 1.0)
@@ -136,4 +133,3 @@ def _attempts(program: TrajectoryProgram, guess, multipliers, solver, report: Ca
         yield "IPOPT, Gauss-Newton", lambda: ipopt(False, limit, multipliers)
     yield "IPOPT, exact Hessian", lambda: ipopt(True)
     yield "IPOPT, exact Hessian, monotone barrier", lambda: ipopt(True, {"mu_strategy": "monotone"})
-    yield "SNOPT", lambda: SnoptSolver().Solve(program.prog, guess, None)

@@ -1,6 +1,7 @@
 """Recordings that are written to disk sample by sample."""
 
 import contextlib
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
-from limb_systems import LimbError, LimbSystem, Provenance
+from limb_systems import LimbSystem, Provenance
 from limb_systems.files.recording import RecordingHeader
 from limb_systems.files.samples import column_names, without_rounding
 from limb_systems.files.table_writer import TableWriter
@@ -106,11 +107,10 @@ def journaled(
         duty: the port that drives the limb.
         reference: port of the bend angle that is asked for.
         provenance: of the recording; None if it is not known.
-        ended_by_hand: whether Ctrl-C is how the recording ends. It then ends the
-            context and not the program, and the file gets its name.
+        ended_by_hand: whether what there is when Ctrl-C comes is a recording: the file then
+            gets its name.
 
     Raises:
-        LimbError: if it was ended before there was a sample.
         OutputError: if the file cannot be made, or is not on the disk in the end.
     """
     if path is None:
@@ -127,18 +127,14 @@ def journaled(
         for name, port in ports.items():
             builder.Connect(port, journal.GetInputPort(name))
         yield writer
-    except KeyboardInterrupt as error:
-        _close(limb)
-        if not ended_by_hand:
-            writer.abandon(STOPPED)
-            raise
-        if not writer.num_rows:
-            writer.abandon(STOPPED)
-            raise LimbError("It was stopped before there was a sample to record.") from error
-        writer.finish(STOPPED)
     except BaseException as error:
         _close(limb)
-        writer.abandon(str(error) or type(error).__name__)
+        stopped = isinstance(error, KeyboardInterrupt)
+        if stopped and ended_by_hand and writer.num_rows:
+            writer.finish(STOPPED)
+            warnings.warn(f"What was recorded until then is in {path}.", stacklevel=3)
+        else:
+            writer.abandon(STOPPED if stopped else str(error) or type(error).__name__)
         raise
     else:
         _close(limb)

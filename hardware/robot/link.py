@@ -16,6 +16,7 @@ import serial
 from hardware.firmware import firmware, guard, protocol
 from hardware.robot.reasons import REASONS
 from limb_systems import LimbError
+from limb_systems.command import heed_signals
 from limb_systems.model.heat_bounds import HeatBounds
 
 FIRMWARE_VERSIONS = (3,)
@@ -221,7 +222,9 @@ class BoardLink:
         Raises:
             HardwareError: if it does not let itself be armed, with its reason,
                 or if another program has armed it.
+            KeyboardInterrupt: if a signal has ended the command that runs.
         """
+        heed_signals()
         sample = self.sample()
         if sample.armed:
             self._wait_for(lambda: not self._sample_now().armed, SESSION_END)
@@ -255,7 +258,9 @@ class BoardLink:
             HardwareError: if it is out of range or not a number, if the board
                 is not armed, if samples no longer come, or if commands do not
                 arrive in time.
+            KeyboardInterrupt: if a signal has ended the command that runs.
         """
+        heed_signals()
         duty = np.asarray(duty, float)
         if duty.shape != (2,) or not ((duty >= 0) & (duty <= 1)).all():  # NaN is not
             raise HardwareError(f"duty is {duty.tolist()}; it must be two numbers from 0 to 1.")

@@ -16,7 +16,9 @@ import pytest
 from pydrake.systems.framework import LeafSystem
 
 from hardware import BoardLink, HardwareError, SerialLimb, replay
+from hardware.firmware import guard
 from limb_systems import Recording, simulate
+from limb_systems.command import run_command
 
 from .conftest import BOUNDS, Heating, wait_for
 
@@ -73,7 +75,42 @@ def test_host_that_is_told_to_stop(
     report(record_property, f"host gets {number.name}", off)
     assert off < HEARTBEAT
     assert "stopped; wires are off" in process.communicate(timeout=10)[1]
+    assert process.returncode == 128 + number
+
+
+def test_a_signal_between_plan_and_arming(emulator, start_host, tmp_path):
+    """The plan is on the disk, and nothing has been armed yet."""
+    (tmp_path / "taught.csv").write_text("0,0\n2,6\n3,6\n")
+    command = [sys.executable, "-m", "hardware", "follow", tmp_path / "taught.csv"]
+    process = start_host([*command, "-o", tmp_path / "out", "--port", emulator.port])
+    assert wait_for((tmp_path / "out" / "plan.csv").exists, 60.0)
+    process.send_signal(signal.SIGINT)
+    assert process.communicate(timeout=10)[1].endswith("stopped; wires are off\n")
     assert process.returncode == 130
+    assert_never_armed(emulator)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_signal_whose_exception_is_lost_keeps_the_board_from_being_armed(emulator, fig5_plan):
+    """Python drops what a handler raises in a finalizer, and in parts of some imports."""
+
+    class Finalized:
+        def __del__(self):
+            signal.raise_signal(signal.SIGTERM)
+
+    def run():
+        Finalized()
+        replay(fig5_plan, SerialLimb(emulator.port, fig5_plan.parameters))
+        return 0
+
+    assert run_command(run, "stopped; wires are off") == 128 + signal.SIGTERM
+    assert_never_armed(emulator)
+
+
+def assert_never_armed(emulator):
+    with BoardLink(emulator.port) as link:
+        assert link.sample().reason == guard.POWER_UP
+    assert emulator.duty() == [0.0, 0.0]
 
 
 class _Failing(LeafSystem):

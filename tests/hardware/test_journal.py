@@ -120,22 +120,23 @@ def test_ctrl_c_ends_what_is_taught_and_the_file_says_so(path, end_at):
     end_at(2.0, KeyboardInterrupt())
     with pytest.raises(KeyboardInterrupt):
         watch(LimbTwin(), 10.0)
-    recording = watch(LimbTwin(), 10.0, journal=path)
+    with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match=r"is in .*recording\.c"):
+        watch(LimbTwin(), 10.0, journal=path)
+    recording = Recording.load(path)
     assert recording.time[-1] == pytest.approx(2.0)
     assert recording.interrupted == "stopped by Ctrl-C or a signal"
-    assert Recording.load(path).interrupted == recording.interrupted
     end_at(2.0, HardwareError("The cable is cut."))
     with pytest.raises(HardwareError), pytest.warns(UserWarning, match="until then is in"):
         watch(LimbTwin(), 10.0, journal=path)
     assert Recording.load(path).interrupted == recording.interrupted
 
 
-def test_teaching_that_is_stopped_at_once_is_one_sentence(path, end_at, monkeypatch, capsys):
+def test_teaching_that_is_stopped_at_once_leaves_no_file(path, end_at, monkeypatch, capsys):
     path.write_text("old")
     monkeypatch.setattr("hardware.__main__.SerialLimb", lambda *_, **__: LimbTwin())
     end_at(None, KeyboardInterrupt())
-    assert main(["teach", "port", "-o", str(path), "--force"]) == 1
-    assert capsys.readouterr().err == "error: It was stopped before there was a sample to record.\n"
+    assert main(["teach", "port", "-o", str(path), "--force"]) == 130
+    assert capsys.readouterr().err == "stopped; wires are off\n"
     assert path.read_text() == "old"
 
 

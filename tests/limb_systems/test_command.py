@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from limb_systems import LimbError
-from limb_systems.command import COMMANDS, main, run_command
+from limb_systems.command import COMMANDS, heed_signals, main, run_command
 
 ROOT = Path(__file__).parents[2]
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -70,9 +70,65 @@ def test_signals_end_it_as_ctrl_c_does(number, capsys):
         finally:
             freed.append(True)
 
-    assert run_command(command, "stopped; wires are off") == 130
+    assert run_command(command, "stopped; wires are off") == 128 + number
     assert freed
     assert capsys.readouterr().err == "stopped; wires are off\n"
+
+
+class _Finalized:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.parametrize("then", [lambda: 0, fail_with(RuntimeError("in consequence"))])
+def test_a_signal_whose_exception_is_lost_still_ends_it(then, capfd):
+    def command():
+        _Finalized()
+        with pytest.raises(KeyboardInterrupt):
+            heed_signals()
+        return then()
+
+    assert run_command(command, "stopped") == 130
+    assert capfd.readouterr().err.endswith("stopped\n")
+    heed_signals()  # what runs next is not stopped
+
+
+def test_what_cannot_heed_signals_is_ended_at_once():
+    process = subprocess.run(
+        [sys.executable, "-c", AT_ONCE], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (process.returncode, process.stdout, process.stderr) == (-signal.SIGTERM, "", "")
+
+
+AT_ONCE = """
+import os, signal
+from limb_systems.command import ended_at_once, run_command
+def command():
+    with ended_at_once():
+        os.kill(os.getpid(), signal.SIGTERM)
+    print("it went on")
+run_command(command, "stopped")
+"""
+
+
+@pytest.mark.parametrize("module", ["planners", "calibration", "hardware", "limb_systems"])
+def test_ctrl_c_while_a_command_is_imported_is_quiet(module):
+    """At its first import of pydrake, where it would have become a traceback."""
+    script = (
+        "import os, runpy, signal, sys\n"
+        "class Finder:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'pydrake':\n"
+        "            os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Finder())\n"
+        f"sys.orig_argv = ['python', '-m', '{module}']\n"
+        f"runpy.run_module('{module}', run_name='__main__')"
+    )
+    process = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (process.returncode, process.stdout, process.stderr) == (130, "", "")
 
 
 def test_nohup_is_respected():

@@ -111,21 +111,29 @@ def test_solver_options_are_drakes():
     assert result.get_solver_details().iterations == 1
 
 
-def test_ctrl_c_keeps_the_best_feasible_point():
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_at_a_feasible_point_raises_what_its_handler_does(number):
     prog, _ = nearest_point_on_circle()
+    feasible = []
 
     def interrupt(_iteration, _cost, violation):
         if violation < 1e-9:
-            os.kill(os.getpid(), signal.SIGINT)
+            feasible.append(violation)
+            os.kill(os.getpid(), number)
 
-    handler = signal.getsignal(signal.SIGINT)
-    solver = ExactHessianIpoptSolver(exact=True, on_iteration=interrupt)
-    result = solver.Solve(prog, np.array([-0.5, 0.8]))
-    details = result.get_solver_details()
-    assert details.status == "stopped by the user"
-    assert details.violation < 1e-6
-    np.testing.assert_allclose(np.linalg.norm(result.get_x_val()), 1.0, atol=1e-6)
-    assert signal.getsignal(signal.SIGINT) is handler
+    def handler(*_):
+        raise KeyboardInterrupt
+
+    before = signal.signal(number, handler)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            ExactHessianIpoptSolver(exact=True, on_iteration=interrupt).Solve(
+                prog, np.array([-0.5, 0.8])
+            )
+        assert len(feasible) == 1
+        assert signal.getsignal(number) is handler
+    finally:
+        signal.signal(number, before)
 
 
 def test_what_is_not_smooth_is_refused():
