@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from controllers import PlanFeedback, PlanRegulator, RecedingHorizon
@@ -124,7 +123,6 @@ def drive(
     *,
     controller: str = OPEN,
     real_time: bool = False,
-    meshcat: Meshcat | None = None,
     live: LivePage | None = None,
 ) -> Drive:
     """Drives a limb along a plan and writes the recording.
@@ -134,7 +132,7 @@ def drive(
         output: file of the recording; that of a robot is written while it runs.
         controller: a key of `CONTROLLERS`.
         real_time: whether the limb is a robot.
-        meshcat, live: as for `replay`.
+        live: as for `replay`.
 
     Raises:
         ReplayError, HardwareError, OutputError, LimbError: as `replay` does.
@@ -149,7 +147,6 @@ def drive(
         limb,
         controller=counted or driver,
         journal=output if real_time else None,
-        meshcat=meshcat,
         live=live,
     )
     if not real_time:

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Meshcat
 
 from hardware.drive import Drive, drive
 from hardware.live.page import LivePage
@@ -89,7 +88,6 @@ def follow(
     *,
     controller: str = "pi",
     real_time: bool = False,
-    meshcat: Meshcat | None = None,
     live: LivePage | None = None,
 ) -> Following:
     """Plans, and drives a limb along the plan.
@@ -100,7 +98,7 @@ def follow(
     Args:
         request: of the plan, such as a `closed_loop_request`.
         make_limb: gives the limb for the parameters of the plan.
-        controller, real_time, meshcat, live: as for `hardware.drive.drive`.
+        controller, real_time, live: as for `hardware.drive.drive`.
 
     Raises:
         PlanningError: if there is no plan.
@@ -119,7 +117,6 @@ def follow(
         folder / RECORDING,
         controller=controller,
         real_time=real_time,
-        meshcat=meshcat,
         live=live,
     )
     # Matplotlib takes as long to import as all the rest.

@@ -1,8 +1,8 @@
 """The process that serves the live page: ``python -m hardware.live.server``, by `LivePage` alone.
 
-All that it serves, websockets too, passes one gate. Who asks must name this server as it
-names itself, so that no page of another site can ask in a person's name. From beyond this
-computer, who asks must also know the token.
+All that it serves, the 3D view and websockets too, passes one gate. Who asks must name this
+server as it names itself, so that no page of another site can ask in a person's name. From
+beyond this computer, who asks must also know the token.
 """
 
 import contextlib
@@ -27,7 +27,7 @@ from tornado.httpserver import HTTPServer
 from tornado.httputil import HTTPServerRequest
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.netutil import bind_sockets
-from tornado.web import ErrorHandler, RequestHandler
+from tornado.web import ErrorHandler, OutputTransform, RequestHandler
 
 from hardware.live.document import LiveDocument
 from hardware.live.messages import Reading
@@ -87,6 +87,16 @@ class SignIn(RequestHandler):
         self.redirect("/")
 
 
+class ForThisPage(OutputTransform):
+    """Tells browsers that no page of another site may contain or read what is served."""
+
+    def transform_first_chunk(self, status_code, headers, chunk, finishing):
+        """Adds the headers that say so."""
+        headers["X-Frame-Options"] = "SAMEORIGIN"
+        headers["Cross-Origin-Resource-Policy"] = "same-origin"
+        return status_code, headers, chunk
+
+
 class LiveApplication(BokehTornado):
     """Bokeh's application and the 3D view, behind the gate."""
 
@@ -95,13 +105,14 @@ class LiveApplication(BokehTornado):
         super().__init__(
             {"/": Application(FunctionHandler(make_document))},
             extra_websocket_origins=["*"],  # the gate has looked at them
-            extra_patterns=[(r"/view/(.*)", ViewHandler, {"view": view})],
+            extra_patterns=[(r"/view/", ViewHandler, {"view": view})],
             websocket_max_message_size_bytes=LARGEST_MESSAGE,
         )
+        self.add_transform(ForThisPage)
 
     def find_handler(self, request: HTTPServerRequest, **kwargs):
         """The handler of a request that may pass."""
-        if self._gate.is_at_home(request):
+        if self._gate.is_at_home(request) and request.path != "/autoload.js":
             if self._gate.knows(request):
                 return super().find_handler(request, **kwargs)
             if request.path == "/" and self._gate.introduces_itself(request):

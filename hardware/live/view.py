@@ -1,89 +1,149 @@
-"""The 3D view of the live page, in the page's process, and how it comes to the browser."""
+"""The 3D view of the live page: Meshcat's page without Meshcat's server."""
+
+import asyncio
+import contextlib
+import gc
+import json
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
-from pydrake.systems.framework import DiagramBuilder
-from tornado.httpclient import AsyncHTTPClient, HTTPClientError
-from tornado.web import HTTPError
-from tornado.websocket import WebSocketClosedError, WebSocketHandler, websocket_connect
+from pydrake.math import RigidTransform, RotationMatrix
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from hardware.live.messages import Phase, Reading
-from limb_systems import LimbVisualizer, joint_angles_from_bend_angle
+from limb_systems import LimbParameters, LimbVisualizer, joint_angles_from_bend_angle, wire_color
+from limb_systems.views.limb_view import Ghost, ghosts_of_plan, pose_ghost, show_duty
+from limb_systems.views.limb_visualizer import linear, wire_paths
 
 # The page around it says whether there is a connection, and there is nothing to control.
-STYLE = b"<style>#status-message, .dg { display: none !important; }</style></head>"
+STYLE = "<style>#status-message, .dg { display: none !important; }</style>"
+LISTEN = """
+<script>
+  new WebSocket(location.href.replace("http", "ws")).onmessage = (event) => {
+    const commands = JSON.parse(event.data);
+    if (commands) commands.forEach((command) => viewer.handle_command(command));
+    else location.reload();
+  };
+</script>
+</body>"""
+EMPTY = f"<!DOCTYPE html><html><head></head><body>{LISTEN}</html>"
 
 
 class View:
-    """A limb in Meshcat, as it is measured, beside ghosts of its plan and reference.
+    """A limb as it is measured, beside ghosts of its plan and reference.
 
-    - ``url``: where Meshcat is, for this computer alone.
-    - ``watchers``: how many browsers look at it; without one nothing is drawn.
+    Meshcat's server lets every page of every site command it. Here it lives for the
+    moment in which it writes the page of a phase; what moves then goes to the browsers
+    from here, by the websocket of the page, which passes the gate.
+
+    - ``page``: HTML.
+    - ``watchers``: the browsers that look at it; without one nothing is drawn.
     """
 
     def __init__(self):
-        self._meshcat = Meshcat(MeshcatParams(host="127.0.0.1", port=0, show_stats_plot=False))
-        self.url = self._meshcat.web_url()
-        self.watchers = 0
+        self.page = EMPTY
+        self.watchers: set[ViewHandler] = set()
 
     def begin(self, phase: Phase) -> None:
         """Shows another limb, or another plan."""
-        builder = DiagramBuilder()
-        view = builder.AddSystem(LimbVisualizer(phase.parameters, self._meshcat, phase.plan))
-        for name in ("joint_state", "wire_temperature", "duty"):
-            builder.ExportInput(view.GetInputPort(name), name)
-        self._parameters, self._diagram = phase.parameters, builder.Build()
-        self._context = self._diagram.CreateDefaultContext()
+        self._parameters = phase.parameters
+        self._ghosts = ghosts_of_plan(phase.parameters, phase.plan) if phase.plan else []
+        self.page = _page(phase).replace("</head>", f"{STYLE}</head>").replace("</body>", LISTEN)
+        gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
+        for watcher in self.watchers:
+            watcher.reload()
 
     def show(self, reading: Reading) -> None:
         """Shows a reading of the limb that began."""
-        angles = joint_angles_from_bend_angle(self._parameters, reading.bend_angle)
-        self._context.SetTime(reading.time)
-        signals = {
-            "joint_state": np.append(angles, np.zeros_like(angles)),
-            "wire_temperature": reading.measured_temperature,
-            "duty": reading.duty,
-        }
-        for name, values in signals.items():
-            self._diagram.GetInputPort(name).FixValue(self._context, values)
-        self._diagram.ForcedPublish(self._context)
+        if np.isfinite([*reading.bend_angle, *reading.measured_temperature, *reading.duty]).all():
+            said = commands(self._parameters, self._ghosts, reading)
+            for watcher in self.watchers:
+                watcher.tell(said)
+
+
+def _page(phase: Phase) -> str:
+    meshcat = Meshcat(MeshcatParams(host="127.0.0.1", port=0, show_stats_plot=False))
+    visualizer = LimbVisualizer(phase.parameters, meshcat, phase.plan)
+    context = visualizer.CreateDefaultContext()
+    for index in range(visualizer.num_input_ports()):
+        port = visualizer.get_input_port(index)
+        port.FixValue(context, np.zeros(port.size()))
+    visualizer.ForcedPublish(context)
+    return meshcat.StaticHtml()
+
+
+def commands(parameters: LimbParameters, ghosts: list[Ghost], reading: Reading) -> list[dict]:
+    """What tells Meshcat's page to show a reading."""
+    told = _Told()
+    meshcat: Any = told
+    lengths = [s.length / s.links for s in parameters.segments for _ in range(s.links)]
+    directions = np.cumsum(joint_angles_from_bend_angle(parameters, reading.bend_angle))
+    origin = np.zeros(3)
+    for number, (length, direction) in enumerate(zip(lengths, directions, strict=True), 1):
+        pose = RigidTransform(RotationMatrix.MakeZRotation(direction), origin)
+        told.SetTransform(f"visualizer/limb/link_{number}", pose)
+        origin = pose @ np.array([length, 0.0, 0.0])
+    colors = linear(wire_color(parameters, reading.measured_temperature))
+    for paths, color in zip(wire_paths("", parameters), colors, strict=True):
+        for path in paths:
+            told.SetProperty(path, "color", [*color.tolist(), 1.0])
+    for ghost in ghosts:
+        pose_ghost(meshcat, "", parameters, ghost, reading.time)
+    show_duty(meshcat, "", parameters, np.array(reading.duty), reading.time)
+    return told.commands
+
+
+class _Told:
+    """In place of a Meshcat: keeps what it is told, as its page takes it."""
+
+    def __init__(self):
+        self.commands: list[dict] = []
+
+    def SetTransform(self, path: str, pose: RigidTransform, _time: float = 0.0) -> None:
+        matrix = pose.GetAsMatrix4().T.ravel().tolist()  # column by column
+        command = {"type": "set_transform", "path": f"/drake/{path}", "matrix": matrix}
+        self.commands.append(command)
+
+    def SetProperty(self, path: str, name: str, value: list, _time: float = 0.0) -> None:
+        command = {"type": "set_property", "path": f"/drake/{path}", "property": name}
+        self.commands.append({**command, "value": value})
 
 
 class ViewHandler(WebSocketHandler):
-    """Passes Meshcat's page and what it sends on to the browser, and nothing back to it."""
+    """Serves the view's page, and its websocket at the same address."""
 
     def initialize(self, view: View) -> None:
-        """Takes the view that it passes on."""
+        """Takes the view that it shows."""
         self._view = view
+        self._sent: asyncio.Future[None] | None = None
 
-    async def get(self, path: str) -> None:
-        """Meshcat's page has its websocket at its own address."""
+    async def get(self, *_: str) -> None:
+        """The page, or its websocket."""
         if self.request.headers.get("Upgrade", "").lower() == "websocket":
-            await super().get(path)
-            return
-        try:
-            answer = await AsyncHTTPClient().fetch(f"{self._view.url}/{path}")
-        except HTTPClientError as error:
-            raise HTTPError(404) from error
-        if path:
-            self.set_header("Content-Type", "text/javascript")  # Meshcat leaves it to the browser
-            self.finish(answer.body)
+            await super().get()
         else:
-            self.finish(answer.body.replace(b"</head>", STYLE))
+            self.finish(self._view.page)
 
     def check_origin(self, origin: str) -> bool:
         """The application has checked it, as for all that it serves."""
         return True
 
-    async def open(self, _path: str) -> None:
-        """Passes on until either end closes, at the browser's pace."""
-        meshcat = await websocket_connect(self._view.url.replace("http", "ws", 1))
-        self._view.watchers += 1
-        try:
-            while (message := await meshcat.read_message()) is not None:
-                await self.write_message(message, binary=True)
-        except WebSocketClosedError:
-            pass
-        finally:
-            self._view.watchers -= 1
-            meshcat.close()
+    def open(self, *_: str) -> None:
+        """Begins to tell a browser."""
+        self._view.watchers.add(self)
+
+    def tell(self, what: list[dict]) -> None:
+        """Sends commands, unless the browser has not yet taken what came before."""
+        if self._sent is None or self._sent.done():
+            with contextlib.suppress(WebSocketClosedError):
+                self._sent = self.write_message(json.dumps(what))
+
+    def reload(self) -> None:
+        """Lets the browser ask for the page again."""
+        with contextlib.suppress(WebSocketClosedError):
+            self.write_message("null")
+
+    def on_close(self) -> None:
+        """Forgets the browser."""
+        self._view.watchers.discard(self)

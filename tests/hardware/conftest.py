@@ -81,6 +81,11 @@ def wait_for(condition, limit=5.0):
     return False
 
 
+def last_numbers(message: bytes, count: int) -> np.ndarray:
+    """With which a message to the browser ends: MessagePack, a tag and eight bytes for each."""
+    return np.frombuffer(message[-9 * count :], [("tag", "u1"), ("value", ">f8")])["value"]
+
+
 class Heating:
     """A host that keeps a wire at a duty, as a thread, until it fails or is stopped."""
 

@@ -12,20 +12,30 @@ import threading
 import time
 import urllib.error
 import urllib.request
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from pydrake.geometry import Meshcat, MeshcatParams
 
 from hardware import LimbTwin, LivePage, SerialLimb, replay
 from hardware.__main__ import main
-from hardware.live import options, server
+from hardware.live import options, server, view
 from hardware.live.messages import Message, Phase, Reading
 from hardware.live.run import ENDED_WITHOUT_A_WORD, MOST_POINTS, Run
-from limb_systems import LimbError, LimbParameters, Recording, Trajectory
+from limb_systems import (
+    LimbError,
+    LimbParameters,
+    LimbVisualizer,
+    Recording,
+    Trajectory,
+    joint_angles_from_bend_angle,
+)
+from limb_systems.views.limb_view import ghosts_of_plan
 from planners import plan, references
 
-from .conftest import wait_for
+from .conftest import last_numbers, wait_for
 
 READ = """() => {
     const source = Bokeh.documents[0].get_model_by_name("readings");
@@ -258,8 +268,55 @@ def test_from_beyond_this_computer_the_token_is_needed(port, token):
     assert (code, headers["Location"]) == (302, "/")
     assert headers["Set-Cookie"] == f"{known}; HttpOnly; Path=/; SameSite=Strict"
     for path in ("/", "/view/"):
-        assert status(port, path, Cookie=known)[0] == 200, path
+        code, headers = status(port, path, Cookie=known)
+        assert (code, headers["X-Frame-Options"]) == (200, "SAMEORIGIN"), path
+        assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
+    assert status(port, "/autoload.js?bokeh-autoload-element=x", Cookie=known)[0] == 403
     assert status(port, "/", Cookie=known, Origin="http://example.org")[0] == 403
+
+
+def test_nothing_else_listens(live, port, motion):
+    """Meshcat's own server asks nobody who they are: it is gone when it has made its page."""
+    live.begin(Phase("a limb", motion.parameters, 110.0, plan=motion))
+    pid, token = live._process.pid, live.url.partition("?token=")[2]
+    cookie = f"{server.COOKIE}_{port}={token}"
+
+    def view():
+        request = urllib.request.Request(f"http://127.0.0.1:{port}/view/")
+        request.add_header("Cookie", cookie)
+        with urllib.request.urlopen(request) as answer:
+            return answer.read()
+
+    assert wait_for(lambda: b"ghosts" in view() or len(view()) > 1e6, 20.0)
+    mine = {os.readlink(f"/proc/{pid}/fd/{fd}") for fd in os.listdir(f"/proc/{pid}/fd")}
+    tables = (Path(f"/proc/{pid}/net/{name}").read_text() for name in ("tcp", "tcp6"))
+    rows = [line.split() for table in tables for line in table.splitlines()]
+    listening = [row[1] for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in mine]
+    assert [int(address.split(":")[1], 16) for address in listening] == [port]
+
+
+def test_the_view_is_what_meshcat_shows(motion):
+    """What browsers are told, beside what a `LimbVisualizer` tells a Meshcat."""
+    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    visualizer = LimbVisualizer(motion.parameters, meshcat, motion)
+    context = visualizer.CreateDefaultContext()
+    reading = Reading(7.0, [0.3], [60.0, 30.0], [0.2, 0.6])
+    angles = joint_angles_from_bend_angle(motion.parameters, reading.bend_angle)
+    inputs = (np.append(angles, 0.0 * angles), reading.measured_temperature, reading.duty)
+    for index, values in enumerate(inputs):
+        visualizer.get_input_port(index).FixValue(context, values)
+    context.SetTime(reading.time)
+    visualizer.ForcedPublish(context)
+    told = view.commands(motion.parameters, ghosts_of_plan(motion.parameters, motion), reading)
+    kinds = [command["type"] for command in told]
+    assert (kinds.count("set_transform"), kinds.count("set_property")) == (15, 12)
+    for command in told:
+        path, name = command["path"], command.get("property")
+        said = command["value"] if name else command["matrix"]
+        message = (
+            meshcat._GetPackedProperty(path, name) if name else meshcat._GetPackedTransform(path)
+        )
+        np.testing.assert_allclose(said, last_numbers(message, len(said)), atol=1e-9)
 
 
 @pytest.mark.parametrize("path", ["/ws", "/view/"])

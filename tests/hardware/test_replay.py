@@ -29,6 +29,8 @@ from limb_systems.tracking import tracking_errors
 from planners import plan, references
 from planners.__main__ import main as planners_main
 
+from .conftest import last_numbers
+
 
 def test_replay_on_the_model_itself_follows_the_plan(fig5_plan):
     recording = replay(fig5_plan, Limb(fig5_plan.parameters))
@@ -211,11 +213,6 @@ def meshcat():
     return Meshcat(MeshcatParams(host="localhost", port=0))
 
 
-def last_numbers(message: bytes, count: int) -> np.ndarray:
-    """With which a message to the browser ends: MessagePack, a tag and eight bytes for each."""
-    return np.frombuffer(message[-9 * count :], [("tag", "u1"), ("value", ">f8")])["value"]
-
-
 def beginning(trajectory, num_knots):
     """The first knots of a trajectory."""
     signals = ("time", "reference", "duty", "joint_state", "wire_temperature")
@@ -248,15 +245,6 @@ def test_two_segments_are_watched_and_shown(two_segments, meshcat):
     assert meshcat.HasPath("visualizer/limb/link_5")
     assert meshcat.HasPath("duty/right_2")
     assert not meshcat.HasPath("ghosts/plan")
-
-
-def test_command_shows_the_limb_and_says_where(fig5_plan, tmp_path, capsys):
-    beginning(fig5_plan, 6).save(tmp_path / "plan.csv")
-    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
-    assert main([*arguments, "--meshcat"]) == 0
-    assert "meshcat     http://localhost:" in capsys.readouterr().out
-    assert main([*arguments, "--force"]) == 0
-    assert "meshcat" not in capsys.readouterr().out
 
 
 def test_command_replays_and_writes_a_recording(fig5_plan, tmp_path, capsys):
