@@ -12,7 +12,6 @@ def add_live_options(command: argparse.ArgumentParser) -> None:
     """Adds ``--live`` and ``--live-address``, for `live_page`."""
     command.add_argument(
         "--live",
-        "--meshcat",
         action="store_true",
         help="show the limb on a page of this computer while it runs, in curves and in 3D, with a "
         "button that stops it; "
