@@ -14,6 +14,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from controllers.reduced_model import PERIOD, ReducedModel
 from limb_systems import Trajectory
 
+ROUNDING = 1e-9  # s, of knots and nodes at the same time
 STEPS = 4  # of the model, from a node to the next: nodes at about 5 Hz
 READING_MARGIN = 5.0  # °C, of what is expected below the reading at which a board switches off
 LEVEL_COST, CHANGE_COST = 0.3, 1.0  # of a duty, and of its change between nodes: (1°)²
@@ -65,6 +66,7 @@ class DutyCorrection:
     def duty_trajectory(self, correction: np.ndarray) -> PiecewisePolynomial:
         """The corrected duty since the start of the plan, in [0, 1] and within the total duty."""
         times = np.union1d(self.plan.time, self.nodes)
+        times = times[np.append(True, np.diff(times) > ROUNDING)]
         duty = self.plan.duty_trajectory().vector_values(times)
         duty = duty + [np.interp(times, self.nodes, column) for column in correction.T]
         duty = np.clip(duty, 0.0, 1.0)

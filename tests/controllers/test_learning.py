@@ -306,9 +306,10 @@ def test_it_ends_when_all_fail():
     assert learner.finished == "The last 3 repetitions were interrupted or got worse."
 
 
-def test_first_duty_is_the_plans_own():
+@pytest.mark.parametrize("start", [0.0, 5.0])  # knots at 5 s and later are nodes but for rounding
+def test_first_duty_is_the_plans_own(start):
     plan = plan_of(limb())
-    learner = Learner(plan)
+    learner = Learner(dataclasses.replace(plan, time=plan.time + start))
     source = learner.source()
     context = source.CreateDefaultContext()
     for time, duty in zip(plan.time, plan.duty.T, strict=True):
