@@ -223,7 +223,7 @@ class Learner:
         if not interrupted and recording.time[-1] < self.nodes[-1] - spacing:
             interrupted = f"the recording ends at {recording.time[-1]:g} s"
         duty = recording.duty if recording.applied_duty is None else recording.applied_duty
-        seen = ~recording.implausible
+        seen = recording.usable
         time = recording.time[seen]
         bend, readings = (
             _around(self.nodes, spacing, time, signals[:, seen])

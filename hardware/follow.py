@@ -28,9 +28,9 @@ class Following:
 
     @property
     def distance(self) -> float:
-        """The mean of |φ_ref - φ| over segments and samples that are plausible, rad."""
+        """The mean of |φ_ref - φ| over segments and usable samples, rad."""
         recording, plan = self.driven.recording, self.driven.trajectory.since_start()
-        good = ~recording.implausible
+        good = recording.usable
         wanted = [np.interp(recording.time[good], plan.time, row) for row in plan.reference]
         return float(np.abs(wanted - recording.bend_angle[:, good]).mean())
 
@@ -43,7 +43,9 @@ class Following:
     @property
     def hottest(self) -> np.ndarray:
         """The highest reading of each wire (W,), °C."""
-        return self.driven.recording.measured_temperature.max(axis=1)
+        return self.driven.recording.measured_temperature[:, self.driven.recording.usable].max(
+            axis=1
+        )
 
     def facts(self) -> dict:
         """For JSON."""

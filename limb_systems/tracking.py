@@ -26,8 +26,8 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
     Args:
         trajectory: the plan φ*.
         recordings: of one or more rollouts; samples after the end of the
-            plan are ignored, and those that are not plausible left out with
-            a warning. An interrupted rollout counts as far as it came.
+            plan are ignored, those that are missing left out, and those that are
+            not plausible left out with a warning. An interrupted rollout counts as far as it came.
 
     Raises:
         LimbError: if there is nothing to compare.
@@ -36,7 +36,7 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
     for recording in recordings:
         if recording.implausible.any():
             warnings.warn(f"Left out of the tracking errors: {recording.doubt}.", stacklevel=2)
-        during = (recording.time <= trajectory.duration) & ~recording.implausible
+        during = (recording.time <= trajectory.duration) & recording.usable
         planned = plan.bend_angle_at(recording.time[during])
         errors.append(np.abs(planned - recording.bend_angle[:, during]).ravel())
     if not sum(error.size for error in errors):

@@ -58,9 +58,14 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
 
     Raises:
         LimbError: if the recording is shorter than the window, or a value in it
-            is not plausible.
+            is missing or not plausible.
     """
     recording.check_plausible()
+    if recording.missing.any():
+        raise LimbError(
+            f"{recording.missing.sum()} of {len(recording.time)} samples of the recording are "
+            "missing; where the limb was meanwhile is not known, so teach it again."
+        )
     angles = recording.bend_angle
     if angles.shape[1] < 2:
         return from_samples(recording.time, angles)  # which says that there are too few

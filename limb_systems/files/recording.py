@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # not all who record have it
     import pandas
 
 MEASURED = ("measured_temperature", "bend_angle")
+LONGEST_PERIOD, HIGHEST_RATE = 10_000.0, 1e6  # s and Hz, of samples
 OPTIONAL = (
     "wire_temperature",
     "joint_state",
@@ -58,13 +59,14 @@ class Recording(Shown):
     """Samples from a limb with S segments, n joints and W wires.
 
     Measured values are kept whatever they are: a reading of 700 °C is a fact
-    about its sensor. `check_plausible` is for who calculates with them.
+    about its sensor. `check_plausible` is for who calculates with them. One that is
+    missing is nan, an empty cell in the file; time and duty are known all the same.
 
     - ``time``: (K,), s, increasing.
     - ``duty``: (W, K), in [0, 1], in force when the sample was taken; a command
       that changes at that very time appears in the next sample.
-    - ``measured_temperature``: V (W, K), °C.
-    - ``bend_angle``: φ (S, K), rad.
+    - ``measured_temperature``: V (W, K), °C; nan where it is missing.
+    - ``bend_angle``: φ (S, K), rad; nan where it is missing.
     - ``parameters``: of the limb, as far as it is known.
     - ``source``: a line of text that names what was recorded.
     - ``sample_rate``: nominal, Hz.
@@ -82,7 +84,7 @@ class Recording(Shown):
     - ``provenance``: what made it; None if it is not known.
 
     Raises:
-        LimbError: at construction, if shapes disagree or values are not
+        LimbError: at construction, if shapes disagree or other values are not
             finite, if time does not increase or duty leaves [0, 1], or if the
             source cannot be printed.
     """
@@ -108,8 +110,11 @@ class Recording(Shown):
         check_text(self.source, "source")
         check_text(self.interrupted, "interrupted")
         check_samples(self, optional=OPTIONAL, measured=MEASURED)
-        if not (np.isfinite(self.sample_rate) and self.sample_rate > 0):
-            raise LimbError(f"sample_rate is {self.sample_rate!r} Hz; it must be positive.")
+        if not 1 / LONGEST_PERIOD <= self.sample_rate <= HIGHEST_RATE:
+            raise LimbError(
+                f"sample_rate is {self.sample_rate!r} Hz; it must be from {1 / LONGEST_PERIOD:g} "
+                f"to {HIGHEST_RATE:g} Hz."
+            )
 
     @property
     def implausible(self) -> np.ndarray:
@@ -118,6 +123,16 @@ class Recording(Shown):
         That is, beyond -60 °C to 600 °C, or -π to π.
         """
         return samples_outside(self, MEASURED)
+
+    @property
+    def missing(self) -> np.ndarray:
+        """Whether a reading of V or φ is missing, at each sample (K,)."""
+        return np.isnan(np.vstack([self.measured_temperature, self.bend_angle])).any(axis=0)
+
+    @property
+    def usable(self) -> np.ndarray:
+        """Whether V and φ are there and plausible, at each sample (K,)."""
+        return ~(self.missing | self.implausible)
 
     @property
     def doubt(self) -> str:
@@ -135,16 +150,18 @@ class Recording(Shown):
     def facts(self) -> dict[str, str]:
         """Source, duration, samples, range of the bend angle, largest temperature; its trouble."""
         trouble = {"end": f"interrupted: {self.interrupted}"} if self.interrupted else {}
+        if missing := int(self.missing.sum()):
+            trouble["missing"] = f"{missing} of {len(self.time)} samples missing"
         if doubt := self.doubt:
             trouble["doubt"] = doubt
-        if not len(self.time):
+        if self.missing.all():
             return {"source": self.source, "samples": "no samples", **trouble}
         return {
             "source": self.source,
             "duration": f"{self.time[-1] - self.time[0]:g} s",
             "samples": f"{len(self.time)} samples",
             "motion": bend_range(self.bend_angle),
-            "heat": f"up to {self.measured_temperature.max():.0f} °C",
+            "heat": f"up to {np.nanmax(self.measured_temperature):.0f} °C",
             **trouble,
         }
 

@@ -81,7 +81,7 @@ def check_samples(
             the signals.
         optional: the signals that may be None.
         measured: the signals that may leave their range, because what was
-            measured is what it is.
+            measured is what it is, and be nan where a sample is missing.
 
     Raises:
         LimbError: if shapes disagree or values are not finite, if time does
@@ -101,7 +101,7 @@ def check_samples(
                 f"{name} has the shape {value.shape}, but this limb and the "
                 f"{len(samples.time)} samples of time need {shape}."
             )
-        if not np.isfinite(value).all():
+        if (np.isinf(value) if name in measured else ~np.isfinite(value)).any():
             raise LimbError(f"{name} holds values that are not finite.")
         if name not in measured and samples_outside(samples, [name]).any():
             raise LimbError(first_outside(samples, [name]))
@@ -151,7 +151,7 @@ def without_rounding(duty: np.ndarray) -> np.ndarray:
 
 def bend_range(bend_angle: np.ndarray) -> str:
     """The range of bend angles (S, K), rad, in words and degrees."""
-    low, high = np.rad2deg([bend_angle.min(), bend_angle.max()])
+    low, high = np.rad2deg([np.nanmin(bend_angle), np.nanmax(bend_angle)])
     return f"bend {low:.0f}° to {high:.0f}°"
 
 

@@ -34,6 +34,7 @@ from limb_systems.schema import (
 )
 
 FORMAT = 2  # of the YAML file
+MOST_SEGMENTS, MOST_JOINTS = 50, 500
 _WIRE_OFFSET = 0.34  # of the thickness, off the axis, of the wires that format 1 had
 
 
@@ -392,6 +393,10 @@ class LimbParameters(Strict):
         """Raises ParameterError for the first field that is out of its range."""
         if not isinstance(self.segments, list) or not self.segments:
             raise ParameterError("segments is empty; a limb has at least one segment.")
+        if len(self.segments) > MOST_SEGMENTS:
+            raise ParameterError(
+                f"segments has {len(self.segments)} elements; a limb has at most {MOST_SEGMENTS}."
+            )
         if not isinstance(self.gravity, list) or len(self.gravity) != 3:
             raise ParameterError(
                 f"gravity is {self.gravity!r}; it must be a list of three numbers from -100 to "
@@ -401,6 +406,11 @@ class LimbParameters(Strict):
             validate(self)
         except SchemaError as error:
             raise ParameterError(str(error)) from error
+        if self.num_joints > MOST_JOINTS:
+            raise ParameterError(
+                f"the limb has {self.num_joints} links in all; at most {MOST_JOINTS} can be "
+                "computed with, so describe its segments with fewer links."
+            )
         for index, segment in enumerate(self.segments):
             _validate_wires(segment.wires, f"segments[{index}].wires")
         limits = self.temperature_limits

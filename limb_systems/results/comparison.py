@@ -290,8 +290,8 @@ def _curves(runs: Sequence[Recording | Trajectory]) -> list[dict[str, Curves]]:
 
 
 def _signals(run: Recording | Trajectory) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Times of the samples that are plausible, and the signals at them, in degrees and °C."""
-    good = ~run.implausible if isinstance(run, Recording) else np.ones(len(run.time), bool)
+    """Times of the samples that are usable, and the signals at them, in degrees and °C."""
+    good = run.usable if isinstance(run, Recording) else np.ones(len(run.time), bool)
     signals = {
         "bend_angle": np.rad2deg(run.bend_angle[:, good]),
         "measured_temperature": run.measured_temperature[:, good],

@@ -53,7 +53,10 @@ class Ghost:
 def joint_angle_course(motion: Recording | Trajectory) -> PiecewisePolynomial:
     """θ over time: cubic between samples where rates are known, else linear."""
     if motion.joint_state is None:
-        return _bend_angle_course(motion.parameters, motion.time, motion.bend_angle)
+        shown = ~np.isnan(motion.bend_angle).any(axis=0)
+        return _bend_angle_course(
+            motion.parameters, motion.time[shown], motion.bend_angle[:, shown]
+        )
     angles, rates = np.split(motion.joint_state, 2)
     return PiecewisePolynomial.CubicHermite(motion.time, angles, rates)
 

@@ -73,7 +73,7 @@ def write_meshcat_replay(
         LimbError: if the motion has fewer than two samples, the rate is not
             positive, or the plan is for a limb of another shape.
     """
-    if len(motion.time) < 2:
+    if ((~motion.missing).sum() if isinstance(motion, Recording) else len(motion.time)) < 2:
         raise LimbError("A replay needs at least two samples.")
     if not (np.isfinite(frames_per_second) and frames_per_second > 0):
         raise LimbError(f"frames_per_second is {frames_per_second!r}; it must be positive.")
@@ -83,10 +83,11 @@ def write_meshcat_replay(
     temperature, measured = motion.wire_temperature, motion.wire_temperature is None
     if temperature is None:
         temperature = motion.measured_temperature
+    shown = ~np.isnan(temperature).any(axis=0)
     rate = (len(times) - 1) / (end - start)
     frames = _Frames(
         joint_angle_course(motion).vector_values(times),
-        np.array([np.interp(times, motion.time, row) for row in temperature]),
+        np.array([np.interp(times, motion.time[shown], row[shown]) for row in temperature]),
         np.array([np.interp(times, motion.time, row) for row in motion.duty]),
         [ghost.course.vector_values(times - start) for ghost in ghosts],
     )

@@ -24,6 +24,11 @@ def mean_and_band(
         samples: of one signal in each recording.
     """
     length = min(len(sample) for sample in samples)
-    stacked = np.array([sample[:length] for sample in samples])
+    # What one of them misses is that of the others, and a gap where all do.
+    stacked = np.ma.masked_invalid([sample[:length] for sample in samples])
     spread = stacked.std(axis=0, ddof=min(1, len(samples) - 1))
-    return recordings[0].time[:length], stacked.mean(axis=0), BAND * spread
+    return (
+        recordings[0].time[:length],
+        stacked.mean(axis=0).filled(np.nan),
+        BAND * spread.filled(0.0),
+    )

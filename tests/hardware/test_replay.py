@@ -93,6 +93,8 @@ def test_what_no_limb_does_is_left_out_of_tracking_errors(fig5_plan):
     with pytest.warns(UserWarning, match=said):
         errors = tracking_errors(fig5_plan, [spoilt])
     assert np.rad2deg(errors.mean) == pytest.approx(2.0)
+    spoilt.bend_angle[0, 2] = np.nan  # missing, which needs no warning
+    assert tracking_errors(fig5_plan, [spoilt]) == errors
 
 
 def test_nothing_to_compare_is_said(fig5_plan):

@@ -454,17 +454,40 @@ def test_changed_value_under_the_old_checksum_is_refused(tmp_path, refused, line
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "-inf", "1e999"])
-@pytest.mark.parametrize("name", ["time_s", "duty_left", "bend_angle_deg", "joint_rate_2_deg_s"])
+@pytest.mark.parametrize("name", ["time_s", "duty_left", "joint_rate_2_deg_s"])
 def test_value_that_is_not_finite_is_refused_with_its_place(lines, refuse_sealed, name, text):
     set_cell(lines, 2, name, text)
     refuse_sealed(lines, name, f"line {TOP + 4}")
 
 
-@pytest.mark.parametrize("text", ["", "abc", "0x1", "snan", "1.2.3", "--1"])
+@pytest.mark.parametrize("text", ["", "abc", "0x1", "snan", "1.2.3", "--1", "1_0", "٣", "inf"])
 @pytest.mark.parametrize("name", ["time_s", "duty_left", "bend_angle_deg"])
 def test_cell_that_is_no_number_is_refused_with_its_place(lines, refuse_sealed, name, text):
+    if name == "bend_angle_deg" and not text:
+        pytest.skip("a reading may be missing")
     set_cell(lines, 2, name, text)
     refuse_sealed(lines, f"line {TOP + 4}")
+
+
+def test_readings_that_are_missing_come_back(tmp_path, lines):
+    """As an empty cell, which is written, or as nan; those of a trajectory are refused."""
+    set_cell(lines, 1, "bend_angle_deg", "")
+    set_cell(lines, 2, "measured_temperature_right_c", "nan")
+    write_sealed(tmp_path / "file.csv", lines)
+    loaded = Recording.load(tmp_path / "file.csv")
+    assert loaded.missing.tolist() == [False, True, True, False]
+    assert np.isnan(loaded.bend_angle[0]).tolist() == [False, True, False, False]
+    assert "2 of 4 samples missing" in str(loaded)
+    assert_identical(save_and_load(loaded, tmp_path / "again.csv"), loaded)
+    assert "nan" not in (tmp_path / "again.csv").read_text()
+    with pytest.raises(LimbError, match="not finite"):
+        make_trajectory(measured_temperature=[[np.nan] * 4] * 2)
+
+
+def test_sample_rates_that_nobody_has_are_refused():
+    for rate in (0.0, 1e-300, 1e9, np.nan):
+        with pytest.raises(LimbError, match=r"sample_rate is .* from 0\.0001 to 1e\+06 Hz"):
+            dataclasses.replace(make_recording(), sample_rate=rate)
 
 
 @pytest.mark.parametrize("exponent", ["400", "99999", "9999999", "9" * 20, "9" * 5000])

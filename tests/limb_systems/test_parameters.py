@@ -665,3 +665,11 @@ def test_board_that_is_no_text_is_refused(refused):
         LimbParameters(board=SerialBoard(7)).validate()
     with refused(ParameterError, "board is not a NoBoard or Board"):
         LimbParameters(board=7).validate()
+
+
+def test_a_limb_too_large_to_compute_with_is_refused():
+    segment = SegmentParameters(links=100)
+    with pytest.raises(LimbError, match="has 100 elements; a limb has at most 50"):
+        LimbParameters(segments=[segment] * 100).validate()
+    with pytest.raises(LimbError, match="600 links in all; at most 500"):
+        LimbParameters(segments=[segment] * 6).validate()
