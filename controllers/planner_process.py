@@ -1,17 +1,18 @@
 """Horizons that are planned in a process of their own, beside one that has to keep time.
 
 A solver holds Python's lock while it works, and a thread beside it would wait for it:
-commands were late by 10 to 20 ms. What is sent and answered goes through pipes, as the
+commands were late by 10 to 20 ms. What is sent and answered goes through a socket, as the
 modules of a script need not be imported again for that.
 """
 
 import dataclasses
 import os
-import pickle
 import signal
+import socket
 import subprocess
 import sys
 import weakref
+from multiprocessing.connection import Connection
 
 import numpy as np
 
@@ -41,65 +42,80 @@ class PlannerProcess:
     """
 
     def __init__(self, trajectory: Trajectory, task: Task | None = None):
+        ours, theirs = socket.socketpair()
         process = self._process = subprocess.Popen(
-            [sys.executable, "-c", PROGRAM],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
+            [sys.executable, "-c", PROGRAM, str(theirs.fileno())],
+            pass_fds=[theirs.fileno()],
+            stdin=subprocess.DEVNULL,
+            stdout=sys.__stderr__,  # what a solver may print is no result of ours
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # its matrices are small
         )
-        assert process.stdin
-        assert process.stdout
-        self._questions, self._answers = process.stdin, process.stdout
-        weakref.finalize(self, _end, process)
+        theirs.close()
+        self._connection = Connection(ours.detach())
+        weakref.finalize(self, _end, process, self._connection)
         if task:
             task = dataclasses.replace(task, customize=None)  # of no use to a horizon
         self._ask(trajectory, task)
+        self._answer()
 
-    def plan(
+    def begin(
         self,
         time: float,
         heat: np.ndarray,
         bend_offset: np.ndarray,
         previous: HorizonPlan | None = None,
-    ) -> HorizonPlan:
-        """As of `HorizonPlanner`; waits without holding other threads up.
+    ) -> None:
+        """Asks for a plan, as of `HorizonPlanner.plan`, once the one before is made.
 
         Raises:
             LimbError: if the process has ended.
         """
-        return self._ask(time, heat, bend_offset, previous)
+        self._ask(time, heat, bend_offset, previous)
 
-    def _ask(self, *question):
-        """What the process answers."""
+    def plan_if_made(self) -> HorizonPlan | None:
+        """The plan that was asked for; None if it is not made yet. Does not wait.
+
+        Raises:
+            LimbError: if the process has ended.
+        """
+        return self._answer() if self._connection.poll() else None
+
+    def _ask(self, *question) -> None:
         try:
-            pickle.dump(question, self._questions)
-            self._questions.flush()
-            return pickle.load(self._answers)
-        except (EOFError, BrokenPipeError) as error:
-            raise LimbError(
-                "The process that plans the coming seconds has ended, perhaps because memory ran "
-                "out; end other programs and start again."
-            ) from error
+            self._connection.send(question)
+        except OSError as error:
+            raise LimbError(ENDED) from error
+
+    def _answer(self):
+        try:
+            return self._connection.recv()
+        except (EOFError, OSError) as error:
+            raise LimbError(ENDED) from error
 
 
-def _end(process: subprocess.Popen) -> None:
-    """Ends the process, which reads until there is nothing more."""
-    process.communicate()
+ENDED = (
+    "The process that plans the coming seconds has ended, perhaps because memory ran out; end "
+    "other programs and start again."
+)
+
+
+def _end(process: subprocess.Popen, connection: Connection) -> None:
+    """Ends the process, whatever it is at; it may be stopped."""
+    connection.close()
+    process.kill()
+    process.wait()
 
 
 def answer_questions() -> None:
-    """What the process does: answers on standard output until there are no more questions."""
+    """What the process does: answers until there are no more questions."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches both, and the other decides
     os.nice(PRIORITY)
-    answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a solver may print is no answer
-    planner = planner_of(*pickle.load(sys.stdin.buffer))
+    connection = Connection(int(sys.argv[1]))
+    planner = planner_of(*connection.recv())
     answer = None
-    while True:
-        pickle.dump(answer, answers)
-        try:
-            answers.flush()
-            question = pickle.load(sys.stdin.buffer)
-        except (EOFError, BrokenPipeError):
-            os._exit(0)  # what may be left to be written has no reader
-        answer = planner.plan(*question)
+    try:
+        while True:
+            connection.send(answer)
+            answer = planner.plan(*connection.recv())
+    except (EOFError, OSError):
+        os._exit(0)

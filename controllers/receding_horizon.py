@@ -1,7 +1,5 @@
 """Replans towards the reference, while a limb moves, and follows the newest plan."""
 
-import concurrent.futures
-
 import numpy as np
 
 from controllers.estimator import Estimate
@@ -49,11 +47,10 @@ class RecedingHorizon(PlanController):
         """
         plan, parameters = trajectory.since_start(), trajectory.parameters
         planner = planner_of(plan, task)
-        self._planner = PlannerProcess(plan, task) if real_time else planner
+        self._planner, self._process = planner, PlannerProcess(plan, task) if real_time else None
         first = planner.beginning_of(plan)
         super().__init__(parameters, first.duty[0])
-        self._thread = concurrent.futures.ThreadPoolExecutor(1) if real_time else None
-        self._pending: concurrent.futures.Future | None = None
+        self._is_pending = False  # a plan of the process
         self._gains = mean_gains(self._estimator.model)
         self._shapes = [array.shape for array in _arrays(first)]
         self._splits = np.cumsum([array.size for array in _arrays(first)])[:-1]
@@ -81,23 +78,26 @@ class RecedingHorizon(PlanController):
     def _replan(
         self, time: float, estimate: Estimate, plan: HorizonPlan, counts: np.ndarray
     ) -> HorizonPlan:
-        """The plan that is in force from a time on, or the same if a thread makes it."""
+        """The plan that is in force from a time on, or the same if the process makes it."""
         arguments = time, estimate.heat, estimate.offset, plan
-        if self._thread is None:
+        if self._process is None:
             counts[0] += 1
             return _if_made(self._planner.plan(*arguments), plan, counts)
-        if self._pending is None:
-            counts[0] += 1
-            self._pending = self._thread.submit(self._planner.plan, *arguments)
-        else:
+        if self._is_pending:
             counts[1] += 1
+        else:
+            counts[0] += 1
+            self._process.begin(*arguments)
+            self._is_pending = True
         return plan
 
     def _newest(self, plan: HorizonPlan, counts: np.ndarray) -> HorizonPlan:
-        """The plan of the thread if it has one, else that in force."""
-        if self._pending is None or not self._pending.done():
+        """The plan of the process if it has made one, else that in force."""
+        if not self._process or not self._is_pending:
             return plan
-        made, self._pending = self._pending.result(), None
+        if (made := self._process.plan_if_made()) is None:
+            return plan
+        self._is_pending = False
         return _if_made(made, plan, counts)
 
     def _unpacked(self, vector: np.ndarray) -> HorizonPlan:

@@ -1,7 +1,8 @@
 """Plans of the coming seconds, by themselves and in a loop."""
 
 import dataclasses
-import threading
+import os
+import signal
 
 import numpy as np
 import pytest
@@ -236,27 +237,20 @@ def test_plans_are_counted_and_those_that_fail_leave_the_last_in_force(short_pla
 
 
 def test_in_real_time_the_command_does_not_wait_for_a_plan(short_plan):
+    """Nor does the end wait for a process that does not answer."""
     controller = RecedingHorizon(short_plan, real_time=True)
     simulator, context = in_a_loop(controller, short_plan.parameters)
-    made, may = controller._planner.plan, threading.Event()
-    threads = []
-
-    def slow(*given):
-        threads.append(threading.current_thread())
-        may.wait(5.0)
-        return made(*given)
-
-    controller._planner.plan = slow
+    planning = controller._process
     first = context.get_discrete_state(3).CopyToVector()
+    os.kill(planning._process.pid, signal.SIGSTOP)
     simulator.AdvanceTo(0.79)  # four plans were due, but none is there
     assert replans(controller, context) == [1, 3, 0]
     np.testing.assert_array_equal(context.get_discrete_state(3).value(), first)
-    may.set()
-    controller._pending.result()
+    os.kill(planning._process.pid, signal.SIGCONT)
+    assert planning._connection.poll(20.0)
     simulator.AdvanceTo(0.81)
     newest = context.get_discrete_state(3).value()
     assert newest[0] == pytest.approx(0.05)  # from the tick after it was asked for
-    assert threads[0] is not threading.current_thread()
 
 
 def test_sensors_that_say_nothing_are_borne(short_plan):
