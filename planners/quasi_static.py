@@ -278,8 +278,10 @@ class _ConvexProgram:
                 f"{1.0 - self._task.duty_margin:g}{also} (the quasi-static program: "
                 f"{result.get_solution_result().name})."
             )
-        duty = np.clip(result.GetSolution(self._duty), 0.0, 1.0 - self._task.duty_margin)
-        return result.GetSolution(self._states), duty
+        # Drake drops an axis of length one.
+        duty = result.GetSolution(self._duty).reshape(self._duty.shape)
+        duty = np.clip(duty, 0.0, 1.0 - self._task.duty_margin)
+        return result.GetSolution(self._states).reshape(self._states.shape), duty
 
     def minimize(
         self,

@@ -35,6 +35,7 @@ from limb_systems.schema import (
 
 FORMAT = 2  # of the YAML file
 MOST_SEGMENTS, MOST_JOINTS = 50, 500
+LEAST_SIDEWAYS = 0.01  # share of its torque by which a wire bends the limb in its plane, at least
 _WIRE_OFFSET = 0.34  # of the thickness, off the axis, of the wires that format 1 had
 
 
@@ -505,8 +506,9 @@ def _validate_wires(wires: list[WireParameters], where: str) -> None:
                     f"{where}[{index}].heat_bounds.{low} is {getattr(bounds, low):g}; it must not "
                     f"be above {high}, which is {getattr(bounds, high):g}."
                 )
-        if wire.e2 == wire.e3 == 0:
+        if abs(wire.e2) <= LEAST_SIDEWAYS * np.hypot(wire.e2, wire.e3):
             raise ParameterError(
-                f"{where}[{index}] runs along the axis (e2 = e3 = 0), where it cannot bend the "
-                "limb; move it off the axis."
+                f"{where}[{index}] is at e2 = {wire.e2:g} m and e3 = {wire.e3:g} m, where it "
+                "cannot bend the limb sideways; give the e2 at which it runs beside the axis, or "
+                "leave the wire out."
             )

@@ -279,9 +279,10 @@ def test_a_wire_without_a_lever_or_a_name_of_its_own_is_refused(refused):
     limb.segments[0].wires[1].name = "left"
     with refused(ParameterError, "segments[0].wires[1].name is 'left'", "another wire"):
         limb.validate()
-    limb.segments[0].wires[1] = WireParameters("middle", 0.0, 0.0)
-    with refused(ParameterError, "segments[0].wires[1]", "along the axis"):
-        limb.validate()
+    for e3 in (0.0, 0.004):
+        limb.segments[0].wires[1] = WireParameters("middle", 0.0, e3)
+        with refused(ParameterError, "segments[0].wires[1]", "cannot bend the limb sideways"):
+            limb.validate()
     limb.segments[0].wires = []
     with refused(ParameterError, "segments[0].wires", "at least one"):
         limb.validate()

@@ -12,7 +12,10 @@ from limb_systems import (
     Limb,
     LimbError,
     LimbParameters,
+    LinearLaw,
+    SaturatingLaw,
     SegmentParameters,
+    WireParameters,
     joint_angles_from_bend_angle,
     simulate,
 )
@@ -184,6 +187,18 @@ def test_limbs_of_other_lengths(links):
     segment = SegmentParameters(links=links, stiffness=0.1246 * (links + 1) / 6)
     trajectory = plan(cold_parameters(segments=[segment]), short_reference(), knot_rate=20.0)
     assert np.rad2deg(trajectory.bend_angle[0, 60:]).mean() == pytest.approx(15.0, abs=3.0)
+
+
+@pytest.mark.parametrize(("links", "law"), [(1, LinearLaw), (2, SaturatingLaw), (7, LinearLaw)])
+def test_a_limb_may_have_a_single_wire(links, law):
+    limb = cold_parameters(segments=[SegmentParameters(links=links)])
+    limb.segments[0].wires = [WireParameters("only", e2=-0.0034, law=law())]
+    there_and_back = references.from_samples([0, 1, 3, 30], np.deg2rad([0, 0, -10.0, 0]))
+    trajectory = plan(limb, there_and_back, knot_rate=5.0)
+    assert trajectory.duty.shape == (1, len(trajectory.time))
+    missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))[0]
+    assert np.median(missed) < 1.0
+    assert np.rad2deg(trajectory.bend_angle).min() < -6.0
 
 
 def test_two_segments_follow_a_reference_each(two_segments):
