@@ -1,9 +1,11 @@
 """Tables that are written while they are recorded."""
 
+import contextlib
 import hashlib
 import itertools
 import os
 import queue
+import tempfile
 import threading
 import time
 import warnings
@@ -18,6 +20,7 @@ from limb_systems.output import OutputError
 
 MOST_WAITING = 1000  # rows: 50 s of a robot's samples
 SYNC_PERIOD = 1.0  # s
+CHUNK = 1 << 20  # bytes
 PATIENCE = 2.0  # s, that the end waits for the disk
 
 _UNFINISHED = ".unfinished"
@@ -43,7 +46,9 @@ class TableWriter:
 
     The thread gives each row to the operating system when it comes, from where on
     the death of this program does not harm it. It forces rows to the disk about
-    once a second and at the end; a power loss costs those since.
+    once a second and at the end; a power loss costs those since. As often it looks
+    whether the file is still there: one that was removed, or whose folder was, is
+    written again, and where that cannot be in the folder for temporary files.
 
     - ``path``: of the unfinished file.
     - ``num_rows``: that were appended.
@@ -67,7 +72,7 @@ class TableWriter:
         self._rename = self._ended = False
         try:
             self._target.parent.mkdir(parents=True, exist_ok=True)
-            self.path, self._file = self._open()
+            self.path, self._file = self._open(self._target.parent)
         except OSError as error:
             raise OutputError(f"Cannot write {path}: {error}.") from error
         self._hand_over(format_head(kind, header, self._names))
@@ -84,7 +89,7 @@ class TableWriter:
         """
         (row,) = format_rows({n: np.array([v]) for n, v in zip(self._names, values, strict=True)})
         if self._failure:
-            raise OutputError(f"Cannot write {self.path}: {self._failure}.")
+            raise OutputError(f"Cannot write {self._target}: {self._failure}.")
         if self._rows.qsize() >= MOST_WAITING:
             raise OutputError(
                 f"The disk is stalled: {MOST_WAITING} rows wait to be written to {self.path}."
@@ -120,12 +125,12 @@ class TableWriter:
         elif self.num_rows:
             warnings.warn(f"What was recorded until then is in {self.path}.", stacklevel=2)
 
-    def _open(self) -> tuple[Path, int]:
+    def _open(self, folder: Path) -> tuple[Path, int]:
         for number in itertools.count(1):
             mark = _UNFINISHED if number == 1 else f"{_UNFINISHED}_{number}"
-            path = self._target.with_name(f"{self._target.stem}{mark}{self._target.suffix}")
+            path = folder / f"{self._target.stem}{mark}{self._target.suffix}"
             try:
-                return path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+                return path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
             except FileExistsError:
                 continue
         raise AssertionError("there are numbers without end")
@@ -140,7 +145,7 @@ class TableWriter:
         self._rows.put(None)
         self._thread.join(PATIENCE)
         if self._failure:
-            return f"Cannot write {self.path}: {self._failure}."
+            return f"Cannot write {self._target}: {self._failure}."
         if self._thread.is_alive():
             missing = min(self.num_rows, max(1, self._rows.qsize() - 2))
             return f"The disk is stalled: the last {missing} rows of {self.path} are not on it."
@@ -156,22 +161,46 @@ class TableWriter:
         try:
             synced = time.monotonic()
             while (text := self._rows.get()) is not None:
-                data = text.encode()
-                while data:
-                    data = data[os.write(self._file, data) :]
+                _write_all(self._file, text.encode())
                 if time.monotonic() - synced >= SYNC_PERIOD:
+                    self._restore()
                     os.fsync(self._file)
                     synced = time.monotonic()
+            if not self.num_rows and not self._rename:
+                self.path.unlink(missing_ok=True)
+                return
+            self._restore()
             os.fsync(self._file)
-            if self._rename:
+            if self._rename and not self._failure:
                 os.replace(self.path, self._target)
-            elif not self.num_rows:
-                os.unlink(self.path)
-            _sync_folder(self._target.parent)
+            _sync_folder(self.path.parent)
         except OSError as error:
             self._failure = error
         finally:
             os.close(self._file)
+
+    def _restore(self) -> None:
+        """Writes all again if somebody has removed the file."""
+        with contextlib.suppress(OSError):
+            if os.path.samestat(os.stat(self.path), os.fstat(self._file)):
+                return
+        removed = self._file
+        try:
+            self._target.parent.mkdir(parents=True, exist_ok=True)
+            self.path, self._file = self._open(self._target.parent)
+        except OSError as error:
+            self.path, self._file = self._open(Path(tempfile.gettempdir()))
+            self._failure = OSError(f"{error}; what was recorded is in {self.path}")
+        size = 0
+        while data := os.pread(removed, CHUNK, size):
+            _write_all(self._file, data)
+            size += len(data)
+        os.close(removed)
+
+
+def _write_all(file: int, data: bytes) -> None:
+    while data:
+        data = data[os.write(file, data) :]
 
 
 def _sync_folder(folder: Path) -> None:

@@ -2,7 +2,10 @@
 
 import os
 import queue
+import shutil
+import tempfile
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -221,3 +224,50 @@ def test_a_file_is_not_larger_than_what_is_read(path, monkeypatch):
     monkeypatch.setattr(table_writer, "LARGEST_TABLE", 200)
     with pytest.raises(OutputError, match=r"has reached the 0\.0002 MB that can be read again"):
         writer_with(path, 100)
+
+
+@pytest.fixture
+def watchful(monkeypatch):
+    """A writer that looks at each row whether its file is there."""
+    monkeypatch.setattr(table_writer, "SYNC_PERIOD", 0.0)
+
+
+@pytest.mark.parametrize("at", [2, 5])
+@pytest.mark.parametrize("removed", ["file", "folder"])
+def test_what_is_removed_is_written_again(watchful, tmp_path, removed, at):
+    """On the way, when the next row comes, or before the end."""
+    path = tmp_path / "folder" / "table.csv"
+    writer = writer_with(path, at)
+    wait_until_written(writer)
+    writer.path.unlink() if removed == "file" else shutil.rmtree(path.parent)
+    append(writer, 5)
+    writer.finish()
+    assert list(path.parent.iterdir()) == [path]
+    assert_rows(read_table(path, "recording"), 5)
+
+
+def test_where_it_cannot_be_written_again_it_is_kept_elsewhere(watchful, tmp_path, monkeypatch):
+    path, elsewhere = tmp_path / "folder" / "table.csv", tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(elsewhere))
+    writer = writer_with(path, 3)
+    wait_until_written(writer)
+    shutil.rmtree(path.parent)
+    path.parent.write_text("in its place")
+    append(writer, 4)
+    kept = elsewhere / "table.unfinished.csv"
+    wait_until_written(writer)
+    with pytest.raises(OutputError, match=f"Cannot write {path}: .*is in {kept}"):
+        append(writer, 5)
+    with pytest.warns(UserWarning, match=f"what was recorded is in {kept}"):
+        writer.abandon("the folder has gone")
+    assert_rows(read_table(kept, "recording", unfinished=True), 4)
+
+
+def wait_until_written(writer):
+    end = time.monotonic() + 5.0
+    while time.monotonic() < end:
+        rows = writer.path.read_text().count("\n") if writer.path.exists() else 0
+        if rows >= writer.num_rows + 3:
+            return
+        time.sleep(0.01)
