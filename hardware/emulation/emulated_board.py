@@ -114,11 +114,16 @@ class EmulatedBoard:
         self._simulator.Initialize()
 
     def advance(self) -> None:
-        """Simulates the limb up to now."""
-        now = self._clock() - self._start
-        if now >= self._context.get_time() + LIMB_PERIOD:
+        """Simulates the limb up to the last multiple of `LIMB_PERIOD`.
+
+        Times in between would lead to steps from or to those of the twin's parts that are
+        shorter than the integrator's smallest. Those it makes explicitly, and the limb is
+        so stiff that a few of them in a row lead to NaN.
+        """
+        periods = int((self._clock() - self._start) / LIMB_PERIOD + 1e-6)
+        if periods * LIMB_PERIOD > self._context.get_time():
             self._heat()
-            self._simulator.AdvanceTo(now)
+            self._simulator.AdvanceTo(periods * LIMB_PERIOD)
 
     def _heat(self) -> None:
         """Heats the wires by the duty at the pins, and what is wrong with MOSFETs and supply."""

@@ -17,6 +17,7 @@ from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from pydrake.trajectories import PiecewisePolynomial
 
 from hardware import LimbTwin
+from hardware.emulation.emulated_board import EmulatedBoard
 from hardware.emulation.noise import Noise
 from hardware.emulation.sensors import SampledSensors, SensedLimb, Sensor
 from hardware.emulation.simulated_board import SimulatedBoard
@@ -336,3 +337,19 @@ def test_an_emulated_board_s_limb_leaves_the_cut_out_to_the_firmware():
         board._simulator.AdvanceTo(board._context.get_time() + 12.0)
         assert board.wire_temperature()[1] > 130.0
         board.cool()
+
+
+def test_an_emulated_board_that_comes_late_still_has_its_limb():
+    """Each time 3 ms after a step of the wires, which is how the integrator once got to NaN."""
+    now = 0.0
+    board = EmulatedBoard(LimbTwin(seed=0), lambda left, right: None, lambda: now)
+    for turn in range(200):
+        board.set_duty(0, 0.3 * (turn % 3 == 0))
+        now = 0.05 * (turn + 1) + 0.003
+        board.advance()
+    on_time = LimbTwin(seed=0)
+    duty = PiecewisePolynomial.ZeroOrderHold(
+        0.05 * np.arange(201), 0.3 * np.array([np.arange(201) % 3 == 0, np.zeros(201)])
+    )
+    expected = simulate(on_time, duty, 10.0).measured_temperature[0, -1]
+    assert board.reading("measured_temperature")[0] == pytest.approx(expected, abs=0.5)
