@@ -366,5 +366,5 @@ def findings(summaries: Sequence[Summary]) -> list[str]:
 
 
 def _with_margin(value: float, margin: float, sign: str = "") -> str:
-    text = f"{value:{sign}.2f}"
+    text = f"{round(value, 2) + 0.0:{sign}.2f}"  # and no -0.00
     return text if np.isnan(margin) else f"{text} ± {margin:.2f}"
