@@ -129,7 +129,7 @@ def drive(
 
     Args:
         make_limb: gives the limb once its controller is there.
-        output: file of the recording; that of a robot is written while it runs.
+        output: file of the recording; that of a limb in real time is written while it runs.
         controller: a key of `CONTROLLERS`.
         real_time: whether the limb is a robot.
         live: as for `replay`.
@@ -142,14 +142,15 @@ def drive(
     limb = make_limb()
     if driver:
         limb.source += f", driven by {type(driver).__name__}"
+    is_slow = real_time or live is not None  # so that it may be stopped on the way
     recording = replay(
         trajectory,
         limb,
         controller=counted or driver,
-        journal=output if real_time else None,
+        journal=output if is_slow else None,
         live=live,
     )
-    if not real_time:
+    if not is_slow:
         recording.save(output)
     robot = limb if isinstance(limb, SerialLimb) else None
     return Drive(

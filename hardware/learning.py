@@ -91,12 +91,16 @@ def _errors_so_far(learner: Learner) -> str:
 
 def _recorded(learner: Learner, limb: LimbSystem, path: Path, live: LivePage | None) -> Recording:
     """A repetition on a limb, in a file."""
-    if limb.real_time:
-        return replay(
-            learner.trajectory, limb, controller=learner.source(), journal=path, live=live
-        )
-    recording = replay(learner.trajectory, limb, controller=learner.source(), live=live)
-    recording.save(path)
+    is_slow = limb.real_time or live is not None
+    recording = replay(
+        learner.trajectory,
+        limb,
+        controller=learner.source(),
+        journal=path if is_slow else None,
+        live=live,
+    )
+    if not is_slow:
+        recording.save(path)
     return recording
 
 

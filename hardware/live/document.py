@@ -326,7 +326,22 @@ def state(run: Run) -> str:
         kind, what = "armed", "Armed: wires may be heated"
     else:
         kind, what = "off", f"Wires off: {board.reason}"
-    return f'<b class="big {kind}">{html.escape(what)}</b>{html.escape(run.said)}'
+    line = f'<b class="big {kind}">{html.escape(what)}</b>{html.escape(run.said)}'
+    return line + "".join(f' <b class="bad">{html.escape(hot)}</b>' for hot in too_hot(run))
+
+
+def too_hot(run: Run) -> list[str]:
+    """A sentence for each wire that is read above T_max."""
+    if run.phase is None or run.reading is None or not run.is_running:
+        return []
+    parameters = run.phase.parameters
+    limit = parameters.temperature_limits.maximum
+    names = (name.replace("_", " ") for name in parameters.wire_names)
+    return [
+        f"The {name} wire is read at {value:.1f} °C, above T_max, {limit:g} °C."
+        for name, value in zip(names, run.reading.measured_temperature, strict=True)
+        if value > limit
+    ]
 
 
 def facts(run: Run, phase: Phase, reading: Reading | None) -> str:
@@ -339,7 +354,7 @@ def facts(run: Run, phase: Phase, reading: Reading | None) -> str:
         f"<tr>{''.join(f'<td>{cell}</td>' for cell in (name, *values))}</tr>"
         for name, values in rows
     )
-    lines = [*_bend(phase, reading), *_clock(phase, reading)] if reading is not None else []
+    lines = [*_bend(phase, reading), *_clock(run, phase, reading)] if reading is not None else []
     if reading is not None and reading.board is not None:
         lines += _cable(reading.board)
     lines.append(phase.source)
@@ -347,9 +362,18 @@ def facts(run: Run, phase: Phase, reading: Reading | None) -> str:
 
 
 def _wires(run: Run, phase: Phase, reading: Reading) -> list[tuple[str, list[str]]]:
+    limit = phase.parameters.temperature_limits.maximum
+
+    def cells(values) -> list[str]:
+        texts = (f"{value:.1f}" for value in values)
+        return [
+            f'<b class="bad">{text}</b>' if value > limit else text
+            for text, value in zip(texts, values, strict=True)
+        ]
+
     rows = [
-        ("reading V, °C", [f"{value:.1f}" for value in reading.measured_temperature]),
-        ("highest so far, °C", [f"{value:.1f}" for value in run.highest]),
+        ("reading V, °C", cells(reading.measured_temperature)),
+        ("highest so far, °C", cells(run.highest)),
     ]
     if phase.band is not None:
         highest = phase.band.highest_readings
@@ -357,6 +381,8 @@ def _wires(run: Run, phase: Phase, reading: Reading) -> list[tuple[str, list[str
     if reading.board is not None:
         warmest = reading.board.warmest
         rows.append(("at most, by its duty, °C", [f"{value:.0f}" for value in warmest]))
+    if not run.is_running:  # the last duty is not in force any more
+        return rows
     rows.append(("duty", [f"{value:.2f}" for value in reading.duty]))
     if reading.applied_duty is not None:
         rows.append(("duty applied", [f"{value:.2f}" for value in reading.applied_duty]))
@@ -380,9 +406,11 @@ def _bend(phase: Phase, reading: Reading) -> list[str]:
     return lines
 
 
-def _clock(phase: Phase, reading: Reading) -> list[str]:
+def _clock(run: Run, phase: Phase, reading: Reading) -> list[str]:
     if phase.duration is None:
         return [f"{reading.time:.1f} s"]
+    if not run.is_running:
+        return [f"{reading.time:.1f} s of {phase.duration:g} s"]
     left = max(0.0, phase.duration - reading.time)
     return [f"{reading.time:.1f} s of {phase.duration:g} s, {left:.1f} s left"]
 

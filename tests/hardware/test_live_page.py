@@ -19,9 +19,12 @@ import numpy as np
 import pytest
 from pydrake.geometry import Meshcat, MeshcatParams
 
+from controllers import Learner
 from hardware import LimbTwin, LivePage, SerialLimb, replay
 from hardware.__main__ import main
-from hardware.live import options, server, view
+from hardware.drive import drive
+from hardware.learning import learn
+from hardware.live import document, options, server, view
 from hardware.live.messages import Message, Phase, Reading
 from hardware.live.run import ENDED_WITHOUT_A_WORD, MOST_POINTS, Run
 from limb_systems import (
@@ -414,6 +417,49 @@ def test_what_is_lost_leaves_the_rest_in_order():
     np.testing.assert_array_equal(run.highest, [90.0, 20.0])
     run.end("")
     assert (run.ended, run.is_running) == (ENDED_WITHOUT_A_WORD, False)
+
+
+def test_what_is_shown_of_heat_and_of_the_end():
+    run = Run()
+    run.phase = phase = Phase("a limb", LimbParameters(), 110.0, duration=30.0)
+    run.reading = Reading(10.0, [0.1], [101.25, 40.0], [0.31, 0.62])
+    run.highest, run.is_running = np.array([103.0, 41.0]), True
+    assert "The left wire is read at 101.2 °C, above T_max, 100 °C." in document.state(run)
+    shown = document.facts(run, phase, run.reading)
+    assert re.findall(r'<b class="bad">([\d.]+)</b>', shown) == ["101.2", "103.0"]
+    assert "0.31" in shown
+    assert "20.0 s left" in shown
+    run.end("done")
+    assert "above T_max" not in document.state(run)
+    shown = document.facts(run, phase, run.reading)
+    assert "103.0" in shown
+    assert "10.0 s of 30 s" in shown
+    assert "s left" not in shown
+    assert "0.31" not in shown
+
+
+def test_an_emulated_limb_that_is_stopped_on_the_page_leaves_its_recording(motion, tmp_path):
+    """As the page does, which sends the signal of Ctrl-C."""
+
+    class Stopping(Told):
+        def show(self, reading):
+            if reading.time >= 0.5:
+                raise KeyboardInterrupt
+
+        def __init__(self):
+            super().__init__()
+            del self.show
+
+    output = tmp_path / "recording.csv"
+    with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
+        drive(motion, LimbTwin, output, live=Stopping())
+    kept = Recording.load(tmp_path / "recording.unfinished.csv")
+    assert kept.time[-1] == pytest.approx(0.5, abs=0.06)
+    assert kept.interrupted == "stopped by Ctrl-C or a signal"
+    learner = Learner(motion)
+    with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
+        learn(learner, LimbTwin, 1, tmp_path, live=Stopping())
+    assert len(Recording.load(tmp_path / "repetition_1.unfinished.csv").time) > 5
 
 
 def test_a_page_that_cannot_be_served_is_said_before_anything_is_heated(
