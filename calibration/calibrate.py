@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from calibration.checks import check_recording, check_whole
-from calibration.collect import WARM_UP
+from calibration.collect import FIRST_CONTACT, WARM_UP
 from calibration.damping import DampingFit, fit_damping
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
@@ -173,8 +173,8 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
     """The recordings in a folder, checked, by what they show.
 
     Files named after a kind (``right.csv``, ``sag_3.csv``, ``motion_1.csv``), one of
-    `kinds_of` the limb in their header, "heated" or "motion", must show it. The warm-up
-    and `excitations` are of the kind "heated". Files with other names go by what they
+    `kinds_of` the limb in their header, "heated" or "motion", must show it. First contact,
+    warm-up and `excitations` are of the kind "heated". Files with other names go by what they
     show. Unfinished ones (``right.unfinished.csv``) are ignored.
 
     Raises:
@@ -192,7 +192,7 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
             check_whole(recording)
             named = [kind for kind in kinds_of(recording.parameters) if path.stem.startswith(kind)]
             named += [kind for kind in FREE_KINDS if path.stem.startswith(kind)]
-            named += ["heated"] if path.stem in (WARM_UP, *NAMES) else []
+            named += ["heated"] if path.stem in (FIRST_CONTACT, WARM_UP, *NAMES) else []
             kind = check_recording(recording, max(named, key=len, default=None))
             recordings.setdefault(kind, []).append(recording)
         except LimbError as error:
@@ -269,7 +269,7 @@ def calibrate(
         tell("bounds for the board")
         ambient = ambient_temperature([r for group in recordings.values() for r in group])
         limb.ambient_temperature = ambient.value
-        _fit_heat_bounds(limb, heated)
+        _fit_heat_bounds(limb, heated, described)
         rest = rest_angle((r for group in recordings.values() for r in group), ambient.value)
         if method == "prediction":
             segment.rest_angle = rest.value
@@ -368,7 +368,11 @@ def _check_each_wire(heated: Mapping[str, Sequence[Recording]]) -> None:
             )
 
 
-def _fit_heat_bounds(limb: LimbParameters, recordings: Mapping[str, Sequence[Recording]]) -> None:
+def _fit_heat_bounds(
+    limb: LimbParameters,
+    recordings: Mapping[str, Sequence[Recording]],
+    described: LimbParameters,
+) -> None:
     """Gives the wires bounds for the board; none to those of a kind that boards do not accept."""
     room = limb.ambient_temperature
     heated = [
@@ -378,7 +382,7 @@ def _fit_heat_bounds(limb: LimbParameters, recordings: Mapping[str, Sequence[Rec
         if (recording.measured_temperature[:, :1] < room + COLD).all()
     ]
     with contextlib.suppress(LimbError):
-        for wire, bounds in zip(limb.wires, fit_heat_bounds(heated, limb), strict=True):
+        for wire, bounds in zip(limb.wires, fit_heat_bounds(heated, described), strict=True):
             wire.heat_bounds = bounds
 
 

@@ -14,15 +14,15 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
-from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
+from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.trajectories import PiecewisePolynomial
 from threadpoolctl import threadpool_limits
 
 from calibration.controller import PERIOD, BendAngleController, EquilibriumSchedule
 from calibration.course import Course
-from calibration.excitation import Excitation, LimitedDuty, excitations
+from calibration.excitation import DutyUntilWarm, Excitation, LimitedDuty, excitations
 from calibration.heat import ambient_temperature
-from calibration.heat_bounds import fit_heat_bounds
+from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
 from calibration.kinds import heated_kinds, heated_wires, only_segment
 from calibration.prediction import LawFit, fit_law
 from calibration.rest_angle import rest_angle
@@ -49,8 +49,14 @@ GRAVITY = 9.81  # m/s²
 SAG_RATE = HEATED_RATE = 20.0  # Hz
 RING_DOWN_RATE = 100.0
 PROTOCOLS = ("all", "excitation", "paper")
-WARM_UP = "warm_up"  # name of the recording from which the board's bounds come
-WARM_UP_DUTY, WARM_UP_TIME, WARM_UP_END = 0.15, 60.0, 100.0  # s; no wire gets too hot by it
+# Names of the recordings from which the board's bounds come.
+FIRST_CONTACT, WARM_UP = "first_contact", "warm_up"
+FIRST_DUTY = 0.3  # the largest sum of both duties while nothing is known of a limb
+CONTACT_DUTY, CONTACT_TIME, CONTACT_END = 0.1, 14.0, 70.0  # s
+CONTACT_RISE = 12.0  # °C of the readings, at which there is no duty
+CONTACT_MARGIN = 0.5  # share by which its bounds are widened, as it is hardly warm
+WARM_UP_DUTY, WARM_UP_TIME, WARM_UP_END = 0.15, 60.0, 100.0  # s
+WARM_UP_RISE = 60.0  # °C; a wire that shows 60% of its rise then stays below 130 °C
 WARM_UP_MARGIN = 0.25  # share by which its bounds are widened, as it is short and not hot
 
 
@@ -153,14 +159,60 @@ def collect_ring_down(
     return _collect_unheated(limb, 6.0, sample_rate, journal, live)
 
 
+def collect_first_contact(
+    limb: LimbSystem, *, journal: str | Path | None = None, live: LivePage | None = None
+) -> Recording:
+    """One wire after the other warmed by some degrees, of a limb of which nothing is known yet.
+
+    `fit_heat_bounds` learns from it with what bounds the wires can be warmed up.
+    """
+    num_wires = len(limb.parameters.wires)
+    pause = (CONTACT_END - num_wires * CONTACT_TIME) / num_wires
+    times, levels = [0.0], []
+    for wire in np.eye(num_wires):
+        times += [times[-1] + CONTACT_TIME, times[-1] + CONTACT_TIME + pause]
+        levels += [CONTACT_DUTY * wire, 0 * wire]
+    return _collect_warm(limb, times, levels, CONTACT_RISE, journal, live)
+
+
 def collect_warm_up(
     limb: LimbSystem, *, journal: str | Path | None = None, live: LivePage | None = None
 ) -> Recording:
     """All wires a little heated at once, for a minute, from which `fit_heat_bounds` learns."""
-    num_wires = len(limb.parameters.wires)
-    course = np.outer(np.ones(num_wires), [WARM_UP_DUTY, 0.0, 0.0])
-    duty = PiecewisePolynomial.ZeroOrderHold([0.0, WARM_UP_TIME, WARM_UP_END], course)
-    return _collect(limb, TrajectorySource(duty), WARM_UP_END, HEATED_RATE, journal, live)
+    all_wires = np.ones(len(limb.parameters.wires))
+    levels = [WARM_UP_DUTY * all_wires, 0 * all_wires]
+    return _collect_warm(
+        limb, [0.0, WARM_UP_TIME, WARM_UP_END], levels, WARM_UP_RISE, journal, live
+    )
+
+
+def for_first_contact(described: LimbParameters) -> LimbParameters:
+    """The limb as a board is told of it for `collect_first_contact`: any wire, little duty."""
+    careful = copy.deepcopy(described)
+    careful.total_duty = min(described.total_duty, FIRST_DUTY)
+    for wire, bounds in zip(careful.wires, described.heat_bounds, strict=True):
+        wire.heat_bounds = bounds.around_any()
+    return careful
+
+
+def _collect_warm(
+    limb: LimbSystem,
+    times: list[float],
+    levels: list[np.ndarray],
+    rise: float,
+    journal: str | Path | None,
+    live: LivePage | None,
+) -> Recording:
+    """With a duty of each level until the next time, while no reading rose by more."""
+    check_limb(limb)
+    builder = DiagramBuilder()
+    course = PiecewisePolynomial.ZeroOrderHold(times, np.array([*levels, levels[-1]]).T)
+    source = builder.AddSystem(DutyUntilWarm(course, rise))
+    builder.AddSystem(limb)
+    builder.Connect(limb.GetOutputPort("measured_temperature"), source.get_input_port())
+    made = Provenance.now(limb.parameters)
+    duty = source.get_output_port()
+    return _record(builder, limb, duty, times[-1], HEATED_RATE, journal, live, made)
 
 
 def collect_excitation(
@@ -406,8 +458,10 @@ def collect_from_robot(
 ) -> None:
     """All recordings that calibration wants, from a robot, one file after the other.
 
-    Before the heated ones the wires are warmed up a little, to tell the board what
-    to expect of these wires: without that it reduces the duty of most limbs.
+    Before the heated ones the wires are warmed by some degrees, with a little duty and
+    bounds so wide that the board takes in any limb, and then warmed up, to tell the board
+    what to expect of these wires. What a wire or thermocouple shows that is unlike the others
+    or the description is told.
 
     Each sample goes to a file when it arrives, which gets its name when the
     recording is complete. Recordings that are complete are kept, so that it can be
@@ -424,7 +478,7 @@ def collect_from_robot(
         live: page on which the limb is shown, and what is done.
 
     Raises:
-        LimbError: if there is no such protocol.
+        LimbError: if there is no such protocol, or if a thermocouple shows no heat.
         HardwareError: if the robot fails on the way; it is off then.
         OutputError: as for `hardware.replay`.
     """
@@ -446,6 +500,9 @@ def collect_from_robot(
         (f"ring_down_{n}", level, ring, functools.partial(collect_ring_down, sample_rate=rate))
         for n in range(1, RING_DOWNS + 1)
     ]
+    careful = for_first_contact(level)
+    if not (Path(folder) / f"{WARM_UP}.csv").exists():
+        tasks.append((FIRST_CONTACT, careful, cool, collect_first_contact))
     tasks.append((WARM_UP, level, cool, collect_warm_up))
     for number, actuated in enumerate(kinds if protocol != "excitation" else ()):
         collect_held = functools.partial(
@@ -458,16 +515,21 @@ def collect_from_robot(
         tasks.append((actuated, level, cool, collect_held))
     for name, description, instruction, collect in tasks:
         path = Path(folder) / f"{name}.csv"
-        if name in kinds:
-            _set_heat_bounds(description, Path(folder) / f"{WARM_UP}.csv")
+        if name in (WARM_UP, *kinds):
+            _set_heat_bounds(description, parameters, Path(folder))
         if not path.exists():
             _warn_of_unfinished(path)
             ask(f"{name}: {instruction}")
             say(f"{name}: recording")
             with connect(description) as limb:
-                collect(limb, journal=path, live=live)
+                recording = collect(limb, journal=path, live=live)
+            if name == FIRST_CONTACT:
+                check_first_contact(recording, parameters, path)
+            if name in (FIRST_CONTACT, WARM_UP):
+                for remark in heat_remarks([recording], parameters):
+                    tell(f"{name}: {remark}")
     if protocol != "paper":
-        _set_heat_bounds(level, Path(folder) / f"{WARM_UP}.csv")
+        _set_heat_bounds(level, parameters, Path(folder))
         _excite_robot(connect, level, Path(folder), ask, seed, tell, live)
 
 
@@ -521,11 +583,14 @@ def _warn_of_unfinished(path: Path) -> None:
         )
 
 
-def _set_heat_bounds(description: LimbParameters, path: Path) -> None:
-    """Gives wires that have no bounds of their own those that a warm-up shows."""
-    fitted = fit_heat_bounds([Recording.load(path)], description, WARM_UP_MARGIN)
-    for wire, bounds in zip(description.wires, fitted, strict=True):
-        wire.heat_bounds = wire.heat_bounds or bounds
+def _set_heat_bounds(limb: LimbParameters, described: LimbParameters, folder: Path) -> None:
+    """Gives wires that have no bounds of their own those that first contact and warm-up show."""
+    paths = [folder / f"{name}.csv" for name in (FIRST_CONTACT, WARM_UP)]
+    margin = WARM_UP_MARGIN if paths[-1].exists() else CONTACT_MARGIN
+    recordings = [Recording.load(path) for path in paths if path.exists()]
+    fitted = fit_heat_bounds(recordings, described, margin)
+    for wire, given, bounds in zip(limb.wires, described.wires, fitted, strict=True):
+        wire.heat_bounds = given.heat_bounds or bounds
 
 
 def save_recordings(recordings: dict[str, list[Recording]], folder: str | Path) -> list[Path]:

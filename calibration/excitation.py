@@ -21,6 +21,7 @@ from limb_systems.model.ownership import weak_method
 
 MEMBERS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
 REACTION_TIME = 0.5  # s, within which a wire may reach the highest temperature
+RISE_TAPER = 0.2  # share of a rise, over which the duty is reduced
 NAMES = ("conditioning", "pulses", "ramps", "random")  # of those that are fitted
 MOTIONS = 3  # times that the motion is repeated
 LEVEL_STEP = 0.5  # s, of ramps
@@ -219,3 +220,47 @@ class LimitedDuty(LeafSystem):
 
     def _calc(self, context, output):
         output.SetFromVector(context.get_discrete_state_vector().value()[-self._num_wires :])
+
+
+class DutyUntilWarm(LeafSystem):
+    """A course of duty, less of it the closer what a thermocouple reads comes to a given rise.
+
+    - input 0 ``measured_temperature``: V (W), °C
+    - output 0 ``duty``: D (W), in [0, 1]
+    - state, discrete, at 20 Hz: [V at the beginning (W), °C, D (W)]
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, course: PiecewisePolynomial, rise: float):
+        """
+        Args:
+            course: of duty, a row for each wire.
+            rise: of the readings, at which there is no duty, °C.
+        """
+        super().__init__()
+        self._course, self._rise, self._num_wires = course, rise, course.rows()
+        self.DeclareVectorInputPort("measured_temperature", self._num_wires)
+        # A robot has read nothing yet when it is initialized.
+        unread, off = np.full(self._num_wires, np.nan), np.zeros(self._num_wires)
+        state = self.DeclareDiscreteState(np.append(unread, off))
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
+        self.DeclareVectorOutputPort(
+            "duty",
+            self._num_wires,
+            weak_method(self._calc),
+            {self.discrete_state_ticket(state)},
+        )
+        self.set_name("duty_until_warm")
+
+    def _update(self, context, discrete_state):
+        cold = context.get_discrete_state_vector().value()[: self._num_wires]
+        measured = self.get_input_port().Eval(context)
+        cold = np.where(np.isnan(cold), measured, cold)
+        rise = measured - cold
+        share = np.clip((1 - rise / self._rise) / RISE_TAPER, 0.0, 1.0)
+        wanted = self._course.value(min(context.get_time(), self._course.end_time()))[:, 0]
+        discrete_state.set_value(np.append(cold, share * wanted))
+
+    def _calc(self, context, output):
+        output.SetFromVector(context.get_discrete_state_vector().value()[self._num_wires :])

@@ -2,88 +2,161 @@
 
 import dataclasses
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
+from calibration.errors import CalibrationError
 from hardware.firmware import heat
-from limb_systems import LimbParameters, Recording
-from limb_systems.model.heat_bounds import HeatBounds
+from hardware.robot.heat_rates import HeatRates, fit_heat_rates
+from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
+from limb_systems.model.heat_bounds import ANY_WIRE, SPREAD, HeatBounds
 
 MARGIN = 0.1  # share by which bounds are widened: other motions show somewhat more
-NOISE = (2.0, 1.0)  # °C that readings may be above and below their bounds
-HIDDEN = 1.5  # by how much faster a wire may heat at first than its thermocouple shows
+NOISE = 1.0  # °C that readings may be below their bounds
+SLOW_READING = 0.3  # 1/s, of a thermocouple that is badly bonded
+UNLIKE = 0.7  # share of another wire's heat, below which a thermocouple may be wrong
 SHORTEST = 1.0  # s at full duty, from which on heat tells a rate
-STEPS = 5  # of bisection
 
 
 def fit_heat_bounds(
     recordings: Iterable[Recording], described: LimbParameters, margin: float = MARGIN
 ) -> list[HeatBounds]:
-    """The bounds of each wire (W) that contain all readings, as the board looks at them.
+    """The bounds of each wire (W) that readings allow, as the board looks at them.
 
-    Two of them are made tighter than those of the described kind of wire: the
-    slowest cooling, as fast as the highest readings allow with the most
-    heating, and the least heating, as much as the lowest readings allow with
-    the fastest cooling. How fast a wire heats at first, hidden by the
-    thermocouple's lag, and that lag are not told by readings, so that
-    the other bounds are those described.
+    The least heating comes from the lowest readings. The other bounds are those around the
+    rates with which the wire is seen to heat, cool and be read; see `HeatRates.bounds`.
 
     Args:
         recordings: with heat, each of a limb that was cold at the beginning.
-        described: the kind of limb.
+        described: the kind of limb; bounds that it was given by an earlier fit do not count.
         margin: share by which the fitted rates are widened.
 
     Returns:
         bounds; those described for a wire that was not heated.
     """
-    recordings = list(recordings)
+    recordings, kinds = list(recordings), _described(described)
+    courses = [[_Course(recording, wire) for recording in recordings] for wire in range(len(kinds))]
+    rates = [_rates(of_wire) for of_wire in courses]
+    hottest = max((found.heating for found in rates if found), default=0.0)
     return [
-        _fit_wire(recordings, wire, bounds, margin)
-        for wire, bounds in enumerate(described.heat_bounds)
+        _fit_wire(of_wire, found, bounds, hottest, margin) if found else bounds
+        for of_wire, found, bounds in zip(courses, rates, kinds, strict=True)
     ]
 
 
-def _fit_wire(
-    recordings: Sequence[Recording], wire: int, bounds: HeatBounds, margin: float
-) -> HeatBounds:
-    least_share, most_share, rate = np.inf, 0.0, bounds.fastest_cooling
-    for course in [_Course(recording, wire) for recording in recordings]:
-        least, most = course.bounded(bounds)
-        shown = least > SHORTEST * bounds.least_heating
-        if not shown.any():
-            continue
-        # Both bounds are proportional to their rates of heating.
-        least_share = min(least_share, ((course.reading + NOISE[1])[shown] / least[shown]).min())
-        most_share = max(most_share, ((course.reading - NOISE[0])[shown] / most[shown]).max())
-        low, high = bounds.slowest_cooling, rate
-        for _ in range(STEPS if most_share < 1 else 0):
-            middle = (low + high) / 2
-            _, most = course.bounded(dataclasses.replace(bounds, slowest_cooling=middle))
-            low, high = (
-                (low, middle) if (course.reading - NOISE[0] > most).any() else (middle, high)
+def check_first_contact(recording: Recording, described: LimbParameters, path: Path) -> None:
+    """Checks that each thermocouple showed its wire's heat.
+
+    Args:
+        recording: of `collect_first_contact`, in the file ``path``.
+        described: the kind of limb.
+
+    Raises:
+        CalibrationError: if one did not.
+    """
+    for wire, (kind, rates) in enumerate(
+        zip(_described(described), _all_rates([recording], described), strict=True)
+    ):
+        if rates and rates.heating < min(kind.least_heating, ANY_WIRE.least_heating):
+            raise CalibrationError(
+                f"The {described.wire_names[wire]} wire was heated, but its thermocouple shows "
+                f"{rates.heating:.1f} °C/s at full duty. Either it is off its wire, reversed or "
+                "badly bonded, or the wire gets hardly any heat. Mend that or, if the limb is like "
+                f"that, describe its wires by their a2; then delete {path} and collect again."
             )
-        rate = low
-    if not most_share:  # it was not heated
-        return bounds
-    ranges = {field.name: field.metadata["range"] for field in dataclasses.fields(bounds)}
-    slowest = max(bounds.slowest_cooling, rate / (1 + margin))
-    # Of a limb that is not as it was described the bounds become wider.
-    least_share = max(least_share * (1 - margin), min(1.0, least_share))
-    most_share = most_share * (1 + margin) * HIDDEN if most_share > 1 else 1.0
-    least_heating = max(bounds.least_heating * least_share, ranges["least_heating"][0])
-    most_heating = min(bounds.most_heating * most_share, ranges["most_heating"][1])
-    return dataclasses.replace(
-        bounds,
-        slowest_cooling=float(slowest),
-        least_heating=float(min(least_heating, bounds.most_heating)),
-        most_heating=float(most_heating),
-    )
+
+
+def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> list[str]:
+    """Sentences on what a wire or its thermocouple shows that is unlike the others or its kind.
+
+    Args:
+        recordings, described: as for `fit_heat_bounds`.
+    """
+    kinds, names = _described(described), described.wire_names
+    rates = _all_rates(recordings, described)
+    shown = [
+        found.heating / kind.most_heating * SPREAD["most_heating"] if found else np.nan
+        for found, kind in zip(rates, kinds, strict=True)
+    ]
+    if not any(rates):
+        return []
+    remarks = []
+    for name, found, share in zip(names, rates, shown, strict=True):
+        if found and found.reading < SLOW_READING:
+            remarks.append(
+                f"the {name} thermocouple lags by {1 / found.reading:.0f} s: it is badly "
+                "bonded, so bond it anew."
+            )
+        if share < UNLIKE * np.nanmax(shown):
+            remarks.append(
+                f"the {name} wire shows {share / np.nanmax(shown):.0%} of the heat of the one that "
+                "shows most. Either its thermocouple shows a share of its rise, or it gets less "
+                "heat than the other: compare their resistances, and bond the thermocouple anew. "
+                "The board heats it as if the thermocouple were wrong."
+            )
+    if np.nanmax(shown) < SPREAD["least_heating"]:
+        remarks.append(
+            f"the wires show {np.nanmax(shown):.0%} of the heat that their description says, at "
+            "most. Either all thermocouples show a share of their rise, or the limb is unlike its "
+            "description: the board will keep it cooler than it needs to be. If you are sure of "
+            "the thermocouples, describe the wires by a2 "
+            + " and ".join(f"{found.heating:.3g}" for found in rates if found)
+            + " °C/s."
+        )
+    return remarks
+
+
+def _all_rates(recordings: Iterable[Recording], limb: LimbParameters) -> list[HeatRates | None]:
+    recordings = list(recordings)
+    return [
+        _rates([_Course(recording, wire) for recording in recordings])
+        for wire in range(len(limb.wires))
+    ]
+
+
+def _described(limb: LimbParameters) -> list[HeatBounds]:
+    """Bounds around the laws of the wires; those that they were given where laws have none."""
+    kinds = []
+    for wire in limb.wires:
+        try:
+            kinds.append(HeatBounds.around(LinearLaw() if limb.calibration else wire.law))
+        except LimbError:
+            if not wire.heat_bounds:
+                raise
+            kinds.append(wire.heat_bounds)
+    return kinds
+
+
+def _rates(courses: Sequence["_Course"]) -> HeatRates | None:
+    return fit_heat_rates([(course.duty, course.rise, course.interval) for course in courses])
+
+
+def _fit_wire(
+    courses: Sequence["_Course"], rates: HeatRates, kind: HeatBounds, hottest: float, margin: float
+) -> HeatBounds:
+    bounds = rates.bounds(kind, hottest, margin)
+    share = rates.heating / kind.least_heating
+    for course in courses:
+        # It is proportional to the least heating.
+        least = course.least(dataclasses.replace(bounds, least_heating=kind.least_heating))
+        shown = least > SHORTEST * kind.least_heating
+        shares = (course.averaged + NOISE)[shown] / least[shown]
+        share = min(share, float(shares.min(initial=np.inf)))
+    # A limb that heats as it is described keeps that bound at least.
+    share = max(share * (1 - margin), 1.0 if share > 1.0 else 0.0)
+    low, high = HeatBounds.__dataclass_fields__["least_heating"].metadata["range"]
+    heating = min(max(share * kind.least_heating, low), high, bounds.most_heating)
+    return dataclasses.replace(bounds, least_heating=float(heating))
 
 
 class _Course:
     """A recording of a wire in steps of the board's observer.
 
-    - ``reading``: above the room, averaged as the board averages it (K), °C.
+    - ``duty``: in each step (K).
+    - ``rise``: of the reading above that of the cold wire, after it (K), °C.
+    - ``averaged``: that, as the board averages it (K), °C.
+    - ``interval``: s, of a step.
     """
 
     def __init__(self, recording: Recording, wire: int):
@@ -92,25 +165,25 @@ class _Course:
         start = readings[recording.time < recording.time[0] + heat.AVERAGING_TIME].mean()
         stride = max(1, round(heat.LONGEST_STEP * recording.sample_rate))
         # What is applied from one sample to the next, and read at the end of a step.
-        duty = np.add.reduceat(applied[wire, :-1], np.arange(0, len(readings) - 1, stride)) / stride
-        self._duty, self._interval = duty.tolist(), stride / recording.sample_rate
-        ends = np.minimum(np.arange(1, len(duty) + 1) * stride, len(readings) - 1)
-        self.reading = self._average((readings[ends] - start).tolist())
+        starts = np.arange(0, len(readings) - 1, stride)
+        self.duty = np.add.reduceat(applied[wire, :-1], starts) / stride
+        self.interval = stride / recording.sample_rate
+        self.rise = readings[np.minimum(starts + stride, len(readings) - 1)] - start
+        self.averaged = self._average(self.rise.tolist())
 
     def _average(self, signal: list[float]) -> np.ndarray:
         average, averages = 0.0, []
         for value in signal:
-            average += min(1.0, self._interval / heat.AVERAGING_TIME) * (value - average)
+            average += min(1.0, self.interval / heat.AVERAGING_TIME) * (value - average)
             averages.append(average)
         return np.array(averages)
 
-    def bounded(self, bounds: HeatBounds) -> tuple[np.ndarray, np.ndarray]:
-        """The least that is read, averaged, and the most that the wire can have (K), °C."""
+    def least(self, bounds: HeatBounds) -> np.ndarray:
+        """The least that is read, averaged (K), °C."""
         observer = heat.WireObserver(0.0)
         observer.bounds = dataclasses.astuple(bounds)
-        least, most = [], []
-        for duty in self._duty:
-            observer.advance(duty, self._interval, 0.0)
+        least = []
+        for duty in self.duty.tolist():
+            observer.advance(duty, self.interval, 0.0)
             least.append(observer.least_reading)
-            most.append(observer.most)
-        return self._average(least), np.array(most)
+        return self._average(least)

@@ -17,10 +17,14 @@ REASONS = {
     guard.THERMOCOUPLE_TO_GROUND: "a thermocouple is shorted to ground",
     guard.THERMOCOUPLE_TO_SUPPLY: "a thermocouple is shorted to supply",
     guard.TEMPERATURE_JUMP: "a measured temperature jumped as no wire's can",
-    guard.NOT_WARMING: "a wire is heated, but its thermocouple does not show it",
+    guard.NOT_WARMING: "a wire is heated, but its thermocouple does not show it: it is off the "
+    "wire or badly bonded, or the limb heats less than its heat_bounds say; let it cool, run "
+    "arm-check, and mend what that finds, or collect and calibrate anew",
     guard.BEND_SILENT: "the bend sensor does not answer",
     guard.BEND_STUCK: "the bend sensor is stuck",
-    guard.TOO_WARM: "a wire is warmer than its duty can make it",
+    guard.TOO_WARM: "a wire is warmer than its duty can make it: its MOSFET conducts, "
+    "thermocouples are swapped, or the limb heats more than its heat_bounds say; let it cool, run "
+    "arm-check, and mend what that finds, or collect and calibrate anew",
     guard.BELOW_ROOM: "a thermocouple reads less than the room's temperature",
     guard.AMPLIFIER: "an amplifier sends bits that it should not",
     guard.RESTARTED: "it restarted by itself",

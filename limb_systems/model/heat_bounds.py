@@ -56,3 +56,18 @@ class HeatBounds(Strict):
                     f"{high:g}; give the wire heat_bounds."
                 )
         return cls(**values)
+
+    def around_any(self) -> "HeatBounds":
+        """These, made so wide that they hold for any wire of which recordings are published."""
+        return HeatBounds(
+            **{
+                name: (max if name in ("fastest_cooling", "most_heating") else min)(value, any_wire)
+                for (name, value), any_wire in zip(
+                    dataclasses.asdict(self).items(), dataclasses.astuple(ANY_WIRE), strict=True
+                )
+            }
+        )
+
+
+# -a1 from 0.03 to 0.09 1/s, a2 from 10 to 65 °C/s, a lag of up to 9 s, and some more.
+ANY_WIRE = HeatBounds(0.02, 0.15, 8.0, 80.0, 0.1)

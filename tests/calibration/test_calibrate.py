@@ -339,8 +339,8 @@ def test_command_collects_from_a_robot(tmp_path, monkeypatch):
     arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path / "new"), "--seed", "3"]
     arguments += ["--protocol", "paper"]
     assert main([*arguments, "--angles", "2", "-l", str(tmp_path / "limb.yaml")]) == 0
-    assert ports == ["/dev/robot"] * 6
-    names = ["sag_1", "ring_down_1", "warm_up", "right", "left", "both"]
+    assert ports == ["/dev/robot"] * 7
+    names = ["sag_1", "ring_down_1", "first_contact", "warm_up", "right", "left", "both"]
     assert [what.split(":")[0] for what in asked] == names
     assert all(what.endswith(".\nPress Enter when this is done. ") for what in asked)
     found = {path.stem: Recording.load(path) for path in (tmp_path / "new").iterdir()}

@@ -293,7 +293,8 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
         )
 
     collect()
-    assert asked == ["sag_1", "ring_down_1", "warm_up", "conditioning and what follows"]
+    heated = ["first_contact", "warm_up", "conditioning and what follows"]
+    assert asked == ["sag_1", "ring_down_1", *heated]
     assert waited == [5.0]
     assert len(told) == 2
     (tmp_path / "motion_1.csv").unlink()

@@ -1,14 +1,21 @@
 """Bounds of heat that recordings show, as the board uses them."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 from pydrake.trajectories import PiecewisePolynomial
 
-from calibration import calibrate
-from calibration.collect import WARM_UP_MARGIN, collect_warm_up
-from calibration.heat_bounds import fit_heat_bounds
+from calibration import CalibrationError, calibrate
+from calibration.collect import (
+    CONTACT_MARGIN,
+    WARM_UP_MARGIN,
+    collect_first_contact,
+    collect_warm_up,
+    for_first_contact,
+)
+from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
 from hardware import LimbTwin
 from hardware.emulation.simulated_board import SimulatedBoard
 from hardware.firmware import guard, heat
@@ -41,11 +48,7 @@ def test_bounds_of_a_limb_contain_its_other_motions():
     for fitted in fit_heat_bounds([simulate(Limb(limb), [0.2, 0.3], 30.0)], limb):
         assert fitted.slowest_cooling > described.slowest_cooling
         assert fitted.least_heating > described.least_heating
-        unfitted = {
-            "least_heating": described.least_heating,
-            "slowest_cooling": described.slowest_cooling,
-        }
-        assert dataclasses.replace(fitted, **unfitted) == described  # what readings do not tell
+        assert fitted.most_heating >= described.most_heating
         assert_contains_another_motion(fitted)
 
 
@@ -126,3 +129,76 @@ def test_calibration_has_bounds_and_keeps_them_in_its_file(model_recordings, tmp
     for wire, bounds in zip(loaded.wires, calibrated.heat_bounds, strict=True):
         assert wire.heat_bounds == bounds
         assert bounds.slowest_cooling > 0.05  # around the nominal law it would be 0.042
+
+
+def described_by(**rates):
+    """The nominal limb with other rates of both wires."""
+    limb = LimbParameters()
+    for wire in limb.wires:
+        for name, value in rates.items():
+            setattr(wire.law, name, value)
+    return limb
+
+
+def showing(recording, share):
+    """The recording, had the left thermocouple shown a share of its rise."""
+    rise = recording.measured_temperature - 25.0
+    shares = np.array([[share], [1.0]])
+    return dataclasses.replace(recording, measured_temperature=25.0 + shares * rise)
+
+
+@pytest.mark.parametrize("heating", [20.0, 40.0])
+def test_a_thermocouple_that_shows_a_share_lets_no_wire_be_hotter(heating):
+    """Also where the limb heats more than described: then the other wire tells by how much."""
+    recording = simulate(Limb(described_by(a2=heating)), [0.1, 0.1], 60.0)
+    for share in (0.5, 0.75):
+        left, right = fit_heat_bounds([showing(recording, share)], LimbParameters())
+        for bounds in (left, right):
+            assert bounds.most_heating > heating
+            assert bounds.slowest_cooling <= 0.07
+        around = LimbParameters().heat_bounds[0]
+        assert left.slowest_cooling <= 1.75 * around.slowest_cooling
+
+
+@pytest.mark.parametrize(
+    "rates", [{"a1": -0.03, "a2": 65.0, "a3": -0.3}, {"a1": -0.09, "a2": 10.0, "a3": -0.11}]
+)
+def test_first_contact_takes_in_any_limb(rates):
+    """Of the published ends of all rates: it stays cool, within the bounds, then is known."""
+    limb = Limb(described_by(**rates))
+    recording = collect_first_contact(limb)
+    careful = for_first_contact(LimbParameters())
+    assert careful.total_duty == 0.3
+    check_first_contact(recording, LimbParameters(), Path("first_contact.csv"))
+    fitted = fit_heat_bounds([recording], LimbParameters(), CONTACT_MARGIN)
+    wires = zip(recording.duty, recording.wire_temperature, strict=True)
+    for wire, (duty, temperature) in enumerate(wires):
+        assert temperature.max() < 80.0
+        observer = heat.WireObserver(0.0)
+        observer.bounds = dataclasses.astuple(careful.heat_bounds[wire])
+        for applied, true, read in zip(
+            duty, temperature[1:], recording.measured_temperature[wire, 1:], strict=False
+        ):
+            observer.advance(applied, 0.05, read - 25.0)
+            assert true - 25.0 < observer.most + 0.5
+            assert observer.shortfall < guard.SHORTFALL
+        assert fitted[wire].slowest_cooling < -rates["a1"] < fitted[wire].fastest_cooling
+        assert fitted[wire].least_heating < rates["a2"] < fitted[wire].most_heating
+        assert fitted[wire].slowest_reading < -rates["a3"]
+
+
+def test_a_thermocouple_without_its_wire_is_found_at_first_contact():
+    recording = showing(collect_first_contact(Limb()), 0.05)
+    with pytest.raises(CalibrationError, match="left wire was heated, but its thermocouple shows"):
+        check_first_contact(recording, LimbParameters(), Path("first_contact.csv"))
+
+
+def test_what_is_unlike_is_told():
+    recording = simulate(Limb(), [0.1, 0.1], 60.0)
+    assert not heat_remarks([recording], LimbParameters())
+    (remark,) = heat_remarks([showing(recording, 0.6)], LimbParameters())
+    assert remark.startswith("the left wire shows 60% of the heat of the one that shows most")
+    (remark,) = heat_remarks([recording], described_by(a2=40.0))
+    assert "if you are sure of the thermocouples, describe the wires by a2" in remark.lower()
+    slow = simulate(Limb(described_by(a3=-0.15)), [0.1, 0.1], 60.0)
+    assert "the left thermocouple lags by" in heat_remarks([slow], LimbParameters())[0]

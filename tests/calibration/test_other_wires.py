@@ -165,7 +165,7 @@ def test_three_wires_are_collected_as_four_kinds(tmp_path, monkeypatch):
     )
     options = {"num_angles": 2, "longest": 30.0, "protocol": "paper"}
     collect_from_robot(Robot, limb, tmp_path, asked.append, **options)
-    names = ["sag_1", "ring_down_1", "warm_up", "near", "far", "low", "both"]
+    names = ["sag_1", "ring_down_1", "first_contact", "warm_up", "near", "far", "low", "both"]
     assert [what.split(":")[0] for what in asked] == names
     assert "towards its low wire" in asked[0]
     found = {path.stem: Recording.load(path) for path in tmp_path.iterdir()}

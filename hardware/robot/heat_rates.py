@@ -1,0 +1,115 @@
+"""How a wire heats, cools and is read, fitted to its duty and what its thermocouple read."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from hardware.firmware import heat
+from limb_systems.model.heat_bounds import SPREAD, HeatBounds
+
+NARROWEST = 1.75  # times the slowest cooling of its kind, above which a wire's is not raised
+LAGS = 5.0  # time constants of the thermocouple, in which a wire may cool for that to be seen
+# Of the fit: heating, cooling, by how much faster it is read, as what is read would be almost
+# the same if these two rates were swapped, and the silicone's share, which the board has at
+# its largest.
+START, LOWEST, HIGHEST = (
+    (20.0, 0.06, 10.0, 0.25),
+    (0.5, 0.005, 1.2, 0.02),
+    (200.0, 0.5, 200.0, heat.SILICONE_SHARE),
+)
+
+
+@dataclasses.dataclass
+class HeatRates:
+    """Rates of eqns (6) and (7) in silicone, as the board has them (`hardware.firmware.heat`).
+
+    - ``heating``: a2 of what is read, °C/s: that of the wire, times the share of its
+      rise that its thermocouple shows. Readings cannot tell these two apart.
+    - ``cooling``: -a1, 1/s, which does not depend on that share.
+    - ``reading``: -a3, 1/s.
+    """
+
+    heating: float
+    cooling: float
+    reading: float
+
+    def bounds(self, kind: HeatBounds, hottest: float, margin: float) -> HeatBounds:
+        """Bounds for the board around these rates.
+
+        A thermocouple may show a share of its wire's rise from the first day on. A wire that
+        gets less heat reads the same, so that readings never make the most heating less than
+        that of its kind. Where they show more, the description is wrong, and the most of
+        all wires comes from the one that shows most, as the wires of a limb are alike.
+        How fast a wire cools does not depend on the share. The slowest cooling comes from
+        that, but is raised above that of its kind by `NARROWEST` at most.
+
+        Args:
+            kind: bounds of any wire of its kind.
+            hottest: the largest ``heating`` of all wires of the limb.
+            margin: share by which the rates are widened.
+        """
+        told = max(kind.slowest_cooling, self.reading / LAGS)
+        cooling = self.cooling / (1 + margin)
+        bounds = {
+            "slowest_cooling": min(cooling, told, NARROWEST * kind.slowest_cooling),
+            "fastest_cooling": max(self.cooling * (1 + margin), kind.fastest_cooling),
+            "least_heating": self.heating * (1 - margin),
+            "most_heating": max(
+                hottest * max(SPREAD["most_heating"], 1 + margin), kind.most_heating
+            ),
+            "slowest_reading": min(self.reading / (1 + margin), kind.slowest_reading),
+        }
+        for field in dataclasses.fields(kind):
+            low, high = field.metadata["range"]
+            bounds[field.name] = float(min(max(bounds[field.name], low), high))
+        return HeatBounds(**bounds)
+
+
+def fit_heat_rates(
+    courses: Sequence[tuple[np.ndarray, np.ndarray, float]],
+) -> HeatRates | None:
+    """The rates that come closest to what was read of a wire.
+
+    Args:
+        courses: duty (K), how far the reading is above that of the cold wire after each step
+            (K), °C, and the interval of the steps, s.
+
+    Returns:
+        rates; None if the wire was not heated.
+    """
+    if not any(duty.any() for duty, _, _ in courses):
+        return None
+
+    def errors(logarithms: np.ndarray) -> np.ndarray:
+        heating, cooling, faster, share = np.exp(logarithms)
+        reading = faster * cooling
+        return np.concatenate(
+            [
+                heating * _read(warmth(duty, cooling, share, interval), reading, interval) - rise
+                for duty, rise, interval in courses
+            ]
+        )
+
+    fit = least_squares(errors, np.log(START), bounds=(np.log(LOWEST), np.log(HIGHEST)))
+    heating, cooling, faster, _ = np.exp(fit.x).tolist()
+    return HeatRates(heating, cooling, faster * cooling)
+
+
+def warmth(duty: np.ndarray, cooling: float, share: float, interval: float) -> np.ndarray:
+    """Temperature above the room of a wire whose a2 is one, after each step (K), °C."""
+    from scipy.signal import lfilter  # takes longer to import than all the rest
+
+    silicone = heat.SILICONE_RATE
+    steps = interval * np.array([[-cooling, cooling], [silicone * share, -silicone]]) + np.eye(2)
+    numerator = [interval, -interval * steps[1, 1]]
+    return lfilter(numerator, [1.0, -np.trace(steps), np.linalg.det(steps)], duty)
+
+
+def _read(warmth: np.ndarray, reading: float, interval: float) -> np.ndarray:
+    """What a thermocouple shows of it (K)."""
+    from scipy.signal import lfilter
+
+    share = min(1.0, interval * reading)
+    return lfilter([share], [1.0, share - 1.0], warmth)
