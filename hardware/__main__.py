@@ -75,9 +75,13 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         "arm-check",
         help="test sensors and wires one by one; heats each wire a little",
         description="Tests whether the sensors work, and whether each wire warms its own "
-        "thermocouple and bends the limb to its own side. Heats each wire for 6 s.",
+        "thermocouple and bends the limb to its own side, and whether both thermocouples show the "
+        "like. Takes two minutes, and heats each wire until the limb has bent by 6 to 8°.",
     )
     check.add_argument("port", help="of the board")
+    check.add_argument(
+        "-l", "--limb", type=Path, help="limb parameters (.yaml); the nominal limb if left out"
+    )
     check.add_argument("--json", action="store_true", help="print JSON")
 
     conform = commands.add_parser(
@@ -344,6 +348,7 @@ def _show_board(link: BoardLink, info: BoardInfo, live: LivePage) -> None:
 
 def _arm_check(options) -> int:
     checks = []
+    parameters = LimbParameters.of(options.limb)
 
     def say(good: bool, what: str) -> None:
         checks.append({"passed": good, "what": what})
@@ -351,7 +356,7 @@ def _arm_check(options) -> int:
             print(f"{'ok    ' if good else 'FAILED'}  {what}", flush=True)
 
     with BoardLink(options.port) as link:
-        passed = self_test(link, say)
+        passed = self_test(link, say, parameters)
     if options.json:
         print(json.dumps({"passed": passed, "checks": checks}))
     return 0 if passed else 1

@@ -1,37 +1,54 @@
 """The guided self test of a robot, before it is trusted with a plan."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from hardware.robot.heat_rates import HeatRates, fit_heat_rates, warmth
 from hardware.robot.link import BoardLink, Sample
 from limb_systems import LimbParameters, bend_angle_from_tip_tangent
+from limb_systems.model.heat_bounds import SPREAD
 
-DUTY = 0.3
-HEATING_TIME = 6.0  # s for each wire
 PERIOD = 0.05  # s between commands
 ROOM = (5.0, 45.0)  # °C, that cold wires may have
-RISE = 3.0  # °C
-BEND = np.deg2rad(1.0)
+RISE = 3.0  # °C, at least, that is heat
+# First any limb is warmed by some degrees, then as far as it takes to bend it.
+CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, CONTACT_TOTAL = 0.1, 14.0, 10.0, 0.3  # s and °C
+BEND_DUTY, BEND_TIME, BEND_RISE = 0.2, 20.0, 45.0
+REST = 15.0  # s after each of these, for the thermocouple's lag, and to cool
+MARGIN = 0.5  # share by which bounds are wider than what the first degrees showed
+BEND, ENOUGH_BEND = np.deg2rad(1.0), np.deg2rad(6.0)  # at least, and to compare wires by
+ALIKE = 0.75  # share of what the other wire shows for its heat and its bend, at least
 SIDES = ("left", "right")
-BOUNDS = LimbParameters().heat_bounds  # of the nominal limb
+WHAT_TO_DO = (
+    "Either its thermocouple shows a share of its rise, or its wire gets less heat or bends more "
+    "than the other. Bond the thermocouple anew, and compare resistances and thermocouples' types."
+)
+
+# Duty (K, 2), V (K, 2), °C, and φ (K), rad, at each sample.
+Course = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def self_test(link: BoardLink, say: Callable[[bool, str], None]) -> bool:
+def self_test(
+    link: BoardLink, say: Callable[[bool, str], None], parameters: LimbParameters | None = None
+) -> bool:
     """Whether sensors are alive and each wire does what it should.
 
-    Heats each wire a little: it must warm its own thermocouple, more than the
-    other, and bend the limb to its own side. The board is disarmed at the end.
+    Each wire is warmed by some degrees, with a little duty and bounds for any limb. It must warm
+    its own thermocouple, more than the other. Then, with bounds around what that showed, each
+    is heated until the limb bends: it must do so to the wire's own side. What a thermocouple shows
+    for the heat, and for the bend, must be like the other's. The board is disarmed at the end.
 
     Args:
         link: to the board.
         say: takes whether it was good, and a sentence, for each thing that was looked at.
+        parameters: the limb's description; the nominal limb if None.
 
     Raises:
         HardwareError: if the board fails on the way.
     """
-    passed = True
+    passed, parameters = True, parameters or LimbParameters()
 
     def judge(good: bool, what: str) -> None:
         nonlocal passed
@@ -48,30 +65,137 @@ def self_test(link: BoardLink, say: Callable[[bool, str], None]) -> bool:
     judge(abs(cold[2]) < np.deg2rad(30.0), f"bend sensor reads {np.rad2deg(cold[2]):+.1f}° at rest")
     if not passed:
         return False
+    kinds = parameters.heat_bounds
     try:
-        for wire, side in enumerate(SIDES):
-            before = _average(link)
-            link.arm(BOUNDS)
-            end = time.monotonic() + HEATING_TIME
-            while time.monotonic() < end:
-                link.command(DUTY * np.eye(2)[wire])
-                time.sleep(PERIOD)
-            change = _average(link) - before
-            link.disarm()
-            own, other = change[wire], change[1 - wire]
+        link.arm([kind.around_any() for kind in kinds], min(CONTACT_TOTAL, parameters.total_duty))
+        contacts = [
+            _heat(link, wire, CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, np.inf) for wire in (0, 1)
+        ]
+        link.disarm()
+        for wire, (side, (_, temperatures, _)) in enumerate(zip(SIDES, contacts, strict=True)):
+            rise = temperatures - temperatures[:5].mean(axis=0)
+            warmest = np.argmax(rise[:, wire])
+            own, other = rise[warmest, wire], rise[warmest, 1 - wire]
             judge(
                 own > RISE and own > 2 * other,
                 f"{side} wire warms its own thermocouple by {own:.1f} °C, the other by "
                 f"{other:.1f} °C",
             )
-            towards = change[2] if wire else -change[2]
-            judge(
-                towards > BEND,
-                f"{side} wire bends the limb by {np.rad2deg(towards):.1f}° to the {side}",
-            )
+        if not passed:
+            return False
+        rates = [_rates([course], wire) for wire, course in enumerate(contacts)]
+        hottest = max(rate.heating for rate in rates)
+        _rest(link)
+        link.arm(
+            [rate.bounds(kind, hottest, MARGIN) for rate, kind in zip(rates, kinds, strict=True)],
+            parameters.total_duty,
+        )
+        bends = [_heat(link, wire, BEND_DUTY, BEND_TIME, BEND_RISE, ENOUGH_BEND) for wire in (0, 1)]
     finally:
         link.disarm()
+    for wire, (side, (_, _, bend)) in enumerate(zip(SIDES, bends, strict=True)):
+        towards = np.rad2deg(_towards(bend, wire).max())
+        judge(
+            towards > np.rad2deg(BEND),
+            f"{side} wire bends the limb by {towards:.1f}° to the {side}",
+        )
+    rates = [
+        _rates(courses, wire) for wire, courses in enumerate(zip(contacts, bends, strict=True))
+    ]
+    _judge_heat([rate.heating for rate in rates], [kind.most_heating for kind in kinds], judge)
+    if passed:
+        _judge_likeness(rates, bends, judge)
     return passed
+
+
+def _judge_heat(
+    heating: Sequence[float], most: Sequence[float], judge: Callable[[bool, str], None]
+) -> None:
+    """Whether the wires heat as described, or at least neither alone does not."""
+    least = [bound / SPREAD["most_heating"] * SPREAD["least_heating"] for bound in most]
+    low = [
+        shown < SPREAD["least_heating"] * bound for shown, bound in zip(heating, least, strict=True)
+    ]
+    for wire, side in enumerate(SIDES):
+        shown = f"{side} wire shows {heating[wire]:.1f} °C/s at full duty, where its kind has " \
+            f"{least[wire]:.0f} to {most[wire]:.0f}"  # fmt: skip
+        if low[wire] and not low[1 - wire]:
+            judge(False, f"{shown}, and the other one shows that. {WHAT_TO_DO}")
+        elif low[wire] or heating[wire] > most[wire] / SPREAD["least_heating"]:
+            judge(
+                True,
+                f"{shown}: the limb is unlike its description, or both thermocouples are wrong; "
+                "if you are sure of them, describe its wires by their a2",
+            )
+        else:
+            judge(True, shown)
+
+
+def _judge_likeness(
+    rates: Sequence[HeatRates], bends: Sequence[Course], judge: Callable[[bool, str], None]
+) -> None:
+    """Whether both thermocouples show the like for the like heat and bend."""
+    heat = rates[0].heating / rates[1].heating
+    risen = []
+    for wire, (duty, _, bend) in enumerate(bends):
+        course = rates[wire].heating * warmth(duty[:, wire], rates[wire].cooling, 0.3, PERIOD)
+        reached = np.argmax(_towards(bend, wire) >= ENOUGH_BEND)
+        risen.append(course[reached] if reached else np.nan)
+    # How warm a wire has to be for a bend is another, independent witness.
+    share = heat if np.isnan(risen).any() else np.sqrt(heat * risen[0] / risen[1])
+    wire = int(share > 1)
+    share = min(share, 1 / share)
+    told = "heat" if np.isnan(risen).any() else "heat and bend"
+    judge(
+        share > ALIKE,
+        f"{SIDES[wire]} thermocouple shows {share:.0%} of what the other does for the same {told}"
+        + (f". {WHAT_TO_DO}" if share <= ALIKE else ""),
+    )
+
+
+def _towards(bend: np.ndarray, wire: int) -> np.ndarray:
+    """How far the limb has bent to a wire's side since a course began (K), rad."""
+    change = bend - bend[:5].mean()
+    return change if wire else -change
+
+
+def _rates(courses: Sequence[Course], wire: int) -> HeatRates:
+    rates = fit_heat_rates(
+        [(duty[1:, wire], (V[:, wire] - V[:5, wire].mean())[1:], PERIOD) for duty, V, _ in courses]
+    )
+    assert rates  # it was heated
+    return rates
+
+
+def _heat(
+    link: BoardLink, wire: int, duty: float, longest: float, rise: float, bend: float
+) -> Course:
+    """Heats a wire until it reads so much more, or the limb has bent so far, and lets it rest."""
+    samples: list[Sample] = []
+    heated = duty * np.eye(2)[wire]
+    while (now := len(samples) * PERIOD) < longest + REST:
+        sample = link.sample()
+        if samples and sample.sequence == samples[-1].sequence:
+            time.sleep(PERIOD / 5)
+            continue
+        samples.append(sample)
+        turned = bend_angle_from_tip_tangent(sample.tip_tangent - samples[0].tip_tangent)
+        risen = sample.temperature[wire] - samples[0].temperature[wire]
+        if now >= longest or risen >= rise or abs(turned) >= 1.2 * bend:
+            heated, longest = np.zeros(2), min(longest, now)
+        link.command(heated)
+    return (
+        np.array([sample.duty for sample in samples]),
+        np.array([sample.temperature for sample in samples]),
+        np.array([bend_angle_from_tip_tangent(sample.tip_tangent) for sample in samples]),
+    )
+
+
+def _rest(link: BoardLink) -> None:
+    """Waits with the wires off."""
+    end = link.sample().board_time + REST
+    while link.sample().board_time < end:
+        time.sleep(PERIOD)
 
 
 def _average(link: BoardLink) -> np.ndarray:
@@ -81,8 +205,6 @@ def _average(link: BoardLink) -> np.ndarray:
         sample = link.sample()
         if not samples or sample.sequence != samples[-1].sequence:
             samples.append(sample)
-        if sample.armed:
-            link.command(sample.duty)  # as before, or the heartbeat would end it
         time.sleep(PERIOD / 2)
     average = np.mean([[*sample.temperature, sample.tip_tangent] for sample in samples], axis=0)
     return np.append(average[:2], bend_angle_from_tip_tangent(average[2]))
