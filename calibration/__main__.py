@@ -25,11 +25,11 @@ from calibration.report import (
     validation_summary,
     write_validation_report,
 )
-from hardware import LimbTwin, SerialLimb
+from hardware import BoardLink, LimbTwin, SerialLimb
 from hardware.emulation.specimen import EXTRA_EFFECTS
 from hardware.live.options import add_live_options, live_page
 from hardware.live.page import LivePage
-from limb_systems import LimbParameters, Recording
+from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.command import add_force_option, run_command
 from limb_systems.output import OutputError, check_folder, check_outputs
 
@@ -167,6 +167,8 @@ def _collect(options) -> int:
     check_folder(options.output)
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
     if options.port:
+        with BoardLink(options.port) as link:  # before anybody mounts the limb in vain
+            link.sample()
         with live_page(options) as live:
             collect_from_robot(
                 lambda parameters: SerialLimb(options.port, parameters),
@@ -202,7 +204,10 @@ def _ask(what: str, live: LivePage | None) -> None:
     """Asks the operator to do something, and waits until it is done."""
     if live:
         live.say(f"{what} Press Enter in the terminal when this is done.")
-    input(f"{what}\nPress Enter when this is done. ")
+    try:
+        input(f"{what}\nPress Enter when this is done. ")
+    except EOFError:
+        raise LimbError("There is no terminal to press Enter in; run this in one.") from None
 
 
 def _fit(options) -> int:

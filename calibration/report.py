@@ -260,12 +260,13 @@ def _compare(heat: HeatFit, compared: HeatFit) -> str:
     by_method = {fit.method: fit for fit in (heat, compared)}
     bend, temperature = by_method["bend"], by_method["temperature"]
     assert bend.angle_residual is not None
+    delay = f", delay {temperature.delay}" if temperature.delay else ""
     return (
         f"Used: the fit from {heat.method}. From bend: a1 = {bend.a1}, a2 = {bend.a2}, a3 = "
         f"{bend.a3}, V within {bend.temperature_residual:.1f} °C and φ within "
         f"{np.rad2deg(bend.angle_residual):.1f}° (root mean square). From temperature alone: a1 = "
-        f"{temperature.a1}, a2 = {temperature.a2}, a3 = {temperature.a3}, delay "
-        f"{temperature.delay}, V within {temperature.temperature_residual:.1f} °C."
+        f"{temperature.a1}, a2 = {temperature.a2}, a3 = {temperature.a3}{delay}, "
+        f"V within {temperature.temperature_residual:.1f} °C."
     )
 
 

@@ -126,7 +126,11 @@ def open_port(port: str) -> serial.Serial:
             raise HardwareError(f"{port} is in use by another program.") from error
         number = getattr(error, "errno", None)
         reason = os.strerror(number) if number else str(error)
-        raise HardwareError(f"Cannot open {port}: {reason}.") from error
+        if "Could not configure port" in reason:
+            reason = "it is no serial port"
+        raise HardwareError(
+            f"Cannot open {port}: {reason}; soft-limb ports lists those of this computer."
+        ) from error
     return opened
 
 

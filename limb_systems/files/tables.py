@@ -36,6 +36,10 @@ from limb_systems.output import write_atomically
 FORMAT_VERSION = 3
 READABLE = (1, 2, FORMAT_VERSION)  # format 1 had fewer columns, and 2 no provenance
 KILLED = "the program that recorded it was killed"
+MAKERS = {
+    "recording": "collect, replay and teach write recordings, and Recording.save, of other data",
+    "trajectory": "soft-limb plan makes a trajectory of a reference",
+}
 _INTERRUPTED = "# interrupted: "
 _DECIMAL = decimal.Context(prec=40)
 _RADIAN = _DECIMAL.divide(
@@ -190,11 +194,13 @@ def parse_table(data: bytes, kind: str) -> Table:
     """What is in a text of `format_table`; errors as for `read_table`."""
     lines, rows = _split(data)
     first = re.fullmatch(r"# limb (\w+), format ([0-9]{1,9})", lines[0])
-    if not first or first[1] != kind:
+    if not first:
         raise FileFormatError(
             f"this is not a limb {kind}: its first line is not "
-            f"'# limb {kind}, format {FORMAT_VERSION}'."
+            f"'# limb {kind}, format {FORMAT_VERSION}'; {MAKERS[kind]}."
         )
+    if first[1] != kind:
+        raise FileFormatError(f"this is not a limb {kind}, but a {first[1]}; {MAKERS[kind]}.")
     if int(first[2]) not in READABLE:
         raise FileFormatError(
             f"this {kind} has format {first[2]}, but this program reads format "

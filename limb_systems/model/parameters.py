@@ -327,6 +327,11 @@ class LimbParameters(Strict):
             ParameterError: with one sentence naming the file and the field.
         """
         text = read_text(path, "limb parameters", ParameterError)
+        if ours := re.match(r"# limb (\w+), format", text):
+            raise ParameterError(
+                f"{path} is a {ours[1]}; what describes a limb is a YAML file, such as soft-limb "
+                "fit or LimbParameters.save writes."
+            )
         try:
             return cls.from_yaml(text)
         except ParameterError as error:

@@ -3,8 +3,10 @@
 import copy
 import dataclasses
 import html
+import io
 import json
 import re
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -314,6 +316,18 @@ def test_command_that_is_stopped_says_so(tmp_path, capsys, monkeypatch):
     assert capsys.readouterr().err == "stopped; finished recordings are kept, and wires are off\n"
 
 
+def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkeypatch, capsys):
+    arguments = ["collect", "-o", str(tmp_path / "new"), "-p", str(tmp_path / "no_port")]
+    assert main(arguments) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert "no_port: No such file or directory; soft-limb ports" in said.err
+    monkeypatch.setattr("calibration.__main__.BoardLink", mock.MagicMock())
+    monkeypatch.setattr("sys.stdin", io.StringIO())
+    assert main(arguments) == 1
+    assert "error: There is no terminal to press Enter in" in capsys.readouterr().err
+
+
 def test_command_collects_from_a_robot(tmp_path, monkeypatch):
     """With the model in place of the robot."""
     monkeypatch.setattr("calibration.collect.SAG_TRIALS", 1)
@@ -334,6 +348,7 @@ def test_command_collects_from_a_robot(tmp_path, monkeypatch):
             pass
 
     monkeypatch.setattr("calibration.__main__.SerialLimb", Robot)
+    monkeypatch.setattr("calibration.__main__.BoardLink", mock.MagicMock())
     monkeypatch.setattr("builtins.input", asked.append)
     LimbParameters(ambient_temperature=21.5).save(tmp_path / "limb.yaml")
     arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path / "new"), "--seed", "3"]

@@ -89,6 +89,7 @@ def test_a_fault_that_was_there_before_is_not_cleared(emulator, capsys):
 
 def test_a_port_that_is_not_there_is_named(capsys):
     assert main(["board-check", "/dev/no_board"]) == 1
-    assert (
-        capsys.readouterr().err == "error: Cannot open /dev/no_board: No such file or directory.\n"
+    said = (
+        "error: Cannot open /dev/no_board: No such file or directory; soft-limb ports lists those "
     )
+    assert capsys.readouterr().err == f"{said}of this computer.\n"

@@ -336,6 +336,7 @@ def test_command_says_what_is_wrong_with_a_file(tmp_path, capsys):
     assert main(["replay", str(tmp_path / "plan.csv"), "-o", str(output)]) == 1
     error = capsys.readouterr().err
     assert "plan.csv: this is not a limb trajectory" in error
+    assert "soft-limb plan makes a trajectory of a reference" in error
     assert not output.exists()
 
 

@@ -186,5 +186,7 @@ def test_soft_limb_says_its_version_and_refuses_what_it_does_not_know(capsys):
     with pytest.raises(SystemExit) as ended:
         main(["pla"])
     assert ended.value.code == 2
+    assert main([]) == 2
+    assert "plan the feasible trajectory" in capsys.readouterr().err
     assert main(["plan", "nowhere.csv", "-o", "nowhere/plan.csv"]) == 1
     assert "nowhere.csv" in capsys.readouterr().err

@@ -25,6 +25,7 @@ from limb_systems import (
     simulate,
 )
 from limb_systems.files.tables import FileFormatError
+from limb_systems.model.parameters import ParameterError
 
 PASSED = PlanCheck(
     solver="IPOPT",
@@ -333,8 +334,10 @@ def test_other_kind_of_file_is_refused(tmp_path, refused, make):
         make_recording: (Trajectory, "trajectory"),
         make_trajectory: (Recording, "recording"),
     }[make]
-    with refused(FileFormatError, path, f"not a limb {kind}"):
+    with refused(FileFormatError, path, f"not a limb {kind}, but a "):
         other.load(path)
+    with refused(ParameterError, path, "what describes a limb is a YAML file"):
+        LimbParameters.load(path)
 
 
 @pytest.mark.parametrize("kind", [Recording, Trajectory])
