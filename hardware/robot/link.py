@@ -22,7 +22,9 @@ from limb_systems.model.heat_bounds import HeatBounds
 FIRMWARE_VERSIONS = (3,)
 BAUD_RATE = 115200
 STALE = 0.25  # s, age after which a sample must not be used, nor a command be unanswered
-CLOCK_ERROR = 2e-4  # by which the board's clock may run slower than this computer's
+# By which the board's clock may run slower than this computer's, as one without a crystal does.
+# A delay that grows as slowly as that shows by answers to commands, which this clock times.
+CLOCK_ERROR = 0.025
 SESSION_END = 0.5  # s, within which a session that nobody commands has ended
 ANSWER_TIME = 1.0  # s, within which a board answers
 ARMING_TIME = 3.0  # s, in which a board that was just switched on has settled

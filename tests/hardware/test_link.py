@@ -256,6 +256,21 @@ def test_samples_that_come_later_and_later_are_noticed(board):
         keep_commanding(link)
 
 
+def test_a_board_whose_clock_is_slow_is_borne(board, monkeypatch):
+    """By 2%, as that of an oscillator without a crystal may be, for ten minutes."""
+    parser = protocol.Parser((protocol.SAMPLE,))
+    with BoardLink(board[1]) as link:
+        for number in range(12_000):
+            passed = 0.05 * number
+            monkeypatch.setattr("hardware.robot.link.time.monotonic", lambda now=passed: now)
+            ((kind, values),) = parser.feed(
+                sample(number, guard.DISARMED, guard.NONE, time_ms=round(980 * passed))
+            )
+            link._take(kind, values)
+            assert link.delay < 0.01
+        monkeypatch.undo()
+
+
 def test_commands_that_do_not_arrive_are_noticed(board):
     with (
         BoardLink(board[1]) as link,
