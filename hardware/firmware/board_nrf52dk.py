@@ -54,6 +54,11 @@ _WATCHDOG_CONFIG = 0x4001050C
 _WATCHDOG_RELOAD = 0x40010600
 _RELOAD_KEY = 0x6E524635
 _WATCHDOG_MS = 200
+_CLOCK_START, _CLOCK_STOP = 0x40000008, 0x4000000C  # of 32768 Hz, of watchdog and ticks alike
+_CLOCK_STATE = 0x40000418  # bit 16: it runs; bits 0 and 1: by what
+_CLOCK_SOURCE = 0x40000518
+_CRYSTAL = 1  # the board has one; else the chip's own oscillator, which is off by up to 2%
+_RUNS_BY_CRYSTAL = 1 << 16 | _CRYSTAL
 
 # The lowest word of the stack, just above the heap: MicroPython raises an exception when some
 # 400 bytes of stack are left, and clears neither stack nor heap at a reset.
@@ -61,13 +66,14 @@ _RAM = 0x2000E000
 _RAM_KEY = 0x5AC396  # in the upper 24 bits; after power-up they are random
 
 _ROOM = 128  # bytes that wait to be sent: two of the longest frames
-_DRAIN_TIME = 2000  # us in one call; a byte takes 87
+_DRAIN_PASSES = 200  # in one call, some ms: no clock, as that may stand still; a byte takes 87 us
 
 
 class Board:
     """See `firmware` for what a board is."""
 
     def __init__(self):
+        self._take_crystal()  # before the watchdog, from which on no other can be chosen
         machine.mem32[_WATCHDOG_TICKS] = _WATCHDOG_MS * 32768 // 1000 - 1
         machine.mem32[_WATCHDOG_CONFIG] = 9  # goes on in sleep and while a debugger halts the CPU
         machine.mem32[_WATCHDOG_ENABLE] = 1
@@ -105,6 +111,15 @@ class Board:
         except OSError:
             pass  # its silence is noticed at the first sample
 
+    def _take_crystal(self):
+        if machine.mem32[_CLOCK_STATE] & 0x10003 == _RUNS_BY_CRYSTAL:
+            return
+        machine.mem32[_CLOCK_STOP] = 1
+        for _ in range(1000):  # until it stands, and longer than its erratum 132 asks for
+            pass
+        machine.mem32[_CLOCK_SOURCE] = _CRYSTAL
+        machine.mem32[_CLOCK_START] = 1  # some 0.3 s; until then the oscillator counts
+
     def _recall(self):
         """Sets `remembered` and `reset_cause`."""
         word = machine.mem32[_RAM]
@@ -140,14 +155,13 @@ class Board:
 
     def _drain(self):
         """Sends what waits, byte by byte, as `write` waits for a computer that may not listen."""
-        begin = time.ticks_us()
         sent = 0
-        while sent < len(self._outgoing):
+        for _ in range(_DRAIN_PASSES):
+            if sent == len(self._outgoing):
+                break
             if self._uart.txdone():
                 self._uart.writechar(self._outgoing[sent])
                 sent += 1
-            elif time.ticks_diff(time.ticks_us(), begin) > _DRAIN_TIME:
-                break
         self._outgoing = self._outgoing[sent:]
 
     def read_thermocouple(self, wire):

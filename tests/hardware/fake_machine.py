@@ -22,6 +22,8 @@ WATCHDOG_TICKS, WATCHDOG_ENABLE, WATCHDOG_CONFIG = 0x40010504, 0x40010508, 0x400
 PWM_ENABLE = (0x4001C500, 0x40021500, 0x40022500)
 RAM = range(0x20000000, 0x20010000)
 
+CLOCK_START, CLOCK_STOP = 0x40000008, 0x4000000C
+CLOCK_STATE, CLOCK_SOURCE = 0x40000418, 0x40000518
 BEND_ADDRESS = 0x12  # of the sensor
 
 BYTE_TIME = 87  # us on the line
@@ -59,6 +61,7 @@ class Chip:
         }
         self.registers = kept
         self.registers[RESET_REASONS] = kept.get(RESET_REASONS, 0) | reasons
+        self.registers[CLOCK_STATE] = 1 << 16  # the port has started it, by the chip's oscillator
         self.log = []
         self.levels = {}  # of the pins that are outputs
         self.owners = {0: None, 1: None, 2: None}  # of the peripherals that SPI and I2C share
@@ -143,6 +146,10 @@ class Memory:
         locked = (WATCHDOG_TICKS, WATCHDOG_ENABLE, WATCHDOG_CONFIG)  # while the watchdog runs
         if address in locked and registers.get(WATCHDOG_START):
             return
+        if address in (CLOCK_START, CLOCK_STOP):  # the watchdog keeps it going
+            running = address == CLOCK_START or registers.get(WATCHDOG_START, 0)
+            source = registers.get(CLOCK_SOURCE, 0)
+            registers[CLOCK_STATE] = running << 16 | source
         if address == RESET_REASONS:
             value = registers.get(address, 0) & ~value
         elif address in (GPREGRET, GPREGRET2):
@@ -283,6 +290,7 @@ class Uart:
         return data or None
 
     def txdone(self):
+        self._chip.now += 10
         if self._last is not None and self._chip.cts and self._chip.now >= self._last:
             self._last = None
         return self._last is None

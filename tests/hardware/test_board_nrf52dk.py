@@ -75,6 +75,22 @@ def test_watchdog_is_fed_by_feed_alone(chip, board):
     assert chip.log.count(fed) == 1
 
 
+def test_the_crystal_makes_the_clock(chip, board):
+    """Of watchdog and ticks; with the watchdog running another can no longer be chosen."""
+    assert chip.registers[fake.CLOCK_STATE] == 1 << 16 | 1
+    assert index_of(chip, "mem32", fake.CLOCK_START) < index_of(chip, "mem32", fake.WATCHDOG_START)
+
+
+def test_a_clock_that_stands_still_holds_nothing_up(chip, monkeypatch):
+    """Nor a computer that does not listen then."""
+    module = chip.load_board(monkeypatch)
+    board = module.Board()
+    chip.cts = False
+    module.time.ticks_ms = module.time.ticks_us = lambda: 0
+    board.send(bytes(50))
+    board.receive()
+
+
 def test_no_pin_has_two_tasks(chip, board):
     used = [11, 12, 3, 4, 22, 25, 23, 24, 27, 26]
     assert set(used).isdisjoint(CRYSTAL | UART | NFC | BUTTONS | LEDS | RESET)
