@@ -4,7 +4,7 @@ Everything is in simulated time: the firmware's own files, an emulated board and
 limb, and a host that goes on commanding whatever happens. It is an emulation,
 not a measurement of wires. It takes some hours; Ctrl-C shows what there is.
 
-    python benchmarks/board_faults.py faults [--limbs 50] [--jobs 2]
+    python benchmarks/board_faults.py faults [--limbs 50] [--jobs 2] [--fitted] [--other]
     python benchmarks/board_faults.py ordinary [--limbs 50] [--jobs 2]
     python benchmarks/board_faults.py feedback [--limbs 50] [--jobs 2]
 
@@ -12,7 +12,9 @@ not a measurement of wires. It takes some hours; Ctrl-C shows what there is.
 above 130 °C, the hottest, and the time until the board was off; for a fault
 that it bears, the duty goes on. The fault is there from the beginning, or comes
 while the wire is hot. Half of the runs are with three times the noise of the
-emulated thermocouples.
+emulated thermocouples. The board has the bounds of the described kind, or those
+fitted to a warm-up with the good thermocouple; limbs are emulated ones, or of
+another physics, those of other_limbs.py.
 
 ``ordinary`` collects, calibrates, plans, replays and teaches on each limb, every
 other one with three times the noise, and counts what switched off.
@@ -26,13 +28,16 @@ the bend was off that without a fault, while the sensor lied and from 4 s after 
 import argparse
 import contextlib
 import copy
+import functools
 import itertools
 import multiprocessing
 import random
 import sys
 import time
+from collections.abc import Callable
 
 import numpy as np
+from other_limbs import OtherLimb
 from pydrake.systems.framework import LeafSystem
 
 from calibration import calibrate, collect_equilibria, collect_from_twin
@@ -46,7 +51,13 @@ from hardware.emulation.simulated_board import SimulatedBoard
 from hardware.emulation.specimen import Specimen
 from hardware.firmware import guard
 from hardware.robot.reasons import REASONS
-from limb_systems import LimbParameters, Trajectory, bend_angle_from_tip_tangent, simulate
+from limb_systems import (
+    LimbParameters,
+    LimbSystem,
+    Trajectory,
+    bend_angle_from_tip_tangent,
+    simulate,
+)
 from planners import Task, plan, references
 
 STEP = 25  # ms, between two passes of the firmware's loop, a slow one
@@ -74,6 +85,10 @@ FAULTS = {
     "bend sensor stuck, with noise": ["stick bend"],
     "bend sensor frozen": ["freeze bend"],
     "clock stands still": ["stop clock"],
+    "supply gives 30% more heat": ["weaken 1.3"],
+    "supply gives 50% more heat": ["weaken 1.5"],
+    "30% more heat, 80% of the rise read": ["weaken 1.3", "share {side} 0.8"],
+    "amplifiers read 20 °C too little": ["chill 20"],
     "no fault, both wires hot": [],
 }
 
@@ -102,12 +117,27 @@ def prepare(board: SimulatedBoard, noise: int) -> None:
     board.run(1.0)
 
 
-def run_fault(job: tuple[str, str, float, int, int]) -> dict:
+@functools.cache
+def with_fitted_bounds(make: Callable[..., LimbSystem], seed: int) -> LimbParameters:
+    """A limb's parameters with the bounds that its warm-up shows."""
+    limb = make(seed=seed)
+    parameters = limb.parameters
+    fitted = fit_heat_bounds([collect_warm_up(limb)], parameters, WARM_UP_MARGIN)
+    for wire, bounds in zip(parameters.wires, fitted, strict=True):
+        wire.heat_bounds = bounds
+    return parameters
+
+
+def run_fault(
+    job: tuple[str, str, float, int, int], fitted: bool = False, other: bool = False
+) -> dict:
     """One run; what became of it."""
     fault, when, duty, noise, seed = job
     random.seed(repr(job))
     wire = seed % 2
-    board = SimulatedBoard(LimbTwin(seed=seed), step=STEP)
+    make = OtherLimb if other else LimbTwin
+    parameters = with_fitted_bounds(make, seed) if fitted else None
+    board = SimulatedBoard(make(seed=seed), parameters, step=STEP)
     orders = [order.format(side=SIDES[wire]) for order in FAULTS[fault]]
     duties = [duty, duty] if not orders else [duty * (wire == side) for side in (0, 1)]
     if when == FROM_BEGINNING:
@@ -386,12 +416,15 @@ def main() -> None:
     parser.add_argument("what", choices=("faults", "ordinary", "feedback"))
     parser.add_argument("--limbs", type=int, default=50)
     parser.add_argument("--jobs", type=int, default=2, help="processes")
+    parser.add_argument("--fitted", action="store_true", help="bounds are fitted to a warm-up")
+    parser.add_argument("--other", action="store_true", help="limbs are of another physics")
     parser.add_argument("--fault", help="only faults whose name contains this")
     options = parser.parse_args()
     start = time.perf_counter()
     jobs: list
     if options.what == "faults":
-        run, show = run_fault, print_faults
+        run = functools.partial(run_fault, fitted=options.fitted, other=options.other)
+        show = print_faults
         jobs = fault_jobs(options.limbs, options.fault or "")
     elif options.what == "feedback":
         run, show = run_feedback, print_feedback

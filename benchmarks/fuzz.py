@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "hardware"))
 from firmware_checks import Host  # noqa: E402
 
-from hardware.firmware import guard, heat, protocol  # noqa: E402
+from hardware.firmware import firmware, guard, heat, protocol  # noqa: E402
 from hardware.firmware.firmware import Firmware  # noqa: E402
 
 HOST_KINDS, BOARD_KINDS = (protocol.INFO, protocol.SAMPLE), (protocol.COMMAND, protocol.ARM)
@@ -74,6 +74,7 @@ def fuzz(num_frames: int, seed: int) -> dict[str, int]:
     board_parser = protocol.Parser(BOARD_KINDS)
     host = Host()
     host.heat()
+    firmware.LONGEST_STANDSTILL = num_frames  # no time passes here, so that no duty ends
     session, duty = host.guard.session, list(host.board.duty)
     # Other sessions' frames are not this one's.
     counts = {"frames": num_frames, "accepted as sent": 0, "accepted by chance": 0}

@@ -93,7 +93,7 @@ class Drive:
             if timing["reduced_s"]:
                 lines.append(
                     f"reduced     the board reduced the duty for {timing['reduced_s']:.1f} s, as a "
-                    "wire got hot or both asked for too much"
+                    "wire got hot, both asked for too much or it was just started"
                 )
         lines.append(f"source      {facts['source']}")
         if replans := facts["replans"]:

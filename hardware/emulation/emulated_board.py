@@ -83,8 +83,9 @@ class EmulatedBoard:
         self.serial_number = serial_number(twin.specimen.board).encode()
         self.random = random.SystemRandom().getrandbits(16)
         self.reset_cause, self.remembered = POWER_ON, 0
-        self.fed = self._held = clock()
+        self._held = clock()
         self.mend()
+        self.feed()
 
     def mend(self) -> None:
         """Removes all faults of sensors."""
@@ -94,7 +95,8 @@ class EmulatedBoard:
         self.frozen_bend: bytes | None = None
         self.stuck_bend: float | None = None  # degrees, on which there is noise
         self.bend_is_silent = False
-        self.heat_share = 1.0  # of the heat that the duty asks for, in a weak supply
+        self.heat_share = 1.0  # of the heat that the duty asks for, by a supply that is another
+        self.chill = 0.0  # °C, by which amplifiers read their own temperature too low
         self.shorted = [False, False]  # MOSFETs
         self._heat()
 
@@ -128,9 +130,8 @@ class EmulatedBoard:
     def _heat(self) -> None:
         """Heats the wires by the duty at the pins, and what is wrong with MOSFETs and supply."""
         supplied = self._clock() - self._held < SUPPLY_TIME
-        short = np.array(self.shorted) & supplied
-        heat = np.where(short, 1.0, self.heat_share * np.array(self._duty))
-        self._input.GetMutableData().set_value(heat)
+        heat = np.where(self.shorted, 1.0, self.heat_share * np.array(self._duty))
+        self._input.GetMutableData().set_value(heat * supplied)
 
     def ticks(self) -> int:
         now = round(1000 * (self._clock() - self._start))
@@ -154,8 +155,9 @@ class EmulatedBoard:
         temperature += random.gauss(0.0, fault.noise) if fault.noise else 0.0
         if fault.frozen is not None:
             temperature = fault.frozen
-        junction = round(16 * (room + AMPLIFIERS))
-        word = (round(4 * temperature) & 0x3FFF) << 18 | junction << 4 | fault.faults
+        junction = round(16 * (room + AMPLIFIERS - self.chill)) & 0xFFF
+        quarters = round(4 * (temperature - self.chill)) & 0x3FFF
+        word = quarters << 18 | junction << 4 | fault.faults
         word |= 0x10000 if fault.faults else 0
         return struct.pack(">I", word if fault.word is None else fault.word)
 
@@ -180,7 +182,7 @@ class EmulatedBoard:
         self._held = self._clock()
 
     def feed(self) -> None:
-        self.fed = self._clock()
+        self.fed = self.ticks()
 
     def remember(self, reason: int) -> None:
         self.remembered = reason
@@ -192,7 +194,7 @@ class EmulatedBoard:
         if cause == POWER_ON:
             self.remembered = 0
         self.reset_cause, self.random = cause, random.SystemRandom().getrandbits(16)
-        self.fed = self._clock()
+        self.feed()
 
     def reading(self, name: str) -> np.ndarray:
         """The readings at a port of the twin."""

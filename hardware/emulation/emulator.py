@@ -24,7 +24,7 @@ from limb_systems import LimbError
 
 TURN = 0.001  # s, between two passes of the firmware's loop
 LONGEST_DELAY = 3.0  # s, of a buffer that is full
-WATCHDOG = 0.2  # s, as that of board_nrf52dk.py
+WATCHDOG = 200  # ms of the board's one clock, as that of board_nrf52dk.py
 THERMOCOUPLE_FAULTS = {"open": 1, "ground": 2, "supply": 4}
 WORDS = {"dead": 0, "garbled": 8}  # that an amplifier sends: nothing, or a reserved bit
 SHARES = {"detach": 0.0, "reverse": -1.0}  # of the rise in temperature that is read
@@ -144,7 +144,7 @@ class Emulation:
             self.board.from_host += inwards.pass_on(self._read())
         if self._clock() >= self._stalled_until:
             self.firmware.step()
-        if self._clock() - self.board.fed > WATCHDOG:
+        if self.board.ticks() - self.board.fed > WATCHDOG:
             self._reset(WATCHDOG_RESET)
         data = bytes(self.board.to_host)
         self.board.to_host.clear()
@@ -197,6 +197,8 @@ class Emulation:
             self.board.fail(SIDES[words[1]], **{field: float(words[2])})
         elif name == "weaken":
             self.board.heat_share = float(words[1])
+        elif name == "chill":
+            self.board.chill = float(words[1])
         elif name == "short":
             self.board.shorted[SIDES[words[1]]] = True
         elif name == "silence":
@@ -240,7 +242,8 @@ ORDERS = (
     "creep SECONDS_PER_S, noise BYTES (cable); "
     "open SIDE, ground SIDE, supply SIDE, dead SIDE, garbled SIDE, hot SIDE, freeze SIDE, "
     "detach SIDE, reverse SIDE, share SIDE SHARE, offset SIDE CELSIUS, "
-    "drift SIDE CELSIUS_PER_S, jitter SIDE CELSIUS (thermocouples and amplifiers); "
+    "drift SIDE CELSIUS_PER_S, jitter SIDE CELSIUS, chill CELSIUS (thermocouples and "
+    "amplifiers); "
     "freeze bend, stick bend [DEGREES], silence (bend sensor); weaken SHARE, short SIDE "
     "(supply and MOSFETs); stall SECONDS, stop clock, reset, restart (board); unplug, replay, "
     "mend, cool; SIDE is left or right"

@@ -20,6 +20,7 @@ from . import guard, protocol, readings
 FIRMWARE_VERSION = 3
 CHANNELS = 2  # wires, each with its thermocouple
 SAMPLE_PERIOD = 50  # ms
+LONGEST_STANDSTILL = 50  # passes of the loop, in which the clock must go on
 THERMOCOUPLE_TURN = 2  # samples: a MAX31855 needs 100 ms between readings to convert
 
 # Causes of a reset.
@@ -41,7 +42,8 @@ class Firmware:
             reason = board.remembered
         self.guard = guard.Guard(now, board.random, reason)
         self._remembered = board.remembered
-        self._next = now
+        self._next = self._now = now
+        self._standing = 0  # passes, for which the clock stood still
         self._sequence = 0
         self._quarters = [0, 0]
         self._junctions = [0, 0]
@@ -54,6 +56,10 @@ class Firmware:
         """One pass of the loop; the board makes some hundred per second."""
         board = self._board
         now = board.ticks()
+        self._standing = self._standing + 1 if now == self._now else 0
+        self._now = now
+        if self._standing > LONGEST_STANDSTILL:  # and a watchdog of the same clock stands, too
+            self.guard.trip(guard.CLOCK, now)
         for kind, values in self._parser.feed(board.receive()):
             self._handle(kind, values, now)
         self.guard.tick(now)
@@ -62,7 +68,7 @@ class Firmware:
             self._next = max(self._next + SAMPLE_PERIOD, now + SAMPLE_PERIOD // 2)
             self._read(now)
         self._apply()
-        if self.guard.state == guard.ARMED:
+        if self.guard.state == guard.ARMED and not self._standing:
             board.keep_supply()
         if sampling:
             self._send_sample(now)

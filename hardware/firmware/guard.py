@@ -32,6 +32,7 @@ TOO_WARM = 24
 BELOW_ROOM = 25
 AMPLIFIER = 26
 RESTARTED = 27
+CLOCK = 28  # it stands still
 LATCHING = 16
 
 AVERAGING_TIME = 1000  # ms, over which readings are averaged against their noise
@@ -41,10 +42,18 @@ SETTLING_SAMPLES = 10  # before it can be armed: its clock runs, and noise is av
 TEMPERATURE_LIMIT = 110.0  # °C, measured
 OVERSHOOT = 10.0  # °C above that limit, of a wire whose thermocouple lags behind
 LEAD = 2.5  # AVERAGING_TIMEs, by which average and thermocouple do
-WARMEST = 106.0  # °C, of a wire, at which there is no duty
+WARMEST = 105.0  # °C, of a wire, at which there is no duty
 TAPER = 5.0  # °C below that, over which the duty is reduced
 HOT_SAMPLES = 4  # above that limit: two readings, so that noise alone does not do it
 HIGHEST = 127.0  # °C, the most that a wire may have by the heat that it was given
+OUTDONE = 1.5  # times the heat of the most, by which a supply may be too high
+LAST_TAPER = 10.0  # °C below HIGHEST, of a reading and what is hidden from it
+COLDEST_ROOM = 10.0  # °C, of amplifiers
+WARM_ROOM = 25.0  # °C, that the room may have whatever the amplifiers say
+PROOF = 2.0  # °C, that a thermocouple must rise by heat, to be believed after a start
+PROVEN = 10.0  # °C, beside twice its reading, that a wire can have then
+STILL = 5000, 10000, 15000  # ms, for which a reading of a heated wire does not change at all:
+# duty is reduced, to zero, and then it should have cooled
 LARGEST_JUMP = 10.0  # °C from one reading to the next
 SHORTFALL = 3.0  # °C, of a reading below the least that its wire's heat explains
 EXCESS = 15.0  # °C, of a reading above the most
@@ -69,8 +78,12 @@ class Guard:
         self.acknowledged = 0
         self.duty = [0.0, 0.0]
         # Nobody knows how warm the wires are after a reset.
-        most = 0.0 if reason == POWER_UP else HIGHEST
+        most = 0.0 if reason == POWER_UP else heat.HIGHEST_RISE
         self.observers = [heat.WireObserver(most) for _ in _CHANNELS]
+        # Nor, after any start, what thermocouples are worth until each has followed some heat.
+        self._unproven = [heat.WireObserver(heat.HIGHEST_RISE) for _ in _CHANNELS]
+        self._unheated = [0.0, 0.0]
+        self._readings, self._moved = [None, None], [now, now]
         self._asked, self._allowed, self._total = [0.0, 0.0], [0.0, 0.0], 0.0
         self._given, self._since = [0.0, 0.0], now  # duty times ms since the last sample
         self._heard, self._answered, self._late = now, now, False
@@ -90,7 +103,9 @@ class Guard:
             return
         if self._samples < SETTLING_SAMPLES or self._faulty:
             return
-        if not (0.0 < total <= 2.0 and all(heat.acceptable(bound) for bound in bounds)):
+        if not 0.0 < total <= 2.0 or not all(
+            heat.acceptable(bound) and heat.shown(bound, total) for bound in bounds
+        ):
             self.reason = BAD_BOUNDS
             return
         if not self._agree():
@@ -100,14 +115,14 @@ class Guard:
         self.session, self.acknowledged = challenge, 0
         self._heard, self._answered, self._late = now, now, False
         self._total = total
-        for observer, bound in zip(self.observers, bounds):
-            observer.bounds = bound
+        for wire in _CHANNELS:
+            self.observers[wire].bounds = self._unproven[wire].bounds = bounds[wire]
 
     def _agree(self):
-        """Whether cold wires and both amplifiers have the same temperature."""
+        """Whether cold wires and both amplifiers have the same temperature, that of a room."""
         cold = [self._averages[n] for n in _CHANNELS if self.observers[n].most < COLD]
         cold += self._junctions
-        return max(cold) - min(cold) <= TOLERANCE
+        return max(cold) - min(cold) <= TOLERANCE and min(self._junctions) >= COLDEST_ROOM
 
     def command(self, session, sequence, heard, left, right, now):
         """Takes a duty if it is newer than any before in this session.
@@ -201,10 +216,15 @@ class Guard:
         if self._temperatures and abs(temperature - self._temperatures[wire]) > LARGEST_JUMP:
             self.trip(TEMPERATURE_JUMP, now)
         observer, room = self.observers[wire], self._rooms[wire]
+        highest = HIGHEST - max(room, self._amplifiers, WARM_ROOM)  # if in doubt, it is warm
         if self._samples <= SETTLING_SAMPLES:
             observer.most = max(observer.most, self._averages[wire] - room)
+            self._unproven[wire].most = min(self._unproven[wire].most, highest)
         if elapsed > 0:
-            observer.advance(self._given[wire] / elapsed, elapsed / 1000, temperature - room)
+            given = self._given[wire] / elapsed, elapsed / 1000, temperature - room
+            observer.advance(*given)
+            if self._unproven[wire] is not observer:
+                self._prove(wire, given)
         if observer.shortfall > SHORTFALL:
             self.trip(NOT_WARMING, now)
         rise = LEAD * max(0.0, self._averages[wire] - self._trends[wire])
@@ -213,9 +233,31 @@ class Guard:
             self.trip(OVER_TEMPERATURE, now)
         if ahead - room > observer.most + EXCESS + CROSSTALK * self.observers[1 - wire].most:
             self.trip(TOO_WARM, now)
-        tapered = (WARMEST - ahead) / TAPER
-        highest = HIGHEST - max(room, self._amplifiers)  # if in doubt, the room is warm
-        self._allowed[wire] = max(0.0, min(tapered, observer.allowed_duty(highest)))
+        # Its supply may give more heat than the most, which a thermocouple that lags shows late.
+        outdone = temperature + OUTDONE * observer.hidden
+        tapered = min((WARMEST - ahead) / TAPER, (HIGHEST - outdone) / LAST_TAPER)
+        allowed = min(tapered, self._unproven[wire].allowed_duty(highest))
+        self._allowed[wire] = max(0.0, min(allowed, self._moving(wire, temperature, now)))
+
+    def _prove(self, wire, given):
+        """Believes a thermocouple that follows heat: its wire is about as warm as it says."""
+        observer, average = self.observers[wire], self._averages[wire]
+        self._unproven[wire].advance(*given)
+        if observer.least_reading < PROOF / 4 or average < self._unheated[wire]:
+            self._unheated[wire] = average
+        if observer.least_reading > PROOF / 2 and average - self._unheated[wire] > PROOF:
+            observer.begin_as(self._unproven[wire], 2 * (average - self._rooms[wire]) + PROVEN)
+            self._unproven[wire] = observer
+
+    def _moving(self, wire, temperature, now):
+        """The duty of a wire whose reading may stand still: without duty it must fall."""
+        if temperature != self._readings[wire] or self.observers[wire].least < SHORTFALL:
+            self._readings[wire], self._moved[wire] = temperature, now
+        begin, end, latest = STILL
+        still = now - self._moved[wire]
+        if still > latest and temperature - self._rooms[wire] > TOLERANCE:
+            self.trip(NOT_WARMING, now)
+        return (end - still) / (end - begin)
 
     def _check_bend(self, bend, elapsed, now):
         if bend is None:
@@ -253,7 +295,7 @@ class Guard:
 
     def warmest(self, wire):
         """The most that a wire can have by the heat that it was given, °C, in a byte."""
-        return min(255, max(0, int(self._rooms[wire] + self.observers[wire].most + 0.5)))
+        return min(255, max(0, int(self._rooms[wire] + self._unproven[wire].most + 0.5)))
 
     def trip(self, reason, now):
         """Switches off. The first latching reason is kept; others are replaced by newer ones."""

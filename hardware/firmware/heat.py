@@ -14,6 +14,10 @@ NOMINAL = (0.042, 0.095, 17.0, 23.0, 0.5)
 SILICONE_SHARE = 0.35
 SILICONE_RATE = 0.02  # 1/s
 
+LITTLE_DUTY = 0.12  # that makes no wire too hot, also one that is not as its bounds say
+SHOWN = 6.0  # °C, of the least that it must make a wire have, for more duty to be allowed
+HIGHEST_RISE = 102.0  # °C above the room, of a wire in a lasting heat
+
 AVERAGING_TIME = 1.0  # s, over which a difference from readings is averaged
 LONGEST_STEP = 0.1  # s, of Euler's method
 APPROACH_TIME = 0.5  # s, within which a wire may reach the highest temperature
@@ -27,12 +31,23 @@ def acceptable(bounds):
     return bounds[0] <= bounds[1] and bounds[2] <= bounds[3]
 
 
+def shown(bounds, total):
+    """Whether heat shows that would be too much for a wire which is not as its bounds say.
+
+    total: the largest duty of the wire.
+    """
+    a1_slow, a1_fast, a2_least, a2_most, _ = bounds
+    lasting = HIGHEST_RISE * a1_slow * (1.0 - SILICONE_SHARE) / a2_most  # that the most allows
+    return min(total, lasting) <= LITTLE_DUTY or a2_least / a1_fast * LITTLE_DUTY >= SHOWN
+
+
 class WireObserver:
     """What the duty of a wire says about its temperature, whatever its thermocouple reads.
 
     - ``least``: the wire is at least as warm, if all of its heat arrives.
     - ``least_reading``: its thermocouple then reads at least as much.
     - ``most``: it is at most as warm.
+    - ``hidden``: of the heat of the most, a thermocouple does not show as much yet.
     - ``shortfall``: how far the reading is below what it must be at least, averaged.
     """
 
@@ -41,7 +56,7 @@ class WireObserver:
         self.bounds = NOMINAL
         self.least = self.least_reading = 0.0
         self.most, self._silicone = most, SILICONE_SHARE * most
-        self.shortfall = 0.0
+        self.hidden = self.shortfall = 0.0
 
     def advance(self, duty, interval, reading):
         """duty: mean since the last call; interval: s since then; reading: °C above the room."""
@@ -54,10 +69,17 @@ class WireObserver:
         least, most, silicone = self.least, self.most, self._silicone
         self.least_reading += interval * a3_slow * (least - self.least_reading)
         self.least += interval * (a2_least * duty - a1_fast * least)
-        self.most += interval * (a2_most * duty - a1_slow * (most - silicone))
+        rate = a2_most * duty - a1_slow * (most - silicone)
+        self.most += interval * rate
+        self.hidden = max(0.0, self.hidden + interval * (rate - a3_slow * self.hidden))
         self._silicone += interval * SILICONE_RATE * (SILICONE_SHARE * most - silicone)
         below = self.least_reading - reading
         self.shortfall += interval / AVERAGING_TIME * (below - self.shortfall)
+
+    def begin_as(self, other, most):
+        """Takes the most of another observer, and of the silicone, as far as it is below one."""
+        self.most = min(other.most, most)
+        self._silicone = min(other._silicone, self.most)
 
     def allowed_duty(self, highest):
         """The duty, in [0, 1], at which the wire cannot get above ``highest``."""

@@ -30,7 +30,8 @@ PASSED, FAILED, NOT_RUN = "passed", "failed", "not run"
 # Bounds of ARM: (a1 slowest, fastest, a2 least, most, a3 slowest).
 NOMINAL = (0.042, 0.095, 17.0, 23.0, 0.5)
 STRONG = (0.2, 0.5, 60.0, 100.0, 4.0)  # of wires that would warm far more than any does
-WEAK = (0.2, 0.5, 4.0, 8.0, 0.1)  # and far less
+WEAK = (0.2, 0.2, 10.0, 10.0, 0.1)  # and far less
+HIDING = (0.2, 0.5, 4.0, 8.0, 0.1)  # and so little that no thermocouple need show it
 BUDGET = (0.005, 0.5, 4.0, 100.0, 0.1)  # by which any wire may be far warmer than it is
 RANGES = ((0.005, 0.2), (0.01, 0.5), (4.0, 60.0), (8.0, 100.0), (0.1, 4.0))
 
@@ -497,6 +498,21 @@ def _bounds_in_range(bench: Bench) -> None:
             )
 
 
+@_check(
+    "bounds-must-show-heat",
+    "ARM with bounds by which heat need not show arms only with a small sum of duties.",
+    "from-the-host",
+)
+def _bounds_must_show_heat(bench: Bench) -> None:
+    for total, arms in ((1.0, False), (0.12, True)):
+        armed = bench.try_to_arm(HIDING, total, 0.1)
+        expect(
+            armed == arms,
+            f"bounds by which a duty of 0.12 shows by 1 °C {'armed' if armed else 'did not arm'} "
+            f"it with a sum of duties of {total:g}; expected the contrary",
+        )
+
+
 @_check("bounds-in-order", "ARM with bounds out of order does not arm.", "from-the-host")
 def _bounds_in_order(bench: Bench) -> None:
     cooling, heating = (0.1, 0.05, *NOMINAL[2:]), (*NOMINAL[:2], 30.0, 20.0, 0.5)
@@ -959,7 +975,7 @@ def _warmth_without_heat(bench: Bench) -> None:
     expect(
         not seen.armed and seen.reason == 24 and seen.duty == (0, 0),
         f"{seen.why}, when a wire became {risen:.0f} °C warmer and ARM said that it warms by "
-        "8 °C/s at most; expected off for reason 24",
+        "10 °C/s at most; expected off for reason 24",
     )
 
 
@@ -1044,8 +1060,16 @@ def _bend_that_does_not_follow(bench: Bench) -> None:
     expect(not seen.armed and seen.reason == 23, f"{seen.why}; expected off for reason 23")
 
 
+def _prove(bench: Bench) -> None:
+    """Has both thermocouples follow some heat, as they must after a start; then it is off."""
+    bench.arm(NOMINAL)
+    bench.drive((0.25, 0.25), 4.0)
+    bench.off()
+
+
 @_check("warmest-follows-the-heat", "The most a wire can have follows its duty.", "the-band")
 def _warmest_follows(bench: Bench) -> None:
+    _prove(bench)
     bench.arm(BUDGET)
     bench.command((0.0, 0.0))
     start = bench.fresh().warmest
@@ -1082,6 +1106,7 @@ def _warmest_follows(bench: Bench) -> None:
     "the-band",
 )
 def _duty_is_reduced(bench: Bench) -> None:
+    _prove(bench)
     bench.arm(BUDGET)
     bench.drive((0.0, 0.25), 8.0, until=lambda sample: 0 < max(sample.duty) < 2000)
     bench.drive((0.0, 0.25), 1.0)
@@ -1098,12 +1123,13 @@ def _duty_is_reduced(bench: Bench) -> None:
 
 
 @_check(
-    "duty-ends-from-101-to-106-c",
-    "The duty is reduced to zero as a reading goes from 101 to 106 °C.",
+    "duty-ends-from-100-to-105-c",
+    "The duty is reduced to zero as a reading goes from 100 to 105 °C.",
     "the-band",
     by_hand=True,
 )
 def _duty_ends_hot(bench: Bench) -> None:
+    _prove(bench)
     bench.arm(BUDGET)
     for _ in range(8):  # until the wire may well be hot by its heat
         if bench.last.warmest_left < 105:
@@ -1216,21 +1242,29 @@ def _reset_draws_a_new_challenge(bench: Bench) -> None:
 
 
 @_check(
-    "little-heat-after-a-reset",
-    "After a reset the most begins at 127 °C, and there is little duty.",
+    "little-heat-after-a-start",
+    "After any start there is little duty until a thermocouple has followed it.",
     "the-band",
     by_hand=True,
 )
-def _little_heat_after_a_reset(bench: Bench) -> None:
+def _little_heat_after_a_start(bench: Bench) -> None:
+    _cool(bench, max)
     _reset(bench)
     bench.settled(0.6)
     bench.arm(NOMINAL)
-    bench.drive((GENTLE, GENTLE), 0.2)
+    bench.drive((0.3, 0.3), 0.3)
     seen = bench.fresh()
     expect(
-        min(seen.warmest) >= 120 and max(seen.duty) <= 200,
+        min(seen.warmest) >= 100 and max(seen.duty) <= 2500,
         f"{_percent(seen.duty)} after a reset, where the wires can have {seen.warmest} °C; "
-        "expected 2% at most, and 120 °C or more",
+        "expected 25% at most, and 100 °C or more",
+    )
+    bench.drive((0.3, 0.3), 10.0, until=lambda sample: sample.duty == (3000, 3000))
+    seen = bench.last
+    expect(
+        seen.duty == (3000, 3000) and max(seen.warmest) < 100,
+        f"{_percent(seen.duty)} after ten seconds, where the wires can have {seen.warmest} °C; "
+        "expected the 30% that were asked for, and less than 100 °C",
     )
 
 
@@ -1244,6 +1278,21 @@ def _hung_program_is_reset(bench: Bench) -> None:
     bench.do("stall 1", None)
     seen = bench.settled(1.5)
     expect(seen.reason == 27, f"{seen.why} after its program hung; expected reason 27")
+
+
+@_check(
+    "stopped-clock-latches",
+    "A clock that stands still switches off, and latches 28.",
+    "what-a-board-must-do",
+    by_hand=True,
+)
+def _stopped_clock_latches(bench: Bench) -> None:
+    bench.arm()
+    with contextlib.suppress(CheckFailedError):  # no SAMPLE comes
+        bench.do("stop clock", None)
+    bench.do("mend", None)
+    seen = bench.settled()
+    expect(seen.reason == 28, f"{seen.why} after its clock stood still; expected reason 28")
 
 
 @_check(

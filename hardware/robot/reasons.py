@@ -10,8 +10,14 @@ REASONS = {
     guard.POWER_UP: "it was just switched on",
     guard.RESET: "it was reset",
     guard.LATE_COMMANDS: "commands come more than 250 ms late",
-    guard.BAD_BOUNDS: "the limb's heat_bounds are out of the board's range",
-    guard.DISAGREEING: "thermocouples and amplifiers disagree; let the wires cool, then check them",
+    guard.BAD_BOUNDS: (
+        "the limb's heat_bounds are out of the board's range, or so wide that heat need not show; "
+        "narrow them, or lower total_duty"
+    ),
+    guard.DISAGREEING: (
+        "thermocouples and amplifiers disagree, or are below 10 °C; let the wires cool, then check "
+        "them"
+    ),
     guard.OVER_TEMPERATURE: "a wire is too hot",
     guard.THERMOCOUPLE_OPEN: "a thermocouple is open",
     guard.THERMOCOUPLE_TO_GROUND: "a thermocouple is shorted to ground",
@@ -28,4 +34,5 @@ REASONS = {
     guard.BELOW_ROOM: "a thermocouple reads less than the room's temperature",
     guard.AMPLIFIER: "an amplifier sends bits that it should not",
     guard.RESTARTED: "it restarted by itself",
+    guard.CLOCK: "its clock stands still",
 }

@@ -128,9 +128,17 @@ class SimulatedBoard(simulated_board.SimulatedBoard):
     def heat(self):
         """The right wire at full duty for more than a second, and hot."""
         assert self.arm()
+        self.prove((0.0, 1.0))
         self.run(1.2, (0.0, 1.0))
         assert self.duty == (0.0, 1.0)
         assert self.temperature[1] > 28.0
+
+    def prove(self, duty):
+        """Heats a little until thermocouples have followed, and the duty is no longer reduced."""
+        start = self.now
+        while self.duty != duty:
+            self.run(0.05, duty)
+            assert self.now - start < 5.0
 
     def time_to_off(self, limit, duty=(0.0, 1.0)):
         """s, with a host that goes on commanding unless its duty is None."""
@@ -194,6 +202,8 @@ def link(emulator):
 def heating(link, emulator):
     """The right wire at full duty for more than a second, and hot."""
     heating = Heating(link)
+    # Once its thermocouple has followed a little heat.
+    assert wait_for(lambda: emulator.duty() == [0.0, 1.0], 10.0)
     time.sleep(1.2)
     assert emulator.duty() == [0.0, 1.0]
     assert link.sample().temperature[1] > 28.0

@@ -81,12 +81,15 @@ class PaperBoard:
 class Host:
     """Runs a firmware on paper, a millisecond at a time, and talks to it."""
 
-    def __init__(self, board=None, milliseconds=700):
+    def __init__(self, board=None, milliseconds=700, proven=True):
+        """proven: whether thermocouples have followed some heat already."""
         self.board = board or PaperBoard()
         self.firmware = Firmware(self.board)
         self.guard = self.firmware.guard
         self.sequence = 0
         self.run(milliseconds)
+        if proven:
+            self.guard._unproven = list(self.guard.observers)
 
     def run(self, milliseconds, duty=None, delay=0):
         """Runs on; commands a duty each 50 ms if there is one, as if late by a delay, ms."""
@@ -324,6 +327,25 @@ def test_bounds_out_of_range_do_not_arm():
     assert host.guard.state == guard.ARMED
 
 
+def test_bounds_by_which_heat_need_not_show_arm_only_with_little_duty():
+    hiding = (0.2, 0.5, 4.0, 8.0, 0.1)
+    wide = (0.005, 0.5, 4.0, 100.0, 0.1)  # whose most allows little duty itself
+    for bounds, total, armed in ((hiding, 1.0, False), (hiding, 0.12, True), (wide, 1.5, True)):
+        host = Host()
+        host.arm(bounds, total)
+        assert (host.guard.state == guard.ARMED) == armed
+        assert armed or host.guard.reason == guard.BAD_BOUNDS
+
+
+def test_amplifiers_of_no_room_do_not_arm():
+    """Both junctions are 20 °C too low, and so is what thermocouples read."""
+    board = PaperBoard()
+    board.junctions, board.errors = [ROOM - 20.0] * 2, [-20.0, -20.0]
+    host = Host(board)
+    host.arm()
+    assert (host.guard.state, host.guard.reason) == (guard.DISARMED, guard.DISAGREEING)
+
+
 def close(value, expected, tolerance):
     return abs(value - expected) <= tolerance
 
@@ -522,6 +544,54 @@ def test_after_a_reset_wires_may_be_hot():
     assert host.board.duty[0] == 1.0
 
 
+def test_after_a_start_there_is_little_duty_until_a_thermocouple_has_followed():
+    for cause in (firmware.POWER_ON, firmware.PIN_RESET):
+        host = Host(PaperBoard(cause), proven=False)
+        host.arm()
+        host.run(300, (0.0, 1.0))
+        assert 0.05 < host.board.duty[1] < 0.25
+        assert host.last_sample()[12] > 120
+        host.run(3700, (0.0, 1.0))
+        assert host.board.duty[1] == 1.0
+        assert host.last_sample()[12] < 100
+
+
+def test_power_cycles_do_not_add_up():
+    board = PaperBoard()
+    board.read_thermocouple = cold_thermocouple(board)
+    hottest = 0.0
+    for _ in range(12):
+        board.now, board.duty = 0, [0.0, 0.0]
+        host = Host(board, proven=False)
+        host.arm()
+        host.run(3900, (0.0, 1.0))
+        hottest = max(hottest, board.wires[1])
+    assert 45.0 < hottest < 100.0
+
+
+def test_reading_that_stands_still_gets_no_duty_and_then_latches():
+    host = Host()
+    host.arm()
+    host.run(8000, (0.0, 0.15))
+    read, frozen = host.board.read_thermocouple, host.board.read_thermocouple(1)
+    host.board.read_thermocouple = lambda wire: frozen if wire else read(wire)
+    host.run(9800, (0.0, 0.1))
+    assert host.guard.state == guard.ARMED
+    assert 0.0 < host.board.duty[1] < 0.08
+    host.time_to_off(12000, (0.01, 0.1))
+    host.run(7000, (0.01, 0.1))
+    assert host.guard.reason == guard.NOT_WARMING
+
+
+def test_steady_reading_is_no_frozen_one():
+    """A wire that is held warm, whose readings have no noise and stand in the same quarter."""
+    host = Host()
+    host.arm()
+    host.run(100000, (0.0, 0.11))
+    assert host.guard.state == guard.ARMED
+    assert abs(host.board.wires[1] - ROOM - 0.11 * 20.0 / 0.07) < 0.6
+
+
 def test_disarming_needs_nothing():
     host = Host()
     host.heat()
@@ -539,15 +609,19 @@ def test_samples_come_at_their_rate_and_the_watchdog_is_fed():
     assert 950 <= host.board.fed - fed <= 1050
 
 
-def test_watchdog_is_fed_only_after_a_sample():
+def test_clock_that_stands_still_switches_off():
+    """Its watchdog may count the same clock, and is not fed; the supply's relay is let go."""
     host = Host()
     host.heat()
-    host.board.pass_time = lambda: None  # its clock stands still
-    fed = host.board.fed
-    host.board.feed = lambda: host.board.__setattr__("fed", fed + 1)
-    for _ in range(2000):
+    host.firmware.step()  # in the same ms
+    board, counts = host.board, {"held": 0, "fed": 0}
+    board.keep_supply = lambda: counts.__setitem__("held", counts["held"] + 1)
+    board.feed = lambda: counts.__setitem__("fed", counts["fed"] + 1)
+    for _ in range(60):
         host.firmware.step()
-    assert host.board.fed == fed
+    assert host.guard.reason == board.remembered == guard.CLOCK
+    assert board.duty == [0.0, 0.0]
+    assert counts == {"held": 0, "fed": 0}
 
 
 def test_greeting_is_answered():

@@ -37,8 +37,14 @@ class PaperRobot(PaperBoard):
                 self.hung -= STEP
             else:
                 self.firmware.step()
-            if self.now - self.fed > WATCHDOG:
+            if self.ticks() - self.fed > WATCHDOG:
                 self.reset(firmware.WATCHDOG_RESET)
+
+    def ticks(self):
+        return self.now if self.stopped is None else self.stopped
+
+    def feed(self):
+        self.fed = self.ticks()
 
     # Orders.
 
@@ -53,7 +59,7 @@ class PaperRobot(PaperBoard):
             self.faults, self.words, self.errors = [0, 0], [None, None], [0.0, 0.0]
             self.drift = self.drifted = 0.0
             self.detached, self.silent, self.bends = False, False, None
-            self.hung = 0
+            self.hung, self.stopped = 0, None
         elif name in ("open", "ground", "supply"):
             self.faults[wire] = {"open": 1, "ground": 2, "supply": 4}[name]
         elif name in ("dead", "garbled"):
@@ -71,6 +77,8 @@ class PaperRobot(PaperBoard):
         elif name == "stick":
             angle = 64 * int(words[1]) if len(words) > 1 else 0
             self.bends = lambda: angle + self._random.randrange(5)
+        elif name == "stop":
+            self.stopped = self.now
         elif name == "stall":
             self.hung = 1000 * float(words[0])
         else:
@@ -408,7 +416,7 @@ def jumping_sequence(program, send_sample, now):
 
 def fast_clock(program, patch):
     board = program._board
-    board.ticks = lambda: board.now + board.now // 10
+    board.ticks = lambda: PaperRobot.ticks(board) * 11 // 10
 
 
 def damaged_copies(program, patch):
@@ -644,7 +652,8 @@ def same_random_number(program, patch):
     program.guard.challenge = 4711
 
 
-def less_heat_after_a_reset(program, patch):
+def much_heat_after_a_start(program, patch):
+    program.guard._unproven = list(program.guard.observers)
     for observer in program.guard.observers:
         observer.most = min(observer.most, 80.0)
 
@@ -666,7 +675,7 @@ SLOW = {
     "detached-thermocouple-latches",
     "bend-that-does-not-follow-latches",
     "warmest-follows-the-heat",
-    "duty-ends-from-101-to-106-c",
+    "duty-ends-from-100-to-105-c",
     "reading-below-the-room-latches",
     "fault-outlives-a-reset",
     "reading-above-110-c-latches",
@@ -706,6 +715,7 @@ BOARDS = [
     ("arming-again-changes-nothing", arms_again),
     ("bounds-in-range", constants(heat, acceptable=only_in_order)),
     ("bounds-in-order", constants(heat, acceptable=only_in_range)),
+    ("bounds-must-show-heat", constants(heat, shown=lambda bounds, total: True)),
     ("sum-in-range", any_sum),
     ("duty-goes-to-its-wire", swapped_wires, "heated-wire-is-the-one-that-warms"),
     ("acknowledges-the-last-command", low_byte_of_the_sequence),
@@ -719,7 +729,7 @@ BOARDS = [
     ("off-290-ms-after-the-answered-sample", constants(LONGEST_HOLD=1000)),
     ("disarm-switches-off", no_disarm),
     ("off-has-its-reason", always_the_host),
-    ("sum-of-duties-is-limited", any_power),
+    ("sum-of-duties-is-limited", any_power, "bounds-must-show-heat"),
     ("open-thermocouple-latches", no_open(0)),
     ("short-to-ground-latches", ignores(guard.THERMOCOUPLE_TO_GROUND)),
     ("short-to-supply-latches", ignores(guard.THERMOCOUPLE_TO_SUPPLY), "first-fault-is-kept"),
@@ -746,15 +756,16 @@ BOARDS = [
     ("detached-thermocouple-latches", ignores(guard.NOT_WARMING), "heat-that-is-not-read-latches"),
     ("bend-that-does-not-follow-latches", constants(PULL=1000.0)),
     ("warmest-follows-the-heat", forgets_heat_when_off),
-    ("duty-is-reduced-before-127-c", constants(HIGHEST=1000.0), "little-heat-after-a-reset"),
-    ("duty-ends-from-101-to-106-c", constants(WARMEST=300.0)),
+    ("duty-is-reduced-before-127-c", constants(HIGHEST=1000.0), "little-heat-after-a-start"),
+    ("duty-ends-from-100-to-105-c", constants(WARMEST=300.0)),
     ("reading-below-the-room-latches", ignores(guard.BELOW_ROOM)),
     ("not-armed-before-ten-samples", constants(SETTLING_SAMPLES=3)),
     ("fault-outlives-a-reset", forgets_faults),
     ("reset-is-reported", no_cause),
     ("reset-draws-a-new-challenge", same_random_number),
-    ("little-heat-after-a-reset", less_heat_after_a_reset, "reading-above-110-c-latches"),
+    ("little-heat-after-a-start", much_heat_after_a_start, "reading-above-110-c-latches"),
     ("hung-program-is-reset", no_watchdog),
+    ("stopped-clock-latches", constants(firmware, LONGEST_STANDSTILL=10**6)),
     ("reading-above-110-c-latches", constants(HOT_SAMPLES=10**6)),
     ("steep-rise-latches-before-110-c", constants(OVERSHOOT=1000.0)),
 ]

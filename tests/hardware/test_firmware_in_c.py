@@ -48,6 +48,10 @@ int main(void)
         heat_step(&heat, 0.2f, 10, 0.05f);
     printf("heat %f %f %f %f %f\n", heat.least, heat.least_reading, heat.most, heat.shortfall,
            allowed_duty(&heat, 60));
+    heat_step(&heat, 1, 10, 0.05f);
+    printf("hidden %f\n", heat.hidden);
+    struct heat hiding = {0.2f, 0.5f, 4, 8, 0.1f};
+    printf("shown %d %d %d\n", shown(&heat, 1), shown(&hiding, 1), shown(&hiding, 0.1f));
     struct guard guard = {1, 0, 0, 7, 7, 0, 1000, 1000};
     struct command first = {7, 1, 950, {0, 2500}}, late = {7, 2, 900, {9, 9}};
     take_command(&guard, &first, 1010);
@@ -131,6 +135,12 @@ def test_the_heat_is_the_same(printed):
     allowed = wire.allowed_duty(60.0)
     expected = [wire.least, wire.least_reading, wire.most, wire.shortfall, allowed]
     assert [float(word) for word in line(printed, "heat")] == pytest.approx(expected, rel=1e-3)
+
+    wire.advance(1.0, 0.05, 10.0)
+    assert float(line(printed, "hidden")[0]) == pytest.approx(wire.hidden, rel=1e-3)
+    hiding = (0.2, 0.5, 4.0, 8.0, 0.1)
+    shown = heat.shown(heat.NOMINAL, 1.0), heat.shown(hiding, 1.0), heat.shown(hiding, 0.1)
+    assert [bool(int(word)) for word in line(printed, "shown")] == list(shown)
 
 
 def test_commands_and_their_time_are_the_same(printed):
