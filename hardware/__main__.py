@@ -45,6 +45,7 @@ from limb_systems import (
 from limb_systems.command import add_force_option, run_command
 from limb_systems.output import check_outputs
 from limb_systems.simulation import REAL_TIME_STEP
+from planners.distance import far_from_reference
 
 
 def main(arguments: list[str] | None = None, prog: str = "python -m hardware") -> int:
@@ -499,6 +500,8 @@ def _follow(options) -> int:
 def _learn(options) -> int:
     trajectory = Trajectory.load(options.trajectory)
     learner = learner_in(options.output, trajectory, force=options.force)
+    if far := far_from_reference(trajectory):
+        warnings.warn(far, stacklevel=1)
 
     def tell(number: int, repetition: Repetition) -> None:
         if options.json:

@@ -9,6 +9,7 @@ from controllers import Learner
 from hardware.drive import Drive
 from limb_systems import Recording
 from limb_systems.views import page
+from planners.distance import far_from_reference
 
 
 def drive_verdict(driven: Drive) -> str:
@@ -31,6 +32,8 @@ def drive_verdict(driven: Drive) -> str:
             f"Interrupted at {recording.time[-1]:.1f} s of {driven.trajectory.duration:.1f} s: "
             f"{recording.interrupted.rstrip('.')}.",
         )
+    if far := far_from_reference(driven.trajectory):
+        said.append(far)
     if recording.doubt:
         said.append(f"Doubtful: {recording.doubt}; they do not count.")
     if timing:
@@ -79,6 +82,8 @@ def learning_verdict(learner: Learner) -> str:
         ]
     if broken := [n for n, repetition in enumerate(repetitions, 1) if repetition.interrupted]:
         said.append(f"Interrupted: {', '.join(map(str, broken))}.")
+    if far := far_from_reference(learner.trajectory):
+        said.append(far)
     if learner.finished:
         said.append(f"Learning is finished: {learner.finished.rstrip('.')}.")
     return " ".join(said)

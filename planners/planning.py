@@ -1,6 +1,7 @@
 """Plans a feasible trajectory for a reference, and checks it by simulation."""
 
 import time
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from limb_systems import (
 from limb_systems.model.statics import static_equilibrium
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
 from planners.check import simulated_differences
+from planners.distance import far_from_reference
 from planners.program import TrajectoryProgram, reading_bounds
 from planners.quasi_static import (
     check_temperature_limits,
@@ -78,7 +80,7 @@ def plan(
             those of `planners.solving`.
 
     Returns:
-        The trajectory, with its check.
+        The trajectory, with its check. Warns if it is far from its reference.
 
     Raises:
         InfeasibleError: if the temperature constraints cannot be met.
@@ -116,6 +118,8 @@ def plan(
     trajectory.check.total_time = time.perf_counter() - started
     if failure := trajectory.check.failure():
         raise PlanningError(f"The plan failed its check: {failure}")
+    if far := far_from_reference(trajectory):
+        warnings.warn(far, stacklevel=2)
     return trajectory
 
 

@@ -4,17 +4,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from limb_systems import Trajectory
 from limb_systems.views import page
+from planners.distance import far_from_reference
+from planners.distance import missed as missed_by
 
 
 def plan_summary(trajectory: Trajectory) -> str:
     """A few lines on how a plan was found, how it was checked and what limits it."""
     check = trajectory.check
     joints, segments = trajectory.parameters.num_joints, len(trajectory.parameters.segments)
-    missed = _missed(trajectory)
+    missed = missed_by(trajectory)
     lines = [
         f"limb        {segments} segment{'s' * (segments > 1)}, {joints} joints, "
         f"{len(trajectory.parameters.wires)} wires",
@@ -45,7 +45,7 @@ def plan_summary(trajectory: Trajectory) -> str:
 def plan_facts(trajectory: Trajectory) -> dict[str, Any]:
     """The content of `plan_summary` for programs: numbers, with the unit in the name."""
     check = trajectory.check
-    missed = _missed(trajectory)
+    missed = missed_by(trajectory)
     return {
         "duration_s": trajectory.duration,
         "knots": len(trajectory.time),
@@ -62,6 +62,7 @@ def plan_facts(trajectory: Trajectory) -> dict[str, Any]:
         "tolerance_deg": check.tolerance_deg,
         "reference_missed_mean_deg": float(missed.mean()),
         "reference_missed_largest_deg": float(missed.max()),
+        "far_from_reference": far_from_reference(trajectory),
         "bend_band_deg": check.bend_band_deg if check.highest_readings else None,
         "highest_readings_c": check.highest_readings,
         "active_constraints": [
@@ -73,7 +74,7 @@ def plan_facts(trajectory: Trajectory) -> dict[str, Any]:
 
 def plan_verdict(trajectory: Trajectory) -> str:
     """Whether a plan was checked, how far it is from its reference, and what holds it there."""
-    check, missed = trajectory.check, _missed(trajectory)
+    check, missed = trajectory.check, missed_by(trajectory)
     said = (
         f"Not to be used: {failure}"
         if (failure := check.failure())
@@ -82,6 +83,8 @@ def plan_verdict(trajectory: Trajectory) -> str:
     )
     said += f" The reference is missed by {missed.mean():.2f}° on average, {missed.max():.2f}° at"
     said += " most"
+    if far := far_from_reference(trajectory):
+        return f"{said}. {far}"
     times = active_times(trajectory)
     if not times:
         return f"{said}, and no limit is active."
@@ -148,11 +151,6 @@ def write_report(
     if data:
         parts.append(page.section("Data", page.links(path, data)))
     page.write_page(path, "Plan of a limb's motion", parts, trajectory.provenance)
-
-
-def _missed(trajectory: Trajectory) -> np.ndarray:
-    """|φ_ref - φ*| at the knots (S, K), degrees."""
-    return np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))
 
 
 def _spans(times: list[tuple[float, float]]) -> str:

@@ -32,8 +32,10 @@ from planners import (
     references,
     solving,
 )
+from planners.distance import far_from_reference
 from planners.program import TrajectoryProgram
 from planners.quasi_static import solve_quasi_static
+from planners.report import plan_verdict
 
 
 def paper_cost(angles, duty, angles_ref):
@@ -395,6 +397,23 @@ def test_an_unreachable_reference_is_planned_as_well_as_the_limits_allow():
     np.testing.assert_allclose(trajectory.bend_angle[0, held], limit, rtol=0.01)
     binding = {active.bound for active in trajectory.check.active_constraints}
     assert {"wire right = T_max", "wire left = T_warm", "duty right = 1"} <= binding
+
+
+def test_a_plan_far_from_its_reference_says_how_far_where_and_why():
+    far = references.from_samples([0.0, 22.0, 25.0, 32.0], np.deg2rad([0.0, 0.0, 90.0, 90.0]))
+    with pytest.warns(UserWarning, match=r"^The plan is far from its reference: ") as warned:
+        trajectory = plan(LimbParameters(), far, knot_rate=5.0)
+    said = str(warned[0].message)
+    assert "90.0° are asked for, and the plan has 3" in said
+    assert "wire left = T_warm, wire right = T_max" in said
+    # (4) of joints alike, (11): φ = (n + 1) / 2 β (T_max - T_warm) / k
+    assert "this limb can hold -35.7° to 35.7°" in said
+    assert said in plan_verdict(trajectory)
+
+
+def test_a_plan_near_its_reference_warns_of_nothing(fig5_plan):
+    assert far_from_reference(fig5_plan) is None
+    assert "far from" not in plan_verdict(fig5_plan)
 
 
 def test_a_planner_whose_knots_are_too_few_says_so():
