@@ -104,10 +104,13 @@ def check_guard(subject: guard.Guard, now: int) -> None:
         assert subject.reason == guard.NONE, "off for a reason"
         assert now - subject._answered < guard.LONGEST_HOLD, "nothing fresh"
         assert now - subject._heard < guard.HEARTBEAT, "no command"
-    for duty, observer, room in zip(subject.duty, subject.observers, subject._rooms, strict=True):
+    for duty, observer, room, proven in zip(
+        subject.duty, subject.observers, subject._rooms, subject.proven, strict=True
+    ):
         if duty:
             assert observer.shortfall <= guard.SHORTFALL, "out of its band"
-            if observer.most + room > guard.HIGHEST + 0.1:  # after a reset nobody knows
+            assert proven or duty <= heat.LITTLE_DUTY, "its thermocouple did not follow"
+            if proven and observer.most + room > guard.HIGHEST + 0.1:  # after a reset nobody knows
                 a1_slow, _, _, a2_most, _ = observer.bounds
                 loss = a1_slow * (observer.most - observer._silicone)
                 assert a2_most * duty <= loss + 1e-9, "too hot, and warming"

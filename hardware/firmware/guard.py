@@ -81,7 +81,7 @@ class Guard:
         most = 0.0 if reason == POWER_UP else heat.HIGHEST_RISE
         self.observers = [heat.WireObserver(most) for _ in _CHANNELS]
         # Nor, after any start, what thermocouples are worth until each has followed some heat.
-        self._unproven = [heat.WireObserver(heat.HIGHEST_RISE) for _ in _CHANNELS]
+        self.proven = [False, False]
         self._unheated = [0.0, 0.0]
         self._readings, self._moved = [None, None], [now, now]
         self._asked, self._allowed, self._total = [0.0, 0.0], [0.0, 0.0], 0.0
@@ -115,8 +115,8 @@ class Guard:
         self.session, self.acknowledged = challenge, 0
         self._heard, self._answered, self._late = now, now, False
         self._total = total
-        for wire in _CHANNELS:
-            self.observers[wire].bounds = self._unproven[wire].bounds = bounds[wire]
+        for observer, bound in zip(self.observers, bounds):
+            observer.bounds = bound
 
     def _agree(self):
         """Whether cold wires and both amplifiers have the same temperature, that of a room."""
@@ -216,15 +216,12 @@ class Guard:
         if self._temperatures and abs(temperature - self._temperatures[wire]) > LARGEST_JUMP:
             self.trip(TEMPERATURE_JUMP, now)
         observer, room = self.observers[wire], self._rooms[wire]
-        highest = HIGHEST - max(room, self._amplifiers, WARM_ROOM)  # if in doubt, it is warm
         if self._samples <= SETTLING_SAMPLES:
             observer.most = max(observer.most, self._averages[wire] - room)
-            self._unproven[wire].most = min(self._unproven[wire].most, highest)
         if elapsed > 0:
-            given = self._given[wire] / elapsed, elapsed / 1000, temperature - room
-            observer.advance(*given)
-            if self._unproven[wire] is not observer:
-                self._prove(wire, given)
+            observer.advance(self._given[wire] / elapsed, elapsed / 1000, temperature - room)
+        if not self.proven[wire]:
+            self._prove(wire)
         if observer.shortfall > SHORTFALL:
             self.trip(NOT_WARMING, now)
         rise = LEAD * max(0.0, self._averages[wire] - self._trends[wire])
@@ -236,18 +233,19 @@ class Guard:
         # Its supply may give more heat than the most, which a thermocouple that lags shows late.
         outdone = temperature + OUTDONE * observer.hidden
         tapered = min((WARMEST - ahead) / TAPER, (HIGHEST - outdone) / LAST_TAPER)
-        allowed = min(tapered, self._unproven[wire].allowed_duty(highest))
-        self._allowed[wire] = max(0.0, min(allowed, self._moving(wire, temperature, now)))
+        highest = HIGHEST - max(room, self._amplifiers, WARM_ROOM)  # if in doubt, it is warm
+        allowed = observer.allowed_duty(highest) if self.proven[wire] else heat.LITTLE_DUTY
+        allowed = min(allowed, tapered, self._moving(wire, temperature, now))
+        self._allowed[wire] = max(0.0, allowed)
 
-    def _prove(self, wire, given):
+    def _prove(self, wire):
         """Believes a thermocouple that follows heat: its wire is about as warm as it says."""
         observer, average = self.observers[wire], self._averages[wire]
-        self._unproven[wire].advance(*given)
-        if observer.least_reading < PROOF / 4 or average < self._unheated[wire]:
+        if observer.least < PROOF / 4 or average < self._unheated[wire]:
             self._unheated[wire] = average
-        if observer.least_reading > PROOF / 2 and average - self._unheated[wire] > PROOF:
-            observer.begin_as(self._unproven[wire], 2 * (average - self._rooms[wire]) + PROVEN)
-            self._unproven[wire] = observer
+        if observer.least > PROOF / 2 and average - self._unheated[wire] > PROOF:
+            self.proven[wire] = True
+            observer.begin(2 * (average - self._rooms[wire]) + PROVEN)
 
     def _moving(self, wire, temperature, now):
         """The duty of a wire whose reading may stand still: without duty it must fall."""
@@ -295,7 +293,9 @@ class Guard:
 
     def warmest(self, wire):
         """The most that a wire can have by the heat that it was given, °C, in a byte."""
-        return min(255, max(0, int(self._rooms[wire] + self._unproven[wire].most + 0.5)))
+        if not self.proven[wire]:
+            return int(HIGHEST)
+        return min(255, max(0, int(self._rooms[wire] + self.observers[wire].most + 0.5)))
 
     def trip(self, reason, now):
         """Switches off. The first latching reason is kept; others are replaced by newer ones."""

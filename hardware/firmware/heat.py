@@ -76,10 +76,10 @@ class WireObserver:
         below = self.least_reading - reading
         self.shortfall += interval / AVERAGING_TIME * (below - self.shortfall)
 
-    def begin_as(self, other, most):
-        """Takes the most of another observer, and of the silicone, as far as it is below one."""
-        self.most = min(other.most, most)
-        self._silicone = min(other._silicone, self.most)
+    def begin(self, most):
+        """Takes a most that is known otherwise; the silicone may be warm from before."""
+        self.most = min(most, HIGHEST_RISE)
+        self._silicone = min(self.most, SILICONE_SHARE * HIGHEST_RISE)
 
     def allowed_duty(self, highest):
         """The duty, in [0, 1], at which the wire cannot get above ``highest``."""

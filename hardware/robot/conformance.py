@@ -1255,9 +1255,9 @@ def _little_heat_after_a_start(bench: Bench) -> None:
     bench.drive((0.3, 0.3), 0.3)
     seen = bench.fresh()
     expect(
-        min(seen.warmest) >= 100 and max(seen.duty) <= 2500,
+        min(seen.warmest) >= 120 and max(seen.duty) <= 1200,
         f"{_percent(seen.duty)} after a reset, where the wires can have {seen.warmest} °C; "
-        "expected 25% at most, and 100 °C or more",
+        "expected 12% at most, and 120 °C or more",
     )
     bench.drive((0.3, 0.3), 10.0, until=lambda sample: sample.duty == (3000, 3000))
     seen = bench.last

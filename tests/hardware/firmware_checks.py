@@ -89,7 +89,7 @@ class Host:
         self.sequence = 0
         self.run(milliseconds)
         if proven:
-            self.guard._unproven = list(self.guard.observers)
+            self.guard.proven = [True, True]
 
     def run(self, milliseconds, duty=None, delay=0):
         """Runs on; commands a duty each 50 ms if there is one, as if late by a delay, ms."""
@@ -549,11 +549,19 @@ def test_after_a_start_there_is_little_duty_until_a_thermocouple_has_followed():
         host = Host(PaperBoard(cause), proven=False)
         host.arm()
         host.run(300, (0.0, 1.0))
-        assert 0.05 < host.board.duty[1] < 0.25
+        assert close(host.board.duty[1], heat.LITTLE_DUTY, 1e-6)
         assert host.last_sample()[12] > 120
         host.run(3700, (0.0, 1.0))
         assert host.board.duty[1] == 1.0
         assert host.last_sample()[12] < 100
+
+
+def test_first_contact_with_bounds_for_any_wire_is_not_reduced():
+    host = Host(proven=False)
+    host.arm((0.02, 0.15, 8.0, 80.0, 0.1), 0.3)
+    host.run(5000, (0.0, 0.1))
+    assert host.board.duty == [0.0, 0.1]
+    assert host.guard.proven == [False, True]
 
 
 def test_power_cycles_do_not_add_up():

@@ -653,7 +653,7 @@ def same_random_number(program, patch):
 
 
 def much_heat_after_a_start(program, patch):
-    program.guard._unproven = list(program.guard.observers)
+    program.guard.proven = [True, True]
     for observer in program.guard.observers:
         observer.most = min(observer.most, 80.0)
 
