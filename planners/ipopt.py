@@ -26,7 +26,7 @@ from pydrake.solvers import (
 
 try:
     import ipyopt
-except ImportError:  # no wheel for this machine
+except ModuleNotFoundError:  # no wheel for this machine; Ctrl-C makes another ImportError
     ipyopt = None  # type: ignore[assignment]
 
 OPTIONS = {
@@ -345,13 +345,15 @@ class _ScaledProblem:
         return np.concatenate([block.evaluate(self.scale * y) for block in self._blocks])
 
     def _evaluate_cost(self, y):
+        if self.raised is not None:
+            return np.nan  # which ends the iteration soon
         return self._cost_scale * self.cost.evaluate(self.scale * y)
 
     def _evaluate_cost_gradient(self, y, out):
         out[:] = self._cost_scale * self.scale * self.cost.gradient(self.scale * y)
 
     def _evaluate_constraints(self, y, out):
-        out[:] = self._all_constraints(y)
+        out[:] = self._all_constraints(y) if self.raised is None else np.nan
 
     def _evaluate_jacobian(self, y, out):
         x = self.scale * y

@@ -14,6 +14,7 @@ import serial
 from hardware.firmware import guard, protocol
 from hardware.robot.link import HardwareError, open_port
 from hardware.robot.reasons import REASONS
+from limb_systems.command import heed_signals
 
 POLL = 0.01  # s, between two looks at what came
 EFFECT_TIME = 0.15  # s, within which a SAMPLE shows what a frame did
@@ -318,6 +319,7 @@ class Bench:
         self, challenge: int, bounds: Bounds = WIDE, total: float = 1.5, right: Bounds | None = None
     ) -> None:
         """Sends an ARM once; ``right``: bounds of the right wire if they are others."""
+        heed_signals()
         wires = (bounds, right or bounds)
         self.send(protocol.ARM, *protocol.arm_values(challenge, wires, total))
 
