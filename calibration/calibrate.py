@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibration.checks import check_recording, check_whole
+from calibration.checks import FEWEST, check_recording, check_whole
 from calibration.collect import FIRST_CONTACT, WARM_UP
+from calibration.course import before_missing, with_lost_rows
 from calibration.damping import DampingFit, fit_damping
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
@@ -30,7 +31,7 @@ from calibration.kinds import FREE_KINDS, heated_kinds, kinds_of, only_segment
 from calibration.remarks import Remark, remarks_on_validation, verdict
 from calibration.rest_angle import rest_angle
 from calibration.selection import LAWS, Prediction, fit_by_prediction
-from calibration.stiffness import StiffnessFit, fit_stiffness
+from calibration.stiffness import StiffnessFit, fit_stiffness, remarks_on_sensor
 from calibration.validation import Validation, as_validation, validate
 from limb_systems import (
     CalibrationRecord,
@@ -48,7 +49,7 @@ from limb_systems.progress import Progress
 
 METHODS = ("prediction", "paper")
 HEAT_METHODS = ("bend", "temperature")
-MOST_REST_ANGLE = np.deg2rad(8.0)  # of a limb that Sec. V still takes to be straight
+MOST_REST_ANGLE = np.deg2rad(8.0)  # beyond which Sec. V is of changes from rest
 COLD = 4.0  # °C above ambient, within which a wire counts as not heated before
 
 
@@ -244,6 +245,7 @@ def calibrate(
     described = parameters or _first(recordings).parameters
     _check_wire_names(recordings, described)
     _check_kinds(recordings, _all_kinds(described))
+    recordings = {k: [with_lost_rows(r) for r in group] for k, group in recordings.items()}
     heated = {kind: recordings.get(kind, []) for kind in (*heated_kinds(described), *FREE_KINDS)}
     if method == "paper":
         heated = {kind: heated[kind] for kind in heated_kinds(described)}
@@ -271,28 +273,27 @@ def calibrate(
         limb.ambient_temperature = ambient.value
         _fit_heat_bounds(limb, heated, described)
         rest = rest_angle((r for group in recordings.values() for r in group), ambient.value)
-        if method == "prediction":
+        if method == "prediction" or abs(rest.value) > MOST_REST_ANGLE:
             segment.rest_angle = rest.value
-        elif abs(rest.value) > MOST_REST_ANGLE:
-            raise CalibrationError(
-                f"The limb rests at {np.rad2deg(rest.value):.1f}°, but the paper's method takes it "
-                'to rest straight; calibrate with the method "prediction".'
-            )
         tell("stiffness")
         stiffness = damping = None
         if recordings.get("sag"):
-            known = method == "prediction"
+            known = segment.rest_angle == rest.value
             stiffness = fit_stiffness(limb, recordings["sag"], known * rest.standard_error)
             segment.stiffness = stiffness.stiffness.value
         tell("damping")
         if recordings.get("ring_down"):
             damping = fit_damping(limb, recordings["ring_down"])
             segment.damping = damping.damping.value
+            if stiffness:
+                damping.remarks.extend(
+                    remarks_on_sensor(limb, recordings["sag"], stiffness, damping)
+                )
         prediction, validation = None, None
         wires = _PaperWires()
         if method == "paper":
             wires = _fit_as_paper(limb, heated, heat, ambient, stiffness, tell)
-            if heated["both"]:
+            if heated.get("both"):
                 validation = validate(limb, heated["both"][0])
         else:
             prediction = fit_by_prediction(laws, heated, segment, ambient.value, tell=tell)
@@ -342,7 +343,7 @@ def _fit_as_paper(
         recording = recordings[wire.name][0]
         room = ambient.value, ambient.standard_error
         fits = {
-            "bend": fit_heat_transfer(recording, index, *room),
+            "bend": fit_heat_transfer(recording, index, *room, rest_angle=segment.rest_angle),
             "temperature": fit_heat_transfer_from_temperature(recording, index, *room),
         }
         result.heat.append(fits.pop(heat))
@@ -376,10 +377,11 @@ def _fit_heat_bounds(
     """Gives the wires bounds for the board; none to those of a kind that boards do not accept."""
     room = limb.ambient_temperature
     heated = [
-        recording
+        beginning
         for group in recordings.values()
         for recording in group
-        if (recording.measured_temperature[:, :1] < room + COLD).all()
+        if len((beginning := before_missing(recording)).time) >= FEWEST
+        and (recording.measured_temperature[:, :1] < room + COLD).all()
     ]
     with contextlib.suppress(LimbError):
         for wire, bounds in zip(limb.wires, fit_heat_bounds(heated, described), strict=True):

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from calibration.course import without_spikes
+from calibration.course import despiked, without_missing
 from calibration.errors import CalibrationError
 from calibration.kinds import FREE_KINDS, heated_kinds, kinds_of
 from limb_systems import LimbError, LimbParameters, Recording
@@ -18,6 +18,10 @@ COOLING_TIME = 15.0  # s, of a wire, roughly
 SMOOTH = 1.0  # s, over which signals are averaged
 COLDER = 10.0  # °C, by which a connected thermocouple is not colder than all others
 JUMPS = 5.0  # °C, by which its readings do not differ from one to the next
+FEWEST = 20  # samples
+SLOWEST = 5.0  # s, between samples
+LOST = 2.0, 0.05  # s of lost samples, and change of duty meanwhile, that are tolerated
+STEEPEST = 0.05, 10.0  # °C/s that a wire exceeds somewhere, if it is heated by so many °C
 
 
 def kind_of(recording: Recording) -> str:
@@ -86,7 +90,11 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     """
     _check_time(recording)
     check_values(recording)
+    _check_missing(recording)
+    _check_zeros(recording)
+    recording = despiked(without_missing(recording))
     _check_duration(recording)
+    _check_pace(recording)
     _check_gravity(recording)
     _check_units(recording, may_be_warm=expected in FREE_KINDS)
     if expected in FREE_KINDS:
@@ -132,7 +140,7 @@ def check_whole(recording: Recording) -> None:
 
 def _check_time(recording: Recording) -> None:
     steps, period = np.diff(recording.time), 1 / recording.sample_rate
-    if len(steps) < 20:
+    if len(steps) < FEWEST:
         raise CalibrationError(f"there are only {len(recording.time)} samples.")
     typical = float(np.median(steps))
     if not 0.9 < typical / period < 1.1:
@@ -141,14 +149,73 @@ def _check_time(recording: Recording) -> None:
             f"samples come every {typical:g} s, but the sample rate in the header is "
             f"{recording.sample_rate:g} Hz.{hint}"
         )
-    worst = int(np.argmax(steps))
-    if steps[worst] > 1.5 * period:
-        gaps = int((steps > 1.5 * period).sum())
+    if typical > SLOWEST:
         raise CalibrationError(
-            f"there {'is a gap' if gaps == 1 else f'are {gaps} gaps'} in the samples, the longest "
-            f"of {steps[worst]:.2f} s after {recording.time[worst]:.2f} s; what happened meanwhile "
-            "is not known, so record it again."
+            f"samples come every {typical:g} s, but wires heat and cool within seconds; is time in "
+            "milliseconds?"
         )
+    longest, least = LOST
+    constant = np.abs(np.diff(recording.duty, axis=1)).max(axis=0) <= least
+    gaps = (steps > 1.5 * period) & ~((steps <= max(longest, 2.5 * period)) & constant)
+    if gaps.any():
+        worst, count = int(np.argmax(np.where(gaps, steps, 0.0))), int(gaps.sum())
+        raise CalibrationError(
+            f"there {'is a gap' if count == 1 else f'are {count} gaps'} in the samples, the "
+            f"longest of {steps[worst]:.2f} s after {recording.time[worst]:.2f} s; what happened "
+            "meanwhile is not known, so record it again, or, if the duty is known, add rows that "
+            "have it and empty cells for the readings."
+        )
+
+
+def _check_missing(recording: Recording) -> None:
+    """Whether enough readings are there, one of them before the first heat."""
+    missing, count = recording.missing, len(recording.time)
+    if missing.sum() > count / 2 or count - missing.sum() < FEWEST:
+        raise CalibrationError(
+            f"{missing.sum()} of {count} samples are missing, so record it again."
+        )
+    first = int(np.argmin(missing))
+    if recording.duty[:, 1 : first + 1].any():
+        raise CalibrationError(
+            f"no reading is there before {recording.time[first]:.2f} s, when wires were already "
+            "heated; where they started is not known, so leave the beginning out."
+        )
+
+
+def _check_zeros(recording: Recording) -> None:
+    """Whether loggers or cameras wrote zeros where they had no reading."""
+    names = [f"the {name} thermocouple" for name in recording.parameters.wire_names]
+    signals = np.vstack([recording.measured_temperature, np.rad2deg(recording.bend_angle)])
+    jumps = [*[JUMPS] * len(names), np.rad2deg(BENT)]
+    for name, signal, jump in zip([*names, "the bend sensor"], signals, jumps, strict=False):
+        signal, time = signal[~np.isnan(signal)], recording.time[~np.isnan(signal)]
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], signal == 0, [0]])))
+        for start, end in edges.reshape(-1, 2):
+            around = [*signal[start - 1 : start], *signal[end : end + 1]]
+            if end - start > 1 and around and np.abs(around).max() > jump:
+                raise CalibrationError(
+                    f"{name} reads exactly 0 from {time[start]:.2f} s to {time[end - 1]:.2f} s, "
+                    f"and {max(around, key=abs):.1f} beside it: if it had no reading, leave its "
+                    "cells empty."
+                )
+
+
+def _check_pace(recording: Recording) -> None:
+    """Whether wires heat and cool as fast as wires do."""
+    times, window = recording.time, max(1, len(recording.time) // 200)
+    steepest, rise = STEEPEST
+    for name, duty, measured in zip(
+        recording.parameters.wire_names,
+        recording.duty,
+        recording.measured_temperature,
+        strict=True,
+    ):
+        slope = (measured[window:] - measured[:-window]) / (times[window:] - times[:-window])
+        if duty.any() and np.ptp(measured) > rise and np.abs(slope).max() < steepest:
+            raise CalibrationError(
+                f"the {name} wire warms by {np.ptp(measured):.0f} °C, but nowhere faster than "
+                f"{np.abs(slope).max():.3f} °C/s; is time in milliseconds?"
+            )
 
 
 def _check_duration(recording: Recording) -> None:
@@ -191,7 +258,7 @@ def _check_units(recording: Recording, *, may_be_warm: bool = False) -> None:
                 f"the {name} thermocouple reads {value:.0f} at the start, where ambient is "
                 f"{ambient:g} °C; is it in degrees Fahrenheit, or still hot?"
             )
-    largest = np.abs(recording.bend_angle).max()
+    largest = np.abs(recording.bend_angle - recording.bend_angle[:, :1]).max()
     heated = recording.duty.sum(axis=1).max() / recording.sample_rate
     warmed = np.ptp(recording.measured_temperature, axis=1).max()
     if heated > HEATED and warmed > 20.0 and 1e-3 < largest < np.deg2rad(1.6):
@@ -233,7 +300,7 @@ def _exchanged(recording: Recording) -> tuple[int, int] | None:
 
     memory = np.exp(-1 / recording.sample_rate / COOLING_TIME)
     heat = lfilter([1 - memory], [1, -memory], recording.duty, axis=1)
-    warmth = np.array([without_spikes(v) for v in recording.measured_temperature])
+    warmth = recording.measured_temperature
     heated = [i for i in range(len(heat)) if np.ptp(heat[i]) > 0 and np.ptp(warmth[i]) > 0]
     for one, other in itertools.combinations(heated, 2):
         agreement = np.corrcoef(heat[[one, other]], warmth[[one, other]])[:2, 2:]
@@ -254,7 +321,7 @@ def _check_wires(recording: Recording) -> None:
     dose = recording.duty.sum(axis=1) / recording.sample_rate
     width = _window(recording)
     kernel = np.ones(width) / width
-    smooth = np.array([np.convolve(without_spikes(v), kernel, "valid") for v in measured])
+    smooth = np.array([np.convolve(v, kernel, "valid") for v in measured])
     rise = smooth.max(axis=1) - smooth[:, :width].mean(axis=1)
     directions = np.array([wire.direction for wire in recording.parameters.wires])
     for index, name in enumerate(names):
@@ -262,7 +329,8 @@ def _check_wires(recording: Recording) -> None:
             continue
         other = int(np.argmax(np.where(dose < HEATED, rise, -np.inf)))
         if dose[other] < HEATED and rise[other] >= RISE:
-            bent = recording.bend_angle[0][np.argmax(smooth[other])]
+            angle = recording.bend_angle[0]
+            bent = angle[np.argmax(smooth[other])] - np.median(angle[:width])
             if np.sign(directions[index]) * bent < -BENT:
                 raise CalibrationError(
                     f"duty for the {name} wire warms the {names[other]} thermocouple and bends the "

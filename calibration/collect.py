@@ -487,9 +487,11 @@ def collect_from_robot(
     say = live.say if live else lambda _: None
     mounted, level = copy.deepcopy(parameters), copy.deepcopy(parameters)
     mounted.gravity, level.gravity = [0.0, -GRAVITY, 0.0], [0.0, 0.0, 0.0]
-    below = next(wire.name for wire in only_segment(parameters).wires if wire.direction < 0)
+    wires = sorted(only_segment(parameters).wires, key=lambda wire: wire.direction)
+    side = "towards" if wires[0].direction < 0 else "away from"
     sag = (
-        f"Mount the limb so that gravity bends it towards its {below} wire, and let it hang still."
+        f"Mount the limb so that gravity bends it {side} its {wires[0].name} wire, and let it hang "
+        "still."
     )
     ring = "Mount the limb level. Bend it to 45° by hand, and release it 2 s after Enter."
     cool = "Leave the limb level and alone until its wires are cold."

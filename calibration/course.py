@@ -1,15 +1,18 @@
 """A heated recording in even steps, as open-loop simulation and comparison need it."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
 from calibration.bend_sensor import bend_sensor_of
 from limb_systems import Recording
+from limb_systems.files.recording import MEASURED, OPTIONAL
 
 STEP = 0.5  # s, of simulation and of averages; wires heat and cool within seconds
 SPIKE = 6.0  # robust standard deviations from the median of five samples, beyond which one counts
 STEEP = 1.5  # of the range of its neighbours, within which a sample is no spike
+PASSES = 2  # after which spikes beside each other are gone
 START = 1.0  # s, over which the first readings are averaged
 
 
@@ -38,7 +41,7 @@ class Course:
 
     @classmethod
     def of(cls, recording: Recording) -> "Course":
-        """A recording's, without single samples that are far from their neighbours."""
+        """A recording's, without samples that are missing, or far from their neighbours."""
         recording = despiked(at_sample_times(recording))
         bend = bend_sensor_of(recording).corrected(recording.bend_angle[0])
         times = recording.time - recording.time[0]
@@ -47,15 +50,17 @@ class Course:
         # The duty at a sample was in force since the sample before.
         dose = np.cumsum(recording.duty[:, 1:] * np.diff(times), axis=1)
         duty = [np.diff(np.interp(edges, times, np.append(0.0, d))) / STEP for d in dose]
-        bins = (times / STEP).astype(int)
+        shown = ~recording.missing
+        bins = (times[shown] / STEP).astype(int)
         counts = np.bincount(bins)
         filled = counts > 0
 
         def means(values: np.ndarray) -> np.ndarray:
-            return np.bincount(bins, values)[filled] / counts[filled]
+            return np.bincount(bins, values[shown])[filled] / counts[filled]
 
         temperature = recording.measured_temperature
         soon = before_heat(recording) & (times <= max(3 * START, 5.0 / recording.sample_rate))
+        soon &= shown
         slope = [_slope(times[s], v[s]) for v, s in zip(temperature, soon, strict=True)]
         return cls(
             source=recording.source,
@@ -116,9 +121,14 @@ def before_heat(recording: Recording) -> np.ndarray:
 
 
 def at_start(recording: Recording) -> np.ndarray:
-    """Whether a sample is of the first second, before its wire is heated (W, K)."""
-    since = recording.time - recording.time[0]
-    return before_heat(recording) & (since <= max(START, 2.5 / recording.sample_rate))
+    """Whether a sample is of the first second, before its wire is heated (W, K), and not missing.
+
+    Where all of these are missing, the first that is not counts.
+    """
+    since, shown = recording.time - recording.time[0], ~recording.missing
+    soon = before_heat(recording) & (since <= max(START, 2.5 / recording.sample_rate)) & shown
+    soon[~soon.any(axis=1), np.argmax(shown)] = True
+    return soon
 
 
 def first_readings(recording: Recording) -> np.ndarray:
@@ -136,20 +146,27 @@ def _slope(times: np.ndarray, values: np.ndarray) -> float:
 
 
 def without_spikes(signal: np.ndarray) -> np.ndarray:
-    """A signal (K,) whose single samples far from their neighbours are replaced by their median.
+    """A signal (K,) whose samples far from their neighbours are replaced by their median.
 
     Neighbours that differ as much from each other are those of fast changes, as slow
     loggers record them.
     """
-    if len(signal) < 3:
+    shown = ~np.isnan(signal)
+    values = signal[shown]
+    if len(values) < 3:
         return signal
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(signal, 2, mode="reflect"), 5)
-    medians = np.median(windows, axis=1)
-    around = np.ptp(windows[:, [0, 1, 3, 4]], axis=1)
-    away = np.abs(signal - medians)
-    spread = 1.48 * np.median(away) + 1e-3 * np.std(signal) + 1e-12
-    spikes = (away > SPIKE * spread) & (away > STEEP * around)
-    return np.where(spikes, medians, signal)
+    for _ in range(PASSES):
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, 2, mode="reflect"), 5)
+        medians = np.median(windows, axis=1)
+        # One of the neighbours may be a spike as well.
+        near = np.sort(np.abs(windows[:, [0, 1, 3, 4]] - medians[:, None]), axis=1)[:, 2]
+        away = np.abs(values - medians)
+        spread = 1.48 * np.median(away) + 1e-3 * np.std(medians) + 1e-12
+        spikes = (away > SPIKE * spread) & (away > STEEP * 2 * near)
+        values = np.where(spikes, medians, values)
+    result = signal.copy()
+    result[shown] = values
+    return result
 
 
 def despiked(recording: Recording) -> Recording:
@@ -176,7 +193,12 @@ def at_sample_times(recording: Recording) -> Recording:
     breaks = np.array([taken[0] - 1.0, *taken, end])
 
     def at_times(readings: np.ndarray) -> np.ndarray:
-        return np.array([np.interp(recording.time, taken, row[first]) for row in readings])
+        rows = []
+        for row in readings:
+            shown = ~np.isnan(row[first])
+            interpolated = np.interp(recording.time, taken[shown], row[first][shown])
+            rows.append(np.where(np.isnan(row), np.nan, interpolated))
+        return np.array(rows)
 
     def means(duty: np.ndarray) -> np.ndarray:
         since_start = np.append(0.0, np.cumsum(np.append(duty[first], duty[-1]) * np.diff(breaks)))
@@ -190,3 +212,65 @@ def at_sample_times(recording: Recording) -> Recording:
         bend_angle=at_times(recording.bend_angle),
         sample_age=np.zeros_like(recording.time),
     )
+
+
+def with_lost_rows(recording: Recording) -> Recording:
+    """A recording with a sample that is missing for each that its times leave out.
+
+    The duty of such samples is that of the next one, which was in force since the one before.
+    """
+    period = 1 / recording.sample_rate
+    lost = np.maximum(np.round(np.diff(recording.time) / period).astype(int) - 1, 0)
+    if not lost.any():
+        return recording
+    after = np.append(0, np.repeat(np.arange(1, len(lost) + 1), lost + 1))
+    real = np.isin(np.arange(len(after)), np.append(0, np.cumsum(lost + 1)))
+    steps = np.append(0.0, np.repeat(np.diff(recording.time) / (lost + 1), lost + 1))
+    signals: dict[str, Any] = {"time": recording.time[0] + np.cumsum(steps)}
+    for name in ("duty", "measured_temperature", "bend_angle", *OPTIONAL):
+        if (value := getattr(recording, name)) is not None:
+            signals[name] = value[..., after]
+    for name in MEASURED:
+        signals[name] = np.where(real, signals[name], np.nan)
+    return dataclasses.replace(recording, **signals)
+
+
+def without_missing(recording: Recording) -> Recording:
+    """A recording without the samples that are missing; the duty is the mean in between."""
+    shown = ~recording.missing
+    if shown.all():
+        return recording
+    dose = np.cumsum(recording.duty[:, 1:] * np.diff(recording.time), axis=1)
+    dose = np.column_stack([np.zeros(len(dose)), dose])[:, shown]
+    steps = np.diff(recording.time[shown])
+    duty = np.column_stack([recording.duty[:, shown][:, :1], np.diff(dose) / steps])
+    duty = np.clip(duty, 0.0, 1.0)  # but for rounding
+    return dataclasses.replace(_part(recording, shown), duty=duty)
+
+
+def before_missing(recording: Recording) -> Recording:
+    """The beginning of a recording, up to the first sample that is missing."""
+    return _part(recording, np.cumsum(recording.missing) == 0)
+
+
+def _part(recording: Recording, which: np.ndarray) -> Recording:
+    signals: dict[str, Any] = {}
+    for name in ("time", "duty", *MEASURED, *OPTIONAL):
+        if (value := getattr(recording, name)) is not None:
+            signals[name] = value[..., which]
+    return dataclasses.replace(recording, **signals)
+
+
+def interpolated(recording: Recording) -> Recording:
+    """A recording with lines between readings where some are missing, for what needs even steps."""
+    measured: dict[str, Any] = {
+        name: np.array([filled(recording.time, row) for row in getattr(recording, name)])
+        for name in MEASURED
+    }
+    return dataclasses.replace(recording, **measured)
+
+
+def filled(times: np.ndarray, signal: np.ndarray) -> np.ndarray:
+    """A signal (K,) with lines where it is nan."""
+    shown = ~np.isnan(signal)
+    return np.interp(times, times[shown], signal[shown]) if shown.any() else signal

@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 
 from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
+from calibration.course import filled
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
 from calibration.kinds import only_segment
@@ -100,7 +101,7 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
 
     Args:
         time: (K,), s, evenly spaced.
-        signal: (K,), in any unit.
+        signal: (K,), in any unit; nan where it is missing.
 
     Raises:
         CalibrationError: if the signal does not oscillate.
@@ -108,6 +109,8 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
     time, signal = np.asarray(time, float), np.asarray(signal, float)
     if time.shape != signal.shape or len(time) < FEWEST:
         raise CalibrationError(f"A ring-down needs at least {FEWEST} samples, and a time for each.")
+    shown = ~np.isnan(signal)
+    signal = filled(time, signal)
     if not np.ptp(signal) > 0:
         raise CalibrationError("The signal does not move; there is no ring-down in it.")
     period = (time[-1] - time[0]) / (len(time) - 1)
@@ -118,7 +121,8 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
             f"The signal moves fastest at {time[start]:.2f} s, at its end; there is no ring-down "
             "after it."
         )
-    good = np.ones(len(values), bool)
+    shown = shown[start:]
+    good = shown.copy()
 
     def basis(logarithms: np.ndarray) -> np.ndarray:
         decay, turning = np.exp(logarithms)
@@ -141,7 +145,7 @@ def fit_damped_sinusoid(time: ArrayLike, signal: ArrayLike) -> DampedSinusoid:
     fit = least_squares(residuals, best, x_scale=0.1)
     away = np.abs(fit.fun)
     # Of a signal without noise, small deviations are no glitches.
-    good = away <= OUTLIER * 1.48 * np.median(away) + 0.02 * np.ptp(values)
+    good[shown] = away <= OUTLIER * 1.48 * np.median(away) + 0.02 * np.ptp(values)
     fit = least_squares(residuals, fit.x, x_scale=0.1)
 
     decay, turning = np.exp(fit.x)
@@ -243,7 +247,8 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
 def _fit_recording(parameters, recording: Recording):
     """σ and its standard error, and the sinusoids of limb and model."""
     check_values(recording)
-    sensor, signal = bend_sensor_of(recording), recording.bend_angle[0]
+    sensor, seen_angle = bend_sensor_of(recording), recording.bend_angle[0]
+    signal = filled(recording.time, seen_angle)
     if len(signal) < FEWEST or not np.ptp(signal) > 0:
         fit_damped_sinusoid(recording.time, signal)  # which says so
     release = _release(signal)
@@ -271,7 +276,7 @@ def _fit_recording(parameters, recording: Recording):
             f"rings at {described.frequency:.1f} Hz; record it at "
             f"{np.ceil(2 * PER_PERIOD * described.frequency):.0f} Hz or more."
         )
-    measured = fit_damped_sinusoid(recording.time, signal)
+    measured = fit_damped_sinusoid(recording.time, seen_angle)
     # Decay is about proportional to σ.
     logarithm, model = np.log(only_segment(parameters).damping), described
     moved, slope, last = 0.0, 1.0, 0.0

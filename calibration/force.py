@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
-from calibration.course import despiked
+from calibration.course import despiked, interpolated
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
 from calibration.heat import HeatFit
@@ -68,11 +68,12 @@ def fit_force(
         CalibrationError: if there are no equilibria in it.
     """
     check_values(recording)
-    recording = despiked(recording)
+    shown = ~recording.missing
+    recording = interpolated(despiked(recording))
     side = only_segment(parameters).wires[index].direction
-    starts, ends = _equilibria(recording, heat, parameters.temperature_limits.warm)
+    starts, ends = _equilibria(recording, shown, heat, parameters.temperature_limits.warm)
     if len(starts) < 3:
-        starts, ends = _equilibria(recording, heat, heat.ambient + LUKEWARM)
+        starts, ends = _equilibria(recording, shown, heat, heat.ambient + LUKEWARM)
     if len(starts) == 0:
         raise CalibrationError(
             f"The limb never rests while the {heat.wire} wire is warm; hold it longer at each "
@@ -82,7 +83,7 @@ def fit_force(
     wire = np.array([heat.wire_temperature[a:b].mean() for a, b in spans])
     angle = np.array([recording.bend_angle[0, a:b].mean() for a, b in spans])
     times = np.array([recording.time[a:b].mean() for a, b in spans])
-    bent = bend_sensor_of(recording).corrected(angle)
+    bent = bend_sensor_of(recording).corrected(angle) - only_segment(parameters).rest_angle
     theta = joint_angles_from_bend_angle(parameters, bent[np.newaxis])[0]
     ratios = stiffness.value * theta / (side * (wire - heat.ambient))
     if not ratios.mean() > 0:
@@ -124,8 +125,13 @@ def fit_force(
     return ForceFit(heat.wire, beta, times, wire, angle, ratios, remarks)
 
 
-def _equilibria(recording: Recording, heat: HeatFit, warm: float) -> tuple[np.ndarray, np.ndarray]:
-    """First and last sample of each stretch of rest with the wire above ``warm``, °C."""
+def _equilibria(
+    recording: Recording, shown: np.ndarray, heat: HeatFit, warm: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """First and last sample of each stretch of rest with the wire above ``warm``, °C.
+
+    None is missing in it, as ``shown`` (K,) has it.
+    """
     period = 1 / recording.sample_rate
     width = max(3, int(WINDOW / period))
     kernel = np.ones(width) / width
@@ -136,6 +142,7 @@ def _equilibria(recording: Recording, heat: HeatFit, warm: float) -> tuple[np.nd
     moving[half:-half] = np.abs(angle[2 * half :] - angle[: -2 * half]) / (2 * half * period)
     heating = np.abs(np.gradient(heat.wire_temperature, period))
     rest = (moving < STILL) & (heating < STEADY) & (heat.wire_temperature > warm)
+    rest &= shown
     rest[:width] = rest[-width:] = False
     edges = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]]).astype(int)))
     starts, ends = edges[::2], edges[1::2]

@@ -8,8 +8,16 @@ import numpy as np
 from scipy.linalg import expm, schur
 from scipy.optimize import least_squares
 
+from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
-from calibration.course import at_sample_times, at_start, despiked, first_readings
+from calibration.course import (
+    at_sample_times,
+    at_start,
+    despiked,
+    first_readings,
+    interpolated,
+    without_missing,
+)
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, clustered_covariance
 from calibration.remarks import Remark, remarks_on_start
@@ -126,7 +134,12 @@ def simulate_heat(
 
 
 def fit_heat_transfer(
-    recording: Recording, index: int, ambient: float, ambient_error: float = 0.0
+    recording: Recording,
+    index: int,
+    ambient: float,
+    ambient_error: float = 0.0,
+    *,
+    rest_angle: float = 0.0,
 ) -> HeatFit:
     """a1, a2, a3 of one wire by Sec. V-C1, with wire temperature from the bend.
 
@@ -144,14 +157,17 @@ def fit_heat_transfer(
         index: of the wire.
         ambient: T0, °C.
         ambient_error: its standard error, °C, as read by this wire's thermocouple.
+        rest_angle: from which φ counts, rad.
 
     Raises:
         CalibrationError: if the wire was never warm or the limb never bent.
     """
     check_values(recording)
     late = recording.applied_duty is None or recording.sample_age is None
-    recording = despiked(at_sample_times(recording))
+    shown = ~recording.missing
+    recording = interpolated(despiked(at_sample_times(recording)))
     duty, measured = recording.duty[index], recording.measured_temperature[index]
+    recording.bend_angle = recording.bend_angle - bend_sensor_of(recording).gain * rest_angle
     angle = recording.bend_angle[0]
     period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
     _check_excitation(name, duty, measured, ambient, period)
@@ -176,7 +192,7 @@ def fit_heat_transfer(
         _, sensed, bent = simulated(x, room)
         prior = [(x[6] - READOUT_DELAY[0]) / READOUT_DELAY[1]] if late else []
         return np.concatenate(
-            [weights[0] * (sensed - measured), weights[1] * (bent - angle), prior]
+            [weights[0] * (sensed - measured)[shown], weights[1] * (bent - angle)[shown], prior]
         )
 
     first = [first_readings(recording)[index]] * 2
@@ -190,10 +206,11 @@ def fit_heat_transfer(
     fit = least_squares(residuals, guess, bounds=bounds, x_scale=scale)
     # Then weight each signal by the standard deviation of its residuals. A sensor that drifts gets
     # less weight than one with the same noise that does not drift.
-    blocks = _blocks(recording.time)
+    blocks = _blocks(recording.time)[shown]
     for _ in range(REWEIGHTINGS):
         _, sensed, bent = simulated(fit.x)
-        weights = [1 / _worth(sensed - measured, blocks), 1 / _worth(bent - angle, blocks)]
+        away = (sensed - measured)[shown], (bent - angle)[shown]
+        weights = [1 / _worth(residual, blocks) for residual in away]
         fit = least_squares(residuals, fit.x, bounds=bounds, x_scale=scale)
     wire, sensed, bent = simulated(fit.x)
     clusters = np.tile(blocks, 2)
@@ -215,8 +232,8 @@ def fit_heat_transfer(
         wire_temperature=wire,
         measured_temperature=sensed,
         bend_angle=bent,
-        temperature_residual=_rms(sensed - measured),
-        angle_residual=_rms(bent - angle),
+        temperature_residual=_rms((sensed - measured)[shown]),
+        angle_residual=_rms((bent - angle)[shown]),
         remarks=_remarks(name, duty, measured, ambient, fit.x, covariance)
         + remarks_on_start(f"the {name} wire", wire[0], ambient, measured)
         + _proportionality_remark(name, wire, angle),
@@ -248,7 +265,8 @@ def fit_heat_transfer_from_temperature(
         CalibrationError: if the wire was never warm.
     """
     check_values(recording)
-    recording = despiked(recording)
+    shown = ~recording.missing
+    recording = interpolated(despiked(recording))
     duty, measured = recording.duty[index], recording.measured_temperature[index]
     period, name = 1 / recording.sample_rate, recording.parameters.wire_names[index]
     _check_excitation(name, duty, measured, ambient, period)
@@ -258,7 +276,7 @@ def fit_heat_transfer_from_temperature(
         return simulate_heat(_law(x), duty, period, room, (x[3], x[4]), late)
 
     def residuals(x: np.ndarray, room: float = ambient) -> np.ndarray:
-        return (simulated(x, room)[1] - measured) / TEMPERATURE_SCALE
+        return (simulated(x, room)[1] - measured)[shown] / TEMPERATURE_SCALE
 
     first = [first_readings(recording)[index]] * 2
     a1, a2, _ = _two_stage(duty, measured, measured, period, ambient)
@@ -276,7 +294,7 @@ def fit_heat_transfer_from_temperature(
         fit = least_squares(residuals, x, bounds=bounds, x_scale=scale)
     x = fit.x
     wire, sensed = simulated(x)
-    clusters = _blocks(recording.time)
+    clusters = _blocks(recording.time)[shown]
     covariance = clustered_covariance(fit.jac, fit.fun, clusters)
     covariance += _by_ambient(fit, residuals(x, ambient + 1.0), ambient_error)
     return HeatFit(
@@ -293,7 +311,7 @@ def fit_heat_transfer_from_temperature(
         wire_temperature=wire,
         measured_temperature=sensed,
         bend_angle=None,
-        temperature_residual=_rms(sensed - measured),
+        temperature_residual=_rms((sensed - measured)[shown]),
         angle_residual=None,
         remarks=_remarks(name, duty, measured, ambient, x, covariance)
         + remarks_on_start(f"the {name} wire", wire[0], ambient, measured),
@@ -325,7 +343,7 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
         CalibrationError: if no thermocouple shows it.
     """
     readings, expected = [], []
-    for recording in recordings:
+    for recording in map(without_missing, recordings):
         expected.append(recording.parameters.ambient_temperature)
         for name, duty, measured, soon in zip(
             recording.parameters.wire_names,

@@ -20,24 +20,12 @@ def kinds_of(parameters: LimbParameters) -> dict[str, list[int]]:
     Returns:
         for each kind the indices of the wires that are heated: none for
         "sag" and "ring_down"; one for each wire, by its name, those that bend
-        towards +E2 first; and all for "both".
+        towards +E2 first; and all for "both", if there are several.
 
     Raises:
-        CalibrationError: if the limb cannot be held at angles to both sides,
-            as Sec. V does, or if a wire has the name of another kind.
+        CalibrationError: if a wire has the name of another kind.
     """
     wires = only_segment(parameters).wires
-    for wire in wires:
-        if wire.direction == 0:
-            raise CalibrationError(
-                f"The {wire.name} wire runs at e2 = 0, where it does not bend the limb in its "
-                "plane; there is nothing to calibrate it by."
-            )
-    if len({wire.direction > 0 for wire in wires}) < 2:
-        raise CalibrationError(
-            f"This limb has no wire at e2 {'<' if wires[0].direction > 0 else '>'} 0; calibration "
-            "holds it at angles to both sides, which takes a wire on either."
-        )
     kinds: dict[str, list[int]] = {"sag": [], "ring_down": []}
     for index in sorted(range(len(wires)), key=lambda i: wires[i].direction < 0):
         if wires[index].name in (*kinds, "both", *FREE_KINDS):
@@ -46,7 +34,7 @@ def kinds_of(parameters: LimbParameters) -> dict[str, list[int]]:
                 "otherwise."
             )
         kinds[wires[index].name] = [index]
-    return kinds | {"both": list(range(len(wires)))}
+    return kinds | ({"both": list(range(len(wires)))} if len(wires) > 1 else {})
 
 
 FREE_KINDS = ("heated", "motion")  # of heated recordings of any wires

@@ -39,6 +39,8 @@ RULES = {
     "bound": (Severity.STOP, "a parameter is at its bound"),
     # What follows from a wrong start is wrong as well: heat is that of the start.
     "start": (Severity.STOP, "a recording starts at an impossible temperature"),
+    # k is off by half, and what is under gravity with it.
+    "sensor": (Severity.STOP, "the bend sensor seems to be another than the header says"),
     # For the validation; the verdict contains its error anyway.
     "far": (Severity.STOP, ""),
     "off": (Severity.CARE, ""),
@@ -147,7 +149,8 @@ def verdict(remarks: Sequence[Remark], validation: Validation | None) -> str:
 
 def _error(validation: Validation) -> float:
     """Mean |φ - φ_sim| as a fraction of the range of φ."""
-    span = np.ptp(validation.recording.bend_angle, axis=1).max()
+    bend = validation.recording.bend_angle[:, ~validation.recording.missing]
+    span = np.ptp(bend, axis=1).max()
     return validation.mean / max(span, np.deg2rad(1.0))  # a limb at rest has sensor noise alone
 
 

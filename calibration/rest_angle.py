@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from calibration.bend_sensor import bend_sensor_of
-from calibration.course import at_start
+from calibration.course import at_start, without_missing
 from calibration.estimate import Estimate
 from limb_systems import Recording
 
@@ -25,6 +25,7 @@ def rest_angle(recordings: Iterable[Recording], ambient: float) -> Estimate:
         if np.linalg.norm(recording.parameters.gravity[:2]) > 1.0:
             continue
         heated = recording.duty.any()
+        recording = without_missing(recording)
         shown = (
             at_start(recording).all(axis=0)
             if heated

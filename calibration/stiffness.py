@@ -8,16 +8,27 @@ import numpy as np
 
 from calibration.bend_sensor import bend_sensor_of
 from calibration.checks import check_values
+from calibration.course import without_missing
+from calibration.damping import DampingFit
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
 from calibration.kinds import only_segment
 from calibration.remarks import Remark, remarks_on_estimate
-from limb_systems import BendSensor, LimbError, LimbParameters, Recording, make_manipulator
+from limb_systems import (
+    BendSensor,
+    ChordSensor,
+    LimbError,
+    LimbParameters,
+    Recording,
+    TipTangentSensor,
+    make_manipulator,
+)
 from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.statics import static_equilibrium
 
 RESTING_TIME = 5.0  # s at the end of a recording that count as equilibrium
 MOST_OFF = 10.0  # factor between the described stiffness and that of any such limb
+OFF_SENSOR = 0.15  # logarithm of frequencies, beyond which the sensor is in doubt
 STILL = np.deg2rad(1.0)  # by which the bend angle may move in that time
 
 
@@ -73,6 +84,7 @@ def fit_stiffness(
         raise CalibrationError("There is no recording of the limb's sag under gravity.")
     for recording in recordings:
         check_values(recording)
+    recordings = [without_missing(recording) for recording in recordings]
     sags = np.array([_resting_angle(recording) for recording in recordings])
     gravity = np.array(recordings[0].parameters.gravity)
     sensor = bend_sensor_of(recordings[0])
@@ -136,6 +148,50 @@ def fit_stiffness(
         float(sensor.apparent_bend_angle(static_equilibrium(fitted)[0])),
         remarks,
     )
+
+
+def remarks_on_sensor(
+    limb: LimbParameters,
+    sags: Sequence[Recording],
+    stiffness: StiffnessFit,
+    damping: DampingFit,
+) -> list[Remark]:
+    """A remark if sag and ring-down agree with another bend sensor than the header names.
+
+    The frequency is that of k and the mass, whatever the sensor, and the sag gives k by what
+    the sensor shows: a tip tangent that is taken for a chord makes k half as large again.
+
+    Args:
+        limb: as calibrated.
+        sags: its recordings of the sag.
+        stiffness, damping: the fits.
+    """
+    named = bend_sensor_of(sags[0])
+    others = {TipTangentSensor: ChordSensor, ChordSensor: TipTangentSensor}
+    if type(named) not in others:
+        return []
+    other = others[type(named)](**dataclasses.asdict(named))
+    retold = copy.deepcopy(list(sags))
+    for recording in retold:
+        recording.parameters.segments[0].bend_sensor = other
+    try:
+        k = fit_stiffness(limb, retold).stiffness.value
+    except CalibrationError:
+        return []
+    measured, simulated = damping.measured[0].frequency, damping.simulated[0].frequency
+    expected = simulated * np.sqrt(k / stiffness.stiffness.value)
+    away, less = abs(np.log(measured / simulated)), abs(np.log(measured / expected))
+    if away < OFF_SENSOR or less > away / 2:
+        return []
+    return [
+        Remark(
+            "sensor",
+            f"The limb rings at {measured:.2f} Hz; its sag makes that {simulated:.2f} Hz if the "
+            f"bend was read by {type(named).__name__}, as the header says, and {expected:.2f} Hz "
+            f"if by {type(other).__name__}: correct the header's bend_sensor, or else the mass "
+            "and the length.",
+        )
+    ]
 
 
 def _iterate(

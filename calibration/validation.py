@@ -37,8 +37,8 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     """Simulates the duty of a recording, open loop, and compares.
 
     The model starts at rest with its wires at the first measured temperatures.
-    An interrupted recording counts as far as it came. Its times may be any, such as
-    those of a clock that drifts.
+    An interrupted recording counts as far as it came, and samples that are missing do not.
+    Its times may be any, such as those of a clock that drifts.
 
     Raises:
         CalibrationError: if a value of the recording is not plausible.
@@ -111,8 +111,9 @@ def as_validation(judged: Sequence[Predicted], parameters: LimbParameters) -> Va
 
 
 def _compared(recording: Recording, simulation: Recording) -> Validation:
-    error = np.abs(simulation.bend_angle - recording.bend_angle)
-    heat = np.abs(simulation.measured_temperature - recording.measured_temperature)
+    shown = ~recording.missing
+    error = np.abs(simulation.bend_angle - recording.bend_angle)[:, shown]
+    heat = np.abs(simulation.measured_temperature - recording.measured_temperature)[:, shown]
     return Validation(
         recording,
         simulation,

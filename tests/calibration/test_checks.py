@@ -22,7 +22,7 @@ from calibration import (
     validate,
 )
 from calibration.report import validation_summary
-from limb_systems import LimbError, LimbParameters, Recording
+from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
 
 
 @pytest.mark.parametrize("kind", kinds_of(LimbParameters()))
@@ -89,6 +89,30 @@ TROUBLES = {
         {"bend_angle": lambda r: np.full_like(r.bend_angle, 0.1)},
         r"bend angle stays at 5\.7° while wires are heated; is the bend sensor connected",
     ),
+    "milliseconds in the header, too": (
+        {"time": lambda r: 1000 * r.time, "sample_rate": lambda r: r.sample_rate / 1000},
+        r"samples come every 50 s, .* is time in milliseconds\?",
+    ),
+    "milliseconds of a fast logger": (
+        {"time": lambda r: 90 * r.time, "sample_rate": lambda r: r.sample_rate / 90},
+        r"nowhere faster than 0\.0\d\d °C/s; is time in milliseconds\?",
+    ),
+    "first rows zero": (
+        {"measured_temperature": lambda r: r.measured_temperature * (r.time > 0.2)},
+        r"left thermocouple reads exactly 0 from 0\.00 s to 0\.20 s, and 23\.0 beside it: .* empty",
+    ),
+    "the camera's zero": (
+        {"bend_angle": lambda r: r.bend_angle * (abs(r.time - 40.0) > 5.0)},
+        r"bend sensor reads exactly 0 from 35\.00 s to 45\.00 s, and \d.* beside it",
+    ),
+    "no reading before the heat": (
+        {"bend_angle": lambda r: np.where(r.time < 3.0, np.nan, r.bend_angle)},
+        r"no reading is there before 3\.00 s, when wires were already heated",
+    ),
+    "half is missing": (
+        {"bend_angle": lambda r: np.where(r.time > 0.4 * r.time[-1], np.nan, r.bend_angle)},
+        r"samples are missing, so record it again",
+    ),
     "fahrenheit": (
         {"measured_temperature": lambda r: 1.8 * r.measured_temperature + 32},
         "degrees Fahrenheit",
@@ -119,6 +143,19 @@ def test_trouble_is_named(right, name):
     with pytest.raises(CalibrationError, match=message) as caught:
         check_recording(changed(right, **signals))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("rest", [-11.0, 11.0])
+def test_what_is_swapped_is_named_wherever_the_limb_rests(model_recordings, rest):
+    for kind in ("right", "left"):
+        (recording,) = model_recordings[kind]
+        bent = dataclasses.replace(recording, bend_angle=recording.bend_angle + np.deg2rad(rest))
+        for signal, message in (
+            ("measured_temperature", "the thermocouples are swapped"),
+            ("duty", "the wires' outputs are swapped"),
+        ):
+            with pytest.raises(CalibrationError, match=message):
+                check_recording(changed(bent, **swap(signal)))
 
 
 @pytest.mark.parametrize(
@@ -254,3 +291,31 @@ def test_unfinished_files_are_ignored(model_recordings, tmp_path):
     for name in ("right.unfinished.csv", "left.unfinished_2.csv"):
         (tmp_path / name).write_text("# limb recording, format 2\n")
     assert {kind: len(group) for kind, group in load_recordings(tmp_path).items()} == {"right": 1}
+
+
+def test_fits_do_without_what_is_missing(model_recordings, true_limb):
+    """Those of Sec. V and the validation, and of a limb that rests aslant, from changes."""
+    rest = np.deg2rad(-12.0)
+
+    def spoiled(recording):
+        bend = recording.bend_angle + rest
+        missing = np.arange(len(recording.time)) % 50 < 5
+        missing[:10] = missing[-10:] = False
+        shown = {"bend_angle": np.where(missing, np.nan, bend), "joint_state": None}
+        return dataclasses.replace(recording, **shown, wire_temperature=None, reference=None)
+
+    recordings = {k: [spoiled(r) for r in group] for k, group in model_recordings.items()}
+    for (recording,) in recordings.values():  # as which the model's angles were recorded
+        parameters = copy.deepcopy(recording.parameters)
+        parameters.segments[0].bend_sensor = ChordSensor()
+        recording.parameters = parameters
+    del recordings["sag"]  # whose gravity the model felt without that rest
+    described = copy.deepcopy(recordings["right"][0].parameters)
+    calibration = calibrate(recordings, described, method="paper")
+    segment = calibration.parameters.segments[0]
+    assert np.rad2deg(segment.rest_angle) == pytest.approx(-12.0, abs=0.1)
+    assert segment.damping == pytest.approx(true_limb.segments[0].damping, rel=0.02)
+    for wire, true in zip(segment.wires, true_limb.wires, strict=True):
+        for name in ("a1", "a2", "a3", "beta"):
+            assert getattr(wire.law, name) == pytest.approx(getattr(true.law, name), rel=0.02)
+    assert np.rad2deg(calibration.validation.mean) < 0.3

@@ -15,6 +15,7 @@ from limb_systems import LimbParameters, LinearLaw, SaturatingLaw
 sys.path.insert(0, str(Path(__file__).parent))
 from own_limb import OwnLimb
 
+SIGNALS = ("time", "duty", "measured_temperature", "bend_angle")
 PULSES = {"right": (1, 0.9, 2.0), "left": (0, 0.8, 2.2)}  # index, duty and duration
 
 
@@ -68,3 +69,35 @@ def test_laws_are_judged_by_each_wire_that_is_fitted(pulses):
         judged = {tuple(p.course.duty.any(axis=0)) for p in found.best.judged}
         fitted = {tuple(p.course.duty.any(axis=0)) for p in found.best.fit.predicted}
         assert judged <= fitted
+
+
+def test_what_is_missing_is_fitted_without(pulses):
+    """Readings of some seconds, rows that were lost, and half of the samples of one sensor."""
+    whole = pulses[1]
+    gappy = []
+    for recording in whole:
+        bend, measured = recording.bend_angle.copy(), recording.measured_temperature.copy()
+        bend[0, 200:300] = np.nan
+        measured[1, 100:130] = np.nan
+        bend[0, 400::3] = np.nan
+        holes = dataclasses.replace(recording, bend_angle=bend, measured_temperature=measured)
+        kept = np.ones(len(bend[0]), bool)
+        kept[[150, 151, 350]] = False
+        signals = {n: getattr(holes, n)[..., kept] for n in SIGNALS}
+        gappy.append(dataclasses.replace(holes, **signals))
+    fits = [
+        calibrate({"heated": recordings}, LimbParameters(), laws=[LinearLaw]).prediction.fit
+        for recordings in (whole, gappy)
+    ]
+    for name, estimate in fits[0].estimates.items():
+        assert abs(fits[1].estimates[name].value - estimate.value) < 2 * estimate.standard_error
+
+
+def test_a_camera_that_loses_the_limb_now_and_then_changes_nothing(pulses):
+    """4% of the samples are off by 60°, some of them beside each other."""
+    random = np.random.default_rng(0)
+    for recording in pulses[1]:
+        off = random.choice([0.0, 60.0, -60.0], recording.bend_angle.shape, p=[0.96, 0.02, 0.02])
+        spoilt = dataclasses.replace(recording, bend_angle=recording.bend_angle + np.deg2rad(off))
+        away = np.abs(Course.of(spoilt).bend - Course.of(recording).bend)
+        assert np.rad2deg(away.max()) < 1.0

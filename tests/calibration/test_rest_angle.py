@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration import CalibrationError, calibrate, fit_damping, validate
+from calibration import fit_damping, validate
 from calibration.rest_angle import rest_angle
 from calibration.stiffness import fit_stiffness
 from limb_systems import (
@@ -86,16 +86,6 @@ def test_stiffness_of_limbs_that_rest_bent_or_seem_to(rests_at, offset, told):
     assert abs(k.value - truth) < 1.96 * k.standard_error < 0.6 * truth
     alone = fit_stiffness(start, [sag]).stiffness
     assert k.standard_error == pytest.approx(np.sqrt(2) * alone.standard_error, rel=0.05)
-
-
-def test_the_paper_s_method_refuses_a_limb_that_rests_bent(model_recordings):
-    (right,), (left,) = model_recordings["right"], model_recordings["left"]
-    right, left = (
-        dataclasses.replace(recording, bend_angle=recording.bend_angle - np.deg2rad(25.0))
-        for recording in (right, left)
-    )
-    with pytest.raises(CalibrationError, match=r'rests at -2\d\.\d°, .* the method "prediction"'):
-        calibrate({"right": [right], "left": [left]}, method="paper")
 
 
 def test_validation_of_a_recording_whose_clock_drifts(bent):

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from calibration import fit_damped_sinusoid, fit_damping, fit_stiffness
+from calibration.remarks import Severity
+from calibration.stiffness import remarks_on_sensor
 from limb_systems import ChordSensor, LimbParameters, Recording, TipTangentSensor
 
 ROD = Path(__file__).parents[1] / "data" / "rod"
@@ -37,12 +39,14 @@ def recording(name, shown, sensor, gravity):
 
 
 def calibrated(shown, sensor):
-    """k, and frequency and damping ratio of the model, from sag and ring-down."""
-    limb = LimbParameters()
-    stiffness = fit_stiffness(limb, [recording("sag", shown, sensor, -9.81)]).stiffness.value
-    limb.segments[0].stiffness = stiffness
-    (ringing,) = fit_damping(limb, [recording("ring_down", shown, sensor, 0.0)]).simulated
-    return np.array([stiffness, ringing.frequency, ringing.damping_ratio])
+    """k, and frequency and damping ratio of the model, from sag and ring-down; what is said."""
+    limb, sags = LimbParameters(), [recording("sag", shown, sensor, -9.81)]
+    fit = fit_stiffness(limb, sags)
+    limb.segments[0].stiffness = fit.stiffness.value
+    damping = fit_damping(limb, [recording("ring_down", shown, sensor, 0.0)])
+    (ringing,) = damping.simulated
+    found = np.array([fit.stiffness.value, ringing.frequency, ringing.damping_ratio])
+    return found, remarks_on_sensor(limb, sags, fit, damping)
 
 
 @pytest.fixture(scope="module")
@@ -66,10 +70,19 @@ def test_the_rod_s_own_numbers_are_found_by_either_sensor(rod, sensor, tolerance
     Half of that is the chain's: five links have an α/2 0.9% above two thirds of their chord's
     angle. The other half is shear, which adds 1% to the rod's chord and nothing to its α/2.
     """
-    assert calibrated(sensor, sensor) == pytest.approx(rod, rel=tolerance)
+    found, remarks = calibrated(sensor, sensor)
+    assert found == pytest.approx(rod, rel=tolerance)
+    assert not remarks
 
 
 def test_half_the_tip_tangent_taken_for_the_chord_is_far_off(rod):
     """What comes of Sec. V-A with the sensor of Sec. III: a sag of 6.7° for one of 10°."""
-    error = calibrated(TipTangentSensor, ChordSensor) / rod - 1
-    assert error == pytest.approx([0.53, 0.24, -0.19], abs=0.02)
+    found, (remark,) = calibrated(TipTangentSensor, ChordSensor)
+    assert found / rod - 1 == pytest.approx([0.53, 0.24, -0.19], abs=0.02)
+    assert "if by TipTangentSensor: correct the header's bend_sensor" in remark.sentence
+    assert remark.severity == Severity.STOP
+
+
+def test_the_chord_taken_for_half_the_tip_tangent_is_named():
+    _, (remark,) = calibrated(ChordSensor, TipTangentSensor)
+    assert "if by ChordSensor: correct the header's bend_sensor" in remark.sentence
