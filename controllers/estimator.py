@@ -39,10 +39,11 @@ HEATING_ERROR = 0.1  # of the heating by duty, in addition
 BEND_WALK = np.deg2rad(0.4)  # rad, of p
 HEATING_RATE, HEATING_TIME = 1.0, 15.0  # °C/s and s, of q
 DRIFT_TIME = 120.0  # s, in which the correlation of d falls to 1/e
-INITIAL_BEND = np.deg2rad(3.0)  # rad, of p
+# rad, of p where the rest angle is not known, or bent by more than so many standard deviations.
+INITIAL_BEND, UNLOADED = np.deg2rad(3.0), 2.0
 INITIAL_TEMPERATURE = 1.0  # °C
-INITIAL_OTHER = 0.1  # of the typical change of other states
-SILICONE = 5.0  # °C, by which the silicone around a warm wire may be off
+# °C, by which the silicone around a warm wire may be off, and what other states are known to.
+SILICONE = 5.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -115,15 +116,21 @@ class Estimator:
         self._decay = np.concatenate(
             [np.full(W, np.exp(-h / HEATING_TIME)), np.full(S, np.exp(-h / DRIFT_TIME)), np.ones(S)]
         )
-        initial = np.where(temperatures, SILICONE, INITIAL_OTHER * model.scales)
+        initial = np.where(temperatures, SILICONE, 0.0)
         initial[:W] = initial[-W:] = INITIAL_TEMPERATURE
         self._initial = np.concatenate(
             [initial, np.full(W, HEATING_RATE / 2), drift, np.full(S, INITIAL_BEND)]
         )
+        self._others = np.flatnonzero(~temperatures)
+        self._rest_error = rest_error(parameters)
         self._heating = model.period * model.heating_rates  # °C per step, by full duty
 
     def begin(self, readings: np.ndarray, bend_angle: np.ndarray) -> Estimate:
         """The estimate for a limb at rest whose wires have had their temperature for long.
+
+        What the bend is off then is taken for the sensor's drift and the rest angle's error, as
+        far as both are known to be so large; no reading tells them from a payload. If it is off
+        by more, it is a payload.
 
         Args:
             readings: V (W), °C, or NaN.
@@ -132,13 +139,19 @@ class Estimator:
         W, S = self.model.num_wires, self.model.num_segments
         known = np.where(np.isfinite(readings), readings, self.model.cold[-W:])
         heat = self.model.heated(known)
-        none = np.zeros(S)
+        initial, none = self._initial.copy(), np.zeros(S)
+        initial[self._others] = (self.model.heated(known + SILICONE) - heat)[self._others]
+        initial[-S:] = self._rest_error
+        held, C = self.sensing(heat)
+        spread = ((C[W:] * initial) ** 2).sum(axis=1) + self.reading_variances[W:]
+        off = np.abs((bend_angle - self._sensor_offset) / self._gain - held)
+        initial[-S:][off > UNLOADED * np.sqrt(spread)] = INITIAL_BEND
         return Estimate(
             heat,
             np.zeros(W),
             none,
             none,
-            np.diag(self._initial**2),
+            np.diag(initial**2),
             np.zeros(W + S),
             np.zeros(W + S),
             np.zeros(W),
@@ -327,3 +340,11 @@ class Estimator:
         heating_error = HEATING_ERROR * self._heating * duty
         walk[: self.model.num_wires] += heating_error**2 / self.model.period
         return walk
+
+
+def rest_error(parameters: LimbParameters) -> np.ndarray:
+    """By how much limbs may rest elsewhere than their parameters say (S,), rad, without a load."""
+    record = parameters.calibration
+    if record is None or "rest_angle" not in record.names:
+        return np.full(len(parameters.segments), INITIAL_BEND)
+    return np.array([record.standard_errors[record.names.index("rest_angle")]])

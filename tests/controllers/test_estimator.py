@@ -9,7 +9,15 @@ from pydrake.trajectories import PiecewisePolynomial
 from controllers import estimator as module
 from controllers.estimator import Estimator
 from controllers.temperature_supervisor import TemperatureLimiter
-from limb_systems import Limb, LimbParameters, TipTangentSensor, simulate
+from limb_systems import (
+    CalibrationRecord,
+    HystereticLaw,
+    Limb,
+    LimbParameters,
+    LinearLaw,
+    TipTangentSensor,
+    simulate,
+)
 
 PERIOD = 0.05
 DUTY = np.array([0.15, 0.6])
@@ -277,6 +285,30 @@ def test_a_wrong_start_is_over_after_three_seconds(limb, recording):
     missed = np.array(missed_heat(late, estimates(limb, late, begun=begun)))
     assert missed[0].min() < -30.0
     assert np.abs(missed[62:]).max() < 6.0
+
+
+@pytest.mark.parametrize("law", [LinearLaw, HystereticLaw])
+@pytest.mark.parametrize(
+    ("drift", "off", "bent"), [(2.0, 3.0, 0.0), (1.0, 6.0, 6.0), (None, 2.0, 2.0)]
+)
+def test_what_a_limb_is_off_at_the_start_is_drift_as_far_as_that_is_known(law, drift, off, bent):
+    """The rest angle of a calibrated limb is known; a payload is what drift cannot explain."""
+    parameters = LimbParameters()
+    for wire in parameters.wires:
+        wire.law = law()
+    if drift is not None:
+        parameters.segments[0].bend_sensor.drift = float(np.deg2rad(drift))
+        error = float(np.deg2rad(0.3))
+        parameters.calibration = CalibrationRecord(["rest_angle"], [0.0], [error], [[error**2]])
+    filtered, rng = Estimator(parameters), np.random.default_rng(3)
+    vector = filtered.nothing
+    for _ in range(20):
+        readings = np.full(2, 25.0) + rng.normal(0.0, 0.2, 2)
+        bend = np.deg2rad([off]) + rng.normal(0.0, np.deg2rad(0.5), 1)
+        estimate = filtered.read(vector, readings, bend)
+        vector = filtered.pack(filtered.predicted(estimate, np.zeros(2)))
+    estimated = np.rad2deg(filtered.model.bend_angle(estimate.heat) + estimate.offset)
+    np.testing.assert_allclose(estimated, bent, atol=0.8)
 
 
 def test_a_reading_that_is_absent_leaves_the_law(limb, recording):
