@@ -498,6 +498,8 @@ def _follow(options) -> int:
 
 
 def _learn(options) -> int:
+    if options.repetitions < 1:
+        raise ReplayError(f"--repetitions is {options.repetitions}; it must be 1 or more.")
     trajectory = Trajectory.load(options.trajectory)
     learner = learner_in(options.output, trajectory, force=options.force)
     if far := far_from_reference(trajectory):

@@ -34,6 +34,7 @@ def check_outputs(
     *,
     inputs: Sequence[Path | None] = (),
     pictures: Sequence[Path | None] = (),
+    tables: Sequence[Path | None] = (),
     force: bool = False,
 ) -> None:
     """Before a command starts, refuses outputs that it cannot or should not write.
@@ -41,7 +42,7 @@ def check_outputs(
     Args:
         outputs: files to be written; None for those that were not asked for.
         inputs: files that are read, which are never replaced.
-        pictures: those of the outputs that are pictures.
+        pictures, tables: those of the outputs that are pictures, or CSV.
         force: whether files that exist may be replaced.
 
     Raises:
@@ -49,6 +50,9 @@ def check_outputs(
     """
     for picture in filter(None, pictures):
         check_picture(picture)
+    for table in filter(None, tables):
+        if table.suffix.lower() != ".csv":
+            raise OutputError(f"{table} is to be a table; its name must end with .csv.")
     taken = [(path, "read") for path in filter(None, inputs)]
     for path in filter(None, outputs):
         if use := next((use for other, use in taken if _is_same(path, other)), None):

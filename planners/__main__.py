@@ -91,6 +91,7 @@ def _plan(options) -> int:
         outputs,
         inputs=[Path(options.reference), options.limb, options.task and Path(options.task)],
         pictures=pictures,
+        tables=[options.output],
         force=options.force,
     )
     trajectory = make_plan(

@@ -36,6 +36,7 @@ from planners.task import Task
 
 ROUNDING = 0.1  # °C, by which a margin of readings is larger than it must be
 
+ROUNDING_OF_ANGLES = 1e-9  # rad
 MAX_KNOTS = 20_000  # over a minute on two cores; more is most often a time in ms
 MAX_REFINEMENTS = 4
 RINGING = 0.3  # s, in which the limb's first mode decays to a third
@@ -380,7 +381,8 @@ def number_of_knots(reference: trajectories.Trajectory, knot_rate: float, max_kn
         raise PlanningError(
             f"A reference of {duration:g} s at {knot_rate:g} knots per second makes "
             f"{num_intervals + 1:,} knots, more than {max_knots:,}; is its time in s? If it "
-            "is, ask for fewer knots per second or set max_knots."
+            "is, ask for fewer knots per second, or allow more by --max-knots (max_knots in "
+            "Python)."
         )
     return num_intervals + 1
 
@@ -388,15 +390,16 @@ def number_of_knots(reference: trajectories.Trajectory, knot_rate: float, max_kn
 def _sample_reference(reference, times: np.ndarray, num_segments: int) -> np.ndarray:
     if reference.cols() != 1 or reference.rows() != num_segments:
         raise PlanningError(
-            f"The reference has {reference.rows()} x {reference.cols()} angles; "
-            f"this limb has {num_segments} segment{'s' * (num_segments > 1)}."
+            f"The reference has {reference.rows() * reference.cols()} angles at each time; "
+            f"this limb has {num_segments} segment{'s' * (num_segments > 1)}, with an angle each."
         )
     angles = reference.vector_values(times)
-    bad = ~(np.abs(angles) <= np.pi).all(axis=0)  # also true for NaN
+    bad = ~(np.abs(angles) <= np.pi + ROUNDING_OF_ANGLES).all(axis=0)  # also true for NaN
     if bad.any():
         index = int(np.argmax(bad))
+        worst = angles[np.argmax(np.abs(angles[:, index])), index]  # NaN if there is one
         raise PlanningError(
-            f"The reference is {np.rad2deg(angles[:, index]).tolist()}° at {times[index]:g} s; "
+            f"The reference is {np.rad2deg(worst):.6g}° at {times[index]:g} s; "
             "bend angles must be numbers from -180° to 180°."
         )
     return angles

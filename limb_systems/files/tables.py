@@ -192,6 +192,7 @@ def _finish(data: bytes) -> bytes:
 
 def parse_table(data: bytes, kind: str) -> Table:
     """What is in a text of `format_table`; errors as for `read_table`."""
+    data = data.replace(b"\r\n", b"\n")  # as some ways of copying text leave it
     lines, rows = _split(data)
     first = re.fullmatch(r"# limb (\w+), format ([0-9]{1,9})", lines[0])
     if not first:

@@ -171,7 +171,11 @@ class Trajectory(Shown):
             "duration": f"{self.duration:g} s",
             "samples": f"{len(self.time)} knots",
             "motion": bend_range(self.bend_angle),
-            "check": "failed its check" if self.check.failure() else "checked",
+            "check": "not checked"
+            if self.check.is_missing
+            else "failed its check"
+            if self.check.failure()
+            else "checked",
         }
 
     @property

@@ -75,6 +75,13 @@ def test_command_replaces_only_when_told_to(plan_file, short_plan, tmp_path, cap
     assert "is of another plan" in capsys.readouterr().err
 
 
+def test_no_repetitions_are_refused(plan_file, tmp_path, capsys):
+    folder = tmp_path / "learned"
+    assert main(["learn", plan_file, "-n", "0", "-o", str(folder)]) == 1
+    assert "--repetitions is 0; it must be 1 or more" in capsys.readouterr().err
+    assert not folder.exists()
+
+
 def test_recording_that_was_complete_is_learned_from_later(short_plan, tmp_path, monkeypatch):
     """Ctrl-C between a repetition and what is learned from it loses nothing."""
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from limb_systems import Limb, simulate
+from limb_systems import Limb, PlanCheck, simulate
 from limb_systems.views.plots import plot_tracking
 
 
@@ -13,6 +13,7 @@ def test_a_trajectory_is_a_line_and_a_small_table(fig5_plan):
     assert fig5_plan._repr_html_().count("<tr>") == 4
     failed = dataclasses.replace(fig5_plan.check, largest_defect=1.0)
     assert "failed its check" in repr(dataclasses.replace(fig5_plan, check=failed))
+    assert "not checked" in repr(dataclasses.replace(fig5_plan, check=PlanCheck()))
 
 
 def test_a_recording_says_where_it_is_from():

@@ -78,6 +78,11 @@ def test_states_between_knots_have_the_slopes_of_the_dynamics(fig5_plan):
     np.testing.assert_allclose(heat, expected[:, 1:-1], atol=1e-6)
 
 
+def test_a_plan_whose_lines_end_as_on_windows_is_read(fig5_plan):
+    text = fig5_plan.to_text()
+    assert Trajectory.from_text(text.replace("\n", "\r\n")).to_text() == text
+
+
 def test_resampling_keeps_the_motion_and_says_that_it_is_unchecked(fig5_plan):
     fine = fig5_plan.resample(50.0)
     assert len(fine.time) == 3001

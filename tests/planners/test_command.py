@@ -104,6 +104,8 @@ def test_recordings_are_references(quick, tmp_path):
         (["--tolerance", "0"], "tolerance_deg is 0.0 degrees"),
         (["--tolerance", "nan"], "tolerance_deg is nan degrees"),
         (["--max-knots", "60"], "6 s at 10 knots per second makes 61 knots, more than 60"),
+        (["--max-knots", "60"], "or allow more by --max-knots"),
+        (["-o", "plan.png"], "plan.png is to be a table; its name must end with .csv"),
         (["-l", "nowhere.yaml"], "nowhere.yaml"),
     ],
 )

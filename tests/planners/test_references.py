@@ -60,7 +60,7 @@ def test_csv_is_in_degrees_and_starts_at_its_first_sample(tmp_path):
         ("0,0\n1,nan\n", "not finite at its sample 1"),
         ("0,0\n", "two samples or more"),
         ("0,0\n2,1\n1,2\n", "from 2 s to 1 s; time must increase"),
-        ("time,angle\n0,0\n", "two samples or more"),
+        ("time,angle\n0,0\n", "this one has 1 times and 1 angles"),
         ("0,0\nl,2\n", "line 2 has 'l', which is not a number"),
         ("0,O\n1,2\n", "line 1 has 'O', which is not a number"),
         ("0,0\n1,2,3\n", "line 2 has 3 numbers, but those above have 2"),
@@ -70,7 +70,7 @@ def test_csv_is_in_degrees_and_starts_at_its_first_sample(tmp_path):
         ("# limb trajectory, format 1\n", "is a plan already, for soft-limb replay"),
         ("# limb recording, format 1\n", "is a recording; references.from_recording"),
         ("format: 2\nsegments:\n- links: 5\n", "describes a limb, and is given with -l"),
-        ("", "two samples or more|Cannot read"),
+        ("", "this one has 0 times and 0 angles|Cannot read"),
     ],
 )
 def test_csv_that_is_no_reference_is_refused(tmp_path, text, message):
