@@ -31,7 +31,7 @@ from planners.quasi_static import (
     readings_along,
     solve_quasi_static,
 )
-from planners.solving import PlanningError, Solution, solve_program
+from planners.solving import LONGEST_SOLVE, PlanningError, Solution, solve_program
 from planners.task import Task
 
 ROUNDING = 0.1  # °C, by which a margin of readings is larger than it must be
@@ -113,7 +113,7 @@ def plan(
         if largest <= tolerance or largest > 0.7 * before:  # met, or knots do not help
             break
         finer = _refined(times, offsets, differences, tolerance)
-        if len(finer) > max_knots:
+        if len(finer) > max_knots or time.perf_counter() - started > LONGEST_SOLVE:
             break
         times = finer
     trajectory.check.total_time = time.perf_counter() - started

@@ -107,6 +107,11 @@ class TrajectoryProgram:
         """Whether a wire's heat or torque is not affine."""
         return not (self._wires.rates_are_affine and self._wires.torque_is_affine)
 
+    @property
+    def heat_curves(self) -> bool:
+        """Whether a wire's heat is not affine, as with hysteresis."""
+        return not self._wires.rates_are_affine
+
     def variables(
         self, states: np.ndarray, duty: np.ndarray, times: np.ndarray | None = None
     ) -> np.ndarray:

@@ -17,6 +17,8 @@ CURVATURE_ITERATIONS = 80  # most plans need 10 to 30
 # barrier that begins this small they are half as many as with IPOPT's own, 0.1.
 PATIENT_ITERATIONS = 600
 PATIENT_BARRIER = 0.01
+# s of processor time, after which no attempt begins and IPOPT ends; plans take seconds.
+LONGEST_SOLVE = 300.0
 GAUSS_NEWTON_ITERATIONS = 40  # most plans need 15, and those that need 40 do not converge
 
 
@@ -55,11 +57,12 @@ def solve_program(
     1. unless the duration is free, where less than all curvature is not enough:
        IPOPT with the Hessian of the cost alone (Gauss-Newton), or, if the wires'
        laws are not affine, with their curvature as well, then the same with a
-       monotone barrier and with patience;
+       monotone barrier and with patience; with hysteresis, at once with these;
     2. IPOPT with the Hessian of the Lagrangian;
     3. the same with a monotone barrier.
 
-    Ctrl-C ends each of them after an iteration. If `ipyopt` is not installed, Drake's
+    All of them together end after `LONGEST_SOLVE`, and Ctrl-C ends each of them
+    after an iteration. If `ipyopt` is not installed, Drake's
     `IpoptSolver` and then SNOPT replace them, which heed no signal until they return.
 
     Args:
@@ -72,13 +75,16 @@ def solve_program(
         KeyboardInterrupt: if Ctrl-C came, whatever point was found.
     """
     failures: list[str] = []
-    iterations, started = 0, time.perf_counter()
+    iterations, started, begun = 0, time.perf_counter(), time.process_time()
     with Progress("planning", None, "iterations") as progress:
 
         def report(iteration, cost, violation):
             progress.update(iteration, f"(cost {cost:.6g}, violation {violation:.1e})")
 
         for name, attempt in _attempts(program, guess, multipliers, solver, report):
+            if time.process_time() - begun > LONGEST_SOLVE:
+                failures.append(f"{LONGEST_SOLVE:g} s of processor time are over")
+                break
             result = attempt()
             details = result.get_solver_details()
             iterations += getattr(details, "iterations", 0)
@@ -106,8 +112,12 @@ def _attempts(program: TrajectoryProgram, guess, multipliers, solver, report: Ca
         yield solver.SolverName(), lambda: solver.Solve(program.prog, guess, None)
         return
 
+    begun = time.process_time()
+
     def ipopt(exact, options=None, multipliers=None, nonlinear=program.defects):
         solver_options = SolverOptions()
+        left = max(LONGEST_SOLVE - (time.process_time() - begun), 1e-3)
+        solver_options.SetOption(IpoptSolver.id(), "max_cpu_time", left)
         for option, value in (options or {}).items():
             solver_options.SetOption(IpoptSolver.id(), option, value)
         solver = ExactHessianIpoptSolver(exact=exact, nonlinear=nonlinear, on_iteration=report)
@@ -127,8 +137,13 @@ def _attempts(program: TrajectoryProgram, guess, multipliers, solver, report: Ca
             "max_iter": PATIENT_ITERATIONS,
         }
         name = "IPOPT, curvature of the wires"
-        yield name, lambda: ipopt(True, longer, multipliers, of_wires)
-        yield f"{name}, monotone barrier", lambda: ipopt(True, monotone, None, of_wires)
+        if program.heat_curves:
+            # IPOPT's adaptive barrier takes twice as many iterations with hysteresis as soon as
+            # they are more than some fifty, and only a few less before.
+            yield name, lambda: ipopt(True, monotone, multipliers, of_wires)
+        else:
+            yield name, lambda: ipopt(True, longer, multipliers, of_wires)
+            yield f"{name}, monotone barrier", lambda: ipopt(True, monotone, None, of_wires)
     elif program.task.stretch is None:
         yield "IPOPT, Gauss-Newton", lambda: ipopt(False, limit, multipliers)
     yield "IPOPT, exact Hessian", lambda: ipopt(True)

@@ -361,6 +361,13 @@ def test_if_all_fail_there_is_no_plan_and_each_is_named(monkeypatch):
         plan(small_limb(), short_reference())
 
 
+def test_attempts_end_after_their_time_in_all(monkeypatch):
+    monkeypatch.setattr(solving, "LONGEST_SOLVE", 1e-3)
+    message = r"plan: (IPOPT, .*CPU time exceeded; )?0\.001 s of processor time are over\."
+    with pytest.raises(PlanningError, match=message):
+        plan(small_limb(), short_reference())
+
+
 @pytest.mark.parametrize("iteration", [1, 8])
 def test_ctrl_c_is_no_plan_however_good_the_point_is(iteration, monkeypatch):
     """At iteration 8 and later the point of IPOPT is feasible."""
