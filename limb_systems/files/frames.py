@@ -8,6 +8,7 @@ import dataclasses
 import importlib
 import io
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -115,7 +116,9 @@ def write_mcap(samples: "Recording | Trajectory", path: str | Path) -> None:
     for index, time in enumerate(times.tolist()):
         at = round(time * 1e9)
         for channel, names, rows in channels:
-            message = {"time_s": time, **dict(zip(names, rows[index], strict=True))}
+            values = zip(names, rows[index], strict=True)
+            # JSON has no nan: readings that are missing are not in the message.
+            message = {"time_s": time, **{n: v for n, v in values if not math.isnan(v)}}
             writer.add_message(channel, at, json.dumps(message).encode(), at, sequence=index)
     about = _without_nan(_about(samples, frame))
     writer.add_metadata(

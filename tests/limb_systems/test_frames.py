@@ -120,6 +120,17 @@ def test_mcap_has_a_channel_for_each_signal(recording, path, table):
     assert json.loads(metadata.metadata["provenance"]) == dataclasses.asdict(recording.provenance)
 
 
+def test_mcap_leaves_out_what_is_missing(recording, path):
+    """JSON has no nan."""
+    recording = dataclasses.replace(recording, bend_angle=recording.bend_angle.copy())
+    recording.bend_angle[0, 1] = np.nan
+    recording.save(path)
+    assert main(["export", str(path), "-o", str(path.with_suffix(".mcap"))]) == 0
+    reader = make_reader(io.BytesIO(path.with_suffix(".mcap").read_bytes()))
+    bends = [json.loads(m.data) for _, _, m in reader.iter_messages(topics="/bend_angle")]
+    assert [len(bend) for bend in bends[:3]] == [2, 1, 2]
+
+
 def test_several_files_go_to_a_folder_and_nothing_is_replaced(recording, path, capsys):
     other = path.with_name("other.csv")
     recording.save(other)
