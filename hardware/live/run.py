@@ -11,7 +11,10 @@ from hardware.live.messages import Message, Phase, Reading
 from limb_systems.simulation import REAL_TIME_STEP
 
 MOST_POINTS = 1500  # of a curve; the browser draws them on the computer that runs the limb
-ENDED_WITHOUT_A_WORD = "the program has gone without saying why: it was killed, or it crashed"
+ENDED_WITHOUT_A_WORD = (
+    "the program has gone without saying why: it was stopped while it planned, it was killed, or "
+    "it crashed"
+)
 
 
 class Run:
