@@ -25,8 +25,8 @@ from planners import plan, references
 
 
 def export_plan(path):
-    """The program that plans: bend by 30° within 4 s, and hold it."""
-    reference = references.from_samples([0.0, 4.0, 6.0], np.deg2rad([0.0, 30.0, 30.0]))
+    """The program that plans: bend by 35° within 10 s, and hold it."""
+    reference = references.from_samples([0.0, 10.0, 14.0], np.deg2rad([0.0, 35.0, 35.0]))
     plan(LimbParameters(), reference).save(path)
     return path
 
@@ -48,7 +48,7 @@ def main(options):
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Replays a plan on a serial port.")
-    parser.add_argument("plan", nargs="?", type=Path, help="trajectory (.csv); one of 6 s if none")
+    parser.add_argument("plan", nargs="?", type=Path, help="trajectory (.csv); one of 14 s if none")
     parser.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
     parser.add_argument("-o", "--out", type=Path, default="out", help="folder for the results")
     try:

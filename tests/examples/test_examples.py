@@ -137,7 +137,7 @@ def test_own_reference_of_a_file_and_for_a_limb(tmp_path):
 def test_plan_export_replay(tmp_path):
     """The heated wire alone gets hot, about as (6) says, and bends the limb to its side."""
     said = run([EXAMPLES / "plan_export_replay.py", "-o", tmp_path], tmp_path)
-    assert re.search(r"recorded +limb twin0000 on .*, emulated: 121 samples", said)
+    assert re.search(r"recorded +limb twin0000 on .*, emulated: 281 samples", said)
     trajectory = Trajectory.load(tmp_path / "plan.csv")
     recording = Recording.load(tmp_path / "replay.csv")
     asked = [np.interp(recording.time, trajectory.time, duty) for duty in trajectory.duty]
