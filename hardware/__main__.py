@@ -414,6 +414,7 @@ def _replay(options) -> int:
         [options.output, options.plot, options.report],
         inputs=[options.trajectory],
         pictures=[options.plot],
+        tables=[options.output],
         force=options.force,
     )
     trajectory = Trajectory.load(options.trajectory)
@@ -545,7 +546,8 @@ def _learn(options) -> int:
 
 
 def _teach(options) -> int:
-    check_outputs([options.output], inputs=[options.limb], force=options.force)
+    output = [options.output]
+    check_outputs(output, inputs=[options.limb], tables=output, force=options.force)
     limb = LimbParameters.load(options.limb) if options.limb else LimbParameters()
     with live_page(options) as live:
         robot = SerialLimb(options.port, limb, heated=False)
@@ -565,7 +567,8 @@ def _teach(options) -> int:
 
 
 def _recover(options) -> int:
-    check_outputs([options.output], inputs=[options.recording], force=options.force)
+    output = [options.output]
+    check_outputs(output, inputs=[options.recording], tables=output, force=options.force)
     recording = Recording.load(options.recording, unfinished=True)
     if not len(recording.time):
         raise LimbError(f"{options.recording} has no samples; there is nothing to recover.")

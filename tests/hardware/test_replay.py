@@ -337,6 +337,8 @@ def test_command_says_what_is_wrong_with_a_file(tmp_path, capsys):
     error = capsys.readouterr().err
     assert "plan.csv: this is not a limb trajectory" in error
     assert "soft-limb plan makes a trajectory of a reference" in error
+    assert main(["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "x.png")]) == 1
+    assert "x.png is to be a table; its name must end with .csv" in capsys.readouterr().err
     assert not output.exists()
 
 
