@@ -51,17 +51,38 @@ def main(arguments: list[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"soft-limb {version('soft-limb')}")
+    parser.add_argument(
+        "--import",
+        dest="modules",
+        action="append",
+        default=[],
+        metavar="MODULE",
+        help="import a Python module first, of this folder or an installed one, that defines a "
+        "wire law or a bend sensor of your own; before COMMAND, and once for each module",
+    )
     parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="one of those below")
     parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="of the command")
     if not (sys.argv[1:] if arguments is None else arguments):
         parser.print_help(sys.stderr)
         return 2
     options = parser.parse_args(arguments)
+    for module in options.modules:
+        try:
+            _import(module)
+        except Exception as error:  # whatever the module does
+            parser.error(f"{module} could not be imported: {type(error).__name__}: {error}")
     package, _ = COMMANDS[options.command]
     run = importlib.import_module(f"{package}.__main__").main
     if package == "planners":  # it has only one command, without a name
         return run(options.arguments, prog="soft-limb plan")
     return run([options.command, *options.arguments], prog="soft-limb")
+
+
+def _import(module: str) -> None:
+    """Imports a module; those of this folder come last, so that they take no other's place."""
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
+    importlib.import_module(module)
 
 
 def add_force_option(command: argparse.ArgumentParser) -> None:

@@ -329,7 +329,8 @@ def _chosen(data: Any, schema: Any, where: str) -> type:
     if tag not in choices:
         raise SchemaError(
             f"{where} is a !{tag}, which is not known{nearest(tag, list(choices))}; it must be "
-            f"one of {_tags(choices)}."
+            f"one of {_tags(choices)}, or a class of your own whose module was imported "
+            "(soft-limb --import MODULE ...)."
         )
     return choices[tag]
 
@@ -337,7 +338,8 @@ def _chosen(data: Any, schema: Any, where: str) -> type:
 def _with_subclasses(classes: list[type]) -> list[type]:
     found: list[type] = []
     for cls in classes:
-        if dataclasses.is_dataclass(cls) and not inspect.isabstract(cls):
+        private = cls.__name__.startswith("_")
+        if dataclasses.is_dataclass(cls) and not (private or inspect.isabstract(cls)):
             found.append(cls)
         found += _with_subclasses(cls.__subclasses__())
     return found

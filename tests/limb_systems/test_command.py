@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from limb_systems import LimbError
+from limb_systems import LimbError, LimbParameters
 from limb_systems.command import COMMANDS, heed_signals, main, run_command
 
 ROOT = Path(__file__).parents[2]
@@ -190,3 +190,41 @@ def test_soft_limb_says_its_version_and_refuses_what_it_does_not_know(capsys):
     assert "plan the feasible trajectory" in capsys.readouterr().err
     assert main(["plan", "nowhere.csv", "-o", "nowhere/plan.csv"]) == 1
     assert "nowhere.csv" in capsys.readouterr().err
+
+
+MY_LAW = """
+import dataclasses
+
+from limb_systems import LinearLaw
+
+
+@dataclasses.dataclass
+class MyOwnLaw(LinearLaw):
+    pass
+"""
+
+
+def test_a_law_of_ones_own_is_imported_for_a_command(tmp_path):
+    """From a module in the folder of the command, as a lab has it; no file of YAML imports one."""
+    (tmp_path / "my_law.py").write_text(MY_LAW)
+    text = LimbParameters().to_yaml().replace("!LinearLaw", "!MyOwnLaw")
+    (tmp_path / "limb.yaml").write_text(text)
+    (tmp_path / "broken.py").write_text("1 +")
+    run = "import sys; from limb_systems.command import main; sys.path[:] = sys.path[1:]; main()"
+
+    def soft_limb(*arguments):
+        command = [sys.executable, "-c", run, *arguments]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+
+    plan = ["plan", "fig5", "-l", "limb.yaml", "-o", "plan.csv", "--knot-rate", "1"]
+    refused = soft_limb(*plan).stderr
+    assert "!MyOwnLaw, which is not known" in refused
+    assert "soft-limb --import MODULE" in refused
+    assert "!_" not in refused
+    for module, why in {"no_law": "No module named 'no_law'", "broken": "SyntaxError"}.items():
+        failed = soft_limb("--import", module, *plan).stderr
+        assert f"{module} could not be imported: " in failed
+        assert why in failed
+    done = soft_limb("--import", "my_law", *plan, "--tolerance", "5")
+    assert done.returncode == 0, done.stderr
+    assert "law: !MyOwnLaw" in (tmp_path / "plan.csv").read_text()
