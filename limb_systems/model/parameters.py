@@ -36,6 +36,7 @@ from limb_systems.schema import (
 FORMAT = 2  # of the YAML file
 MOST_SEGMENTS, MOST_JOINTS = 50, 500
 LEAST_SIDEWAYS = 0.01  # share of its torque by which a wire bends the limb in its plane, at least
+HEAVIEST, ODDLY_HEAVY = 20.0, 4.0  # density over that of water; iridium has 22, filled silicone 2
 _WIRE_OFFSET = 0.34  # of the thickness, off the axis, of the wires that format 1 had
 
 
@@ -321,7 +322,7 @@ class LimbParameters(Strict):
 
     @classmethod
     def load(cls, path: str | Path) -> "LimbParameters":
-        """Reads and validates a YAML file.
+        """Reads and validates a YAML file, with a warning for what is possible, but odd.
 
         Raises:
             ParameterError: with one sentence naming the file and the field.
@@ -333,9 +334,13 @@ class LimbParameters(Strict):
                 "fit or LimbParameters.save writes."
             )
         try:
-            return cls.from_yaml(text)
+            parameters = cls.from_yaml(text)
         except ParameterError as error:
             raise ParameterError(f"{path}: {error}") from error
+        for index, segment in enumerate(parameters.segments):
+            for oddity in _oddities(segment, f"segments[{index}]"):
+                warnings.warn(f"{path}: {oddity}", stacklevel=2)
+        return parameters
 
     def save(self, path: str | Path) -> None:
         """Validates, then writes a YAML file whole or not at all."""
@@ -419,6 +424,7 @@ class LimbParameters(Strict):
             )
         for index, segment in enumerate(self.segments):
             _validate_wires(segment.wires, f"segments[{index}].wires")
+            _validate_mass(segment, f"segments[{index}]")
         limits = self.temperature_limits
         if limits.maximum <= self.ambient_temperature:
             raise ParameterError(
@@ -487,6 +493,45 @@ class LimbParameters(Strict):
 def _slices(sizes: list[int]) -> list[slice]:
     ends = np.cumsum(sizes).tolist()
     return [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
+
+
+def _validate_mass(segment: SegmentParameters, where: str) -> None:
+    times_water = _density(segment) / 1000.0
+    if times_water > HEAVIEST:
+        raise ParameterError(
+            f"{where}.mass is {segment.mass:g} kg, {times_water:.0f} times the water that its "
+            "length, width and thickness hold; is it in grams, or are they not in m?"
+        )
+
+
+def _oddities(segment: SegmentParameters, where: str) -> list[str]:
+    """What limbs can be, but hardly are."""
+    odd = []
+    times_water = _density(segment) / 1000.0
+    if not 1 / ODDLY_HEAVY < times_water < ODDLY_HEAVY:
+        odd.append(
+            f"{where}.mass is {segment.mass:g} kg, {times_water:.2g} times the water that its "
+            "length, width and thickness hold; are all of them right?"
+        )
+    for index, wire in enumerate(segment.wires):
+        extents = ("e2", wire.e2, segment.thickness), ("e3", wire.e3, segment.width)
+        for name, value, extent in extents:
+            if abs(value) > extent / 2:
+                odd.append(
+                    f"{where}.wires[{index}].{name} is {value:g} m, outside the segment, which is "
+                    f"{extent:g} m across."
+                )
+    sides = {wire.e2 > 0 for wire in segment.wires if wire.e2}
+    if len(segment.wires) > 1 and len(sides) == 1:
+        odd.append(
+            f"all wires of {where} run on the same side (e2 {'>' if sides.pop() else '<'} 0), so "
+            "that none can bend it back; is a sign missing?"
+        )
+    return odd
+
+
+def _density(segment: SegmentParameters) -> float:
+    return segment.mass / (segment.length * segment.width * segment.thickness)
 
 
 def _validate_wires(wires: list[WireParameters], where: str) -> None:

@@ -160,6 +160,7 @@ def test_fine_chain_rings_like_an_euler_bernoulli_cantilever():
             links=n,
             length=length,
             mass=mass,
+            width=1.0,  # else it would be denser than any metal
             thickness=1e-4,
             stiffness=n * rigidity / length,
             damping=0.0,

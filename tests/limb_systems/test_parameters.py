@@ -179,6 +179,8 @@ def random_limb(rng) -> LimbParameters:
                 memory[leaf.keys[-1]] = random_value(rng, leaf)
             elif leaf.keys[0] == "segments" and "wires" not in leaf.keys:
                 data[leaf.keys[-1]] = random_value(rng, leaf)
+        volume = data["length"] * data["width"] * data["thickness"]
+        data["mass"] = float(min(data["mass"], volume * rng.uniform(300.0, 3900.0)))
         data["bend_sensor"] = [TipTangentSensor, ChordSensor][rng.integers(2)](**sensor)
         wires = []
         for number in range(rng.integers(1, 4)):
@@ -218,6 +220,7 @@ def random_limb(rng) -> LimbParameters:
     )
 
 
+@pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.parametrize("seed", range(20))
 def test_round_trip_is_exact(tmp_path, seed):
     parameters = random_limb(np.random.default_rng(seed))
@@ -460,6 +463,26 @@ def test_number_too_large_for_a_double_is_refused(refused, leaf):
         LimbParameters.from_yaml(edited(leaf.keys, 10**400))
     with refused(ParameterError, field_in_object(leaf)):
         with_value(leaf.keys, 10**400).validate()
+
+
+def test_a_mass_in_grams_is_refused(refused):
+    with refused(ParameterError, "segments[0].mass is 40 kg, 2000 times the water that", "grams"):
+        LimbParameters.from_yaml(edited(("segments", 0, "mass"), 40.0))
+
+
+@pytest.mark.parametrize(
+    ("edit", "sentence"),
+    [
+        (("mass", 0.2), "segments[0].mass is 0.2 kg, 10 times the water that its length"),
+        (("wires", 0, "e2", -0.4), "wires[0].e2 is -0.4 m, outside the segment, which is 0.01 m"),
+        (("wires", 0, "e2", 0.0034), "all wires of segments[0] run on the same side (e2 > 0)"),
+    ],
+)
+def test_what_limbs_hardly_are_is_said_when_they_are_loaded(tmp_path, edit, sentence):
+    *keys, value = edit
+    (tmp_path / "limb.yaml").write_text(edited(("segments", 0, *keys), value))
+    with pytest.warns(UserWarning, match=re.escape(sentence)):
+        LimbParameters.load(tmp_path / "limb.yaml")
 
 
 @each_leaf
