@@ -69,8 +69,6 @@ def random_law(kind: type[WireLaw], recorded: bool, generator: np.random.Generat
             changed = generator.uniform(*RECORDED_WIDTHS[kind])
         elif name in ("knee", "middle", "heating_middle"):
             changed = value + generator.uniform(-CHANGE, CHANGE)
-        elif name == "switching_rate":
-            changed = value
         else:
             changed = value * FACTOR ** generator.uniform(-1.0, 1.0)
         setattr(law, name, float(changed))

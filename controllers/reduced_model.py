@@ -77,7 +77,9 @@ class ReducedModel:
     def step(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """The heat (..., H) a period later, under duty (..., W), by the midpoint method."""
         middle = heat + 0.5 * self.period * self._wires.heat_rates(heat, duty)
-        return heat + self.period * self._wires.heat_rates(middle, duty)
+        after = heat + self.period * self._wires.heat_rates(middle, duty)
+        states, readings = np.split(after, [self._wires.num_states], axis=-1)
+        return np.concatenate([self._wires.within(states), readings], axis=-1)
 
     def joint_angles(self, heat: np.ndarray) -> np.ndarray:
         """θ (..., n) that the wires hold, rad."""

@@ -53,6 +53,7 @@ class OpenLoop:
             T and V (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad.
         """
         heat, room = np.array(initial), ambient[..., None]
+        _keep_within(law, heat)
         num_steps = len(self._duty)
         temperatures = np.empty((num_steps + 1, *heat.shape[1:]))
         readings = np.empty_like(temperatures)
@@ -77,6 +78,7 @@ class OpenLoop:
             bends[number] = rest + to_bend * angle
             if number < num_steps:
                 heat = _runge_kutta(law, heat, self._duty[number], room, self.step)
+                _keep_within(law, heat)
         return temperatures, readings, bends
 
     def _at_rest(
@@ -99,6 +101,13 @@ def with_fields(law: type[WireLaw], fields: Mapping[str, np.ndarray]) -> WireLaw
     for name, values in fields.items():
         setattr(together, name, values)
     return together
+
+
+def _keep_within(law: WireLaw, heat: np.ndarray) -> None:
+    """Keeps what the law remembers in its range: starts and long steps may be beyond."""
+    for row, state in zip(heat, law.states, strict=False):
+        if state in law.memory:
+            np.clip(row, *law.memory[state], out=row)
 
 
 def _runge_kutta(law: WireLaw, heat: np.ndarray, duty: np.ndarray, room, h: float) -> np.ndarray:

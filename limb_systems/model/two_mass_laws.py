@@ -6,12 +6,17 @@ default values are those of the nominal limb with such wires.
 """
 
 import dataclasses
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw
 from limb_systems.schema import quantity
+
+# Of the temperature that tells heating from cooling: b, ε, °C, and τ, s. A reversal costs 2 b
+# without transformation, which public records cannot tell from none. Paths are told from rest by
+# their direction down to a few mK/s, and τ is as short as the steps of simulations allow.
+BACKLASH, SOFTNESS, FOLLOWING = 1.0, 0.15, 0.3
 
 
 @dataclasses.dataclass
@@ -124,55 +129,73 @@ class HystereticLaw(_TwoMassHeat):
     """Heat in wire and silicone; torque follows the transformation, which has hysteresis.
 
     The transformed share ξ follows one S-shaped curve while the wire heats and
-    another one while it cools, by Duhem's differential law:
+    another one while it cools, by Duhem's differential law, along the path of a
+    temperature B that follows T with a little backlash b, so that the path says
+    by itself whether it goes up or down, however slowly:
 
-        dξ/dT = u (1 - ξ) s((T - T_h) / w) / w + (1 - u) ξ s((T_c - T) / w) / w
-        u = s(Ṫ / r),  torque = M ξ
+        Ḃ = p(T - B) - p(B - T),  p(z) = (ε / τ) ln(1 + exp((z - b) / ε))
+        ξ̇ = (1 - ξ) s((T - T_h) / w) / w p(T - B) - ξ s((T_c - T) / w) / w p(B - T)
+        torque = M ξ
 
-    with the logistic function s; u switches smoothly from cooling, 0, to
-    heating, 1. While the temperature stays, so does ξ. Heat is that of `TwoMassLaw`.
+    with the logistic function s. Both terms end where ξ does, and so it stays
+    from 0 to 1. While the temperature stays, so does ξ. Heat is that of `TwoMassLaw`.
 
     - ``a1``, ``a2``, ``a3``, ``silicone_warming``, ``silicone_cooling``: as of `TwoMassLaw`.
     - ``full_torque``: M, joint torque of the transformed wire, N·m.
     - ``heating_middle``, ``cooling_middle``: T_h, T_c, at which half of the
       wire is transformed on either curve, °C.
     - ``width``: w, of the curves, °C.
-    - ``switching_rate``: r, rate of temperature over which u switches, °C/s.
     """
 
-    states: ClassVar[dict[str, float]] = {**_TwoMassHeat.states, "xi": 0.5}
-    settings: ClassVar[tuple[str, ...]] = ("switching_rate",)
+    states: ClassVar[dict[str, float]] = {
+        **_TwoMassHeat.states,
+        "B": TEMPERATURE_SCALE,
+        "xi": 0.5,
+    }
+    memory: ClassVar[dict[str, tuple[float, float]]] = {"B": (-np.inf, np.inf), "xi": (0.0, 1.0)}
 
     full_torque: float = quantity(0.038, "N·m", 1e-8, 100.0)
     heating_middle: float = quantity(66.0, "°C", -20.0, 300.0)
     cooling_middle: float = quantity(58.0, "°C", -20.0, 300.0)
     width: float = quantity(9.0, "°C", 1.0, 100.0)
-    switching_rate: float = quantity(1.0, "°C/s", 0.01, 100.0)
+
+    @classmethod
+    def upgrade(cls, data: Any) -> Any:
+        """Leaves out the rate, °C/s, over which files of earlier versions let the curves switch."""
+        if not isinstance(data, dict):
+            return data
+        return {name: value for name, value in data.items() if name != "switching_rate"}
 
     def rates(self, x, D, T0):
         """See the class."""
-        T, _, xi = x
-        heating, warming = super().rates(x, D, T0)
-        rising = _logistic(heating / self.switching_rate)
-        slope = (
-            rising * (1.0 - xi) * _logistic((T - self.heating_middle) / self.width)
-            + (1.0 - rising) * xi * _logistic((self.cooling_middle - T) / self.width)
-        ) / self.width
-        return [heating, warming, slope * heating]
+        T, _, B, xi = x
+        rise, fall = (
+            SOFTNESS / FOLLOWING * _softplus((ahead - BACKLASH) / SOFTNESS)
+            for ahead in (T - B, B - T)
+        )
+        up = (1.0 - xi) * _logistic((T - self.heating_middle) / self.width) / self.width
+        down = xi * _logistic((self.cooling_middle - T) / self.width) / self.width
+        return [*super().rates(x[:2], D, T0), rise - fall, up * rise - down * fall]
 
     def torque(self, x, T0, theta):
         """M ξ."""
-        return self.full_torque * x[2]
+        return self.full_torque * x[3]
 
     def cold_states(self, T0):
-        """Nothing is transformed."""
-        return [T0, T0, 0.0]
+        """Nothing is transformed, and heat finds no backlash, so that plans from cold see it act."""
+        return [T0, T0, T0 - BACKLASH, 0.0]
 
     def warm_states(self, T, T0):
         """On the curve of heating, which starts at ambient temperature with ξ = 0."""
         ends = [1.0 + np.exp((t - self.heating_middle) / self.width) for t in (T0, T)]
-        return [T, T0, 1.0 - ends[0] / ends[1]]
+        return [T, T0, T - BACKLASH, 1.0 - ends[0] / ends[1]]
 
 
 def _logistic(z):
     return 0.5 * (1.0 + np.tanh(0.5 * z))
+
+
+def _softplus(z):
+    """ln(1 + exp(z)), where exp(z) may be too large for a number, too."""
+    size = np.sqrt(z**2 + 1e-12)  # |z|, whose derivative all scalar types have at 0
+    return 0.5 * (z + size) + np.log(1.0 + np.exp(-size))

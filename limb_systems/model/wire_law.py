@@ -30,11 +30,14 @@ class WireLaw(Tagged):
 
     - ``states``: names of the wire's states, the wire temperature ``T``, °C,
       first. The value of each is a typical change, by which solvers scale it.
+    - ``memory``: names of states that stay where T does, and so keep what happened to the
+      wire, each with the least and the largest value that it can have.
     - ``settings``: names of fields that are chosen, not properties of a wire,
       which calibration leaves as they are.
     """
 
     states: ClassVar[dict[str, float]] = {"T": TEMPERATURE_SCALE}
+    memory: ClassVar[dict[str, tuple[float, float]]] = {}
     settings: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
@@ -118,3 +121,8 @@ class LinearLaw(WireLaw):
         """Those of the law."""
         cooling = {"slowest_cooling": -self.a1, "fastest_cooling": -self.a1}
         return {**cooling, "heating": self.a2, "reading": -self.a3}
+
+
+def within(states: Any, low: Any, high: Any) -> Any:
+    """States, real or complex, cut off at their bounds, beyond which nothing depends on them."""
+    return np.where(np.real(states) < low, low, np.where(np.real(states) > high, high, states))

@@ -16,7 +16,7 @@ from pydrake.symbolic import (
 from limb_systems.model.derivatives import gradients, hessians
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.rubber import REST_SCALE, Rubber, num_rest_shifts
-from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw
+from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw, within
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +54,7 @@ class Wires:
     - ``state_names``: such as ``S_left``, N.
     - ``heat_scales``: typical changes of the states and of the readings (N + W,).
     - ``cold_states``: of wires that were never heated (N,).
+    - ``settles``: which states are no memory (N,), true or false.
     - ``directions``: of the wires' torque on the joints (n, W), zero for
       joints of other segments, else e2 / |(e2, e3)|.
     - ``rates_are_affine``: in states, readings and duty.
@@ -77,6 +78,8 @@ class Wires:
         names: list[str] = []
         scales: list[float] = []
         cold: list[float] = []
+        ranges: list[tuple[float, float]] = []
+        remembers: list[bool] = []
         for number in range(max(len(law.states) for law in laws)):
             for index, (law, name) in enumerate(zip(laws, parameters.wire_names, strict=True)):
                 if number < len(law.states):
@@ -85,6 +88,8 @@ class Wires:
                     names.append(f"{state}_{name}")
                     scales.append(scale)
                     cold.append(law.cold_states(self._ambient)[number])
+                    ranges.append(law.memory.get(state, (-np.inf, np.inf)))
+                    remembers.append(state in law.memory)
         self._rubber = rubber = Rubber(parameters)
         self._first_shift, num_shifts = len(names), len(rubber.state_names)
         names += rubber.state_names
@@ -93,6 +98,9 @@ class Wires:
         self.num_states, self.state_names = len(names), names
         self.heat_scales = np.array(scales + [TEMPERATURE_SCALE] * self.num_wires)
         self.cold_states = np.array(cold, float)
+        ranges += [(-np.inf, np.inf)] * num_shifts
+        self._ranges = np.array(ranges).T
+        self.settles = ~np.array([*remembers, *[True] * num_shifts])
         self._groups = []
         for kind in dict.fromkeys(map(type, laws)):
             wires = [index for index, law in enumerate(laws) if type(law) is kind]
@@ -145,6 +153,10 @@ class Wires:
             shifts = slice(self._first_shift, None)
             result[..., shifts] = self._rubber.rates(states[..., shifts], progress)
         return result
+
+    def within(self, states: np.ndarray) -> np.ndarray:
+        """States (..., N) kept in the ranges of the laws' ``memory``, which steps may leave."""
+        return within(states, *self._ranges)
 
     def _progress(self, group: _Alike, x: Sequence[Any], rates: Sequence[Any]) -> Any:
         """`Rubber.progress` of a group's wires, whose states x change with these rates.
@@ -381,19 +393,20 @@ class Wires:
     ) -> np.ndarray:
         """The states (K, N) at times (K,), s, under constant duty (W,), from states (N,) at time 0.
 
-        By the classical Runge-Kutta method, in steps a tenth of the fastest time constant.
+        By the classical Runge-Kutta method, in steps a tenth of the fastest time constant of
+        cold wires.
         """
         fastest = np.abs(np.linalg.eigvals(self.affine_rates()[0])).max()
         now, courses = 0.0, []
         for time in times:
-            num_steps = int(np.ceil((time - now) * 10 * fastest))
+            num_steps = int(np.ceil((time - now) * max(10 * fastest, 1 / _LONGEST_STEP)))
             h = (time - now) / max(1, num_steps)
             for _ in range(num_steps):
                 k1 = self.rates(states, duty)
                 k2 = self.rates(states + h / 2 * k1, duty)
                 k3 = self.rates(states + h / 2 * k2, duty)
                 k4 = self.rates(states + h * k3, duty)
-                states = states + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+                states = self.within(states + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
             now = time
             courses.append(states)
         return np.array(courses)
@@ -401,8 +414,8 @@ class Wires:
     def settled_states(self, temperature: np.ndarray) -> np.ndarray:
         """The states (N,) of cold wires that were heated to T (W,), °C, until they settled.
 
-        A state that does not change at constant T is as the law's `warm_states`
-        says; that of the rubber's memory as if all wires were heated at once.
+        The laws' ``memory`` is as their `warm_states` say; that of the rubber as if
+        all wires were heated at once.
         """
         W, N = self.num_wires, self._first_shift
         states, duty = self.cold_states.copy(), np.zeros(W)
@@ -418,8 +431,9 @@ class Wires:
             slopes = self.heat_jacobian(heat, duty).reshape(len(heat), -1)
             held = slopes[W:N, -W:] @ np.linalg.pinv(slopes[:W, -W:])
             by_others = slopes[W:N, W:N] - held @ slopes[:W, W:N]
-            rates = self.rates(states, duty)[W:N]
-            states[W:N] -= np.linalg.lstsq(by_others, rates, rcond=1e-9)[0]
+            rates, settles = self.rates(states, duty)[W:N], self.settles[W:N]
+            by_others = by_others[np.ix_(settles, settles)]
+            states[W:N][settles] -= np.linalg.lstsq(by_others, rates[settles], rcond=1e-9)[0]
         states[N:] = self._rubber.settled(self.torques(states) - self.torques(self.cold_states))
         return states
 
@@ -464,6 +478,7 @@ def num_wire_states(parameters: LimbParameters) -> int:
 
 
 _TIME_STEP = 1e-3  # s, of differences along the states' rates
+_LONGEST_STEP = 0.5  # s, of integrations; warm wires may have states that are faster than cold ones
 _FORMS: dict[tuple, "_Form"] = {}
 _MOST_FORMS = 64
 

@@ -227,7 +227,9 @@ def test_symbolic_rates_are_the_numeric_ones(law):
         wire.law = law()
     wires = Wires(limb)
     names = [Variable(f"x{index}") for index in range(wires.num_states + 2)]
-    values = np.array([60.0, 45.0, *[30.0, 35.0, 0.2, 0.6][: wires.num_states - 3], 0.01, 0.3, 0.1])
+    values = np.array(
+        [60.0, 45.0, *[30.0, 35.0, 59.0, 46.5, 0.2, 0.6][: wires.num_states - 3], 0.01, 0.3, 0.1]
+    )
     symbols = np.array([Expression(name) for name in names])
     with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
         rates = wires.rates(symbols[:-2], symbols[-2:])

@@ -219,7 +219,7 @@ def test_laws_take_all_of_drakes_scalars(limb):
         Limb(limb).ToAutoDiffXd(), variables[: len(state)], variables[len(state) :]
     )
     np.testing.assert_allclose(ExtractValue(found)[:, 0], expected, rtol=1e-9, atol=1e-9)
-    law, x, D = limb.wires[0].law, state[-1] + np.arange(3.0), 0.3
+    law, x, D = limb.wires[0].law, state[-1] + np.arange(4.0), 0.3
     x = x[: len(law.states)]
     for kind in (AutoDiffXd, lambda value: Expression(Variable("z")) * 0 + value, complex):
         rates = law.rates([kind(value) for value in x], kind(D), 25.0)
