@@ -182,7 +182,7 @@ class HystereticLaw(_TwoMassHeat):
         return self.full_torque * x[3]
 
     def cold_states(self, T0):
-        """Nothing is transformed, and heat finds no backlash, so that plans from cold see it act."""
+        """Nothing is transformed, and heat meets no backlash, so that plans see it act."""
         return [T0, T0, T0 - BACKLASH, 0.0]
 
     def warm_states(self, T, T0):
