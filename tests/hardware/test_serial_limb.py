@@ -41,7 +41,7 @@ def short_plan():
     """Four seconds of warming up, as much as a board allows that was just switched on."""
     parameters = LimbParameters()
     parameters.temperature_limits.warm_up_time = 100.0
-    return plan(parameters, references.from_samples([0.0, 4.0], [0.0, 0.12]), knot_rate=10.0)
+    return plan(parameters, references.from_samples([0.0, 4.0], [0.0, 0.085]), knot_rate=10.0)
 
 
 def test_has_the_ports_of_the_limb(emulator):
