@@ -44,7 +44,7 @@ from hardware.robot.reasons import REASONS
 from limb_systems import LimbError, LimbParameters, simulate
 from planners import plan, references
 
-PAUSE = 240.0  # s without heat before each recording
+PAUSE = 180.0  # s without heat before each recording
 HOTTEST = 130.0  # °C, true, that no wire should pass
 
 

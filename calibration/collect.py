@@ -52,7 +52,7 @@ PROTOCOLS = ("all", "excitation", "paper")
 # Names of the recordings from which the board's bounds come.
 FIRST_CONTACT, WARM_UP = "first_contact", "warm_up"
 FIRST_DUTY = 0.3  # the largest sum of both duties while nothing is known of a limb
-CONTACT_DUTY, CONTACT_TIME, CONTACT_END = 0.1, 14.0, 70.0  # s
+CONTACT_DUTY, CONTACT_TIME, CONTACT_END = 0.1, 30.0, 100.0  # s
 CONTACT_RISE = 12.0  # °C of the readings, at which there is no duty
 CONTACT_MARGIN = 0.5  # share by which its bounds are widened, as it is hardly warm
 WARM_UP_DUTY, WARM_UP_TIME, WARM_UP_END = 0.15, 60.0, 100.0  # s

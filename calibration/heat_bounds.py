@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from hardware.firmware import heat
-from hardware.robot.heat_rates import HeatRates, fit_heat_rates
+from hardware.robot.heat_rates import HeatRates, acceptable, fit_heat_rates
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording
 from limb_systems.model.heat_bounds import ANY_WIRE, SPREAD, HeatBounds
 
@@ -147,7 +147,7 @@ def _fit_wire(
     share = max(share * (1 - margin), 1.0 if share > 1.0 else 0.0)
     low, high = HeatBounds.__dataclass_fields__["least_heating"].metadata["range"]
     heating = min(max(share * kind.least_heating, low), high, bounds.most_heating)
-    return dataclasses.replace(bounds, least_heating=float(heating))
+    return acceptable(dataclasses.replace(bounds, least_heating=float(heating)))
 
 
 class _Course:

@@ -64,7 +64,17 @@ class HeatRates:
         for field in dataclasses.fields(kind):
             low, high = field.metadata["range"]
             bounds[field.name] = float(min(max(bounds[field.name], low), high))
-        return HeatBounds(**bounds)
+        return acceptable(HeatBounds(**bounds))
+
+
+def acceptable(bounds: HeatBounds) -> HeatBounds:
+    """These, or with a slower cooling, where a board refused them as heat need not show by them."""
+    if heat.shown(dataclasses.astuple(bounds), np.inf):
+        return bounds
+    allowed = heat.HIGHEST_RISE * (1 - heat.SILICONE_SHARE)
+    slowest = heat.LITTLE_DUTY * bounds.most_heating / allowed
+    # Frames have steps of 1/1000.
+    return dataclasses.replace(bounds, slowest_cooling=np.floor(1000 * slowest).item() / 1000)
 
 
 def fit_heat_rates(

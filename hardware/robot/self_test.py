@@ -14,7 +14,7 @@ PERIOD = 0.05  # s between commands
 ROOM = (5.0, 45.0)  # °C, that cold wires may have
 RISE = 3.0  # °C, at least, that is heat
 # First any limb is warmed by some degrees, then as far as it takes to bend it.
-CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, CONTACT_TOTAL = 0.1, 14.0, 10.0, 0.3  # s and °C
+CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, CONTACT_TOTAL = 0.1, 30.0, 10.0, 0.3  # s and °C
 BEND_DUTY, BEND_TIME, BEND_RISE = 0.2, 20.0, 45.0
 REST = 15.0  # s after each of these, for the thermocouple's lag, and to cool
 MARGIN = 0.5  # share by which bounds are wider than what the first degrees showed
