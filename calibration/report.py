@@ -46,7 +46,8 @@ def calibration_summary(calibration: Calibration) -> str:
     """Whether to plan with it, what to do next, and what was calibrated, in lines of text."""
     lines = [calibration.verdict]
     lines += _ranked(calibration)
-    lines += [f"{name:<22}{estimate}" for name, estimate in calibration.estimates.items()]
+    width = max(22, *(len(name) + 2 for name in calibration.estimates))
+    lines += [f"{name:<{width}}{estimate}" for name, estimate in calibration.estimates.items()]
     if calibration.prediction:
         lines += prediction_lines(calibration.prediction)
     if calibration.stiffness:

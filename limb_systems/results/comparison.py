@@ -48,6 +48,8 @@ class Change:
     def relative(self) -> list[float | None]:
         """The difference of each run from the first, over the first; None if it has none."""
         first, *others = self.values
+        if self.name.split(".")[-1] == "seed":  # a name rather than a size
+            return [None] * len(self.values)
         return [None, *(_relative(first, value) for value in others)]
 
 

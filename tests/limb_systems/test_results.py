@@ -22,7 +22,7 @@ from limb_systems import (
     joint_angles_from_bend_angle,
 )
 from limb_systems.__main__ import main
-from limb_systems.results.comparison import compare, flattened
+from limb_systems.results.comparison import Change, compare, flattened
 from limb_systems.results.reading import Result, read_result
 from limb_systems.results.tables import run_names
 from limb_systems.views import page
@@ -351,3 +351,8 @@ def test_the_page_has_all_runs_and_what_made_it(folder, capsys):
     assert "exists; give another name, or --force" in capsys.readouterr().err
     assert main(["compare", "limb.yaml", "limb.yaml", "-o", "limbs.html"]) == 0
     assert "Nothing changed." in (folder / "limbs.html").read_text()
+
+
+def test_a_seed_is_no_larger_than_another():
+    assert Change("board.seed", "", [3, 4]).relative == [None, None]
+    assert Change("a2", "°C/s", [3.0, 4.0]).relative[1] == pytest.approx(1 / 3)
