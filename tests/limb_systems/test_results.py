@@ -30,7 +30,7 @@ from limb_systems.views import page
 MADE = Provenance("0.1.0", "0123456789ab", "soft-limb plan", "a" * 12, "2030-01-31T12:00:00Z", 7, 3)
 TIME = np.linspace(0.0, 4.0, 41)
 BEND = 0.2 * np.sin(TIME)
-CHECK = PlanCheck("IPOPT", "solved", 12, 0, 0.5, 0.7, 2.0, 3.0, 1e-9, 0.04, 0.1)
+CHECK = PlanCheck("IPOPT", "solved", 12, 0, 0.5, 0.7, 2.0, 3.0, 1e-9, "", 0.04, 0.1)
 
 
 def make_recording(shift_deg=0.0, time=TIME, **changes) -> Recording:
