@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import functools
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,6 +29,9 @@ from hardware import LimbTwin, watch
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, Recording, Trajectory
 from planners import Task, plan, references
+
+# Table I has the distance of each plan from its reference.
+warnings.filterwarnings("ignore", "The plan is far from its reference")
 
 PAPER = "LinearLaw, calibrated as in Sec. V"
 NUM_ROLLOUTS = 5

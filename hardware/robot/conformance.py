@@ -988,7 +988,7 @@ def _heated_wire_warms(bench: Bench) -> None:
     for wire, side in ((1, "right"), (0, "left")):
         before = bench.settled()
         bench.arm()
-        bench.drive((0.3, 0.0) if wire == 0 else (0.0, 0.3), 5.0)
+        bench.drive((0.3, 0.0) if wire == 0 else (0.0, 0.3), 7.0)
         after = bench.settled(0.05)
         own, other = (after.temperature[n] - before.temperature[n] for n in (wire, 1 - wire))
         turned = (after.bend - before.bend) / 64 * (1 if wire else -1)
@@ -1034,6 +1034,7 @@ def _detached_thermocouple(bench: Bench) -> None:
     by_hand=True,
 )
 def _bend_that_does_not_follow(bench: Bench) -> None:
+    _prove(bench)
     _cool(bench, max)
     with _fault(
         bench,

@@ -10,6 +10,7 @@ from jupyter_client.manager import start_new_kernel
 from nbclient import NotebookClient
 
 ROOT = Path(__file__).parents[2]
+FAR = "UserWarning: The plan is far from its reference"  # of those beyond the limb's reach
 NOTEBOOKS = sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))
 
 
@@ -123,5 +124,5 @@ def test_notebook_runs(path, check, kernel, tmp_path):
         draws = re.search(r"^(?:\w+\.)?plot_|subplots\(", cell.source, re.MULTILINE)
         assert kinds.count("image/png") == bool(draws), cell.source
         assert ("text/html" in kinds) == bool(re.search("^HTML|^recordings\\[", cell.source, re.M))
-        assert not [output for output in cell.outputs if output.get("name") == "stderr"]
+        assert not [o for o in cell.outputs if o.get("name") == "stderr" and FAR not in o.text]
     check(said(notebook))

@@ -22,6 +22,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from scipy.interpolate import CubicSpline
 
 from calibration import calibrate, collect_from_twin
 from calibration.prediction import LawFit
@@ -143,7 +144,7 @@ def assert_followed(followed, trajectory, path, said):
     """The numbers of a rollout, from its file, and that they are in what was said."""
     rollout = Recording.load(path)
     assert rollout.time[-1] == pytest.approx(trajectory.duration)
-    planned = np.interp(rollout.time, trajectory.time, trajectory.bend_angle[0])
+    planned = CubicSpline(trajectory.time, trajectory.bend_angle[0])(rollout.time)
     errors = np.rad2deg(np.abs(planned - rollout.bend_angle[0]))
     expected = [np.mean(errors), np.median(errors), np.percentile(errors, 90)]
     assert followed["tracking"] == pytest.approx(expected, abs=0.01)

@@ -756,7 +756,7 @@ BOARDS = [
     ("detached-thermocouple-latches", ignores(guard.NOT_WARMING), "heat-that-is-not-read-latches"),
     ("bend-that-does-not-follow-latches", constants(PULL=1000.0)),
     ("warmest-follows-the-heat", forgets_heat_when_off),
-    ("duty-is-reduced-before-127-c", constants(HIGHEST=1000.0), "little-heat-after-a-start"),
+    ("duty-is-reduced-before-127-c", constants(HIGHEST=250.0)),
     ("duty-ends-from-100-to-105-c", constants(WARMEST=300.0)),
     ("reading-below-the-room-latches", ignores(guard.BELOW_ROOM)),
     ("not-armed-before-ten-samples", constants(SETTLING_SAMPLES=3)),

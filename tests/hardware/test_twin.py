@@ -345,6 +345,7 @@ def test_an_emulated_board_that_comes_late_still_has_its_limb():
     board = EmulatedBoard(LimbTwin(seed=0), lambda left, right: None, lambda: now)
     for turn in range(200):
         board.set_duty(0, 0.3 * (turn % 3 == 0))
+        board.keep_supply()
         now = 0.05 * (turn + 1) + 0.003
         board.advance()
     on_time = LimbTwin(seed=0)

@@ -91,15 +91,15 @@ def limb(tmp_path):
 @pytest.mark.parametrize(
     ("command", "line"),
     [
-        (planners, "reference.csv -o kept"),
+        (planners, "reference.csv -o kept.csv"),
         (planners, "reference.csv -o new.csv --plot kept"),
         (planners, "reference.csv -o reference.csv --force"),
         (planners, "reference.csv -o new.csv --plot new.xyz"),
-        (hardware, "replay kept -o kept --force"),
-        (hardware, "replay reference.csv -o kept"),
-        (hardware, "replay reference.csv -o kept -p nowhere"),
-        (hardware, "teach nowhere -o kept"),
-        (hardware, "recover recording.csv -o kept"),
+        (hardware, "replay kept.csv -o kept.csv --force"),
+        (hardware, "replay reference.csv -o kept.csv"),
+        (hardware, "replay reference.csv -o kept.csv -p nowhere"),
+        (hardware, "teach nowhere -o kept.csv"),
+        (hardware, "recover recording.csv -o kept.csv"),
         (hardware, "recover recording.csv -o recording.csv --force"),
         (hardware, "emulate --log kept"),
         (calibration, "collect -o kept"),
@@ -112,7 +112,8 @@ def limb(tmp_path):
 )
 def test_commands_keep_what_is_there(limb, command, line, monkeypatch, capsys):
     monkeypatch.chdir(limb)
-    (limb / "kept").write_text(json.dumps("kept"))
+    for name in ("kept", "kept.csv"):
+        (limb / name).write_text(json.dumps("kept"))
     before = {path: path.read_bytes() for path in limb.iterdir()}
     assert command(line.split()) == 1
     error = capsys.readouterr().err
