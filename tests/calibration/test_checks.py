@@ -232,6 +232,17 @@ def test_gravity_along_the_axis_of_bending_is_no_sag(model_recordings):
     assert kind_of(recording) == "ring_down"
 
 
+def test_a_swing_may_be_read_as_zero_where_it_passes_zero(model_recordings):
+    """Twice in a row, as where a sensor is read less often than it is asked."""
+    recording = copy.copy(model_recordings["ring_down"][0])
+    angle = recording.bend_angle[0].copy()
+    passed = np.flatnonzero(angle[:-1] * angle[1:] < 0)[1]
+    angle[passed : passed + 2] = 0.0
+    assert np.rad2deg(np.abs(angle[[passed - 1, passed + 2]])).max() > 2.0
+    recording.bend_angle = angle[None]
+    check_recording(recording, "ring_down")
+
+
 def spoilt(recording, sample=100):
     """With one reading that no limb has: as a bend sensor and a thermocouple may give."""
     angle, measured = recording.bend_angle.copy(), recording.measured_temperature.copy()

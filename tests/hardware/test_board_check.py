@@ -74,7 +74,7 @@ def test_a_stopped_check_leaves_the_wires_off(emulator, some_checks, monkeypatch
     monkeypatch.setattr(Bench, "drive", interrupt)
     assert main(["board-check", emulator.port]) == 130
     assert capsys.readouterr().err == "stopped; wires are off\n"
-    (heated,) = (e["time"] for e in emulator.events("duty") if e["right"] > 0)
+    *_, heated = (e["time"] for e in emulator.events("duty") if e["right"] > 0)
     assert emulator.off_after(heated) < 0.25  # before the heartbeat would have ended it
 
 
