@@ -92,6 +92,7 @@ def write_report(
 
 def _table_1(summaries: Sequence[Summary]) -> str:
     caption = (
+        "Validation is Fig. 5's reference; T&R 1 and 2 were taught by hand, to be repeated. "
         "Tracking error |φ* − φ| of the rollouts of each plan as the sensor reads it, in degrees; "
         "mean error of the true bend; mean distance |φ_REF − φ| from the reference as it is read; "
         "highest reading V and true temperature T of any wire, °C; how many rollouts were aborted "
