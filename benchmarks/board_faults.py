@@ -240,6 +240,11 @@ class SimulatedRobot(LeafSystem):
                 {self.discrete_state_ticket(state)},
             )
 
+        # As a robot's recordings have it, so that calibration counts the duty that was applied.
+        self.DeclareVectorOutputPort(
+            "sample_age", 1, lambda context, output: output.SetFromVector([0.0])
+        )
+
     def _update(self, context, state):
         while self.orders and self.orders[0][0] <= context.get_time():
             self.board.emulation.misbehave(self.orders.pop(0)[1])
