@@ -44,7 +44,6 @@ from calibration import calibrate, collect_equilibria, collect_from_twin
 from calibration.collect import WARM_UP_MARGIN, collect_warm_up
 from calibration.heat_bounds import fit_heat_bounds
 from hardware import LimbTwin, replay
-from hardware.drive import CONTROLLERS, OPEN, controller_of
 from hardware.emulation.sensor_faults import SensorFault, with_faulty_sensors
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.emulation.simulated_board import SimulatedBoard
@@ -59,6 +58,7 @@ from limb_systems import (
     simulate,
 )
 from planners import Task, plan, references
+from soft_limb.runs.drive import CONTROLLERS, OPEN, controller_of
 
 STEP = 25  # ms, between two passes of the firmware's loop, a slow one
 DUTIES = (0.1, 0.3, 0.5, 1.0)

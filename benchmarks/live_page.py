@@ -22,11 +22,12 @@ import numpy as np
 from playwright.sync_api import Browser, sync_playwright
 
 from controllers import PlanFeedback
-from hardware import HardwareError, LivePage, SerialLimb, emulated_port, replay
+from hardware import HardwareError, SerialLimb, emulated_port, replay
 from hardware.live.feed import Feed
 from hardware.robot.serial_limb import DEADLINE, LATEST
 from limb_systems import LimbParameters, Trajectory
 from planners import Task, plan, references
+from soft_limb.live.page import LivePage
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from hardware import SerialLimb, emulated_port
-from hardware.drive import CONTROLLERS, drive
 from limb_systems import LimbParameters
 from planners import Task, plan, references
+from soft_limb.runs.drive import CONTROLLERS, drive
 
 
 def main() -> None:

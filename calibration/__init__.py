@@ -20,13 +20,11 @@ from calibration.damping import DampedSinusoid, DampingFit, fit_damped_sinusoid,
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
 from calibration.excitation import Excitation, LimitedDuty, excitations
-from calibration.figures import plot_validation
 from calibration.force import ForceFit, fit_force
 from calibration.heat import HeatFit, fit_heat_transfer, fit_heat_transfer_from_temperature
 from calibration.heat_bounds import fit_heat_bounds
 from calibration.kinds import kinds_of
 from calibration.prediction import LawFit, Predicted, fit_law
-from calibration.report import calibration_summary, write_report
 from calibration.selection import Candidate, Prediction
 from calibration.stiffness import StiffnessFit, fit_stiffness
 from calibration.validation import Validation, validate
@@ -51,7 +49,6 @@ __all__ = [
     "StiffnessFit",
     "Validation",
     "calibrate",
-    "calibration_summary",
     "check_recording",
     "collect_equilibria",
     "collect_excitation",
@@ -73,8 +70,6 @@ __all__ = [
     "kind_of",
     "kinds_of",
     "load_recordings",
-    "plot_validation",
     "save_recordings",
     "validate",
-    "write_report",
 ]

@@ -27,8 +27,7 @@ from calibration.kinds import heated_kinds, heated_wires, only_segment
 from calibration.prediction import LawFit, fit_law
 from calibration.rest_angle import rest_angle
 from hardware import LimbTwin, SerialLimb
-from hardware.live.feed import shown
-from hardware.live.page import LivePage
+from hardware.live.feed import LiveView, shown
 from hardware.robot.journal import journaled
 from limb_systems import (
     HystereticLaw,
@@ -69,7 +68,7 @@ def collect_equilibria(
     seed: int = 0,
     longest: float = 60.0,
     journal: str | Path | None = None,
-    live: LivePage | None = None,
+    live: LiveView | None = None,
 ) -> Recording:
     """The datasets C^r, C^l and C^m of Sec. V-C: random equilibria, held by PI control.
 
@@ -142,7 +141,7 @@ def collect_equilibria(
 
 
 def collect_sag(
-    limb: LimbSystem, *, journal: str | Path | None = None, live: LivePage | None = None
+    limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
 ) -> Recording:
     """Sec. V-A: the unheated limb, mounted so that gravity bends it, until it rests (15 s)."""
     return _collect_unheated(limb, 15.0, SAG_RATE, journal, live)
@@ -153,14 +152,14 @@ def collect_ring_down(
     sample_rate: float = RING_DOWN_RATE,
     *,
     journal: str | Path | None = None,
-    live: LivePage | None = None,
+    live: LiveView | None = None,
 ) -> Recording:
     """Sec. V-B: a person holds the limb at 45° and releases it within the next 6 s."""
     return _collect_unheated(limb, 6.0, sample_rate, journal, live)
 
 
 def collect_first_contact(
-    limb: LimbSystem, *, journal: str | Path | None = None, live: LivePage | None = None
+    limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
 ) -> Recording:
     """One wire after the other warmed by some degrees, of a limb of which nothing is known yet.
 
@@ -176,7 +175,7 @@ def collect_first_contact(
 
 
 def collect_warm_up(
-    limb: LimbSystem, *, journal: str | Path | None = None, live: LivePage | None = None
+    limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
 ) -> Recording:
     """All wires a little heated at once, for a minute, from which `fit_heat_bounds` learns."""
     all_wires = np.ones(len(limb.parameters.wires))
@@ -201,7 +200,7 @@ def _collect_warm(
     levels: list[np.ndarray],
     rise: float,
     journal: str | Path | None,
-    live: LivePage | None,
+    live: LiveView | None,
 ) -> Recording:
     """With a duty of each level until the next time, while no reading rose by more."""
     check_limb(limb)
@@ -221,7 +220,7 @@ def collect_excitation(
     known: LimbParameters,
     *,
     journal: str | Path | None = None,
-    live: LivePage | None = None,
+    live: LiveView | None = None,
 ) -> Recording:
     """One of `excitations`, with duty that is limited by what is known of the limb so far.
 
@@ -304,7 +303,7 @@ def _collect_unheated(
     duration: float,
     sample_rate: float,
     journal: str | Path | None,
-    live: LivePage | None,
+    live: LiveView | None,
 ) -> Recording:
     off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
     return _collect(limb, off, duration, sample_rate, journal, live)
@@ -316,7 +315,7 @@ def _collect(
     duration: float,
     sample_rate: float,
     journal: str | Path | None,
-    live: LivePage | None,
+    live: LiveView | None,
 ) -> Recording:
     check_limb(limb)
     builder = DiagramBuilder()
@@ -334,7 +333,7 @@ def _record(
     duration: float,
     sample_rate: float,
     journal: str | Path | None,
-    live: LivePage | None,
+    live: LiveView | None,
     made: Provenance,
 ) -> Recording:
     with (
@@ -368,7 +367,7 @@ def collect_from_twin(
     ring_downs: int = RING_DOWNS,
     protocol: str = "all",
     tell: Callable[[str], object] = lambda what: None,
-    live: LivePage | None = None,
+    live: LiveView | None = None,
 ) -> dict[str, list[Recording]]:
     """All recordings that calibration wants, from an emulated limb, one after the other.
 
@@ -454,7 +453,7 @@ def collect_from_robot(
     longest: float = 60.0,
     protocol: str = "all",
     tell: Callable[[str], object] = lambda what: None,
-    live: LivePage | None = None,
+    live: LiveView | None = None,
 ) -> None:
     """All recordings that calibration wants, from a robot, one file after the other.
 
@@ -536,7 +535,7 @@ def collect_from_robot(
 
 
 def _excite_robot(
-    connect, level: LimbParameters, folder: Path, ask, seed: int, tell, live: LivePage | None
+    connect, level: LimbParameters, folder: Path, ask, seed: int, tell, live: LiveView | None
 ) -> None:
     """`excitations`, which run one after the other without the operator."""
     say = live.say if live else lambda _: None

@@ -22,11 +22,12 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, O
 
 from calibration import BendAngleController, EquilibriumSchedule, calibrate, collect_from_twin
 from controllers import PlanFeedback
-from hardware import LimbTwin, LivePage, replay
+from hardware import LimbTwin, replay
 from limb_systems import Limb, LimbParameters
 from limb_systems.views.plots import LEFT_RIGHT_COLORS, save_figure
 from planners import Task, plan, references
 from planners.diagnostics import plot_diagnostics
+from soft_limb.live.page import LivePage
 from urdf import limb_urdf
 
 FOLDER = Path(__file__).parent

@@ -14,6 +14,7 @@ import numpy as np
 import calibration
 from hardware import LimbTwin
 from limb_systems import LimbParameters, Recording
+from soft_limb.reports.calibration import calibration_summary, write_report
 
 
 def to_recording(path, limb):
@@ -53,7 +54,7 @@ recordings = {
     for kind in calibration.kinds_of(options.limb)
 }
 result = calibration.calibrate(recordings, options.limb)
-print(calibration.calibration_summary(result))
+print(calibration_summary(result))
 result.parameters.save(options.out / "limb.yaml")
-calibration.write_report(result, options.out / "calibration.html")
+write_report(result, options.out / "calibration.html")
 print(f"{'written':<22}limb.yaml, calibration.html in {options.out}, from {folder}")

@@ -26,8 +26,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from calibration import save_recordings
-from calibration.report import calibration_summary
-from calibration.report import write_report as write_calibration_report
 from evaluation.experiment import (
     NUM_ANGLES,
     NUM_REPETITIONS,
@@ -55,9 +53,11 @@ from evaluation.tables import (
 from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP
 from hardware.emulation.specimen import EFFECTS, EXTRA_EFFECTS
 from limb_systems import write_meshcat_replay
-from limb_systems.command import run_command
 from limb_systems.output import write_atomically
 from limb_systems.views.plots import save_figure
+from soft_limb.command import run_command
+from soft_limb.reports.calibration import calibration_summary
+from soft_limb.reports.calibration import write_report as write_calibration_report
 
 
 def main() -> int:

@@ -4,7 +4,6 @@ import limb_systems  # noqa: F401 - before what takes long, see limb_systems.sta
 from hardware.emulation.emulated_port import emulated_port
 from hardware.emulation.sensors import SensedLimb
 from hardware.emulation.twin import LimbTwin
-from hardware.live.page import LivePage
 from hardware.replay import ReplayError, replay, watch
 from hardware.robot.link import BoardInfo, BoardLink, HardwareError, Sample
 from hardware.robot.serial_limb import SerialLimb
@@ -14,7 +13,6 @@ __all__ = [
     "BoardLink",
     "HardwareError",
     "LimbTwin",
-    "LivePage",
     "ReplayError",
     "Sample",
     "SensedLimb",

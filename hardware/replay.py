@@ -23,8 +23,7 @@ from pydrake.systems.primitives import (
 
 from hardware.emulation.specimen import serial_number
 from hardware.firmware import guard
-from hardware.live.feed import shown
-from hardware.live.page import LivePage
+from hardware.live.feed import LiveView, shown
 from hardware.robot.journal import journaled
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
@@ -57,7 +56,7 @@ def replay(
     sample_rate: float = 20.0,
     journal: str | Path | None = None,
     meshcat: Meshcat | None = None,
-    live: LivePage | None = None,
+    live: LiveView | None = None,
 ) -> Recording:
     """Drives a limb along a trajectory and records it.
 
@@ -115,7 +114,7 @@ def watch(
     sample_rate: float = 20.0,
     journal: str | Path | None = None,
     meshcat: Meshcat | None = None,
-    live: LivePage | None = None,
+    live: LiveView | None = None,
 ) -> Recording:
     """Records a limb with its wires off, while it hangs, swings or is moved by hand.
 
@@ -239,7 +238,7 @@ def _run(
     sample_rate: float,
     journal,
     meshcat: Meshcat | None,
-    live: LivePage | None,
+    live: LiveView | None,
     plan: Trajectory | None = None,
     *,
     ended_by_hand: bool = False,

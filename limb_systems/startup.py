@@ -5,7 +5,7 @@ import signal
 import sys
 from pathlib import Path
 
-PACKAGES = ("planners", "calibration", "hardware", "limb_systems")
+PACKAGES = ("planners", "calibration", "hardware", "soft_limb")
 
 
 def let_ctrl_c_end_imports() -> None:

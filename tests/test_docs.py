@@ -56,14 +56,15 @@ from limb_systems import (
     TorqueMap,
     WireParameters,
 )
-from limb_systems.command import COMMANDS as SOFT_LIMB
 from limb_systems.files.samples import column_names
 from limb_systems.files.tables import FORMAT_VERSION
+from soft_limb.command import COMMANDS as SOFT_LIMB
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
-COMMANDS = ("limb_systems", "planners", "calibration", "hardware")
+DOORS = {"planners": "plan", "calibration": "calibration", "hardware": "hardware"}
 PAGES = {name: ROOT / "docs" / f"{name}.md" for name in PACKAGES}
+PAGES |= {"results": PAGES["limb_systems"], "plan": PAGES["planners"]}
 DOCUMENTS = [
     path
     for path in (
@@ -222,7 +223,7 @@ def parser_of(package, arguments, monkeypatch):
     monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
     monkeypatch.setattr(sys, "argv", [f"python -m {package}", *arguments])
     with pytest.raises(ParsedError) as parsed:
-        importlib.import_module(f"{package}.__main__").main()
+        importlib.import_module(f"soft_limb.commands.{DOORS.get(package, package)}").main()
     return parsed.value.args[0]
 
 
@@ -231,8 +232,8 @@ def words_of(line):
     words = shlex.split(line, comments=True)
     if words[0] != "soft-limb":
         return words[2:]
-    package, _ = SOFT_LIMB[words[1]]
-    return [package, *words[1 + (package == "planners") :]]
+    module, _ = SOFT_LIMB[words[1]]
+    return [module, *words[1 + (module == "plan") :]]
 
 
 SHELL = [
@@ -240,8 +241,7 @@ SHELL = [
     for path, text in TEXTS.items()
     for code, _ in blocks(text, "sh")
     for line in code.splitlines()
-    if (line.startswith("python -m ") and line.split()[2] in COMMANDS)
-    or line.startswith("soft-limb ")
+    if (line.startswith("python -m ") and line.split()[2] in DOORS) or line.startswith("soft-limb ")
 ]
 
 
@@ -253,8 +253,8 @@ def test_commands_parse(words, monkeypatch):
 @pytest.mark.parametrize(
     ("package", "arguments"),
     [
-        ("limb_systems", "show x"),
-        ("planners", "fig5 -o x"),
+        ("results", "show x"),
+        ("plan", "fig5 -o x"),
         ("calibration", "collect -o x"),
         ("hardware", "ports"),
     ],

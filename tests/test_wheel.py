@@ -14,7 +14,15 @@ import pytest
 from limb_systems import LimbParameters, Recording, Trajectory
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
+PACKAGES = (
+    "limb_systems",
+    "urdf",
+    "planners",
+    "controllers",
+    "calibration",
+    "hardware",
+    "soft_limb",
+)
 
 USER_SCRIPT = """
 from hardware import LimbTwin, replay
@@ -103,9 +111,9 @@ def test_package_index_has_no_dead_links(installed):
 
 def test_installs_the_soft_limb_command(installed, tmp_path):
     (script,) = installed.glob("*.dist-info/entry_points.txt")
-    assert "soft-limb = limb_systems.command:main" in script.read_text().splitlines()
-    (tmp_path / "soft_limb.py").write_text("from limb_systems.command import main\nmain()\n")
-    assert run(installed, tmp_path, "soft_limb", "--version").stdout == "soft-limb 0.1.0\n"
+    assert "soft-limb = soft_limb.command:main" in script.read_text().splitlines()
+    (tmp_path / "door.py").write_text("from soft_limb.command import main\nmain()\n")
+    assert run(installed, tmp_path, "door", "--version").stdout == "soft-limb 0.1.0\n"
 
 
 def test_plans_and_replays_away_from_the_checkout(installed, tmp_path):

@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 from bokeh.models import Model
 
-from calibration.charts import validation_chart
 from evaluation.error_split import STEPS
 from evaluation.experiment import Experiment, Motion
 from evaluation.tables import PAPER_TABLE_1, STATISTICS, Summary, complete, mean_and_margin
@@ -18,6 +17,7 @@ from limb_systems.views.colors import (
     ROLLOUT_COLOR,
     wire_colors,
 )
+from soft_limb.reports.calibration_charts import validation_chart
 
 MOTION_TICKS = dict(enumerate(PAPER_TABLE_1))
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from calibration import plot_validation
 from evaluation.experiment import Experiment, Motion
 from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, true_bend
 from limb_systems import Recording, joint_angles_from_bend_angle
@@ -13,6 +12,7 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.figure import Figure
 from limb_systems.views.plots import WIDTH, plot_tracking
+from soft_limb.reports.calibration_figures import plot_validation
 
 
 def plot_taught(experiment: Experiment) -> Figure:

@@ -6,7 +6,6 @@ import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from calibration.report import parameter_table, validation_summary
 from evaluation.charts import charts, error_chart, learning_chart, limbs_chart, split_chart
 from evaluation.experiment import NUM_ANGLES, Experiment
 from evaluation.tables import (
@@ -26,7 +25,8 @@ from evaluation.tables import (
 from evaluation.ways import PAUSE
 from limb_systems.views import page
 from limb_systems.views.figure import Figure
-from planners.report import plan_summary
+from soft_limb.reports.calibration import parameter_table, validation_summary
+from soft_limb.reports.plan import plan_summary
 
 EMULATED = (
     "These limbs are emulated. The numbers say how the method fares on an emulation with physics "

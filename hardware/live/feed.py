@@ -1,13 +1,13 @@
-"""Tells a live page what a limb in a diagram does."""
+"""Tells whoever shows a limb, such as a live page, what it does."""
 
 import contextlib
 from collections.abc import Iterator
+from typing import Protocol
 
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from hardware.firmware import guard
 from hardware.live.messages import BoardReading, Phase, Reading
-from hardware.live.page import LivePage
 from hardware.robot.link import BoardLink, HardwareError
 from hardware.robot.serial_limb import DEADLINE, SerialLimb
 from limb_systems import LimbSystem, Trajectory
@@ -16,8 +16,24 @@ from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import REAL_TIME_STEP
 
 
+class LiveView(Protocol):
+    """Shows a limb while it runs, and never waits; `soft_limb.live.page.LivePage` is one."""
+
+    def begin(self, phase: Phase) -> None:
+        """Shows a new recording, before its wires are heated."""
+
+    def say(self, what: str) -> None:
+        """Says what runs, in words, until something else is said."""
+
+    def show(self, reading: Reading) -> None:
+        """Shows what is known of the limb."""
+
+    def rest(self) -> None:
+        """Says that no limb runs any more."""
+
+
 class Feed(LeafSystem):
-    """Hands what a limb does to a `LivePage`, at 20 Hz; it waits for nothing.
+    """Hands what a limb does to a `LiveView`, at 20 Hz; it waits for nothing.
 
     - input 0 ``duty``: D (W), in [0, 1]
     - input 1 ``measured_temperature``: V (W), °C
@@ -27,7 +43,7 @@ class Feed(LeafSystem):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, live: LivePage, limb: LimbSystem, *, has_reference: bool = False):
+    def __init__(self, live: LiveView, limb: LimbSystem, *, has_reference: bool = False):
         """
         Args:
             live: the page.
@@ -94,7 +110,7 @@ def board_reading(
 @contextlib.contextmanager
 def shown(
     builder: DiagramBuilder,
-    live: LivePage | None,
+    live: LiveView | None,
     limb: LimbSystem,
     duty: OutputPort,
     duration: float,

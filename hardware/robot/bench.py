@@ -14,7 +14,7 @@ import serial
 from hardware.firmware import guard, protocol
 from hardware.robot.link import HardwareError, open_port
 from hardware.robot.reasons import REASONS
-from limb_systems.command import heed_signals
+from limb_systems.signals import heed_signals
 
 POLL = 0.01  # s, between two looks at what came
 EFFECT_TIME = 0.15  # s, within which a SAMPLE shows what a frame did

@@ -16,8 +16,8 @@ import serial
 from hardware.firmware import firmware, guard, protocol
 from hardware.robot.reasons import REASONS
 from limb_systems import LimbError
-from limb_systems.command import heed_signals
 from limb_systems.model.heat_bounds import HeatBounds
+from limb_systems.signals import heed_signals
 
 FIRMWARE_VERSIONS = (3,)
 BAUD_RATE = 115200

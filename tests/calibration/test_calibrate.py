@@ -20,10 +20,10 @@ from calibration import (
     save_recordings,
     validate,
 )
-from calibration.__main__ import main
 from hardware import LimbTwin
 from limb_systems import Limb, LimbParameters, Recording, SerialBoard, Trajectory, simulate
 from planners import plan, references
+from soft_limb.commands.calibration import main
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +236,7 @@ def test_command_fits_and_validates_an_emulated_limb(twin_folder, tmp_path, caps
 
 def test_json_says_what_is_in_the_files(twin_folder, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(
-        "calibration.__main__.write_report", lambda _, path, data: path.write_text("")
+        "soft_limb.commands.calibration.write_report", lambda _, path, data: path.write_text("")
     )
     limb, report, plot = (tmp_path / name for name in ("limb.yaml", "report.html", "fig4.png"))
     fit = ["fit", str(twin_folder), "-o", str(limb), "--report", str(report), "--json"]
@@ -283,7 +283,7 @@ def test_command_collects(tmp_path, capsys, monkeypatch):
         twins.append(twin.source)
         return {"sag": [recording] * 2, "both": [recording]}
 
-    monkeypatch.setattr("calibration.__main__.collect_from_twin", collect)
+    monkeypatch.setattr("soft_limb.commands.calibration.collect_from_twin", collect)
     arguments = ["collect", "-o", str(tmp_path / "new"), "--emulated", "3", "--extra", "bond"]
     assert main(arguments) == 0
     assert twins == ["emulated limb, seed 3, with bond"]
@@ -311,7 +311,7 @@ def test_command_that_is_stopped_says_so(tmp_path, capsys, monkeypatch):
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("calibration.__main__.collect_from_twin", stop)
+    monkeypatch.setattr("soft_limb.commands.calibration.collect_from_twin", stop)
     assert main(["collect", "-o", str(tmp_path / "new")]) == 130
     assert capsys.readouterr().err == "stopped; finished recordings are kept, and wires are off\n"
 
@@ -322,7 +322,7 @@ def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkey
     said = capsys.readouterr()
     assert said.out == ""
     assert "no_port: No such file or directory; soft-limb ports" in said.err
-    monkeypatch.setattr("calibration.__main__.BoardLink", mock.MagicMock())
+    monkeypatch.setattr("soft_limb.commands.calibration.BoardLink", mock.MagicMock())
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert main(arguments) == 1
     assert "error: There is no terminal to press Enter in" in capsys.readouterr().err
@@ -347,8 +347,8 @@ def test_command_collects_from_a_robot(tmp_path, monkeypatch):
         def __exit__(self, *_):
             pass
 
-    monkeypatch.setattr("calibration.__main__.SerialLimb", Robot)
-    monkeypatch.setattr("calibration.__main__.BoardLink", mock.MagicMock())
+    monkeypatch.setattr("soft_limb.commands.calibration.SerialLimb", Robot)
+    monkeypatch.setattr("soft_limb.commands.calibration.BoardLink", mock.MagicMock())
     monkeypatch.setattr("builtins.input", asked.append)
     LimbParameters(ambient_temperature=21.5).save(tmp_path / "limb.yaml")
     arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path / "new"), "--seed", "3"]

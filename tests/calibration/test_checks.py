@@ -21,8 +21,8 @@ from calibration import (
     load_recordings,
     validate,
 )
-from calibration.report import validation_summary
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
+from soft_limb.reports.calibration import validation_summary
 
 
 @pytest.mark.parametrize("kind", kinds_of(LimbParameters()))

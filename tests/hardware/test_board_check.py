@@ -6,10 +6,10 @@ import sys
 
 import pytest
 
-from hardware.__main__ import main
 from hardware.robot import conformance
 from hardware.robot.bench import EFFECT_TIME, Bench, SerialEnd
 from hardware.robot.conformance import CHECKS
+from soft_limb.commands.hardware import main
 
 
 @pytest.fixture

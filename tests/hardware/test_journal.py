@@ -8,13 +8,13 @@ import pytest
 from pydrake.systems.framework import LeafSystem
 
 from hardware import HardwareError, LimbTwin, replay, watch
-from hardware.__main__ import main
 from limb_systems import Limb, LimbError, LimbParameters, Recording, Trajectory
 from limb_systems.files import table_writer
 from limb_systems.files.tables import KILLED
 from limb_systems.output import OutputError
 from limb_systems.progress import Progress
 from planners import plan, references
+from soft_limb.commands.hardware import main
 
 
 @pytest.fixture(scope="module")
@@ -133,7 +133,7 @@ def test_ctrl_c_ends_what_is_taught_and_the_file_says_so(path, end_at):
 
 def test_teaching_that_is_stopped_at_once_leaves_no_file(path, end_at, monkeypatch, capsys):
     path.write_text("old")
-    monkeypatch.setattr("hardware.__main__.SerialLimb", lambda *_, **__: LimbTwin())
+    monkeypatch.setattr("soft_limb.commands.hardware.SerialLimb", lambda *_, **__: LimbTwin())
     end_at(None, KeyboardInterrupt())
     assert main(["teach", "port", "-o", str(path), "--force"]) == 130
     assert capsys.readouterr().err == "stopped; wires are off\n"

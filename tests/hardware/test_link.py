@@ -12,12 +12,12 @@ from pydrake.systems.analysis import Simulator
 
 from calibration import collect_sag
 from hardware import BoardLink, HardwareError, LimbTwin, SerialLimb
-from hardware.__main__ import main
 from hardware.emulation.emulated_board import EmulatedBoard
 from hardware.firmware import guard, protocol, readings
 from hardware.robot.reasons import REASONS
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording, TipTangentSensor
 from limb_systems.model.heat_bounds import HeatBounds
+from soft_limb.commands.hardware import main
 
 from .conftest import BOUNDS, wait_for
 

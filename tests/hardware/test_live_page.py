@@ -20,13 +20,8 @@ import pytest
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from controllers import Learner
-from hardware import LimbTwin, LivePage, SerialLimb, replay
-from hardware.__main__ import main
-from hardware.drive import drive
-from hardware.learning import learn
-from hardware.live import document, options, server, view
+from hardware import LimbTwin, SerialLimb, replay
 from hardware.live.messages import Message, Phase, Reading
-from hardware.live.run import ENDED_WITHOUT_A_WORD, MOST_POINTS, Run
 from limb_systems import (
     LimbError,
     LimbParameters,
@@ -37,6 +32,12 @@ from limb_systems import (
 )
 from limb_systems.views.limb_view import ghosts_of_plan
 from planners import plan, references
+from soft_limb.commands.hardware import main
+from soft_limb.live import document, options, server, view
+from soft_limb.live.page import LivePage
+from soft_limb.live.run import ENDED_WITHOUT_A_WORD, MOST_POINTS, Run
+from soft_limb.runs.drive import drive
+from soft_limb.runs.repetitions import learn
 
 from .conftest import last_numbers, wait_for
 
@@ -66,9 +67,10 @@ def beginning(motion) -> Trajectory:
 
 PROGRAM = """
 import sys
-from hardware import LivePage, SerialLimb, replay
+from hardware import SerialLimb, replay
 from limb_systems import Trajectory
-from limb_systems.command import run_command
+from soft_limb.command import run_command
+from soft_limb.live.page import LivePage
 
 def run():
     plan = Trajectory.load("plan.csv")

@@ -12,9 +12,7 @@ from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 
 from calibration import calibrate, collect_from_twin, save_recordings
-from calibration.__main__ import main as calibration_main
 from hardware import LimbTwin, ReplayError, replay, watch
-from hardware.__main__ import main
 from hardware.emulation.sensors import SensedLimb
 from limb_systems import (
     CalibrationRecord,
@@ -27,7 +25,9 @@ from limb_systems import (
 )
 from limb_systems.tracking import tracking_errors
 from planners import plan, references
-from planners.__main__ import main as planners_main
+from soft_limb.commands.calibration import main as calibration_main
+from soft_limb.commands.hardware import main
+from soft_limb.commands.plan import main as planners_main
 
 from .conftest import last_numbers
 
@@ -325,7 +325,9 @@ def test_a_plan_of_a_limb_of_ones_own_is_not_followed_by_another_in_silence(
 
 def test_command_emulates_a_limb_with_extra_effects(monkeypatch):
     twins = []
-    monkeypatch.setattr("hardware.__main__.emulate", lambda twin, *_: twins.append(twin.source))
+    monkeypatch.setattr(
+        "soft_limb.commands.hardware.emulate", lambda twin, *_: twins.append(twin.source)
+    )
     assert main(["emulate", "--emulated", "3", "--extra", "memory", "--extra", "bond"]) == 0
     assert twins == ["emulated limb, seed 3, with memory, with bond"]
 

@@ -18,7 +18,6 @@ from serial.tools.list_ports_common import ListPortInfo
 
 from calibration import collect_equilibria, collect_from_robot
 from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay, watch
-from hardware.__main__ import main
 from hardware.replay import check_replayable
 from hardware.robot.reasons import REASONS
 from limb_systems import (
@@ -32,6 +31,7 @@ from limb_systems import (
 )
 from limb_systems.progress import Progress
 from planners import plan, references
+from soft_limb.commands.hardware import main
 
 from .conftest import wait_for
 

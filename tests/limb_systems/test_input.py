@@ -4,11 +4,11 @@ import os
 
 import pytest
 
-from hardware.__main__ import main as hardware
 from limb_systems import LimbError, LimbParameters, Recording, Trajectory
 from limb_systems.input import LARGEST_TABLE, LARGEST_TEXT, read_bytes
 from planners import Task, references
-from planners.__main__ import main as planners
+from soft_limb.commands.hardware import main as hardware
+from soft_limb.commands.plan import main as planners
 
 READERS = {
     "limb": (LimbParameters.load, LARGEST_TEXT),

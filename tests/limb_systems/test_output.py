@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from calibration.__main__ import main as calibration
-from hardware.__main__ import main as hardware
 from limb_systems import Limb, LimbParameters, simulate
 from limb_systems.output import OutputError, check_folder, check_outputs
-from planners.__main__ import main as planners
+from soft_limb.commands.calibration import main as calibration
+from soft_limb.commands.hardware import main as hardware
+from soft_limb.commands.plan import main as planners
 
 
 @pytest.fixture
@@ -125,9 +125,9 @@ def test_commands_keep_what_is_there(limb, command, line, monkeypatch, capsys):
 
 def test_collecting_again_replaces_recordings_only_when_forced(limb, monkeypatch, capsys):
     collected = []
-    monkeypatch.setattr("calibration.__main__.collect_from_twin", lambda *_, **__: {})
+    monkeypatch.setattr("soft_limb.commands.calibration.collect_from_twin", lambda *_, **__: {})
     monkeypatch.setattr(
-        "calibration.__main__.save_recordings", lambda *_: collected.append(True) or []
+        "soft_limb.commands.calibration.save_recordings", lambda *_: collected.append(True) or []
     )
     assert calibration(["collect", "-o", str(limb)]) == 1
     assert f"{limb} holds recordings" in capsys.readouterr().err

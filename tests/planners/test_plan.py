@@ -35,7 +35,7 @@ from planners import (
 from planners.distance import far_from_reference
 from planners.program import TrajectoryProgram
 from planners.quasi_static import solve_quasi_static
-from planners.report import plan_verdict
+from soft_limb.reports.plan import plan_verdict
 
 
 def paper_cost(angles, duty, angles_ref):

@@ -11,7 +11,8 @@ from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.parameters import CalibrationRecord, LimbParameters
-from limb_systems.results.reading import (
+from limb_systems.tracking import TrackingErrors, tracking_errors
+from soft_limb.results.reading import (
     EVALUATION,
     LIMB,
     RECORDING,
@@ -20,7 +21,6 @@ from limb_systems.results.reading import (
     Result,
     rollouts_of,
 )
-from limb_systems.tracking import TrackingErrors, tracking_errors
 
 NONE = "-"  # for a value that one of the runs does not have
 SIGNALS = {"bend_angle": "°", "measured_temperature": "°C", "duty": ""}  # that runs are compared by

@@ -1,23 +1,22 @@
-"""``python -m limb_systems``: what results are, how they differ, and exports of them."""
+"""What results are, how they differ, and exports of them."""
 
 import argparse
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from limb_systems.command import add_force_option, run_command
 from limb_systems.errors import LimbError
 from limb_systems.files.frames import FORMATS, write_mcap, write_parquet
 from limb_systems.output import OutputError, check_outputs
-from limb_systems.results.comparison import Comparison, compare
-from limb_systems.results.reading import LIMB, RECORDING, TASK, TRAJECTORY, Result, read_result
-from limb_systems.results.tables import changes_table, differences_table, motions_table
+from soft_limb.command import add_force_option, run_command
+from soft_limb.results.comparison import Comparison, compare
+from soft_limb.results.reading import LIMB, RECORDING, TASK, TRAJECTORY, Result, read_result
+from soft_limb.results.tables import changes_table, differences_table, motions_table
 
 _WRITERS = dict(zip(FORMATS, (write_parquet, write_mcap), strict=True))
 
 
-def main(arguments: list[str] | None = None, prog: str = "python -m limb_systems") -> int:
+def main(arguments: list[str] | None = None, prog: str = "soft-limb") -> int:
     options = _parser(prog).parse_args(arguments)
     command = {"show": _show, "compare": _compare, "export": _export}[options.command]
     return run_command(lambda: command(options), "stopped; no file is half-written")
@@ -109,7 +108,7 @@ def _compare(options) -> int:
     comparison = compare([read_result(path) for path in options.runs])
     if options.output:
         # Bokeh takes as long to import as all the rest.
-        from limb_systems.results.report import write_comparison
+        from soft_limb.reports.comparison import write_comparison
 
         write_comparison(comparison, options.output)
     written = [str(options.output)] if options.output else []
@@ -169,7 +168,3 @@ def _export(options) -> int:
         _WRITERS[path.suffix](result.value, path)
         print(f"written     {path}")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

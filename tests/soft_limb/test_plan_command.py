@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from limb_systems import Limb, LimbParameters, Trajectory, simulate
-from planners.__main__ import main
+from soft_limb.commands.plan import main
 
 ROOT = Path(__file__).parents[2]
 

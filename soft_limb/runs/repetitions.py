@@ -10,9 +10,7 @@ import numpy as np
 from controllers import Learner
 from controllers.learning import Repetition
 from hardware.emulation.twin import LimbTwin
-from hardware.live.page import LivePage
 from hardware.replay import ReplayError, replay
-from hardware.report import write_learning_report
 from hardware.robot.link import BoardLink, HardwareError
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import LimbSystem, Recording, Trajectory
@@ -20,6 +18,8 @@ from limb_systems.files.table_writer import unfinished_files
 from limb_systems.model.limb_system import check_limb
 from limb_systems.output import OutputError, check_folder
 from limb_systems.progress import Progress
+from soft_limb.live.page import LivePage
+from soft_limb.reports.drive import write_learning_report
 
 STATE, PICTURE, REPORT = "learning.txt", "learning.png", "learning.html"
 PAUSE = 300.0  # s, without heat, between two repetitions on an emulated limb

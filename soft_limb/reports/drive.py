@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from controllers import Learner
-from hardware.drive import Drive
 from limb_systems import Recording
 from limb_systems.views import page
 from planners.distance import far_from_reference
+from soft_limb.runs.drive import Drive
 
 
 def drive_verdict(driven: Drive) -> str:

@@ -8,11 +8,11 @@ import pytest
 
 from controllers import Learner
 from hardware import HardwareError, LimbTwin, ReplayError
-from hardware.__main__ import main
-from hardware.learning import PAUSE, learn, rested_twins, wait_until_cool
 from limb_systems import Limb, LimbParameters, Recording, Trajectory
 from limb_systems.progress import Progress
 from planners import plan, references
+from soft_limb.commands.hardware import main
+from soft_limb.runs.repetitions import PAUSE, learn, rested_twins, wait_until_cool
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def plan_file(short_plan, tmp_path):
 
 
 def test_command_repeats_and_goes_on(plan_file, tmp_path, capsys, monkeypatch, look_at):
-    monkeypatch.setattr("hardware.learning.PAUSE", 1.0)  # of what takes longest to emulate
+    monkeypatch.setattr("soft_limb.runs.repetitions.PAUSE", 1.0)  # of what takes longest to emulate
     folder = tmp_path / "learned"
     assert main(["learn", plan_file, "-n", "2", "-o", str(folder)]) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -22,7 +22,6 @@ from bokeh.plotting import figure
 from jinja2 import Template
 
 from hardware.live.messages import BoardReading, Phase, Reading
-from hardware.live.run import MOST_POINTS, Run
 from hardware.robot.serial_limb import DEADLINE
 from limb_systems.views.colors import (
     PLAN_COLOR,
@@ -30,6 +29,7 @@ from limb_systems.views.colors import (
     ROLLOUT_COLOR,
     wire_colors,
 )
+from soft_limb.live.run import MOST_POINTS, Run
 
 PERIOD = 200  # ms, of what browsers are told
 SILENCE = 1.0  # s, after which a limb that runs is missed

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from limb_systems.results.comparison import NONE, Change, Comparison, Difference
+from soft_limb.results.comparison import NONE, Change, Comparison, Difference
 
 LONGEST = 60  # characters of a value
 _NAMES = {"bend_angle": "φ", "measured_temperature": "V", "duty": "D"}

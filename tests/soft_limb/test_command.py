@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from limb_systems import LimbError, LimbParameters
-from limb_systems.command import COMMANDS, heed_signals, main, run_command
+from limb_systems.signals import heed_signals
+from soft_limb.command import COMMANDS, main, run_command
 
 ROOT = Path(__file__).parents[2]
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -103,7 +104,8 @@ def test_what_cannot_heed_signals_is_ended_at_once():
 
 AT_ONCE = """
 import os, signal
-from limb_systems.command import ended_at_once, run_command
+from limb_systems.signals import ended_at_once
+from soft_limb.command import run_command
 def command():
     with ended_at_once():
         os.kill(os.getpid(), signal.SIGTERM)
@@ -112,7 +114,7 @@ run_command(command, "stopped")
 """
 
 
-@pytest.mark.parametrize("module", ["planners", "calibration", "hardware", "limb_systems"])
+@pytest.mark.parametrize("module", ["planners", "calibration", "hardware", "soft_limb"])
 def test_ctrl_c_while_a_command_is_imported_is_quiet(module):
     """At its first import of pydrake, where it would have become a traceback."""
     script = (
@@ -138,7 +140,7 @@ def test_nohup_is_respected():
 
 def test_a_reader_that_went_away_gets_no_traceback():
     script = (
-        "from limb_systems.command import COMMANDS, main, run_command\n"
+        "from soft_limb.command import COMMANDS, main, run_command\n"
         "run = lambda: [print('x' * 1000) for _ in range(1000)] and 0\n"
         "raise SystemExit(run_command(run, 'stopped'))"
     )
@@ -172,9 +174,9 @@ def test_soft_limb_runs_the_commands_of_the_packages(name, capsys):
 
 
 def test_soft_limb_has_every_command_of_every_package(capsys):
-    for package in ("limb_systems", "calibration", "hardware"):
+    for package in ("results", "calibration", "hardware"):
         with pytest.raises(SystemExit):
-            importlib.import_module(f"{package}.__main__").main(["--help"])
+            importlib.import_module(f"soft_limb.commands.{package}").main(["--help"])
         listed = re.search(r"{(.*?)}", capsys.readouterr().out, re.DOTALL)[1].split(",")
         assert set(listed) == {name for name, (home, _) in COMMANDS.items() if home == package}
 
@@ -210,7 +212,7 @@ def test_a_law_of_ones_own_is_imported_for_a_command(tmp_path):
     text = LimbParameters().to_yaml().replace("!LinearLaw", "!MyOwnLaw")
     (tmp_path / "limb.yaml").write_text(text)
     (tmp_path / "broken.py").write_text("1 +")
-    run = "import sys; from limb_systems.command import main; sys.path[:] = sys.path[1:]; main()"
+    run = "import sys; from soft_limb.command import main; sys.path[:] = sys.path[1:]; main()"
 
     def soft_limb(*arguments):
         command = [sys.executable, "-c", run, *arguments]

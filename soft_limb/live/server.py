@@ -1,4 +1,4 @@
-"""The process that serves the live page: ``python -m hardware.live.server``, by `LivePage` alone.
+"""The process that serves the live page: ``python -m soft_limb.live.server``, by `LivePage` alone.
 
 All that it serves, the 3D view and websockets too, passes one gate. Who asks must name this
 server as it names itself, so that no page of another site can ask in a person's name. From
@@ -29,10 +29,10 @@ from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.netutil import bind_sockets
 from tornado.web import ErrorHandler, OutputTransform, RequestHandler
 
-from hardware.live.document import LiveDocument
 from hardware.live.messages import Reading
-from hardware.live.run import Run
-from hardware.live.view import View, ViewHandler
+from soft_limb.live.document import LiveDocument
+from soft_limb.live.run import Run
+from soft_limb.live.view import View, ViewHandler
 
 PRIORITY = 10  # by which it gives way to who commands
 PERIOD = 0.2  # s, of the view

@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from limb_systems.provenance import Provenance
-from limb_systems.results.comparison import Comparison, Curves
-from limb_systems.results.reading import TRAJECTORY, Result
-from limb_systems.results.tables import (
+from limb_systems.views import page
+from limb_systems.views.charts import Curve, panel, stacked
+from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
+from soft_limb.results.comparison import Comparison, Curves
+from soft_limb.results.reading import TRAJECTORY, Result
+from soft_limb.results.tables import (
     changes_table,
     differences_table,
     motions_table,
     run_names,
 )
-from limb_systems.views import page
-from limb_systems.views.charts import Curve, panel, stacked
-from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
 
 _COLORS = (PLAN_COLOR, ROLLOUT_COLOR, *wire_colors(6))
 _DASHES = ("solid", "dashed", "dotted")  # of wires

@@ -1,25 +1,21 @@
 """``soft-limb``, which runs all commands, and how commands end."""
 
 import argparse
-import contextlib
 import importlib
 import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib.metadata import version
 from typing import Any
 
 from limb_systems.errors import LimbError
+from limb_systems.signals import SIGNALS, came, stop
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # that end a command
-_came: list[int] = []  # of these, since the command that runs has begun
-
-# For each command: its package and what it does. The package's `__main__` is imported when the
-# command runs, so that this module does not depend on packages that import it.
+# For each command: its module in `soft_limb.commands`, imported when it runs, and what it does.
 COMMANDS = {
-    "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
+    "plan": ("plan", "plan the feasible trajectory nearest to a reference"),
     "collect": ("calibration", "record all that calibration needs"),
     "fit": ("calibration", "fit a limb to a folder of recordings"),
     "validate": ("calibration", "compare a calibrated limb with a recording, open loop"),
@@ -33,14 +29,14 @@ COMMANDS = {
     "ports": ("hardware", "list the serial ports of this computer"),
     "recover": ("hardware", "finish the recording of a program that was killed"),
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
-    "show": ("limb_systems", "say what files are, and what made them"),
-    "compare": ("limb_systems", "say how plans, recordings, limbs or evaluations differ"),
-    "export": ("limb_systems", "write recordings and plans for other tools"),
+    "show": ("results", "say what files are, and what made them"),
+    "compare": ("results", "say how plans, recordings, limbs or evaluations differ"),
+    "export": ("results", "write recordings and plans for other tools"),
 }
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """``soft-limb``: runs the command that is named, by its own package."""
+    """``soft-limb``: runs the command that is named."""
     width = max(map(len, COMMANDS))
     parser = argparse.ArgumentParser(
         prog="soft-limb",
@@ -71,9 +67,9 @@ def main(arguments: list[str] | None = None) -> int:
             _import(module)
         except Exception as error:  # whatever the module does
             parser.error(f"{module} could not be imported: {type(error).__name__}: {error}")
-    package, _ = COMMANDS[options.command]
-    run = importlib.import_module(f"{package}.__main__").main
-    if package == "planners":  # it has only one command, without a name
+    module, _ = COMMANDS[options.command]
+    run = importlib.import_module(f"soft_limb.commands.{module}").main
+    if module == "plan":  # it has only one command, without a name
         return run(options.arguments, prog="soft-limb plan")
     return run([options.command, *options.arguments], prog="soft-limb")
 
@@ -105,11 +101,11 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         Exit status: the command's own, 1 if it could not be done, 128 and the
         signal's number if it was stopped: 130 by Ctrl-C, 143 by SIGTERM.
     """
-    _came.clear()
+    came.clear()
     before = {number: signal.getsignal(number) for number in SIGNALS}
     for number in SIGNALS:
         if number != signal.SIGHUP or before[number] != signal.SIG_IGN:
-            signal.signal(number, _stop)
+            signal.signal(number, stop)
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _say_warning
@@ -120,56 +116,23 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = 1
     except KeyboardInterrupt:
-        _came.append(signal.SIGINT)
+        came.append(signal.SIGINT)
     except Exception as error:
         # What a signal has stopped may fail in consequence.
-        if not _came and not isinstance(error, LimbError | OSError | MemoryError):
+        if not came and not isinstance(error, LimbError | OSError | MemoryError):
             raise
-        if not _came:
+        if not came:
             print(f"error: {error}", file=sys.stderr)
         status = 1
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-    if _came:
+    if came:
         print(stopped, file=sys.stderr)
-        status = 128 + _came[0]
-        _came.clear()
+        status = 128 + came[0]
+        came.clear()
     return status
-
-
-def heed_signals() -> None:
-    """Raises KeyboardInterrupt if a signal has come that ends the command that runs.
-
-    The handler has done so before, but what it raises is lost in a finalizer,
-    for example, and in some imports. Whoever heats wires asks here first.
-    """
-    if _came:
-        raise KeyboardInterrupt
-
-
-@contextlib.contextmanager
-def ended_at_once() -> Iterator[None]:
-    """A context in which a signal that ends a command ends its process at once, without a word.
-
-    For work that holds no robot and no file. Python heeds signals only between calls
-    into Drake and solvers, which take from seconds to minutes. Scripts, whose
-    signals are not `run_command`'s, get KeyboardInterrupt there as anywhere.
-    """
-    ours = [number for number in SIGNALS if signal.getsignal(number) is _stop]
-    for number in ours:
-        signal.signal(number, signal.SIG_DFL)
-    try:
-        yield
-    finally:
-        for number in ours:
-            signal.signal(number, _stop)
 
 
 def _say_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     print(f"warning: {message}", file=sys.stderr)
-
-
-def _stop(number: int, _frame: object) -> None:
-    _came.append(number)
-    raise KeyboardInterrupt

@@ -133,7 +133,7 @@ def write_report(
         data: files that the page links to, by what they are.
     """
     # Bokeh takes as long to import as all the rest.
-    from calibration import charts
+    from soft_limb.reports import calibration_charts as charts
 
     sources = sorted({source for group in calibration.sources.values() for source in group})
     parts = [page.verdict(calibration.verdict)]
@@ -195,7 +195,7 @@ def write_validation_report(
     validation: Validation, path: str | Path, data: Mapping[str, str | Path]
 ) -> None:
     """Writes one HTML page on how a calibrated limb predicts a recording; see `write_report`."""
-    from calibration.charts import validation_chart
+    from soft_limb.reports.calibration_charts import validation_chart
 
     parts = [
         page.verdict(verdict(remarks_on_validation(validation), validation)),
@@ -209,7 +209,7 @@ def write_validation_report(
 
 
 def _prediction(prediction: Prediction, wire_names: list[str]) -> list[str]:
-    from calibration.charts import predicted_chart
+    from soft_limb.reports.calibration_charts import predicted_chart
 
     rows = [
         [

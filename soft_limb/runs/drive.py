@@ -8,13 +8,13 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from controllers import PlanFeedback, PlanRegulator, RecedingHorizon
-from hardware.live.page import LivePage
 from hardware.replay import replay
 from hardware.robot.serial_limb import DEADLINE, SerialLimb
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import REAL_TIME_STEP
 from limb_systems.tracking import tracking_errors
+from soft_limb.live.page import LivePage
 
 OPEN = "open"
 CONTROLLERS = {OPEN: None, "pi": PlanFeedback, "lqr": PlanRegulator, "mpc": RecedingHorizon}

@@ -6,7 +6,7 @@ from pathlib import Path
 from pydrake import trajectories
 
 from limb_systems import LimbParameters, Recording, Trajectory
-from limb_systems.command import ended_at_once
+from limb_systems.signals import ended_at_once
 from planners import references
 from planners.planning import plan
 from planners.task import Task

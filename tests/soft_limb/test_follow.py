@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hardware import LimbTwin
-from hardware.__main__ import main
-from hardware.drive import DEADLINE, Drive, drive
 from limb_systems import LimbParameters, Recording, Trajectory, simulate
 from planners import plan, references
+from soft_limb.commands.hardware import main
+from soft_limb.runs.drive import DEADLINE, Drive, drive
 
 
 @pytest.fixture(scope="module")

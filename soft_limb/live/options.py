@@ -5,7 +5,7 @@ import contextlib
 import sys
 from collections.abc import Iterator
 
-from hardware.live.page import LOOPBACK, LivePage
+from soft_limb.live.page import LOOPBACK, LivePage
 
 
 def add_live_options(command: argparse.ArgumentParser) -> None:

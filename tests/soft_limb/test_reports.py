@@ -6,8 +6,6 @@ import html
 import numpy as np
 import pytest
 
-from hardware.drive import Drive
-from hardware.report import drive_verdict, write_drive_report
 from limb_systems import (
     Limb,
     LimbParameters,
@@ -17,6 +15,8 @@ from limb_systems import (
     WireParameters,
     simulate,
 )
+from soft_limb.reports.drive import drive_verdict, write_drive_report
+from soft_limb.runs.drive import Drive
 
 
 @pytest.fixture(scope="module")

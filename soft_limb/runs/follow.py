@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from hardware.drive import Drive, drive
-from hardware.live.page import LivePage
-from hardware.report import write_drive_report
 from limb_systems import LimbParameters, LimbSystem
 from planners import Task
 from planners.planning import MAX_KNOTS
-from planners.request import Request, make_plan
+from soft_limb.live.page import LivePage
+from soft_limb.reports.drive import write_drive_report
+from soft_limb.runs.drive import Drive, drive
+from soft_limb.runs.request import Request, make_plan
 
 PLAN, RECORDING, PICTURE, REPORT = "plan.csv", "recording.csv", "tracking.png", "report.html"
 
@@ -100,7 +100,7 @@ def follow(
     Args:
         request: of the plan, such as a `closed_loop_request`.
         make_limb: gives the limb for the parameters of the plan.
-        controller, real_time, live: as for `hardware.drive.drive`.
+        controller, real_time, live: as for `soft_limb.runs.drive.drive`.
 
     Raises:
         PlanningError: if there is no plan.

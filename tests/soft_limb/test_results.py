@@ -21,11 +21,11 @@ from limb_systems import (
     Trajectory,
     joint_angles_from_bend_angle,
 )
-from limb_systems.__main__ import main
-from limb_systems.results.comparison import Change, compare, flattened
-from limb_systems.results.reading import Result, read_result
-from limb_systems.results.tables import run_names
 from limb_systems.views import page
+from soft_limb.commands.results import main
+from soft_limb.results.comparison import Change, compare, flattened
+from soft_limb.results.reading import Result, read_result
+from soft_limb.results.tables import run_names
 
 MADE = Provenance("0.1.0", "0123456789ab", "soft-limb plan", "a" * 12, "2030-01-31T12:00:00Z", 7, 3)
 TIME = np.linspace(0.0, 4.0, 41)

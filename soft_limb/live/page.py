@@ -59,7 +59,7 @@ class LivePage:
         ours.setblocking(False)
         self._socket, self._said, self._ended = ours, "", False
         self._phase: IO[bytes] | None = None  # that has not been sent yet
-        command = [sys.executable, "-m", "hardware.live.server", host, str(port)]
+        command = [sys.executable, "-m", "soft_limb.live.server", host, str(port)]
         command += [str(theirs.fileno()), str(os.getpid()), str(int(open_browser))]
         self._process = subprocess.Popen(
             command,

@@ -1,0 +1,8 @@
+"""``python -m soft_limb``: ``soft-limb``."""
+
+import sys
+
+from soft_limb.command import main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""The commands of ``soft-limb``, by what they are about."""

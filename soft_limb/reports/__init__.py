@@ -1,0 +1,1 @@
+"""Reports: plans, calibrations and runs, as text and as pages."""

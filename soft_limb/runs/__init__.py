@@ -1,0 +1,1 @@
+"""Runs of limbs: a plan replayed, a motion taught and followed, repetitions."""
