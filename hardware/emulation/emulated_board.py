@@ -10,6 +10,7 @@ import random
 import struct
 import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -100,7 +101,7 @@ class EmulatedBoard:
         self.shorted = [False, False]  # MOSFETs
         self._heat()
 
-    def fail(self, wire: int, **faults) -> None:
+    def fail(self, wire: int, **faults: Any) -> None:
         """Gives a thermocouple faults, in addition to those that it has; see `Thermocouple`."""
         self.thermocouples[wire] = dataclasses.replace(self.thermocouples[wire], **faults)
         self._faulty_since = self._clock()

@@ -1,6 +1,8 @@
 """An emulated board with a host at its cable, in simulated time, for faults that take long."""
 
 import dataclasses
+from collections.abc import Sequence
+from typing import Any
 
 from hardware.emulation.emulator import Emulation
 from hardware.emulation.twin import LimbTwin
@@ -62,11 +64,11 @@ class SimulatedBoard:
 
     # The host's.
 
-    def send(self, *frame) -> None:
+    def send(self, *frame: Any) -> None:
         """Sends a frame: its kind and its values."""
         self._to_board += protocol.encode(*frame)
 
-    def command(self, duty) -> None:
+    def command(self, duty: Sequence[float]) -> None:
         """Sends a duty (2), in answer to the newest sample."""
         self._sequence += 1
         ticks = [round(protocol.FULL_DUTY * d) for d in duty]
@@ -91,7 +93,7 @@ class SimulatedBoard:
         self.send(protocol.CLEAR, self.sent[-1][2])
         self.run(0.06)
 
-    def run(self, seconds: float, duty=None) -> None:
+    def run(self, seconds: float, duty: Sequence[float] | None = None) -> None:
         """Runs on, and commands a duty (2) every 50 ms if there is one."""
         end = self.milliseconds + round(1000 * seconds)
         while self.milliseconds < end:

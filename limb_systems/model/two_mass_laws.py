@@ -6,6 +6,7 @@ default values are those of the nominal limb with such wires.
 """
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,7 +32,7 @@ class _TwoMassHeat(WireLaw):
     silicone_warming: float = quantity(0.004, "1/s", 1e-5, 10.0)
     silicone_cooling: float = quantity(0.012, "1/s", 1e-4, 10.0)
 
-    def rates(self, x, D, T0):
+    def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
         """Ṫ = a1 (T - S) + a2 D,  Ṡ = kS (T - S) - kA (S - T0)."""
         T, S = x[0], x[1]
         return [
@@ -69,7 +70,7 @@ class TwoMassLaw(_TwoMassHeat):
 
     beta: float = quantity(4.7e-4, "N·m/°C", 1e-8, 1.0)
 
-    def torque(self, x, T0, theta):
+    def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
         """β (T - T0), eqn (4)."""
         return self.beta * (x[0] - T0)
 
@@ -92,7 +93,7 @@ class ThresholdLaw(_TwoMassHeat):
     knee: float = quantity(48.0, "°C", -20.0, 200.0)
     width: float = quantity(7.0, "°C", 1.0, 100.0)
 
-    def torque(self, x, T0, theta):
+    def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
         """See the class."""
         above, cold = (np.log(1.0 + np.exp((T - self.knee) / self.width)) for T in (x[0], T0))
         return self.beta * self.width * (above - cold)
@@ -116,7 +117,7 @@ class SaturatingLaw(_TwoMassHeat):
     middle: float = quantity(62.0, "°C", -20.0, 300.0)
     width: float = quantity(10.0, "°C", 1.0, 100.0)
 
-    def torque(self, x, T0, theta):
+    def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
         """See the class."""
         T = x[0]
         return self.full_torque * (
@@ -166,7 +167,7 @@ class HystereticLaw(_TwoMassHeat):
             return data
         return {name: value for name, value in data.items() if name != "switching_rate"}
 
-    def rates(self, x, D, T0):
+    def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
         """See the class."""
         T, _, B, xi = x
         rise, fall = (
@@ -177,15 +178,15 @@ class HystereticLaw(_TwoMassHeat):
         down = xi * _logistic((self.cooling_middle - T) / self.width) / self.width
         return [*super().rates(x[:2], D, T0), rise - fall, up * rise - down * fall]
 
-    def torque(self, x, T0, theta):
+    def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
         """M ξ."""
         return self.full_torque * x[3]
 
-    def cold_states(self, T0):
+    def cold_states(self, T0: float) -> Sequence[float]:
         """Nothing is transformed, and heat meets no backlash, so that plans see it act."""
         return [T0, T0, T0 - BACKLASH, 0.0]
 
-    def warm_states(self, T, T0):
+    def warm_states(self, T: Any, T0: float) -> Sequence[Any]:
         """On the curve of heating, which starts at ambient temperature with ξ = 0."""
         ends = [1.0 + np.exp((t - self.heating_middle) / self.width) for t in (T0, T)]
         return [T, T0, T - BACKLASH, 1.0 - ends[0] / ends[1]]

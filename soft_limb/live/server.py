@@ -17,6 +17,7 @@ import time
 import webbrowser
 from collections.abc import Callable
 from http.cookies import Morsel
+from typing import Any
 
 from bokeh.application import Application
 from bokeh.application.handlers import FunctionHandler
@@ -24,7 +25,7 @@ from bokeh.server.server import BaseServer
 from bokeh.server.tornado import BokehTornado
 from bokeh.settings import settings
 from tornado.httpserver import HTTPServer
-from tornado.httputil import HTTPServerRequest
+from tornado.httputil import HTTPHeaders, HTTPMessageDelegate, HTTPServerRequest
 from tornado.ioloop import IOLoop, PeriodicCallback
 from tornado.netutil import bind_sockets
 from tornado.web import ErrorHandler, OutputTransform, RequestHandler
@@ -90,7 +91,9 @@ class SignIn(RequestHandler):
 class ForThisPage(OutputTransform):
     """Tells browsers that no page of another site may contain or read what is served."""
 
-    def transform_first_chunk(self, status_code, headers, chunk, finishing):
+    def transform_first_chunk(
+        self, status_code: int, headers: HTTPHeaders, chunk: bytes, finishing: bool
+    ) -> tuple[int, HTTPHeaders, bytes]:
         """Adds the headers that say so."""
         headers["X-Frame-Options"] = "SAMEORIGIN"
         headers["Cross-Origin-Resource-Policy"] = "same-origin"
@@ -110,7 +113,7 @@ class LiveApplication(BokehTornado):
         )
         self.add_transform(ForThisPage)
 
-    def find_handler(self, request: HTTPServerRequest, **kwargs):
+    def find_handler(self, request: HTTPServerRequest, **kwargs: Any) -> HTTPMessageDelegate:
         """The handler of a request that may pass."""
         if self._gate.is_at_home(request) and request.path != "/autoload.js":
             if self._gate.knows(request):

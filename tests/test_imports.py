@@ -1,0 +1,123 @@
+"""Who imports whom: packages only what is below them, and no modules in a circle."""
+
+import ast
+import graphlib
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+# From the ground up: a package imports itself and those before it, and nothing imports the last.
+PACKAGES = (
+    "urdf",
+    "limb_systems",
+    "planners",
+    "controllers",
+    "hardware",
+    "calibration",
+    "soft_limb",
+)
+# `python -m planners` and the like, of two lines each, lead to the commands on top.
+DOORS = ("planners.__main__", "calibration.__main__", "hardware.__main__")
+# What a room imports beside itself; the robot, the emulation and the board know nothing of each
+# other but what the board and its host both need to speak.
+CLOSED_ROOMS = {
+    "hardware.robot": ("limb_systems", "hardware.firmware"),
+    "hardware.emulation": ("limb_systems", "hardware.firmware"),
+    "hardware.firmware": (),
+}
+
+
+def module_files() -> dict[str, Path]:
+    """All modules of the packages, by their names with dots."""
+    found = {}
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+FILES = module_files()
+TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
+
+
+def is_within(name: str, room: str) -> bool:
+    return f"{name}.".startswith(f"{room}.")
+
+
+def named_imports(name: str, tree: ast.AST) -> Iterator[str]:
+    """Names with dots that a module imports anywhere, also in functions and by `importlib`."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            home = name.split(".") if FILES[name].stem == "__init__" else name.split(".")[:-1]
+            above = home[: len(home) - node.level + 1] if node.level else []
+            source = ".".join([*above, *filter(None, [node.module])])
+            yield from (f"{source}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call) and called(node) in ("import_module", "__import__"):
+            argument = node.args[0]
+            if isinstance(argument, ast.Constant):
+                yield argument.value
+            else:  # one of the names that the module knows
+                texts = (n.value for n in ast.walk(tree) if isinstance(n, ast.Constant))
+                yield from (text for text in texts if isinstance(text, str) and text in FILES)
+                if isinstance(argument, ast.JoinedStr):
+                    yield from PACKAGES
+
+
+def called(node: ast.Call) -> str:
+    return getattr(node.func, "attr", getattr(node.func, "id", ""))
+
+
+def imports_of(name: str, tree: ast.AST) -> set[str]:
+    """The project's modules that a module imports."""
+    found = set()
+    for target in named_imports(name, tree):
+        while target and target not in FILES:  # a name in a module, or nothing of the project
+            target = target.rpartition(".")[0]
+        found |= {target} - {"", name}
+    return found
+
+
+IMPORTS = {name: imports_of(name, tree) for name, tree in TREES.items()}
+
+
+def test_imports_in_functions_and_by_importlib_are_seen():
+    text = """
+def later():
+    from limb_systems import files
+    import urdf.generator as generator
+    importlib.import_module("hardware.replay")
+    __import__("planners")
+    import_module(f"{package}.__main__")
+"""
+    name = "calibration.collect"
+    seen = imports_of(name, ast.parse(text))
+    wanted = {"limb_systems.files", "urdf.generator", "hardware.replay", *PACKAGES}
+    assert seen == wanted
+    assert all(IMPORTS[door] for door in DOORS)
+
+
+def test_imports_go_one_way():
+    wrong = []
+    for name, imported in IMPORTS.items():
+        package = name.partition(".")[0]
+        below = PACKAGES[: PACKAGES.index(package) + 1]
+        allowed = PACKAGES if name in DOORS else below
+        for room, beside in CLOSED_ROOMS.items():
+            if is_within(name, room):
+                allowed = (room, *beside)
+        wrong += [
+            f"{name} imports {other}"
+            for other in sorted(imported)
+            if not any(is_within(other, room) for room in allowed)
+        ]
+    assert wrong == []
+
+
+def test_no_modules_import_each_other_in_a_circle():
+    try:
+        graphlib.TopologicalSorter(IMPORTS).prepare()
+    except graphlib.CycleError as error:
+        raise AssertionError(" <- ".join(error.args[1])) from None
