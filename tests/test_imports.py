@@ -2,6 +2,7 @@
 
 import ast
 import graphlib
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -59,11 +60,11 @@ def named_imports(name: str, tree: ast.AST) -> Iterator[str]:
             argument = node.args[0]
             if isinstance(argument, ast.Constant):
                 yield argument.value
-            else:  # one of the names that the module knows
-                texts = (n.value for n in ast.walk(tree) if isinstance(n, ast.Constant))
-                yield from (text for text in texts if isinstance(text, str) and text in FILES)
-                if isinstance(argument, ast.JoinedStr):
-                    yield from PACKAGES
+            elif isinstance(argument, ast.JoinedStr):  # it may become the name of any
+                yield from PACKAGES
+            else:  # one of the names that are written in the module
+                texts = (str(n.value) for n in ast.walk(tree) if isinstance(n, ast.Constant))
+                yield from (text for text in texts if re.fullmatch(r"\w+(\.\w+)+", text))
 
 
 def called(node: ast.Call) -> str:
@@ -87,14 +88,14 @@ def test_imports_in_functions_and_by_importlib_are_seen():
     text = """
 def later():
     from limb_systems import files
-    import urdf.generator as generator
+    import urdf.generate as generate
     importlib.import_module("hardware.replay")
     __import__("planners")
     import_module(f"{package}.__main__")
 """
     name = "calibration.collect"
     seen = imports_of(name, ast.parse(text))
-    wanted = {"limb_systems.files", "urdf.generator", "hardware.replay", *PACKAGES}
+    wanted = {"limb_systems.files", "urdf.generate", "hardware.replay", *PACKAGES}
     assert seen == wanted
     assert all(IMPORTS[door] for door in DOORS)
 
