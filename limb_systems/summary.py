@@ -1,0 +1,92 @@
+"""What a result says of itself, once for terminals, JSON, pages, notebooks and `compare`."""
+
+import dataclasses
+import html
+from typing import Any, NamedTuple
+
+
+class Entry(NamedTuple):
+    """One statement about a result.
+
+    - ``name``: subject of the statement, such as "duration", and its key in JSON.
+    - ``value``: number, text, or a list or dict of these; None if it is not known.
+    - ``unit``: unit of all numbers in the value; empty for texts and bare numbers.
+    - ``sentence``: the value in words; if empty, value and unit are printed, and nothing
+      for a value that is None or empty. None for a value that only JSON has.
+
+    An entry with a sentence and no value is not in JSON.
+    """
+
+    name: str
+    value: Any = None
+    unit: str = ""
+    sentence: str | None = ""
+
+    @property
+    def text(self) -> str:
+        """The statement for people, without its name; empty if they are not told."""
+        if self.sentence or self.sentence is None:
+            return self.sentence or ""
+        if self.value in (None, "", []):
+            return ""
+        values = self.value if isinstance(self.value, list) else [self.value]
+        texts = [f"{value:g}" if isinstance(value, float) else str(value) for value in values]
+        return ", ".join(texts) + {"": "", "°": "°"}.get(self.unit, f" {self.unit}")
+
+
+@dataclasses.dataclass(frozen=True)
+class Summary:
+    """The statements about a result, in the order in which they are told.
+
+    - ``entries``: `Entry` for each.
+    - ``details``: further ones, which a ``repr`` leaves out.
+    """
+
+    entries: list[Entry]
+    details: list[Entry] = dataclasses.field(default_factory=list)
+
+    def __add__(self, other: "Summary") -> "Summary":
+        return Summary(self.entries + other.entries, self.details + other.details)
+
+    def texts(self) -> dict[str, str]:
+        """What people are told, each under its name."""
+        entries = self.entries + self.details
+        return {entry.name: text for entry in entries if (text := entry.text)}
+
+    def line(self) -> str:
+        """The statements in one line, without names and details."""
+        return ", ".join(filter(None, (entry.text for entry in self.entries)))
+
+    def lines(self, width: int = 12) -> list[str]:
+        """A line for each statement, its name in a column of some characters or more."""
+        texts = self.texts()
+        width = max([width, *(len(name) + 2 for name in texts)])
+        return [f"{name:<{width}}{text}" for name, text in texts.items()]
+
+    def to_json(self) -> dict[str, Any]:
+        """The values by their names."""
+        entries = self.entries + self.details
+        return {e.name: e.value for e in entries if e.value is not None or not e.sentence}
+
+    def to_html(self, caption: str) -> str:
+        """A small table for notebooks."""
+        rows = "".join(
+            f"<tr><th style='text-align:left'>{html.escape(name)}</th>"
+            f"<td style='text-align:left'>{html.escape(text)}</td></tr>"
+            for name, text in self.texts().items()
+        )
+        return f"<table><caption>{html.escape(caption)}</caption>{rows}</table>"
+
+
+class Summarized:
+    """A result with a summary, which is its ``repr`` and its table in notebooks."""
+
+    def summary(self) -> Summary:
+        """What the result says of itself."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.summary().line()})"
+
+    def _repr_html_(self) -> str:
+        return self.summary().to_html(type(self).__name__)
