@@ -42,10 +42,10 @@ from limb_systems import (
     Recording,
     WireLaw,
 )
-from limb_systems.display import Shown
 from limb_systems.errors import LimbError
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.progress import Progress
+from limb_systems.summary import Entry, Summarized, Summary
 
 METHODS = ("prediction", "paper")
 HEAT_METHODS = ("bend", "temperature")
@@ -54,7 +54,7 @@ COLD = 4.0  # °C above ambient, within which a wire counts as not heated before
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Calibration(Shown):
+class Calibration(Summarized):
     """A calibrated limb, and all that was learned on the way.
 
     - ``parameters``: the calibrated `LimbParameters`, with their `CalibrationRecord`.
@@ -80,22 +80,25 @@ class Calibration(Shown):
     validation: Validation | None
     sources: dict[str, list[str]]
 
-    def facts(self) -> dict[str, str]:
-        """How many quantities there are, how well they predict, and how many remarks."""
+    def summary(self) -> Summary:
+        """How many quantities there are, how well they predict, how many remarks; each of them."""
         validated = "not validated"
         if self.validation:
             error = np.rad2deg(self.validation.mean)
             validated = f"validated to {error:.1f}° on average"
         number = len(self.remarks)
-        return {
-            "fitted": f"{len(self.estimates)} quantities",
-            "validation": validated,
-            "remarks": f"{number or 'no'} remark{'s' * (number != 1)}",
-        }
-
-    def details(self) -> dict[str, str]:
-        """The quantities with their standard errors."""
-        return {name: str(estimate) for name, estimate in self.estimates.items()}
+        count = len(self.estimates)
+        return Summary(
+            [
+                Entry("fitted", count, "", f"{count} quantities"),
+                Entry("validation", validated),
+                Entry("remarks", number, "", f"{number or 'no'} remark{'s' * (number != 1)}"),
+            ],
+            details=[
+                Entry(name, estimate.value, estimate.unit, str(estimate))
+                for name, estimate in self.estimates.items()
+            ],
+        )
 
     @property
     def estimates(self) -> dict[str, Estimate]:

@@ -7,7 +7,6 @@ import numpy as np
 
 from calibration.bend_sensor import bend_sensor_of
 from limb_systems import Recording
-from limb_systems.files.recording import MEASURED, OPTIONAL
 
 STEP = 0.5  # s, of simulation and of averages; wires heat and cool within seconds
 SPIKE = 6.0  # robust standard deviations from the median of five samples, beyond which one counts
@@ -227,10 +226,10 @@ def with_lost_rows(recording: Recording) -> Recording:
     real = np.isin(np.arange(len(after)), np.append(0, np.cumsum(lost + 1)))
     steps = np.append(0.0, np.repeat(np.diff(recording.time) / (lost + 1), lost + 1))
     signals: dict[str, Any] = {"time": recording.time[0] + np.cumsum(steps)}
-    for name in ("duty", "measured_temperature", "bend_angle", *OPTIONAL):
+    for name in ("duty", "measured_temperature", "bend_angle", *Recording.OPTIONAL):
         if (value := getattr(recording, name)) is not None:
             signals[name] = value[..., after]
-    for name in MEASURED:
+    for name in Recording.MEASURED:
         signals[name] = np.where(real, signals[name], np.nan)
     return dataclasses.replace(recording, **signals)
 
@@ -255,7 +254,7 @@ def before_missing(recording: Recording) -> Recording:
 
 def _part(recording: Recording, which: np.ndarray) -> Recording:
     signals: dict[str, Any] = {}
-    for name in ("time", "duty", *MEASURED, *OPTIONAL):
+    for name in ("time", "duty", *Recording.MEASURED, *Recording.OPTIONAL):
         if (value := getattr(recording, name)) is not None:
             signals[name] = value[..., which]
     return dataclasses.replace(recording, **signals)
@@ -265,7 +264,7 @@ def interpolated(recording: Recording) -> Recording:
     """A recording with lines between readings where some are missing, for what needs even steps."""
     measured: dict[str, Any] = {
         name: np.array([filled(recording.time, row) for row in getattr(recording, name)])
-        for name in MEASURED
+        for name in Recording.MEASURED
     }
     return dataclasses.replace(recording, **measured)
 

@@ -23,7 +23,7 @@ from controllers.estimator import DRIFT_TIME
 from controllers.repeating_error import RepeatingError, wandering
 from limb_systems import LimbError, Provenance, Recording, Trajectory
 from limb_systems.band import MEAN_TO_DEVIATION
-from limb_systems.files.tables import FileFormatError
+from limb_systems.files.csv_format import FileFormatError
 from limb_systems.input import LARGEST_TABLE, read_bytes
 from limb_systems.output import write_atomically
 from limb_systems.schema import check_text

@@ -17,12 +17,10 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from limb_systems.schema import load_typed
-
-if TYPE_CHECKING:  # calibrated parameters have a provenance themselves
-    from limb_systems.model.parameters import LimbParameters
+from limb_systems.summary import Entry, Summary
 
 _ROOT = Path(__file__).parents[1]
 _PATIENCE = 5.0  # s, for git
@@ -30,18 +28,28 @@ _LONGEST_COMMAND = 1000  # characters
 _SECRET = r"(?:token|password|passwd|secret|api.?key)"
 
 
+class Described(Protocol):
+    """The part of `LimbParameters` that provenance is about."""
+
+    @property
+    def digest(self) -> str: ...
+
+    @property
+    def board(self) -> Any: ...
+
+
 @dataclasses.dataclass(frozen=True)
 class Provenance:
     """What made a result.
 
-    - ``version``: of soft-limb.
-    - ``commit``: of git, if soft-limb ran from a checkout of its repository, with
+    - ``version``: version of soft-limb.
+    - ``commit``: commit of git, if soft-limb ran from a checkout of its repository, with
       "-dirty" if there were changes that are not in it; else empty.
-    - ``command``: of the program, as it can be typed again in a shell.
+    - ``command``: command line of the program, as it can be typed again in a shell.
     - ``parameters``: `LimbParameters.digest` of the limb; empty if there is none.
     - ``time``: UTC, ISO 8601, such as "2030-01-31T12:00:00Z".
-    - ``limb_seed``: of the emulated limb; None if there is none.
-    - ``seed``: of the random numbers in what was done to the limb; None if there are none.
+    - ``limb_seed``: seed of the emulated limb; None if there is none.
+    - ``seed``: seed of the random numbers in what was done to the limb; None if there are none.
     """
 
     version: str
@@ -53,17 +61,16 @@ class Provenance:
     seed: int | None = None
 
     @classmethod
-    def now(
-        cls, parameters: "LimbParameters | None" = None, seed: int | None = None
-    ) -> "Provenance":
-        """Of what is being made by this program.
+    def now(cls, parameters: Described | None = None, seed: int | None = None) -> "Provenance":
+        """The provenance of what is being made by this program.
 
         The first call in a process asks git, which takes some milliseconds: it is no
         call for a loop that has to keep time.
 
         Args:
-            parameters: of the limb, if there is one; those of an emulated limb know its seed.
-            seed: of the random numbers in what is done to the limb, if there are any.
+            parameters: `LimbParameters` of the limb, if there is one; those of an
+                emulated limb know its seed.
+            seed: seed of the random numbers in what is done to the limb, if there are any.
         """
         now = datetime.datetime.now(datetime.UTC)
         return cls(
@@ -78,25 +85,26 @@ class Provenance:
 
     @classmethod
     def from_json(cls, value: Any) -> "Provenance | None":
-        """From what `dataclasses.asdict` made for a JSON file; None from None.
+        """The inverse of `dataclasses.asdict` for a JSON file; None from None.
 
         Raises:
             SchemaError: with one sentence naming the field.
         """
         return None if value is None else load_typed(cls, json.dumps(value, ensure_ascii=False))
 
-    def facts(self) -> dict[str, str]:
-        """What there is to say, each under a name."""
-        facts = {
-            "made by": f"soft-limb {self.version}",
-            "commit": self.commit,
-            "command": self.command,
-            "made at": self.time,
-            "parameters": self.parameters,
-            "limb seed": "" if self.limb_seed is None else str(self.limb_seed),
-            "seed": "" if self.seed is None else str(self.seed),
-        }
-        return {name: text for name, text in facts.items() if text}
+    def summary(self) -> Summary:
+        """All that is known."""
+        return Summary(
+            [
+                Entry("made by", f"soft-limb {self.version}"),
+                Entry("commit", self.commit),
+                Entry("command", self.command),
+                Entry("made at", self.time),
+                Entry("parameters", self.parameters),
+                Entry("limb seed", self.limb_seed),
+                Entry("seed", self.seed),
+            ]
+        )
 
 
 def command_line(arguments: Sequence[str]) -> str:

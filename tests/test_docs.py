@@ -56,8 +56,8 @@ from limb_systems import (
     TorqueMap,
     WireParameters,
 )
+from limb_systems.files.csv_format import FORMAT_VERSION
 from limb_systems.files.samples import column_names
-from limb_systems.files.tables import FORMAT_VERSION
 from soft_limb.command import COMMANDS as SOFT_LIMB
 
 ROOT = Path(__file__).parents[1]

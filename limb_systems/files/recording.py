@@ -2,40 +2,19 @@
 
 import dataclasses
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any, ClassVar
 
 import numpy as np
 
-from limb_systems.display import Shown
 from limb_systems.errors import LimbError
-from limb_systems.files.frames import frame_of
-from limb_systems.files.samples import (
-    bend_range,
-    check_samples,
-    columns_of,
-    first_outside,
-    group_columns,
-    samples_outside,
-    ungroup_columns,
-)
-from limb_systems.files.tables import FileFormatError, read_table, write_table
+from limb_systems.files.csv_format import FileFormatError, read_table
+from limb_systems.files.samples import Samples
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.provenance import Provenance
-from limb_systems.schema import check_text, dump_typed, load_typed
+from limb_systems.schema import check_text, load_typed
+from limb_systems.summary import Entry, Summary
 
-if TYPE_CHECKING:  # not all who record have it
-    import pandas
-
-MEASURED = ("measured_temperature", "bend_angle")
 LONGEST_PERIOD, HIGHEST_RATE = 10_000.0, 1e6  # s and Hz, of samples
-OPTIONAL = (
-    "wire_temperature",
-    "joint_state",
-    "reference",
-    "applied_duty",
-    "board_time",
-    "sample_age",
-)
 
 
 @dataclasses.dataclass
@@ -44,7 +23,7 @@ class RecordingHeader:
 
     - ``source``: text that names what was recorded.
     - ``sample_rate_hz``: nominal rate of the samples, Hz.
-    - ``parameters``: of the limb as it was known when it was recorded.
+    - ``parameters``: parameters of the limb as they were known when it was recorded.
     - ``provenance``: what made the recording; None if it is not known.
     """
 
@@ -55,27 +34,27 @@ class RecordingHeader:
 
 
 @dataclasses.dataclass(eq=False, repr=False)
-class Recording(Shown):
+class Recording(Samples):
     """Samples from a limb with S segments, n joints and W wires.
 
-    Measured values are kept whatever they are: a reading of 700 °C is a fact
-    about its sensor. `check_plausible` is for who calculates with them. One that is
-    missing is nan, an empty cell in the file; time and duty are known all the same.
+    Measured values are kept whatever they are: a reading of 700 °C is a fact about its
+    sensor. Whoever calculates with them calls `check_plausible`. A reading that is missing
+    is nan, an empty cell in the file; time and duty are known all the same.
 
-    - ``time``: (K,), s, increasing.
-    - ``duty``: (W, K), in [0, 1], in force when the sample was taken; a command
+    - ``time``: time of the samples (K,), s, increasing.
+    - ``duty``: duty (W, K), in [0, 1], in force when the sample was taken; a command
       that changes at that very time appears in the next sample.
     - ``measured_temperature``: V (W, K), °C; nan where it is missing.
     - ``bend_angle``: φ (S, K), rad; nan where it is missing.
-    - ``parameters``: of the limb, as far as it is known.
+    - ``parameters``: parameters of the limb, as far as they are known.
     - ``source``: a line of text that names what was recorded.
-    - ``sample_rate``: nominal, Hz.
+    - ``sample_rate``: nominal rate of the samples, Hz.
     - ``wire_temperature``: T (W, K), °C, of a model; else None.
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s, of a model; else None.
-    - ``reference``: the bend angle that was asked for (S, K), rad; None if none was.
+    - ``reference``: bend angle that was asked for (S, K), rad; None if none was.
     - ``applied_duty``: duty that was applied to the wires when the sample was
       taken (W, K), in [0, 1]; None if it is not known.
-    - ``board_time``: when the sample was taken, by the board's clock (K,), s;
+    - ``board_time``: time at which the sample was taken, by the board's clock (K,), s;
       None without a board.
     - ``sample_age``: time from the sample's arrival to ``time`` (K,), s; None
       without a board.
@@ -88,6 +67,17 @@ class Recording(Shown):
             finite, if time does not increase or duty leaves [0, 1], or if the
             source cannot be printed.
     """
+
+    KIND: ClassVar[str] = "recording"
+    OPTIONAL: ClassVar[tuple[str, ...]] = (
+        "wire_temperature",
+        "joint_state",
+        "reference",
+        "applied_duty",
+        "board_time",
+        "sample_age",
+    )
+    MEASURED: ClassVar[tuple[str, ...]] = ("measured_temperature", "bend_angle")
 
     time: np.ndarray
     duty: np.ndarray
@@ -106,10 +96,9 @@ class Recording(Shown):
     provenance: Provenance | None = None
 
     def __post_init__(self):
-        self.parameters.validate()
         check_text(self.source, "source")
         check_text(self.interrupted, "interrupted")
-        check_samples(self, optional=OPTIONAL, measured=MEASURED)
+        self._check()
         if not 1 / LONGEST_PERIOD <= self.sample_rate <= HIGHEST_RATE:
             raise LimbError(
                 f"sample_rate is {self.sample_rate!r} Hz; it must be from {1 / LONGEST_PERIOD:g} "
@@ -118,11 +107,8 @@ class Recording(Shown):
 
     @property
     def implausible(self) -> np.ndarray:
-        """Whether V or φ is beyond what any limb does, at each sample (K,).
-
-        That is, beyond -60 °C to 600 °C, or -π to π.
-        """
-        return samples_outside(self, MEASURED)
+        """Whether V or φ is beyond -60 °C to 600 °C, or -π to π, at each sample (K,)."""
+        return self._outside(self.MEASURED)
 
     @property
     def missing(self) -> np.ndarray:
@@ -144,35 +130,35 @@ class Recording(Shown):
 
     def check_plausible(self) -> None:
         """Raises LimbError, with the first value that is not plausible, if there is one."""
-        if self.implausible.any():
-            raise LimbError(first_outside(self, MEASURED))
+        if sentence := self._first_outside(self.MEASURED):
+            raise LimbError(sentence)
 
-    def facts(self) -> dict[str, str]:
+    def summary(self) -> Summary:
         """Source, duration, samples, range of the bend angle, largest temperature; its trouble."""
-        trouble = {"end": f"interrupted: {self.interrupted}"} if self.interrupted else {}
-        if missing := int(self.missing.sum()):
-            trouble["missing"] = f"{missing} of {len(self.time)} samples missing"
-        if doubt := self.doubt:
-            trouble["doubt"] = doubt
-        if self.missing.all():
-            return {"source": self.source, "samples": "no samples", **trouble}
-        return {
-            "source": self.source,
-            "duration": f"{self.time[-1] - self.time[0]:g} s",
-            "samples": f"{len(self.time)} samples",
-            "motion": bend_range(self.bend_angle),
-            "heat": f"up to {np.nanmax(self.measured_temperature):.0f} °C",
-            **trouble,
-        }
+        count, missing = len(self.time), self.missing
+        entries = [Entry("source", self.source)]
+        if missing.all():
+            entries.append(Entry("samples", count, "", "no samples"))
+        else:
+            heat = float(np.nanmax(self.measured_temperature))
+            entries += [
+                Entry("duration", float(self.time[-1] - self.time[0]), "s"),
+                Entry("samples", count, "", f"{count} samples"),
+                self._bend_entry(),
+                Entry("heat", heat, "°C", f"up to {heat:.0f} °C"),
+            ]
+        if self.interrupted:
+            entries.append(Entry("end", self.interrupted, "", f"interrupted: {self.interrupted}"))
+        if number := int(missing.sum()):
+            entries.append(Entry("missing", number, "", f"{number} of {count} samples missing"))
+        if self.doubt:
+            entries.append(Entry("doubt", self.doubt))
+        return Summary(entries)
 
     @property
     def how(self) -> str:
-        """How it was made, in a word for labels: "simulated", "emulated" or "recorded".
-
-        The source of an emulated limb says so, also if it was recorded through an
-        emulated board, and so does that of the model. Only models have T and joints.
-        """
-        if self.source.startswith(("emulated limb", "limb twin")):
+        """How it was made, in a word for labels: "simulated", "emulated" or "recorded"."""
+        if self.source.startswith(("emulated limb", "limb twin")):  # the latter through a board
             return "emulated"
         known_to_a_model = (self.joint_state, self.wire_temperature)
         if self.source.startswith("model") or any(s is not None for s in known_to_a_model):
@@ -190,13 +176,12 @@ class Recording(Shown):
         Raises:
             FileFormatError: one sentence that says what is wrong and where.
         """
-        table = read_table(path, "recording", unfinished=unfinished)
+        table = read_table(path, cls.KIND, unfinished=unfinished)
         try:
             header = load_typed(RecordingHeader, table.header)
             header.parameters.validate()
-            names = columns_of(cls, header.parameters)
             return cls(
-                **group_columns(table.columns, names, optional=OPTIONAL),
+                **cls.signals_of(table.columns, header.parameters),
                 parameters=header.parameters,
                 source=header.source,
                 sample_rate=header.sample_rate_hz,
@@ -206,21 +191,10 @@ class Recording(Shown):
         except LimbError as error:
             raise FileFormatError(f"{path}: {error}") from error
 
-    def to_pandas(self) -> "pandas.DataFrame":
-        """A table as in the file: a row per sample, indexed by time in s, angles in degrees.
-
-        Its ``attrs`` have the unit of each column, the source and the provenance.
-
-        Raises:
-            LimbError: if pandas is not installed.
-        """
-        about = {"source": self.source, "interrupted": self.interrupted}
-        return frame_of(self, "recording", about)
-
-    def save(self, path: str | Path) -> None:
-        """Writes the recording whole or not at all."""
-        header = RecordingHeader(
+    def _header(self) -> RecordingHeader:
+        return RecordingHeader(
             self.source, float(self.sample_rate), self.parameters, self.provenance
         )
-        columns = ungroup_columns(self, columns_of(Recording, self.parameters))
-        write_table(path, "recording", dump_typed(header), columns, self.interrupted)
+
+    def _about(self) -> dict[str, Any]:
+        return {"source": self.source, "interrupted": self.interrupted}

@@ -5,16 +5,26 @@ them; times are (K,). Recordings and trajectories are made of these.
 """
 
 import dataclasses
+import importlib
 from collections.abc import Collection, Mapping
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.files.tables import FileFormatError
+from limb_systems.files.csv_format import FileFormatError, format_table, values_in_files
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wires import Wires
+from limb_systems.output import write_atomically
+from limb_systems.provenance import Provenance
+from limb_systems.schema import dump_typed
+from limb_systems.summary import Entry, Summarized
 
+if TYPE_CHECKING:  # not all who record have it
+    import pandas
+
+TIMES = ("time", "board_time", "sample_age")  # signals with one number for each sample
 _UNITS = {  # in files
     "time": "s",
     "duty": "1",
@@ -27,7 +37,14 @@ _UNITS = {  # in files
     "wire_temperature": "°C",
     "joint_state": "°",
 }
-TIMES = ("time", "board_time", "sample_age")  # signals with one number for each sample
+_RANGES = {  # a value outside these is a mistake, of units or of a sensor
+    "duty": (0.0, 1.0, ""),
+    "applied_duty": (0.0, 1.0, ""),
+    "sample_age": (0.0, np.inf, " s"),
+    "measured_temperature": (-60.0, 600.0, " °C"),
+    "wire_temperature": (-60.0, 600.0, " °C"),
+    "bend_angle": (-np.pi, np.pi, " rad"),
+}
 
 
 def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
@@ -56,91 +73,158 @@ def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
     }
 
 
-def column_units(parameters: LimbParameters) -> dict[str, str]:
-    """The unit of each column in files; empty for states of wires, which their laws define."""
-    units: dict[str, str] = {}
-    for signal, names in column_names(parameters).items():
-        unit = _UNITS.get(signal, "")
-        units |= {name: "°/s" if name.startswith("joint_rate") else unit for name in names}
-    return units
+class Samples(Summarized):
+    """The base of `Recording` and `Trajectory`: a dataclass of signals with a file of their own."""
 
+    KIND: ClassVar[str]  # in the first line of the file
+    OPTIONAL: ClassVar[tuple[str, ...]] = ()  # signals that may be None
+    MEASURED: ClassVar[tuple[str, ...]] = ()  # signals that may leave their range, or be missing
 
-def columns_of(kind: type, parameters: LimbParameters) -> dict[str, list[str]]:
-    """`column_names` of the signals that a class of samples has."""
-    signals = {field.name for field in dataclasses.fields(kind)} | {"bend_angle"}
-    return {name: names for name, names in column_names(parameters).items() if name in signals}
+    time: np.ndarray
+    bend_angle: np.ndarray
+    parameters: LimbParameters
+    provenance: Provenance | None
 
+    @classmethod
+    def columns_of(cls, parameters: LimbParameters) -> dict[str, list[str]]:
+        """`column_names` of the signals that these samples have."""
+        signals = {field.name for field in dataclasses.fields(cls)} | {"bend_angle"}  # type: ignore[arg-type]
+        return {name: names for name, names in column_names(parameters).items() if name in signals}
 
-def check_samples(
-    samples: Any, optional: Collection[str] = (), measured: Collection[str] = ()
-) -> None:
-    """Turns the signals of an object into arrays and checks them.
+    def columns(self) -> dict[str, np.ndarray]:
+        """The columns (K,) of the file, angles in rad, without signals that are None."""
+        columns: dict[str, np.ndarray] = {}
+        for name, group in self.columns_of(self.parameters).items():
+            value = getattr(self, name)
+            if value is not None:
+                columns.update(zip(group, np.atleast_2d(value), strict=True))
+        return columns
 
-    Args:
-        samples: a dataclass with ``parameters``, ``time`` (K,) and some of
-            the signals.
-        optional: the signals that may be None.
-        measured: the signals that may leave their range, because what was
-            measured is what it is, and be nan where a sample is missing.
+    @classmethod
+    def signals_of(
+        cls, columns: Mapping[str, np.ndarray], parameters: LimbParameters
+    ) -> dict[str, np.ndarray]:
+        """The signals (size, K) that a file's columns make up; those in `TIMES` are (K,).
 
-    Raises:
-        LimbError: if shapes disagree or values are not finite, if time does
-            not increase, duty leaves [0, 1] or an angle leaves [-π, π].
-    """
-    samples.time = np.asarray(samples.time, float)
-    names = column_names(samples.parameters)
-    for name in (field.name for field in dataclasses.fields(samples)):
-        value = getattr(samples, name)
-        if name == "time" or name not in names or (value is None and name in optional):
-            continue
-        columns, value = names[name], np.asarray(value, float)
-        setattr(samples, name, value)
-        shape = (len(columns), len(samples.time))[name in TIMES :]
-        if value.shape != shape:
-            raise LimbError(
-                f"{name} has the shape {value.shape}, but this limb and the "
-                f"{len(samples.time)} samples of time need {shape}."
-            )
-        if (np.isinf(value) if name in measured else ~np.isfinite(value)).any():
-            raise LimbError(f"{name} holds values that are not finite.")
-        if name not in measured and samples_outside(samples, [name]).any():
-            raise LimbError(first_outside(samples, [name]))
-    if not np.isfinite(samples.time).all() or (np.diff(samples.time) <= 0).any():
-        raise LimbError("time must be finite and increasing.")
+        Raises:
+            FileFormatError: if a column is missing or belongs to no signal.
+        """
+        groups = cls.columns_of(parameters)
+        known = {column for group in groups.values() for column in group}
+        for column in columns:
+            if column not in known:
+                raise FileFormatError(f"the column {column} does not belong here.")
+        signals = {}
+        for name, group in groups.items():
+            missing = [column for column in group if column not in columns]
+            if not missing:
+                signal = np.array([columns[column] for column in group])
+                signals[name] = signal[0] if name in TIMES else signal
+            elif name not in cls.OPTIONAL or len(missing) < len(group):
+                raise FileFormatError(f"the column {missing[0]} is missing.")
+        return signals
 
+    def to_text(self) -> str:
+        """The text of the file; errors as for `save`."""
+        interrupted = getattr(self, "interrupted", "")
+        return format_table(self.KIND, dump_typed(self._header()), self.columns(), interrupted)
 
-def group_columns(
-    columns: Mapping[str, np.ndarray],
-    names: Mapping[str, list[str]],
-    optional: Collection[str] = (),
-) -> dict[str, np.ndarray]:
-    """The signals (size, K) that a table's columns make up; those in `TIMES` are (K,).
+    def save(self, path: str | Path) -> None:
+        """Writes the file whole or not at all.
 
-    Raises:
-        FileFormatError: if a column is missing or belongs to no signal.
-    """
-    known = {column for group in names.values() for column in group}
-    for column in columns:
-        if column not in known:
-            raise FileFormatError(f"the column {column} does not belong here.")
-    signals = {}
-    for name, group in names.items():
-        missing = [column for column in group if column not in columns]
-        if not missing:
-            signals[name] = np.array([columns[column] for column in group])
-        elif name not in optional or len(missing) < len(group):
-            raise FileFormatError(f"the column {missing[0]} is missing.")
-    return {name: signal[0] if name in TIMES else signal for name, signal in signals.items()}
+        Raises:
+            LimbError: if a value is not finite or there are too many, or if the check
+                of a plan failed. A plan without a check is written, and its file says so.
+        """
+        write_atomically(path, self.to_text())
 
+    def to_pandas(self) -> "pandas.DataFrame":
+        """A table as in the file: a row per sample, indexed by time in s, angles in degrees.
 
-def ungroup_columns(samples: Any, names: Mapping[str, list[str]]) -> dict[str, np.ndarray]:
-    """The columns of an object's signals, without those that are None."""
-    columns: dict[str, np.ndarray] = {}
-    for name, group in names.items():
-        value = getattr(samples, name)
-        if value is not None:
-            columns.update(zip(group, np.atleast_2d(value), strict=True))
-    return columns
+        Its ``attrs`` have the kind, the unit of each column, the provenance, and the
+        source of a recording or the check of a trajectory.
+
+        Raises:
+            LimbError: if pandas is not installed.
+        """
+        columns = values_in_files(self.columns())
+        frame = import_extra("pandas").DataFrame(columns).set_index("time_s")
+        frame.attrs = {
+            "kind": self.KIND,
+            "units": {
+                name: "°/s" if name.startswith("joint_rate") else _UNITS.get(signal, "")
+                for signal, names in self.columns_of(self.parameters).items()
+                for name in names
+                if name in columns
+            },
+            "provenance": self.provenance and dataclasses.asdict(self.provenance),
+            **self._about(),
+        }
+        return frame
+
+    def _header(self) -> Any:
+        """The dataclass that is the header of the file."""
+        raise NotImplementedError
+
+    def _about(self) -> dict[str, Any]:
+        """What else the ``attrs`` of pandas have."""
+        raise NotImplementedError
+
+    def _check(self) -> None:
+        """Turns the signals into arrays and checks them.
+
+        Raises:
+            LimbError: if shapes disagree or values are not finite, if time does
+                not increase, duty leaves [0, 1] or an angle leaves [-π, π].
+        """
+        self.parameters.validate()
+        self.time = np.asarray(self.time, float)
+        names = column_names(self.parameters)
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            name, value = field.name, getattr(self, field.name)
+            if name == "time" or name not in names or (value is None and name in self.OPTIONAL):
+                continue
+            columns, value = names[name], np.asarray(value, float)
+            setattr(self, name, value)
+            shape = (len(columns), len(self.time))[name in TIMES :]
+            if value.shape != shape:
+                raise LimbError(
+                    f"{name} has the shape {value.shape}, but this limb and the "
+                    f"{len(self.time)} samples of time need {shape}."
+                )
+            measured = name in self.MEASURED
+            if (np.isinf(value) if measured else ~np.isfinite(value)).any():
+                raise LimbError(f"{name} holds values that are not finite.")
+            if not measured and (sentence := self._first_outside([name])):
+                raise LimbError(sentence)
+        if not np.isfinite(self.time).all() or (np.diff(self.time) <= 0).any():
+            raise LimbError("time must be finite and increasing.")
+
+    def _outside(self, names: Collection[str]) -> np.ndarray:
+        """Whether some signals leave their ranges, at each sample (K,)."""
+        outside = np.zeros(len(self.time), bool)
+        for name in names:
+            low, high, _ = _RANGES.get(name, (-np.inf, np.inf, ""))
+            value = np.atleast_2d(getattr(self, name))
+            outside |= ((value < low) | (value > high)).any(axis=0)
+        return outside
+
+    def _first_outside(self, names: Collection[str]) -> str:
+        """One sentence on the first sample at which a signal leaves its range; empty if none."""
+        for name in names:
+            if (outside := self._outside([name])).any():
+                (low, high, unit), index = _RANGES[name], int(np.argmax(outside))
+                value = np.atleast_2d(getattr(self, name))[:, index].tolist()
+                return (
+                    f"{name} is {value}{unit} at {self.time[index]:g} s; "
+                    f"it must stay from {low:g} to {high:g}{unit}."
+                )
+        return ""
+
+    def _bend_entry(self) -> Entry:
+        """The range of the bend angles."""
+        low, high = np.rad2deg([np.nanmin(self.bend_angle), np.nanmax(self.bend_angle)]).tolist()
+        return Entry("motion", [low, high], "°", f"bend {low:.0f}° to {high:.0f}°")
 
 
 def without_rounding(duty: np.ndarray) -> np.ndarray:
@@ -149,46 +233,16 @@ def without_rounding(duty: np.ndarray) -> np.ndarray:
     return clipped if np.abs(clipped - duty).max() < 1e-9 else duty
 
 
-def bend_range(bend_angle: np.ndarray) -> str:
-    """The range of bend angles (S, K), rad, in words and degrees."""
-    low, high = np.rad2deg([np.nanmin(bend_angle), np.nanmax(bend_angle)])
-    return f"bend {low:.0f}° to {high:.0f}°"
+def import_extra(module: str) -> Any:
+    """A module of the extra ``data``.
 
-
-# A value outside these is a mistake, of units or of a sensor.
-_RANGES = {
-    "duty": (0.0, 1.0, ""),
-    "applied_duty": (0.0, 1.0, ""),
-    "sample_age": (0.0, np.inf, " s"),
-    "measured_temperature": (-60.0, 600.0, " °C"),
-    "wire_temperature": (-60.0, 600.0, " °C"),
-    "bend_angle": (-np.pi, np.pi, " rad"),
-}
-
-
-def samples_outside(samples: Any, names: Collection[str]) -> np.ndarray:
-    """Whether some of an object's signals leave their ranges, at each sample (K,)."""
-    outside = np.zeros(len(samples.time), bool)
-    for name in names:
-        low, high, _ = _range(name)
-        value = np.atleast_2d(getattr(samples, name))
-        outside |= ((value < low) | (value > high)).any(axis=0)
-    return outside
-
-
-def first_outside(samples: Any, names: Collection[str]) -> str:
-    """One sentence on the first sample at which some signals leave their ranges."""
-    index = int(np.argmax(samples_outside(samples, names)))
-    for name in names:
-        low, high, unit = _range(name)
-        value = np.atleast_2d(getattr(samples, name))[:, index]
-        if ((value < low) | (value > high)).any():
-            return (
-                f"{name} is {value.tolist()}{unit} at {samples.time[index]:g} s; "
-                f"it must stay from {low:g} to {high:g}{unit}."
-            )
-    raise AssertionError("all signals are in their ranges")
-
-
-def _range(name: str) -> tuple[float, float, str]:
-    return _RANGES.get(name, (-np.inf, np.inf, ""))
+    Raises:
+        LimbError: if its package is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = module.partition(".")[0]
+        raise LimbError(
+            f"{package} is not installed; pip install 'soft-limb[data]' installs it."
+        ) from error

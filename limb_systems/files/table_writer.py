@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from limb_systems.files.tables import end_of_table, format_head, format_rows
+from limb_systems.files.csv_format import end_of_table, format_head, format_rows
 from limb_systems.input import LARGEST_TABLE
 from limb_systems.output import OutputError
 
@@ -87,7 +87,7 @@ class TableWriter:
             OutputError: if the disk is full, broken or stalled, or the file as
                 large as can be read.
         """
-        (row,) = format_rows({n: np.array([v]) for n, v in zip(self._names, values, strict=True)})
+        row = format_rows({n: np.array([v]) for n, v in zip(self._names, values, strict=True)})
         if self._failure:
             raise OutputError(f"Cannot write {self._target}: {self._failure}.")
         if self._rows.qsize() >= MOST_WAITING:

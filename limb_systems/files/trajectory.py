@@ -3,34 +3,25 @@
 import dataclasses
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.planning import DirectCollocation
-from pydrake.solvers import MathematicalProgramResult
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems.display import Shown
 from limb_systems.errors import LimbError
-from limb_systems.files.frames import frame_of
-from limb_systems.files.samples import (
-    bend_range,
-    check_samples,
-    columns_of,
-    group_columns,
-    ungroup_columns,
-)
-from limb_systems.files.tables import FileFormatError, Table, format_table, parse_table, read_table
+from limb_systems.files.csv_format import FileFormatError, Table, parse_table, read_table
+from limb_systems.files.samples import Samples
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb, split_state
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.output import write_atomically
 from limb_systems.provenance import Provenance
-from limb_systems.schema import dump_typed, load_typed
+from limb_systems.schema import load_typed
+from limb_systems.summary import Entry, Summary
 
-if TYPE_CHECKING:  # not all who plan have it
-    import pandas
+if TYPE_CHECKING:  # the package is faster to import without these
+    from pydrake.planning import DirectCollocation
+    from pydrake.solvers import MathematicalProgramResult
 
 DEFECT_TOLERANCE = 1e-6
 
@@ -49,22 +40,21 @@ class PlanCheck:
     """How a plan was found, and how far a simulation of its duty is from it.
 
     - ``solver``, ``status``: which solver found it, and the solver's status.
-    - ``iterations``, ``solve_time``, ``total_time``: of the solver, s; from
-      the request to the checked plan, s.
+    - ``iterations``, ``solve_time``: iterations and time of the solver, s.
+    - ``total_time``: time from the request to the checked plan, s.
     - ``refinements``: how often knots were added to meet the tolerance.
-    - ``cost``, ``guess_cost``: value of eqn (15) at the plan and at the
-      quasi-static guess.
-    - ``largest_defect``: of the collocation constraints as Drake evaluates
+    - ``cost``, ``guess_cost``: value of eqn (15) at the plan and at the quasi-static guess.
+    - ``largest_defect``: largest defect of the collocation constraints as Drake evaluates
       them, acceleration scaled by M(0)/k to rad, others by their time step.
-    - ``broken_constraint``: which of the constraints that the task's ``customize``
-      added does not hold, and by how much; empty if all do.
-    - ``largest_difference_deg``: between the bend angle of the plan and that
-      of an accurate simulation of its duty, degrees.
+    - ``broken_constraint``: a constraint of the task's ``customize`` that does not hold,
+      and by how much; empty if all do.
+    - ``largest_difference_deg``: largest difference of the bend angle from that of an
+      accurate simulation of the plan's duty, degrees.
     - ``tolerance_deg``: largest difference that was allowed, degrees.
     - ``active_constraints``: where the plan runs along a bound.
-    - ``bend_band_deg``: mean half-width of the band about the bend angle that has what
-      is read of 95% of all limbs of which the calibration cannot tell this one apart,
-      degrees; 0 if it is not known. See `limb_systems.band`.
+    - ``bend_band_deg``: mean half-width of the band about the bend angle in which 95% of
+      all limbs are read that the calibration cannot tell from this one, degrees; 0 if it
+      is not known. See `limb_systems.band`.
     - ``highest_readings``: the highest reading of each wire, °C, that 995 of 1000
       of these limbs stay below; empty if it is not known.
     """
@@ -113,9 +103,9 @@ class PlanCheck:
 class TrajectoryHeader:
     """The header of a trajectory's file.
 
-    - ``sample_rate_hz``: of the knots, Hz.
+    - ``sample_rate_hz``: rate of the knots, Hz.
     - ``check``: how the plan was found and checked.
-    - ``parameters``: of the limb that it was planned for.
+    - ``parameters``: parameters of the limb that it was planned for.
     - ``provenance``: what made the plan; None if it is not known.
     """
 
@@ -126,18 +116,18 @@ class TrajectoryHeader:
 
 
 @dataclasses.dataclass(eq=False, repr=False)
-class Trajectory(Shown):
+class Trajectory(Samples):
     """A feasible motion of a limb with S segments, n joints and W wires.
 
     Between the K knots duty is linear and joint angles are cubic, as in
     direct collocation.
 
-    - ``time``: of the knots (K,), s.
+    - ``time``: time of the knots (K,), s.
     - ``reference``: φ_ref (S, K), rad.
     - ``duty``: D (W, K), in [0, 1].
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s.
     - ``wire_temperature``, ``measured_temperature``: T, V (W, K), °C.
-    - ``parameters``: of the limb that it was planned for.
+    - ``parameters``: parameters of the limb that it was planned for.
     - ``check``: how it was found and checked.
     - ``other_wire_state``: the states of the wires' laws other than T
       (N - W, K), in the order of `Wires`; None if there are no others.
@@ -147,6 +137,8 @@ class Trajectory(Shown):
         LimbError: at construction, if shapes disagree, values are not finite,
             time does not increase or duty leaves [0, 1].
     """
+
+    KIND: ClassVar[str] = "trajectory"
 
     time: np.ndarray
     reference: np.ndarray
@@ -160,27 +152,25 @@ class Trajectory(Shown):
     provenance: Provenance | None = None
 
     def __post_init__(self):
-        self.parameters.validate()
-        check_samples(self)
+        self._check()
         if len(self.time) < 2:
             raise LimbError("a trajectory needs at least two knots.")
 
-    def facts(self) -> dict[str, str]:
+    def summary(self) -> Summary:
         """Duration, knots, range of the bend angle, and whether it passed its check."""
-        return {
-            "duration": f"{self.duration:g} s",
-            "samples": f"{len(self.time)} knots",
-            "motion": bend_range(self.bend_angle),
-            "check": "not checked"
-            if self.check.is_missing
-            else "failed its check"
-            if self.check.failure()
-            else "checked",
-        }
+        judged = "failed its check" if self.check.failure() else "checked"
+        return Summary(
+            [
+                Entry("duration", self.duration, "s"),
+                Entry("samples", len(self.time), "", f"{len(self.time)} knots"),
+                self._bend_entry(),
+                Entry("check", "not checked" if self.check.is_missing else judged),
+            ]
+        )
 
     @property
     def duration(self) -> float:
-        """From the first to the last knot, s."""
+        """Time from the first to the last knot, s."""
         return float(self.time[-1] - self.time[0])
 
     @property
@@ -194,7 +184,7 @@ class Trajectory(Shown):
         return self.joint_state[self.parameters.num_joints :]
 
     @property
-    def bend_angle(self) -> np.ndarray:
+    def bend_angle(self) -> np.ndarray:  # type: ignore[override]
         """φ* at the knots (S, K), rad, by forward kinematics."""
         return bend_angle(self.parameters, self.joint_angles)
 
@@ -237,35 +227,11 @@ class Trajectory(Shown):
             rates.append(limb.EvalTimeDerivatives(context).CopyToVector())
         return PiecewisePolynomial.CubicHermite(self.time, self.state, np.transpose(rates))
 
-    def resample(self, rate: float) -> "Trajectory":
-        """The same motion with knots at about another rate, Hz, from its first knot to its last.
-
-        Duty is linear and states are cubic between the old knots, and again
-        between the new knots. This changes the motion slightly, so the new plan
-        counts as not checked.
-
-        Raises:
-            LimbError: if the rate makes fewer than two knots.
-        """
-        if not (np.isfinite(rate) and rate * self.duration >= 0.5):
-            raise LimbError(
-                f"A rate of {rate!r} Hz makes fewer than two knots in {self.duration:g} s."
-            )
-        times = np.linspace(self.time[0], self.time[-1], round(rate * self.duration) + 1)
-        return self._from_states(
-            times,
-            self.state_trajectory().vector_values(times),
-            np.clip(self.duty_trajectory().vector_values(times), 0.0, 1.0),
-            np.array([np.interp(times, self.time, row) for row in self.reference]),
-            self.parameters,
-            PlanCheck(solver=self.check.solver, status=f"resampled at {rate:g} Hz"),
-        )
-
     @classmethod
     def from_collocation(
         cls,
-        collocation: DirectCollocation,
-        result: MathematicalProgramResult,
+        collocation: "DirectCollocation",
+        result: "MathematicalProgramResult",
         parameters: LimbParameters,
         reference: ArrayLike | None = None,
     ) -> "Trajectory":
@@ -284,41 +250,28 @@ class Trajectory(Shown):
                 is not a trajectory.
         """
         duty, states = collocation.GetInputSamples(result), collocation.GetStateSamples(result)
-        num_states = Limb(parameters).num_continuous_states()
-        if len(states) != num_states or len(duty) != len(parameters.wires):
+        num_states, num_wires = Limb(parameters).num_continuous_states(), len(parameters.wires)
+        if len(states) != num_states or len(duty) != num_wires:
             raise LimbError(
                 f"This collocation has {len(states)} states and {len(duty)} inputs, but the limb "
-                f"has {num_states} states and {len(parameters.wires)} wires."
+                f"has {num_states} states and {num_wires} wires."
             )
-        angles = bend_angle(parameters, states[: parameters.num_joints])
         clipped = np.clip(duty, 0.0, 1.0)
         if np.abs(clipped - duty).max() < 1e-6:  # a solver's tolerance; more is refused
             duty = clipped
-        return cls._from_states(
-            collocation.GetSampleTimes(result),
-            states,
-            duty,
-            angles if reference is None else np.asarray(reference, float),
-            parameters,
-            PlanCheck(
-                solver=result.get_solver_id().name(), status=result.get_solution_result().name
-            ),
-        )
-
-    @classmethod
-    def _from_states(cls, time, states, duty, reference, parameters, check) -> "Trajectory":
-        """From states of `Limb` (.., K) at the knots."""
         angles, rates, wire, measured = split_state(parameters, states)
-        num_wires = len(parameters.wires)
+        own = bend_angle(parameters, angles)
         return cls(
-            time=time,
-            reference=reference,
+            time=collocation.GetSampleTimes(result),
+            reference=own if reference is None else np.asarray(reference, float),
             duty=duty,
             joint_state=np.vstack([angles, rates]),
             wire_temperature=wire[:num_wires],
             measured_temperature=measured,
             parameters=parameters,
-            check=check,
+            check=PlanCheck(
+                solver=result.get_solver_id().name(), status=result.get_solution_result().name
+            ),
             other_wire_state=wire[num_wires:] if len(wire) > num_wires else None,
             provenance=Provenance.now(parameters),
         )
@@ -340,7 +293,7 @@ class Trajectory(Shown):
         Raises:
             FileFormatError: one sentence that says what is wrong and where.
         """
-        table = read_table(path, "trajectory")
+        table = read_table(path, cls.KIND)
         try:
             return cls._from_table(table)
         except LimbError as error:
@@ -348,18 +301,14 @@ class Trajectory(Shown):
 
     @classmethod
     def from_text(cls, text: str) -> "Trajectory":
-        """Reads the text of a trajectory's file.
-
-        Raises:
-            LimbError: one sentence that says what is wrong and where.
-        """
-        return cls._from_table(parse_table(text.encode(), "trajectory"))
+        """Reads the text of a trajectory's file; errors as of `load`."""
+        return cls._from_table(parse_table(text.encode(), cls.KIND))
 
     @classmethod
     def _from_table(cls, table: Table) -> "Trajectory":
         header = load_typed(TrajectoryHeader, table.header)
         header.parameters.validate()
-        signals = group_columns(table.columns, columns_of(cls, header.parameters))
+        signals = cls.signals_of(table.columns, header.parameters)
         del signals["bend_angle"]  # it follows from the joint angles
         return cls(
             **signals,
@@ -367,16 +316,6 @@ class Trajectory(Shown):
             check=header.check,
             provenance=header.provenance,
         )
-
-    def to_pandas(self) -> "pandas.DataFrame":
-        """A table as in the file: a row per knot, indexed by time in s, angles in degrees.
-
-        Its ``attrs`` have the unit of each column, the check and the provenance.
-
-        Raises:
-            LimbError: if pandas is not installed.
-        """
-        return frame_of(self, "trajectory", {"check": dataclasses.asdict(self.check)})
 
     def is_same_plan(self, other: "Trajectory") -> bool:
         """Whether another trajectory has the same file, but for what made it."""
@@ -388,20 +327,15 @@ class Trajectory(Shown):
         ]
         return texts[0] == texts[1]
 
-    def save(self, path: str | Path) -> None:
-        """Writes the trajectory whole or not at all.
-
-        Raises:
-            LimbError: if its check failed; such a plan is not written. A plan
-                without a check is written, and its file says so.
-        """
-        write_atomically(path, self.to_text())
-
     def to_text(self) -> str:
-        """The text of its file; errors as for `save`."""
+        """The text of the file; errors as for `save`."""
         if not self.check.is_missing and (failure := self.check.failure()):
             raise LimbError(f"This plan failed its check and is not saved: {failure}")
+        return super().to_text()
+
+    def _header(self) -> TrajectoryHeader:
         sample_rate = (len(self.time) - 1) / self.duration
-        header = TrajectoryHeader(sample_rate, self.check, self.parameters, self.provenance)
-        columns = ungroup_columns(self, columns_of(Trajectory, self.parameters))
-        return format_table("trajectory", dump_typed(header), columns)
+        return TrajectoryHeader(sample_rate, self.check, self.parameters, self.provenance)
+
+    def _about(self) -> dict[str, Any]:
+        return {"check": dataclasses.asdict(self.check)}

@@ -94,7 +94,7 @@ def _how_it_was_made(provenance: Provenance) -> str:
     data = json.dumps(dataclasses.asdict(provenance)).replace("<", "\\u003c")
     return "\n".join(
         [
-            section("How it was made", table(["", ""], list(provenance.facts().items()))),
+            section("How it was made", table(["", ""], list(provenance.summary().texts().items()))),
             f'<script type="application/json" id="provenance">{data}</script>',
         ]
     )

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from limb_systems.errors import LimbError
-from limb_systems.files.frames import FORMATS, write_mcap, write_parquet
+from limb_systems.files.export import FORMATS, write_mcap, write_parquet
 from limb_systems.output import OutputError, check_outputs
 from soft_limb.command import add_force_option, run_command
 from soft_limb.results.comparison import Comparison, compare
@@ -96,7 +96,7 @@ def _show(options) -> int:
 def _lines(result: Result) -> list[str]:
     facts = {result.kind: str(result.path), **result.facts}
     if result.provenance:
-        facts |= result.provenance.facts()
+        facts |= result.provenance.summary().texts()
     elif result.kind not in (LIMB, TASK):  # a person wrote these
         facts["made by"] = "not known"
     width = max(12, *(len(name) + 2 for name in facts))

@@ -210,7 +210,7 @@ def _about(result: Result) -> dict[str, tuple[Any, str]]:
     """What is said of a result beside its parameters."""
     about: dict[str, tuple[Any, str]] = {"kind": (result.kind, "")}
     if result.provenance:
-        about |= {name: (text, "") for name, text in result.provenance.facts().items()}
+        about |= {name: (text, "") for name, text in result.provenance.summary().texts().items()}
     value = result.value
     if isinstance(value, Recording):
         about |= {"source": (value.source, ""), "rate": (float(value.sample_rate), "Hz")}

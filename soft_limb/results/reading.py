@@ -92,14 +92,14 @@ def read_result(path: str | Path) -> Result:
 
 def _recording(path: Path) -> Result:
     recording = Recording.load(path, unfinished=is_unfinished(path))
-    facts = recording.facts() | {"rate": f"{recording.sample_rate:g} Hz"}
+    facts = recording.summary().texts() | {"rate": f"{recording.sample_rate:g} Hz"}
     facts["limb"] = _identity(recording.parameters)
     return Result(path, RECORDING, facts, recording.provenance, recording)
 
 
 def _trajectory(path: Path) -> Result:
     trajectory = Trajectory.load(path)
-    facts = trajectory.facts() | {"check": check_sentence(trajectory)}
+    facts = trajectory.summary().texts() | {"check": check_sentence(trajectory)}
     facts["limb"] = _identity(trajectory.parameters)
     return Result(path, TRAJECTORY, facts, trajectory.provenance, trajectory)
 
@@ -127,7 +127,7 @@ def _learning(path: Path) -> Result:
         "repetitions": f"{len(errors)}, of which {failed} were undone" if failed else len(errors),
         "errors": ", ".join(errors),
         "finished": learner.finished,
-        "plan": ", ".join(learner.trajectory.facts().values()),
+        "plan": learner.trajectory.summary().line(),
         "limb": _identity(learner.trajectory.parameters),
     }
     facts = {name: str(text) for name, text in facts.items() if text != ""}

@@ -26,7 +26,7 @@ from limb_systems import (
     Recording,
     Trajectory,
 )
-from limb_systems.files.tables import FileFormatError
+from limb_systems.files.csv_format import FileFormatError
 from limb_systems.files.trajectory import PlanCheck
 
 DURATION = 12.0

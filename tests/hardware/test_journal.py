@@ -10,7 +10,7 @@ from pydrake.systems.framework import LeafSystem
 from hardware import HardwareError, LimbTwin, replay, watch
 from limb_systems import Limb, LimbError, LimbParameters, Recording, Trajectory
 from limb_systems.files import table_writer
-from limb_systems.files.tables import KILLED
+from limb_systems.files.csv_format import KILLED
 from limb_systems.output import OutputError
 from limb_systems.progress import Progress
 from planners import plan, references
@@ -87,7 +87,7 @@ def test_a_replay_that_was_interrupted_says_so_in_its_file(
     recording = Recording.load(unfinished)
     assert recording.time[-1] == pytest.approx(2.0)
     assert recording.interrupted.startswith(reason)
-    assert f"interrupted: {recording.interrupted}" in recording.facts().values()
+    assert f"interrupted: {recording.interrupted}" in recording.summary().texts().values()
     recording.save(path)
     assert Recording.load(path).interrupted == recording.interrupted
 
@@ -98,7 +98,7 @@ def test_a_replay_that_ended_is_not_interrupted(plan_of_3_s, path):
     journal = Recording.load(path)
     np.testing.assert_array_equal(journal.bend_angle, recording.bend_angle)
     assert journal.interrupted == recording.interrupted == ""
-    assert not any("interrupted" in fact for fact in journal.facts().values())
+    assert not any("interrupted" in fact for fact in journal.summary().texts().values())
     assert list(path.parent.iterdir()) == [path]
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from limb_systems.files import table_writer
+from limb_systems.files.csv_format import KILLED, FileFormatError, read_table
 from limb_systems.files.table_writer import TableWriter, is_unfinished
-from limb_systems.files.tables import KILLED, FileFormatError, read_table
 from limb_systems.output import OutputError
 
 

@@ -1,4 +1,4 @@
-"""Trajectories between their knots, on another clock, with others, and from Drake's program."""
+"""Trajectories between their knots, on another clock, and from Drake's program."""
 
 import dataclasses
 
@@ -81,20 +81,6 @@ def test_states_between_knots_have_the_slopes_of_the_dynamics(fig5_plan):
 def test_a_plan_whose_lines_end_as_on_windows_is_read(fig5_plan):
     text = fig5_plan.to_text()
     assert Trajectory.from_text(text.replace("\n", "\r\n")).to_text() == text
-
-
-def test_resampling_keeps_the_motion_and_says_that_it_is_unchecked(fig5_plan):
-    fine = fig5_plan.resample(50.0)
-    assert len(fine.time) == 3001
-    np.testing.assert_allclose(fine.bend_angle, fig5_plan.bend_angle_at(fine.time), atol=1e-9)
-    np.testing.assert_allclose(fine.duty[:, ::5], fig5_plan.duty, atol=1e-9)
-    assert fine.check.is_missing
-    with pytest.raises(ReplayError, match="never checked and is not replayed; simulate it"):
-        replay(fine, Limb())
-    followed = replay(fine, Limb(), unchecked=True)
-    assert np.rad2deg(tracking_errors(fine, [followed]).mean) < 0.1
-    with pytest.raises(LimbError, match=r"0\.001 Hz makes fewer than two knots in 60 s"):
-        fig5_plan.resample(0.001)
 
 
 @pytest.fixture(scope="module")

@@ -1,61 +1,23 @@
-"""Recordings and trajectories for other tools: pandas, Parquet, MCAP.
+"""Recordings and trajectories for other tools: Parquet, MCAP.
 
-The packages for these are an extra of soft-limb. The CSV has all that these have; they
-are made from it, and never read back.
+The packages for these are an extra of soft-limb. Nothing reads these files back: the CSV
+is what counts.
 """
 
-import dataclasses
-import importlib
 import io
 import json
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
-
-from limb_systems.errors import LimbError
-from limb_systems.files.samples import column_units, columns_of, ungroup_columns
-from limb_systems.files.tables import values_in_files
+from limb_systems.files.samples import Samples, import_extra
 from limb_systems.output import write_atomically
-
-if TYPE_CHECKING:
-    import pandas
-
-    from limb_systems.files.recording import Recording
-    from limb_systems.files.trajectory import Trajectory
 
 METADATA = "soft_limb"  # name of what is about the whole file
 FORMATS = (".parquet", ".mcap")
 
 
-def frame_of(
-    samples: "Recording | Trajectory", kind: str, about: dict[str, Any]
-) -> "pandas.DataFrame":
-    """The columns of a file as a table of pandas.
-
-    Args:
-        samples: whose columns these are.
-        kind: of its file.
-        about: what else its ``attrs`` have.
-
-    Raises:
-        LimbError: if pandas is not installed.
-    """
-    pandas = optional("pandas")
-    columns = values_in_files(_columns(samples))
-    units, made = column_units(samples.parameters), samples.provenance
-    frame = pandas.DataFrame(columns).set_index("time_s")
-    frame.attrs = {
-        "kind": kind,
-        "units": {name: units[name] for name in columns},
-        "provenance": made and dataclasses.asdict(made),
-        **about,
-    }
-    return frame
-
-
-def write_parquet(samples: "Recording | Trajectory", path: str | Path) -> None:
+def write_parquet(samples: Samples, path: str | Path) -> None:
     """Writes a Parquet file: the columns of `to_pandas`, as doubles.
 
     Each column's metadata have its ``unit``, and those of the file under ``soft_limb``
@@ -66,7 +28,7 @@ def write_parquet(samples: "Recording | Trajectory", path: str | Path) -> None:
     """
     frame = samples.to_pandas()
     frame.attrs = _without_nan(frame.attrs)
-    arrow, parquet = optional("pyarrow"), optional("pyarrow.parquet")
+    arrow, parquet = import_extra("pyarrow"), import_extra("pyarrow.parquet")
     table = arrow.Table.from_pandas(frame)
     units = frame.attrs["units"]
     schema = arrow.schema(
@@ -79,7 +41,7 @@ def write_parquet(samples: "Recording | Trajectory", path: str | Path) -> None:
     write_atomically(path, buffer.getvalue())
 
 
-def write_mcap(samples: "Recording | Trajectory", path: str | Path) -> None:
+def write_mcap(samples: Samples, path: str | Path) -> None:
     """Writes an MCAP file: for each signal a channel of JSON with its columns.
 
     The topic is the signal's name, such as ``/duty``. Log times are ns since time zero;
@@ -90,13 +52,13 @@ def write_mcap(samples: "Recording | Trajectory", path: str | Path) -> None:
         LimbError: if pandas or mcap is not installed.
     """
     frame = samples.to_pandas()
-    writers = optional("mcap.writer")
+    writers = import_extra("mcap.writer")
     units, times = frame.attrs["units"], frame.index.to_numpy()
     buffer = io.BytesIO()
     writer = writers.Writer(buffer)
     writer.start(library="soft-limb")
     channels = []
-    for signal, names in columns_of(type(samples), samples.parameters).items():
+    for signal, names in samples.columns_of(samples.parameters).items():
         present = [name for name in names if name in frame]
         if not present:
             continue
@@ -132,26 +94,7 @@ def write_mcap(samples: "Recording | Trajectory", path: str | Path) -> None:
     write_atomically(path, buffer.getvalue())
 
 
-def optional(module: str) -> Any:
-    """A module of the extra ``data``.
-
-    Raises:
-        LimbError: if its package is not installed.
-    """
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        package = module.partition(".")[0]
-        raise LimbError(
-            f"{package} is not installed; pip install 'soft-limb[data]' installs it."
-        ) from error
-
-
-def _columns(samples: Any) -> dict[str, np.ndarray]:
-    return ungroup_columns(samples, columns_of(type(samples), samples.parameters))
-
-
-def _about(samples: Any, frame: Any) -> dict[str, Any]:
+def _about(samples: Samples, frame: Any) -> dict[str, Any]:
     return {**frame.attrs, "parameters": samples.parameters.to_yaml()}
 
 
@@ -161,4 +104,4 @@ def _without_nan(value: Any) -> Any:
         return {name: _without_nan(item) for name, item in value.items()}
     if isinstance(value, list):
         return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    return None if isinstance(value, float) and not math.isfinite(value) else value
