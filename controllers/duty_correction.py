@@ -39,10 +39,11 @@ class Errors:
 class DutyCorrection:
     """Corrections of the duty of a plan, at M + 1 nodes.
 
-    - ``model``: the limb; its period divides the time between nodes.
+    - ``model``: `ReducedModel` of the limb, whose period divides the time between nodes.
     - ``nodes``: times of the nodes (M + 1,), s since the start of the plan.
     - ``middles``: times of the middles of the model's steps (L,), s.
     - ``target``: φ* at the nodes (M + 1, S), rad.
+    - ``none``: no correction (M + 1, W).
     """
 
     def __init__(self, trajectory: Trajectory):
@@ -54,14 +55,10 @@ class DutyCorrection:
         self.middles = (np.arange(STEPS * (num_nodes - 1)) + 0.5) * period
         self.target = plan.bend_angle_at(self.nodes).T
         self._planned = plan.duty_trajectory().vector_values(self.nodes).T
+        self.none = np.zeros_like(self._planned)
         limits = plan.parameters.temperature_limits
         warm = self.nodes > limits.warm_up_time
         self._coolest = np.where(warm, limits.warm, -np.inf)
-
-    @property
-    def none(self) -> np.ndarray:
-        """No correction: (M + 1, W)."""
-        return np.zeros_like(self._planned)
 
     def duty_trajectory(self, correction: np.ndarray) -> PiecewisePolynomial:
         """The corrected duty since the start of the plan, in [0, 1] and within the total duty."""
@@ -91,9 +88,9 @@ class DutyCorrection:
             states[-W:] += warmer
         return states
 
-    def course(self, start: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    def rollout(self, start: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """Heat at the nodes (M + 1, H) under duty (L, W) of the model's steps."""
-        return self.model.course(start, duty)[::STEPS]
+        return self.model.rollout(start, duty)[::STEPS]
 
     def steps(self, correction: np.ndarray) -> np.ndarray:
         """The corrected duty of the model's steps (L, W)."""
@@ -147,7 +144,7 @@ class DutyCorrection:
         self, correction: np.ndarray, start: np.ndarray, errors: Errors
     ) -> np.ndarray:
         """φ of the limb at the nodes (M + 1, S), rad, under a correction."""
-        heat = self.course(start, self.steps(correction))
+        heat = self.rollout(start, self.steps(correction))
         return self.model.bend_angle(heat) + errors.bend_angle
 
     def _bounds(self, errors: Errors, cooler: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -159,7 +156,7 @@ class DutyCorrection:
         return np.minimum(coolest, hottest), hottest, highest - errors.measured_temperature
 
     def _cost(self, correction, start, errors: Errors, cooler: float) -> float:
-        heat = self.course(start, self.steps(correction))
+        heat = self.rollout(start, self.steps(correction))
         missed = np.rad2deg(self.target - errors.bend_angle - self.model.bend_angle(heat))
         coolest, hottest, highest = self._bounds(errors, cooler)
         T, V = self.model.temperatures(heat), self.model.readings(heat)
@@ -172,10 +169,10 @@ class DutyCorrection:
         )
 
     def _solve(self, correction, start, errors: Errors, cooler: float) -> np.ndarray | None:
-        """The best correction where the model is linear, along the course of this one."""
+        """The best correction where the model is linear along the rollout of this one."""
         model = self.model
         duty = self.steps(correction)
-        heats = model.course(start, duty)
+        heats = model.rollout(start, duty)
         by_heat, by_first, by_second = self._slopes(heats[:-1], duty)
         heat = heats[::STEPS]
         bend, bend_by_heat = model.bend_slopes(heat)

@@ -12,9 +12,13 @@ bend sensors; and a bend p (S) that a torque from outside holds, such as a paylo
 import dataclasses
 
 import numpy as np
+from pydrake.systems.framework import LeafSystem
 
-from controllers.reduced_model import ReducedModel
+from controllers.reduced_model import PERIOD, ReducedModel
 from limb_systems import LimbParameters
+from limb_systems.model.ownership import weak_method
+
+AHEAD = (0.25, 0.5, 0.75, 1.0)  # s, at which the observer predicts temperatures
 
 GATE = 5.0  # standard deviations, beyond which a reading is not believed
 LARGEST_OFFSET = np.deg2rad(20.0)  # rad, of p and d; a bend further from the model is not believed
@@ -47,21 +51,21 @@ SILICONE = 5.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Estimate:
+class StateEstimate:
     """What is known of a limb at a time.
 
     - ``heat``: [x, V] (H).
     - ``heating_rate``: q (W), °C/s.
     - ``drift``: d (S), rad.
     - ``offset``: p (S), rad.
-    - ``covariance``: of all of these, in this order (M, M).
-    - ``unbelieved``: for how long the readings (W) and the bend sensors (S) were not
-      believed, s.
-    - ``alike``: for how long these did not change by a bit (W + S), s.
-    - ``unshown``: by how much the wires' temperature changed meanwhile (W), °C.
-    - ``raised``: by how much it was raised lately to readings that were too hot (W), °C.
-    - ``hotter``: by how much readings are too hot that are not believed yet (W), °C.
-    - ``last``: their last readings (W + S), °C and rad.
+    - ``covariance``: covariance of the four above, in this order (M, M).
+    - ``unbelieved``: time since each thermocouple and bend sensor was last believed
+      (W + S), s.
+    - ``alike``: time since each sensor's reading last changed (W + S), s.
+    - ``unshown``: change of each wire's temperature since its reading changed (W), °C.
+    - ``raised``: recent rise of the estimate to readings that were too hot (W), °C.
+    - ``hotter``: excess of readings that are too hot and not believed yet (W), °C.
+    - ``last``: last reading of each sensor (W + S), °C and rad.
     """
 
     heat: np.ndarray
@@ -78,14 +82,11 @@ class Estimate:
 
 
 class Estimator:
-    """The filter's steps; its state is an `Estimate`, or the same numbers in one vector.
+    """The filter's steps; its state is a `StateEstimate`, or the same numbers in one vector.
 
-    - ``model``: `ReducedModel`.
-    - ``size``: of the vector.
-    - ``reading_variances``: of the noise of readings (W), °C², and bend sensors (S), rad².
-
-    Args:
-        parameters: of the limb.
+    - ``model``: the limb's `ReducedModel`.
+    - ``size``: length of the vector.
+    - ``nothing``: vector (size) of a limb that was not read yet, all NaN.
     """
 
     def __init__(self, parameters: LimbParameters):
@@ -95,11 +96,12 @@ class Estimator:
         self._means = H + W + 2 * S
         self._ends = np.cumsum([H, W, S])
         self.size = self._means + self._means**2 + 6 * W + 3 * S
+        self.nothing = np.full(self.size, np.nan)
         sensors = [segment.bend_sensor for segment in parameters.segments]
         self._gain = np.array([sensor.gain for sensor in sensors])
         self._sensor_offset = np.array([sensor.offset for sensor in sensors])
         noise = np.maximum([sensor.noise for sensor in sensors], np.deg2rad(0.1))
-        self.reading_variances = np.concatenate([np.full(W, READING_NOISE), noise]) ** 2
+        self._reading_variances = np.concatenate([np.full(W, READING_NOISE), noise]) ** 2
         temperatures = model.scales >= 10.0
         walks = np.where(temperatures, TEMPERATURE_WALK, OTHER_WALK * model.scales)
         walks[-W:] = READING_WALK
@@ -122,10 +124,13 @@ class Estimator:
             [initial, np.full(W, HEATING_RATE / 2), drift, np.full(S, INITIAL_BEND)]
         )
         self._others = np.flatnonzero(~temperatures)
-        self._rest_error = rest_error(parameters)
+        # How far limbs may rest, without a load, from where their parameters say.
+        record, self._rest_error = parameters.calibration, np.full(S, INITIAL_BEND)
+        if record is not None and "rest_angle" in record.names:
+            self._rest_error[:] = record.standard_errors[record.names.index("rest_angle")]
         self._heating = model.period * model.heating_rates  # °C per step, by full duty
 
-    def begin(self, readings: np.ndarray, bend_angle: np.ndarray) -> Estimate:
+    def begin(self, readings: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
         """The estimate for a limb at rest whose wires have had their temperature for long.
 
         What the bend is off then is taken for the sensor's drift and the rest angle's error, as
@@ -133,8 +138,8 @@ class Estimator:
         by more, it is a payload.
 
         Args:
-            readings: V (W), °C, or NaN.
-            bend_angle: as read (S), rad, or NaN.
+            readings: V (W), °C; NaN where there is none.
+            bend_angle: readings of the bend sensors (S), rad; NaN where there is none.
         """
         W, S = self.model.num_wires, self.model.num_segments
         known = np.where(np.isfinite(readings), readings, self.model.cold[-W:])
@@ -142,11 +147,11 @@ class Estimator:
         initial, none = self._initial.copy(), np.zeros(S)
         initial[self._others] = (self.model.heated(known + SILICONE) - heat)[self._others]
         initial[-S:] = self._rest_error
-        held, C = self.sensing(heat)
-        spread = ((C[W:] * initial) ** 2).sum(axis=1) + self.reading_variances[W:]
+        held, C = self._sensing(heat)
+        spread = ((C[W:] * initial) ** 2).sum(axis=1) + self._reading_variances[W:]
         off = np.abs((bend_angle - self._sensor_offset) / self._gain - held)
         initial[-S:][off > UNLOADED * np.sqrt(spread)] = INITIAL_BEND
-        return Estimate(
+        return StateEstimate(
             heat,
             np.zeros(W),
             none,
@@ -160,52 +165,31 @@ class Estimator:
             np.concatenate([known, np.nan_to_num(bend_angle)]),
         )
 
-    def read(self, vector: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray) -> Estimate:
-        """The `corrected` estimate of a vector; that of `begin` if the vector is NaN, as at first.
-
-        Args:
-            vector: of `pack`, or `nothing`.
-            readings, bend_angle: as of `step`.
-        """
+    def read(
+        self, vector: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray
+    ) -> StateEstimate:
+        """The `corrected` estimate of a packed one; that of `begin` if the vector is NaN."""
         if np.isnan(vector).any():
             return self.begin(readings, bend_angle)
         return self.corrected(self.unpack(vector), readings, bend_angle)
 
-    @property
-    def nothing(self) -> np.ndarray:
-        """The vector (size) of a limb that was not read yet: NaN."""
-        return np.full(self.size, np.nan)
-
-    def pack(self, estimate: Estimate) -> np.ndarray:
+    def pack(self, estimate: StateEstimate) -> np.ndarray:
         """An estimate as one vector (size)."""
         fields = dataclasses.fields(estimate)
         return np.concatenate([getattr(estimate, field.name).ravel() for field in fields])
 
-    def unpack(self, vector: np.ndarray) -> Estimate:
+    def unpack(self, vector: np.ndarray) -> StateEstimate:
         """The inverse of `pack`."""
         M, W, S = self._means, self.model.num_wires, self.model.num_segments
         sizes = [self.model.size, W, S, S, M * M, W + S, W + S, W, W, W]
         parts = np.split(vector, np.cumsum(sizes))
         parts[4] = parts[4].reshape(M, M)
-        return Estimate(*parts)
-
-    def step(
-        self, estimate: Estimate, duty: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray
-    ) -> Estimate:
-        """The estimate a period later.
-
-        Args:
-            estimate: before the readings.
-            duty: that is applied in this period (W).
-            readings: V at its beginning (W), °C; NaN where there is none.
-            bend_angle: as read at its beginning (S), rad; NaN where there is none.
-        """
-        return self.predicted(self.corrected(estimate, readings, bend_angle), duty)
+        return StateEstimate(*parts)
 
     def corrected(
-        self, estimate: Estimate, readings: np.ndarray, bend_angle: np.ndarray
-    ) -> Estimate:
-        """With the readings, as far as they are believed; arguments as of `step`.
+        self, estimate: StateEstimate, readings: np.ndarray, bend_angle: np.ndarray
+    ) -> StateEstimate:
+        """The estimate with readings as of `begin`, as far as they are believed.
 
         A thermocouple that is hotter than expected is believed beyond the gate, too, as no wire
         must suffer from a wrong estimate: its wire is so much hotter altogether. If it jumped
@@ -219,11 +203,11 @@ class Estimator:
         frozen = np.abs(unshown) > STUCK_CHANGE
         works = np.isfinite(read) & (alike < np.repeat([STUCK_READING_TIME, STUCK_TIME], [W, S]))
         works[:W] &= ~frozen
-        held, C = self.sensing(estimate.heat)
+        held, C = self._sensing(estimate.heat)
         bend = (bend_angle - self._sensor_offset) / self._gain
         predicted = held + estimate.offset + estimate.drift
         innovations = np.concatenate([readings - model.readings(estimate.heat), bend - predicted])
-        spread = C @ estimate.covariance @ C.T + np.diag(self.reading_variances)
+        spread = C @ estimate.covariance @ C.T + np.diag(self._reading_variances)
         gate = GATE * np.sqrt(np.diag(spread))
         believed = works & (np.abs(innovations) < gate)
         believed[W:] &= np.abs(bend - held) < LARGEST_OFFSET
@@ -236,14 +220,14 @@ class Estimator:
         moved = (hot & ~waits) | (back & ~believed[:W])
         raised = np.where(back, 0.0, estimate.raised + np.where(moved, warmer, 0.0))
         P = estimate.covariance + self._altogether(np.where(moved, warmer, 0.0))
-        spread = C @ P @ C.T + np.diag(self.reading_variances)
+        spread = C @ P @ C.T + np.diag(self._reading_variances)
         used = believed.copy()
         used[:W] |= moved
         C, innovations = C[used], innovations[used]
         gain = np.linalg.solve(spread[np.ix_(used, used)], C @ P).T
         P = P - gain @ C @ P
         heat, heating_rate, drift, offset = np.split(gain @ innovations, self._ends)
-        corrected = Estimate(
+        corrected = StateEstimate(
             estimate.heat + heat,
             # What a frozen thermocouple said of it is forgotten.
             np.where(frozen, 0.0, estimate.heating_rate + heating_rate),
@@ -268,7 +252,7 @@ class Estimator:
         together[:W] = together[H - W : H] = np.diag(warmer)
         return together @ together.T
 
-    def _forgetting(self, estimate: Estimate, segments: np.ndarray) -> Estimate:
+    def _forgetting(self, estimate: StateEstimate, segments: np.ndarray) -> StateEstimate:
         """An estimate that knows nothing of p and d of some segments (S,)."""
         kept = np.concatenate(
             [np.full(self._means - 2 * len(segments), True), ~segments, ~segments]
@@ -282,29 +266,30 @@ class Estimator:
             covariance=covariance,
         )
 
-    def predicted(self, estimate: Estimate, duty: np.ndarray) -> Estimate:
-        """A period later under duty (W), without new readings."""
-        W, period = self.model.num_wires, self.model.period
-        after, F, _ = self.transition(estimate.heat, duty)
-        after[:W] += period * estimate.heating_rate
+    def predicted(self, estimate: StateEstimate, duty: np.ndarray) -> StateEstimate:
+        """The estimate a period later under duty (W,), without new readings."""
+        H, W, period = self.model.size, self.model.num_wires, self.model.period
+        heat, by_heat, _ = self.model.linearized_step(estimate.heat, duty)
+        heat[:W] += period * estimate.heating_rate
+        F = np.diag(np.concatenate([np.zeros(H), self._decay]))
+        F[:H, :H] = by_heat
+        F[:W, H : H + W] = period * np.eye(W)
+        walk = self._walk.copy()
+        walk[:W] += (HEATING_ERROR * self._heating * duty) ** 2 / period
         P = F @ estimate.covariance @ F.T
-        P[np.diag_indices_from(P)] += self.walk_variances(duty)
+        P[np.diag_indices_from(P)] += walk
         decay = np.split(self._decay, [W, W + self.model.num_segments])
         return dataclasses.replace(
             estimate,
-            heat=after,
+            heat=heat,
             heating_rate=decay[0] * estimate.heating_rate,
             drift=decay[1] * estimate.drift,
             covariance=P,
-            unshown=estimate.unshown + after[:W] - estimate.heat[:W],
+            unshown=estimate.unshown + heat[:W] - estimate.heat[:W],
         )
 
-    def sensing(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """φ(x) (S,), rad, and the derivatives (W + S, M) of all readings by all that is estimated.
-
-        Args:
-            heat: [x, V] (H,).
-        """
+    def _sensing(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """φ(x) (S,), rad, and derivatives (W + S, M) of all readings by all that is estimated."""
         H, W, S = self.model.size, self.model.num_wires, self.model.num_segments
         held, slopes = self.model.bend_slopes(heat)
         C = np.zeros((W + S, self._means))
@@ -313,38 +298,83 @@ class Estimator:
         C[W:, H + W : H + W + S] = C[W:, H + W + S :] = np.eye(S)
         return held, C
 
-    def transition(
-        self, heat: np.ndarray, duty: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The law's heat a period later (H,), and derivatives of all that is estimated then.
 
-        Args:
-            heat: [x, V] (H,).
-            duty: (W,).
+class LimbObserver(LeafSystem):
+    """An extended Kalman filter for a limb of W wires and S segments, with any wire law.
 
-        Returns:
-            The heat, and the derivatives by what was estimated (M, M) and by duty (M, W).
+    Its outputs are what is expected at the next readings, from those so far.
+
+    - input 0 ``duty``: D (W), in [0, 1], that the limb gets
+    - input 1 ``measured_temperature``: V (W), °C; NaN where there is no reading
+    - input 2 ``bend_angle``: φ (S), rad, as read; NaN where there is no reading
+    - output 0 ``wire_temperature``: T (W), °C
+    - output 1 ``temperature_deviation``: standard deviation of T (W), °C
+    - output 2 ``heat``: [x, V] (H), the states of the wires' laws and the readings
+    - output 3 ``bend_angle``: φ (S), rad, without the sensors' noise and drift
+    - output 4 ``sensor_drift``: d (S), rad
+    - output 5 ``torque_disturbance``: from outside, on each joint of the segments (S), N·m
+    - output 6 ``believed``: 1 for each thermocouple (W) and bend sensor (S), or 0 if its last
+      reading cannot be explained
+    - output 7 ``highest_temperature``: largest T within the next second (W), °C, if the duty
+      stays
+    - state, discrete, at 20 Hz: the `StateEstimate`, NaN before the first readings
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, parameters: LimbParameters):
         """
-        H, W = self.model.size, self.model.num_wires
-        after, A, B = self.model.linearized_step(heat, duty)
-        F = np.diag(np.concatenate([np.zeros(H), self._decay]))
-        F[:H, :H] = A
-        F[:W, H : H + W] = self.model.period * np.eye(W)
-        by_duty = np.zeros((self._means, W))
-        by_duty[:H] = B
-        return after, F, by_duty
+        Raises:
+            ParameterError: if a parameter is out of its range.
+        """
+        super().__init__()
+        parameters = LimbParameters.of(parameters)
+        self._estimator = Estimator(parameters)
+        self._ahead = ReducedModel(parameters, AHEAD[0])
+        model = self._estimator.model
+        H, W, S = model.size, model.num_wires, model.num_segments
+        self.DeclareVectorInputPort("duty", W)
+        self.DeclareVectorInputPort("measured_temperature", W)
+        self.DeclareVectorInputPort("bend_angle", S)
+        state = self.DeclareDiscreteState(self._estimator.nothing)
+        for name, size, calc in (
+            ("wire_temperature", W, lambda e: e.heat[:W]),
+            ("temperature_deviation", W, lambda e: np.sqrt(np.diag(e.covariance)[:W])),
+            ("heat", H, lambda e: e.heat),
+            ("bend_angle", S, lambda e: model.bend_angle(e.heat) + e.offset),
+            ("sensor_drift", S, lambda e: e.drift),
+            ("torque_disturbance", S, lambda e: e.offset / model.bend_by_torque),
+            ("believed", W + S, lambda e: (e.unbelieved == 0).astype(float)),
+        ):
+            self.DeclareVectorOutputPort(
+                name, size, self._shown(calc), {self.discrete_state_ticket(state)}
+            )
+        self.DeclareVectorOutputPort(
+            "highest_temperature", W, weak_method(self._calc_highest_temperature)
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
+        self.set_name("limb_observer")
 
-    def walk_variances(self, duty: np.ndarray) -> np.ndarray:
-        """By which the variances of all that is estimated (M,) increase in a period."""
-        walk = self._walk.copy()
-        heating_error = HEATING_ERROR * self._heating * duty
-        walk[: self.model.num_wires] += heating_error**2 / self.model.period
-        return walk
+    def _shown(self, calc):
+        estimate = weak_method(self._estimate)
+        return lambda context, output: output.SetFromVector(calc(estimate(context)))
 
+    def _estimate(self, context) -> StateEstimate:
+        vector = context.get_discrete_state(0).value()
+        if np.isnan(vector).any():
+            readings, bend = (self.get_input_port(index).Eval(context) for index in (1, 2))
+            return self._estimator.begin(readings, bend)
+        return self._estimator.unpack(vector)
 
-def rest_error(parameters: LimbParameters) -> np.ndarray:
-    """By how much limbs may rest elsewhere than their parameters say (S,), rad, without a load."""
-    record = parameters.calibration
-    if record is None or "rest_angle" not in record.names:
-        return np.full(len(parameters.segments), INITIAL_BEND)
-    return np.array([record.standard_errors[record.names.index("rest_angle")]])
+    def _update(self, context, state) -> None:
+        duty, readings, bend = (self.get_input_port(index).Eval(context) for index in range(3))
+        estimate = self._estimator.read(state.value(0), readings, bend)
+        state.set_value(self._estimator.pack(self._estimator.predicted(estimate, duty)))
+
+    def _calc_highest_temperature(self, context, output) -> None:
+        estimate, duty = self._estimate(context), self.get_input_port(0).Eval(context)
+        W, heats = self._ahead.num_wires, [estimate.heat]
+        for _ in AHEAD:
+            heats.append(self._ahead.step(heats[-1], duty))
+            heats[-1][:W] += AHEAD[0] * estimate.heating_rate
+        output.SetFromVector(np.max(heats, axis=0)[:W])

@@ -10,8 +10,6 @@ that there is always a plan.
 """
 
 import dataclasses
-import time as clock
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +18,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
 
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters, Trajectory
-from planners import Task
+from planners import Task, references
 from planners.program import temperature_weights
 
 DURATION, KNOT_RATE = 10.0, 5.0  # s, Hz
@@ -47,12 +45,11 @@ class HorizonPlan:
 
     Duty is constant between the K knots, and each is that after its knot.
 
-    - ``time``: of the knots (K + 1,), s.
+    - ``time``: times of the knots (K + 1,), s.
     - ``duty``: D (K, W).
     - ``heat``: [x, V] at the knots (K + 1, H), as of `ReducedModel`.
     - ``bend_angle``: φ at the knots (K + 1, S), rad, offset included.
-    - ``cost``: with what passing limits costs.
-    - ``solve_time``: of all of it, s.
+    - ``cost``: value of the cost, excess of limits included.
     - ``success``: whether a program was solved; else the duty is that of the plan before.
     """
 
@@ -61,7 +58,6 @@ class HorizonPlan:
     heat: np.ndarray
     bend_angle: np.ndarray
     cost: float
-    solve_time: float
     success: bool
 
     def duty_at(self, times: ArrayLike) -> np.ndarray:
@@ -74,22 +70,11 @@ class HorizonPlan:
         return np.array([np.interp(time, self.time, bend) for bend in self.bend_angle.T])
 
 
-class _Aims(NamedTuple):
-    """What changes from plan to plan.
-
-    - ``bend``: that of the model which is wanted at the knots but the first (K, S), rad.
-    - ``warm``: T_warm at these knots, or -inf (K,), °C.
-    """
-
-    bend: np.ndarray
-    warm: np.ndarray
-
-
 class HorizonPlanner:
     """Plans a horizon towards a reference, again and again, from any heat.
 
-    It keeps nothing from plan to plan, so that one may be made in another thread;
-    two at a time need two planners.
+    The cost is (15), with limits that cost, too. It keeps nothing from plan to plan, so that
+    one may be made in another thread; two at a time need two planners.
 
     Args:
         parameters: of the limb.
@@ -109,10 +94,26 @@ class HorizonPlanner:
         duration: float = DURATION,
         knot_rate: float = KNOT_RATE,
     ):
-        self._reference, self._limits = reference, parameters.temperature_limits
-        self._times = np.arange(max(1, round(duration * knot_rate)) + 1) / knot_rate
-        self._model = ReducedModel(parameters, 1.0 / knot_rate)
-        self._program = _Program(parameters, self._model, self._times, task or horizon_task())
+        task, limits = task or horizon_task(), parameters.temperature_limits
+        self._reference, self._limits = reference, limits
+        self._times = times = np.arange(max(1, round(duration * knot_rate)) + 1) / knot_rate
+        self._model = model = ReducedModel(parameters, 1.0 / knot_rate)
+        self._num_states = model.size - model.num_wires
+        self._scales = model.scales[: self._num_states]
+        self._ambient, self._total = parameters.ambient_temperature, parameters.total_duty
+        self._hottest = limits.maximum - task.temperature_margin
+        self._fullest, self._duty_weight = 1.0 - task.duty_margin, task.duty_weight
+        # (15) weighs the joints' distances from (11).
+        links = np.array([segment.links for segment in parameters.segments])
+        self._angle_weights = np.outer(task.weights(times[1:])[0], 4 * links / (links + 1) ** 2)
+        self._heat_weights = temperature_weights(parameters, times[1:], task)
+        self._build(len(times) - 1)
+
+    @classmethod
+    def of(cls, trajectory: Trajectory, task: Task | None = None) -> "HorizonPlanner":
+        """A planner towards the reference of a `Planner`'s plan that starts at time 0."""
+        reference = references.from_samples(trajectory.time, trajectory.reference)
+        return cls(trajectory.parameters, reference, task)
 
     def plan(
         self,
@@ -129,38 +130,37 @@ class HorizonPlanner:
             bend_offset: by which the bend angle is off the model's (S,), rad.
             previous: a plan that begins before, to start from; wires that are off if None.
         """
-        started, program = clock.perf_counter(), self._program
         times = time + self._times
         reference = self._reference.vector_values(np.minimum(times, self._reference.end_time()))
         warm = np.where(times > self._limits.warm_up_time, self._limits.warm, -np.inf)
-        aims = _Aims(reference.T[1:] - bend_offset, warm[1:])
+        aims = reference.T[1:] - bend_offset, warm[1:]
         if previous is None:
             duty = np.zeros((len(times) - 1, self._model.num_wires))
         else:
             duty = previous.duty_at(times[:-1])
-        course = self._courses(heat, duty[None])[:, 0]
-        cost, success = program.costs(course[:, None], duty[None], aims)[0], False
+        heats = self._model.rollout(heat, duty)
+        cost, success = self._costs(heats[:, None], duty[None], *aims)[0], False
         for _ in range(FIRST_ROUNDS if previous is None else ROUNDS):
-            best = program.solve(course, duty, aims)
+            best = self._solve(heats, duty, *aims)
             if best is None:
                 break
             success = True
             tried = duty + SHARES[:, None, None] * (best - duty)
-            courses = self._courses(heat, tried)
-            costs = program.costs(courses, tried, aims)
+            start = np.broadcast_to(heat, (len(tried), len(heat)))
+            rollouts = self._model.rollout(start, tried.swapaxes(0, 1))
+            costs = self._costs(rollouts, tried, *aims)
             chosen, before = costs.argmin(), cost
             if not costs[chosen] < cost:
                 break
-            duty, course, cost = tried[chosen], courses[:, chosen], costs[chosen]
+            duty, heats, cost = tried[chosen], rollouts[:, chosen], costs[chosen]
             if cost > (1.0 - LITTLE) * before:
                 break
         return HorizonPlan(
             time=times,
             duty=duty,
-            heat=course,
-            bend_angle=self._model.bend_angle(course) + bend_offset,
+            heat=heats,
+            bend_angle=self._model.bend_angle(heats) + bend_offset,
             cost=float(cost),
-            solve_time=clock.perf_counter() - started,
             success=success,
         )
 
@@ -175,44 +175,21 @@ class HorizonPlanner:
             heat=np.column_stack([np.interp(knots, trajectory.time, row) for row in heat]),
             bend_angle=trajectory.bend_angle_at(knots).T,
             cost=np.nan,
-            solve_time=0.0,
             success=True,
         )
 
-    def _courses(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        """Heat at the knots (K + 1, B, H) from (H,) on, under duty (B, K, W)."""
-        start = np.broadcast_to(heat, (len(duty), self._model.size))
-        return self._model.course(start, duty.swapaxes(0, 1))
+    def _costs(
+        self, rollouts: np.ndarray, duty: np.ndarray, target: np.ndarray, warm: np.ndarray
+    ) -> np.ndarray:
+        """The cost (B,) of heats (K + 1, B, H) under duty (B, K, W).
 
-
-class _Program:
-    """(15), with limits that cost, and its convex program where the model is linear.
-
-    Args:
-        model: whose steps are those between the knots.
-        times: of the knots (K + 1,), s.
-        parameters, task: as for `HorizonPlanner`.
-    """
-
-    def __init__(
-        self, parameters: LimbParameters, model: ReducedModel, times: np.ndarray, task: Task
-    ):
-        self._model, self._num_states = model, model.size - model.num_wires
-        self._scales = model.scales[: self._num_states]
-        self._ambient, self._total = parameters.ambient_temperature, parameters.total_duty
-        self._hottest = parameters.temperature_limits.maximum - task.temperature_margin
-        self._fullest, self._duty_weight = 1.0 - task.duty_margin, task.duty_weight
-        # (15) weighs the joints' distances from (11).
-        links = np.array([segment.links for segment in parameters.segments])
-        self._angle_weights = np.outer(task.weights(times[1:])[0], 4 * links / (links + 1) ** 2)
-        self._heat_weights = temperature_weights(parameters, times[1:], task)
-        self._build(len(times) - 1)
-
-    def costs(self, courses: np.ndarray, duty: np.ndarray, aims: _Aims) -> np.ndarray:
-        """The cost (B,) of courses (K + 1, B, H) under duty (B, K, W)."""
-        missed = self._model.bend_angle(courses[1:]) - aims.bend[:, None]
-        T = self._model.temperatures(courses[1:])
-        beyond = np.maximum(T - self._hottest, 0.0) + np.maximum(aims.warm[:, None, None] - T, 0.0)
+        Args:
+            target: bend of the model that is wanted at the knots but the first (K, S), rad.
+            warm: T_warm at these knots, or -inf (K,), °C.
+        """
+        missed = self._model.bend_angle(rollouts[1:]) - target[:, None]
+        T = self._model.temperatures(rollouts[1:])
+        beyond = np.maximum(T - self._hottest, 0.0) + np.maximum(warm[:, None, None] - T, 0.0)
         return (
             0.5 * (self._angle_weights[:, None] * missed**2).sum(axis=(0, 2))
             + 0.5 * self._duty_weight * (duty**2).sum(axis=(1, 2))
@@ -220,23 +197,21 @@ class _Program:
             + LIMIT_WEIGHT * beyond.sum(axis=(0, 2))
         )
 
-    def solve(self, course: np.ndarray, duty: np.ndarray, aims: _Aims) -> np.ndarray | None:
-        """The best duty (K, W) where the model is linear about a course (K + 1, H) under duty.
-
-        None if there is none.
-        """
-        self._set_dynamics(course, duty)
-        self._set_bend(course[1:], aims.bend)
-        for binding, warm in zip(self._warm, aims.warm, strict=True):
-            lower = warm / self._scales[: self._model.num_wires]
-            binding.evaluator().UpdateLowerBound(lower)
+    def _solve(
+        self, heats: np.ndarray, duty: np.ndarray, target: np.ndarray, warm: np.ndarray
+    ) -> np.ndarray | None:
+        """The best duty (K, W) where the model is linear about heats (K + 1, H); None if none."""
+        self._set_dynamics(heats, duty)
+        self._set_bend(heats[1:], target)
+        for binding, lowest in zip(self._warm, warm, strict=True):
+            binding.evaluator().UpdateLowerBound(lowest / self._scales[: self._model.num_wires])
         result = ClarabelSolver().Solve(self._prog, None, SolverOptions())
         if not result.is_success():
             return None
         return np.clip(result.GetSolution(self._duty), 0.0, self._fullest)
 
     def _build(self, K: int) -> None:
-        """The program; `solve` fills in what depends on course and aims.
+        """The program; `_solve` fills in what depends on heats and aims.
 
         Its variables after each interval are the wires' states over their scales, what
         each bend misses, rad, and how far each T is above T_max and below T_warm, °C.
@@ -283,24 +258,24 @@ class _Program:
             )
             prog.AddLinearConstraint(np.ones((1, W)), [-np.inf], [self._total], duty[k])
 
-    def _set_dynamics(self, course: np.ndarray, duty: np.ndarray) -> None:
-        """x' = A x + B D + c in each interval, about a course (K + 1, H) and duty (K, W)."""
+    def _set_dynamics(self, heats: np.ndarray, duty: np.ndarray) -> None:
+        """x' = A x + B D + c in each interval, about heats (K + 1, H) and duty (K, W)."""
         N, scales = self._num_states, self._scales
-        after, by_heat, by_duty = self._model.linearized_step(course[:-1], duty)
+        after, by_heat, by_duty = self._model.linearized_step(heats[:-1], duty)
         A = by_heat[:, :N, :N] * (scales / scales[:, None])
         B = by_duty[:, :N] / scales[:, None]
-        x, one = course[:-1, :N] / scales, np.eye(N)
+        x, one = heats[:-1, :N] / scales, np.eye(N)
         c = after[:, :N] / scales - np.einsum("kij,kj->ki", B, duty)
         c[1:] -= np.einsum("kij,kj->ki", A[1:], x[1:])  # the first x is known
         for k, binding in enumerate(self._dynamics):
             row = [-A[k], one, -B[k]] if k else [one, -B[k]]
             binding.evaluator().UpdateCoefficients(np.hstack(row), c[k])
 
-    def _set_bend(self, course: np.ndarray, target: np.ndarray) -> None:
-        """e = φ(x) - target (K, S) at each knot, about a course (K, H)."""
-        bend, slopes = self._model.bend_slopes(course)
+    def _set_bend(self, heats: np.ndarray, target: np.ndarray) -> None:
+        """e = φ(x) - target (K, S) at each knot, about heats (K, H)."""
+        bend, slopes = self._model.bend_slopes(heats)
         C = slopes[:, :, : self._num_states] * self._scales
-        x = course[:, : self._num_states] / self._scales
+        x = heats[:, : self._num_states] / self._scales
         rest = target - bend + np.einsum("kij,kj->ki", C, x)
         minus = -np.eye(self._model.num_segments)
         for binding, row, value in zip(self._bends, C, rest, strict=True):

@@ -1,13 +1,15 @@
-"""What controllers that follow a plan share: ports, estimate, and the bounds of duty."""
+"""What controllers about a plan have in common: ports, estimate, gains, and bounds of duty."""
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from controllers.estimator import Estimate, Estimator
+from controllers.estimator import Estimator, StateEstimate
 from controllers.reduced_model import PERIOD, ReducedModel
 from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import LimbParameters, Trajectory, split_state
 from limb_systems.model.ownership import weak_method
+
+LEAST_GAIN = 0.25  # of the mean gain, that a cold wire is taken to have at least
 
 
 class PlanController(LeafSystem):
@@ -19,8 +21,8 @@ class PlanController(LeafSystem):
     - input 0 ``measured_temperature``: V (W), °C; NaN where there is no reading
     - input 1 ``bend_angle``: φ (S), rad, as read; NaN where there is no reading
     - output 0 ``duty``: D (W), in [0, 1]
-    - state, discrete, at 20 Hz: 0: the duty; 1: the `Estimate`, NaN before the first readings;
-      subclasses may have more
+    - state, discrete, at 20 Hz: 0: the duty; 1: the `StateEstimate`, NaN before the first
+      readings; subclasses may have more
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -29,7 +31,7 @@ class PlanController(LeafSystem):
         """
         Args:
             parameters: of the limb.
-            duty: at first (W,).
+            duty: initial duty (W,).
         """
         super().__init__()
         self._parameters = parameters
@@ -53,31 +55,24 @@ class PlanController(LeafSystem):
         state.set_value(0, duty)
         state.set_value(1, self._estimator.pack(self._estimator.predicted(estimate, duty)))
 
-    def _duty(self, time: float, estimate: Estimate, caps: np.ndarray, state) -> np.ndarray:
-        """D (W,) from a time on, each within 0 and its cap.
+    def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
+        """D (W,) from a time on, s since the start of the plan, each within 0 and its cap.
 
         Args:
-            time: since the start of the plan, s.
-            estimate: of the limb at that time.
             caps: the most duty that each wire may have (W,).
-            state: the discrete values, for more than these.
+            state: the discrete values, for subclasses with more of them.
         """
         raise NotImplementedError
 
-    def _temperature_limit(self, time: float, estimate: Estimate) -> np.ndarray | None:
-        """That of each wire (W,), °C, if it is lower than that of `TemperatureLimiter`."""
+    def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray | None:
+        """Limit of each wire (W,), °C, where it is lower than that of `TemperatureLimiter`."""
         return None
-
-    @property
-    def estimator(self) -> Estimator:
-        """What it estimates with."""
-        return self._estimator
 
 
 class SampledPlan:
     """A plan at the controllers' period.
 
-    - ``duty``: the mean over each period (K, W).
+    - ``duty``: mean duty over each period (K, W).
     - ``bend_angle``: φ* at the ends of the periods (K, S), rad.
     - ``temperature``: T* at their beginnings (K, W), °C.
     - ``heat``: [x, V] at their beginnings (K, H).
@@ -102,7 +97,7 @@ class SampledPlan:
             self.heat = model.course(model.heated(plan.measured_temperature[:, 0]), self.duty[:-1])
 
     def index(self, time: float) -> int:
-        """Of the period that begins at a time, s, the last one after the end."""
+        """Number of the period that begins at a time, s; the last one after the end."""
         return min(round(time / PERIOD), len(self.duty) - 1)
 
 
@@ -111,17 +106,17 @@ def within_total(duty: np.ndarray, total: float) -> np.ndarray:
     return duty * min(1.0, total / max(duty.sum(), 1e-9))
 
 
-def share(
+def allocate(
     bend_rate: np.ndarray, duty: np.ndarray, gains: np.ndarray, caps: np.ndarray
 ) -> np.ndarray:
     """Duty (W,) that bends segments faster than another duty does, with the least change of it.
 
-    Of each segment, all wires do a share of it, δ = λ g; what one cannot do, because its duty
-    is at zero or at its cap, the others do as far as they can.
+    The wires of a segment change it in proportion to their gains, δ = λ g; what one cannot do,
+    because its duty is at zero or at its cap, the others do as far as they can.
 
     Args:
-        bend_rate: what is wanted in addition (S,), rad/s.
-        duty: without it (W,), within the caps.
+        bend_rate: additional bend rate of the segments (S,), rad/s.
+        duty: the other duty (W,), within the caps.
         gains: g, bend rate of each segment by duty of each wire (S, W), rad/s.
         caps: the most duty of each wire (W,).
     """
@@ -135,3 +130,30 @@ def share(
         scale = np.interp(wanted, changes @ g, corners)
         result[wires] += np.clip(scale * g, least, most)
     return result
+
+
+def mean_gains(model: ReducedModel) -> np.ndarray:
+    """g (S, W), rad/s: the bend rate by full duty, on average from T_warm to T_max.
+
+    Zero for the wires of other segments, by whose bend gravity bends a segment, too.
+    """
+    limits, W = model.parameters.temperature_limits, model.num_wires
+    warm = np.full(W, limits.warm)
+    bend = model.bend_angle(model.heated(warm))
+    slopes = []
+    for wire in range(W):
+        hot = warm.copy()
+        hot[wire] = limits.maximum
+        slopes.append((model.bend_angle(model.heated(hot)) - bend) / (limits.maximum - limits.warm))
+    return np.transpose(slopes) * model.heating_rates * np.abs(np.sign(model.sides))
+
+
+def planned_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
+    """g (K, S, W), rad/s: the bend rate by full duty along a plan, from a quarter of the mean up.
+
+    It is not more than the mean, as a wire that transforms now may not do so later.
+    """
+    mean = mean_gains(model)
+    by_duty = model.bend_slopes(plan.heat)[1] @ model.linearized_step(plan.heat, plan.duty)[2]
+    towards = by_duty / PERIOD * np.sign(mean)
+    return np.sign(mean) * np.clip(towards, LEAST_GAIN * np.abs(mean), np.abs(mean))

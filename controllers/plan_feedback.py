@@ -1,12 +1,17 @@
-"""Feedback that holds a limb to its plan: the default on robots."""
+"""Feedback that holds a limb to its plan: proportional, the default on robots, and LQR."""
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from controllers.estimator import Estimate
-from controllers.gains import mean_gains, planned_gains
-from controllers.plan_controller import PlanController, SampledPlan, share
-from controllers.reduced_model import PERIOD
+from controllers.estimator import StateEstimate
+from controllers.plan_controller import (
+    PlanController,
+    SampledPlan,
+    allocate,
+    mean_gains,
+    planned_gains,
+)
+from controllers.reduced_model import PERIOD, ReducedModel
 from limb_systems import LimbParameters, Trajectory
 
 PROPORTIONAL = 2.5  # 1/s
@@ -14,6 +19,10 @@ COMMON_MODE = 0.5  # 1/s
 # °C, that a wire of a limb that is calibrated, or is not, may be warmer than planned within these s
 WARMER, WARMER_UNCALIBRATED, AHEAD = 8.0, 20.0, 2.0
 LUKEWARM = 30.0  # °C above T_warm, that it may have in any case
+# Deviations that cost alike; (15) has no weight on temperature, but feedback runs out of heat.
+BEND = np.deg2rad(0.5)  # rad
+DUTY = 0.2
+TEMPERATURE = 10.0  # °C
 
 
 class PlanFeedback(PlanController):
@@ -68,36 +77,83 @@ class PlanFeedback(PlanController):
         self._highest += WARMER if parameters.calibration else WARMER_UNCALIBRATED
         self.set_name("plan_feedback")
 
-    def _duty(self, time: float, estimate: Estimate, caps: np.ndarray, state) -> np.ndarray:
+    def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
         k, model = self._plan.index(time), self._estimator.model
         missed = self._plan.bend_angle[k] - estimate.offset - model.bend_angle(estimate.heat)
         warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
         base = self._plan.duty[k] - COMMON_MODE * np.maximum(warmer, 0.0) / self._heating
         base = np.clip(base, 0.0, caps)
-        return share(self._proportional * missed, base, self._gains[k], caps)
+        return allocate(self._proportional * missed, base, self._gains[k], caps)
 
-    def _temperature_limit(self, time: float, estimate: Estimate) -> np.ndarray:
+    def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
         by_temperature = self._mean_gains / self._heating  # rad/°C
         against = np.sign(by_temperature) * -estimate.offset[:, None]
         held = np.maximum(against, 0.0).max(axis=0) / np.abs(by_temperature).max(axis=0)
         lukewarm = self._parameters.temperature_limits.warm + LUKEWARM
         return np.maximum(self._highest[self._plan.index(time)] + held, lukewarm)
 
-    def linearized(self, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The plan's heat (H,) and duty (W,) at a time, s, and K (W, M) of the feedback there.
-
-        D = D* - K (all that is estimated, less the plan's), while no bound is active and wires
-        are not too warm.
-        """
-        k, model = self._plan.index(time), self._estimator.model
-        heat = self._plan.heat[k]
-        missed = np.zeros((model.num_segments, self._estimator.sensing(heat)[1].shape[1]))
-        missed[:, : model.size] = model.bend_slopes(heat)[1]
-        missed[:, -model.num_segments :] = np.eye(model.num_segments)
-        sharing = self._gains[k].T / (self._gains[k] ** 2).sum(axis=1)
-        return heat, self._plan.duty[k], self._proportional * sharing @ missed
-
     def _mean(self, temperature: np.ndarray) -> np.ndarray:
         """The mean over the wires of each wire's segment (..., W) of T (..., W), °C."""
         same = np.abs(np.sign(self._estimator.model.sides))
         return temperature @ (same.T @ (same / same.sum(axis=1, keepdims=True)))
+
+
+class PlanRegulator(PlanController):
+    """The linear-quadratic regulator about a plan on `ReducedModel`, time-varying.
+
+    The least of, summed over the periods to the end of the plan,
+
+        (δφ / 0.5°)² + Σ (δT / 10 °C)² + Σ (δD / 0.2)²
+
+    for deviations from the plan that the `Estimator` sees, and a bend p from outside that
+    stays: D = D* - K(t) [x - x*, p]. What a wire cannot do of it the others of its segment
+    do, as far as they can. No duty is beyond what `TemperatureLimiter` allows.
+
+    Ports and state are those of `PlanController`.
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, trajectory: Trajectory, *, parameters: LimbParameters | None = None):
+        """
+        Args:
+            trajectory: the plan.
+            parameters: of the limb, from which gains and estimates follow; the plan's if None.
+        """
+        parameters = LimbParameters.of(parameters or trajectory.parameters)
+        self._plan = SampledPlan(trajectory, parameters)
+        super().__init__(parameters, self._plan.duty[0])
+        self._gains = mean_gains(self._estimator.model)
+        self._regulator = regulator_gains(self._estimator.model, self._plan)
+        # How other parameters than the plan's bend otherwise under the plan's duty.
+        first = trajectory.bend_angle[:, :1].T
+        planned = np.vstack([first, self._plan.bend_angle[:-1]])
+        self._unlike_plan = self._estimator.model.bend_angle(self._plan.heat) - planned
+        self.set_name("plan_regulator")
+
+    def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
+        k, N = self._plan.index(time), estimate.heat.size - len(caps)
+        offset = estimate.offset + self._unlike_plan[k]
+        deviation = np.append((estimate.heat - self._plan.heat[k])[:N], offset)
+        wanted = self._plan.duty[k] - self._regulator[k] @ deviation
+        possible = np.clip(wanted, 0.0, caps)
+        return allocate(self._gains @ (wanted - possible), possible, self._gains, caps)
+
+
+def regulator_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
+    """K (periods, W, N + S) of `PlanRegulator`, by the Riccati recursion from the plan's end.
+
+    The bend at the beginning of a period counts at its end, and so not in the last one.
+    """
+    W, S, N = model.num_wires, model.num_segments, model.size - model.num_wires
+    _, by_heat, by_duty = model.linearized_step(plan.heat, plan.duty)
+    slopes = model.bend_slopes(plan.heat)[1]
+    A, B, P = np.eye(N + S), np.zeros((N + S, W)), np.zeros((N + S, N + S))
+    cost, gains = np.diag(np.append(np.full(W, TEMPERATURE**-2), np.zeros(N + S - W))), []
+    for k in reversed(range(len(by_heat))):
+        A[:N, :N], B[:N] = by_heat[k, :N, :N], by_duty[k, :N]
+        gains.append(np.linalg.solve(DUTY**-2 * np.eye(W) + B.T @ P @ B, B.T @ P @ A))
+        C = np.hstack([slopes[k, :, :N], np.eye(S)])
+        bend_cost = C.T @ C * BEND**-2 if len(gains) > 1 else 0.0
+        P = cost + bend_cost + A.T @ P @ (A - B @ gains[-1])
+    return np.array(gains[::-1])

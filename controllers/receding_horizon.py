@@ -1,18 +1,32 @@
-"""Replans towards the reference, while a limb moves, and follows the newest plan."""
+"""Replans towards the reference, while a limb moves, and follows the newest plan.
+
+In real time, horizons are planned in a process of their own: a solver holds Python's lock
+while it works, and with a thread commands were late by 10 to 20 ms. Questions and answers go
+through a socket, as the modules of a script need not be imported again for that.
+"""
+
+import dataclasses
+import os
+import signal
+import socket
+import subprocess
+import sys
+import weakref
+from multiprocessing.connection import Connection
 
 import numpy as np
 
-from controllers.estimator import Estimate
-from controllers.gains import mean_gains
-from controllers.horizon import HorizonPlan
-from controllers.plan_controller import PlanController, share, within_total
-from controllers.planner_process import PlannerProcess, planner_of
+from controllers.estimator import StateEstimate
+from controllers.horizon import HorizonPlan, HorizonPlanner
+from controllers.plan_controller import PlanController, allocate, mean_gains, within_total
 from controllers.reduced_model import PERIOD
-from limb_systems import Trajectory
+from limb_systems import LimbError, Trajectory
 from planners import Task
 
 TICKS = 5  # from one plan to the next
 PROPORTIONAL = 1.0  # 1/s; the next plan corrects what this does not
+PRIORITY = 5  # by which the process gives way to who commands
+PROGRAM = "from controllers.receding_horizon import answer_questions; answer_questions()"
 
 
 class RecedingHorizon(PlanController):
@@ -20,7 +34,7 @@ class RecedingHorizon(PlanController):
 
     At 4 Hz `HorizonPlanner` plans from the estimate of the next tick, from which on the
     new plan is in force. Between plans, the estimated bend φ is held to that of the
-    newest by a bend rate of k_p (φ* - φ), which the wires share as in `PlanFeedback`.
+    newest by a bend rate of k_p (φ* - φ), to which the wires contribute as in `PlanFeedback`.
 
     In simulated time, a plan is made within its tick. In real time it is made in a
     process of its own and the command never waits for it: the plan before stays in
@@ -42,71 +56,54 @@ class RecedingHorizon(PlanController):
         Args:
             trajectory: a plan, whose reference it follows, and whose duty is in force
                 until the first plan of its own.
-            task: as of `HorizonPlanner`.
+            task: weights and margins, as for `HorizonPlanner`.
             real_time: whether plans are made in a process of their own.
         """
-        plan, parameters = trajectory.since_start(), trajectory.parameters
-        planner = planner_of(plan, task)
-        self._planner, self._process = planner, PlannerProcess(plan, task) if real_time else None
-        first = planner.beginning_of(plan)
-        super().__init__(parameters, first.duty[0])
-        self._is_pending = False  # a plan of the process
+        plan = trajectory.since_start()
+        self._planner = HorizonPlanner.of(plan, task)
+        self._process = PlannerProcess(plan, task) if real_time else None
+        first = self._planner.beginning_of(plan)
+        super().__init__(trajectory.parameters, first.duty[0])
         self._gains = mean_gains(self._estimator.model)
-        self._shapes = [array.shape for array in _arrays(first)]
-        self._splits = np.cumsum([array.size for array in _arrays(first)])[:-1]
+        arrays = _arrays(first)
+        self._shapes = [array.shape for array in arrays]
+        self._splits = np.cumsum([array.size for array in arrays])[:-1]
         replans = self.DeclareDiscreteState(3)
         self.DeclareDiscreteState(_packed(first))
         self.DeclareStateOutputPort("replans", replans)
         self.set_name("receding_horizon")
 
-    def _duty(self, time: float, estimate: Estimate, caps: np.ndarray, state) -> np.ndarray:
+    def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
         counts, model = state.value(2).copy(), self._estimator.model
-        plan = self._newest(self._unpacked(state.value(3)), counts)
+        plan = self._unpacked(state.value(3))
+        if self._process and (made := self._process.plan_if_made()):
+            plan = _if_good(made, plan, counts)
         bend = model.bend_angle(estimate.heat) + estimate.offset
         missed = plan.bend_angle_at(time) - bend
         base = np.clip(plan.duty_at(time), 0.0, caps)
         duty = within_total(
-            share(PROPORTIONAL * missed, base, self._gains, caps), self._parameters.total_duty
+            allocate(PROPORTIONAL * missed, base, self._gains, caps), self._parameters.total_duty
         )
         if round(time / PERIOD) % TICKS == 0:
             ahead = self._estimator.predicted(estimate, duty)
-            plan = self._replan(time + PERIOD, ahead, plan, counts)
+            question = time + PERIOD, ahead.heat, ahead.offset, plan
+            is_late = self._process is not None and self._process.is_planning
+            counts[1 if is_late else 0] += 1
+            if self._process is None:
+                plan = _if_good(self._planner.plan(*question), plan, counts)
+            elif not is_late:
+                self._process.begin(*question)
         state.set_value(2, counts)
         state.set_value(3, _packed(plan))
         return duty
 
-    def _replan(
-        self, time: float, estimate: Estimate, plan: HorizonPlan, counts: np.ndarray
-    ) -> HorizonPlan:
-        """The plan that is in force from a time on, or the same if the process makes it."""
-        arguments = time, estimate.heat, estimate.offset, plan
-        if self._process is None:
-            counts[0] += 1
-            return _if_made(self._planner.plan(*arguments), plan, counts)
-        if self._is_pending:
-            counts[1] += 1
-        else:
-            counts[0] += 1
-            self._process.begin(*arguments)
-            self._is_pending = True
-        return plan
-
-    def _newest(self, plan: HorizonPlan, counts: np.ndarray) -> HorizonPlan:
-        """The plan of the process if it has made one, else that in force."""
-        if not self._process or not self._is_pending:
-            return plan
-        if (made := self._process.plan_if_made()) is None:
-            return plan
-        self._is_pending = False
-        return _if_made(made, plan, counts)
-
     def _unpacked(self, vector: np.ndarray) -> HorizonPlan:
-        """The inverse of `_packed`; cost and time of solving are not kept."""
+        """The inverse of `_packed`; the cost is not kept."""
         parts = np.split(vector, self._splits)
         time, duty, heat, bend_angle = (
             part.reshape(shape) for part, shape in zip(parts, self._shapes, strict=True)
         )
-        return HorizonPlan(time, duty, heat, bend_angle, np.nan, np.nan, True)
+        return HorizonPlan(time, duty, heat, bend_angle, np.nan, True)
 
 
 def _packed(plan: HorizonPlan) -> np.ndarray:
@@ -117,7 +114,93 @@ def _arrays(plan: HorizonPlan) -> list[np.ndarray]:
     return [plan.time, plan.duty, plan.heat, plan.bend_angle]
 
 
-def _if_made(made: HorizonPlan, plan: HorizonPlan, counts: np.ndarray) -> HorizonPlan:
+def _if_good(made: HorizonPlan, plan: HorizonPlan, counts: np.ndarray) -> HorizonPlan:
     """A new plan, or the one before if it failed, which is counted."""
     counts[2] += not made.success
     return made if made.success else plan
+
+
+class PlannerProcess:
+    """A `HorizonPlanner` in another process, which ends with this object or program.
+
+    - ``is_planning``: whether a plan was asked for that is not there yet.
+
+    Args:
+        trajectory: a plan that starts at time 0.
+        task: weights and margins, as for `HorizonPlanner`.
+
+    Raises:
+        LimbError: if the process cannot be started.
+    """
+
+    def __init__(self, trajectory: Trajectory, task: Task | None = None):
+        ours, theirs = socket.socketpair()
+        process = self._process = subprocess.Popen(
+            [sys.executable, "-c", PROGRAM, str(theirs.fileno())],
+            pass_fds=[theirs.fileno()],
+            stdin=subprocess.DEVNULL,
+            stdout=sys.__stderr__,  # what a solver may print is no result of ours
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # its matrices are small
+        )
+        theirs.close()
+        self._connection = Connection(ours.detach())
+        weakref.finalize(self, _end, process, self._connection)
+        if task:
+            task = dataclasses.replace(task, customize=None)  # of no use to a horizon
+        self.begin(trajectory, task)
+        self._connection.poll(None)
+        self.plan_if_made()
+
+    def begin(self, *question) -> None:
+        """Asks for a plan by the arguments of `HorizonPlanner.plan`, once the last is made.
+
+        Raises:
+            LimbError: if the process has ended.
+        """
+        self.is_planning = True
+        try:
+            self._connection.send(question)
+        except OSError as error:
+            raise LimbError(ENDED) from error
+
+    def plan_if_made(self) -> HorizonPlan | None:
+        """The plan that was asked for; None if it is not made yet. Does not wait.
+
+        Raises:
+            LimbError: if the process has ended.
+        """
+        try:
+            if not self._connection.poll():
+                return None
+            self.is_planning = False
+            return self._connection.recv()
+        except (EOFError, OSError) as error:
+            raise LimbError(ENDED) from error
+
+
+ENDED = (
+    "The process that plans the coming seconds has ended, perhaps because memory ran out; end "
+    "other programs and start again."
+)
+
+
+def _end(process: subprocess.Popen, connection: Connection) -> None:
+    """Ends the process, whatever it is at; it may be stopped."""
+    connection.close()
+    process.kill()
+    process.wait()
+
+
+def answer_questions() -> None:
+    """What the process does: answers until there are no more questions."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches both, and the other decides
+    os.nice(PRIORITY)
+    connection = Connection(int(sys.argv[1]))
+    planner = HorizonPlanner.of(*connection.recv())
+    answer = None
+    try:
+        while True:
+            connection.send(answer)
+            answer = planner.plan(*connection.recv())
+    except (EOFError, OSError):
+        os._exit(0)

@@ -9,8 +9,8 @@ import numpy as np
 
 from limb_systems import LimbParameters, Wires
 from limb_systems.model.statics import static_equilibrium
+from limb_systems.simulation import REAL_TIME_STEP as PERIOD
 
-PERIOD = 0.05  # s, of everything that a robot does
 _COMPLEX_STEP = 1e-30
 
 
@@ -131,7 +131,7 @@ class ReducedModel:
         slopes[..., : -self.num_wires] = self._to_bend @ by_state
         return angles @ self._to_bend.T, slopes
 
-    def course(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    def rollout(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """The heat (K + 1, ..., H) from a start (..., H) on, under duty (K, ..., W) of steps."""
         heats = [heat]
         for level in duty:

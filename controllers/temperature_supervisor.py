@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
-from controllers.estimator import Estimate, Estimator
+from controllers.estimator import Estimator, StateEstimate
 from controllers.reduced_model import PERIOD, ReducedModel
 from limb_systems import LimbError, LimbParameters
 from limb_systems.model.ownership import weak_method
@@ -51,7 +51,7 @@ class TemperatureLimiter:
         self._lag_error = LAG_ERROR if parameters.calibration else UNCALIBRATED_LAG_ERROR
         self._model = ReducedModel(parameters, HOLD)
 
-    def caps(self, estimate: Estimate, limit: ArrayLike | None = None) -> np.ndarray:
+    def caps(self, estimate: StateEstimate, limit: ArrayLike | None = None) -> np.ndarray:
         """The most duty of each wire (W,), in [0, 1].
 
         Args:
@@ -77,7 +77,7 @@ class TemperatureSupervisor(LeafSystem):
     - input 0 ``duty``: D (W), as asked for
     - input 1 ``measured_temperature``: V (W), °C; NaN where there is no reading
     - output 0 ``duty``: D (W), in [0, 1]
-    - state, discrete, at 20 Hz: 0: the most duty (W); 1: the `Estimate`, NaN before the
+    - state, discrete, at 20 Hz: 0: the most duty (W); 1: the `StateEstimate`, NaN before the
       first readings
     """
 

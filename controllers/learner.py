@@ -6,27 +6,26 @@ the duty for a limb with the repeating errors, within all bounds of the plan. Th
 norm-optimal iterative learning control, with a gain that falls as repetitions add up.
 """
 
+import copy
 import dataclasses
 import hashlib
 import json
-import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from controllers.duty_correction import READING_MARGIN, DutyCorrection, Errors
 from controllers.estimator import DRIFT_TIME
-from controllers.repeating_error import RepeatingError, wandering
 from limb_systems import LimbError, Provenance, Recording, Trajectory
 from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.files.csv_format import FileFormatError
 from limb_systems.input import LARGEST_TABLE, read_bytes
 from limb_systems.output import write_atomically
-from limb_systems.schema import check_text
 from limb_systems.tracking import tracking_errors
 
 READING_NOISE = 0.3  # °C, of a mean of some readings of a thermocouple
@@ -46,15 +45,76 @@ MOST_FAILURES = 3  # in a row
 _FIRST_LINE = "# limb learning, format 2, sha256 "
 
 
+def wandering(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.ndarray:
+    """Covariance (M, M) at times (M,) of a signal that wanders, with correlation exp(-t / duration).
+
+    Args:
+        deviation: standard deviation, one for all times or for each (M,).
+        duration: time in which the correlation falls to 1/e, s.
+    """
+    deviation = np.broadcast_to(deviation, times.shape)
+    apart = np.abs(np.subtract.outer(times, times))
+    return np.outer(deviation, deviation) * np.exp(-apart / duration)
+
+
+class RepeatingError:
+    """A Kalman filter over repetitions, for an error d (M,) over time that nearly repeats.
+
+    Repetition j shows H d + noise, and d changes a little between repetitions. Of
+    each repetition's error, the filter believes what the covariances say: most of the
+    first one's, ever less of later ones'.
+
+    - ``mean``: estimate of d (M,), zero at first.
+    - ``covariance``: covariance of the estimate's error (M, M).
+
+    Args:
+        covariance: covariance of d before the first repetition (M, M).
+        shows: H (R, M).
+        noise: covariance of a repetition's noise (R, R).
+    """
+
+    def __init__(self, covariance: np.ndarray, shows: np.ndarray, noise: np.ndarray):
+        self.mean, self.covariance = np.zeros(len(covariance)), covariance
+        self._shows, self._noise = shows, noise
+
+    def change(self, covariance: np.ndarray) -> None:
+        """Between two repetitions d has changed by something of this covariance (M, M)."""
+        self.covariance = self.covariance + covariance
+
+    def observe(self, shown: np.ndarray) -> None:
+        """A repetition has shown these errors (R,), NaN where it showed none."""
+        seen = np.isfinite(shown)
+        H = self._shows[seen]
+        together = H @ self.covariance
+        of_errors = together @ H.T + self._noise[np.ix_(seen, seen)]
+        gain = np.linalg.solve(of_errors, together).T
+        self.mean = self.mean + gain @ (shown[seen] - H @ self.mean)
+        after = self.covariance - gain @ together
+        self.covariance = 0.5 * (after + after.T)
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """Standard deviation of the estimate's error (M,)."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def after_another(self, change: np.ndarray) -> "RepeatingError":
+        """The estimate after a change and another whole repetition that shows what it expects."""
+        other = copy.copy(self)
+        other.change(change)
+        other.observe(self._shows @ self.mean)
+        return other
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Repetition:
     """What a repetition of a plan has shown, of S segments and W wires.
 
-    - ``mean_error``: of |φ* - φ| as it was read, rad; as far as it came.
+    - ``mean_error``: mean of |φ* - φ| as it was read, rad; as far as it came.
     - ``interrupted``: why it ended before its time; empty if it did not.
     - ``remark``: what was done about it, if it was interrupted or undone; else empty.
-    - ``correction``: of the plan's duty, at the M + 1 nodes of `DutyCorrection` (M + 1, W).
-    - ``duty``: that the wires got, in the model's L steps (L, W).
+    - ``correction``: change of the plan's duty, at the M + 1 nodes of `DutyCorrection`
+      (M + 1, W).
+    - ``duty``: duty that the wires got, in the model's L steps (L, W).
     - ``start``: readings at the start (W,), °C.
     - ``bend_angle``, ``measured_temperature``: readings around the nodes (M + 1, S), rad,
       and (M + 1, W), °C; NaN where there are none.
@@ -93,8 +153,8 @@ class Learner:
 
     - ``trajectory``: the plan, which stays what is to be followed.
     - ``repetitions``: all `Repetition` so far.
-    - ``correction``: of the plan's duty in the next repetition (M + 1, W), at ``nodes``
-      (M + 1,), s since the start of the plan.
+    - ``correction``: change of the plan's duty in the next repetition (M + 1, W), at
+      ``nodes`` (M + 1,), s since the start of the plan.
     - ``provenance``: what made the learner; None if its file does not say.
     """
 
@@ -264,7 +324,7 @@ class Learner:
         self._sensor_error = max(np.hypot(sensor.noise, sensor.drift) for sensor in sensors)
         # The torque's error is about in proportion to the heat, which no wire has at first.
         heat = self._program.model.temperatures(
-            self._program.course(self._start, self._program.steps(self.correction))
+            self._program.rollout(self._start, self._program.steps(self.correction))
         )
         ambient = parameters.ambient_temperature
         share = np.clip((heat - ambient) / (limits.maximum - ambient), 0.0, 1.0)
@@ -295,7 +355,7 @@ class Learner:
         """Updates the estimates of the repeating errors."""
         program = self._program
         self._start = program.start(repetition.start)
-        heat = program.course(self._start, repetition.duty)
+        heat = program.rollout(self._start, repetition.duty)
         model, nodes = program.model, self.nodes
         bend, temperatures = model.bend_angle(heat), model.temperatures(heat)
         if self._last is not None and not repetition.interrupted:
@@ -365,27 +425,35 @@ class Learner:
         try:
             state = _parse(data)
             learner = cls(Trajectory.from_text(state["plan"]))
-            shapes = learner._shapes()
-            for index, item in enumerate(state["repetitions"]):
-                repetition = _repetition(item, shapes, f"repetition {index + 1}")
+            for item in state["repetitions"]:
+                repetition = Repetition(**learner._with_arrays(item))
                 learner._learn(repetition)
                 learner.repetitions.append(repetition)
             learner.provenance = Provenance.from_json(state.get("provenance"))
-            learner.correction = _array(state["correction"], shapes["correction"], "correction")
+            learner.correction = learner._with_arrays(state)["correction"]
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileFormatError(
+                f"{path}: this is not what a learner saved, though its checksum is right: {error}"
+            ) from error
         except LimbError as error:
             raise FileFormatError(f"{path}: {error}") from error
         return learner
 
-    def _shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shapes of the arrays of a repetition."""
+    def _with_arrays(self, item: dict[str, Any]) -> dict[str, Any]:
+        """Fields in a file, lists as arrays, whose shapes are checked."""
         nodes, wires = self.correction.shape
-        return {
+        shapes = {
             "correction": (nodes, wires),
             "duty": (len(self._program.middles), wires),
             "start": (wires,),
             "bend_angle": (nodes, len(self.trajectory.parameters.segments)),
             "measured_temperature": (nodes, wires),
         }
+        arrays = {name: np.array(item[name], float) for name in shapes if name in item}
+        for name, array in arrays.items():
+            if array.shape != shapes[name]:
+                raise ValueError(f"{name} has the shape {array.shape}, not {shapes[name]}.")
+        return item | arrays
 
 
 def _around(
@@ -413,60 +481,16 @@ def _listed(values: np.ndarray) -> list:
     return listed.tolist()
 
 
-def _parse(data: bytes) -> dict:
-    """The state in a file, whose fields are there."""
-    text = data.decode("utf-8", errors="replace")
-    first, _, body = text.partition("\n")
-    if not re.fullmatch(r"# limb learning, format [12], sha256 [0-9a-f]{64}", first):
+def _parse(data: bytes) -> dict[str, Any]:
+    """The state in a file."""
+    first, _, body = data.decode("utf-8", errors="replace").partition("\n")
+    if not first.startswith(_FIRST_LINE):
         raise FileFormatError(
             f"this is not what a learner saved: its first line is not '{_FIRST_LINE}...'."
         )
-    if not body.endswith("\n") or _digest(body[:-1]) != first[-64:]:
+    if not body.endswith("\n") or first != _FIRST_LINE + _digest(body[:-1]):
         raise FileFormatError(
             "the content does not match the checksum in the first line; the file is truncated or "
             "was changed after it was written."
         )
-    try:
-        state = json.loads(body)
-    except ValueError as error:
-        raise FileFormatError(f"it is not valid JSON: {error}.") from error
-    kinds: dict[str, type] = {"plan": str, "repetitions": list, "correction": list}
-    if isinstance(state, dict) and "provenance" in state:  # format 1 had none
-        kinds["provenance"] = dict
-    _check_fields(state, kinds, "the file")
-    return state
-
-
-def _check_fields(value, kinds: dict[str, type], where: str) -> None:
-    if not isinstance(value, dict) or set(value) != set(kinds):
-        raise FileFormatError(f"{where} must have the fields {', '.join(kinds)}.")
-    for name, kind in kinds.items():
-        if not isinstance(value[name], kind):
-            raise FileFormatError(f"{name} of {where} must be a {kind.__name__}.")
-
-
-def _repetition(item, shapes: dict[str, tuple[int, ...]], where: str) -> Repetition:
-    kinds: dict[str, type] = {"mean_error": float, "interrupted": str, "remark": str}
-    _check_fields(item, kinds | dict.fromkeys(shapes, list), where)
-    check_text(item["interrupted"], f"interrupted of {where}")
-    check_text(item["remark"], f"remark of {where}")
-    arrays: dict[str, Any] = {
-        name: _array(
-            item[name],
-            shape,
-            f"{name} of {where}",
-            gaps=name in ("bend_angle", "measured_temperature"),
-        )
-        for name, shape in shapes.items()
-    }
-    return Repetition(**{name: item[name] for name in kinds}, **arrays)
-
-
-def _array(values: list, shape: tuple[int, ...], where: str, *, gaps: bool = False) -> np.ndarray:
-    try:
-        array = np.array(values, float)
-    except (TypeError, ValueError):
-        array = np.empty(0)
-    if array.shape != shape or not (gaps or np.isfinite(array).all()):
-        raise FileFormatError(f"{where} must be {' x '.join(map(str, shape))} finite numbers.")
-    return array
+    return json.loads(body)
