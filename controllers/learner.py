@@ -46,7 +46,7 @@ _FIRST_LINE = "# limb learning, format 2, sha256 "
 
 
 def wandering(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.ndarray:
-    """Covariance (M, M) at times (M,) of a signal that wanders, with correlation exp(-t / duration).
+    """Covariance (M, M) at times (M,) of a signal that wanders, an Ornstein-Uhlenbeck process.
 
     Args:
         deviation: standard deviation, one for all times or for each (M,).

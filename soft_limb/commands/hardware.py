@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from serial.tools import list_ports
 
-from controllers.learning import Repetition
+from controllers.learner import Repetition
 from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import EXTRA_EFFECTS, emulated_limb

@@ -120,7 +120,7 @@ def check_sentence(trajectory: Trajectory) -> str:
 
 def _learning(path: Path) -> Result:
     # Not imported at the top: this package must not depend on those that import it.
-    learner = importlib.import_module("controllers.learning").Learner.load(path)
+    learner = importlib.import_module("controllers.learner").Learner.load(path)
     errors = [f"{np.rad2deg(r.mean_error):.2f}°" for r in learner.repetitions]
     failed = sum(repetition.failed for repetition in learner.repetitions)
     facts = {

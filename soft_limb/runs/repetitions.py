@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from controllers import Learner
-from controllers.learning import Repetition
+from controllers.learner import Repetition
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError, replay
 from hardware.robot.link import BoardLink, HardwareError

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from limb_systems import LimbParameters, Trajectory, Wires
-from limb_systems.model.kinematics import bend_angle
-from limb_systems.model.statics import static_equilibrium
+from limb_systems import LimbParameters, Trajectory
 from planners import plan, references
 
 PERIOD = 0.05  # s
@@ -56,18 +54,3 @@ def short_plan() -> Trajectory:
     parameters.temperature_limits.warm_up_time = 1000.0
     reference = references.from_samples([0.0, 1.0, 2.0, 4.0], np.deg2rad([0.0, 0.0, 12.0, 12.0]))
     return plan(parameters, reference, knot_rate=5.0, tolerance_deg=0.5)
-
-
-@pytest.fixture(scope="session")
-def steady_plan() -> Trajectory:
-    """Wires that are warm from the start and hold a bend, of the nominal limb."""
-    parameters = LimbParameters()
-    parameters.segments[0].links = 1
-    wires = Wires(parameters)
-    warm = wires.settled_states(np.array([60.0, 70.0]))
-    angles, _ = static_equilibrium(parameters, np.array([60.0, 70.0]))
-    state = np.concatenate([angles, np.zeros_like(angles), warm, warm])
-    held = bend_angle(parameters, angles)[0]
-    reference = references.from_samples([0.0, 16.0], [held, held])
-    parameters.temperature_limits.warm_up_time = 0.0
-    return plan(parameters, reference, initial_state=state, knot_rate=4.0)

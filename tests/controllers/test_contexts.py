@@ -79,16 +79,14 @@ def behind_its_ports(limb):
     return hidden
 
 
-@pytest.mark.parametrize("make", [PlanFeedback, PlanRegulator, RecedingHorizon])
-def test_controllers_see_the_ports_of_an_emulated_limb_and_nothing_else(short_plan, make):
+def test_controllers_see_the_ports_of_an_emulated_limb_and_nothing_else(short_plan):
     parameters = short_plan.parameters
-    shown = replay(
-        short_plan, LimbTwin(parameters, seed=14, truth=True), controller=make(short_plan)
-    )
-    hidden = replay(
-        short_plan, behind_its_ports(LimbTwin(parameters, seed=14)), controller=make(short_plan)
-    )
-    assert hidden.wire_temperature is None
-    assert np.ptp(shown.duty) > 0.1
-    for name in ("duty", "measured_temperature", "bend_angle"):
-        np.testing.assert_array_equal(getattr(shown, name), getattr(hidden, name))
+    for make in (PlanFeedback, PlanRegulator, RecedingHorizon):
+        open_limb = LimbTwin(parameters, seed=14, truth=True)
+        shown = replay(short_plan, open_limb, controller=make(short_plan))
+        closed_limb = behind_its_ports(LimbTwin(parameters, seed=14))
+        hidden = replay(short_plan, closed_limb, controller=make(short_plan))
+        assert hidden.wire_temperature is None
+        assert np.ptp(shown.duty) > 0.1
+        for name in ("duty", "measured_temperature", "bend_angle"):
+            np.testing.assert_array_equal(getattr(shown, name), getattr(hidden, name))

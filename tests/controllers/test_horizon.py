@@ -1,8 +1,11 @@
-"""Plans of the coming seconds, by themselves and in a loop."""
+"""Plans of the coming seconds: by themselves, in a loop, and from a process of their own."""
 
 import dataclasses
 import os
 import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,8 +16,9 @@ from scipy.optimize import lsq_linear
 
 from controllers import RecedingHorizon, ReducedModel
 from controllers.horizon import HorizonPlanner, horizon_task
+from controllers.receding_horizon import PlannerProcess
 from hardware import replay
-from limb_systems import HystereticLaw, Limb, LimbParameters, simulate
+from limb_systems import HystereticLaw, Limb, LimbError, LimbParameters, simulate
 from planners import Planner, Task, references
 
 ONCE = Task(angle_weight=100.0, duty_weight=0.5, terminal_factor=1.0, duty_hold=0.0)
@@ -56,7 +60,7 @@ def test_a_linear_limb_is_planned_by_least_squares():
 
     def under(duty):
         """The bend at the knots, and the sum of the mean temperatures."""
-        course = model.course(heat, duty)[1:]
+        course = model.rollout(heat, duty)[1:]
         return np.append(model.bend_angle(course)[:, 0], course[:, :2].mean(axis=1).sum())
 
     still = under(np.zeros((K, 2)))
@@ -264,3 +268,49 @@ def test_sensors_that_say_nothing_are_borne(short_plan):
     duty = controller.GetOutputPort("duty").Eval(context)
     assert ((duty >= 0.0) & (duty <= 1.0)).all()
     assert replans(controller, context) == [2, 0, 0]
+
+
+def test_another_process_plans_alike_until_it_ends(short_plan):
+    task = Task(duty_weight=0.01, customize=lambda _: None)  # which cannot be sent
+    here, there = HorizonPlanner.of(short_plan, task), PlannerProcess(short_plan, task)
+    first = here.beginning_of(short_plan)
+    question = 0.3, first.heat[1], np.array([0.02]), first
+    there.begin(*question)
+    ours = here.plan(*question)
+    assert there._connection.poll(20.0)
+    theirs = there.plan_if_made()
+    assert there.plan_if_made() is None
+    for name in ("time", "duty", "heat", "bend_angle"):
+        np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
+    there._process.kill()
+    assert there._connection.poll(20.0)
+    with pytest.raises(LimbError, match="The process that plans the coming seconds has ended"):
+        there.plan_if_made()
+
+
+STOPPED = """
+import os, signal
+from controllers.receding_horizon import PlannerProcess
+from limb_systems import LimbParameters
+from planners import plan, references
+trajectory = plan(
+    LimbParameters(), references.from_samples([0.0, 2.0], [0.0, 0.1]), knot_rate=5.0,
+    tolerance_deg=0.5,
+)
+process = PlannerProcess(trajectory)
+print(process._process.pid, flush=True)
+os.kill(process._process.pid, signal.SIGSTOP)
+process.begin(0.3, None, None)
+"""
+
+
+def test_a_process_that_is_stopped_ends_with_its_program():
+    done = subprocess.run(
+        [sys.executable, "-c", STOPPED],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert not Path(f"/proc/{int(done.stdout)}").exists()

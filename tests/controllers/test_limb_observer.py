@@ -35,11 +35,6 @@ def test_it_knows_the_temperature_of_emulated_wires(fed):
     lag = np.abs(recording.measured_temperature - recording.wire_temperature)
     assert np.percentile(lag, 95) > 4.0
     assert np.percentile(missed, 95) < 3.0
-    print(
-        np.percentile(missed, 95),
-        np.percentile(lag, 95),
-        np.mean(missed < 2 * shown.temperature_deviation.T),
-    )
     assert np.mean(missed < 2 * shown.temperature_deviation.T) > 0.9
 
 

@@ -1,4 +1,4 @@
-"""Feedback about a plan: shares of duty by least squares, and limbs that are not as planned."""
+"""Feedback about a plan: duty and gains by least squares, and limbs that are not as planned."""
 
 import copy
 import dataclasses
@@ -8,8 +8,8 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from controllers import PlanFeedback, PlanRegulator, ReducedModel
-from controllers.gains import mean_gains
-from controllers.plan_controller import SampledPlan, share, within_total
+from controllers.plan_controller import SampledPlan, allocate, mean_gains, within_total
+from controllers.plan_feedback import BEND, DUTY, TEMPERATURE, regulator_gains
 from hardware import LimbTwin, replay
 from limb_systems import Limb, LimbParameters, simulate
 from limb_systems.model.parameters import CalibrationRecord
@@ -19,24 +19,24 @@ from planners import plan, references
 LEFT, RIGHT = -0.12, 0.11  # rad/s, bend rates by full duty
 
 
-@pytest.mark.parametrize("wanted", [0.0, 0.03, -0.05, 0.09, -0.2, 0.2, 5.0])
-def test_shares_are_those_of_least_squares(wanted):
+def test_a_bend_rate_is_allocated_by_least_squares():
     """The bend rate counts above all; of what makes it, the least change of duty is best."""
     duty, caps, gains = np.array([0.3, 0.2]), np.array([0.9, 0.5]), np.array([[LEFT, RIGHT]])
-    best = lsq_linear(
-        np.vstack([1e4 * gains, np.eye(2)]),
-        np.r_[1e4 * (wanted + gains @ duty), duty],
-        (np.zeros(2), caps),
-        tol=1e-14,
-    )
-    found = share(np.array([wanted]), duty, gains, caps)
-    np.testing.assert_allclose(found, best.x, atol=1e-4)
+    for wanted in (0.0, 0.03, -0.05, 0.09, -0.2, 0.2, 5.0):
+        best = lsq_linear(
+            np.vstack([1e4 * gains, np.eye(2)]),
+            np.r_[1e4 * (wanted + gains @ duty), duty],
+            (np.zeros(2), caps),
+            tol=1e-14,
+        )
+        found = allocate(np.array([wanted]), duty, gains, caps)
+        np.testing.assert_allclose(found, best.x, atol=1e-4)
 
 
 def test_a_wire_that_can_do_no_more_is_helped():
     gains = np.array([[LEFT, RIGHT, 0.0, 0.0], [0.0, 0.0, LEFT, RIGHT]])
     duty, caps = np.array([0.1, 0.5, 0.1, 0.2]), np.array([1.0, 0.5, 1.0, 0.2])
-    found = share(np.array([0.006, -0.06]), duty, gains, caps)
+    found = allocate(np.array([0.006, -0.06]), duty, gains, caps)
     np.testing.assert_allclose(found[:2], [0.1 + 0.006 / LEFT, 0.5])
     np.testing.assert_allclose((gains @ (found - duty))[1], -0.06)
     assert found[2] > 0.1
@@ -66,7 +66,7 @@ def test_gains_are_those_of_the_springs(two_segments):
     coupled = mean_gains(ReducedModel(two_segments))
     np.testing.assert_array_equal(coupled == 0.0, gains == 0.0)
     hot = np.full(4, 0.5)
-    found = share(np.array([9.0, 0.0]), hot, coupled, np.ones(4))
+    found = allocate(np.array([9.0, 0.0]), hot, coupled, np.ones(4))
     np.testing.assert_allclose(found, [0.0, 1.0, 0.5, 0.5], rtol=1e-12)
 
 
@@ -89,21 +89,22 @@ def heavier(parameters):
     return other
 
 
-@pytest.mark.parametrize("controller", [PlanFeedback, PlanRegulator])
-def test_what_a_payload_bends_is_made_up_for(short_plan, controller):
+def test_what_a_payload_bends_is_made_up_for(short_plan):
     limb = heavier(short_plan.parameters)
     alone = simulate(Limb(limb), short_plan)
-    held = replay(short_plan, Limb(limb), controller=controller(short_plan))
     late = alone.time > 3.4
     planned = short_plan.bend_angle_at(alone.time)
-    missed = [
-        np.rad2deg(np.abs(recording.bend_angle - planned)[0, late]).max()
-        for recording in (alone, held)
-    ]
-    assert missed[0] > 3.5
-    assert missed[1] < 0.25 * missed[0]  # a part is taken for the sensor's drift, at first
-    assert held.duty.max() <= 1.0
-    assert held.duty.min() >= 0.0
+
+    def missed(recording):
+        return np.rad2deg(np.abs(recording.bend_angle - planned)[0, late]).max()
+
+    assert missed(alone) > 3.5
+    for controller in (PlanFeedback, PlanRegulator):
+        held = replay(short_plan, Limb(limb), controller=controller(short_plan))
+        # A part is taken for the sensor's drift, at first.
+        assert missed(held) < 0.25 * missed(alone)
+        assert held.duty.max() <= 1.0
+        assert held.duty.min() >= 0.0
 
 
 def test_an_emulated_limb_follows_better_than_open_loop():
@@ -178,22 +179,57 @@ def test_each_segment_is_held_to_its_own_plan(two_segments):
     assert np.abs(missed).max() < 1.0
 
 
-@pytest.mark.parametrize(("calibrated", "warmer"), [(True, 8.0), (False, 20.0)])
-def test_no_wire_is_heated_far_beyond_the_plan(short_plan, calibrated, warmer):
+def test_no_wire_is_heated_far_beyond_the_plan(short_plan):
     """Than in the next 2 s of the plan, plus what holds a bend from outside; or 30 °C over warm."""
-    parameters = copy.deepcopy(short_plan.parameters)
-    parameters.calibration = CalibrationRecord([], [], [], []) if calibrated else None
-    lukewarm = PlanFeedback(short_plan, parameters=parameters)
-    parameters.temperature_limits.warm = -40.0
-    feedback = PlanFeedback(short_plan, parameters=parameters)
-    estimate = feedback.estimator.begin(np.full(2, 25.0), np.zeros(1))
-    soon = np.linspace(1.0, 3.0, 200)
-    planned = [np.interp(soon, short_plan.time, row).max() for row in short_plan.wire_temperature]
-    limit = feedback._temperature_limit(1.0, estimate)
-    np.testing.assert_allclose(limit, np.array(planned) + warmer, atol=0.5)
-    pushed = dataclasses.replace(estimate, offset=np.deg2rad([-5.0]))
-    law, segment = parameters.wires[1].law, parameters.segments[0]
-    holds = np.deg2rad(5.0) * segment.stiffness / law.beta * 2 / (segment.links + 1)
-    more = feedback._temperature_limit(1.0, pushed) - limit
-    np.testing.assert_allclose(more, [0.0, holds], rtol=0.01, atol=1e-9)
-    np.testing.assert_allclose(lukewarm._temperature_limit(1.0, estimate), np.maximum(limit, 75.0))
+    for calibrated, warmer in ((True, 8.0), (False, 20.0)):
+        parameters = copy.deepcopy(short_plan.parameters)
+        parameters.calibration = CalibrationRecord([], [], [], []) if calibrated else None
+        lukewarm = PlanFeedback(short_plan, parameters=parameters)
+        parameters.temperature_limits.warm = -40.0
+        feedback = PlanFeedback(short_plan, parameters=parameters)
+        estimate = feedback._estimator.begin(np.full(2, 25.0), np.zeros(1))
+        soon, planned = np.linspace(1.0, 3.0, 200), short_plan.wire_temperature
+        hottest = [np.interp(soon, short_plan.time, row).max() for row in planned]
+        limit = feedback._temperature_limit(1.0, estimate)
+        np.testing.assert_allclose(limit, np.array(hottest) + warmer, atol=0.5)
+        pushed = dataclasses.replace(estimate, offset=np.deg2rad([-5.0]))
+        law, segment = parameters.wires[1].law, parameters.segments[0]
+        holds = np.deg2rad(5.0) * segment.stiffness / law.beta * 2 / (segment.links + 1)
+        more = feedback._temperature_limit(1.0, pushed) - limit
+        np.testing.assert_allclose(more, [0.0, holds], rtol=0.01, atol=1e-9)
+        limited = lukewarm._temperature_limit(1.0, estimate)
+        np.testing.assert_allclose(limited, np.maximum(limit, 75.0))
+
+
+def test_the_regulator_costs_least(short_plan):
+    """For linear wires whose duty is free, over a plan of six periods, by least squares."""
+    model = ReducedModel(short_plan.parameters)
+    sampled = SampledPlan(short_plan, short_plan.parameters)
+    K = 6
+    sampled.heat, sampled.duty = sampled.heat[:K], sampled.duty[:K]
+    _, A, B = (values[0] for values in model.linearized_step(sampled.heat, sampled.duty))
+    (C,) = model.bend_slopes(sampled.heat[0])[1]
+    start, bent = np.append([8.0, -5.0], np.zeros(2)), 0.02  # of T and V, °C, and of p, rad
+
+    def deviations(duty):
+        """All that costs, for duty (2 K,), over its scale."""
+        x, costs = start, []
+        for k, change in enumerate(duty.reshape(K, 2)):
+            costs += [change / DUTY, x[:2] / TEMPERATURE]
+            if k < K - 1:  # the bend at the beginning of a period counts at its end
+                costs.append((C @ x + bent).ravel() / BEND)
+            x = A @ x + B @ change
+        return np.concatenate(costs)
+
+    still = deviations(np.zeros(2 * K))
+    slopes = np.array([deviations(one) - still for one in np.eye(2 * K)]).T
+    best = np.linalg.lstsq(slopes, -still, rcond=None)[0]
+    gains = regulator_gains(model, sampled)
+    assert gains.shape == (K, 2, 3)
+    np.testing.assert_allclose(-gains[0] @ np.append(start[:2], bent), best[:2], rtol=1e-9)
+
+
+def test_a_plan_is_the_model_under_its_own_duty(short_plan):
+    """So that only what the limb does otherwise is regulated, from the first period on."""
+    controller = PlanRegulator(short_plan)
+    assert np.rad2deg(np.abs(controller._unlike_plan[[0, 1, -1]])).max() < 0.05

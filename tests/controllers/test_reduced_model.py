@@ -45,18 +45,19 @@ def along(parameters, seconds=8.0):
     course = PiecewisePolynomial.FirstOrderHold(np.linspace(0.0, seconds, 5), levels)
     recording = simulate(Limb(parameters), course, seconds, accuracy=1e-4)
     middles = recording.time[:-1] + model.period / 2
-    heats = model.course(model.cold, course.vector_values(middles).T)
+    heats = model.rollout(model.cold, course.vector_values(middles).T)
     return recording, model, heats
 
 
-@pytest.mark.parametrize("limb", LIMBS)
-def test_it_is_where_a_slowly_heated_limb_is(limb):
-    recording, model, heats = along(limb())
-    np.testing.assert_allclose(model.temperatures(heats).T, recording.wire_temperature, atol=0.02)
-    np.testing.assert_allclose(model.readings(heats).T, recording.measured_temperature, atol=0.02)
-    bend = np.rad2deg(model.bend_angle(heats)[:, 0] - recording.bend_angle[0])
-    assert np.ptp(recording.bend_angle) > np.deg2rad(10.0)
-    assert np.abs(bend).max() < 0.1
+def test_it_is_where_a_slowly_heated_limb_is():
+    for limb in LIMBS:
+        recording, model, heats = along(limb())
+        T, V = model.temperatures(heats).T, model.readings(heats).T
+        np.testing.assert_allclose(T, recording.wire_temperature, atol=0.02)
+        np.testing.assert_allclose(V, recording.measured_temperature, atol=0.02)
+        bend = np.rad2deg(model.bend_angle(heats)[:, 0] - recording.bend_angle[0])
+        assert np.ptp(recording.bend_angle) > np.deg2rad(10.0)
+        assert np.abs(bend).max() < 0.1
 
 
 def test_segments_bend_as_their_own_wires_do(two_segments):

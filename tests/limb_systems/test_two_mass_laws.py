@@ -159,7 +159,7 @@ def test_the_share_stays_from_0_to_1_in_every_simulation(start):
     for T in (25.0, 70.0, 110.0):
         states = np.array([T, T, 30.0, 30.0, T - 3.0, T + 3.0, start, start])
         cases = {
-            "steps": ReducedModel(limb).course(np.r_[states, T, T], duty.repeat(4, 0))[:, 6:8],
+            "steps": ReducedModel(limb).rollout(np.r_[states, T, T], duty.repeat(4, 0))[:, 6:8],
             "planner": under_duty(wires, states, duty, 0.4 * np.arange(120))[:, 6:8],
             "constant duty": wires.at_constant_duty(states, duty[0], np.arange(1.0, 30.0))[:, 6:],
         }
