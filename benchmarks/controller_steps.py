@@ -17,9 +17,9 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from controllers import PlanFeedback, PlanRegulator, TemperatureSupervisor
-from controllers.reduced_model import PERIOD
 from hardware import LimbTwin, replay
 from limb_systems import HystereticLaw, LimbParameters
+from limb_systems.simulation import PERIOD
 from planners import Task, plan, references
 
 

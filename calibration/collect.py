@@ -18,7 +18,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.trajectories import PiecewisePolynomial
 from threadpoolctl import threadpool_limits
 
-from calibration.controller import PERIOD, BendAngleController, EquilibriumSchedule
+from calibration.controller import BendAngleController, EquilibriumSchedule
 from calibration.course import Course
 from calibration.excitation import DutyUntilWarm, Excitation, LimitedDuty, excitations
 from calibration.heat import ambient_temperature
@@ -40,7 +40,7 @@ from limb_systems import (
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.model.limb_system import check_limb
 from limb_systems.progress import Progress
-from limb_systems.simulation import record
+from limb_systems.simulation import PERIOD, record
 
 CO_CONTRACTION = 0.08  # duty of the wires where several are actuated
 SAG_TRIALS, RING_DOWNS = 10, 3

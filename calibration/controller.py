@@ -8,8 +8,8 @@ from pydrake.systems.framework import Context, LeafSystem
 from calibration.kinds import heated_wires, only_segment
 from limb_systems import LimbError, LimbParameters, Wires
 from limb_systems.model.ownership import weak_method
+from limb_systems.simulation import PERIOD
 
-PERIOD = 0.05  # s
 TAPER = 15.0  # °C
 
 

@@ -14,10 +14,11 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 from pydrake.trajectories import PiecewisePolynomial
 
-from calibration.controller import PERIOD, TAPER
+from calibration.controller import TAPER
 from limb_systems import LimbParameters
 from limb_systems.model.ensemble import draw_ensemble, stacked
 from limb_systems.model.ownership import weak_method
+from limb_systems.simulation import PERIOD
 
 MEMBERS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
 REACTION_TIME = 0.5  # s, within which a wire may reach the highest temperature

@@ -11,8 +11,9 @@ import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.trajectories import PiecewisePolynomial
 
-from controllers.reduced_model import PERIOD, ReducedModel
+from controllers.reduced_model import ReducedModel
 from limb_systems import Trajectory
+from limb_systems.simulation import PERIOD
 
 ROUNDING = 1e-9  # s, of knots and nodes at the same time
 STEPS = 4  # of the model, from a node to the next: nodes at about 5 Hz

@@ -14,9 +14,10 @@ import dataclasses
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from controllers.reduced_model import PERIOD, ReducedModel
+from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters
 from limb_systems.model.ownership import weak_method
+from limb_systems.simulation import PERIOD
 
 AHEAD = (0.25, 0.5, 0.75, 1.0)  # s, at which the observer predicts temperatures
 

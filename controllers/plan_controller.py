@@ -4,10 +4,11 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from controllers.estimator import Estimator, StateEstimate
-from controllers.reduced_model import PERIOD, ReducedModel
+from controllers.reduced_model import ReducedModel
 from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import LimbParameters, Trajectory, split_state
 from limb_systems.model.ownership import weak_method
+from limb_systems.simulation import PERIOD
 
 LEAST_GAIN = 0.25  # of the mean gain, that a cold wire is taken to have at least
 

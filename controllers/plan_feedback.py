@@ -11,8 +11,9 @@ from controllers.plan_controller import (
     mean_gains,
     planned_gains,
 )
-from controllers.reduced_model import PERIOD, ReducedModel
+from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters, Trajectory
+from limb_systems.simulation import PERIOD
 
 PROPORTIONAL = 2.5  # 1/s
 COMMON_MODE = 0.5  # 1/s

@@ -19,8 +19,8 @@ import numpy as np
 from controllers.estimator import StateEstimate
 from controllers.horizon import HorizonPlan, HorizonPlanner
 from controllers.plan_controller import PlanController, allocate, mean_gains, within_total
-from controllers.reduced_model import PERIOD
 from limb_systems import LimbError, Trajectory
+from limb_systems.simulation import PERIOD
 from planners import Task
 
 TICKS = 5  # from one plan to the next

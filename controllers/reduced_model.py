@@ -9,7 +9,7 @@ import numpy as np
 
 from limb_systems import LimbParameters, Wires
 from limb_systems.model.statics import static_equilibrium
-from limb_systems.simulation import REAL_TIME_STEP as PERIOD
+from limb_systems.simulation import PERIOD
 
 _COMPLEX_STEP = 1e-30
 

@@ -5,9 +5,10 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from controllers.estimator import Estimator, StateEstimate
-from controllers.reduced_model import PERIOD, ReducedModel
+from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters
 from limb_systems.model.ownership import weak_method
+from limb_systems.simulation import PERIOD
 
 HOLD = 0.5  # s, for which a duty must be harmless
 DEVIATIONS = 2.0  # of the estimated temperature, by which predictions stay below the limit

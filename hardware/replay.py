@@ -38,7 +38,7 @@ from limb_systems import (
 )
 from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
-from limb_systems.simulation import REAL_TIME_STEP, record
+from limb_systems.simulation import PERIOD, record
 
 AMBIENT_TOLERANCE = 10.0  # °C, by which a wire may differ from where the plan starts
 
@@ -307,7 +307,7 @@ class _EndAtCutOut(LeafSystem):
     def __init__(self):
         super().__init__()
         self.DeclareVectorInputPort("cut_out", 1)
-        self.DeclarePeriodicPublishEvent(REAL_TIME_STEP, 0.0, weak_method(self._look))
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
 
     def _look(self, context) -> EventStatus:
         if self.get_input_port().Eval(context)[0]:
@@ -348,9 +348,7 @@ def _add_view(
     )
     joint_state = builder.AddSystem(MatrixGain(np.vstack([angles, np.zeros_like(angles)])))
     # At the period of the robot, which was added before: its command leaves first.
-    view = builder.AddSystem(
-        LimbVisualizer(limb.parameters, meshcat, plan, publish_period=REAL_TIME_STEP)
-    )
+    view = builder.AddSystem(LimbVisualizer(limb.parameters, meshcat, plan, publish_period=PERIOD))
     builder.Connect(limb.GetOutputPort("bend_angle"), joint_state.get_input_port())
     builder.Connect(joint_state.get_output_port(), view.GetInputPort("joint_state"))
     measured = limb.GetOutputPort("measured_temperature")

@@ -36,7 +36,7 @@ MAX_STEP_SIZE = 0.1
 # error control holds on to steps of 1e-5 s. Steps of this size times the cube root of the accuracy
 # are as small as those of the paper's wires after a jump of duty.
 MIN_STEP_SIZE = 0.015
-REAL_TIME_STEP = 0.05  # s, the period of everything that a robot does
+PERIOD = 0.05  # s, of samples and commands of a robot, and so of what observes and controls one
 
 
 def simulate(
@@ -286,7 +286,7 @@ def _advance(
         with Progress("recording" if real_time else "simulating", end, "s") as progress:
             # In real time each step begins when its events are due, and ends halfway to the next.
             # Waiting here and not in the Simulator lets other threads and signals come through.
-            step, ahead = (REAL_TIME_STEP, REAL_TIME_STEP / 2) if real_time else (1.0, 0.0)
+            step, ahead = (PERIOD, PERIOD / 2) if real_time else (1.0, 0.0)
             for due in np.append(np.arange(0.0, end - 1e-9, step), end):
                 if real_time:
                     time.sleep(max(0.0, start + due - time.monotonic()))

@@ -4,8 +4,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from limb_systems.model.ownership import weak_method
-
-PERIOD = 0.05  # s, at which bend sensors are read
+from limb_systems.simulation import PERIOD
 
 # Of the limb, as of `Specimen.disturbed`.
 LIMB_DISTURBANCES: dict[str, dict[str, float]] = {

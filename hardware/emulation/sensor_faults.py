@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
 from limb_systems.model.ownership import weak_method
-from limb_systems.simulation import REAL_TIME_STEP
+from limb_systems.simulation import PERIOD
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,7 +58,7 @@ class FaultySensors(LeafSystem):
                 {self.discrete_state_ticket(state), self.time_ticket(), port.ticket()},
             )
             first += size
-        self.DeclarePeriodicDiscreteUpdateEvent(REAL_TIME_STEP, 0.0, weak_method(self._update))
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
         self.set_name("faulty_sensors")
 
     def _update(self, context, state) -> None:

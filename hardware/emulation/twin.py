@@ -13,7 +13,7 @@ from hardware.emulation.hand import Hand
 from hardware.emulation.rubber import RestShift, Rubber
 from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
-from hardware.emulation.wires import PERIOD, ShapeMemoryWires
+from hardware.emulation.wires import ShapeMemoryWires
 from hardware.firmware import guard
 from limb_systems import (
     LimbParameters,
@@ -22,6 +22,7 @@ from limb_systems import (
     simulate,
 )
 from limb_systems.model.ownership import weak_method
+from limb_systems.simulation import PERIOD
 
 SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
 

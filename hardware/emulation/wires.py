@@ -10,7 +10,8 @@ from limb_systems.model.ownership import weak_method
 
 # The wires' fastest rates are those of heating, some °C in a tenth of a second,
 # and far below the limb's 4.6 Hz mode, which hardly feels smoothed steps at 20 Hz.
-PERIOD = 0.05  # s
+from limb_systems.simulation import PERIOD
+
 PWM_STEP = 1 / 255  # of a timer of eight bits
 
 

@@ -13,7 +13,7 @@ from hardware.robot.serial_limb import DEADLINE, SerialLimb
 from limb_systems import LimbSystem, Trajectory
 from limb_systems.band import band
 from limb_systems.model.ownership import weak_method
-from limb_systems.simulation import REAL_TIME_STEP
+from limb_systems.simulation import PERIOD
 
 
 class LiveView(Protocol):
@@ -66,7 +66,7 @@ class Feed(LeafSystem):
         self._commands = self._missed = 0
         for name, size in sizes.items():
             self.DeclareVectorInputPort(name, size)
-        self.DeclarePeriodicPublishEvent(REAL_TIME_STEP, 0.0, weak_method(self._tell))
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._tell))
         self.set_name("live")
 
     def _tell(self, context) -> None:

@@ -9,8 +9,8 @@ from hardware.robot.heat_rates import HeatRates, fit_heat_rates, warmth
 from hardware.robot.link import BoardLink, Sample
 from limb_systems import LimbParameters, bend_angle_from_tip_tangent
 from limb_systems.model.heat_bounds import SPREAD
+from limb_systems.simulation import PERIOD
 
-PERIOD = 0.05  # s between commands
 ROOM = (5.0, 45.0)  # °C, that cold wires may have
 RISE = 3.0  # °C, at least, that is heat
 # First any limb is warmed by some degrees, then as far as it takes to bend it.

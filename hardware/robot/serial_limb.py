@@ -10,8 +10,8 @@ from hardware.robot.link import BoardLink, HardwareError
 from limb_systems import LimbError, LimbParameters, NoBoard, SerialBoard
 from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
+from limb_systems.simulation import PERIOD
 
-PERIOD = 0.05  # s
 CHANNELS = 2  # that a COMMAND and a SAMPLE are for
 LATEST = 0.1  # s, that a command may be late
 DEADLINE = 5e-3  # s, by which it is late for the record

@@ -30,7 +30,7 @@ from limb_systems import (
     bend_angle_from_tip_tangent,
 )
 from limb_systems.output import check_outputs
-from limb_systems.simulation import REAL_TIME_STEP
+from limb_systems.simulation import PERIOD
 from planners.distance import far_from_reference
 from soft_limb.command import add_force_option, run_command
 from soft_limb.live.options import add_live_options, live_page
@@ -344,7 +344,7 @@ def _show_board(link: BoardLink, info: BoardInfo, live: LivePage) -> None:
                 board=board_reading(link),
             )
         )
-        time.sleep(REAL_TIME_STEP)
+        time.sleep(PERIOD)
 
 
 def _arm_check(options) -> int:

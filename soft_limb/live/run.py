@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 from hardware.live.messages import Message, Phase, Reading
-from limb_systems.simulation import REAL_TIME_STEP
+from limb_systems.simulation import PERIOD
 
 MOST_POINTS = 1500  # of a curve; the browser draws them on the computer that runs the limb
 ENDED_WITHOUT_A_WORD = (
@@ -67,5 +67,5 @@ class Run:
         self.readings.clear()
         self.count = self._received = 0
         self.highest = np.full(len(phase.parameters.wires), -np.inf)
-        expected = (phase.duration or 0.0) / REAL_TIME_STEP
+        expected = (phase.duration or 0.0) / PERIOD
         self._stride = max(1, int(np.ceil(expected / MOST_POINTS)))

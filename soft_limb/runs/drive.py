@@ -12,7 +12,7 @@ from hardware.replay import replay
 from hardware.robot.serial_limb import DEADLINE, SerialLimb
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.model.ownership import weak_method
-from limb_systems.simulation import REAL_TIME_STEP
+from limb_systems.simulation import PERIOD
 from limb_systems.tracking import tracking_errors
 from soft_limb.live.page import LivePage
 
@@ -215,7 +215,7 @@ class _Last(LeafSystem):
         super().__init__()
         self.value = np.zeros(size)
         self.DeclareVectorInputPort("value", size)
-        self.DeclarePeriodicPublishEvent(REAL_TIME_STEP, 0.0, weak_method(self._look))
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
 
     def _look(self, context) -> None:
         self.value = self.get_input_port().Eval(context).copy()
