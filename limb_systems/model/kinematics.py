@@ -5,6 +5,8 @@ A bend angle is that of the chord from a segment's base to its tip, in the
 frame of its base: φ = atan2(t·E2, t·E1).
 """
 
+import sys
+
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import LeafSystem_
@@ -70,7 +72,7 @@ def rest_joint_angles(parameters: LimbParameters) -> np.ndarray:
     return joint_angles_from_bend_angle(parameters, [s.rest_angle for s in parameters.segments])
 
 
-@TemplateSystem.define("BendAngle_")
+@TemplateSystem.define("BendAngle_", scope=sys.modules[__name__])  # to find it out takes 50 ms
 def BendAngle_(T):
     """`BendAngle` for the scalar type T: float, AutoDiffXd or Expression."""
 

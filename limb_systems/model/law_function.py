@@ -4,6 +4,7 @@ Drake's SymbolicVectorSystem would run in C++, but it must have a state to be
 part of a continuous diagram, and that state can only start at zero.
 """
 
+import sys
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -14,7 +15,7 @@ from pydrake.systems.scalar_conversion import TemplateSystem
 from limb_systems.model.ownership import weak_method
 
 
-@TemplateSystem.define("LawFunction_")
+@TemplateSystem.define("LawFunction_", scope=sys.modules[__name__])  # to find it out takes 50 ms
 def LawFunction_(T):
     """`LawFunction` for the scalar type T: float, AutoDiffXd or Expression."""
 
