@@ -52,7 +52,10 @@ class OpenLoop:
         Returns:
             T and V (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad.
         """
-        heat, room = np.array(initial), ambient[..., None]
+        heat = np.array(initial)
+        # All of one shape, because numpy takes half as long again to stretch small arrays.
+        every = heat.shape[1:]
+        law, room = _stretched(law, every), _full(ambient[..., None], every)
         _keep_within(law, heat)
         num_steps = len(self._duty)
         temperatures = np.empty((num_steps + 1, *heat.shape[1:]))
@@ -77,7 +80,8 @@ class OpenLoop:
             angle = self._at_rest(pull, angle, rubber)
             bends[number] = rest + to_bend * angle
             if number < num_steps:
-                heat = _runge_kutta(law, heat, self._duty[number], room, self.step)
+                duty = _full(self._duty[number], every)
+                heat = _runge_kutta(law, heat, duty, room, self.step)
                 _keep_within(law, heat)
         return temperatures, readings, bends
 
@@ -103,10 +107,19 @@ def with_fields(law: type[WireLaw], fields: Mapping[str, np.ndarray]) -> WireLaw
     return together
 
 
+def _stretched(law: WireLaw, shape: tuple[int, ...]) -> WireLaw:
+    arrays = {name: value for name, value in vars(law).items() if isinstance(value, np.ndarray)}
+    return with_fields(type(law), {**vars(law), **{n: _full(a, shape) for n, a in arrays.items()}})
+
+
+def _full(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    return np.ascontiguousarray(np.broadcast_to(array, shape))
+
+
 def _keep_within(law: WireLaw, heat: np.ndarray) -> None:
     """Keeps what the law remembers in its range: starts and long steps may be beyond."""
     for row, state in zip(heat, law.states, strict=False):
-        if state in law.memory:
+        if np.isfinite(law.memory.get(state, np.inf)).any():
             np.clip(row, *law.memory[state], out=row)
 
 

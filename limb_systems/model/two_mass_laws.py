@@ -34,10 +34,10 @@ class _TwoMassHeat(WireLaw):
 
     def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
         """Ṫ = a1 (T - S) + a2 D,  Ṡ = kS (T - S) - kA (S - T0)."""
-        T, S = x[0], x[1]
+        S, warmer = x[1], x[0] - x[1]
         return [
-            self.a1 * (T - S) + self.a2 * D,
-            self.silicone_warming * (T - S) - self.silicone_cooling * (S - T0),
+            self.a1 * warmer + self.a2 * D,
+            self.silicone_warming * warmer - self.silicone_cooling * (S - T0),
         ]
 
     def reading_rate(self, V, x):
@@ -170,12 +170,12 @@ class HystereticLaw(_TwoMassHeat):
     def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
         """See the class."""
         T, _, B, xi = x
-        rise, fall = (
-            SOFTNESS / FOLLOWING * _softplus((ahead - BACKLASH) / SOFTNESS)
-            for ahead in (T - B, B - T)
-        )
-        up = (1.0 - xi) * _logistic((T - self.heating_middle) / self.width) / self.width
-        down = xi * _logistic((self.cooling_middle - T) / self.width) / self.width
+        # Both ways at once, because calls of numpy take longer than what they do.
+        ahead = np.array([T - B, B - T])
+        rise, fall = SOFTNESS / FOLLOWING * _softplus((ahead - BACKLASH) / SOFTNESS)
+        beyond = np.array([T - self.heating_middle, self.cooling_middle - T])
+        heating, cooling = _logistic(beyond / self.width)
+        up, down = (1.0 - xi) * heating / self.width, xi * cooling / self.width
         return [*super().rates(x[:2], D, T0), rise - fall, up * rise - down * fall]
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
