@@ -24,6 +24,8 @@ from limb_systems.input import LARGEST_TEXT
 
 T = typing.TypeVar("T")
 _NONE: typing.Mapping = types.MappingProxyType({})
+_NULLS = ("null", "~", "")
+_SPECIAL = {".nan": "nan", ".inf": "inf", "-.inf": "-inf"}  # numbers that Python writes otherwise
 
 
 class SchemaError(LimbError):
@@ -75,15 +77,13 @@ def load_typed(schema: type[T], text: str) -> T:
     """Reads YAML text into a dataclass.
 
     A field that is left out has its default; one without a default must be
-    there. No field may be unknown, and each number must be in its range. A
-    dataclass may have a class method ``upgrade`` that turns what older
-    versions wrote into what it has now. A field with the metadata
+    there. No field may be unknown. A field with the metadata
     ``{"in_files": False}`` cannot be in a file.
 
-    Texts are of one line of printable characters, or of several if the field has
-    the metadata ``{"lines": True}``. Of YAML's types there are null, bool, int,
-    float and str, which a value has by its looks, and no anchors or aliases: small
-    documents can make huge values with these.
+    A value has the type of its field, whatever it looks like. Texts are of one line
+    of printable characters, or of several if the field has the metadata
+    ``{"lines": True}``. There are no anchors or aliases, with which small documents
+    can make huge values.
 
     Raises:
         SchemaError: with one sentence naming the field, or the line.
@@ -168,12 +168,8 @@ def _plain(value: Any, name: str = "", metadata: typing.Mapping = _NONE) -> Any:
     return float(value) if isinstance(value, float) else value  # not numpy's
 
 
-class _Loader(yaml.SafeLoader):
+class _Loader(yaml.BaseLoader):
     """Keeps tags of classes; refuses what `load_typed` does, and fields that are given twice."""
-
-    # A part of what PyYAML's dumper takes for numbers, and puts quotes around if they are text.
-    # It takes for text what other YAML calls numbers, such as 1e3; `_is_number` sees to these.
-    yaml_implicit_resolvers: typing.ClassVar[dict] = {}
 
     def compose_node(self, parent, index):
         event = self.peek_event()
@@ -193,26 +189,6 @@ class _Loader(yaml.SafeLoader):
                 raise _problem(f"{shown(name)} is given twice", key)
             given.add(name)
         return super().construct_mapping(node, deep)
-
-
-for _tag, _looks, _first in (
-    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
-    (
-        "bool",
-        r"(?:yes|no|true|false|on|off)|(?:Yes|No|True|False|On|Off)|(?:YES|NO|TRUE|FALSE|ON|OFF)",
-        list("yYnNtTfFoO"),
-    ),
-    # With more digits, which Python does not convert, it is text.
-    ("int", r"[-+]?(?:0|[1-9][0-9]{0,299})", list("-+0123456789")),
-    (
-        "float",
-        r"[-+]?[0-9]+\.[0-9]*(?:[eE][-+][0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
-        list("-+0123456789."),
-    ),
-):
-    _Loader.add_implicit_resolver(
-        f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_looks})$"), _first
-    )
 
 
 def _construct_tagged(loader: _Loader, tag: str, node: yaml.Node) -> dict:
@@ -236,7 +212,7 @@ def _check_size(text: str) -> None:
 
 
 def _parse(text: str) -> Any:
-    """Lists, dicts, numbers and texts of a YAML document."""
+    """Lists, dicts and texts of a YAML document."""
     _check_size(text)
     try:
         loader = _Loader(text)
@@ -270,7 +246,7 @@ def _build(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE) 
             _build(value, item, f"{path}[{index}]", metadata) for index, value in enumerate(data)
         ]
     if _is_union(schema):
-        if data is None and type(None) in typing.get_args(schema):
+        if data in _NULLS and type(None) in typing.get_args(schema):
             return None
         plain = [c for c in typing.get_args(schema) if c is not type(None)]
         if len(plain) == 1 and not dataclasses.is_dataclass(plain[0]):
@@ -283,21 +259,25 @@ def _build(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE) 
         check_text(data, path, metadata)
         return data
     if schema is bool:
-        if not isinstance(data, bool):
+        if data not in ("true", "false"):
             raise SchemaError(f"{path} is {shown(data)}; it must be true or false.")
-        return data
-    if not _is_number(data, schema):
+        return data == "true"
+    try:
+        if schema is int and re.fullmatch(r"[-+]?[0-9]+", data):
+            return int(data)
+        number = float(_SPECIAL.get(data, data))
+        if schema is int and not number.is_integer():
+            raise ValueError
+        return schema(number)
+    except (TypeError, ValueError) as error:
         kind = "a whole number" if schema is int else "a number"
-        raise SchemaError(f"{path} is {shown(data)}; it must be {kind}.")
-    return schema(data)
+        raise SchemaError(f"{path} is {shown(data)}; it must be {kind}.") from error
 
 
 def _build_fields(data: Any, schema: type, path: str, where: str) -> Any:
     hints = _hints(schema)
     fields = [f for f in dataclasses.fields(schema) if f.metadata.get("in_files", True)]
     names = [field.name for field in fields]
-    if hasattr(schema, "upgrade"):
-        data = schema.upgrade(data)
     if not isinstance(data, dict):
         raise SchemaError(f"{where} must have the fields {', '.join(names)}, but is {shown(data)}.")
     prefix = f"{path}." if path else ""
@@ -363,18 +343,3 @@ def nearest(name: str, names: list[str]) -> str:
     """For an error about an unknown name: a hint at the known name that may be meant."""
     match = difflib.get_close_matches(name, names, n=1)
     return f" (did you mean {match[0]}?)" if match else ""
-
-
-def _is_number(data: Any, schema: type) -> bool:
-    """Whether it can be converted: a number, or text that Python reads as one."""
-    if isinstance(data, bool):
-        return False
-    if isinstance(data, str):  # what PyYAML makes of 1e-3, without a dot
-        try:
-            schema(data)
-        except ValueError:
-            return False
-        return True
-    if schema is int:
-        return isinstance(data, int) or (isinstance(data, float) and data.is_integer())
-    return isinstance(data, float) or (isinstance(data, int) and abs(data) < 10**300)

@@ -11,7 +11,6 @@ import hashlib
 import re
 import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -29,7 +28,6 @@ from limb_systems.schema import (
     dump_typed,
     load_typed,
     quantity,
-    shown,
     validate,
 )
 
@@ -37,7 +35,6 @@ FORMAT = 2  # of the YAML file
 MOST_SEGMENTS, MOST_JOINTS = 50, 500
 LEAST_SIDEWAYS = 0.01  # share of its torque by which a wire bends the limb in its plane, at least
 HEAVIEST, ODDLY_HEAVY = 20.0, 4.0  # density over that of water; iridium has 22, filled silicone 2
-_WIRE_OFFSET = 0.34  # of the thickness, off the axis, of the wires that format 1 had
 
 
 class ParameterError(LimbError):
@@ -147,26 +144,6 @@ class SegmentParameters(Strict):
                 return wire
         names = ", ".join(wire.name for wire in self.wires)
         raise ParameterError(f"This segment has no wire {name!r}; it has {names}.")
-
-    @classmethod
-    def upgrade(cls, data: Any) -> Any:
-        """Turns the fields ``left`` and ``right`` of format 1 into a list of wires."""
-        if not isinstance(data, dict) or not {"left", "right"} & set(data):
-            return data
-        warnings.warn(
-            f"These limb parameters are of format 1, with a left and a right wire; when they are "
-            f"saved, they are written as format {FORMAT}, with a list of wires.",
-            stacklevel=2,
-        )
-        data = dict(data)
-        thickness = data.get("thickness", cls.thickness)
-        offset = _WIRE_OFFSET * (thickness if isinstance(thickness, float) else cls.thickness)
-        data["wires"] = [
-            {"name": name, "e2": side * offset, "law": data.pop(name)}
-            for name, side in (("left", -1.0), ("right", 1.0))
-            if name in data
-        ]
-        return data
 
 
 @dataclasses.dataclass
@@ -359,28 +336,6 @@ class LimbParameters(Strict):
             raise ParameterError(str(error)) from error
         parameters.validate()
         return parameters
-
-    @classmethod
-    def upgrade(cls, data: Any) -> Any:
-        """Checks the format of a document, and converts the board of format 1.
-
-        Raises:
-            ParameterError: if the document is of a later format.
-        """
-        if not isinstance(data, dict):
-            return data
-        data = dict(data)
-        version = data.pop("format", FORMAT)
-        if version not in (1, FORMAT):
-            raise ParameterError(
-                f"these limb parameters are of format {shown(version)}; this program reads "
-                f"formats 1 and {FORMAT}."
-            )
-        if isinstance(data.get("board"), str):
-            number = data.pop("board")
-            if number:
-                data["board"] = {"_tag": "SerialBoard", "serial_number": number}
-        return data
 
     def to_yaml(self) -> str:
         """The YAML text of these parameters, every float exact."""

@@ -160,13 +160,6 @@ class HystereticLaw(_TwoMassHeat):
     cooling_middle: float = quantity(58.0, "°C", -20.0, 300.0)
     width: float = quantity(9.0, "°C", 1.0, 100.0)
 
-    @classmethod
-    def upgrade(cls, data: Any) -> Any:
-        """Leaves out the rate, °C/s, over which files of earlier versions let the curves switch."""
-        if not isinstance(data, dict):
-            return data
-        return {name: value for name, value in data.items() if name != "switching_rate"}
-
     def rates(self, x: Sequence[Any] | np.ndarray, D: Any, T0: Any) -> Sequence[Any]:
         """See the class."""
         T, _, B, xi = x

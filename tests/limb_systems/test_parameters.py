@@ -291,32 +291,10 @@ def test_a_wire_without_a_lever_or_a_name_of_its_own_is_refused(refused):
         limb.validate()
 
 
-OLD = """
-segments:
-- {links: 5, length: 0.1, mass: 0.025, width: 0.02, thickness: 0.01, stiffness: 0.1246,
-   damping: 0.001, left: {a1: -0.06, a2: 20.0, a3: -1.0, beta: 0.00047},
-   right: {a1: -0.07, a2: 21.0, a3: -1.0, beta: 0.0005}}
-ambient_temperature: 25.0
-gravity: [0.0, 0.0, 0.0]
-temperature_limits: {maximum: 100.0, warm: 45.0, warm_up_time: 20.0}
-board: 0123abcd
-"""
-
-
-def test_files_of_format_1_are_read_with_one_sentence():
-    with pytest.warns(UserWarning, match="format 1.*list of wires") as said:
-        limb = LimbParameters.from_yaml(OLD)
-    assert len(said) == 1
-    assert limb.wire_names == ["left", "right"]
-    assert [wire.law.a1 for wire in limb.wires] == [-0.06, -0.07]
-    assert [wire.direction for wire in limb.wires] == [-1.0, 1.0]
-    assert limb.board == SerialBoard("0123abcd")
-    assert LimbParameters.from_yaml(limb.to_yaml()) == limb  # without a warning
-
-
-def test_later_formats_are_refused(refused):
-    with refused(ParameterError, "format 3", "reads formats 1 and 2"):
-        LimbParameters.from_yaml("format: 3")
+def test_another_format_is_refused(refused):
+    for version in (1, 3):
+        with refused(ParameterError, f"format is {version}; it must be"):
+            LimbParameters.from_yaml(f"format: {version}")
 
 
 @pytest.mark.parametrize("keys", GROUPS, ids=lambda keys: path_of(keys) or "document")
@@ -340,8 +318,6 @@ def test_field_given_twice_is_refused(refused):
 @pytest.mark.parametrize("keys", GROUPS[1:], ids=path_of)
 @pytest.mark.parametrize("value", [None, 1.0, "text", [], True])
 def test_group_of_fields_that_is_none_is_refused(refused, keys, value):
-    if keys == ("board",) and isinstance(value, str):
-        return  # a serial number, as in format 1
     if keys[-1] in OPTIONAL and value is None:
         return  # there are none
     with refused(ParameterError, path_of(keys), "must "):
@@ -361,7 +337,7 @@ def test_list_that_is_none_is_refused(refused, name, value):
 @each_leaf
 @pytest.mark.parametrize("value", ["text", [1.0], {"a": 1.0}, None, True, False, ""], ids=repr)
 def test_value_that_is_no_number_is_refused(refused, leaf, value):
-    with refused(ParameterError, f"{leaf.path} is {value!r}", "number"):
+    with refused(ParameterError, f"{leaf.path} is ", "number"):
         LimbParameters.from_yaml(edited(leaf.keys, value))
 
 
@@ -451,7 +427,7 @@ def test_absurd_value_is_refused_with_the_allowed_range(refused, leaf, value):
 @each_leaf
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf], ids=repr)
 def test_value_that_is_not_finite_is_refused(refused, leaf, value):
-    with refused(ParameterError, field_in_object(leaf), "number", value):
+    with refused(ParameterError, field_in_object(leaf), "number", str(value).removeprefix("-")):
         LimbParameters.from_yaml(edited(leaf.keys, value))
     with refused(ParameterError, field_in_object(leaf), range_text(leaf), value):
         with_value(leaf.keys, value).validate()
@@ -683,8 +659,7 @@ def test_every_field_is_documented(schema):
 def test_board_that_is_no_text_is_refused(refused):
     text = LimbParameters(board=SerialBoard("0007")).to_yaml()
     assert LimbParameters.from_yaml(text).board == SerialBoard("0007")
-    with refused(ParameterError, "board.serial_number is 7; it must be text"):
-        LimbParameters.from_yaml(text.replace("'0007'", "7"))
+    assert LimbParameters.from_yaml(text.replace("'0007'", "007")).board == SerialBoard("007")
     with refused(ParameterError, "board.serial_number is 7; it must be text"):
         LimbParameters(board=SerialBoard(7)).validate()
     with refused(ParameterError, "board is not a NoBoard or Board"):

@@ -255,13 +255,6 @@ def test_the_yaml_brings_back_the_law(kind, tmp_path):
     assert type(loaded.wires[0].law) is kind
 
 
-def test_files_with_a_switching_rate_are_read():
-    text = limb_with(HystereticLaw(), HystereticLaw()).to_yaml()
-    old = text.replace("width: 9.0", "width: 9.0, switching_rate: 1.0")
-    assert old != text
-    assert LimbParameters.from_yaml(old).to_yaml() == text
-
-
 def reference_shares(solver, turns: list[float]) -> list[np.ndarray]:
     """Austenite in simcoon's model of shape-memory alloy while T goes from turn to turn, °C.
 

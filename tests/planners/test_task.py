@@ -404,7 +404,7 @@ def test_tasks_are_read_from_files(tmp_path):
         ("angel_weight: 1", r"angel_weight is not a known field \(did you mean angle_weight\?\)"),
         ("angle_weight: heavy", "angle_weight is 'heavy'; it must be a number"),
         ("angle_weight: -1", "angle_weight is -1.0; it must be a number, zero or more"),
-        ("reach: 1", "reach is 1; it must be true or false"),
+        ("reach: 1", "reach is '1'; it must be true or false"),
         ("stretch: [1]", "stretch must be a list of 2"),
         ("phases:\n- start: 0", r"phases\[0\]\.angle_weight is missing"),
         ("customize: x", "customize is not a known field"),
