@@ -19,7 +19,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters, Trajectory
 from planners import Task, references
-from planners.program import temperature_weights
+from planners.transcription.program import temperature_weights
 
 DURATION, KNOT_RATE = 10.0, 5.0  # s, Hz
 ROUNDS = 1  # of linearizing and solving, from a plan before; two are not better, and slower

@@ -2,12 +2,12 @@
 
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from planners import references
-from planners.ipopt import ExactHessianIpoptSolver
 from planners.planning import Planner, plan
-from planners.program import TrajectoryProgram
-from planners.quasi_static import InfeasibleError
-from planners.solving import PlanningError
 from planners.task import Phase, Task, TaskError
+from planners.transcription.ipopt import ExactHessianIpoptSolver
+from planners.transcription.program import TrajectoryProgram
+from planners.transcription.quasi_static import InfeasibleError
+from planners.transcription.solving import PlanningError
 
 __all__ = [
     "ExactHessianIpoptSolver",

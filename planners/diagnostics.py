@@ -7,7 +7,7 @@ from limb_systems.model.wire_law import TEMPERATURE_SCALE
 from limb_systems.model.wires import num_wire_states
 from limb_systems.views.figure import Figure
 from limb_systems.views.plots import WIDTH, dress
-from planners.program import TrajectoryProgram
+from planners.transcription.program import TrajectoryProgram
 
 SHOWN_INTERVALS = 4  # of the Jacobian; it repeats from interval to interval
 
@@ -49,20 +49,19 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
         axis.set_xlabel("time (s)")
         dress(axis)
 
-    if program.defects is not None:
-        shown = program.defects.rows < SHOWN_INTERVALS * num_states
-        shown &= ~np.isin(program.defects.columns, program.time_steps)
-        rows, columns = program.defects.rows[shown], program.defects.columns[shown]
-        _, columns = np.unique(columns, return_inverse=True)
-        jacobian_axis.plot(columns, rows, "s", color="0.25", markersize=2.0)
-        share = len(program.defects.rows) / (len(program.defects.lower) * program.prog.num_vars())
-        jacobian_axis.set_title(
-            f"Jacobian of (17), first {SHOWN_INTERVALS} of {len(time) - 1} intervals\n"
-            f"({len(program.defects.rows)} nonzeros, {100 * share:.2g}% of it)",
-            fontsize=10,
-        )
-        jacobian_axis.invert_yaxis()
-        jacobian_axis.set_aspect("equal")
+    shown = program.defects.rows < SHOWN_INTERVALS * num_states
+    shown &= ~np.isin(program.defects.columns, program.time_steps)
+    rows, columns = program.defects.rows[shown], program.defects.columns[shown]
+    _, columns = np.unique(columns, return_inverse=True)
+    jacobian_axis.plot(columns, rows, "s", color="0.25", markersize=2.0)
+    share = len(program.defects.rows) / (len(program.defects.lower) * program.prog.num_vars())
+    jacobian_axis.set_title(
+        f"Jacobian of (17), first {SHOWN_INTERVALS} of {len(time) - 1} intervals\n"
+        f"({len(program.defects.rows)} nonzeros, {100 * share:.2g}% of it)",
+        fontsize=10,
+    )
+    jacobian_axis.invert_yaxis()
+    jacobian_axis.set_aspect("equal")
     jacobian_axis.set_xlabel("variable")
     jacobian_axis.set_ylabel("constraint")
     return figure

@@ -24,15 +24,15 @@ from limb_systems.model.statics import static_equilibrium
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
 from planners.check import simulated_differences
 from planners.distance import far_from_reference
-from planners.program import TrajectoryProgram, reading_bounds
-from planners.quasi_static import (
+from planners.task import Task
+from planners.transcription.program import TrajectoryProgram, reading_bounds
+from planners.transcription.quasi_static import (
     check_temperature_limits,
     quasi_static_angles,
     readings_along,
     solve_quasi_static,
 )
-from planners.solving import LONGEST_SOLVE, PlanningError, Solution, solve_program
-from planners.task import Task
+from planners.transcription.solving import LONGEST_SOLVE, PlanningError, Solution, solve_program
 
 ROUNDING = 0.1  # °C, by which a margin of readings is larger than it must be
 
@@ -78,7 +78,7 @@ def plan(
             an accurate simulation of its duty, degrees.
         max_knots: a plan that needs more is refused.
         solver: one of Drake's solvers, such as `SnoptSolver()`, in place of
-            those of `planners.solving`.
+            those of `planners.transcription.solving`.
 
     Returns:
         The trajectory, with its check. Warns if it is far from its reference.

@@ -1,4 +1,4 @@
-"""Derivatives of functions that work element by element on arrays.
+"""Derivatives of functions of which it is known what depends on what.
 
 First derivatives are complex steps, exact to rounding; second derivatives are
 central differences of them, right to nine digits if the functions are smooth.
@@ -12,55 +12,77 @@ _STEP = 1e-30  # imaginary, of a complex step
 _DIFFERENCE = 2e-6  # of central differences, in typical changes
 
 
-def gradients(
-    function: Callable[[list], list], arguments: list[np.ndarray], scales: np.ndarray
-) -> np.ndarray:
-    """First derivatives at each element.
+class Derivatives:
+    """First and second derivatives of functions of one pattern, at any number of points.
+
+    Functions take points (..., P), real or complex, and return values (..., Q).
+    Variables that no value depends on together are moved at once.
+
+    - ``pattern``: which values depend on which variables (Q, P), true or false.
+    - ``curvature``: which pairs of variables may have a second derivative (P, P), true or false.
 
     Args:
-        function: takes a list of P arrays and returns a list of Q arrays,
-            whose elements only depend on the same elements of the arguments.
-        arguments: arrays that broadcast to one shape. If they have
-            infinitesimal imaginary parts, the result has them, too.
-        scales: a typical change of each argument (P,).
-
-    Returns:
-        (Q, P, ...) of each output by each argument.
+        scales: typical changes of the variables (P,).
     """
-    real = [argument.real for argument in arguments]
-    rows = []
-    for index in range(len(real)):
-        moved = list(real)
-        moved[index] = moved[index] + 1j * _STEP
-        rows.append(
-            np.broadcast_arrays(*[np.imag(o) / _STEP for o in function(moved)], *real)[: -len(real)]
-        )
-    first = np.array(rows).swapaxes(0, 1)
-    if not any(np.iscomplexobj(argument) for argument in arguments):
-        return first
-    imaginary = np.array(np.broadcast_arrays(*[np.imag(argument) for argument in arguments]))
-    return first + 1j * (hessians(function, real, scales) * imaginary).sum(axis=2)
 
+    def __init__(self, pattern: np.ndarray, curvature: np.ndarray, scales: np.ndarray):
+        self.pattern, self.curvature, self._scales = pattern, curvature, scales
+        self._sets = _apart(pattern, np.flatnonzero(pattern.any(axis=0)))
+        self._curved_sets = _apart(pattern, np.flatnonzero(curvature.any(axis=0)))
 
-def hessians(
-    function: Callable[[list], list], arguments: list[np.ndarray], scales: np.ndarray
-) -> np.ndarray:
-    """Second derivatives at each element, (Q, P, P, ...); arguments as of `gradients`, but real."""
+    def first(self, function: Callable[[np.ndarray], np.ndarray], points: np.ndarray) -> np.ndarray:
+        """Derivatives (..., Q, P) of a function's values at points (..., P)."""
+        result = np.zeros((*points.shape[:-1], *self.pattern.shape))
+        for variables in self._sets:
+            change = _change(function, points, variables)
+            for variable in variables:
+                values = self.pattern[:, variable]
+                result[..., values, variable] = change[..., values] / _STEP
+        return result
 
-    rows = [[np.zeros(1)] * len(arguments) for _ in arguments]
-    for i, scale in enumerate(scales):
-        distance = _DIFFERENCE * scale
-        for j in range(i + 1):
-            sides = []
-            for side in (distance, -distance):
-                moved = list(arguments)
-                moved[i] = moved[i] + side
-                moved[j] = moved[j] + 1j * _STEP
-                sides.append(
-                    np.broadcast_arrays(*map(np.imag, function(moved)), *arguments)[
-                        : -len(arguments)
-                    ]
+    def second(
+        self,
+        function: Callable[[np.ndarray], np.ndarray],
+        points: np.ndarray,
+        weights: np.ndarray,
+    ) -> np.ndarray:
+        """Second derivatives (..., P, P) of weights · function, for weights (..., Q)."""
+        result = np.zeros((*points.shape, points.shape[-1]))
+        for number, moved in enumerate(self._curved_sets):
+            distances = np.zeros(points.shape[-1])
+            distances[moved] = _DIFFERENCE * self._scales[moved]
+            for variables in self._curved_sets[: number + 1]:
+                if not self.curvature[np.ix_(moved, variables)].any():
+                    continue
+                above, below = (
+                    _change(function, points + side, variables) for side in (distances, -distances)
                 )
-            above, below = (np.array(side) for side in sides)
-            rows[i][j] = rows[j][i] = (above - below) / (_STEP * 2 * distance)
-    return np.moveaxis(np.array(rows), 2, 0)
+                for i in moved:
+                    for j in variables:
+                        values = self.pattern[:, i] & self.pattern[:, j]
+                        if not (self.curvature[i, j] and values.any()):
+                            continue
+                        slopes = [(weights * by)[..., values].sum(axis=-1) for by in (above, below)]
+                        result[..., i, j] = (slopes[0] - slopes[1]) / (_STEP * 2 * distances[i])
+                        result[..., j, i] = result[..., i, j]
+        return result
+
+
+def _apart(pattern: np.ndarray, variables: np.ndarray) -> list[list[int]]:
+    """Sets of variables of which no two are in the same value."""
+    sets: list[list[int]] = []
+    for variable in variables.tolist():
+        for others in sets:
+            if not (pattern[:, others].any(axis=1) & pattern[:, variable]).any():
+                others.append(variable)
+                break
+        else:
+            sets.append([variable])
+    return sets
+
+
+def _change(function, points: np.ndarray, variables: list[int]) -> np.ndarray:
+    """What a complex step of variables, all at once, changes (..., Q), times the step."""
+    moved = points.astype(complex)
+    moved[..., variables] += 1j * _STEP
+    return np.imag(function(moved))

@@ -11,7 +11,7 @@ REST_SCALE = 0.03  # rad, a typical change of the bend angle at rest
 RAMP_RATE = 0.01  # rad/s, below which the memory hardly notices that a wire heats
 
 
-class Rubber:
+class NonlinearRubber:
     """Stiffening and memory of the rubber of all segments.
 
         f = -k s ((θ - θ_rest) / θ_45)² (θ - θ_rest) + k 2 r / (n + 1)
@@ -87,40 +87,6 @@ class Rubber:
     def rates(self, shifts: np.ndarray, progress: np.ndarray) -> np.ndarray:
         """r' (..., R), rad/s, of r (..., R) and the `progress` of all wires (..., W)."""
         return progress @ self._towards.T - (progress @ self._pace.T) * shifts
-
-    def rate_derivatives(
-        self, shifts: np.ndarray, progress: np.ndarray, wires: slice | np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """What w wires contribute to the derivatives of `rates`.
-
-        Args:
-            shifts: r (..., R).
-            progress: of these wires (..., w).
-
-        Returns:
-            By r (..., R, R), and by their progress (..., R, w).
-        """
-        pace = self._pace[:, wires]
-        by_shift = -np.eye(len(pace)) * (progress @ pace.T)[..., None]
-        return by_shift, self._towards[:, wires] - pace * shifts[..., None]
-
-    def rate_shares(
-        self, shifts: np.ndarray, weights: np.ndarray, wires: slice | np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """How weights · `rates` depends on the progress of w wires.
-
-        Args:
-            shifts, weights: r and the weights of its rates (..., R).
-
-        Returns:
-            The derivative by their progress (..., w), and the derivative of that
-            by r (..., R, w).
-        """
-        by_shift = -weights[..., None] * self._pace[:, wires]
-        return (
-            weights @ self._towards[:, wires] + (shifts[..., None] * by_shift).sum(axis=-2),
-            by_shift,
-        )
 
     def settled(self, torques: np.ndarray) -> np.ndarray:
         """r (R,) after wires heated from cold, all at once and in proportion, to torques (W,)."""

@@ -2,20 +2,15 @@
 
 import copy
 import dataclasses
-import functools
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from pydrake.symbolic import (
-    DecomposeAffineExpressions,
-    Expression,
-    Variable,
-)
+from pydrake.symbolic import Expression, Variable
 
-from limb_systems.model.derivatives import gradients, hessians
+from limb_systems.model.derivatives import Derivatives
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.rubber import REST_SCALE, Rubber, num_rest_shifts
+from limb_systems.model.rubber import REST_SCALE, NonlinearRubber, num_rest_shifts
 from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw, within
 
 
@@ -32,21 +27,13 @@ class _Alike:
     wires: slice | np.ndarray
     states: list[slice | np.ndarray]
 
-    def slots(self, num_states: int, num_wires: int) -> list[slice | np.ndarray]:
-        """Where their states, reading and duty are in [x, V, D]."""
-        return [
-            *self.states,
-            _shifted(self.wires, num_states),
-            _shifted(self.wires, num_states + num_wires),
-        ]
-
 
 class Wires:
     """The W wires of a limb in its rubber, with N states in all.
 
     The states are the wire temperatures T (W) in the order of the wires, then
     the other states of their laws: the second state of all wires, the third,
-    and so on. Those of `Rubber` are the last, if its rest angle has a memory.
+    and so on. Those of `NonlinearRubber` are the last, if its rest angle has a memory.
     Arrays have the states, the wires or the joints along their last
     axis and any number of points before it.
 
@@ -60,11 +47,10 @@ class Wires:
     - ``rates_are_affine``: in states, readings and duty.
     - ``torque_is_affine``: the force, in the states, and no function of the angle.
     - ``torque_needs_angle``: whether any force depends on the joint's angle.
-    - ``heat_pattern``: which of `heat_rates` depend on which of [x, V, D],
-      (N + W, N + 2W), true or false.
-    - ``heat_curvature``, ``torque_curvature``: which pairs of [x, V, D], and of
-      the states, may have second derivatives in `heat_rates` and in `forces`,
-      (N + 2W, N + 2W) and (N, N), true or false.
+    - ``heat_derivatives``: which of `heat_rates` depend on which of [x, V, D], and
+      which pairs of these may have second derivatives; `Derivatives`.
+    - ``torque_curvature``: which pairs of states may have second derivatives in
+      `forces` (N, N), true or false.
 
     Args:
         parameters: of the limb.
@@ -90,7 +76,7 @@ class Wires:
                     cold.append(law.cold_states(self._ambient)[number])
                     ranges.append(law.memory.get(state, (-np.inf, np.inf)))
                     remembers.append(state in law.memory)
-        self._rubber = rubber = Rubber(parameters)
+        self._rubber = rubber = NonlinearRubber(parameters)
         self._first_shift, num_shifts = len(names), len(rubber.state_names)
         names += rubber.state_names
         scales += [REST_SCALE] * num_shifts
@@ -125,12 +111,12 @@ class Wires:
             _FORMS[key] = self._form()
             if len(_FORMS) > _MOST_FORMS:
                 del _FORMS[next(iter(_FORMS))]
-        form = _FORMS[key]
-        self.rates_are_affine, self.heat_pattern = form.rates_are_affine, form.heat_pattern
-        self._laws_need_angle = form.torque_needs_angle
-        self.torque_is_affine = form.torque_is_affine and not rubber.stiffens
-        self.torque_needs_angle = form.torque_needs_angle or rubber.stiffens
-        self.heat_curvature, self.torque_curvature = form.heat_curvature, form.torque_curvature
+        self.heat_derivatives, self._torque_derivatives = _FORMS[key]
+        self.torque_curvature = self._torque_derivatives.curvature[:-1, :-1]
+        self._laws_need_angle = bool(self._torque_derivatives.pattern[:, -1].any())
+        self.rates_are_affine = not self.heat_derivatives.curvature.any()
+        self.torque_needs_angle = self._laws_need_angle or rubber.stiffens
+        self.torque_is_affine = not (self.torque_needs_angle or self.torque_curvature.any())
         zero, off = np.zeros(self.num_states + self.num_wires), np.zeros(self.num_wires)
         if self.rates_are_affine:
             self._heat_slopes = self._heat_jacobian(zero, off)
@@ -173,37 +159,28 @@ class Wires:
         )
         return self._rubber.progress((ahead - behind) / (2 * _TIME_STEP), group.wires)
 
-    def _group_rates(self, group: _Alike, arguments: list) -> list:
-        """Rates of a group's states and readings, and what `Rubber` remembers of them if it does.
-
-        Args:
-            arguments: the states, the reading and the duty of these wires.
-        """
-        *x, V, D = arguments
-        rates = group.law.rates(x, D, self._ambient)
-        progress = [self._progress(group, x, rates)] if self._rubber.remembers else []
-        return [*rates, group.law.reading_rate(V, x), *progress]
-
     def torques(self, states: np.ndarray, angles: np.ndarray | None = None) -> np.ndarray:
         """Torque of each wire (..., W), N·m, as if it ran at +E2.
 
         With joint angles (..., n) in rad: on each joint, (..., n, W).
         """
-        theta: np.ndarray | float = 0.0
-        if angles is not None:
-            states, theta = states[..., None, :], angles[..., :, None]
-        shape = np.broadcast_shapes(states.shape[:-1], np.shape(theta)[:-1])
-        kind = np.result_type(states, theta)
-        result = np.empty((*shape, self.num_wires), kind)
+        if angles is None:
+            return self._torques(states, np.zeros(1))
+        return self._torques(states[..., None, :], angles[..., :, None])
+
+    def _torques(self, states: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        """Torques (..., W) at states (..., N) and an angle (..., 1)."""
+        shape = np.broadcast_shapes(states.shape[:-1], angle.shape[:-1])
+        result = np.empty((*shape, self.num_wires), np.result_type(states, angle))
         for group in self._groups:
             x = [states[..., column] for column in group.states]
-            result[..., group.wires] = group.law.torque(x, self._ambient, theta)
+            result[..., group.wires] = group.law.torque(x, self._ambient, angle)
         return result
 
     def forces(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Generalized force f (..., n) on the joints at the angles (..., n), N·m; eqn (4).
 
-        That of `Rubber` is part of it.
+        The force of `NonlinearRubber` is part of it.
         """
         if self._laws_need_angle:
             force = (self.torques(states, angles) * self.directions).sum(axis=-1)
@@ -239,28 +216,12 @@ class Wires:
         return self._heat_jacobian(heat, duty)
 
     def _heat_jacobian(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        num_heat = self.num_states + self.num_wires
-        shifts = slice(self._first_shift, self.num_states)
-        kind = np.result_type(heat, duty)
-        result = np.zeros((*heat.shape[:-1], num_heat, num_heat + self.num_wires), kind)
-        for group in self._groups:
-            slots = group.slots(self.num_states, self.num_wires)
-            point = np.concatenate([heat, duty], axis=-1)
-            scales = np.array([*group.law.states.values(), TEMPERATURE_SCALE, 1.0])
-            arguments = [point[..., slot] for slot in slots]
-            outputs = functools.partial(self._group_rates, group)
-            partials = gradients(outputs, arguments, scales)
-            for row, by in zip(slots[:-1], partials, strict=False):
-                for column, values in zip(slots, by, strict=True):
-                    result[..., _indices(row), _indices(column)] = values
-            if self._rubber.remembers:
-                by_shift, by_progress = self._rubber.rate_derivatives(
-                    heat[..., shifts], outputs(arguments)[-1], group.wires
-                )
-                result[..., shifts, shifts] += by_shift
-                for column, values in zip(slots, partials[-1], strict=True):
-                    result[..., shifts, _indices(column)] = by_progress * values[..., None, :]
-        return result
+        return self.heat_derivatives.first(self._heat_rates_at, np.concatenate([heat, duty], -1))
+
+    def _heat_rates_at(self, points: np.ndarray) -> np.ndarray:
+        """`heat_rates` at points [x, V, D]."""
+        heat, duty = np.split(points, [self.num_states + self.num_wires], axis=-1)
+        return self.heat_rates(heat, duty)
 
     def force_derivatives(
         self, states: np.ndarray, angles: np.ndarray
@@ -279,31 +240,29 @@ class Wires:
     def _force_derivatives(
         self, states: np.ndarray, angles: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        theta = angles[..., :, None] if self._laws_need_angle else np.zeros(1)
-        points = states[..., None, :]
-        kind = np.result_type(states, theta)
-        shape = np.broadcast_shapes(points.shape[:-1], theta.shape[:-1])[:-1]
-        num_joints = len(self.directions)
-        by_states = np.zeros((*shape, num_joints, self.num_states), kind)
-        by_angle = np.zeros((*shape, num_joints), kind) if self.torque_needs_angle else None
-        for group in self._groups:
-            scales = np.array([*group.law.states.values(), 1.0])
-
-            def outputs(arguments: list, law: WireLaw = group.law) -> list:
-                *x, angle = arguments
-                return [law.torque(x, self._ambient, angle)]
-
-            arguments = [points[..., column] for column in group.states]
-            (partials,) = gradients(outputs, [*arguments, theta], scales)
-            directions = self.directions[:, group.wires]
-            for column, by in zip(group.states, partials[:-1], strict=True):
-                by_states[..., column] += directions * by
-            if self._laws_need_angle:
-                by_angle += (directions * partials[-1]).sum(axis=-1)
+        by_torque = self._torque_derivatives.first(
+            self._torques_at, self._torque_points(states, angles)
+        )
+        by_angle = None
+        if self._laws_need_angle:
+            slopes = np.einsum("nw,...nwk->...nk", self.directions, by_torque)
+            by_states, by_angle = slopes[..., :-1], slopes[..., -1]
+        else:
+            by_states = self.directions @ by_torque[..., :-1]
         by_states[..., self._first_shift :] = self._rubber.force_by_shift
         if self._rubber.stiffens:
-            by_angle = by_angle + self._rubber.force_by_angle(angles)
+            by_angle = self._rubber.force_by_angle(angles) + (0.0 if by_angle is None else by_angle)
         return by_states, by_angle
+
+    def _torque_points(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """Points [x, θ] (..., N + 1), for each joint (..., n, N + 1) if laws need its angle."""
+        if not self._laws_need_angle:
+            return np.append(states, np.zeros((*states.shape[:-1], 1)), axis=-1)
+        states = np.broadcast_to(states[..., None, :], (*angles.shape, self.num_states))
+        return np.concatenate([states, angles[..., None]], axis=-1)
+
+    def _torques_at(self, points: np.ndarray) -> np.ndarray:
+        return self._torques(points[..., :-1], points[..., -1:])
 
     def heat_hessian(self, heat: np.ndarray, duty: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Second derivatives of weights · `heat_rates` by [x, V, D], (..., N + 2W, N + 2W).
@@ -312,36 +271,8 @@ class Wires:
             heat, duty: as for `heat_rates`.
             weights: (..., N + W).
         """
-        point = np.concatenate([heat, duty], axis=-1)
-        result = np.zeros((*point.shape, point.shape[-1]))
-        shifts = slice(self._first_shift, self.num_states)
-        for group in self._groups:
-            slots = group.slots(self.num_states, self.num_wires)
-            arguments = [point[..., slot] for slot in slots]
-            scales = np.array([*group.law.states.values(), TEMPERATURE_SCALE, 1.0])
-            shares = [weights[..., slot] for slot in slots[:-1]]
-            if self._rubber.remembers:
-                share, share_by_shift = self._rubber.rate_shares(
-                    heat[..., shifts], weights[..., shifts], group.wires
-                )
-                shares.append(share)
-
-            def weighted(
-                arguments: list, group: _Alike = group, shares: list = shares
-            ) -> list[np.ndarray]:
-                rates = self._group_rates(group, arguments)
-                return [sum(share * rate for share, rate in zip(shares, rates, strict=True))]
-
-            (second,) = hessians(weighted, arguments, scales)
-            _add_blocks(result, slots, second)
-            if self._rubber.remembers:
-                outputs = functools.partial(self._group_rates, group)
-                partials = gradients(outputs, arguments, scales)
-                for column, values in zip(slots, partials[-1], strict=True):
-                    mixed = share_by_shift * values[..., None, :]
-                    result[..., shifts, _indices(column)] += mixed
-                    result[..., _indices(column), shifts] += mixed.swapaxes(-1, -2)
-        return result
+        points = np.concatenate([heat, duty], axis=-1)
+        return self.heat_derivatives.second(self._heat_rates_at, points, weights)
 
     def force_hessian(
         self, states: np.ndarray, angles: np.ndarray, weights: np.ndarray
@@ -352,27 +283,14 @@ class Wires:
             states, angles: as for `forces`.
             weights: (..., n).
         """
-        result = np.zeros((*states.shape, self.num_states))
-        theta: np.ndarray | float = 0.0
         if self._laws_need_angle:
-            points, theta = states[..., None, :], angles[..., :, None]
-            shares = weights[..., :, None] * self.directions
+            on_torques = weights[..., None] * self.directions
         else:
-            points, shares = states, weights @ self.directions
-        for group in self._groups:
-
-            def weighted(
-                x: list, law: WireLaw = group.law, share: np.ndarray = shares[..., group.wires]
-            ) -> list[np.ndarray]:
-                return [share * law.torque(x, self._ambient, theta)]
-
-            arguments = [points[..., column] for column in group.states]
-            scales = np.array(list(group.law.states.values()))
-            (second,) = hessians(weighted, arguments, scales)
-            if self._laws_need_angle:
-                second = second.sum(axis=-2)
-            _add_blocks(result, group.states, second)
-        return result
+            on_torques = weights @ self.directions
+        points = self._torque_points(states, angles)
+        result = self._torque_derivatives.second(self._torques_at, points, on_torques)
+        result = result[..., :-1, :-1]
+        return result.sum(axis=-3) if self._laws_need_angle else result
 
     def affine_rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.
@@ -437,38 +355,21 @@ class Wires:
         states[N:] = self._rubber.settled(self.torques(states) - self.torques(self.cold_states))
         return states
 
-    def _form(self) -> "_Form":
-        """Finds out which formulas are affine, and what depends on what."""
+    def _form(self) -> tuple[Derivatives, Derivatives]:
+        """The pattern of `heat_rates` in [x, V, D], and that of `torques` in [x, θ]."""
         num_heat = self.num_states + self.num_wires
-        heat, duty = _variables("y", num_heat), _variables("D", self.num_wires)
-        angle = _variables("theta", 1)  # of any joint
+        point = _variables("y", num_heat + self.num_wires)
+        angle = _variables("theta", 1)
         with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
-            rates = _expressions(self.heat_rates(heat, duty))
-            torques = _expressions(self.torques(heat[: self.num_states], angle))
-        depends = [_names(rate) for rate in rates]
-        needs_angle = any("theta0" in _names(torque) for torque in torques)
-        return _Form(
-            rates_are_affine=_is_affine(rates, np.concatenate([heat, duty])),
-            torque_is_affine=not needs_angle and _is_affine(torques, heat[: self.num_states]),
-            torque_needs_angle=needs_angle,
-            heat_pattern=np.array(
-                [[str(v) in needed for v in (*heat, *duty)] for needed in depends]
+            rates = self._heat_rates_at(point)
+            torques = self._torques(point[: self.num_states], angle)
+        states = point[: self.num_states]
+        return (
+            _derivatives(rates, point, np.append(self.heat_scales, np.ones(self.num_wires))),
+            _derivatives(
+                torques, np.append(states, angle), np.append(self.heat_scales[: len(states)], 1.0)
             ),
-            heat_curvature=_curvature(rates, np.concatenate([heat, duty])),
-            torque_curvature=_curvature(torques, heat[: self.num_states]),
         )
-
-
-@dataclasses.dataclass(frozen=True)
-class _Form:
-    """Which of a limb's laws are linear, and what depends on what; see `Wires`."""
-
-    rates_are_affine: bool
-    torque_is_affine: bool
-    torque_needs_angle: bool
-    heat_pattern: np.ndarray
-    heat_curvature: np.ndarray
-    torque_curvature: np.ndarray
 
 
 def num_wire_states(parameters: LimbParameters) -> int:
@@ -479,7 +380,7 @@ def num_wire_states(parameters: LimbParameters) -> int:
 
 _TIME_STEP = 1e-3  # s, of differences along the states' rates
 _LONGEST_STEP = 0.5  # s, of integrations; warm wires may have states that are faster than cold ones
-_FORMS: dict[tuple, "_Form"] = {}
+_FORMS: dict[tuple, tuple[Derivatives, Derivatives]] = {}
 _MOST_FORMS = 64
 
 
@@ -488,18 +389,6 @@ def _as_slice(indices: list[int]) -> slice | np.ndarray:
     first = indices[0]
     in_a_row = indices == list(range(first, first + len(indices)))
     return slice(first, first + len(indices)) if in_a_row else np.array(indices)
-
-
-def _shifted(indices: slice | np.ndarray, by: int) -> slice | np.ndarray:
-    if isinstance(indices, slice):
-        return slice(indices.start + by, indices.stop + by)
-    return indices + by
-
-
-def _indices(indices: slice | np.ndarray) -> np.ndarray:
-    if isinstance(indices, slice):
-        return np.arange(indices.start, indices.stop)
-    return indices
 
 
 def _stacked(laws: list[WireLaw]) -> WireLaw:
@@ -514,36 +403,16 @@ def _variables(name: str, size: int) -> np.ndarray:
     return np.array([Expression(Variable(f"{name}{index}")) for index in range(size)])
 
 
-def _expressions(values: np.ndarray) -> list[Expression]:
-    """All of an array, some of which may be plain numbers yet."""
-    return [value if isinstance(value, Expression) else Expression(value) for value in values.flat]
-
-
-def _names(expression: Expression) -> set[str]:
-    return {variable.get_name() for variable in expression.GetVariables()}
-
-
-def _add_blocks(result: np.ndarray, slots: list, blocks: np.ndarray) -> None:
-    """Adds second derivatives (P, P, ...) by a law's variables to those by all (..., V, V)."""
-    for row, by in zip(slots, blocks, strict=True):
-        for column, values in zip(slots, by, strict=True):
-            result[..., _indices(row), _indices(column)] += values
-
-
-def _curvature(expressions: list[Expression], variables: np.ndarray) -> np.ndarray:
-    """Which pairs of V variables are together in an expression that is not affine (V, V)."""
-    pairs = np.zeros((len(variables), len(variables)), bool)
-    for expression in expressions:
-        if not _is_affine([expression], variables):
-            depends = [str(variable) in _names(expression) for variable in variables]
-            pairs |= np.outer(depends, depends)
-    return pairs
-
-
-def _is_affine(expressions: list[Expression], variables: np.ndarray) -> bool:
+def _derivatives(values: np.ndarray, variables: np.ndarray, scales: np.ndarray) -> Derivatives:
+    """What Q expressions depend on, and which pairs of variables have second derivatives."""
     symbols = [next(iter(variable.GetVariables())) for variable in variables]
-    try:
-        DecomposeAffineExpressions(expressions, symbols)
-    except RuntimeError:
-        return False
-    return True
+    pattern = np.zeros((len(values), len(variables)), bool)
+    curvature = np.zeros((len(variables), len(variables)), bool)
+    for value, depends in zip(values, pattern, strict=True):
+        expression = Expression(0.0) + value  # some are plain numbers yet
+        for index in np.flatnonzero([symbol in expression.GetVariables() for symbol in symbols]):
+            depends[index] = True
+            slope = expression.Differentiate(symbols[index])
+            slope = slope.Expand() if slope.is_polynomial() else slope
+            curvature[index] |= [symbol in slope.GetVariables() for symbol in symbols]
+    return Derivatives(pattern, curvature, scales)

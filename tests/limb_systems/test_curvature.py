@@ -1,4 +1,4 @@
-"""Second derivatives of wires and rubber against complex steps of their first derivatives."""
+"""Derivatives of wires and rubber against difference quotients."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from limb_systems import (
     Wires,
 )
 
-STEP = 1e-30
+STEP = 1e-6  # of typical changes
 
 
 class WeakeningLaw(ThresholdLaw):
@@ -64,22 +64,35 @@ def point(request):
     )
 
 
+def quotient(function, points, scales):
+    """Scaled central differences of a function of points (K, P), (K, P, ...)."""
+    return np.moveaxis(
+        [
+            (function(points + d) - function(points - d)) / (2 * STEP)
+            for d in np.diag(STEP * scales)
+        ],
+        0,
+        1,
+    )
+
+
 def test_of_the_rates_of_heat_and_of_the_rest_angle(point):
     wires, heat, duty, _ = point
     weights = np.random.default_rng(1).normal(size=heat.shape) / wires.heat_scales
     sizes = np.append(wires.heat_scales, np.ones(wires.num_wires))
-    expected = np.empty((4, len(sizes), len(sizes)))
-    for index in range(len(sizes)):
-        moved = np.hstack([heat, duty]).astype(complex)
-        moved[:, index] += 1j * STEP
-        slopes = wires.heat_jacobian(moved[:, : heat.shape[1]], moved[:, heat.shape[1] :])
-        change = slopes.imag / STEP
-        expected[:, index] = np.einsum("ki,kij->kj", weights, change)
-    found = wires.heat_hessian(heat, duty, weights)
-    expected, found = (sizes[:, None] * values * sizes for values in (expected, found))
-    size = np.abs(expected).max()
-    np.testing.assert_allclose(found, expected, atol=1e-9 * size)
-    assert not found[:, ~wires.heat_curvature].any()
+    points, M = np.hstack([heat, duty]), heat.shape[1]
+
+    slopes = wires.heat_jacobian(heat, duty) * sizes
+    expected = quotient(lambda p: wires.heat_rates(p[:, :M], p[:, M:]), points, sizes)
+    np.testing.assert_allclose(slopes, expected.swapaxes(1, 2), atol=1e-8 * np.abs(slopes).max())
+
+    def weighted(p):
+        return np.einsum("ki,kij->kj", weights, wires.heat_jacobian(p[:, :M], p[:, M:])) * sizes
+
+    expected = quotient(weighted, points, sizes)
+    found = sizes[:, None] * wires.heat_hessian(heat, duty, weights) * sizes
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+    assert not found[:, ~wires.heat_derivatives.curvature].any()
     is_shift = sizes == 0.03
     assert np.abs(expected[:, is_shift]).max() > 1e-3
 
@@ -89,14 +102,19 @@ def test_of_the_forces(point):
     states = heat[:, : wires.num_states]
     weights = np.random.default_rng(1).normal(size=angles.shape)
     sizes = wires.heat_scales[: wires.num_states]
-    expected = np.empty((4, len(sizes), len(sizes)))
-    for index in range(len(sizes)):
-        moved = states.astype(complex)
-        moved[:, index] += 1j * STEP
-        change = wires.force_derivatives(moved, angles)[0].imag / STEP
-        expected[:, index] = np.einsum("ki,kij->kj", weights, change)
-    found = wires.force_hessian(states, angles, weights)
-    np.testing.assert_allclose(
-        sizes[:, None] * found * sizes, sizes[:, None] * expected * sizes, rtol=1e-9, atol=1e-12
-    )
+    by_states, by_angle = wires.force_derivatives(states, angles)
+    expected = quotient(lambda x: wires.forces(x, angles), states, sizes).swapaxes(1, 2)
+    np.testing.assert_allclose(by_states * sizes, expected, atol=1e-8 * np.abs(expected).max())
+    if by_angle is not None:
+        expected = quotient(lambda q: wires.forces(states, q), angles, np.ones(angles.shape[1]))
+        expected = np.einsum("kii->ki", expected)  # each force by its own joint's angle
+        np.testing.assert_allclose(by_angle, expected, atol=1e-8 * np.abs(expected).max() + 1e-12)
+
+    def weighted(x):
+        slopes = np.broadcast_to(wires.force_derivatives(x, angles)[0], (*angles.shape, len(sizes)))
+        return np.einsum("ki,kij->kj", weights, slopes) * sizes
+
+    expected = quotient(weighted, states, sizes)
+    found = sizes[:, None] * wires.force_hessian(states, angles, weights) * sizes
+    np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max() + 1e-12)
     assert not found[:, ~wires.torque_curvature].any()

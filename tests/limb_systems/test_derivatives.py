@@ -1,53 +1,37 @@
-"""Derivatives of elementwise functions against closed forms."""
+"""Derivatives of a function of known pattern against closed forms."""
 
 import numpy as np
-import pytest
 
-from limb_systems.model.derivatives import gradients, hessians
+from limb_systems.model.derivatives import Derivatives
 
-SCALES = np.array([50.0, 1.0])
-
-
-def logistic_times_cube(arguments):
-    """s(T) D³ with a logistic s of width 5, and T D."""
-    T, D = arguments
-    return [D**3 / (1.0 + np.exp(-(T - 70.0) / 5.0)), T * D]
+SCALES = np.array([50.0, 1.0, 50.0, 1.0])
+PATTERN = np.array([[1, 1, 0, 0], [0, 0, 1, 1], [0, 1, 0, 0]], bool)
+CURVATURE = np.kron(np.eye(2), np.ones((2, 2))).astype(bool)
 
 
-@pytest.fixture
-def point():
+def function(points):
+    """s(T) D³ of each of two wires with a logistic s of width 5, and 2 D of the first."""
+    T, D = points[..., ::2], points[..., 1::2]
+    curved = D**3 / (1.0 + np.exp(-(T - 70.0) / 5.0))
+    return np.concatenate([curved, 2.0 * D[..., :1]], axis=-1)
+
+
+def test_first_derivatives_are_exact_and_second_ones_nearly():
     generator = np.random.default_rng(0)
-    return [generator.uniform(40.0, 100.0, (4, 3)), generator.uniform(0.1, 1.0, (4, 1))]
-
-
-def closed_forms(T, D):
-    s = 1.0 / (1.0 + np.exp(-(T - 70.0) / 5.0))
-    s1 = s * (1 - s) / 5.0
-    s2 = s1 * (1 - 2 * s) / 5.0
-    first = [[s1 * D**3, 3 * s * D**2], [D + 0 * T, T]]
-    second = [[[s2 * D**3, 3 * s1 * D**2], [3 * s1 * D**2, 6 * s * D]], [[0 * T, 0 * T + 1]] * 2]
-    second[1] = [[0 * T, 0 * T + 1], [0 * T + 1, 0 * T]]
-    return np.array(first), np.array(second)
-
-
-def test_gradients_are_exact(point):
-    expected, _ = closed_forms(*point)
-    found = gradients(logistic_times_cube, point, SCALES)
-    np.testing.assert_allclose(found, expected, rtol=1e-13)
-
-
-def test_hessians_are_nearly_exact(point):
-    _, expected = closed_forms(*point)
-    found = hessians(logistic_times_cube, point, SCALES)
-    units = SCALES[:, None] * SCALES
-    error = (found - expected) * units[None, :, :, None, None]
-    assert np.abs(error).max() < 1e-9 * 50.0
-
-
-def test_infinitesimal_imaginary_parts_are_carried(point):
-    """As in a complex step through a derivative: f'(x + i ε v) = f'(x) + i ε f''(x) v."""
-    _, second = closed_forms(*point)
-    T, D = point
-    found = gradients(logistic_times_cube, [T + 2e-30j, D + 3e-30j], SCALES)
-    expected = 2 * second[:, :, 0] + 3 * second[:, :, 1]
-    np.testing.assert_allclose(found.imag / 1e-30, expected, atol=1e-9 * 50.0)
+    points = generator.uniform([40.0, 0.1] * 2, [100.0, 1.0] * 2, (5, 3, 4))
+    weights = generator.normal(size=(5, 3, 3))
+    first, second = np.zeros((5, 3, 3, 4)), np.zeros((5, 3, 4, 4))
+    first[..., 2, 1] = 2.0
+    for wire in range(2):
+        T, D = points[..., 2 * wire], points[..., 2 * wire + 1]
+        s = 1.0 / (1.0 + np.exp(-(T - 70.0) / 5.0))
+        s1 = s * (1 - s) / 5.0
+        s2 = s1 * (1 - 2 * s) / 5.0
+        own = slice(2 * wire, 2 * wire + 2)
+        first[..., wire, own] = np.stack([s1 * D**3, 3 * s * D**2], axis=-1)
+        block = np.array([[s2 * D**3, 3 * s1 * D**2], [3 * s1 * D**2, 6 * s * D]])
+        second[..., own, own] = np.moveaxis(weights[..., wire] * block, (0, 1), (-2, -1))
+    derivatives = Derivatives(PATTERN, CURVATURE, SCALES)
+    np.testing.assert_allclose(derivatives.first(function, points), first, rtol=1e-13)
+    error = derivatives.second(function, points, weights) - second
+    assert np.abs(SCALES[:, None] * error * SCALES).max() < 1e-9 * 50.0

@@ -23,7 +23,7 @@ from limb_systems import (
 from limb_systems.model.open_loop import OpenLoop
 from limb_systems.model.two_mass_laws import BACKLASH
 from limb_systems.simulation import make_simulator
-from planners.quasi_static import under_duty
+from planners.transcription.quasi_static import under_duty
 
 LAWS = [TwoMassLaw, ThresholdLaw, SaturatingLaw, HystereticLaw]
 ROOM = 25.0

@@ -150,7 +150,7 @@ def test_ctrl_c_amid_the_import_of_the_wheel_is_not_its_absence():
         "        if name == 'ipyopt':\n"
         "            raise ImportError('initialization failed')\n"
         "sys.meta_path.insert(0, Finder())\n"
-        "import planners.ipopt"
+        "import planners.transcription.ipopt"
     )
     done = subprocess.run(
         [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False

@@ -26,15 +26,14 @@ from planners import (
     PlanningError,
     Task,
     check,
-    ipopt,
     plan,
     planning,
     references,
-    solving,
 )
 from planners.distance import far_from_reference
-from planners.program import TrajectoryProgram
-from planners.quasi_static import solve_quasi_static
+from planners.transcription import ipopt, solving
+from planners.transcription.program import TrajectoryProgram
+from planners.transcription.quasi_static import solve_quasi_static
 from soft_limb.reports.plan import plan_verdict
 
 
@@ -173,15 +172,6 @@ def test_snopt_finds_the_same_optimum_of_the_same_program():
     result = SnoptSolver().Solve(program.prog, guess, None)
     assert result.is_success()
     assert result.get_optimal_cost() == pytest.approx(trajectory.check.cost, rel=1e-5)
-
-
-def test_drakes_constraints_take_over_where_the_closed_form_disagrees(monkeypatch):
-    parameters = cold_parameters(segments=[SegmentParameters(links=1)])
-    usual = plan(parameters, short_reference(), tolerance_deg=1.0)
-    monkeypatch.setattr(TrajectoryProgram, "_largest_disagreement", lambda *_: 1.0)
-    with pytest.warns(UserWarning, match="closed form"):
-        fallback = plan(parameters, short_reference(), tolerance_deg=1.0)
-    assert fallback.check.cost == pytest.approx(usual.check.cost, rel=1e-5)
 
 
 @pytest.mark.parametrize("links", [2, 8])

@@ -4,17 +4,15 @@ Two laws: torque quadratic in temperature, and one with all that a law may have,
 a second thermal mass, a threshold, and torque that depends on the joint's angle.
 """
 
-import dataclasses
-
 import numpy as np
 import pytest
-from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
-from pydrake.planning import DirectCollocationConstraint
+from pydrake.autodiffutils import AutoDiffXd, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import SnoptSolver
 from pydrake.symbolic import Expression, Variable
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from wire_laws import LIMBS, QuadraticLaw, SiliconeLaw, limb_with, mixed_limb, random_state
 
 from limb_systems import (
     HystereticLaw,
@@ -24,11 +22,9 @@ from limb_systems import (
     LinearLaw,
     RestMemory,
     SaturatingLaw,
-    SegmentParameters,
     ThresholdLaw,
     Trajectory,
     TwoMassLaw,
-    WireLaw,
     WireParameters,
     Wires,
     make_manipulator,
@@ -36,111 +32,10 @@ from limb_systems import (
     split_state,
 )
 from limb_systems.model.statics import static_equilibrium
-from limb_systems.schema import quantity
 from limb_systems.simulation import make_simulator
 from planners import InfeasibleError, plan, references
-from planners.chain import PlanarChain
 from planners.check import simulated_differences
-from planners.defects import LimbDefects
-
-
-@dataclasses.dataclass
-class QuadraticLaw(LinearLaw):
-    beta_2: float = quantity(6.0e-6, "N·m/°C²", 0.0, 1.0)
-
-    def torque(self, x, T0, theta):
-        return self.beta * (x[0] - T0) + self.beta_2 * (x[0] - T0) ** 2
-
-
-@dataclasses.dataclass
-class SiliconeLaw(WireLaw):
-    """Heat goes to silicone, S, and torque sets in at a threshold and fades with the angle."""
-
-    states = {"T": 50.0, "S": 50.0}  # noqa: RUF012
-    to_silicone: float = quantity(0.25, "1/s", 0.0, 10.0)
-    from_wire: float = quantity(0.06, "1/s", 0.0, 10.0)
-    to_room: float = quantity(0.05, "1/s", 0.0, 10.0)
-    heating: float = quantity(45.0, "°C/s", 0.0, 1000.0)
-    lag: float = quantity(-0.4, "1/s", -10.0, 0.0)
-    slope: float = quantity(6.0e-4, "N·m/°C", 0.0, 1.0)
-    softness: float = quantity(0.3, "1/rad", 0.0, 10.0)
-
-    def rates(self, x, D, T0):
-        T, S = x
-        flow = T - S
-        return [
-            self.heating * D - self.to_silicone * flow,
-            self.from_wire * flow - self.to_room * (S - T0),
-        ]
-
-    def torque(self, x, T0, theta):
-        above = 8.0 * np.log(1.0 + np.exp((x[0] - 45.0) / 8.0))
-        return self.slope * above * (1.0 - self.softness * theta)
-
-    def reading_rate(self, V, x):
-        return self.lag * (V - x[0])
-
-
-@dataclasses.dataclass
-class RadiatingLaw(LinearLaw):
-    """Heat that is not linear: it radiates."""
-
-    radiation: float = quantity(3.0e-4, "1/(s °C)", 0.0, 1.0)
-
-    def rates(self, x, D, T0):
-        above = x[0] - T0
-        return [self.a1 * above - self.radiation * above**2 + self.a2 * D]
-
-
-def limb_with(*laws: WireLaw) -> LimbParameters:
-    limb = LimbParameters()
-    for wire, law in zip(limb.wires, laws, strict=True):
-        wire.law = law
-    return limb
-
-
-def mixed_limb() -> LimbParameters:
-    """Laws of one and of two states side by side, three wires, one of them off both axes."""
-    wires = [
-        WireParameters("low", -0.003, law=SiliconeLaw()),
-        WireParameters("high", 0.003, law=QuadraticLaw()),
-        WireParameters("slanting", 0.003, 0.004, law=SiliconeLaw(slope=4.0e-4)),
-    ]
-    return LimbParameters(
-        segments=[SegmentParameters(links=3, wires=wires), SegmentParameters(links=2)]
-    )
-
-
-def remembering_limb() -> LimbParameters:
-    """Rubber that rests bent, stiffens and remembers, with laws of two and of three states."""
-    wires = [
-        WireParameters("left", -0.003, law=HystereticLaw()),
-        WireParameters("right", 0.003, 0.002, law=ThresholdLaw()),
-    ]
-    first = SegmentParameters(
-        links=3, wires=wires, rest_angle=0.1, stiffening=0.4, rest_memory=RestMemory()
-    )
-    second = SegmentParameters(links=2, rest_memory=RestMemory(0.05, 1.0))
-    return LimbParameters(segments=[first, second])
-
-
-def soft_limb() -> LimbParameters:
-    """Its cold wires hardly pull, and so its memory hardly follows them at first."""
-    limb = limb_with(ThresholdLaw(), ThresholdLaw())
-    rubber = {"rest_angle": 0.05, "stiffening": 0.3, "rest_memory": RestMemory()}
-    limb.segments[0] = dataclasses.replace(limb.segments[0], **rubber)
-    return limb
-
-
-LIMBS = {
-    "quadratic": lambda: limb_with(QuadraticLaw(), QuadraticLaw(beta_2=2e-6)),
-    "silicone": lambda: limb_with(SiliconeLaw(), SiliconeLaw(slope=5e-4)),
-    "radiating": lambda: limb_with(RadiatingLaw(), LinearLaw()),
-    "mixed": mixed_limb,
-    "remembering": remembering_limb,
-    "soft": soft_limb,
-}
-
+from planners.transcription.mechanics import PlanarChain
 
 TWO_MASS_LAWS = {
     "threshold": ThresholdLaw,
@@ -152,23 +47,6 @@ TWO_MASS_LAWS = {
 @pytest.fixture(params=LIMBS)
 def limb(request) -> LimbParameters:
     return LIMBS[request.param]()
-
-
-def random_state(limb: LimbParameters, generator, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Warm states (size, 2n + N + W) and duty (size, W)."""
-    n, wires = limb.num_joints, Wires(limb)
-    is_temperature = wires.heat_scales == 50.0
-    low, high = np.where(is_temperature, [[30.0], [100.0]], [[0.0], [1.0]] * wires.heat_scales)
-    return (
-        np.hstack(
-            [
-                generator.uniform(-1, 1, (size, n)),
-                generator.uniform(-5, 5, (size, n)),
-                generator.uniform(low, high, (size, len(low))),
-            ]
-        ),
-        generator.uniform(0, 1, (size, wires.num_wires)),
-    )
 
 
 def derivatives_of(system, state, duty):
@@ -226,119 +104,6 @@ def test_laws_take_all_of_drakes_scalars(limb):
         plain = law.rates(list(x), D, 25.0)
         assert all(isinstance(rate, type(kind(0.0))) for rate in rates)
         assert len(plain) == len(rates)
-
-
-def test_constraints_and_their_jacobian_agree_with_drakes_autodiff(limb):
-    """θ rows are exact at once; rows of θ̇ where those of θ vanish, as in `LimbDefects`."""
-    step = 5e-4
-    states, duty = random_state(limb, np.random.default_rng(1), 2)
-    system = Limb(limb)
-    port = system.GetInputPort("duty").get_index()
-    constraint = DirectCollocationConstraint(
-        system, system.CreateDefaultContext(), input_port_index=port
-    )
-    n, size = limb.num_joints, states.shape[1]
-
-    def variables():
-        return np.r_[step, states[0], states[1], duty[0], duty[1]]
-
-    for _ in range(60):  # closes the θ rows
-        states[1, :n] -= constraint.Eval(variables())[:n] * step / 1.5
-    chain = PlanarChain(make_manipulator(limb))
-    weight = np.linalg.inv(chain.straight_mass_matrix) @ np.diag(chain.stiffness)
-    scales = Wires(limb).heat_scales[:, None]
-
-    def unscaled(rows):
-        rows = rows.reshape(size, -1)
-        return np.vstack(
-            [step / 8 * weight @ rows[:n], weight @ rows[n : 2 * n], rows[2 * n :] * scales / step]
-        )
-
-    defects = LimbDefects(system, 2, step)
-    ours = unscaled(defects.evaluate(states, duty, np.array([step]))[0])[:, 0]
-    np.testing.assert_allclose(ours, constraint.Eval(variables()), rtol=1e-7, atol=1e-5)
-
-    theirs = ExtractGradient(constraint.Eval(InitializeAutoDiff(variables())[:, 0]))
-    jacobian = np.zeros((size, 2 * size + 2 * duty.shape[1] + 1))
-    jacobian[defects.rows, defects.columns] = defects.jacobian(states, duty, np.array([step]))[0]
-    jacobian = unscaled(jacobian)
-    theirs = np.hstack([theirs[:, 1:], theirs[:, :1]])  # h is last here
-    heat = slice(2 * n, size)
-    np.testing.assert_allclose(jacobian[heat], theirs[heat], rtol=1e-11, atol=1e-11)
-    # Rows of θ̇ differ by multiples of those of θ.
-    difference = (jacobian - theirs)[n : 2 * n]
-    combination = np.linalg.lstsq(theirs[:n].T, difference.T, rcond=None)[0]
-    remainder = difference - combination.T @ theirs[:n]
-    assert np.abs(remainder).max() < 1e-8 * np.abs(theirs[n : 2 * n]).max()
-
-
-def test_the_hessian_is_the_difference_of_jacobians(limb):
-    generator, step = np.random.default_rng(2), 0.1
-    states, duty = random_state(limb, generator, 3)
-    steps = np.full(2, step)
-    defects = LimbDefects(Limb(limb), 3, step)
-    multipliers = generator.normal(size=(2, states.shape[1]))
-    found = np.zeros((2, *[2 * states.shape[1] + 2 * duty.shape[1] + 1] * 2))
-    found[:, defects.hessian_rows, defects.hessian_columns] = defects.hessian(
-        states, duty, steps, multipliers
-    )
-    found = found + np.tril(found.swapaxes(1, 2), -1) + np.triu(found.swapaxes(1, 2), 1)
-
-    def gradient(states, duty):
-        """Of the first interval's part of the Lagrangian."""
-        values = multipliers[0, defects.rows] * defects.jacobian(states, duty, steps)[0]
-        return np.bincount(defects.columns, values, found.shape[1])
-
-    sizes = np.append(np.ones(2 * limb.num_joints), Wires(limb).heat_scales)
-    for variables, offset in ((states, 0), (duty, 2 * states.shape[1])):
-        for index in range(variables.shape[1]):
-            change = 1e-5 * (sizes[index] if variables is states else 1.0)
-            moved = [variables.copy(), variables.copy()]
-            moved[0][0, index] += change
-            moved[1][0, index] -= change
-            above, below = (
-                gradient(m, duty) if variables is states else gradient(states, m) for m in moved
-            )
-            expected = (above - below) / (2 * change)
-            scale = np.abs(expected).max() + 1e-3
-            np.testing.assert_allclose(
-                found[0, offset + index] / scale, expected / scale, atol=2e-6
-            )
-
-
-@pytest.mark.parametrize("name", [*LIMBS, *TWO_MASS_LAWS])
-def test_the_curvature_of_the_wires_is_that_of_the_constraints_by_heat_and_duty(name):
-    """The second derivatives of the wires' laws against differences of the Jacobian."""
-    limb = LIMBS[name]() if name in LIMBS else limb_with(*[TWO_MASS_LAWS[name]()] * 2)
-    generator, step, n = np.random.default_rng(3), 0.1, limb.num_joints
-    states, duty = random_state(limb, generator, 2)
-    transformed = [s.startswith("xi") for s in Wires(limb).state_names]
-    states[:, 2 * n :][:, np.flatnonzero(transformed)] /= 100.0
-    defects = LimbDefects(Limb(limb), 2, step)
-    multipliers = generator.normal(size=(1, states.shape[1]))
-    point = np.r_[states.ravel(), duty.ravel(), step]
-
-    def gradient(point):
-        parts = np.split(point, [states.size, states.size + duty.size])
-        parts = parts[0].reshape(states.shape), parts[1].reshape(duty.shape), parts[2]
-        nonzeros = defects.jacobian(*parts)[0] * multipliers[0, defects.rows]
-        return np.bincount(defects.columns, weights=nonzeros, minlength=len(point))
-
-    heat = np.arange(2 * n, states.shape[1])
-    of_wires = np.r_[heat, states.shape[1] + heat, np.arange(states.size, len(point) - 1)]
-    scales = np.r_[np.tile(Wires(limb).heat_scales, 2), np.ones(duty.size)]
-    expected = np.empty((len(of_wires), len(of_wires)))
-    for row, (index, scale) in enumerate(zip(of_wires, scales, strict=True)):
-        change = 1e-6 * scale * np.eye(len(point))[index]
-        slope = (gradient(point + change) - gradient(point - change)) / (2e-6 * scale)
-        expected[row] = slope[of_wires] * scale * scales
-    found = np.zeros((len(point), len(point)))
-    found[defects.wire_hessian_rows, defects.wire_hessian_columns] = defects.wire_hessian(
-        states, duty, np.array([step]), multipliers
-    )[0]
-    found += np.tril(found, -1).T
-    found = found[np.ix_(of_wires, of_wires)] * scales[:, None] * scales
-    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize(

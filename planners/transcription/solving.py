@@ -9,8 +9,8 @@ from pydrake.solvers import IpoptSolver, SnoptSolver, SolverInterface, SolverOpt
 
 from limb_systems import LimbError
 from limb_systems.progress import Progress
-from planners.ipopt import ExactHessianIpoptSolver
-from planners.program import TrajectoryProgram
+from planners.transcription.ipopt import ExactHessianIpoptSolver
+from planners.transcription.program import TrajectoryProgram
 
 CURVATURE_ITERATIONS = 80  # most plans need 10 to 30
 # Hysteresis and references far out of reach may need hundreds, of which each is cheap. With a
@@ -128,7 +128,7 @@ def _attempts(program: TrajectoryProgram, guess, multipliers, solver, report: Ca
         yield "SNOPT", lambda: SnoptSolver().Solve(program.prog, guess, None)
         return
     limit = {"max_iter": GAUSS_NEWTON_ITERATIONS}
-    if program.task.stretch is None and program.wires_curve and program.defects is not None:
+    if program.task.stretch is None and program.wires_curve:
         of_wires = program.defects.with_curvature_of_wires()
         longer = {"max_iter": CURVATURE_ITERATIONS}
         monotone = {

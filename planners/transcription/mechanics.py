@@ -1,6 +1,8 @@
-"""The planar chain of eqn (2) in closed form, for many states at once.
+"""Joint accelerations and their derivatives, for many states at once.
 
-All constants are read from the `MultibodyPlant`, and a program compares the
+`Mechanics` is what the transcription asks of a limb; `PlanarChain` is that of
+eqn (2), in closed form. All of its constants are read from the `MultibodyPlant`,
+and a program compares the
 accelerations with those of its `Limb` before it uses them.
 
 In absolute link angles φ = L θ (L lower triangular, all ones) the kinetic
@@ -17,9 +19,37 @@ equations of motion are
 with the generalized force Q of springs, damping, gravity and wires.
 """
 
+from typing import Protocol
+
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ForceElementIndex, RevoluteJoint, RevoluteSpring
+
+
+class Mechanics(Protocol):
+    """Accelerations θ̈ of n joints under generalized forces, and their derivatives, at K states.
+
+    - ``num_joints``: n.
+    - ``stiffness``: springs of the joints (n,), N·m/rad.
+    - ``straight_mass_matrix``: M(0) (n, n), kg·m²; with the stiffness it scales the accelerations.
+    """
+
+    num_joints: int
+    stiffness: np.ndarray
+    straight_mass_matrix: np.ndarray
+
+    def accelerations(
+        self, angles: np.ndarray, rates: np.ndarray, forces: np.ndarray
+    ) -> np.ndarray:
+        """θ̈ (K, n) for θ, θ̇ and generalized forces f, each (K, n)."""
+
+    def derivatives(
+        self, angles: np.ndarray, rates: np.ndarray, forces: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """θ̈ (K, n) and its derivatives by θ, θ̇ and f, each (K, n, n)."""
+
+    def mobilities(self, angles: np.ndarray) -> np.ndarray:
+        """Derivatives of θ̈ by f, which only depend on θ (K, n): symmetric, (K, n, n)."""
 
 
 class PlanarChain:

@@ -23,8 +23,9 @@ from pydrake.solvers import (
 )
 
 from limb_systems import LimbParameters, Wires, joint_angles_from_bend_angle
-from planners.defects import linear_defect_terms
-from planners.program import (
+from planners.task import Task
+from planners.transcription.collocation import linear_defect
+from planners.transcription.program import (
     add_duty_cost,
     add_reading_limits,
     add_temperature_cost,
@@ -33,8 +34,7 @@ from planners.program import (
     reading_bounds,
     temperature_weights,
 )
-from planners.solving import PlanningError
-from planners.task import Task
+from planners.transcription.solving import PlanningError
 
 # Angles (K, n) at states (K, N) of the wires, and their derivatives (K, n, N).
 AngleMap = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -228,16 +228,15 @@ class _ConvexProgram:
         self._duty = duty = prog.NewContinuousVariables(num_knots, W, "D")
         A, B, c = _affine_heat(wires, size)
         # (6), with an input that is one
-        P, Q, R = linear_defect_terms(A, np.column_stack([B, c]))
-        one = 2 * size + np.array([W, 2 * W + 1])
+        B, one = np.column_stack([B, c]), np.array([size + W, 2 * (size + W) + 1])
         heating = {}
         for k, h in enumerate(np.diff(times)):
             if h not in heating:
-                defect = P / h + Q + R * h
+                defect = linear_defect(A, B, h)
                 heating[h] = LinearEqualityConstraint(
                     np.delete(defect, one, axis=1), -defect[:, one].sum(axis=1)
                 )
-            prog.AddConstraint(heating[h], np.r_[heat[k], heat[k + 1], duty[k], duty[k + 1]])
+            prog.AddConstraint(heating[h], np.r_[heat[k], duty[k], heat[k + 1], duty[k + 1]])
         none = np.zeros(wires.num_states)
         self._costs = [
             prog.AddQuadraticCost(np.diag(none + 1.0), none, x, is_convex=True)

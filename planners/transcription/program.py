@@ -1,8 +1,6 @@
 """The trajectory program, eqns (15)-(20), on Drake's DirectCollocation."""
 
-import copy
 import textwrap
-import warnings
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,9 +8,17 @@ from pydrake.planning import DirectCollocation
 from pydrake.solvers import Binding, MathematicalProgram
 from pydrake.systems.analysis import BatchEvalTimeDerivatives
 
-from limb_systems import Limb, LimbParameters, Wires, joint_angles_from_bend_angle, split_state
-from planners.defects import ANGLE_SCALE, LimbDefects
+from limb_systems import (
+    Limb,
+    LimbError,
+    LimbParameters,
+    Wires,
+    joint_angles_from_bend_angle,
+    split_state,
+)
 from planners.task import Task, TaskError
+from planners.transcription.collocation import ANGLE_SCALE, LimbDefects
+from planners.transcription.mechanics import Mechanics, PlanarChain
 
 REST_RATE = np.deg2rad(0.5)  # rad/s, largest bend rate at rest
 REACH_TOLERANCE = np.deg2rad(0.1)  # rad
@@ -33,8 +39,7 @@ class TrajectoryProgram:
       the decision variables, (N, 2n + M), (N, W) and (N - 1), for the heat
       (M) of W wires, their states and readings.
     - ``state_scales``: typical changes of the states (2n + M,).
-    - ``defects``: (17) in closed form, or None where it disagrees with the
-      limb's `MultibodyPlant`.
+    - ``defects``: (17) as `LimbDefects`.
     - ``added``: the constraints that the task's ``customize`` added.
 
     Args:
@@ -43,6 +48,10 @@ class TrajectoryProgram:
         task: weights and limits; `Task()` if None.
         measured_margin: how far readings V stay below ``measured_maximum``, °C,
             one number or one for each wire (W,).
+        mechanics: joint accelerations of the limb; those of its `PlanarChain` if None.
+
+    Raises:
+        LimbError: if the mechanics is not that of the limb's plant.
     """
 
     def __init__(
@@ -52,6 +61,7 @@ class TrajectoryProgram:
         task: Task | None = None,
         *,
         measured_margin: ArrayLike = 0.0,
+        mechanics: Mechanics | None = None,
     ):
         self.parameters, self.times, self.task = parameters, times, task or Task()
         self.limb, self._wires = Limb(parameters), Wires(parameters)
@@ -74,7 +84,9 @@ class TrajectoryProgram:
         )
         self._add_limits_of_motion()
         self._set_scaling()
-        self.defects = self._make_defects()
+        if mechanics is None:
+            mechanics = PlanarChain(self.limb.GetSubsystemByName("manipulator"))
+        self.defects = self._make_defects(mechanics)
         before = set(self.prog.GetAllConstraints())
         if self.task.customize:
             self.task.customize(self)
@@ -160,7 +172,7 @@ class TrajectoryProgram:
         return np.vstack(
             [
                 defects[:n] * h,
-                self._acceleration_to_angle @ defects[n : 2 * n],
+                self.defects.acceleration_to_angle @ defects[n : 2 * n],
                 defects[2 * n :] * h / self._wires.heat_scales[:, None],
             ]
         )
@@ -277,18 +289,22 @@ class TrajectoryProgram:
                 for variable in variables:
                     self.prog.SetVariableScaling(variable, scale)
 
-    def _make_defects(self) -> "DefectBlock | None":
-        time_step = float(np.median(np.diff(self.times)))
-        defects = LimbDefects(self.limb, len(self.times), time_step)
-        self._acceleration_to_angle = defects.acceleration_to_angle
-        if self._largest_disagreement(defects) < 1e-9:
-            return DefectBlock(self, defects)
-        warnings.warn(
-            "The limb's plant is not the planar chain of eqn (2) any more; planning with "
-            "Drake's own constraints, much slower than in closed form.",
-            stacklevel=3,
+    def _make_defects(self, mechanics: Mechanics) -> LimbDefects:
+        defects = LimbDefects(
+            mechanics,
+            self._wires,
+            self.states,
+            self.duty,
+            self.time_steps,
+            typical_time_step=float(np.median(np.diff(self.times))),
+            replaces=self.prog.generic_constraints(),  # those of `DirectCollocation`
         )
-        return None
+        if self._largest_disagreement(defects) > 1e-9:
+            raise LimbError(
+                f"{type(mechanics).__name__} gives other accelerations than the limb's plant; it "
+                "is not the mechanics of this limb."
+            )
+        return defects
 
     def _largest_disagreement(self, defects: LimbDefects) -> float:
         """Largest relative difference of the closed form's accelerations from the limb's."""
@@ -322,53 +338,6 @@ class TrajectoryProgram:
             np.asfortranarray(duty),
             self.limb.GetInputPort("duty").get_index(),
         )
-
-
-class DefectBlock:
-    """`LimbDefects` as a `planners.ipopt.ConstraintBlock` of a program's variables."""
-
-    def __init__(self, program: TrajectoryProgram, defects: LimbDefects):
-        self._program, self._defects, self._hessian = program, defects, defects.hessian
-        self.replaces = program.prog.generic_constraints()  # those of `DirectCollocation`
-        num_states = program.states.shape[1]
-        variables = self._variables = np.column_stack(
-            [
-                program.states[:-1],
-                program.states[1:],
-                program.duty[:-1],
-                program.duty[1:],
-                program.time_steps,
-            ]
-        )
-        first_rows = num_states * np.arange(defects.num_intervals)
-        self.rows = (first_rows[:, None] + defects.rows).ravel()
-        self.columns = variables[:, defects.columns].ravel()
-        self.hessian_rows = variables[:, defects.hessian_rows].ravel()
-        self.hessian_columns = variables[:, defects.hessian_columns].ravel()
-        self.lower = self.upper = np.zeros(defects.num_intervals * num_states)
-
-    def evaluate(self, x: np.ndarray) -> np.ndarray:
-        return self._defects.evaluate(*self._arguments(x)).ravel()
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        return self._defects.jacobian(*self._arguments(x)).ravel()
-
-    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        multipliers = multipliers.reshape(self._defects.num_intervals, -1)
-        return self._hessian(*self._arguments(x), multipliers).ravel()
-
-    def with_curvature_of_wires(self) -> "DefectBlock":
-        """The same constraints, whose ``hessian`` is that of the wires' laws alone."""
-        block = copy.copy(self)
-        rows, columns = self._defects.wire_hessian_rows, self._defects.wire_hessian_columns
-        block.hessian_rows = self._variables[:, rows].ravel()
-        block.hessian_columns = self._variables[:, columns].ravel()
-        block._hessian = self._defects.wire_hessian
-        return block
-
-    def _arguments(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        program = self._program
-        return x[program.states], x[program.duty], x[program.time_steps]
 
 
 def add_duty_cost(

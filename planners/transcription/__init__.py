@@ -1,0 +1,1 @@
+"""Planning as a nonlinear program: collocation, the quasi-static start, IPOPT."""

@@ -1,0 +1,315 @@
+"""Direct collocation of a whole limb trajectory at once, eqn (17).
+
+Drake's `DirectCollocationConstraint` says, for each interval of length h,
+that the cubic through the knots (x0, ẋ0), (x1, ẋ1) obeys the dynamics at its
+middle:
+
+    x_c = (x0 + x1)/2 + h/8 (ẋ0 - ẋ1),    u_c = (u0 + u1)/2
+    ẋ_c = 3/(2h) (x1 - x0) - (ẋ0 + ẋ1)/4 = f(x_c, u_c)
+
+`LimbDefects` evaluates the same equations for all intervals in numpy, with
+sparse derivatives, and differs in two ways that leave the solutions as they are:
+
+- The midpoint rate is θ̇_c = 3/(2h) (θ1 - θ0) - (θ̇0 + θ̇1)/4, which equals the
+  θ̇_c above wherever the θ rows hold. The midpoint state is then linear in the
+  knots, without accelerations in it that are large and stiff.
+- Rows are scaled to the size of the states: accelerations by K⁻¹ M(0), which
+  turns them into the static deflections they stand for.
+
+A point is p = [θ, θ̇, y, D], with the heat y = [x, V] of the wires, at a knot or
+in the middle of an interval. All that is curved is F(p) = [θ̈, ẏ], so that the
+derivatives of the defects follow from those of F at the knots and in the middle.
+"""
+
+import copy
+from collections.abc import Collection
+
+import numpy as np
+from pydrake.solvers import Binding
+
+from limb_systems import Wires
+from planners.transcription.mechanics import Mechanics
+
+ANGLE_SCALE = 0.1  # rad, a typical change, which is scaled to one
+RATE_SCALE = 1.0  # rad/s, as much
+
+_DIFFERENCE = 2e-6  # of central differences, in typical changes or of a time step
+
+
+class LimbDefects:
+    """Defects of a limb's trajectory at K knots as constraints of a program.
+
+    It is a `planners.transcription.ipopt.ConstraintBlock` of K - 1 times 2n + M rows, which are
+    in the order of a `Limb`'s states. An interval depends on the points at its knots
+    and on its length, [p0, p1, h].
+
+    - ``acceleration_to_angle``: K⁻¹ M(0) (n, n), s².
+
+    Args:
+        mechanics: joint accelerations of the limb.
+        wires: heat and forces of the limb.
+        states, duty, time_steps: indices of the knots' states (K, 2n + M) and
+            duty (K, W), and of the time steps (K - 1), among the program's variables.
+        typical_time_step: s, for the scaling of rows.
+        replaces: the program's constraints that this stands for.
+    """
+
+    def __init__(
+        self,
+        mechanics: Mechanics,
+        wires: Wires,
+        states: np.ndarray,
+        duty: np.ndarray,
+        time_steps: np.ndarray,
+        typical_time_step: float,
+        replaces: Collection[Binding] = (),
+    ):
+        self._mechanics, self._wires = mechanics, wires
+        self._points, self._time_steps = np.hstack([states, duty]), time_steps
+        self._typical_h, self.replaces = typical_time_step, replaces
+        self.acceleration_to_angle = mechanics.straight_mass_matrix / mechanics.stiffness[:, None]
+        n, M, h = mechanics.num_joints, len(wires.heat_scales), typical_time_step
+        self._scale = np.zeros((2 * n + M, 2 * n + M))
+        self._scale[:n, :n] = 8 / h * self.acceleration_to_angle
+        self._scale[n : 2 * n, n : 2 * n] = self.acceleration_to_angle
+        self._scale[2 * n :, 2 * n :] = np.diag(h / wires.heat_scales)
+        self._variables = np.column_stack([self._points[:-1], self._points[1:], time_steps])
+        self.lower = self.upper = np.zeros(len(time_steps) * (2 * n + M))
+        self._expanded: tuple | None = None
+
+        # What F depends on: accelerations on all but V and D.
+        P = self._points.shape[1]
+        pattern = np.zeros((n + M, P))
+        pattern[:n, : 2 * n + wires.num_states] = 1.0
+        pattern[n:, 2 * n :] = wires.heat_derivatives.pattern
+        heat = pattern[None, n:, 2 * n :]
+        self._to_middle = np.abs(_by_knots(np.eye(P)[None], n, heat, heat, 0.1)[0, :, :P])
+        nonzero = np.ones((2 * n + M, 2 * P + 1))
+        nonzero[:n, :-1] = np.tile(np.eye(n, P) + pattern[:n], 2)
+        nonzero[n:, :-1] = np.tile(np.eye(n + M, P, n) + pattern + pattern @ self._to_middle, 2)
+        self._nonzeros = nonzero.nonzero()
+        first_rows = (2 * n + M) * np.arange(len(time_steps))
+        self.rows = (first_rows[:, None] + self._nonzeros[0]).ravel()
+        self.columns = self._variables[:, self._nonzeros[1]].ravel()
+        self._lay_out_hessian(of_mechanics=True)
+
+    def _lay_out_hessian(self, of_mechanics: bool) -> None:
+        n, wires, P = self._mechanics.num_joints, self._wires, self._points.shape[1]
+        self._curved_joints = n if of_mechanics else 0
+        pattern = np.zeros((P, P))
+        pattern[2 * n :, 2 * n :] = wires.heat_derivatives.curvature
+        moving = 2 * n + wires.num_states
+        pattern[2 * n : moving, 2 * n : moving] += wires.torque_curvature
+        pattern[: 2 * self._curved_joints, :moving] = 1.0
+        pattern[:moving, : 2 * self._curved_joints] = 1.0
+        nonzero = np.full((2 * P + 1, 2 * P + 1), float(of_mechanics))
+        nonzero[:-1, :-1] = np.tile(self._to_middle.T @ pattern @ self._to_middle, (2, 2))
+        nonzero[:-1, :-1] += np.kron(np.eye(2), pattern)
+        self._hessian_nonzeros = np.tril(nonzero).nonzero()
+        rows, columns = self._hessian_nonzeros
+        self.hessian_rows = self._variables[:, rows].ravel()
+        self.hessian_columns = self._variables[:, columns].ravel()
+
+    def with_curvature_of_wires(self) -> "LimbDefects":
+        """The same constraints, whose ``hessian`` is that by heat and duty alone."""
+        block = copy.copy(self)
+        block._lay_out_hessian(of_mechanics=False)
+        return block
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        """Scaled defects, all zero for a feasible trajectory."""
+        points, h = x[self._points], x[self._time_steps][:, None]
+        n, values = self._mechanics.num_joints, self._values(points)
+        steps, sums = np.diff(points, axis=0), points[:-1] + points[1:]
+        rows = np.hstack(
+            [
+                1.5 / h * steps[:, :n] - 0.75 * sums[:, n : 2 * n],
+                1.5 / h * steps[:, n : n + values.shape[1]] - 0.25 * (values[:-1] + values[1:]),
+            ]
+        )
+        rows[:, :n] += h / 8 * np.diff(values[:, :n], axis=0)
+        rows[:, n:] -= self._values(self._middle(points, values, h))
+        return (rows @ self._scale.T).ravel()
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Nonzeros of the derivative of `evaluate`."""
+        rows, columns = self._nonzeros
+        jacobian = self._jacobian(x[self._points], x[self._time_steps])
+        return jacobian[:, rows, columns].ravel()
+
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """Nonzeros of the Hessian of multipliers · `evaluate`."""
+        points, time_steps = x[self._points], x[self._time_steps]
+        n, P, h = self._mechanics.num_joints, points.shape[1], time_steps[:, None]
+        multipliers = multipliers.reshape(len(h), -1)
+        on_angles, on_values = np.split(multipliers @ self._scale, [n], axis=1)
+        _, slopes, middle, mid_slopes = self._expand(points, time_steps)
+        by_heat = mid_slopes[:, :, 2 * n : n + mid_slopes.shape[1]]
+
+        # The weights of F at the knots: the rates of heat also move the heat in the middle.
+        on_middle = -np.einsum("ki,kij->kj", on_values, by_heat)
+        by_rates = h / 8 * np.hstack([-on_angles, on_middle])
+        weights = np.zeros((len(points), on_values.shape[1]))
+        weights[:-1] = by_rates - 0.25 * on_values
+        weights[1:] -= by_rates + 0.25 * on_values
+
+        joints = self._curved_joints
+        first = 2 * (n - joints)  # of the variables that are curved
+        at_knots = self._curvature(points, weights)[:, first:, first:]
+        curvature = self._curvature(middle, -on_values)[:, first:, first:]
+        heat = slopes[:, n:, 2 * n :]
+        for _ in range(2):
+            curvature = _by_knots(curvature, joints, heat[:-1], heat[1:], h[:, :, None])
+            curvature = curvature.swapaxes(1, 2)
+        hessian = np.zeros((len(h), 2 * P + 1, 2 * P + 1))
+        curved = np.r_[first:P, P + first : 2 * P]
+        hessian[:, curved[:, None], curved] = curvature
+        # A knot's own curvature is in the interval that it begins, the last one's in the last.
+        hessian[:, first:P, first:P] += at_knots[:-1]
+        hessian[-1, P + first : -1, P + first : -1] += at_knots[-1]
+        if joints:
+            moved = _DIFFERENCE * time_steps
+            above, below = (
+                np.einsum("ki,kij->kj", multipliers, self._jacobian(points, time_steps + side))
+                for side in (moved, -moved)
+            )
+            hessian[:, -1] = (above - below) / (2 * moved[:, None])
+        rows, columns = self._hessian_nonzeros
+        return hessian[:, rows, columns].ravel()
+
+    def accelerations(self, states: np.ndarray) -> np.ndarray:
+        """θ̈ (K, n) of states (K, 2n + M), rad/s²."""
+        n, N = self._mechanics.num_joints, self._wires.num_states
+        angles, rates, x = np.split(states[:, : 2 * n + N], [n, 2 * n], axis=1)
+        return self._mechanics.accelerations(angles, rates, self._wires.forces(x, angles))
+
+    def _values(self, points: np.ndarray) -> np.ndarray:
+        """F (K, n + M) at points (K, P)."""
+        n, W = self._mechanics.num_joints, self._wires.num_wires
+        heat_rates = self._wires.heat_rates(points[:, 2 * n : -W], points[:, -W:])
+        return np.hstack([self.accelerations(points), heat_rates])
+
+    def _acceleration_slopes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """θ̈ (K, n), and its derivatives by [θ, θ̇, x] (K, n, 2n + N)."""
+        n, N = self._mechanics.num_joints, self._wires.num_states
+        angles, rates, x = np.split(points[:, : 2 * n + N], [n, 2 * n], axis=1)
+        forces = self._wires.forces(x, angles)
+        force_by_state, force_by_angle = self._wires.force_derivatives(x, angles)
+        values, by_angle, by_rate, by_force = self._mechanics.derivatives(angles, rates, forces)
+        if force_by_angle is not None:
+            by_angle = by_angle + by_force * force_by_angle[:, None, :]
+        return values, np.concatenate([by_angle, by_rate, by_force @ force_by_state], axis=2)
+
+    def _slopes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """F (K, n + M), and its derivatives by the points (K, n + M, P)."""
+        n, W = self._mechanics.num_joints, self._wires.num_wires
+        heat, duty = points[:, 2 * n : -W], points[:, -W:]
+        accelerations, by_moving = self._acceleration_slopes(points)
+        values = np.hstack([accelerations, self._wires.heat_rates(heat, duty)])
+        slopes = np.zeros((*values.shape, points.shape[1]))
+        slopes[:, :n, : by_moving.shape[2]] = by_moving
+        slopes[:, n:, 2 * n :] = self._wires.heat_jacobian(heat, duty)
+        return values, slopes
+
+    def _curvature(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Second derivatives of weights · F by the points (K, P, P)."""
+        n, N, W = self._mechanics.num_joints, self._wires.num_states, self._wires.num_wires
+        angles, x = points[:, :n], points[:, 2 * n : 2 * n + N]
+        result = np.zeros((*points.shape, points.shape[1]))
+        on_forces = (self._mechanics.mobilities(angles) @ weights[:, :n, None])[:, :, 0]
+        moving = slice(2 * n, 2 * n + N)
+        result[:, moving, moving] = self._wires.force_hessian(x, angles, on_forces)
+        if not self._wires.rates_are_affine:
+            heat, duty = points[:, 2 * n : -W], points[:, -W:]
+            result[:, 2 * n :, 2 * n :] += self._wires.heat_hessian(heat, duty, weights[:, n:])
+        for index in range(2 * self._curved_joints):
+            step = np.zeros(points.shape[1])
+            step[index] = _DIFFERENCE * (ANGLE_SCALE if index < n else RATE_SCALE)
+            above, below = (
+                np.einsum("ki,kij->kj", weights[:, :n], self._acceleration_slopes(points + side)[1])
+                for side in (step, -step)
+            )
+            result[:, index, : moving.stop] = (above - below) / (2 * step[index])
+            result[:, : moving.stop, index] = result[:, index, : moving.stop]
+        return result
+
+    def _middle(self, points: np.ndarray, values: np.ndarray, h: np.ndarray) -> np.ndarray:
+        """Points (K - 1, P) in the middle of each interval, from those at the knots and F there."""
+        n = self._mechanics.num_joints
+        steps, middle = np.diff(points, axis=0), 0.5 * (points[:-1] + points[1:])
+        middle[:, n : 2 * n] = 1.5 / h * steps[:, :n] - 0.5 * middle[:, n : 2 * n]
+        middle[:, :n] -= h / 8 * steps[:, n : 2 * n]
+        middle[:, 2 * n : n + values.shape[1]] -= h / 8 * np.diff(values[:, n:], axis=0)
+        return middle
+
+    def _expand(self, points: np.ndarray, time_steps: np.ndarray) -> tuple[np.ndarray, ...]:
+        """F and its derivatives at the knots, the points in the middle, and its derivatives there.
+
+        IPOPT asks for Jacobian and Hessian at the same point, one after the other.
+        """
+        place = np.append(points.ravel(), time_steps)
+        if self._expanded is None or not np.array_equal(self._expanded[0], place):
+            values, slopes = self._slopes(points)
+            middle = self._middle(points, values, time_steps[:, None])
+            self._expanded = place, (values, slopes, middle, self._slopes(middle)[1])
+        return self._expanded[1]
+
+    def _jacobian(self, points: np.ndarray, time_steps: np.ndarray) -> np.ndarray:
+        """Scaled derivatives (K - 1, 2n + M, 2P + 1) of the defects by [p0, p1, h]."""
+        values, slopes, _, mid_slopes = self._expand(points, time_steps)
+        n, P, h = self._mechanics.num_joints, points.shape[1], time_steps[:, None, None]
+        size, joints = values.shape[1], np.arange(n)
+        before, after, heat = slopes[:-1], slopes[1:], slopes[:, n:, 2 * n :]
+        rows = np.zeros((len(h), n + size, 2 * P + 1))
+        rows[:, :n, :P], rows[:, :n, P:-1] = -h / 8 * before[:, :n], h / 8 * after[:, :n]
+        rows[:, n:, :P], rows[:, n:, P:-1] = -0.25 * before, -0.25 * after
+        rows[:, n:, :-1] -= _by_knots(mid_slopes, n, heat[:-1], heat[1:], h)
+        rows[:, joints, n + joints] -= 0.75
+        rows[:, joints, P + n + joints] -= 0.75
+        states = np.arange(n + size)
+        rows[:, states, states] -= 1.5 / h[:, 0]
+        rows[:, states, P + states] += 1.5 / h[:, 0]
+
+        steps, value_steps = np.diff(points, axis=0), np.diff(values, axis=0)
+        h = h[:, 0]
+        middle_by_step = np.zeros_like(steps)
+        middle_by_step[:, :n] = -steps[:, n : 2 * n] / 8
+        middle_by_step[:, n : 2 * n] = -1.5 / h**2 * steps[:, :n]
+        middle_by_step[:, 2 * n : n + size] = -value_steps[:, n:] / 8
+        rows[:, :, -1] = -1.5 / h**2 * steps[:, : n + size]
+        rows[:, :n, -1] += value_steps[:, :n] / 8
+        rows[:, n:, -1] -= (mid_slopes @ middle_by_step[:, :, None])[:, :, 0]
+        return self._scale @ rows
+
+
+def _by_knots(
+    slopes: np.ndarray, n: int, first: np.ndarray, second: np.ndarray, h: np.ndarray | float
+) -> np.ndarray:
+    """Derivatives by the points at the knots (K, m, 2P), of those by the middle's (K, m, P).
+
+    Args:
+        n: number of joints whose angles and rates the points begin with.
+        first, second: derivatives of the heat's rates at the knots by [y, D], (K, M, M + W).
+        h: time steps (K, 1, 1).
+    """
+    by_angle, by_rate, rest = np.split(slopes, [n, 2 * n], axis=2)
+    by_heat = h / 8 * rest[:, :, : first.shape[1]]
+    return np.concatenate(
+        [
+            0.5 * by_angle - 1.5 / h * by_rate,
+            h / 8 * by_angle - 0.25 * by_rate,
+            0.5 * rest + by_heat @ first,
+            0.5 * by_angle + 1.5 / h * by_rate,
+            -h / 8 * by_angle - 0.25 * by_rate,
+            0.5 * rest - by_heat @ second,
+        ],
+        axis=2,
+    )
+
+
+def linear_defect(A: np.ndarray, B: np.ndarray, h: float) -> np.ndarray:
+    """Defect of ẏ = A y + B u over an interval of length h, by [y0, u0, y1, u1] (M, 2M + 2W)."""
+    slopes = np.hstack([A, B])[None]
+    one = np.eye(*slopes.shape[1:])
+    middle = _by_knots(slopes, 0, slopes, slopes, h)[0]
+    return np.hstack([-1.5 / h * one, 1.5 / h * one]) - 0.25 * np.tile(slopes[0], 2) - middle

@@ -1,0 +1,253 @@
+"""Collocation in closed form against Drake's own constraints and dynamics."""
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia
+from pydrake.planning import DirectCollocationConstraint
+from scipy.linalg import block_diag
+from wire_laws import LIMBS, limb_with, random_state
+
+from limb_systems import (
+    HystereticLaw,
+    Limb,
+    LimbError,
+    LimbParameters,
+    SegmentParameters,
+    Wires,
+    add_manipulator,
+    make_manipulator,
+)
+from limb_systems.model import limb
+from planners import TrajectoryProgram
+from planners.transcription.collocation import LimbDefects
+from planners.transcription.mechanics import PlanarChain
+
+TIME_STEP = 5e-4  # s, short enough for the fixed point that closes the θ rows below
+
+
+def limbs() -> dict[str, LimbParameters]:
+    """Chains of all kinds with the paper's law, and the paper's chain with laws of all kinds."""
+    soft_tip = SegmentParameters(links=1, length=0.05, mass=0.02, thickness=0.02, stiffness=0.05)
+    soft_tip.wire("left").law.beta, soft_tip.wire("right").law.a3 = 2e-4, -2.5
+    return {
+        "one link": LimbParameters(segments=[SegmentParameters(links=1)]),
+        "nominal": LimbParameters(),
+        "two segments": LimbParameters(segments=[SegmentParameters(links=3), soft_tip]),
+        "gravity": LimbParameters(gravity=[-4.0, -9.0, 1.0]),
+        "hysteretic": limb_with(HystereticLaw(), HystereticLaw()),
+        **{name: make() for name, make in LIMBS.items()},
+    }
+
+
+class Trajectories:
+    """`LimbDefects` of K knots as functions of states (K, ..), duty (K, W) and time steps."""
+
+    def __init__(self, parameters, num_knots=2, time_step=TIME_STEP, mechanics=None):
+        wires = Wires(parameters)
+        num_states = 2 * parameters.num_joints + len(wires.heat_scales)
+        sizes = num_knots * num_states, num_knots * wires.num_wires, num_knots - 1
+        ends = np.cumsum(sizes)
+        states, duty, steps = np.split(np.arange(ends[-1]), ends[:-1])
+        mechanics = mechanics or PlanarChain(make_manipulator(parameters))
+        shape = states.reshape(num_knots, -1), duty.reshape(num_knots, -1), steps
+        self.block = LimbDefects(mechanics, wires, *shape, time_step)
+        self.num_states, self.num_variables = num_states, ends[-1]
+
+    def evaluate(self, *signals):
+        return self.block.evaluate(flat(*signals)).reshape(-1, self.num_states)
+
+    def jacobian(self, *signals):
+        result = np.zeros((len(self.block.lower), self.num_variables))
+        result[self.block.rows, self.block.columns] = self.block.jacobian(flat(*signals))
+        return result
+
+    def hessian(self, multipliers, *signals):
+        result = np.zeros((self.num_variables, self.num_variables))
+        values = self.block.hessian(flat(*signals), multipliers)
+        rows, columns = self.block.hessian_rows, self.block.hessian_columns
+        low, high = np.minimum(rows, columns), np.maximum(rows, columns)
+        np.add.at(result, (high, low), values)
+        return result + np.tril(result, -1).T
+
+
+def flat(*signals):
+    return np.concatenate([np.ravel(signal) for signal in signals])
+
+
+def test_defects_and_their_jacobian_agree_with_drakes_autodiff():
+    """θ rows are exact at once; rows of θ̇ where those of θ vanish, as in `LimbDefects`."""
+    generator = np.random.default_rng(1)
+    for parameters in limbs().values():
+        states, duty = random_state(parameters, generator, 2)
+        system, n, size = Limb(parameters), parameters.num_joints, states.shape[1]
+        port = system.GetInputPort("duty").get_index()
+        constraint = DirectCollocationConstraint(
+            system, system.CreateDefaultContext(), input_port_index=port
+        )
+        chain = PlanarChain(make_manipulator(parameters))
+        weight = np.linalg.inv(chain.straight_mass_matrix) @ np.diag(chain.stiffness)
+        heat_weight = np.diag(Wires(parameters).heat_scales / TIME_STEP)
+        unscale = block_diag(TIME_STEP / 8 * weight, weight, heat_weight)
+        defects, step = Trajectories(parameters), np.array([TIME_STEP])
+
+        def variables(states=states, duty=duty):
+            return np.r_[TIME_STEP, states.ravel(), duty.ravel()]
+
+        ours = unscale @ defects.evaluate(states, duty, step)[0]
+        theirs, exact = constraint.Eval(variables()), np.r_[:n, 2 * n : size]
+        np.testing.assert_allclose(ours[exact], theirs[exact], rtol=1e-9, atol=1e-7)
+        for _ in range(60):  # closes the θ rows
+            states[1, :n] -= constraint.Eval(variables())[:n] * TIME_STEP / 1.5
+        ours, theirs = (
+            unscale @ defects.evaluate(states, duty, step)[0],
+            constraint.Eval(variables()),
+        )
+        np.testing.assert_allclose(ours, theirs, rtol=1e-7, atol=1e-5)
+        assert np.abs(theirs).max() > 1.0  # it is no feasible point
+
+        theirs = ExtractGradient(constraint.Eval(InitializeAutoDiff(variables())[:, 0]))
+        theirs = np.roll(theirs, -1, axis=1)  # the time step is Drake's first and our last variable
+        ours = unscale @ defects.jacobian(states, duty, step)
+        scale = np.abs(theirs).max(axis=0) + 1.0
+        ours, theirs = ours / scale, theirs / scale
+        np.testing.assert_allclose(ours[exact], theirs[exact], rtol=1e-8, atol=1e-8)
+        # Rows of θ̇ differ by multiples of those of θ.
+        difference = ours[n : 2 * n] - theirs[n : 2 * n]
+        multiples = np.linalg.lstsq(theirs[:n].T, difference.T, rcond=None)[0]
+        np.testing.assert_allclose(multiples.T @ theirs[:n], difference, atol=1e-7)
+
+
+def test_intervals_of_a_long_trajectory_are_those_of_short_ones():
+    """Uneven time steps, seen at once and one by one."""
+    for parameters in limbs().values():
+        states, duty = random_state(parameters, np.random.default_rng(6), 4)
+        steps = np.array([1.0, 0.5, 2.0]) * TIME_STEP
+        defects, short = Trajectories(parameters, 4), Trajectories(parameters)
+        values, jacobian = (
+            method(states, duty, steps) for method in (defects.evaluate, defects.jacobian)
+        )
+        S, W = states.shape[1], duty.shape[1]
+        for k in range(3):
+            part = states[k : k + 2], duty[k : k + 2], steps[k : k + 1]
+            np.testing.assert_allclose(values[k], short.evaluate(*part)[0], rtol=1e-9, atol=1e-9)
+            own = np.r_[k * S : (k + 2) * S, 4 * S + np.arange(k * W, (k + 2) * W), 4 * (S + W) + k]
+            rows = jacobian[k * S : (k + 1) * S]
+            np.testing.assert_allclose(rows[:, own], short.jacobian(*part), rtol=1e-9, atol=1e-9)
+            assert not np.delete(rows, own, axis=1).any()
+
+
+@pytest.mark.parametrize("of_wires", [False, True])
+def test_hessian_is_the_difference_quotient_of_the_jacobian(of_wires):
+    generator = np.random.default_rng(7)
+    for parameters in limbs().values():
+        wires, n = Wires(parameters), parameters.num_joints
+        signals = *random_state(parameters, generator, 3), generator.uniform(0.04, 0.06, 2)
+        defects = Trajectories(parameters, 3, 0.05)
+        multipliers = generator.normal(size=len(defects.block.lower))
+        scales = np.tile(np.r_[np.full(n, 0.1), np.ones(n), wires.heat_scales], 3)
+        scales = np.r_[scales, np.ones(signals[1].size), np.full(2, 0.05)]
+
+        def gradient(point, signals=signals, defects=defects, multipliers=multipliers):
+            parts = np.split(point, np.cumsum([signal.size for signal in signals])[:-1])
+            shaped = [a.reshape(b.shape) for a, b in zip(parts, signals, strict=True)]
+            return multipliers @ defects.jacobian(*shaped)
+
+        point, quotient = flat(*signals), []
+        for step in np.diag(2e-6 * scales):
+            change = gradient(point + step) - gradient(point - step)
+            quotient.append(change / (2 * step.sum()))
+        quotient = np.array(quotient)
+        if of_wires:
+            defects.block = defects.block.with_curvature_of_wires()
+            knots = np.arange(signals[0].size).reshape(3, -1)
+            others = np.r_[knots[:, : 2 * n].ravel(), -2:0]
+            quotient[others], quotient[:, others] = 0.0, 0.0
+        hessian = defects.hessian(multipliers, *signals)
+        hessian, quotient = (scales[:, None] * values * scales for values in (hessian, quotient))
+        np.testing.assert_allclose(hessian, quotient, atol=1e-6 * np.abs(quotient).max())
+
+
+class PlantMechanics:
+    """`Mechanics` of any plant, by Drake's AutoDiff: one limb's, or that of several on a ground."""
+
+    def __init__(self, plant):
+        self.num_joints, chain = plant.num_positions(), PlanarChain(plant)
+        self.stiffness, self.straight_mass_matrix = chain.stiffness, chain.straight_mass_matrix
+        self._plant = plant.ToAutoDiffXd()
+        self._context = self._plant.CreateDefaultContext()
+
+    def derivatives(self, angles, rates, forces):
+        results = []
+        for point in np.hstack([angles, rates, forces]):
+            variables = InitializeAutoDiff(point)[:, 0]
+            n, port = self.num_joints, self._plant.get_applied_generalized_force_input_port()
+            self._plant.SetPositionsAndVelocities(self._context, variables[: 2 * n])
+            port.FixValue(self._context, variables[2 * n :])
+            rows = self._plant.EvalTimeDerivatives(self._context).CopyToVector()[n:]
+            slopes = np.split(ExtractGradient(rows), 3, axis=1)
+            results.append((ExtractValue(rows)[:, 0], *slopes))
+        return tuple(np.array(values) for values in zip(*results, strict=True))
+
+    def accelerations(self, angles, rates, forces):
+        return self.derivatives(angles, rates, forces)[0]
+
+    def mobilities(self, angles):
+        return self.derivatives(angles, 0 * angles, 0 * angles)[3]
+
+
+def test_accelerations_and_derivatives_are_the_plants():
+    generator = np.random.default_rng(4)
+    for parameters in limbs().values():
+        plant, n = make_manipulator(parameters), parameters.num_joints
+        chain, theirs = PlanarChain(plant), PlantMechanics(plant)
+        angles, rates, forces = (generator.uniform(-s, s, (3, n)) for s in (2.0, 20.0, 0.1))
+        for our, their in zip(
+            [*chain.derivatives(angles, rates, forces), chain.mobilities(angles)],
+            [*theirs.derivatives(angles, rates, forces), theirs.mobilities(angles)],
+            strict=True,
+        ):
+            np.testing.assert_allclose(our, their, atol=1e-9 * np.abs(their).max())
+
+
+def test_the_transcription_takes_any_mechanics():
+    parameters, times = LimbParameters(), np.linspace(0.0, 0.2, 5)
+    chain = TrajectoryProgram(parameters, times)
+    plant = PlantMechanics(make_manipulator(parameters))
+    other = TrajectoryProgram(parameters, times, mechanics=plant)
+    x = np.random.default_rng(0).uniform(0.1, 0.3, chain.prog.num_vars())
+    x[chain.time_steps] = 0.05
+    multipliers = np.random.default_rng(1).normal(size=len(chain.defects.lower))
+    for method, arguments in (("evaluate", ()), ("jacobian", ()), ("hessian", (multipliers,))):
+        ours, theirs = (
+            getattr(program.defects, method)(x, *arguments) for program in (chain, other)
+        )
+        np.testing.assert_allclose(ours, theirs, atol=1e-7 * np.abs(theirs).max())
+
+
+def test_a_mechanics_of_another_limb_is_refused():
+    heavy = LimbParameters(segments=[SegmentParameters(mass=0.03)])
+    mechanics = PlanarChain(make_manipulator(heavy))
+    with pytest.raises(LimbError, match="PlanarChain gives other accelerations than the limb's"):
+        TrajectoryProgram(LimbParameters(), np.linspace(0.0, 1.0, 3), mechanics=mechanics)
+
+
+def test_a_load_on_the_tip_is_part_of_the_chain(monkeypatch):
+    def loaded(parameters):
+        plant = MultibodyPlant(time_step=0.0)
+        add_manipulator(plant, parameters)
+        link = plant.GetBodyByName("link_5")
+        inertia = SpatialInertia.SolidSphereWithMass(0.01, 0.01)
+        load = plant.AddRigidBody("load", link.model_instance(), inertia)
+        plant.WeldFrames(link.body_frame(), load.body_frame())
+        plant.Finalize()
+        plant.set_name("manipulator")
+        return plant
+
+    times = np.linspace(0.0, 1.0, 3)
+    unloaded = TrajectoryProgram(LimbParameters(), times).defects
+    monkeypatch.setattr(limb, "make_manipulator", loaded)
+    program = TrajectoryProgram(LimbParameters(), times)
+    x = np.random.default_rng(0).uniform(0.1, 0.3, program.prog.num_vars())
+    assert np.abs(program.defects.evaluate(x) - unloaded.evaluate(x)).max() > 1e-3
