@@ -41,7 +41,8 @@ from other_limbs import OtherLimb
 from pydrake.systems.framework import LeafSystem
 
 from calibration import calibrate, collect_equilibria, collect_from_twin
-from calibration.collect import WARM_UP_MARGIN, collect_warm_up
+from calibration.collecting.collect import collect_warm_up
+from calibration.collecting.protocol import WARM_UP_MARGIN
 from calibration.heat_bounds import fit_heat_bounds
 from hardware import LimbTwin, replay
 from hardware.emulation.sensor_faults import SensorFault, with_faulty_sensors

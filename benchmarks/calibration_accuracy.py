@@ -17,7 +17,8 @@ import multiprocessing
 import numpy as np
 
 from calibration import calibrate, collect_equilibria, collect_from_twin, collect_sag
-from calibration.collect import RING_DOWN_RATE, SAG_TRIALS
+from calibration.collecting.collect import RING_DOWN_RATE
+from calibration.collecting.protocol import SAG_TRIALS
 from hardware import LimbTwin
 from hardware.emulation.sensors import SensedLimb
 from limb_systems import Limb, LimbParameters, LinearLaw, joint_angles_from_bend_angle, simulate

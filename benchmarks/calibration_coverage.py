@@ -18,7 +18,7 @@ import numpy as np
 from calibration_accuracy import true_limb
 
 from calibration import calibrate, collect_equilibria, collect_sag
-from calibration.heat import SENSOR_SPREAD
+from calibration.recordings.at_rest import SENSOR_SPREAD
 from hardware.emulation.sensors import (
     BEND_DRIFT_TIME,
     BEND_STEP,

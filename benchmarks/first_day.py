@@ -27,13 +27,12 @@ from board_faults import SIDES, STEP, SimulatedRobot, prepare
 from other_limbs import OtherLimb
 
 from calibration import calibrate, collect_equilibria
-from calibration.collect import (
-    CONTACT_MARGIN,
-    WARM_UP_MARGIN,
+from calibration.collecting.collect import (
     collect_first_contact,
     collect_warm_up,
     for_first_contact,
 )
+from calibration.collecting.protocol import CONTACT_MARGIN, WARM_UP_MARGIN
 from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
 from hardware import LimbTwin
 from hardware.emulation.simulated_board import SimulatedBoard

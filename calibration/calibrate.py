@@ -6,33 +6,24 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from calibration.checks import FEWEST, check_recording, check_whole
-from calibration.collect import FIRST_CONTACT, WARM_UP
-from calibration.course import before_missing, with_lost_rows
-from calibration.damping import DampingFit, fit_damping
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
-from calibration.excitation import NAMES
-from calibration.force import ForceFit, fit_force
-from calibration.heat import (
-    RATES,
-    HeatFit,
-    ambient_temperature,
-    check_rates,
-    fit_heat_transfer,
-    fit_heat_transfer_from_temperature,
-)
 from calibration.heat_bounds import fit_heat_bounds
-from calibration.kinds import FREE_KINDS, heated_kinds, kinds_of, only_segment
-from calibration.remarks import Remark, remarks_on_validation, verdict
-from calibration.rest_angle import rest_angle
-from calibration.selection import LAWS, Prediction, fit_by_prediction
-from calibration.stiffness import StiffnessFit, fit_stiffness, remarks_on_sensor
-from calibration.validation import Validation, as_validation, validate
+from calibration.prediction.selection import LAWS, Prediction, fit_by_prediction
+from calibration.recordings.at_rest import ambient_temperature, rest_angle
+from calibration.recordings.checks import FEWEST, check_recording, check_whole
+from calibration.recordings.files import load_recordings
+from calibration.recordings.kinds import FREE_KINDS, heated_kinds, kinds_of, only_segment
+from calibration.recordings.repair import before_missing, with_lost_rows
+from calibration.remarks import Remark, verdict
+from calibration.section_v.damping import DampingFit, fit_damping
+from calibration.section_v.force import ForceFit, fit_force
+from calibration.section_v.heat import RATES, HeatFit, fit_heat_transfer
+from calibration.section_v.stiffness import StiffnessFit, fit_stiffness, remarks_on_sensor
+from calibration.validation import Validation, validate, validation_of
 from limb_systems import (
     CalibrationRecord,
     LimbParameters,
@@ -43,12 +34,10 @@ from limb_systems import (
     WireLaw,
 )
 from limb_systems.errors import LimbError
-from limb_systems.files.table_writer import is_unfinished
 from limb_systems.progress import Progress
 from limb_systems.summary import Entry, Summarized, Summary
 
 METHODS = ("prediction", "paper")
-HEAT_METHODS = ("bend", "temperature")
 MOST_REST_ANGLE = np.deg2rad(8.0)  # beyond which Sec. V is of changes from rest
 COLD = 4.0  # °C above ambient, within which a wire counts as not heated before
 
@@ -61,10 +50,9 @@ class Calibration(Summarized):
     - ``ambient``: T0 of the recordings, °C.
     - ``stiffness``, ``damping``: the fits of Secs. V-A and V-B; None if there
       was no recording for them and the description's value was kept.
-    - ``prediction``: of the wires, by prediction error; None if by Sec. V.
-    - ``heat``: else for each wire, the fit of Sec. V-C1 that was used.
-    - ``heat_compared``: likewise, that by the other method.
-    - ``force``: likewise, the fit of Sec. V-C2.
+    - ``prediction``: the fit of the wires by prediction error; None if by Sec. V.
+    - ``heat``, ``force``: the fits of Secs. V-C1 and V-C2 for each wire; empty if by
+      prediction.
     - ``validation``: Sec. V-D, of a recording that was not fitted; None without one.
     - ``sources``: what was recorded, for each kind of recording.
     """
@@ -75,7 +63,6 @@ class Calibration(Summarized):
     damping: DampingFit | None
     prediction: Prediction | None
     heat: list[HeatFit]
-    heat_compared: list[HeatFit]
     force: list[ForceFit]
     validation: Validation | None
     sources: dict[str, list[str]]
@@ -126,7 +113,7 @@ class Calibration(Summarized):
 
     @property
     def covariance(self) -> np.ndarray:
-        """Of the estimates (P, P), in their order; see `CalibrationRecord`."""
+        """Covariance of the estimates (P, P), in their order; see `CalibrationRecord`."""
         estimates = self._estimates
         rows = {name: row for row, name in enumerate(estimates)}
         covariance = np.diag([e.standard_error**2 for e in estimates.values()])
@@ -154,12 +141,17 @@ class Calibration(Summarized):
     @property
     def verdict(self) -> str:
         """Whether to plan with it, and why, in one line, by `calibration.remarks`."""
-        return verdict(self.remarks, self.validation)
+        return verdict(self.remarks, self.validation.in_words if self.validation else "")
 
     @property
     def remarks(self) -> list[Remark]:
         """What the recordings lack, in sentences, worst first; none if they are good."""
-        remarks = remarks_on_validation(self.validation)
+        remarks = []
+        if self.validation is None:
+            sentence = (
+                "There is no recording of both wires: the model is not validated; record one."
+            )
+            remarks.append(Remark("not validated", sentence))
         for kind in () if self.prediction else heated_kinds(self.parameters):
             if (count := len(self.sources.get(kind, []))) > 1:
                 sentence = f"Of {count} recordings of the kind {kind} only the first was used."
@@ -168,40 +160,10 @@ class Calibration(Summarized):
             if fit is None:
                 sentence = f"There is no recording of {kind}: the description's value is kept."
                 remarks.append(Remark("kept", sentence))
-        fits = (self.stiffness, self.damping, self.prediction, *self.heat, *self.force)
-        remarks += [remark for fit in fits if fit for remark in fit.remarks]
+        fits = (self.validation, self.stiffness, self.damping, self.prediction)
+        for each in (*fits, *self.heat, *self.force):
+            remarks += each.remarks if each else []
         return sorted(remarks, key=lambda remark: -remark.severity)
-
-
-def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
-    """The recordings in a folder, checked, by what they show.
-
-    Files named after a kind (``right.csv``, ``sag_3.csv``, ``motion_1.csv``), one of
-    `kinds_of` the limb in their header, "heated" or "motion", must show it. First contact,
-    warm-up and `excitations` are of the kind "heated". Files with other names go by what they
-    show. Unfinished ones (``right.unfinished.csv``) are ignored.
-
-    Raises:
-        CalibrationError: with one sentence naming the file and the trouble.
-    """
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise CalibrationError(f"There is no folder {folder}.")
-    recordings: dict[str, list[Recording]] = {}
-    for path in sorted(folder.glob("*.csv")):
-        if is_unfinished(path):
-            continue
-        recording = Recording.load(path)
-        try:
-            check_whole(recording)
-            named = [kind for kind in kinds_of(recording.parameters) if path.stem.startswith(kind)]
-            named += [kind for kind in FREE_KINDS if path.stem.startswith(kind)]
-            named += ["heated"] if path.stem in (FIRST_CONTACT, WARM_UP, *NAMES) else []
-            kind = check_recording(recording, max(named, key=len, default=None))
-            recordings.setdefault(kind, []).append(recording)
-        except LimbError as error:
-            raise CalibrationError(f"{path}: {error}") from error
-    return recordings
 
 
 def calibrate(
@@ -210,7 +172,6 @@ def calibrate(
     *,
     method: str = "prediction",
     laws: Sequence[type[WireLaw]] = LAWS,
-    heat: str = "bend",
 ) -> Calibration:
     """Calibrates a limb from its recordings.
 
@@ -231,28 +192,31 @@ def calibrate(
             are kept, and whose laws say what to expect; that in the recordings
             if None.
         method: see above.
-        laws: that are compared by prediction, from the simplest on.
-        heat: of the paper's method: "bend" fits heat transfer with wire
-            temperature from the bend; "temperature" uses duty and measured
-            temperature alone. The other is fitted for comparison.
+        laws: laws that are compared by prediction, from the simplest on.
 
     Raises:
         CalibrationError: if recordings are missing or do not determine a parameter.
     """
     if method not in METHODS:
         raise CalibrationError(f"method is {method!r}; it must be one of {', '.join(METHODS)}.")
-    if heat not in HEAT_METHODS:
-        raise CalibrationError(f"heat is {heat!r}; it must be one of {', '.join(HEAT_METHODS)}.")
-    if isinstance(recordings, (str, Path)):
+    if checked := isinstance(recordings, (str, Path)):
         recordings = load_recordings(recordings)
-    described = parameters or _first(recordings).parameters
-    _check_wire_names(recordings, described)
-    _check_kinds(recordings, _all_kinds(described))
+    first = next((recording for group in recordings.values() for recording in group), None)
+    if first is None:
+        raise CalibrationError("There are no recordings.")
+    described = parameters or first.parameters
+    for kind, group in recordings.items():
+        _check_group(kind, group, described, checked=checked)
     recordings = {k: [with_lost_rows(r) for r in group] for k, group in recordings.items()}
     heated = {kind: recordings.get(kind, []) for kind in (*heated_kinds(described), *FREE_KINDS)}
     if method == "paper":
         heated = {kind: heated[kind] for kind in heated_kinds(described)}
-        _check_each_wire(heated)
+        missing = [wire for wire in described.wire_names if not heated[wire]]
+        if missing:
+            raise CalibrationError(
+                f"There is no recording with only the {missing[0]} wire heated; its heat transfer "
+                "and force cannot be told."
+            )
     elif not any(heated.values()):
         raise CalibrationError(
             "There is no recording with heat; the wires' laws cannot be told from others."
@@ -272,10 +236,11 @@ def calibrate(
             progress.update(next(done), remark)
 
         tell("bounds for the board")
-        ambient = ambient_temperature([r for group in recordings.values() for r in group])
+        every = [recording for group in recordings.values() for recording in group]
+        ambient = ambient_temperature(every)
         limb.ambient_temperature = ambient.value
         _fit_heat_bounds(limb, heated, described)
-        rest = rest_angle((r for group in recordings.values() for r in group), ambient.value)
+        rest = rest_angle(every, ambient.value)
         if method == "prediction" or abs(rest.value) > MOST_REST_ANGLE:
             segment.rest_angle = rest.value
         tell("stiffness")
@@ -292,84 +257,52 @@ def calibrate(
                 damping.remarks.extend(
                     remarks_on_sensor(limb, recordings["sag"], stiffness, damping)
                 )
-        prediction, validation = None, None
-        wires = _PaperWires()
+        prediction = validation = None
+        heat: list[HeatFit] = []
+        force: list[ForceFit] = []
         if method == "paper":
-            wires = _fit_as_paper(limb, heated, heat, ambient, stiffness, tell)
+            spring = stiffness.stiffness if stiffness else None
+            heat, force = _fit_as_paper(limb, heated, ambient, spring, tell)
             if heated.get("both"):
                 validation = validate(limb, heated["both"][0])
         else:
             prediction = fit_by_prediction(laws, heated, segment, ambient.value, tell=tell)
             prediction.fit.apply(segment)
-            validation = as_validation(prediction.best.judged, limb)
+            validation = validation_of(prediction.best.judged, limb)
         limb.validate()
-    calibration = Calibration(
-        limb,
-        ambient,
-        stiffness,
-        damping,
-        prediction,
-        *wires,
-        validation,
-        {
-            kind: [recording.source for recording in recordings[kind]]
-            for kind in _all_kinds(limb)
-            if recordings.get(kind)
-        },
-    )
+    sources = {
+        kind: [recording.source for recording in recordings[kind]]
+        for kind in (*kinds_of(limb), *FREE_KINDS)
+        if recordings.get(kind)
+    }
+    fits = stiffness, damping, prediction, heat, force, validation
+    calibration = Calibration(limb, ambient, *fits, sources)
     limb.calibration = _record(calibration)
     limb.calibration.provenance = Provenance.now(limb)
     return calibration
 
 
-class _PaperWires(NamedTuple):
-    """Of Sec. V-C: the fits of heat that are used, those by the other method, and of force."""
-
-    heat: list[HeatFit] = []  # noqa: RUF012 - never changed
-    heat_compared: list[HeatFit] = []  # noqa: RUF012
-    force: list[ForceFit] = []  # noqa: RUF012
-
-
 def _fit_as_paper(
     limb: LimbParameters,
     recordings: Mapping[str, Sequence[Recording]],
-    heat: str,
     ambient: Estimate,
-    stiffness: StiffnessFit | None,
+    spring: Estimate | None,
     tell: Callable[[str], object],
-) -> _PaperWires:
-    """Sec. V-C for each wire, whose law the limb gets."""
-    segment, result = only_segment(limb), _PaperWires([], [], [])
-    spring = stiffness.stiffness if stiffness else Estimate(segment.stiffness, 0.0, "N·m/rad")
+) -> tuple[list[HeatFit], list[ForceFit]]:
+    """Sec. V-C for each wire, whose law the limb gets: the fits of heat and of force."""
+    segment = only_segment(limb)
+    spring = spring or Estimate(segment.stiffness, 0.0, "N·m/rad")
+    heats, forces = [], []
     for index, wire in enumerate(segment.wires):
         tell(f"heat of the {wire.name} wire")
         recording = recordings[wire.name][0]
         room = ambient.value, ambient.standard_error
-        fits = {
-            "bend": fit_heat_transfer(recording, index, *room, rest_angle=segment.rest_angle),
-            "temperature": fit_heat_transfer_from_temperature(recording, index, *room),
-        }
-        result.heat.append(fits.pop(heat))
-        check_rates(result.heat[-1])
-        result.heat_compared.extend(fits.values())
-        result.force.append(fit_force(limb, recording, index, result.heat[-1], spring))
-        rates = {name: getattr(result.heat[-1], name).value for name in RATES}
-        wire.law = LinearLaw(**rates, beta=result.force[-1].beta.value)
-    return result
-
-
-def _all_kinds(limb: LimbParameters) -> list[str]:
-    return [*kinds_of(limb), *FREE_KINDS]
-
-
-def _check_each_wire(heated: Mapping[str, Sequence[Recording]]) -> None:
-    """Raises CalibrationError unless each wire was heated alone, as Sec. V-C has it."""
-    for kind, group in heated.items():
-        if kind != "both" and not group:
-            raise CalibrationError(
-                f"There is no recording with only the {kind} wire heated; its heat transfer and "
-                "force cannot be told."
-            )
+        heat = fit_heat_transfer(recording, index, *room, rest_angle=segment.rest_angle)
+        force = fit_force(limb, recording, index, heat, spring)
+        wire.law = LinearLaw(heat.a1.value, heat.a2.value, heat.a3.value, force.beta.value)
+        heats.append(heat)
+        forces.append(force)
+    return heats, forces
 
 
 def _fit_heat_bounds(
@@ -391,38 +324,27 @@ def _fit_heat_bounds(
             wire.heat_bounds = bounds
 
 
-def _first(recordings: Mapping[str, Sequence[Recording]]) -> Recording:
-    for group in recordings.values():
-        if group:
-            return group[0]
-    raise CalibrationError("There are no recordings.")
-
-
-def _check_kinds(recordings: Mapping[str, Sequence[Recording]], kinds: Sequence[str]) -> None:
-    """Raises CalibrationError unless all recordings are of the kinds they are said to be."""
-    for kind, group in recordings.items():
-        if kind not in kinds:
-            raise CalibrationError(f"{kind!r} is no kind of recording: {', '.join(kinds)}.")
-        for recording in group:
-            try:
-                check_whole(recording)
-                check_recording(recording, kind)
-            except LimbError as error:
-                raise CalibrationError(f"{recording.source}: {error}") from error
-
-
-def _check_wire_names(
-    recordings: Mapping[str, Sequence[Recording]], described: LimbParameters
+def _check_group(
+    kind: str, group: Sequence[Recording], described: LimbParameters, *, checked: bool
 ) -> None:
-    """Raises CalibrationError unless all recordings are of wires of the described names."""
-    for group in recordings.values():
-        for recording in group:
-            if recording.parameters.wire_names != described.wire_names:
-                raise CalibrationError(
-                    f"The recording of {recording.source} is of the wires "
-                    f"{', '.join(recording.parameters.wire_names)}, but the limb is described with "
-                    f"{', '.join(described.wire_names)}, in this order."
-                )
+    """Raises CalibrationError unless recordings are of the described wires, and of their kind."""
+    kinds = [*kinds_of(described), *FREE_KINDS]
+    if kind not in kinds:
+        raise CalibrationError(f"{kind!r} is no kind of recording: {', '.join(kinds)}.")
+    for recording in group:
+        if recording.parameters.wire_names != described.wire_names:
+            raise CalibrationError(
+                f"The recording of {recording.source} is of the wires "
+                f"{', '.join(recording.parameters.wire_names)}, but the limb is described with "
+                f"{', '.join(described.wire_names)}, in this order."
+            )
+        if checked:
+            continue
+        try:
+            check_whole(recording)
+            check_recording(recording, kind)
+        except LimbError as error:
+            raise CalibrationError(f"{recording.source}: {error}") from error
 
 
 def _record(calibration: Calibration) -> CalibrationRecord:
@@ -446,7 +368,7 @@ def _record(calibration: Calibration) -> CalibrationRecord:
 
 
 def _validated(validation: Validation) -> str:
-    """In ASCII, as YAML files have all else escaped."""
+    """The validation's errors in ASCII, as YAML files have all else escaped."""
     degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
     return (
         "bend angle off by {:.2f} deg on average, {:.2f} deg at the median, {:.2f} deg at the 90th "

@@ -36,7 +36,9 @@ def fit_heat_bounds(
         bounds; those described for a wire that was not heated.
     """
     recordings, kinds = list(recordings), _described(described)
-    courses = [[_Course(recording, wire) for recording in recordings] for wire in range(len(kinds))]
+    courses = [
+        [_WireHeat(recording, wire) for recording in recordings] for wire in range(len(kinds))
+    ]
     rates = [_rates(of_wire) for of_wire in courses]
     hottest = max((found.heating for found in rates if found), default=0.0)
     return [
@@ -110,7 +112,7 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
 def _all_rates(recordings: Iterable[Recording], limb: LimbParameters) -> list[HeatRates | None]:
     recordings = list(recordings)
     return [
-        _rates([_Course(recording, wire) for recording in recordings])
+        _rates([_WireHeat(recording, wire) for recording in recordings])
         for wire in range(len(limb.wires))
     ]
 
@@ -128,12 +130,16 @@ def _described(limb: LimbParameters) -> list[HeatBounds]:
     return kinds
 
 
-def _rates(courses: Sequence["_Course"]) -> HeatRates | None:
+def _rates(courses: Sequence["_WireHeat"]) -> HeatRates | None:
     return fit_heat_rates([(course.duty, course.rise, course.interval) for course in courses])
 
 
 def _fit_wire(
-    courses: Sequence["_Course"], rates: HeatRates, kind: HeatBounds, hottest: float, margin: float
+    courses: Sequence["_WireHeat"],
+    rates: HeatRates,
+    kind: HeatBounds,
+    hottest: float,
+    margin: float,
 ) -> HeatBounds:
     bounds = rates.bounds(kind, hottest, margin)
     share = rates.heating / kind.least_heating
@@ -150,7 +156,7 @@ def _fit_wire(
     return acceptable(dataclasses.replace(bounds, least_heating=float(heating)))
 
 
-class _Course:
+class _WireHeat:
     """A recording of a wire in steps of the board's observer.
 
     - ``duty``: in each step (K).

@@ -3,7 +3,6 @@
 The rules of the verdict, and their reasons:
 
 - ``RULES`` has the severity of each kind of remark.
-- ``GOOD_ERROR`` and ``WORST_ERROR`` are limits of the validation's error.
 - The worst remark decides the verdict.
 """
 
@@ -14,7 +13,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibration.estimate import Estimate
-from calibration.validation import Validation
 
 BELOW_ROOM, ABOVE_READINGS = 10.0, 20.0  # °C, beyond which nothing in a limb starts
 
@@ -26,10 +24,6 @@ class Severity(enum.IntEnum):
     CARE = 1  # plans may be further off than the validation says
     STOP = 2  # plans would be wrong
 
-
-# Mean |φ - φ_sim| as a fraction of the range of φ in the recording it is validated with.
-GOOD_ERROR = 0.1  # 6° of 60°: the paper's robot is 3.4° to 5.3° from its plans in Table I
-WORST_ERROR = 0.25  # that of a limb which stays in the middle of a range that φ fills evenly
 
 # For each kind of remark: its severity, and the reason that the verdict gives.
 RULES = {
@@ -117,45 +111,13 @@ def remarks_on_start(what: str, value: float, room: float, readings: np.ndarray)
     ]
 
 
-def remarks_on_validation(validation: Validation | None) -> list[Remark]:
-    """A remark if the model misses the motion that it is validated with."""
-    if validation is None:
-        return [
-            Remark(
-                "not validated",
-                "There is no recording of both wires: the model is not validated; record one.",
-            )
-        ]
-    fraction = _error(validation)
-    if fraction <= GOOD_ERROR:
-        return []
-    return [
-        Remark(
-            "off" if fraction <= WORST_ERROR else "far",
-            f"The model is {_error_in_words(validation)}; look at both in the validation's "
-            "picture, and record again what differs.",
-        )
-    ]
+def verdict(remarks: Sequence[Remark], model_error: str) -> str:
+    """Whether to plan with a calibration, and why, in one line.
 
-
-def verdict(remarks: Sequence[Remark], validation: Validation | None) -> str:
-    """Whether to plan with a calibration, and why, in one line."""
+    Args:
+        model_error: how far the model is off, in words; empty if it is not validated.
+    """
     worst = max((remark.severity for remark in remarks), default=Severity.NOTE)
     reasons = [RULES[remark.kind][1] for remark in remarks if remark.severity == worst]
-    if validation:
-        reasons.append(f"the model is {_error_in_words(validation)}")
-    return f"{_VERDICTS[worst]}: {'; '.join(dict.fromkeys(filter(None, reasons)))}."
-
-
-def _error(validation: Validation) -> float:
-    """Mean |φ - φ_sim| as a fraction of the range of φ."""
-    bend = validation.recording.bend_angle[:, ~validation.recording.missing]
-    span = np.ptp(bend, axis=1).max()
-    return validation.mean / max(span, np.deg2rad(1.0))  # a limb at rest has sensor noise alone
-
-
-def _error_in_words(validation: Validation) -> str:
-    return (
-        f"{np.rad2deg(validation.mean):.1f}° ({100 * _error(validation):.0f}% of its range) from "
-        "the limb's bend on average"
-    )
+    reasons = list(dict.fromkeys(filter(None, [*reasons, model_error])))
+    return f"{_VERDICTS[worst]}: {'; '.join(reasons)}."

@@ -330,7 +330,7 @@ def make_system(monkeypatch, fig5_plan):
         LimbVisualizer: lambda: LimbVisualizer(parameters, Meshcat()),
         BendAngleController: lambda: BendAngleController(parameters, "right"),
         EquilibriumSchedule: lambda: EquilibriumSchedule([0.1]),
-        LimitedDuty: lambda: LimitedDuty(known_limb(), excitations(2)[0].course),
+        LimitedDuty: lambda: LimitedDuty(known_limb(), excitations(2)[0].duty),
         LimbObserver: lambda: LimbObserver(parameters),
         PlanFeedback: lambda: PlanFeedback(fig5_plan),
         PlanRegulator: lambda: PlanRegulator(fig5_plan),

@@ -93,7 +93,7 @@ def later():
     __import__("planners")
     import_module(f"{package}.__main__")
 """
-    name = "calibration.collect"
+    name = "calibration.collecting.protocol"
     seen = imports_of(name, ast.parse(text))
     wanted = {"limb_systems.files", "urdf.generate", "hardware.replay", *PACKAGES}
     assert seen == wanted

@@ -19,9 +19,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from calibration.calibrate import Calibration
-from calibration.course import Course
-from calibration.prediction import fit_law
-from calibration.selection import rubber_of
+from calibration.prediction.heated_run import HeatedRun
+from calibration.prediction.law_fit import fit_law
+from calibration.prediction.selection import rubber_of
 from evaluation.ways import Way, true_bend
 from limb_systems import Limb, simulate
 
@@ -54,9 +54,9 @@ def error_split(
     assert calibration.prediction is not None
     fit = calibration.prediction.fit
     truths = [true_bend(way.rollouts[0]) for way in motions.values()]
-    courses = [Course.of(truth) for truth in truths]
+    runs = [HeatedRun.of(truth) for truth in truths]
     best = fit_law(
-        fit.law, courses, fit.segment, fit.ambient, rubber=rubber_of(fit), start=fit
+        fit.law, runs, fit.segment, fit.ambient, rubber=rubber_of(fit), start=fit
     ).predicted
     result = {}
     for (name, way), truth, hindsight in zip(motions.items(), truths, best, strict=True):
@@ -67,7 +67,7 @@ def error_split(
         angles = [
             trajectory.bend_angle_at(times)[0],
             np.interp(times, model.time, model.bend_angle[0]),
-            np.interp(times, hindsight.course.times, hindsight.bend),
+            np.interp(times, hindsight.run.times, hindsight.bend),
             truth.bend_angle[0, counted],
             rollout.bend_angle[0, counted],
         ]

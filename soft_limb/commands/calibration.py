@@ -12,9 +12,9 @@ from calibration import (
     save_recordings,
     validate,
 )
-from calibration.calibrate import HEAT_METHODS, METHODS
-from calibration.checks import check_recording
-from calibration.collect import PROTOCOLS
+from calibration.calibrate import METHODS
+from calibration.collecting.protocol import PROTOCOLS
+from calibration.recordings.checks import check_recording
 from hardware import BoardLink, LimbTwin, SerialLimb
 from hardware.emulation.specimen import EXTRA_EFFECTS
 from limb_systems import LimbError, LimbParameters, Recording
@@ -135,13 +135,6 @@ def _parser(prog: str) -> argparse.ArgumentParser:
         help="prediction: compares laws of the wires by how they predict recordings that were left "
         "out; paper: the paper's law by Sec. V (default %(default)s)",
     )
-    fit.add_argument(
-        "--heat",
-        choices=HEAT_METHODS,
-        default="bend",
-        help="of the paper's method, source of the wire temperature: the bend, as in the paper, or "
-        "the measured temperature alone (default %(default)s)",
-    )
     fit.add_argument("--json", action="store_true", help="print JSON")
     add_force_option(fit)
 
@@ -216,7 +209,7 @@ def _fit(options) -> int:
         force=options.force,
     )
     limb = LimbParameters.load(options.limb) if options.limb else None
-    calibration = calibrate(options.recordings, limb, method=options.method, heat=options.heat)
+    calibration = calibrate(options.recordings, limb, method=options.method)
     calibration.parameters.save(options.output)
     if options.report:
         recordings = {path.stem: path for path in sorted(options.recordings.glob("*.csv"))}

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibration.calibrate import Calibration
-from calibration.damping import DampingFit
-from calibration.heat import HeatFit
-from calibration.remarks import remarks_on_validation, verdict
-from calibration.selection import Prediction
+from calibration.prediction.selection import Prediction
+from calibration.section_v.damping import DampingFit
+from calibration.section_v.heat import HeatFit
 from calibration.validation import Validation
 from limb_systems.views import page
 from limb_systems.views.colors import wire_colors
@@ -175,14 +174,12 @@ def write_report(
             )
         )
     colors = wire_colors(len(calibration.heat))
-    for heat, compared, force, color in zip(
-        calibration.heat, calibration.heat_compared, calibration.force, colors, strict=True
-    ):
+    for heat, force, color in zip(calibration.heat, calibration.force, colors, strict=True):
         parts.append(
             _section(
                 f"The {heat.wire} wire, Sec. V-C",
-                _compare(heat, compared),
-                *charts.wire_charts(heat, compared, force, color),
+                _heat_in_words(heat),
+                *charts.wire_charts(heat, force, color),
             )
         )
     if data:
@@ -198,7 +195,7 @@ def write_validation_report(
     from soft_limb.reports.calibration_charts import validation_chart
 
     parts = [
-        page.verdict(verdict(remarks_on_validation(validation), validation)),
+        page.verdict(validation.verdict),
         page.paragraph(f"{validation_summary(validation)}."),
         page.chart(validation_chart(validation), "Limb and model for the same duty"),
         page.section("Data", page.links(path, data)),
@@ -231,7 +228,7 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[str]:
         parts.append(
             _section(
                 title,
-                f"{predicted.course.source}: bend within {np.rad2deg(predicted.bend_error):.2f}°, "
+                f"{predicted.run.source}: bend within {np.rad2deg(predicted.bend_error):.2f}°, "
                 f"V within {predicted.temperature_error:.1f} °C on average.",
                 predicted_chart(predicted, wire_names),
             )
@@ -257,17 +254,12 @@ def _compare_decay(fit: DampingFit) -> str:
     )
 
 
-def _compare(heat: HeatFit, compared: HeatFit) -> str:
-    by_method = {fit.method: fit for fit in (heat, compared)}
-    bend, temperature = by_method["bend"], by_method["temperature"]
-    assert bend.angle_residual is not None
-    delay = f", delay {temperature.delay}" if temperature.delay else ""
+def _heat_in_words(fit: HeatFit) -> str:
+    delay = f", delay {fit.delay}" if fit.delay else ""
     return (
-        f"Used: the fit from {heat.method}. From bend: a1 = {bend.a1}, a2 = {bend.a2}, a3 = "
-        f"{bend.a3}, V within {bend.temperature_residual:.1f} °C and φ within "
-        f"{np.rad2deg(bend.angle_residual):.1f}° (root mean square). From temperature alone: a1 = "
-        f"{temperature.a1}, a2 = {temperature.a2}, a3 = {temperature.a3}{delay}, "
-        f"V within {temperature.temperature_residual:.1f} °C."
+        f"a1 = {fit.a1}, a2 = {fit.a2}, a3 = {fit.a3}{delay}; V within "
+        f"{fit.temperature_residual:.1f} °C and φ within {np.rad2deg(fit.angle_residual):.1f}° "
+        "(root mean square)."
     )
 
 

@@ -3,11 +3,11 @@
 import numpy as np
 from bokeh.models import Model
 
-from calibration.damping import DampingFit
-from calibration.force import ForceFit
-from calibration.heat import HeatFit
-from calibration.prediction import Predicted
-from calibration.stiffness import StiffnessFit
+from calibration.prediction.law_fit import Predicted
+from calibration.section_v.damping import DampingFit
+from calibration.section_v.force import ForceFit
+from calibration.section_v.heat import HeatFit
+from calibration.section_v.stiffness import StiffnessFit
 from calibration.validation import Validation
 from limb_systems.views.charts import DUTY_RANGE, NEUTRAL_COLOR, Curve, panel, stacked
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
@@ -47,16 +47,16 @@ def validation_chart(validation: Validation) -> Model:
 
 def predicted_chart(predicted: Predicted, wire_names: list[str]) -> Model:
     """A recording and its open-loop simulation by the fitted law."""
-    course = predicted.course
+    run = predicted.run
     bend = [
-        Curve("limb", course.times, np.rad2deg(course.bend), ROLLOUT_COLOR),
-        Curve("law", course.times, np.rad2deg(predicted.bend), PLAN_COLOR, "dashed"),
+        Curve("limb", run.times, np.rad2deg(run.bend), ROLLOUT_COLOR),
+        Curve("law", run.times, np.rad2deg(predicted.bend), PLAN_COLOR, "dashed"),
     ]
     colors = wire_colors(len(wire_names))
     readings = [
-        Curve(f"{name}, {what}", course.times, reading, color, dash)
+        Curve(f"{name}, {what}", run.times, reading, color, dash)
         for what, source, dash in (
-            ("limb", course.temperature, "solid"),
+            ("limb", run.temperature, "solid"),
             ("law", predicted.temperature, "dashed"),
         )
         for name, color, reading in zip(wire_names, colors, source.T, strict=True)
@@ -100,22 +100,17 @@ def damping_chart(fit: DampingFit) -> Model:
     return stacked([panel("bend angle (°)", curves)])
 
 
-def wire_charts(
-    heat: HeatFit, compared: HeatFit, force: ForceFit, color: str
-) -> tuple[Model, Model]:
-    """Heat transfer over time by both methods, and bend against wire temperature."""
-    readings = [Curve("limb, V", heat.time, heat.recorded_temperature, color)]
-    for fit, dash in ((heat, "dashed"), (compared, "dotted")):
-        name = f"fit from {fit.method}, V"
-        readings.append(Curve(name, fit.time, fit.measured_temperature, PLAN_COLOR, dash))
-    name = f"fit from {heat.method}, T"
-    readings.append(Curve(name, heat.time, heat.wire_temperature, NEUTRAL_COLOR))
-    by_bend = heat if heat.method == "bend" else compared
-    assert by_bend.bend_angle is not None
-    angles, fitted = np.rad2deg(heat.recorded_angle), np.rad2deg(by_bend.bend_angle)
+def wire_charts(heat: HeatFit, force: ForceFit, color: str) -> tuple[Model, Model]:
+    """Heat transfer over time, and bend against wire temperature."""
+    angles, fitted = np.rad2deg(heat.recorded_angle), np.rad2deg(heat.bend_angle)
+    readings = [
+        Curve("limb, V", heat.time, heat.recorded_temperature, color),
+        Curve("fit, V", heat.time, heat.measured_temperature, PLAN_COLOR, "dashed"),
+        Curve("fit, T", heat.time, heat.wire_temperature, NEUTRAL_COLOR),
+    ]
     bend = [
         Curve("limb", heat.time, angles, ROLLOUT_COLOR),
-        Curve("φ = (T − T0) / b", by_bend.time, fitted, PLAN_COLOR, "dashed"),
+        Curve("φ = (T − T0) / b", heat.time, fitted, PLAN_COLOR, "dashed"),
     ]
     over_time = stacked(
         [panel("temperature (°C)", readings, height=260), panel("bend angle (°)", bend)]

@@ -100,7 +100,9 @@ def calibrated_or_refused(recordings, method):
 
 @pytest.mark.parametrize("name", BREAKS)
 def test_broken_recordings_by_the_paper(short, name, monkeypatch):
-    monkeypatch.setattr("calibration.damping.STEPS", 2)  # simulations take most of the time
+    monkeypatch.setattr(
+        "calibration.section_v.damping.STEPS", 2
+    )  # simulations take most of the time
     for kind in ("right",) if name in OF_HEAT else ("sag", "ring_down", "right"):
         recordings = {k: [BREAKS[name](r) if k == kind else r] for k, r in short.items()}
         if kind != "ring_down":
@@ -111,7 +113,7 @@ def test_broken_recordings_by_the_paper(short, name, monkeypatch):
 @pytest.mark.parametrize("name", BREAKS)
 def test_broken_recordings_by_prediction(short, name, monkeypatch):
     """After some iterations, which is enough to break."""
-    monkeypatch.setattr("calibration.prediction.MOST_ITERATIONS", 2)
+    monkeypatch.setattr("calibration.prediction.law_fit.MOST_ITERATIONS", 2)
     calibrated_or_refused({"right": [BREAKS[name](short["right"])]}, "prediction")
 
 
@@ -125,7 +127,7 @@ def test_every_subset_of_kinds_by_the_paper(short):
 
 
 def test_subsets_of_kinds_by_prediction(short, monkeypatch):
-    monkeypatch.setattr("calibration.prediction.MOST_ITERATIONS", 2)
+    monkeypatch.setattr("calibration.prediction.law_fit.MOST_ITERATIONS", 2)
     for kinds in ((), ("sag",), ("ring_down",), ("left",), ("both",), ("sag", "right", "left")):
         enough = bool({"right", "left", "both"} & set(kinds))
         assert calibrated_or_refused({k: [short[k]] for k in kinds}, "prediction") == enough

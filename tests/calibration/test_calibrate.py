@@ -156,14 +156,14 @@ def test_a_record_goes_with_the_limb_until_it_is_calibrated_anew(sagging_and_hea
     trajectory.save(tmp_path / "plan.csv")
     assert Trajectory.load(tmp_path / "plan.csv").parameters.calibration == first
     del recordings["sag"]
-    again = calibrate(recordings, limb, method="paper", heat="temperature")
+    again = calibrate(recordings, limb, method="paper")
     assert again.parameters.calibration.names[:2] == ["ambient_temperature", "left.a1"]
     assert limb.calibration == first
 
 
 def test_a_calibration_shows_itself_in_short():
     fits = dict.fromkeys(("stiffness", "damping", "prediction", "validation"))
-    lists = {name: [] for name in ("heat", "heat_compared", "force")}
+    lists = {name: [] for name in ("heat", "force")}
     calibration = Calibration(
         LimbParameters(), Estimate(23.0, 0.1, "°C"), **fits, **lists, sources={}
     )
@@ -178,8 +178,8 @@ def test_missing_and_unknown_recordings_are_named(model_recordings, tmp_path):
         calibrate({"up": model_recordings["right"]})
     with pytest.raises(CalibrationError, match="There is no folder"):
         calibrate(tmp_path / "nothing")
-    with pytest.raises(CalibrationError, match="heat is 'guess'; it must be one of bend"):
-        calibrate(model_recordings, heat="guess")
+    with pytest.raises(CalibrationError, match="method is 'guess'; it must be one of pred"):
+        calibrate(model_recordings, method="guess")
 
 
 def test_a_recording_of_another_kind_is_named(model_recordings):
@@ -269,13 +269,6 @@ def test_json_says_what_is_in_the_files(twin_folder, tmp_path, capsys, monkeypat
     assert again["temperature_mean_c"] == pytest.approx(errors.temperature_mean)
 
 
-def test_heat_from_temperature_alone_is_an_option(model_recordings):
-    recordings = {kind: model_recordings[kind] for kind in ("left", "right")}
-    calibration = calibrate(recordings, method="paper", heat="temperature")
-    assert [fit.method for fit in calibration.heat] == ["temperature"] * 2
-    assert [fit.method for fit in calibration.heat_compared] == ["bend"] * 2
-
-
 def test_command_collects(tmp_path, capsys, monkeypatch):
     recording, twins = simulate(Limb(), [0.0, 0.0], 1.0), []
 
@@ -303,7 +296,7 @@ def test_command_names_the_file_that_is_wrong_and_writes_nothing(twin_folder, tm
     (folder / "both.csv").write_bytes((twin_folder / "right.csv").read_bytes())
     assert main(["fit", str(folder), "-o", str(tmp_path / "limb.yaml")]) == 1
     error = capsys.readouterr().err
-    assert "both.csv: this should show both wires heated, but only the right wire" in error
+    assert "both.csv: this should show both wires heated, but shows only the right wire" in error
     assert not (tmp_path / "limb.yaml").exists()
 
 
@@ -330,8 +323,8 @@ def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkey
 
 def test_command_collects_from_a_robot(tmp_path, monkeypatch):
     """With the model in place of the robot."""
-    monkeypatch.setattr("calibration.collect.SAG_TRIALS", 1)
-    monkeypatch.setattr("calibration.collect.RING_DOWNS", 1)
+    monkeypatch.setattr("calibration.collecting.protocol.SAG_TRIALS", 1)
+    monkeypatch.setattr("calibration.collecting.protocol.RING_DOWNS", 1)
     ports, asked = [], []
 
     class Robot(Limb):

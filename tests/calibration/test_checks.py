@@ -14,7 +14,6 @@ from calibration import (
     fit_damping,
     fit_force,
     fit_heat_transfer,
-    fit_heat_transfer_from_temperature,
     fit_stiffness,
     kind_of,
     kinds_of,
@@ -161,10 +160,10 @@ def test_what_is_swapped_is_named_wherever_the_limb_rests(model_recordings, rest
 @pytest.mark.parametrize(
     ("shown", "expected", "message"),
     [
-        ("right", "both", "should show both wires heated, but only the right wire is heated"),
-        ("left", "right", "should show the right wire heated .* but only the left wire is heated"),
+        ("right", "both", "should show both wires heated, but shows only the right wire heated"),
+        ("left", "right", "should show only the right wire heated, but shows only the left wire"),
         ("ring_down", "sag", "does its header's gravity say how the limb was mounted"),
-        ("both", "ring_down", "should show an unheated limb .* but both wires are heated"),
+        ("both", "ring_down", "should show an unheated limb .* but shows both wires heated"),
     ],
 )
 def test_another_kind_than_expected_is_named(model_recordings, shown, expected, message):
@@ -265,16 +264,15 @@ def test_a_value_that_no_limb_has_is_named(model_recordings, true_limb):
         (sag, lambda recording: fit_stiffness(true_limb, [sag, recording])),
         (ring, lambda recording: fit_damping(true_limb, [ring, recording])),
         (right, lambda recording: fit_heat_transfer(recording, 1, 25.0)),
-        (right, lambda recording: fit_heat_transfer_from_temperature(recording, 1, 25.0)),
         (right, lambda recording: fit_force(true_limb, recording, 1, heat, spring)),
         (right, lambda recording: calibrate({**model_recordings, "right": [recording]})),
     ]
     for recording, use in uses:
         bent, hot = spoilt(recording)
         at = f"{recording.time[100]:g} s; it must stay from"
-        with pytest.raises(CalibrationError, match=rf"bend_angle is \[8\.93.* at {at}.* again\.$"):
+        with pytest.raises(LimbError, match=rf"bend_angle is \[8\.93.* at {at}"):
             use(bent)
-        with pytest.raises(CalibrationError, match=r"measured_temperature is \[700\.0, .*again\.$"):
+        with pytest.raises(LimbError, match=r"measured_temperature is \[700\.0, "):
             use(hot)
 
 

@@ -33,9 +33,9 @@ from limb_systems import (
 )
 
 
-def duty_after(actuated, error_deg, measured=(25.0, 25.0), duration=0.0, *, limb=None, **options):
+def duty_after(actuated, error_deg, measured=(25.0, 25.0), duration=0.0, *, limb=None):
     """Duty for a constant error after some time."""
-    controller = BendAngleController(limb or LimbParameters(), actuated, **options)
+    controller = BendAngleController(limb or LimbParameters(), actuated)
     context = controller.CreateDefaultContext()
     controller.GetInputPort("bend_angle").FixValue(context, [0.0])
     controller.GetInputPort("measured_temperature").FixValue(context, measured)
@@ -55,8 +55,8 @@ def test_proportional_part_heats_the_wire_on_the_side_of_the_error():
     np.testing.assert_allclose(duty_after("left", -10), [duty, 0], rtol=0.05)
     np.testing.assert_allclose(duty_after("right", -10), [0, 0])
     np.testing.assert_allclose(duty_after("left", 10), [0, 0])
-    both = duty_after("both", 10, co_contraction=0.2)
-    np.testing.assert_allclose(both, [0.2 - duty, 0.2 + duty], rtol=0.05)
+    duty = GAIN * np.deg2rad(4.0)
+    np.testing.assert_allclose(duty_after("both", 4), [0.08 - duty, 0.08 + duty], rtol=0.05)
 
 
 def test_integral_part_grows_at_the_pole_of_the_wire():
@@ -86,8 +86,8 @@ def test_wires_that_remember_are_controlled_by_what_they_do_once_they_are_settle
 
 
 def test_duty_is_limited_and_the_integral_does_not_wind_up():
-    assert duty_after("right", 60, maximum_duty=0.3)[1] == pytest.approx(0.3)
-    controller = BendAngleController(LimbParameters(), "right", maximum_duty=0.3)
+    assert duty_after("right", 85)[1] == pytest.approx(0.5)
+    controller = BendAngleController(LimbParameters(), "right")
     context = controller.CreateDefaultContext()
     controller.GetInputPort("bend_angle").FixValue(context, [0.0])
     controller.GetInputPort("measured_temperature").FixValue(context, [25.0, 25.0])
@@ -103,7 +103,7 @@ def test_a_hot_wire_gets_less_and_then_nothing():
     free = duty_after("right", 40, (25.0, 25.0))[1]
     assert duty_after("right", 40, (25.0, 88.0))[1] < 0.8 * free
     assert duty_after("right", 40, (25.0, 95.0))[1] == 0.0
-    assert duty_after("both", 40, (95.0, 25.0), co_contraction=0.1)[0] == 0.0
+    assert duty_after("both", 40, (95.0, 25.0))[0] == 0.0
 
 
 def test_a_wire_that_was_cut_out_stays_off_until_it_has_cooled():
@@ -119,18 +119,9 @@ def test_a_wire_that_was_cut_out_stays_off_until_it_has_cooled():
         assert (controller.get_output_port().Eval(context)[1] > 0) == is_on
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ({"actuated": "up"}, "actuated is 'up'; it must be one of right, left, both"),
-        ({"actuated": "right", "maximum_duty": 1.2}, "within"),
-        ({"actuated": "both", "co_contraction": 0.7}, "not above maximum_duty"),
-        ({"actuated": "right", "cut_out": 120.0}, "must be below T_max, 100 °C"),
-    ],
-)
-def test_controllers_that_make_no_sense_are_refused(arguments, message):
-    with pytest.raises(LimbError, match=message):
-        BendAngleController(LimbParameters(), **arguments)
+def test_wires_that_are_not_there_are_refused():
+    with pytest.raises(LimbError, match="actuated is 'up'; it must be one of right, left, both"):
+        BendAngleController(LimbParameters(), "up")
 
 
 def test_controller_is_for_one_segment(two_segments):
@@ -191,17 +182,10 @@ def test_a_twin_is_never_hotter_than_its_limit(tmp_path):
     np.testing.assert_array_equal(again.reference, recording.reference)
 
 
-def test_a_seed_below_zero_is_refused():
-    with pytest.raises(LimbError, match="seed of the random angles is -1"):
-        collect_equilibria(Limb(), "both", seed=-1)
-
-
-@pytest.mark.parametrize(
-    "arguments", [{"num_angles": 0}, {"largest_deg": 120.0}, {"largest_deg": 0.0}]
-)
-def test_schedules_that_make_no_sense_are_refused(arguments):
-    with pytest.raises(LimbError, match="there must be an angle at least"):
-        collect_equilibria(Limb(), "right", **arguments)
+def test_schedules_that_make_no_sense_are_refused():
+    for arguments, message in (({"num_angles": 0}, "an angle at least"), ({"seed": -1}, "is -1")):
+        with pytest.raises(LimbError, match=message):
+            collect_equilibria(Limb(), "both", **arguments)
 
 
 @pytest.fixture
@@ -212,13 +196,13 @@ def short_excitations(monkeypatch):
     def few(num_wires, seed=0):
         chosen = [e for e in whole(num_wires, seed) if e.name in ("conditioning", "motion_1")]
         return [
-            dataclasses.replace(e, pause=5.0, course=e.course.slice(0, segments))
+            dataclasses.replace(e, pause=5.0, duty=e.duty.slice(0, segments))
             for e, segments in zip(chosen, (7, 3), strict=True)
         ]
 
-    monkeypatch.setattr("calibration.collect.excitations", few)
-    monkeypatch.setattr("calibration.collect.WARM_UP_TIME", 25.0)
-    monkeypatch.setattr("calibration.collect.WARM_UP_END", 40.0)
+    monkeypatch.setattr("calibration.collecting.protocol.excitations", few)
+    monkeypatch.setattr("calibration.collecting.collect.WARM_UP_TIME", 25.0)
+    monkeypatch.setattr("calibration.collecting.collect.WARM_UP_END", 40.0)
 
 
 def test_excitations_tell_how_well_they_were_predicted(short_excitations):
@@ -248,9 +232,9 @@ def test_excitations_tell_how_well_they_were_predicted(short_excitations):
 
 
 def test_protocols_leave_out_equilibria_or_excitations(monkeypatch):
-    monkeypatch.setattr("calibration.collect.excitations", lambda *_: [])
-    monkeypatch.setattr("calibration.collect.WARM_UP_TIME", 1.0)
-    monkeypatch.setattr("calibration.collect.WARM_UP_END", 2.0)
+    monkeypatch.setattr("calibration.collecting.protocol.excitations", lambda *_: [])
+    monkeypatch.setattr("calibration.collecting.collect.WARM_UP_TIME", 1.0)
+    monkeypatch.setattr("calibration.collecting.collect.WARM_UP_END", 2.0)
     few = {"num_angles": 1, "longest": 1.0, "cooling_time": 1.0, "sag_trials": 1, "ring_downs": 0}
     kinds = {
         protocol: list(collect_from_twin(LimbTwin(seed=2), protocol=protocol, **few))
@@ -265,12 +249,14 @@ def test_protocols_leave_out_equilibria_or_excitations(monkeypatch):
 def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     short_excitations, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("calibration.collect.SAG_TRIALS", 1)
-    monkeypatch.setattr("calibration.collect.RING_DOWNS", 1)
+    monkeypatch.setattr("calibration.collecting.protocol.SAG_TRIALS", 1)
+    monkeypatch.setattr("calibration.collecting.protocol.RING_DOWNS", 1)
     waited, asked, told = [], [], []
     limb = LimbParameters()
     limb.wires[1].law.a2 = 22.0
-    monkeypatch.setattr("calibration.collect._wait", lambda pause, _: waited.append(pause))
+    monkeypatch.setattr(
+        "calibration.collecting.protocol._wait", lambda pause, _: waited.append(pause)
+    )
 
     class Robot(Limb):
         __slots__ = ()

@@ -14,10 +14,10 @@ from calibration import (
     Estimate,
     fit_force,
     fit_heat_transfer,
-    fit_heat_transfer_from_temperature,
 )
-from calibration.course import without_spikes
-from calibration.heat import ambient_temperature, simulate_heat
+from calibration.recordings.at_rest import ambient_temperature
+from calibration.recordings.repair import without_spikes
+from calibration.section_v.heat import simulate_heat
 from limb_systems import JouleHeating, LinearLaw, ThermocoupleLag
 
 SIDES = [(0, "left"), (1, "right")]
@@ -59,32 +59,18 @@ def test_delay_shifts_the_response(delay):
 @pytest.mark.parametrize(("index", "side"), SIDES)
 def test_heat_transfer_is_the_one_that_generated_the_data(true_limb, model_recordings, index, side):
     wire = true_limb.segments[0].wire(side).law
-    for fit in (
-        fit_heat_transfer(model_recordings[side][0], index, 23.0),
-        fit_heat_transfer_from_temperature(model_recordings[side][0], index, 23.0),
-    ):
-        assert fit.a1.value == pytest.approx(wire.a1, rel=0.03)
-        assert fit.a2.value == pytest.approx(wire.a2, rel=0.03)
-        assert fit.a3.value == pytest.approx(wire.a3, rel=0.03)
-        assert fit.remarks == []
-        assert fit.temperature_residual < 0.1
+    fit = fit_heat_transfer(model_recordings[side][0], index, 23.0)
+    assert fit.a1.value == pytest.approx(wire.a1, rel=0.03)
+    assert fit.a2.value == pytest.approx(wire.a2, rel=0.03)
+    assert fit.a3.value == pytest.approx(wire.a3, rel=0.03)
+    assert fit.remarks == []
+    assert fit.temperature_residual < 0.1
 
 
 def test_bend_per_degree_is_that_of_the_equilibrium(true_limb, model_recordings):
     """(11), (12): φ = (n + 1)/2 β (T - T0) / k."""
     fit = fit_heat_transfer(model_recordings["right"][0], 1, 23.0)
     assert fit.angle_per_degree.value == pytest.approx(3 * 4.7e-4 / 0.115, rel=0.01)
-
-
-def test_a_dead_time_is_found_without_bend(model_recordings):
-    (recording,) = model_recordings["left"]
-    late = np.roll(recording.measured_temperature, 30, axis=1)  # 1.5 s
-    late[:, :30] = recording.measured_temperature[:, :1]
-    delayed = dataclasses.replace(recording, measured_temperature=late)
-    fit = fit_heat_transfer_from_temperature(delayed, 0, 23.0, delay=True)
-    assert fit.delay.value == pytest.approx(1.5, abs=0.05)
-    assert fit.a1.value == pytest.approx(-0.06, rel=0.03)
-    assert fit.a3.value == pytest.approx(-1.3, rel=0.1)
 
 
 def test_what_a_board_says_of_its_samples_takes_the_place_of_a_delay(model_recordings):
@@ -174,11 +160,10 @@ def test_a_wire_that_was_never_warm_is_refused(model_recordings):
     cold = dataclasses.replace(
         recording, measured_temperature=np.full_like(recording.measured_temperature, 23.0)
     )
-    for fit in (fit_heat_transfer, fit_heat_transfer_from_temperature):
-        with pytest.raises(CalibrationError, match="right wire was never warm"):
-            fit(cold, 1, 23.0)
-        with pytest.raises(CalibrationError, match="left wire was never heated"):
-            fit(recording, 0, 23.0)
+    with pytest.raises(CalibrationError, match="right wire was never warm"):
+        fit_heat_transfer(cold, 1, 23.0)
+    with pytest.raises(CalibrationError, match="left wire was never heated"):
+        fit_heat_transfer(recording, 0, 23.0)
 
 
 def test_a_limb_that_never_bends_is_refused(model_recordings):
@@ -193,14 +178,6 @@ def test_bend_that_is_not_proportional_is_remarked(model_recordings):
     bent = np.deg2rad(45.0) * (recording.bend_angle / np.deg2rad(45.0)).clip(0) ** 3
     fit = fit_heat_transfer(dataclasses.replace(recording, bend_angle=bent), 1, 23.0)
     assert any("not proportional" in remark.sentence for remark in fit.remarks)
-
-
-def test_clipped_duty_is_remarked(model_recordings):
-    (recording,) = model_recordings["right"]
-    duty = recording.duty.copy()
-    duty[1] = np.where(duty[1] > 0.1, 1.0, 0.0)
-    fit = fit_heat_transfer_from_temperature(dataclasses.replace(recording, duty=duty), 1, 23.0)
-    assert any("at its limit" in remark.sentence for remark in fit.remarks)
 
 
 def test_a_limb_that_never_rests_is_refused(true_limb, model_recordings):
@@ -251,40 +228,6 @@ def test_two_segments_are_calibrated_one_by_one(two_segments, model_recordings):
         )
 
 
-@pytest.mark.parametrize(
-    ("a1", "a2", "a3"), [(-0.012, 1.5, -0.15), (-0.06, 24.0, -1.3), (-0.6, 300.0, -4.0)]
-)
-def test_heat_transfer_of_slow_and_fast_wires_is_found(model_recordings, a1, a2, a3):
-    """From a thick wire that is hardly cooled to a thin one in water."""
-    (recording,) = model_recordings["right"]
-    duty = np.array([0.0, *np.repeat([0.4, 0.1, 0.3, 0.0], len(recording.time) // 4)])
-    duty = np.pad(duty, (0, len(recording.time)))[: len(recording.time)]
-    measured = simulate_heat(LinearLaw(a1, a2, a3), duty, 0.05, 23.0, (23.0, 23.0), 0.05)[1]
-    made_up = dataclasses.replace(
-        recording,
-        duty=np.array([0 * duty, duty]),
-        measured_temperature=np.array([0 * measured + 23.0, measured]),
-        bend_angle=0 * recording.bend_angle,
-    )
-    fit = fit_heat_transfer_from_temperature(made_up, 1, 23.0, delay=True)
-    found = [estimate.value for estimate in (fit.a1, fit.a2, fit.a3)]
-    assert found == pytest.approx([a1, a2, a3], rel=0.02)
-
-
-def test_heat_from_temperature_has_no_delay_that_the_model_has_not(model_recordings):
-    (recording,) = model_recordings["right"]
-    late = dataclasses.replace(
-        recording, measured_temperature=np.roll(recording.measured_temperature, 20, axis=1)
-    )
-    late.measured_temperature[:, :20] = recording.measured_temperature[:, :1]
-    fit = fit_heat_transfer_from_temperature(late, 1, 23.0)
-    assert fit.delay is None
-    law = LinearLaw(fit.a1.value, fit.a2.value, fit.a3.value)
-    held = simulate_heat(law, late.duty[1], 0.05, 23.0, (23.0, 23.0))[1]
-    error = np.abs(held - late.measured_temperature[1]).mean()
-    assert error < 1.2 * fit.temperature_residual + 0.5
-
-
 def spiked(recording, every=997):
     """With single readings that are far off."""
     bend, measured = recording.bend_angle.copy(), recording.measured_temperature.copy()
@@ -297,14 +240,11 @@ def test_single_spikes_do_not_matter(true_limb, model_recordings):
     (recording,) = model_recordings["right"]
     wire, spring = true_limb.segments[0].wire("right").law, Estimate(0.115, 0.0, "N·m/rad")
     spoilt = spiked(recording)
-    for fit in (
-        fit_heat_transfer(spoilt, 1, 23.0),
-        fit_heat_transfer_from_temperature(spoilt, 1, 23.0),
-    ):
-        for name in ("a1", "a2", "a3"):
-            assert getattr(fit, name).value == pytest.approx(getattr(wire, name), rel=0.03)
-        beta = fit_force(true_limb, spoilt, 1, fit, spring).beta
-        assert beta.value == pytest.approx(wire.beta, rel=0.005)
+    fit = fit_heat_transfer(spoilt, 1, 23.0)
+    for name in ("a1", "a2", "a3"):
+        assert getattr(fit, name).value == pytest.approx(getattr(wire, name), rel=0.03)
+    beta = fit_force(true_limb, spoilt, 1, fit, spring).beta
+    assert beta.value == pytest.approx(wire.beta, rel=0.005)
 
 
 def test_spikes_are_told_from_the_peaks_of_slow_loggers():
@@ -320,11 +260,8 @@ def test_spikes_are_told_from_the_peaks_of_slow_loggers():
 def test_slow_loggers_are_enough_for_heat_and_force(true_limb, model_recordings, logged, rate):
     wire, spring = true_limb.segments[0].wire("right").law, Estimate(0.115, 0.0, "N·m/rad")
     slow = logged(model_recordings["right"][0], rate)
-    for fit in (
-        fit_heat_transfer(slow, 1, 23.0),
-        fit_heat_transfer_from_temperature(slow, 1, 23.0),
-    ):
-        for name in ("a1", "a2", "a3"):
-            assert getattr(fit, name).value == pytest.approx(getattr(wire, name), rel=0.05)
-        beta = fit_force(true_limb, slow, 1, fit, spring).beta
-        assert beta.value == pytest.approx(wire.beta, rel=0.02)
+    fit = fit_heat_transfer(slow, 1, 23.0)
+    for name in ("a1", "a2", "a3"):
+        assert getattr(fit, name).value == pytest.approx(getattr(wire, name), rel=0.05)
+    beta = fit_force(true_limb, slow, 1, fit, spring).beta
+    assert beta.value == pytest.approx(wire.beta, rel=0.02)

@@ -113,7 +113,7 @@ def test_troubles_name_the_wires(dorsal_and_ventral, folder):
     dorsal.bend_angle = -dorsal.bend_angle
     with pytest.raises(CalibrationError, match="the bend sensor is reversed"):
         check_recording(dorsal)
-    with pytest.raises(CalibrationError, match="ventral wire heated and no other, but only the d"):
+    with pytest.raises(CalibrationError, match="only the ventral wire heated, but shows only"):
         check_recording(dorsal, "ventral")
     with pytest.raises(CalibrationError, match=r"of the wires dorsal, ventral, .* left, right"):
         calibrate(folder, LimbParameters())
@@ -145,8 +145,8 @@ def test_dorsal_and_ventral_are_planned_and_replayed(dorsal_and_ventral, monkeyp
 
 def test_three_wires_are_collected_as_four_kinds(tmp_path, monkeypatch):
     """Two of them on one side: the limb is held by each, and by all."""
-    monkeypatch.setattr("calibration.collect.SAG_TRIALS", 1)
-    monkeypatch.setattr("calibration.collect.RING_DOWNS", 1)
+    monkeypatch.setattr("calibration.collecting.protocol.SAG_TRIALS", 1)
+    monkeypatch.setattr("calibration.collecting.protocol.RING_DOWNS", 1)
     asked = []
 
     class Robot(Limb):

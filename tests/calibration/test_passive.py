@@ -13,11 +13,11 @@ from calibration import (
     fit_damped_sinusoid,
     fit_damping,
     fit_force,
-    fit_heat_transfer_from_temperature,
+    fit_heat_transfer,
     fit_stiffness,
     validate,
 )
-from calibration.stiffness import shape_factors
+from calibration.section_v.stiffness import shape_factors
 from limb_systems import ChordSensor, LimbParameters, Recording, TipTangentSensor
 from limb_systems.model.statics import static_equilibrium
 
@@ -128,7 +128,7 @@ def test_fits_are_of_what_the_sensor_shows(sensor, true_limb, model_recordings):
     validation = validate(true_limb, seen_by(sensor, model_recordings["both"][0]))
     assert validation.mean < np.deg2rad(0.1)
     right = model_recordings["right"][0]
-    heat = fit_heat_transfer_from_temperature(right, 1, true_limb.ambient_temperature)
+    heat = fit_heat_transfer(right, 1, true_limb.ambient_temperature)
     by_chord, by_sensor = (
         fit_force(true_limb, recording, 1, heat, Estimate(0.115, 0.0, "N·m/rad")).beta.value
         for recording in (right, seen_by(sensor, right))

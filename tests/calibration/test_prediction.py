@@ -7,10 +7,10 @@ import pytest
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import CalibrationError, calibrate
-from calibration.course import Course
-from calibration.excitation import excitations
-from calibration.prediction import fit_law
-from calibration.selection import beaten, compare_laws, simplest_unbeaten
+from calibration.collecting.excitation import excitations
+from calibration.prediction.heated_run import HeatedRun
+from calibration.prediction.law_fit import fit_law
+from calibration.prediction.selection import beaten, compare_laws, simplest_unbeaten
 from limb_systems import (
     HystereticLaw,
     Limb,
@@ -52,7 +52,7 @@ def recordings_of(limb: LimbParameters, *names: str) -> list[Recording]:
     recordings = []
     for excitation in excitations(2):
         if excitation.name in names:
-            course = later(excitation.course)
+            course = later(excitation.duty)
             recordings.append(simulate(Limb(limb), course, sample_rate=10.0))
     return recordings
 
@@ -68,11 +68,15 @@ def later(course: PiecewisePolynomial) -> PiecewisePolynomial:
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_is_found_again_in_its_own_data(name, monkeypatch):
     """By another integrator than Drake's, from other values; "told" within their errors."""
-    monkeypatch.setattr("calibration.excitation.LEVEL_STEP", 2.0)  # each step takes Drake long
+    monkeypatch.setattr(
+        "calibration.collecting.excitation.LEVEL_STEP", 2.0
+    )  # each step takes Drake long
     limb = limb_with(LAWS[name])
-    courses = [Course.of(r) for r in recordings_of(limb, "conditioning", "ramps")]
+    courses = [HeatedRun.of(r) for r in recordings_of(limb, "conditioning", "ramps")]
     fit = fit_law(type(limb.wires[0].law), courses, LimbParameters().segments[0], AMBIENT + 0.3)
-    for wire, law in zip(limb.wires, fit.laws, strict=True):
+    applied = LimbParameters().segments[0]
+    fit.apply(applied)
+    for wire, law in zip(limb.wires, (w.law for w in applied.wires), strict=True):
         for field in dataclasses.fields(law):
             if field.name in law.settings:
                 continue
@@ -86,12 +90,12 @@ def test_a_law_is_found_again_in_its_own_data(name, monkeypatch):
 def test_spikes_do_not_pull():
     limb = limb_with(LAWS["two masses"])
     (recording,) = recordings_of(limb, "conditioning")
-    clean = fit_law(TwoMassLaw, [Course.of(recording)], LimbParameters().segments[0], AMBIENT)
+    clean = fit_law(TwoMassLaw, [HeatedRun.of(recording)], LimbParameters().segments[0], AMBIENT)
     bend, measured = recording.bend_angle.copy(), recording.measured_temperature.copy()
     bend[0, ::97] += np.deg2rad(60.0)
     measured[1, ::53] = 200.0
     spoiled = dataclasses.replace(recording, bend_angle=bend, measured_temperature=measured)
-    fit = fit_law(TwoMassLaw, [Course.of(spoiled)], LimbParameters().segments[0], AMBIENT)
+    fit = fit_law(TwoMassLaw, [HeatedRun.of(spoiled)], LimbParameters().segments[0], AMBIENT)
     for name, estimate in clean.estimates.items():
         assert abs(fit.estimates[name].value - estimate.value) < 1.5 * estimate.standard_error
 
@@ -106,7 +110,7 @@ def test_the_simplest_law_that_predicts_as_well_is_used():
             recording,
             bend_angle=recording.bend_angle + noise.normal(0, 0.008, recording.bend_angle.shape),
         )
-        courses.append(Course.of(noisy))
+        courses.append(HeatedRun.of(noisy))
     candidates, best = compare_laws(
         (LinearLaw, TwoMassLaw, SaturatingLaw),
         courses[:-1],
@@ -130,7 +134,7 @@ def test_the_open_loop_is_the_diagram_with_rubber_that_remembers():
     segment.rest_angle, segment.stiffening = 0.05, 0.3
     segment.rest_memory = RestMemory(0.03, 2.0)
     (recording,) = recordings_of(limb, "conditioning")
-    course = Course.of(recording)
+    course = HeatedRun.of(recording)
     law, ambient, rubber = stacked([limb])
     cold = [np.full((1, 1, 2), value) for value in law.cold_states(AMBIENT)]
     open_loop = OpenLoop(course.duty[:, np.newaxis], 0.5, segment)
@@ -144,7 +148,7 @@ def test_the_open_loop_is_the_diagram_with_rubber_that_remembers():
 
 def test_draws_scatter_as_the_covariance_says():
     limb = limb_with(LAWS["threshold"])
-    courses = [Course.of(r) for r in recordings_of(limb, "conditioning")]
+    courses = [HeatedRun.of(r) for r in recordings_of(limb, "conditioning")]
     fit = fit_law(ThresholdLaw, courses, LimbParameters().segments[0], AMBIENT)
     known = fit.calibrated(LimbParameters())
     draws = draw_ensemble(known, 2000)
@@ -169,7 +173,7 @@ def test_calibrates_from_any_heated_recordings():
     assert record.bend_error > 0
     assert record.temperature_error > 0
     assert LimbParameters.from_yaml(calibration.parameters.to_yaml()) == calibration.parameters
-    with pytest.raises(CalibrationError, match="no recording with heat"):
+    with pytest.raises(CalibrationError, match="There are no recordings"):
         calibrate({"ring_down": []} | {"sag": recordings_of(limb)}, LimbParameters())
 
 
@@ -180,8 +184,8 @@ def test_a_course_has_even_steps_of_any_samples():
         [0.0, 4.0, 11.0, 20.0], [[0, 0.3, 0, 0], [0, 0, 0.2, 0]]
     )
     levels = later(levels)
-    fast = Course.of(simulate(Limb(limb), levels, sample_rate=20.0))
-    slow = Course.of(simulate(Limb(limb), levels, sample_rate=5.0))
+    fast = HeatedRun.of(simulate(Limb(limb), levels, sample_rate=20.0))
+    slow = HeatedRun.of(simulate(Limb(limb), levels, sample_rate=5.0))
     np.testing.assert_allclose(fast.duty, slow.duty, atol=0.15)
     np.testing.assert_allclose(fast.duty.sum(axis=0), slow.duty.sum(axis=0), atol=0.1)
     at_slow = np.array([np.interp(slow.times, fast.times, v) for v in fast.temperature.T]).T
@@ -192,7 +196,7 @@ def test_what_is_held_out_has_heat():
     """Though most of the end is rest: an eighth of the heat, which is in the first half."""
     limb = limb_with(LAWS["linear"])
     levels = PiecewisePolynomial.ZeroOrderHold([0.0, 30.0, 60.0], [[0.3, 0, 0], [0.1, 0, 0]])
-    course = Course.of(simulate(Limb(limb), levels, sample_rate=5.0))
+    course = HeatedRun.of(simulate(Limb(limb), levels, sample_rate=5.0))
     early, late = course.held_out(0.12, 0.4)
     assert late.times[0] == pytest.approx(36.0, abs=0.5)
     assert len(early.times) + len(late.times) == len(course.times)

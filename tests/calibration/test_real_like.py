@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from calibration import calibrate
-from calibration.course import Course
-from calibration.prediction import fit_law
+from calibration.prediction.heated_run import HeatedRun
+from calibration.prediction.law_fit import fit_law
 from limb_systems import LimbParameters, LinearLaw, SaturatingLaw
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -39,9 +39,9 @@ def test_heat_from_the_beginning_leaves_the_start_at_the_room(pulses):
     """The first seconds show heat, not where the wires and the silicone were before."""
     recorded, again = pulses
     segment = LimbParameters().segments[0]
-    fit = fit_law(SaturatingLaw, [Course.of(r) for r in recorded], segment, 22.0)
+    fit = fit_law(SaturatingLaw, [HeatedRun.of(r) for r in recorded], segment, 22.0)
     assert np.abs(fit.nuisances - 22.0).max() < 8.0
-    for predicted in fit.predict([Course.of(recording) for recording in again]):
+    for predicted in fit.predict([HeatedRun.of(recording) for recording in again]):
         assert np.rad2deg(predicted.bend_error) < 2.0
         assert predicted.temperature_error < 2.0
 
@@ -66,8 +66,8 @@ def test_laws_are_judged_by_each_wire_that_is_fitted(pulses):
     ):
         found = calibrate(recordings, LimbParameters(), laws=[LinearLaw]).prediction
         assert words in found.judges
-        judged = {tuple(p.course.duty.any(axis=0)) for p in found.best.judged}
-        fitted = {tuple(p.course.duty.any(axis=0)) for p in found.best.fit.predicted}
+        judged = {tuple(p.run.duty.any(axis=0)) for p in found.best.judged}
+        fitted = {tuple(p.run.duty.any(axis=0)) for p in found.best.fit.predicted}
         assert judged <= fitted
 
 
@@ -99,5 +99,5 @@ def test_a_camera_that_loses_the_limb_now_and_then_changes_nothing(pulses):
     for recording in pulses[1]:
         off = random.choice([0.0, 60.0, -60.0], recording.bend_angle.shape, p=[0.96, 0.02, 0.02])
         spoilt = dataclasses.replace(recording, bend_angle=recording.bend_angle + np.deg2rad(off))
-        away = np.abs(Course.of(spoilt).bend - Course.of(recording).bend)
+        away = np.abs(HeatedRun.of(spoilt).bend - HeatedRun.of(recording).bend)
         assert np.rad2deg(away.max()) < 1.0

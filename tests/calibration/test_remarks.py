@@ -11,7 +11,6 @@ from calibration.remarks import (
     Remark,
     Severity,
     remarks_on_estimate,
-    remarks_on_validation,
     verdict,
 )
 from limb_systems import LimbParameters, Recording
@@ -45,19 +44,21 @@ def validation_that_misses_by(fraction: float) -> Validation:
 )
 def test_the_validation_s_error_counts_by_the_range_of_bend(fraction, words):
     validation = validation_that_misses_by(fraction)
-    assert verdict(remarks_on_validation(validation), validation).startswith(words)
+    assert validation.verdict.startswith(words)
 
 
 def test_a_validation_at_rest_is_no_division_by_zero():
     validation = validation_that_misses_by(0.0)
     validation.recording.bend_angle *= 0
-    assert verdict(remarks_on_validation(validation), validation).startswith("Good enough")
+    assert validation.verdict.startswith("Good enough")
 
 
 @pytest.mark.parametrize("kind", RULES)
 def test_the_worst_remark_decides(kind):
     validation = validation_that_misses_by(0.01)
-    said = verdict([Remark(kind, "Something is so."), Remark("unused", "So what.")], validation)
+    said = verdict(
+        [Remark(kind, "Something is so."), Remark("unused", "So what.")], validation.in_words
+    )
     severity, phrase = RULES[kind]
     start = {
         Severity.NOTE: "Good enough to plan with: ",

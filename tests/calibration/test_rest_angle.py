@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from calibration import fit_damping, validate
-from calibration.rest_angle import rest_angle
-from calibration.stiffness import fit_stiffness
+from calibration.recordings.at_rest import rest_angle
+from calibration.section_v.stiffness import fit_stiffness
 from limb_systems import (
     BendSensor,
     Limb,

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration.course import Course
-from calibration.prediction import fit_law
+from calibration.prediction.heated_run import HeatedRun
+from calibration.prediction.law_fit import fit_law
 from limb_systems import LinearLaw, SegmentParameters
 
 
@@ -71,7 +71,7 @@ CHANGES = {
 
 @pytest.mark.parametrize("name", CHANGES)
 def test_laws_are_within_their_errors(true_limb, heated, logged, name):
-    courses = [Course.of(recording) for recording in CHANGES[name](heated, logged)]
+    courses = [HeatedRun.of(recording) for recording in CHANGES[name](heated, logged)]
     segment = SegmentParameters(stiffness=true_limb.segments[0].stiffness)
     estimates = fit_law(LinearLaw, courses, segment, 23.0).estimates
     for wire in true_limb.segments[0].wires:

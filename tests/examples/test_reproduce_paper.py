@@ -25,8 +25,8 @@ from pydrake.trajectories import PiecewisePolynomial
 from scipy.interpolate import CubicSpline
 
 from calibration import calibrate, collect_from_twin
-from calibration.prediction import LawFit
-from calibration.unknowns import unknowns_of
+from calibration.prediction.law_fit import LawFit
+from calibration.prediction.unknowns import unknowns_of
 from hardware import LimbTwin, replay
 from hardware.emulation.specimen import Specimen
 from limb_systems import (
@@ -80,7 +80,7 @@ def demo(tmp_path_factory, evaluation):
         mock.patch("reproduce_paper._local_executor", concurrent.futures.ThreadPoolExecutor),
         mock.patch("evaluation.experiment.collect_from_twin", collect),
         mock.patch("evaluation.experiment.calibrate", functools.partial(calibrate, laws=LAWS)),
-        mock.patch("calibration.prediction.MOST_ITERATIONS", 4),
+        mock.patch("calibration.prediction.law_fit.MOST_ITERATIONS", 4),
         mock.patch("evaluation.ways.PAUSE", 20.0),
         mock.patch("evaluation.experiment.PAUSE", 20.0),
         mock.patch.object(sys, "argv", ["reproduce_paper.py", str(folder), "--quick", *few]),

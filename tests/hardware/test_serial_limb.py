@@ -320,8 +320,8 @@ def test_equilibria_are_collected_from_a_robot(emulator):
 
 def test_collecting_goes_on_where_it_was_interrupted(tmp_path, monkeypatch):
     """With the model in place of a robot, which a context manager closes alike."""
-    monkeypatch.setattr("calibration.collect.SAG_TRIALS", 2)
-    monkeypatch.setattr("calibration.collect.RING_DOWNS", 1)
+    monkeypatch.setattr("calibration.collecting.protocol.SAG_TRIALS", 2)
+    monkeypatch.setattr("calibration.collecting.protocol.RING_DOWNS", 1)
     in_use, asked = [], []
 
     class Closing(Limb):

@@ -4,14 +4,12 @@ import dataclasses
 
 import numpy as np
 
-from calibration.bend_sensor import bend_sensor_of
-from calibration.checks import check_values
-from calibration.course import despiked, interpolated
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
-from calibration.heat import HeatFit
-from calibration.kinds import only_segment
+from calibration.recordings.kinds import bend_sensor_of, only_segment
+from calibration.recordings.repair import despiked, interpolated
 from calibration.remarks import Remark, remarks_on_estimate
+from calibration.section_v.heat import HeatFit
 from limb_systems import LimbParameters, Recording, joint_angles_from_bend_angle
 
 BEND_DRIFT_TIME = 120.0  # s, within which a bend sensor's drift changes
@@ -67,7 +65,7 @@ def fit_force(
     Raises:
         CalibrationError: if there are no equilibria in it.
     """
-    check_values(recording)
+    recording.check_plausible()
     shown = ~recording.missing
     recording = interpolated(despiked(recording))
     side = only_segment(parameters).wires[index].direction
@@ -95,32 +93,25 @@ def fit_force(
     log_slopes = np.array([-1 / heat.a1.value, 1 / heat.a2.value, 0.0])
     shared = log_slopes @ heat.covariance @ log_slopes
     relative = np.sqrt((stiffness.standard_error / stiffness.value) ** 2 + shared)
+    mean, count = float(ratios.mean()), len(ratios)
     remarks = []
-    if len(ratios) < 3:
-        remarks.append(
-            Remark(
-                "few",
-                f"Only {len(ratios)} equilibri{'um' if len(ratios) == 1 else 'a'} of the "
-                f"{heat.wire} wire; record at least five.",
-            )
-        )
-        beta = Estimate(float(ratios.mean()), float(ratios.mean() * max(relative, 0.1)), "N·m/°C")
+    if count < 3:
+        sentence = f"Of the {heat.wire} wire there are {count} equilibria; record at least five."
+        remarks.append(Remark("few", sentence))
+        error = mean * max(relative, 0.1)
     else:
         # The sensor's drift is much the same in equilibria that follow each other.
-        shares = ratios / bent / len(ratios)
+        shares = ratios / bent / count
         alike = np.exp(-np.abs(times[:, None] - times) / BEND_DRIFT_TIME)
         drift = bend_sensor_of(recording).drift * np.sqrt(shares @ alike @ shares)
-        error = np.hypot(max(standard_error(ratios), drift), relative * ratios.mean())
-        beta = Estimate(float(ratios.mean()), float(error), "N·m/°C")
-        if ratios.std(ddof=1) > 0.15 * ratios.mean():
-            remarks.append(
-                Remark(
-                    "law",
-                    f"The {heat.wire} wire's torque is not proportional to its temperature: β "
-                    f"scatters by {100 * ratios.std(ddof=1) / ratios.mean():.0f}% between "
-                    "equilibria.",
-                )
+        error = np.hypot(max(standard_error(ratios), drift), relative * mean)
+        if (scatter := ratios.std(ddof=1) / mean) > 0.15:
+            sentence = (
+                f"The {heat.wire} wire's torque is not proportional to its temperature: β scatters "
+                f"by {100 * scatter:.0f}% between equilibria."
             )
+            remarks.append(Remark("law", sentence))
+    beta = Estimate(mean, float(error), "N·m/°C")
     remarks += remarks_on_estimate(f"β of the {heat.wire} wire", beta)
     return ForceFit(heat.wire, beta, times, wire, angle, ratios, remarks)
 

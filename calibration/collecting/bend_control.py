@@ -5,12 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
-from calibration.kinds import heated_wires, only_segment
-from limb_systems import LimbError, LimbParameters, Wires
+from calibration.recordings.kinds import heated_wires, only_segment
+from limb_systems import LimbParameters, Wires
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 
 TAPER = 15.0  # °C
+CUT_OUT = 5.0  # °C below T_max, where a wire is switched off
+MAXIMUM_DUTY, CO_CONTRACTION = 0.5, 0.08
 
 
 class BendAngleController(LeafSystem):
@@ -19,10 +21,10 @@ class BendAngleController(LeafSystem):
         u = k_p e + k_i ∫ e dt,   e = φ_eq - φ
         D = D_c + u  of a wire that bends towards +E2,  D_c - u  of any other
 
-    limited to [0, D_max]; a wire that is not actuated stays off. Over the last
-    15 °C before the cut-out the limit falls to zero, and a wire whose measured
-    temperature reaches it stays off until it has cooled by 5 °C. The integral
-    stands still while u is beyond what the wires may do (anti-windup).
+    limited to [0, D_max]; a wire that is not actuated stays off. D_c is zero if only one
+    is. Over the last 15 °C before the cut-out, 5 °C below T_max, the limit falls to zero,
+    and a wire whose measured temperature reaches it stays off until it has cooled by 5 °C.
+    The integral stands still while u is beyond what the wires may do (anti-windup).
 
     The gains follow from the limb's description: the loop's gain is 1.5, and
     the controller's zero cancels the pole of (6), with which a wire cools.
@@ -36,36 +38,18 @@ class BendAngleController(LeafSystem):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(
-        self,
-        parameters: LimbParameters,
-        actuated: str,
-        *,
-        co_contraction: float = 0.0,
-        maximum_duty: float = 0.5,
-        cut_out: float | None = None,
-    ):
+    def __init__(self, parameters: LimbParameters, actuated: str):
         """
         Args:
             parameters: of the limb, as far as they are known, of one segment.
             actuated: name of the wire, or "both" for all of them.
-            co_contraction: D_c, duty of the actuated wires at u = 0.
-            maximum_duty: D_max.
-            cut_out: measured temperature at which a wire is switched off, °C;
-                5 °C below T_max if None.
 
         Raises:
-            LimbError: if the limb has several segments, or wires on one side
-                only, or if an argument is out of its range.
+            LimbError: if the limb has several segments, or no such wire.
         """
         super().__init__()
         segment = only_segment(parameters)
         heated = heated_wires(parameters, actuated)
-        if not (0 < maximum_duty <= 1 and 0 <= co_contraction <= maximum_duty):
-            raise LimbError(
-                f"maximum_duty is {maximum_duty!r} and co_contraction {co_contraction!r}; they "
-                "must be within [0, 1], and co_contraction not above maximum_duty."
-            )
         wires = Wires(parameters)
         # Bend angle per duty in the end, by (6), (12), in rad, of the last wire about T_max / 2.
         middle = 0.5 * (parameters.temperature_limits.maximum + parameters.ambient_temperature)
@@ -79,11 +63,8 @@ class BendAngleController(LeafSystem):
         self._proportional, self._integral = 1.5 / gain, 1.5 / gain * slowest
         sides = np.sign([wire.direction for wire in segment.wires])
         self._direction = np.where(np.isin(np.arange(wires.num_wires), heated), sides, 0.0)
-        self._co_contraction, self._maximum_duty = co_contraction, maximum_duty
-        maximum = parameters.temperature_limits.maximum
-        self._cut_out = maximum - 5.0 if cut_out is None else cut_out
-        if not self._cut_out < maximum:
-            raise LimbError(f"cut_out is {cut_out!r} °C; it must be below T_max, {maximum:g} °C.")
+        self._co_contraction = CO_CONTRACTION if len(heated) > 1 else 0.0
+        self._cut_out = parameters.temperature_limits.maximum - CUT_OUT
         self.DeclareVectorInputPort("bend_angle", 1)
         self.DeclareVectorInputPort("measured_temperature", wires.num_wires)
         self.DeclareVectorInputPort("set_point", 1)
@@ -105,7 +86,7 @@ class BendAngleController(LeafSystem):
         error = set_point[0] - bend_angle[0]
         cut_out = measured >= self._cut_out - 5.0 * was_cut_out
         taper = np.clip((self._cut_out - measured) / TAPER, 0.0, 1.0)
-        limit = np.where(cut_out, 0.0, self._maximum_duty * taper) * np.abs(self._direction)
+        limit = np.where(cut_out, 0.0, MAXIMUM_DUTY * taper) * np.abs(self._direction)
         command = self._proportional * error + self._integral * integral
         towards = np.sign(error)
         room = limit[self._direction == towards].max(initial=0.0)

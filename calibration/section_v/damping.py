@@ -8,12 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from calibration.bend_sensor import bend_sensor_of
-from calibration.checks import check_values
-from calibration.course import filled
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
-from calibration.kinds import only_segment
+from calibration.recordings.kinds import bend_sensor_of, only_segment
+from calibration.recordings.repair import filled
 from calibration.remarks import Remark, remarks_on_estimate
 from limb_systems import (
     Limb,
@@ -217,36 +215,24 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
             "the sag, and whether the ring-down's times are right."
         )
     if abs(ratio - 1) > 0.05:
-        remarks.append(
-            Remark(
-                "ringing",
-                f"The limb rings at {measured[0].frequency:.2f} Hz, its model with the spring "
-                f"constant of the sag at {simulated[0].frequency:.2f} Hz: rubber is stiffer in "
-                "fast motion, or mass or sag are off; weigh the limb.",
-            )
+        sentence = (
+            f"The limb rings at {measured[0].frequency:.2f} Hz, its model with the spring constant "
+            f"of the sag at {simulated[0].frequency:.2f} Hz: rubber is stiffer in fast motion, or "
+            "mass or sag are off; weigh the limb."
         )
+        remarks.append(Remark("ringing", sentence))
     if any(fit.residual > 0.15 * fit.amplitude for fit in measured):
-        remarks.append(
-            Remark(
-                "ringing",
-                "The ring-down is far from a damped sinusoid; release the limb in one move.",
-            )
-        )
+        sentence = "The ring-down is far from a damped sinusoid; release the limb in one move."
+        remarks.append(Remark("ringing", sentence))
     estimate = Estimate(float(values.mean()), error, "N·m·s/rad")
     remarks += remarks_on_estimate("the damping", estimate)
-    return DampingFit(
-        estimate,
-        measured,
-        simulated,
-        recordings[0].time,
-        recordings[0].bend_angle[0],
-        remarks,
-    )
+    first = recordings[0]
+    return DampingFit(estimate, measured, simulated, first.time, first.bend_angle[0], remarks)
 
 
 def _fit_recording(parameters, recording: Recording):
     """σ and its standard error, and the sinusoids of limb and model."""
-    check_values(recording)
+    recording.check_plausible()
     sensor, seen_angle = bend_sensor_of(recording), recording.bend_angle[0]
     signal = filled(recording.time, seen_angle)
     if len(signal) < FEWEST or not np.ptp(signal) > 0:

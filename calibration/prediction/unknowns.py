@@ -32,20 +32,25 @@ PRIORS: dict[str, tuple[float, float, float]] = {
 OTHER = (0.9, 0.3)  # spreads of what a law of one's own has
 FASTEST = 4.0  # 1/s, of rates: the open-loop simulation's steps follow no faster ones
 REST_BOUND = np.deg2rad(60.0)
+# Options of the rubber: their names, and the unit of each number.
+RUBBER = (
+    ("stiffening", "", {"stiffening": "of k"}),
+    ("rest_memory", "rest_memory.", {"shift": "rad", "rate": "1/rad"}),
+)
 
 
 @dataclasses.dataclass(frozen=True)
 class Unknown:
     """One number that is fitted.
 
-    - ``name``: such as "right.a1".
-    - ``field``: of the law, the segment or its memory.
-    - ``wire``: its index; None if it is the segment's.
-    - ``unit``: of its value.
-    - ``form``: "+" or "-" if the fit has the logarithm of ± its value, "" if the value.
+    - ``name``: name in the limb's parameters, such as "right.a1".
+    - ``field``: field of the law, the segment or its memory.
+    - ``wire``: index of the wire; None if it is the segment's.
+    - ``unit``: unit of the value.
+    - ``form``: "+" or "-" if the fit has the logarithm of ± the value, "" if the value.
     - ``center``: expected value, as the fit has it.
     - ``spread``, ``alike``: see `PRIORS`.
-    - ``low``, ``high``: bounds, as the fit has it.
+    - ``low``, ``high``: bounds, as the fit has them.
     """
 
     name: str
@@ -60,20 +65,20 @@ class Unknown:
     high: float
 
     def value(self, fitted: np.ndarray) -> np.ndarray:
-        """In its unit, from that of the fit."""
+        """Value in its unit, from that of the fit."""
         if not self.form:
             return fitted
         return np.exp(fitted) if self.form == "+" else -np.exp(fitted)
 
-    def slope(self, fitted: float) -> float:
+    def slope(self, fitted: np.ndarray) -> float:
         """Derivative of the value by that of the fit."""
-        return float(self.value(np.array(fitted))) if self.form else 1.0
+        return float(self.value(fitted)) if self.form else 1.0
 
 
 def unknowns_of(
     law: type[WireLaw], segment: SegmentParameters, rubber: tuple[str, ...] = ()
 ) -> list[Unknown]:
-    """Those of a segment whose wires follow a law: of each wire, then of the rubber.
+    """All that is unknown of a segment whose wires follow a law: of each wire, then of the rubber.
 
     Args:
         segment: its description, whose wires' laws say what to expect.
@@ -100,18 +105,18 @@ def unknowns_of(
             result.append(
                 Unknown(name, field.name, index, unit, form, center, spread, alike, *ends)
             )
-    fields = ["rest_angle", *(["stiffening"] if "stiffening" in rubber else [])]
-    fields += ["shift", "rate"] if "rest_memory" in rubber else []
-    for name in fields:
-        value, spread, alike = PRIORS[name]
-        if name == "rest_angle":
-            value = segment.rest_angle
-        bounds = (-REST_BOUND, REST_BOUND) if name == "rest_angle" else (-9.0, 3.0)
-        form = "" if name == "rest_angle" else "+"
-        unit = {"rest_angle": "rad", "stiffening": "of k", "shift": "rad", "rate": "1/rad"}[name]
-        center = np.log(value) if form else value
-        full = f"rest_memory.{name}" if name in ("shift", "rate") else name
-        result.append(Unknown(full, name, None, unit, form, center, spread, alike, *bounds))
+    angle, (_, spread, alike) = segment.rest_angle, PRIORS["rest_angle"]
+    bounds = -REST_BOUND, REST_BOUND
+    result.append(
+        Unknown("rest_angle", "rest_angle", None, "rad", "", angle, spread, alike, *bounds)
+    )
+    for option, prefix, units in RUBBER:
+        for name, unit in units.items() if option in rubber else ():
+            value, spread, alike = PRIORS[name]
+            center = np.log(value)
+            result.append(
+                Unknown(prefix + name, name, None, unit, "+", center, spread, alike, -9.0, 3.0)
+            )
     return result
 
 

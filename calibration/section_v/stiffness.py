@@ -6,14 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.bend_sensor import bend_sensor_of
-from calibration.checks import check_values
-from calibration.course import without_missing
-from calibration.damping import DampingFit
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
-from calibration.kinds import only_segment
+from calibration.recordings.kinds import bend_sensor_of, only_segment
+from calibration.recordings.repair import without_missing
 from calibration.remarks import Remark, remarks_on_estimate
+from calibration.section_v.damping import DampingFit
 from limb_systems import (
     BendSensor,
     ChordSensor,
@@ -83,7 +81,7 @@ def fit_stiffness(
     if not recordings:
         raise CalibrationError("There is no recording of the limb's sag under gravity.")
     for recording in recordings:
-        check_values(recording)
+        recording.check_plausible()
     recordings = [without_missing(recording) for recording in recordings]
     sags = np.array([_resting_angle(recording) for recording in recordings])
     gravity = np.array(recordings[0].parameters.gravity)
@@ -124,21 +122,17 @@ def fit_stiffness(
     estimate = Estimate(stiffness, float(abs(slope * spread)), "N·m/rad")
     remarks = []
     if len(sags) < 3:
-        remarks.append(
-            Remark(
-                "few",
-                f"Only {len(sags)} trial{'s' if len(sags) > 1 else ''} of the sag: mounting and "
-                "sensor differ by about 2° from trial to trial, so record ten.",
-            )
+        sentence = (
+            f"Only {len(sags)} trial{'s' * (len(sags) > 1)} of the sag: mounting and sensor differ "
+            "by about 2° from trial to trial, so record ten."
         )
+        remarks.append(Remark("few", sentence))
     elif np.ptp(sags) > 0.5 * sensor.gain * abs(sag):
-        remarks.append(
-            Remark(
-                "scatter",
-                f"The sag differs by {np.rad2deg(np.ptp(sags)):.1f}° between trials, of "
-                f"{np.rad2deg(abs(sag)):.1f}°; mount the limb alike and record more.",
-            )
+        sentence = (
+            f"The sag differs by {np.rad2deg(np.ptp(sags)):.1f}° between trials, of "
+            f"{np.rad2deg(abs(sag)):.1f}°; mount the limb alike and record more."
         )
+        remarks.append(Remark("scatter", sentence))
     remarks += remarks_on_estimate("the stiffness", estimate)
     fitted = _with_stiffness(parameters, gravity, stiffness)
     return StiffnessFit(

@@ -1,13 +1,13 @@
 """Which law a limb's recordings call for: the simplest that predicts others best."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from calibration.course import Course
-from calibration.prediction import LawFit, Predicted, fit_law
+from calibration.prediction.heated_run import HeatedRun
+from calibration.prediction.law_fit import LawFit, Predicted, fit_law
 from calibration.remarks import Remark, remarks_on_start
 from limb_systems import (
     HystereticLaw,
@@ -66,10 +66,10 @@ class Candidate:
         """In each block of time: of bend and temperature together, in their scales."""
         blocks = []
         for predicted in self.judged:
-            course = predicted.course
-            bend = np.abs(predicted.bend - course.bend) / BEND_SCALE
-            reading = np.abs(predicted.temperature - course.temperature) / TEMPERATURE_SCALE
-            error, numbers = bend + reading.mean(axis=1), (course.times / BLOCK).astype(int)
+            run = predicted.run
+            bend = np.abs(predicted.bend - run.bend) / BEND_SCALE
+            reading = np.abs(predicted.temperature - run.temperature) / TEMPERATURE_SCALE
+            error, numbers = bend + reading.mean(axis=1), (run.times / BLOCK).astype(int)
             blocks += [error[numbers == number].mean() for number in np.unique(numbers)]
         return np.array(blocks)
 
@@ -103,43 +103,37 @@ class Prediction:
 
     @property
     def remarks(self) -> list[Remark]:
-        """On parameters at the bounds of the fit, and on those that the recordings do not tell."""
-        remarks = self._remarks_on_starts
+        """Remarks on impossible starts, on values at their bounds, and on what is hardly told."""
+        return [*self._remarks_on_starts(), *self._remarks_on_parameters()]
+
+    def _remarks_on_parameters(self) -> Iterator[Remark]:
         for unknown, x, estimate in zip(
             self.fit.unknowns, self.fit.fitted, self.fit.estimates.values(), strict=True
         ):
             if not unknown.low + AT_BOUND < x < unknown.high - AT_BOUND:
-                remarks.append(
-                    Remark(
-                        "bound",
-                        f"{unknown.name} is at the fit's limit, {estimate.value:.3g} "
-                        f"{unknown.unit}: the recordings are not as the law would have it; look "
-                        "at their pictures.",
-                    )
+                yield Remark(
+                    "bound",
+                    f"{unknown.name} is at the fit's limit, {estimate.value:.3g} {unknown.unit}: "
+                    "the recordings are not as the law would have it; look at their pictures.",
                 )
             elif unknown.form and estimate.standard_error > 0.5 * abs(estimate.value):
-                remarks.append(
-                    Remark(
-                        "hardly told",
-                        f"The recordings hardly determine {unknown.name}: it is what is expected "
-                        f"of such limbs, {estimate}.",
-                    )
+                yield Remark(
+                    "hardly told",
+                    f"The recordings hardly determine {unknown.name}: it is what is expected of "
+                    f"such limbs, {estimate}.",
                 )
-        return remarks
 
-    @property
-    def _remarks_on_starts(self) -> list[Remark]:
-        """Remarks on initial temperatures that no limb has."""
-        remarks = []
+    def _remarks_on_starts(self) -> Iterator[Remark]:
+        law, names = self.fit.law, [wire.name for wire in self.fit.segment.wires]
         for predicted, nuisances in zip(self.fit.predicted, self.fit.nuisances, strict=True):
-            course, room = predicted.course, float(nuisances[0])
-            states = nuisances[1:].reshape(len(self.fit.law.states), -1)
-            for name, values in zip(self.fit.law.states, states, strict=True):
-                for wire, value in zip(self.fit.segment.wires, values, strict=True):
-                    if self.fit.law.is_temperature(name):
-                        what = f"the {wire.name} wire's {name} in the recording of {course.source}"
-                        remarks += remarks_on_start(what, value, room, course.temperature)
-        return remarks
+            run, room = predicted.run, float(nuisances[0])
+            for state, values in zip(
+                law.states, nuisances[1:].reshape(len(law.states), -1), strict=True
+            ):
+                for name, value in zip(names, values, strict=True):
+                    if law.is_temperature(state):
+                        what = f"the {name} wire's {state} in the recording of {run.source}"
+                        yield from remarks_on_start(what, value, room, run.temperature)
 
 
 def fit_by_prediction(
@@ -163,15 +157,15 @@ def fit_by_prediction(
         ambient: T0, °C.
         tell: is called with what is being done.
     """
-    courses = {kind: [Course.of(r) for r in group] for kind, group in recordings.items() if group}
-    motions, both = courses.pop("motion", []), courses.get("both", [])
-    fitted = [course for group in courses.values() for course in group]
+    runs = {kind: [HeatedRun.of(r) for r in group] for kind, group in recordings.items() if group}
+    motions, both = runs.pop("motion", []), runs.get("both", [])
+    fitted = [run for group in runs.values() for run in group]
     if judge := bool(motions) and _heated(motions) <= _heated(fitted):
         rest, judges = fitted, motions
         words = f"{len(judges)} motion{'s' * (len(judges) != 1)} left out of the fit"
     else:
         fitted += motions
-        rest, judges = [course for course in fitted if course not in both], both
+        rest, judges = [run for run in fitted if run not in both], both
         words = "what shows all wires heated, fitted last"
         judge = bool(both) and _heated(both) <= _heated(rest)
     if not judge:
@@ -188,15 +182,15 @@ def fit_by_prediction(
     return Prediction(candidates, best, fit, words)
 
 
-def _heated(courses: Sequence[Course]) -> set[int]:
+def _heated(runs: Sequence[HeatedRun]) -> set[int]:
     """Indices of the wires that are heated in recordings."""
-    return {int(wire) for course in courses for wire in np.flatnonzero(course.duty.any(axis=0))}
+    return {int(wire) for run in runs for wire in np.flatnonzero(run.duty.any(axis=0))}
 
 
 def compare_laws(
     laws: Sequence[type[WireLaw]],
-    courses: Sequence[Course],
-    judges: Sequence[Course],
+    runs: Sequence[HeatedRun],
+    judges: Sequence[HeatedRun],
     segment: SegmentParameters,
     ambient: float,
     *,
@@ -208,7 +202,7 @@ def compare_laws(
 
     Args:
         laws: from the simplest on; each starts from the one before.
-        courses: recordings to fit to.
+        runs: recordings to fit to.
         judges: recordings to predict.
         segment, ambient: as for `fit_law`.
         options: of the rubber that are tried.
@@ -225,7 +219,7 @@ def compare_laws(
         tell(name)
         fit = fit_law(
             law,
-            courses,
+            runs,
             segment,
             ambient,
             rubber=rubber,
@@ -249,10 +243,11 @@ def compare_laws(
 
 def simplest_unbeaten(candidates: Sequence[Candidate]) -> Candidate:
     """The first that none of those after it beats."""
-    for index, candidate in enumerate(candidates):
-        if not any(beaten(candidate, other) for other in candidates[index + 1 :]):
-            return candidate
-    raise ValueError("There are no candidates.")
+    return next(
+        candidate
+        for index, candidate in enumerate(candidates)
+        if not any(beaten(candidate, other) for other in candidates[index + 1 :])
+    )
 
 
 def rubber_of(fit: LawFit) -> tuple[str, ...]:

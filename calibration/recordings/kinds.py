@@ -1,7 +1,21 @@
-"""What a limb is calibrated from: which recordings, and which of its wires are heated in each."""
+"""Kinds of recordings: what a limb is calibrated from, and which wires are heated in each."""
+
+import numpy as np
 
 from calibration.errors import CalibrationError
-from limb_systems import LimbError, LimbParameters, SegmentParameters
+from limb_systems import (
+    BendSensor,
+    ChordSensor,
+    LimbError,
+    LimbParameters,
+    Recording,
+    SegmentParameters,
+)
+
+FREE_KINDS = ("heated", "motion")  # of heated recordings of any wires
+# Names of recordings of the kind "heated" that collecting makes.
+FIRST_CONTACT, WARM_UP = "first_contact", "warm_up"
+HEATED_NAMES = (FIRST_CONTACT, WARM_UP, "conditioning", "pulses", "ramps", "random")
 
 
 def only_segment(parameters: LimbParameters) -> SegmentParameters:
@@ -12,6 +26,17 @@ def only_segment(parameters: LimbParameters) -> SegmentParameters:
             "a limb of one segment."
         )
     return parameters.segments[0]
+
+
+def bend_sensor_of(recording: Recording, segment: int = 0) -> BendSensor:
+    """The sensor that read the bend of a segment, as the recording's parameters say.
+
+    A recording of the model itself, which has its joint states, was read by no
+    sensor: its bend angle is that of the chord.
+    """
+    if recording.joint_state is not None:
+        return ChordSensor()
+    return recording.parameters.segments[segment].bend_sensor
 
 
 def kinds_of(parameters: LimbParameters) -> dict[str, list[int]]:
@@ -37,11 +62,8 @@ def kinds_of(parameters: LimbParameters) -> dict[str, list[int]]:
     return kinds | ({"both": list(range(len(wires)))} if len(wires) > 1 else {})
 
 
-FREE_KINDS = ("heated", "motion")  # of heated recordings of any wires
-
-
 def heated_kinds(parameters: LimbParameters) -> dict[str, list[int]]:
-    """Those of `kinds_of` in which wires are heated."""
+    """The kinds of `kinds_of` in which wires are heated."""
     return {kind: wires for kind, wires in kinds_of(parameters).items() if wires}
 
 
@@ -55,3 +77,28 @@ def heated_wires(parameters: LimbParameters, actuated: str) -> list[int]:
     if actuated not in kinds:
         raise LimbError(f"actuated is {actuated!r}; it must be one of {', '.join(kinds)}.")
     return kinds[actuated]
+
+
+def kind_of(recording: Recording) -> str:
+    """The kind that a recording shows, one of `kinds_of` its limb.
+
+    Raises:
+        LimbError: if several wires are heated in it, but not all; or if its
+            limb is one that is not calibrated.
+    """
+    parameters = recording.parameters
+    heated = np.flatnonzero(recording.duty.max(axis=1) > 0).tolist()
+    if not heated:
+        return "sag" if gravity_bends(parameters) else "ring_down"
+    for kind, wires in kinds_of(parameters).items():
+        if wires == heated:
+            return kind
+    names = " and ".join(parameters.wire_names[index] for index in heated)
+    raise CalibrationError(
+        f"only the wires {names} are heated, but a recording must show one wire heated, or all."
+    )
+
+
+def gravity_bends(parameters: LimbParameters) -> bool:
+    """Whether the limb is mounted so that gravity bends it."""
+    return bool(np.linalg.norm(parameters.gravity[:2]) > 1.0)

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
-from calibration.course import STEP, Course
 from calibration.estimate import Estimate
-from calibration.unknowns import Unknown, prior_factor, unknowns_of
+from calibration.prediction.heated_run import STEP, HeatedRun
+from calibration.prediction.unknowns import Unknown, prior_factor, unknowns_of
 from limb_systems import (
     CalibrationRecord,
     LimbParameters,
@@ -49,37 +49,37 @@ STARTS = 16  # of a fit, of which the best is taken
 class Predicted:
     """A recording as a law predicts it from its duty.
 
-    - ``course``: the recording.
-    - ``temperature``, ``bend``: V (M, W), °C, and φ (M,), rad.
+    - ``run``: the recording.
+    - ``temperature``, ``bend``: predicted V (M, W), °C, and φ (M,), rad.
     """
 
-    course: Course
+    run: HeatedRun
     temperature: np.ndarray
     bend: np.ndarray
 
     @property
     def bend_error(self) -> float:
         """Mean |φ - φ_sim|, rad."""
-        return float(np.abs(self.bend - self.course.bend).mean())
+        return float(np.abs(self.bend - self.run.bend).mean())
 
     @property
     def temperature_error(self) -> float:
         """Mean |V - V_sim|, °C."""
-        return float(np.abs(self.temperature - self.course.temperature).mean())
+        return float(np.abs(self.temperature - self.run.temperature).mean())
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class LawFit:
     """A law fitted to recordings.
 
-    - ``law``: its class.
-    - ``segment``: the segment that was described, with the rubber's options.
+    - ``law``: class of the law.
+    - ``segment``: the segment as it was described.
     - ``unknowns``: what was fitted (P).
-    - ``fitted``: their values (P), as `Unknown` has them.
-    - ``covariance``: theirs (P, P).
+    - ``fitted``: values of the unknowns (P), as `Unknown` has them.
+    - ``covariance``: covariance of these values (P, P).
     - ``ambient``: T0, °C.
-    - ``nuisances``: of each recording (R, Q): its T0, and the initial states of its wires.
-    - ``predicted``: the recordings of the fit, with these.
+    - ``nuisances``: T0 and the initial states of the wires in each recording (R, Q).
+    - ``predicted``: the recordings of the fit, as they are predicted from there.
     """
 
     law: type[WireLaw]
@@ -94,36 +94,30 @@ class LawFit:
     @property
     def estimates(self) -> dict[str, Estimate]:
         """The parameters by name, with their standard errors."""
+        errors = np.sqrt(np.diag(self.covariance)) * np.abs(self._slopes)
         return {
-            u.name: Estimate(
-                float(u.value(np.array(x))),
-                float(abs(u.slope(x)) * np.sqrt(variance)),
-                u.unit,
-                may_be_zero=u.field == "rest_angle",
-            )
-            for u, x, variance in zip(
-                self.unknowns, self.fitted, np.diag(self.covariance), strict=True
-            )
+            u.name: Estimate(value, float(error), u.unit, may_be_zero=u.field == "rest_angle")
+            for u, value, error in zip(self.unknowns, self._values, errors, strict=True)
         }
 
     @property
-    def laws(self) -> list[WireLaw]:
-        """The law of each wire (W)."""
-        laws = [self.law() for _ in self.segment.wires]
-        for unknown, x in zip(self.unknowns, self.fitted, strict=True):
-            if unknown.wire is not None:
-                setattr(laws[unknown.wire], unknown.field, float(unknown.value(np.array(x))))
-        return laws
+    def _values(self) -> list[float]:
+        return [float(u.value(x)) for u, x in zip(self.unknowns, self.fitted, strict=True)]
+
+    @property
+    def _slopes(self) -> list[float]:
+        return [u.slope(x) for u, x in zip(self.unknowns, self.fitted, strict=True)]
 
     def apply(self, segment: SegmentParameters) -> None:
         """Gives a segment these laws and this rubber."""
-        for wire, law in zip(segment.wires, self.laws, strict=True):
-            wire.law = law
-        rubber = {
-            u.field: float(u.value(np.array(x)))
-            for u, x in zip(self.unknowns, self.fitted, strict=True)
-            if u.wire is None
-        }
+        for wire in segment.wires:
+            wire.law = self.law()
+        rubber = {}
+        for unknown, value in zip(self.unknowns, self._values, strict=True):
+            if unknown.wire is None:
+                rubber[unknown.field] = value
+            else:
+                setattr(segment.wires[unknown.wire].law, unknown.field, value)
         if "shift" in rubber:
             segment.rest_memory = RestMemory(rubber.pop("shift"), rubber.pop("rate"))
         for name, value in rubber.items():
@@ -138,27 +132,26 @@ class LawFit:
         limb.ambient_temperature = self.ambient
         limb.segments[0].stiffness = self.segment.stiffness
         self.apply(limb.segments[0])
-        estimates = self.estimates.values()
+        estimates = self.estimates
         limb.calibration = CalibrationRecord(
-            list(self.estimates),
-            [estimate.value for estimate in estimates],
-            [estimate.standard_error for estimate in estimates],
+            list(estimates),
+            [estimate.value for estimate in estimates.values()],
+            [estimate.standard_error for estimate in estimates.values()],
             self.value_covariance.tolist(),
         )
         return limb
 
     @property
     def value_covariance(self) -> np.ndarray:
-        """Of the estimates, in the products of their units (P, P)."""
-        slopes = [u.slope(x) for u, x in zip(self.unknowns, self.fitted, strict=True)]
-        return self.covariance * np.outer(slopes, slopes)
+        """Covariance of the estimates, in the products of their units (P, P)."""
+        return self.covariance * np.outer(self._slopes, self._slopes)
 
-    def predict(self, courses: Sequence[Course]) -> list[Predicted]:
+    def predict(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
         """Predicts recordings open loop, each from the initial state that suits it best.
 
         That state is not recorded: a limb that is not quite cold has warm silicone.
         """
-        problem = _Problem(self.law, courses, self.segment, self.ambient, self.unknowns)
+        problem = _Problem(self.law, runs, self.segment, self.ambient, self.unknowns)
         size = len(self.fitted)
 
         def whole(nuisances: np.ndarray) -> np.ndarray:
@@ -175,15 +168,15 @@ class LawFit:
         )
         return problem.predicted(whole(solution.x))
 
-    def continued(self, courses: Sequence[Course]) -> list[Predicted]:
+    def continued(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
         """Predicts other samples of the recordings of the fit, from the same initial states."""
-        problem = _Problem(self.law, courses, self.segment, self.ambient, self.unknowns)
+        problem = _Problem(self.law, runs, self.segment, self.ambient, self.unknowns)
         return problem.predicted(np.concatenate([self.fitted, self.nuisances.ravel()]))
 
 
 def fit_law(
     law: type[WireLaw],
-    courses: Sequence[Course],
+    runs: Sequence[HeatedRun],
     segment: SegmentParameters,
     ambient: float,
     *,
@@ -195,7 +188,7 @@ def fit_law(
 
     Args:
         law: class of the law of all wires.
-        courses: the recordings.
+        runs: the recordings.
         segment: as described; its stiffness counts, and its wires' laws as what
             is expected.
         ambient: T0, °C, about which that of each recording is.
@@ -204,7 +197,7 @@ def fit_law(
         tell: is called in each iteration with a remark on it.
     """
     unknowns = unknowns_of(law, segment, rubber)
-    problem = _Problem(law, courses, segment, ambient, unknowns)
+    problem = _Problem(law, runs, segment, ambient, unknowns)
     known = {u.name: u.center for u in unknowns}
     if start is not None:
         known |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
@@ -235,7 +228,7 @@ def fit_law(
         x[:size],
         covariance[:size, :size],
         ambient,
-        x[size:].reshape(len(courses), -1),
+        x[size:].reshape(len(runs), -1),
         problem.predicted(x),
     )
 
@@ -248,17 +241,15 @@ class _Problem:
     state in turn.
     """
 
-    def __init__(self, law, courses, segment, ambient: float, unknowns: list[Unknown]):
-        self._law, self._courses, self._unknowns = law, courses, unknowns
+    def __init__(self, law, runs, segment, ambient: float, unknowns: list[Unknown]):
+        self._law, self._runs, self._unknowns = law, runs, unknowns
         self._num_wires, self._stiffness = len(segment.wires), segment.stiffness
-        duty = np.zeros((max(len(c.duty) for c in courses), len(courses), self._num_wires))
-        for number, course in enumerate(courses):
-            duty[: len(course.duty), number] = course.duty
+        duty = np.zeros((max(len(c.duty) for c in runs), len(runs), self._num_wires))
+        for number, run in enumerate(runs):
+            duty[: len(run.duty), number] = run.duty
         self._open_loop = OpenLoop(duty, STEP, segment)
         self._prior = prior_factor(unknowns)
-        centers, spreads = zip(
-            *[self._nuisances(course, ambient) for course in courses], strict=True
-        )
+        centers, spreads = zip(*[self._nuisances(run, ambient) for run in runs], strict=True)
         self.nuisance_center = np.concatenate(centers)
         self._nuisance_spread = np.concatenate(spreads)
         self._num_nuisances = len(centers[0])
@@ -269,27 +260,27 @@ class _Problem:
             np.concatenate([[u.low for u in unknowns], -free]),
             np.concatenate([[u.high for u in unknowns], free]),
         )
-        self.num_readings = sum(len(c.times) * (1 + self._num_wires) for c in courses)
+        self.num_readings = sum(len(c.times) * (1 + self._num_wires) for c in runs)
         sensor = segment.bend_sensor
         self._bend_noise = (sensor.noise, sensor.drift, BEND_DRIFT_TIME, *BEND_FORM)
         self._forms = np.ones(2)  # multiples of what the form leaves, of bend and of readings
-        self._outliers = [np.zeros((1 + self._num_wires, len(c.times)), bool) for c in courses]
+        self._outliers = [np.zeros((1 + self._num_wires, len(c.times)), bool) for c in runs]
         self._whiten()
 
-    def _nuisances(self, course: Course, ambient: float) -> tuple[np.ndarray, np.ndarray]:
+    def _nuisances(self, run: HeatedRun, ambient: float) -> tuple[np.ndarray, np.ndarray]:
         """Expected values of a recording's (Q,), and their spreads."""
         centers, spreads = [np.array([ambient])], [np.array([AMBIENT_SPREAD])]
-        warmth = np.abs(course.first - ambient)
-        slope = np.where(np.isnan(course.slope), COOLING_RATE * warmth, np.abs(course.slope))
+        warmth = np.abs(run.first - ambient)
+        slope = np.where(np.isnan(run.slope), COOLING_RATE * warmth, np.abs(run.slope))
         change = COOLING_TIME * slope
         for index, (cold, (name, scale)) in enumerate(
             zip(self._law().cold_states(0.0), self._law.states.items(), strict=True)
         ):
             if index == 0:
-                centers.append(course.first)
+                centers.append(run.first)
                 spreads.append(READING_SPREAD + change)
             elif self._law.is_temperature(name):
-                centers.append(course.first)
+                centers.append(run.first)
                 spreads.append(READING_SPREAD + change + 0.3 * warmth)
             else:
                 centers.append(np.full(self._num_wires, cold))
@@ -300,8 +291,8 @@ class _Problem:
         """Factors of the residuals' covariances, for bend and each wire of each recording."""
         self._evaluated: tuple[np.ndarray | None, Any] = None, None
         self._factors = []
-        for course, outliers in zip(self._courses, self._outliers, strict=True):
-            lags = np.abs(course.times[:, None] - course.times)
+        for run, outliers in zip(self._runs, self._outliers, strict=True):
+            lags = np.abs(run.times[:, None] - run.times)
             factors = []
             for signal in range(1 + self._num_wires):
                 noise = TEMPERATURE_NOISE if signal else self._bend_noise
@@ -309,7 +300,7 @@ class _Problem:
                 form *= self._forms[min(signal, 1)]
                 covariance = drift**2 * np.exp(-lags / drift_time)
                 covariance += form**2 * np.exp(-lags / form_time)
-                own = sample**2 / course.counts + (100 * sample * outliers[signal]) ** 2
+                own = sample**2 / run.counts + (100 * sample * outliers[signal]) ** 2
                 factors.append(np.linalg.cholesky(covariance + np.diag(own + 1e-12)))
             self._factors.append(factors)
 
@@ -317,9 +308,9 @@ class _Problem:
         """Takes from the residuals at x what the form leaves, and which means are outliers."""
         rests: tuple[list, list] = ([], [])
         for predicted, outliers in zip(self.predicted(x), self._outliers, strict=True):
-            course = predicted.course
-            errors = [predicted.bend - course.bend]
-            errors += list((predicted.temperature - course.temperature).T)
+            run = predicted.run
+            errors = [predicted.bend - run.bend]
+            errors += list((predicted.temperature - run.temperature).T)
             for signal, error in enumerate(errors):
                 around = error - np.median(error)
                 spread = 1.48 * np.median(np.abs(around)) + 1e-9
@@ -344,11 +335,11 @@ class _Problem:
             else:
                 array = fields.setdefault(unknown.field, np.empty((num_sets, 1, num_wires)))
                 array[:, 0, unknown.wire] = value
-        nuisances = x[:, size:].reshape(num_sets, len(self._courses), self._num_nuisances)
+        nuisances = x[:, size:].reshape(num_sets, len(self._runs), self._num_nuisances)
         states = np.moveaxis(
-            nuisances[:, :, 1:].reshape(num_sets, len(self._courses), -1, num_wires), 2, 0
+            nuisances[:, :, 1:].reshape(num_sets, len(self._runs), -1, num_wires), 2, 0
         )
-        first = np.array([course.first for course in self._courses])
+        first = np.array([run.first for run in self._runs])
         initial = [*states, np.broadcast_to(first, states[0].shape)]
         law = with_fields(self._law, fields)
         return self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)[1:]
@@ -357,19 +348,19 @@ class _Problem:
         """All recordings, for one x."""
         readings, bends = self._simulate(x[None])
         result = []
-        for number, course in enumerate(self._courses):
-            reading, bend = course.interpolated(readings[:, :, number], bends[:, :, number])
-            result.append(Predicted(course, reading[:, 0], bend[:, 0]))
+        for number, run in enumerate(self._runs):
+            reading, bend = run.interpolated(readings[:, :, number], bends[:, :, number])
+            result.append(Predicted(run, reading[:, 0], bend[:, 0]))
         return result
 
     def _whitened(self, x: np.ndarray) -> list[np.ndarray]:
         """Of each recording (M (1 + W), B): residuals of φ, then of each V, over their factors."""
         readings, bends = self._simulate(x)
         result = []
-        for number, (course, factors) in enumerate(zip(self._courses, self._factors, strict=True)):
-            reading, bend = course.interpolated(readings[:, :, number], bends[:, :, number])
-            errors = [bend - course.bend[:, None]]
-            errors += list(np.moveaxis(reading - course.temperature[:, None], 2, 0))
+        for number, (run, factors) in enumerate(zip(self._runs, self._factors, strict=True)):
+            reading, bend = run.interpolated(readings[:, :, number], bends[:, :, number])
+            errors = [bend - run.bend[:, None]]
+            errors += list(np.moveaxis(reading - run.temperature[:, None], 2, 0))
             parts = [
                 solve_triangular(factor, error, lower=True, check_finite=False)
                 for factor, error in zip(factors, errors, strict=True)

@@ -4,10 +4,10 @@ import itertools
 
 import numpy as np
 
-from calibration.course import despiked, without_missing
 from calibration.errors import CalibrationError
-from calibration.kinds import FREE_KINDS, heated_kinds, kinds_of
-from limb_systems import LimbError, LimbParameters, Recording
+from calibration.recordings.kinds import FREE_KINDS, gravity_bends, kind_of
+from calibration.recordings.repair import despiked, without_missing
+from limb_systems import LimbParameters, Recording
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
 RISE = 3.0  # °C
@@ -24,52 +24,14 @@ LOST = 2.0, 0.05  # s of lost samples, and change of duty meanwhile, that are to
 STEEPEST = 0.05, 10.0  # °C/s that a wire exceeds somewhere, if it is heated by so many °C
 
 
-def kind_of(recording: Recording) -> str:
-    """What a recording shows, one of `kinds_of` its limb.
-
-    Raises:
-        LimbError: if several wires are heated in it, but not all; or if its
-            limb is one that is not calibrated.
-    """
-    parameters = recording.parameters
-    kinds = kinds_of(parameters)
-    heated = np.flatnonzero(recording.duty.max(axis=1) > 0).tolist()
-    if not heated:
-        return "sag" if np.hypot(*np.array(parameters.gravity[:2])) > 1.0 else "ring_down"
-    for kind, wires in kinds.items():
-        if wires == heated:
-            return kind
-    names = " and ".join(parameters.wire_names[index] for index in heated)
-    raise CalibrationError(
-        f"only the wires {names} are heated, but a recording must show one wire heated, or all."
-    )
-
-
 def _shows(parameters: LimbParameters, kind: str) -> str:
-    """What a recording of a kind must show, in words."""
+    """What a recording of a kind shows, in words."""
     if kind == "sag":
-        return "no wire is heated and gravity bends the limb"
+        return "the limb's sag under gravity, without heat"
     if kind == "ring_down":
-        return "no wire is heated"
-    return f"{_all(parameters)} are heated" if kind == "both" else f"only the {kind} wire is heated"
-
-
-def _complaint(parameters: LimbParameters, kind: str) -> str:
-    """The error if a recording should show a kind, but shows {}."""
-    if kind == "sag":
-        return (
-            "this should show the limb's sag under gravity, unheated, but {}; does its header's "
-            "gravity say how the limb was mounted?"
-        )
-    if kind == "ring_down":
-        return "this should show an unheated limb ringing down without gravity, but {}."
-    if kind == "both":
-        return f"this should show {_all(parameters)} heated, but {{}}."
-    return f"this should show the {kind} wire heated and no other, but {{}}."
-
-
-def _all(parameters: LimbParameters) -> str:
-    return "both wires" if len(parameters.wires) == 2 else "all wires"
+        return "an unheated limb without gravity"
+    wires = "both wires" if len(parameters.wires) == 2 else "all wires"
+    return f"{wires} heated" if kind == "both" else f"only the {kind} wire heated"
 
 
 def check_recording(recording: Recording, expected: str | None = None) -> str:
@@ -89,41 +51,24 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
             kind than expected.
     """
     _check_time(recording)
-    check_values(recording)
+    recording.check_plausible()
     _check_missing(recording)
     _check_zeros(recording)
     recording = despiked(without_missing(recording))
-    _check_duration(recording)
     _check_pace(recording)
     _check_gravity(recording)
-    _check_units(recording, may_be_warm=expected in FREE_KINDS)
-    if expected in FREE_KINDS:
-        if not recording.duty.any():
-            raise CalibrationError("this should show heated wires, but no wire is heated.")
-        _check_wires(recording)
-        _check_readings(recording)
-        return expected
-    kind = kind_of(recording)
+    kind = expected if expected in FREE_KINDS else kind_of(recording)
+    _check_units(recording, may_be_warm=kind in FREE_KINDS)
+    if kind in FREE_KINDS and not recording.duty.any():
+        raise CalibrationError("this should show heated wires, but shows none.")
     if expected and kind != expected:
-        parameters = recording.parameters
-        shown, complaint = _shows(parameters, kind), _complaint(parameters, expected)
-        raise CalibrationError(complaint.format(shown))
-    if kind in heated_kinds(recording.parameters):
+        wanted, shown = (_shows(recording.parameters, k) for k in (expected, kind))
+        hint = "; does its header's gravity say how the limb was mounted" * (expected == "sag")
+        raise CalibrationError(f"this should show {wanted}, but shows {shown}{hint}.")
+    if recording.duty.any():
         _check_wires(recording)
         _check_readings(recording)
     return kind
-
-
-def check_values(recording: Recording) -> None:
-    """Refuses recordings with values that no limb has, which would spoil any fit.
-
-    Raises:
-        CalibrationError: one sentence that names signal, value and time.
-    """
-    try:
-        recording.check_plausible()
-    except LimbError as error:
-        raise CalibrationError(f"{str(error)[:-1]}, so record it again.") from error
 
 
 def check_whole(recording: Recording) -> None:
@@ -204,7 +149,13 @@ def _check_zeros(recording: Recording) -> None:
 
 
 def _check_pace(recording: Recording) -> None:
-    """Whether wires heat and cool as fast as wires do."""
+    """Whether wires heat and cool as fast as wires do, and for long enough to be seen."""
+    duration = recording.time[-1] - recording.time[0]
+    if recording.duty.any() and duration < SHORTEST:
+        raise CalibrationError(
+            f"wires are heated for {duration:.1f} s only; they take seconds to heat and to cool, "
+            f"so record {SHORTEST:.0f} s at least."
+        )
     times, window = recording.time, max(1, len(recording.time) // 200)
     steepest, rise = STEEPEST
     for name, duty, measured in zip(
@@ -221,15 +172,6 @@ def _check_pace(recording: Recording) -> None:
             )
 
 
-def _check_duration(recording: Recording) -> None:
-    duration = recording.time[-1] - recording.time[0]
-    if recording.duty.any() and duration < SHORTEST:
-        raise CalibrationError(
-            f"wires are heated for {duration:.1f} s only; they take seconds to heat and to cool, "
-            f"so record {SHORTEST:.0f} s at least."
-        )
-
-
 def _check_gravity(recording: Recording) -> None:
     gravity = recording.parameters.gravity
     size = float(np.linalg.norm(gravity))
@@ -238,7 +180,7 @@ def _check_gravity(recording: Recording) -> None:
             f"the header's gravity is {size:.3g} m/s², but it must be 9.81 m/s², or zero for a "
             "limb that lies level; correct the header."
         )
-    if recording.duty.any() and np.hypot(gravity[0], gravity[1]) > 1.0:
+    if recording.duty.any() and gravity_bends(recording.parameters):
         raise CalibrationError(
             f"wires are heated while gravity {list(gravity)} bends the limb; record it level, with "
             "gravity zero in the header."

@@ -14,7 +14,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 from pydrake.trajectories import PiecewisePolynomial
 
-from calibration.controller import TAPER
+from calibration.collecting.bend_control import TAPER
 from limb_systems import LimbParameters
 from limb_systems.model.ensemble import draw_ensemble, stacked
 from limb_systems.model.ownership import weak_method
@@ -23,28 +23,25 @@ from limb_systems.simulation import PERIOD
 MEMBERS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
 REACTION_TIME = 0.5  # s, within which a wire may reach the highest temperature
 RISE_TAPER = 0.2  # share of a rise, over which the duty is reduced
-NAMES = ("conditioning", "pulses", "ramps", "random")  # of those that are fitted
 MOTIONS = 3  # times that the motion is repeated
 LEVEL_STEP = 0.5  # s, of ramps
 
 
 @dataclasses.dataclass(frozen=True)
 class Excitation:
-    """A recording that is made with a given course of duty.
+    """A recording that is made with a given duty over time.
 
-    - ``name``: of its file.
-    - ``kind``: "heated" or "motion", of `calibrate`.
-    - ``purpose``: in words, for the operator.
-    - ``pause``: s without heat before it.
-    - ``course``: duty over time, a row for each wire.
-    - ``seed``: of what is random in it; None if nothing is.
+    - ``name``: name of the file.
+    - ``kind``: "heated" or "motion", as `calibrate` has it.
+    - ``pause``: time without heat before it, s.
+    - ``duty``: duty over time, a row for each wire.
+    - ``seed``: seed of what is random in it; None if nothing is.
     """
 
     name: str
     kind: str
-    purpose: str
     pause: float
-    course: PiecewisePolynomial
+    duty: PiecewisePolynomial
     seed: int | None = None
 
 
@@ -80,30 +77,13 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
         # Wires beyond the second one follow the two in turn.
         motion.append((duration, np.resize([left, right], num_wires)))
 
+    at_random = [*_random_levels(random, num_wires), (120.0, off)]
     return [
-        Excitation("conditioning", "heated", "two pulses of each wire", 0.0, _course(conditioning)),
-        Excitation(
-            "pulses", "heated", "pulses of many heights and lengths", 5.0, _course(pulses), seed
-        ),
-        Excitation("ramps", "heated", "slow ramps with reversals", 5.0, _course(ramps)),
-        Excitation(
-            "random",
-            "heated",
-            "random levels of all wires, then two minutes of cooling",
-            5.0,
-            _course([*_random_levels(random, num_wires), (120.0, off)]),
-            seed,
-        ),
-        *(
-            Excitation(
-                f"motion_{number}",
-                "motion",
-                "a motion that is left out of the fit, and judges it",
-                120.0,
-                _course(motion),
-            )
-            for number in range(1, MOTIONS + 1)
-        ),
+        Excitation("conditioning", "heated", 0.0, _held(conditioning)),
+        Excitation("pulses", "heated", 5.0, _held(pulses), seed),
+        Excitation("ramps", "heated", 5.0, _held(ramps)),
+        Excitation("random", "heated", 5.0, _held(at_random), seed),
+        *(Excitation(f"motion_{n}", "motion", 120.0, _held(motion)) for n in range(1, MOTIONS + 1)),
     ]
 
 
@@ -137,14 +117,49 @@ def _triangle(turns: np.ndarray) -> np.ndarray:
     return 2 * np.abs(turns % 1 - 0.5)
 
 
-def _course(parts: Sequence[tuple[float, np.ndarray]]) -> PiecewisePolynomial:
+def _held(parts: Sequence[tuple[float, np.ndarray]]) -> PiecewisePolynomial:
+    """Levels of duty, each with its duration, one after the other."""
     times = np.cumsum([0.0, *(duration for duration, _ in parts)])
     levels = np.array([level for _, level in parts] + [parts[-1][1]])
     return PiecewisePolynomial.ZeroOrderHold(times, levels.T)
 
 
-class LimitedDuty(LeafSystem):
-    """A course of duty, limited so that no wire gets hotter than T_max.
+class _WarmedDuty(LeafSystem):
+    """Duty over time, which subclasses limit by what thermocouples read, at 20 Hz.
+
+    The last elements of the state are the duty, those before are the subclass's.
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, duty: PiecewisePolynomial, start: np.ndarray):
+        super().__init__()
+        self._wanted_duty, self._num_wires = duty, duty.rows()
+        self.DeclareVectorInputPort("measured_temperature", self._num_wires)
+        state = self.DeclareDiscreteState(np.append(start, np.zeros(self._num_wires)))
+        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
+        self.DeclareVectorOutputPort(
+            "duty", self._num_wires, weak_method(self._calc), {self.discrete_state_ticket(state)}
+        )
+
+    def _update(self, context, discrete_state):
+        known = context.get_discrete_state_vector().value()
+        wanted = self._wanted_duty.value(min(context.get_time(), self._wanted_duty.end_time()))
+        measured = self.get_input_port().Eval(context)
+        before, duty = np.split(known, [-self._num_wires])
+        known, limited = self._limited(before, duty, wanted[:, 0], measured)
+        discrete_state.set_value(np.append(known, limited))
+
+    def _limited(self, known, duty, wanted, measured) -> tuple[np.ndarray, np.ndarray]:
+        """The subclass's state and the duty after a step, from those before, and what is wanted."""
+        raise NotImplementedError
+
+    def _calc(self, context, output):
+        output.SetFromVector(context.get_discrete_state_vector().value()[-self._num_wires :])
+
+
+class LimitedDuty(_WarmedDuty):
+    """Duty over time, limited so that no wire gets hotter than T_max.
 
     The wires' temperatures are simulated for several limbs that a calibration
     cannot tell apart, and the hottest counts: the limit is tight as long as
@@ -158,28 +173,18 @@ class LimitedDuty(LeafSystem):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, parameters: LimbParameters, course: PiecewisePolynomial):
+    def __init__(self, parameters: LimbParameters, duty: PiecewisePolynomial):
         """
         Args:
-            parameters: of the limb, as well as it is calibrated so far, of one segment.
-            course: of duty, a row for each wire.
+            parameters: the limb, as well as it is calibrated so far, of one segment.
+            duty: a row for each wire.
         """
-        super().__init__()
         self._law, rooms, _ = stacked(draw_ensemble(parameters, MEMBERS))
-        self._rooms, self._course = rooms[:, np.newaxis, np.newaxis], course
+        self._rooms = rooms[:, np.newaxis, np.newaxis]
         self._highest = parameters.temperature_limits.maximum
-        self._num_wires = len(parameters.wires)
-        self._shape = (len(self._law.states), MEMBERS, 1, self._num_wires)
-        self.DeclareVectorInputPort("measured_temperature", self._num_wires)
-        state = self.DeclareDiscreteState(int(np.prod(self._shape)) + self._num_wires)
+        self._shape = (len(self._law.states), MEMBERS, 1, len(parameters.wires))
+        super().__init__(duty, np.zeros(int(np.prod(self._shape))))
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
-        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
-        self.DeclareVectorOutputPort(
-            "duty",
-            self._num_wires,
-            weak_method(self._calc),
-            {self.discrete_state_ticket(state)},
-        )
         self.set_name("limited_duty")
 
     def _start(self, context, discrete_state):
@@ -192,20 +197,15 @@ class LimitedDuty(LeafSystem):
             row[...] = measured if self._law.is_temperature(name) else cold
         discrete_state.set_value(np.append(states.ravel(), np.zeros(self._num_wires)))
 
-    def _update(self, context, discrete_state):
-        values = context.get_discrete_state_vector().value()
-        states, duty = values[: -self._num_wires].reshape(self._shape), values[-self._num_wires :]
+    def _limited(self, known, duty, wanted, measured):
+        states = known.reshape(self._shape)
         rates = np.empty_like(states)
         for row, rate in zip(rates, self._law.rates(list(states), duty, self._rooms), strict=True):
             row[...] = rate
         states = states + PERIOD * rates
-        duty = np.minimum(self._wanted(context.get_time()), self._allowed(states, context))
-        discrete_state.set_value(np.append(states.ravel(), duty))
+        return states.ravel(), np.minimum(wanted, self._allowed(states, measured))
 
-    def _wanted(self, time: float) -> np.ndarray:
-        return self._course.value(min(time, self._course.end_time()))[:, 0]
-
-    def _allowed(self, states: np.ndarray, context) -> np.ndarray:
+    def _allowed(self, states: np.ndarray, measured: np.ndarray) -> np.ndarray:
         """The duty (W,) at which no limb's wire is above T_max soon."""
         cooling, heating = (
             np.asarray(
@@ -215,16 +215,12 @@ class LimitedDuty(LeafSystem):
         )
         room = (self._highest - states[0]) / REACTION_TIME
         duty = ((room - cooling) / (heating - cooling)).min(axis=(0, 1))
-        measured = self.get_input_port().Eval(context)
         taper = (self._highest - 5.0 - measured) / TAPER
         return np.clip(np.minimum(duty, taper), 0.0, 1.0)
 
-    def _calc(self, context, output):
-        output.SetFromVector(context.get_discrete_state_vector().value()[-self._num_wires :])
 
-
-class DutyUntilWarm(LeafSystem):
-    """A course of duty, less of it the closer what a thermocouple reads comes to a given rise.
+class DutyUntilWarm(_WarmedDuty):
+    """Duty over time, less of it the closer what a thermocouple reads comes to a given rise.
 
     - input 0 ``measured_temperature``: V (W), °C
     - output 0 ``duty``: D (W), in [0, 1]
@@ -233,35 +229,18 @@ class DutyUntilWarm(LeafSystem):
 
     __slots__ = ()  # see limb_systems.model.ownership
 
-    def __init__(self, course: PiecewisePolynomial, rise: float):
+    def __init__(self, duty: PiecewisePolynomial, rise: float):
         """
         Args:
-            course: of duty, a row for each wire.
-            rise: of the readings, at which there is no duty, °C.
+            duty: a row for each wire.
+            rise: rise of the readings at which there is no duty, °C.
         """
-        super().__init__()
-        self._course, self._rise, self._num_wires = course, rise, course.rows()
-        self.DeclareVectorInputPort("measured_temperature", self._num_wires)
         # A robot has read nothing yet when it is initialized.
-        unread, off = np.full(self._num_wires, np.nan), np.zeros(self._num_wires)
-        state = self.DeclareDiscreteState(np.append(unread, off))
-        self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
-        self.DeclareVectorOutputPort(
-            "duty",
-            self._num_wires,
-            weak_method(self._calc),
-            {self.discrete_state_ticket(state)},
-        )
+        super().__init__(duty, np.full(duty.rows(), np.nan))
+        self._rise = rise
         self.set_name("duty_until_warm")
 
-    def _update(self, context, discrete_state):
-        cold = context.get_discrete_state_vector().value()[: self._num_wires]
-        measured = self.get_input_port().Eval(context)
-        cold = np.where(np.isnan(cold), measured, cold)
-        rise = measured - cold
-        share = np.clip((1 - rise / self._rise) / RISE_TAPER, 0.0, 1.0)
-        wanted = self._course.value(min(context.get_time(), self._course.end_time()))[:, 0]
-        discrete_state.set_value(np.append(cold, share * wanted))
-
-    def _calc(self, context, output):
-        output.SetFromVector(context.get_discrete_state_vector().value()[self._num_wires :])
+    def _limited(self, known, duty, wanted, measured):
+        cold = np.where(np.isnan(known), measured, known)
+        share = np.clip((1 - (measured - cold) / self._rise) / RISE_TAPER, 0.0, 1.0)
+        return cold, share * wanted

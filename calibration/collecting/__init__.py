@@ -1,0 +1,1 @@
+"""Collecting recordings from a robot or an emulated limb."""

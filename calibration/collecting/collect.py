@@ -1,0 +1,197 @@
+"""One recording after the other: sag, ring-down, equilibria, warm-up and `excitations`."""
+
+import copy
+from pathlib import Path
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.trajectories import PiecewisePolynomial
+
+from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
+from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty
+from calibration.recordings.kinds import heated_wires, only_segment
+from hardware.live.feed import LiveView, shown
+from hardware.robot.journal import journaled
+from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Recording
+from limb_systems.model.limb_system import check_limb
+from limb_systems.simulation import record
+
+LARGEST = np.deg2rad(45.0)  # of equilibria
+SAG_RATE = HEATED_RATE = 20.0  # Hz
+RING_DOWN_RATE = 100.0
+FIRST_DUTY = 0.3  # the largest sum of both duties while nothing is known of a limb
+CONTACT_DUTY, CONTACT_TIME, CONTACT_END = 0.1, 30.0, 100.0  # s
+CONTACT_RISE = 12.0  # °C of the readings, at which there is no duty
+WARM_UP_DUTY, WARM_UP_TIME, WARM_UP_END = 0.15, 60.0, 100.0  # s
+WARM_UP_RISE = 60.0  # °C; a wire that shows 60% of its rise then stays below 130 °C
+
+
+def collect_equilibria(
+    limb: LimbSystem,
+    actuated: str,
+    *,
+    num_angles: int = 8,
+    seed: int = 0,
+    longest: float = 60.0,
+    journal: str | Path | None = None,
+    live: LiveView | None = None,
+) -> Recording:
+    """The datasets C^r, C^l and C^m of Sec. V-C: random equilibria, held by PI control.
+
+    The angles are uniform between zero and 45° towards the actuated wire, or to
+    both sides.
+
+    Args:
+        limb: a `LimbTwin` or any other `LimbSystem`, of one segment; it
+            cannot be used again.
+        actuated: name of the wire, or "both" for all of them.
+        num_angles: number of equilibria.
+        seed: seed of the random angles.
+        longest: time for which each of them is held at most, s.
+        journal, live: file of the recording, and page, as for `hardware.replay`.
+
+    Returns:
+        A recording with the set points φ_eq as its ``reference``.
+
+    Raises:
+        LimbError: if an argument makes no sense.
+    """
+    check_limb(limb)
+    heated = heated_wires(limb.parameters, actuated)
+    if num_angles < 1 or seed < 0:
+        raise LimbError(
+            f"num_angles is {num_angles!r} and the seed of the random angles is {seed}; there must "
+            "be an angle at least, and the seed must be zero or more."
+        )
+    wires = only_segment(limb.parameters).wires
+    sides = np.sign([wires[index].direction for index in heated])
+    low, high = min(0, *sides), max(0, *sides)
+    angles = LARGEST * np.random.default_rng(seed).uniform(low, high, num_angles)
+    schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
+    controller = BendAngleController(limb.parameters, actuated)
+    duration = num_angles * longest
+    return _record(limb, controller, duration, HEATED_RATE, journal, live, seed, schedule)
+
+
+def collect_sag(
+    limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
+) -> Recording:
+    """Sec. V-A: the unheated limb, mounted so that gravity bends it, until it rests (15 s)."""
+    return _record(limb, _off(limb), 15.0, SAG_RATE, journal, live)
+
+
+def collect_ring_down(
+    limb: LimbSystem,
+    sample_rate: float = RING_DOWN_RATE,
+    *,
+    journal: str | Path | None = None,
+    live: LiveView | None = None,
+) -> Recording:
+    """Sec. V-B: a person holds the limb at 45° and releases it within the next 6 s."""
+    return _record(limb, _off(limb), 6.0, sample_rate, journal, live)
+
+
+def collect_first_contact(
+    limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
+) -> Recording:
+    """One wire after the other warmed by some degrees, of a limb of which nothing is known yet.
+
+    `fit_heat_bounds` learns from it with what bounds the wires can be warmed up.
+    """
+    num_wires = len(check_limb(limb).parameters.wires)
+    pause = (CONTACT_END - num_wires * CONTACT_TIME) / num_wires
+    times, levels = [0.0], []
+    for wire in np.eye(num_wires):
+        times += [times[-1] + CONTACT_TIME, times[-1] + CONTACT_TIME + pause]
+        levels += [CONTACT_DUTY * wire, 0 * wire]
+    duty = PiecewisePolynomial.ZeroOrderHold(times, np.array([*levels, levels[-1]]).T)
+    source = DutyUntilWarm(duty, CONTACT_RISE)
+    return _record(limb, source, times[-1], HEATED_RATE, journal, live)
+
+
+def collect_warm_up(
+    limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
+) -> Recording:
+    """All wires a little heated at once, for a minute, from which `fit_heat_bounds` learns."""
+    each = np.ones((len(check_limb(limb).parameters.wires), 1))
+    levels = each * [WARM_UP_DUTY, 0.0, 0.0]
+    duty = PiecewisePolynomial.ZeroOrderHold([0.0, WARM_UP_TIME, WARM_UP_END], levels)
+    source = DutyUntilWarm(duty, WARM_UP_RISE)
+    return _record(limb, source, WARM_UP_END, HEATED_RATE, journal, live)
+
+
+def for_first_contact(described: LimbParameters) -> LimbParameters:
+    """The limb as a board is told of it for `collect_first_contact`: any wire, little duty."""
+    careful = copy.deepcopy(described)
+    careful.total_duty = min(described.total_duty, FIRST_DUTY)
+    for wire, bounds in zip(careful.wires, described.heat_bounds, strict=True):
+        wire.heat_bounds = bounds.around_any()
+    return careful
+
+
+def collect_excitation(
+    limb: LimbSystem,
+    excitation: Excitation,
+    known: LimbParameters,
+    *,
+    journal: str | Path | None = None,
+    live: LiveView | None = None,
+) -> Recording:
+    """One of `excitations`, with duty that is limited by what is known of the limb so far.
+
+    Args:
+        known: the limb as it is calibrated so far.
+        limb, journal, live: as for `collect_equilibria`.
+    """
+    source, duration = LimitedDuty(known, excitation.duty), excitation.duty.end_time()
+    return _record(limb, source, duration, HEATED_RATE, journal, live, excitation.seed)
+
+
+def _off(limb: LimbSystem) -> LeafSystem:
+    return ConstantVectorSource(np.zeros(len(check_limb(limb).parameters.wires)))
+
+
+def _record(
+    limb: LimbSystem,
+    source: LeafSystem,
+    duration: float,
+    sample_rate: float,
+    journal: str | Path | None,
+    live: LiveView | None,
+    seed: int | None = None,
+    schedule: EquilibriumSchedule | None = None,
+) -> Recording:
+    """Records a limb under the duty of a source, which sees its outputs, until a schedule ends."""
+    check_limb(limb)
+    builder = DiagramBuilder()
+    builder.AddSystem(limb)
+    for system in filter(None, (schedule, source)):
+        builder.AddSystem(system)
+        for name in ("bend_angle", "measured_temperature"):
+            if system.HasInputPort(name):
+                builder.Connect(limb.GetOutputPort(name), system.GetInputPort(name))
+    reference = until = None
+    if schedule:
+        reference = schedule.get_output_port()
+        builder.Connect(reference, source.GetInputPort("set_point"))
+
+        def until(context):
+            return schedule.is_finished(schedule.GetMyContextFromRoot(context))
+
+    duty, made = source.get_output_port(), Provenance.now(limb.parameters, seed)
+    with (
+        shown(builder, live, limb, duty, duration, reference=reference),
+        journaled(builder, journal, limb, duty, sample_rate, reference=reference, provenance=made),
+    ):
+        return record(
+            builder,
+            limb,
+            duty,
+            duration,
+            reference=reference,
+            until=until,
+            real_time=live is not None,
+            sample_rate=sample_rate,
+            provenance=made,
+        )

@@ -1,0 +1,263 @@
+"""All recordings that calibration wants, from an emulated limb or from a robot.
+
+Those of Sec. V are the sag, the ring-down and heated equilibria; what
+`calibration.collecting.excitation` lists tells more about the wires in less time.
+"""
+
+import copy
+import functools
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+
+from calibration.collecting.collect import (
+    RING_DOWN_RATE,
+    collect_equilibria,
+    collect_excitation,
+    collect_first_contact,
+    collect_ring_down,
+    collect_sag,
+    collect_warm_up,
+    for_first_contact,
+)
+from calibration.collecting.excitation import excitations
+from calibration.collecting.knowledge import Knowledge
+from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
+from calibration.recordings.kinds import FIRST_CONTACT, WARM_UP, heated_kinds, only_segment
+from hardware import LimbTwin, SerialLimb
+from hardware.live.feed import LiveView
+from limb_systems import LimbError, LimbParameters, Recording
+from limb_systems.files.table_writer import is_unfinished
+from limb_systems.progress import Progress
+from limb_systems.simulation import PERIOD
+
+SAG_TRIALS, RING_DOWNS = 10, 3
+HANGING, LEVEL = (0.0, -9.81, 0.0), (0.0, 0.0, 0.0)  # gravity, m/s²
+PROTOCOLS = ("all", "excitation", "paper")
+CONTACT_MARGIN = 0.5  # share by which bounds of first contact are widened, as it is hardly warm
+WARM_UP_MARGIN = 0.25  # share by which those of the warm-up are, as it is short and not hot
+
+
+def hand_for_ring_down() -> PiecewisePolynomial:
+    """A hand's course for `LimbTwin`: to 45° within 1 s, released after 2 s, in rad."""
+    return PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], [[0.0, np.pi / 4, np.pi / 4]])
+
+
+def collect_from_twin(
+    twin: LimbTwin,
+    *,
+    seed: int = 0,
+    num_angles: int = 8,
+    longest: float = 60.0,
+    cooling_time: float = 300.0,
+    sag_trials: int = SAG_TRIALS,
+    ring_downs: int = RING_DOWNS,
+    protocol: str = "all",
+    tell: Callable[[str], object] = lambda what: None,
+    live: LiveView | None = None,
+) -> dict[str, list[Recording]]:
+    """All recordings that calibration wants, from an emulated limb, one after the other.
+
+    Trials of the sag, ring-downs, then equilibria with one wire after the other, and
+    with all of them, as in Sec. V; then a warm-up and `excitations`.
+
+    Args:
+        twin: of one segment; `again` is called on it.
+        seed, num_angles, longest: as for `collect_equilibria`.
+        cooling_time: time without heat before each recording of equilibria, s.
+        sag_trials, ring_downs: numbers of recordings.
+        protocol: "paper" for the recordings of Sec. V, "excitation" for `excitations` in
+            place of equilibria, or "all".
+        tell: is called after each excitation, with how well it was predicted.
+        live: page on which the limb is shown, in real time: for an hour.
+
+    Returns:
+        recordings by kind, as `calibrate` takes them.
+
+    Raises:
+        LimbError: if there is no such protocol.
+    """
+    _check_protocol(protocol)
+    say = live.say if live else lambda _: None
+    recordings: dict[str, list[Recording]] = {"sag": [], "ring_down": []}
+    for number in range(1, sag_trials + 1):
+        say(f"sag {number} of {sag_trials}")
+        twin = twin.again(gravity=HANGING)
+        recordings["sag"].append(collect_sag(twin, live=live))
+    for number in range(1, ring_downs + 1):
+        say(f"ring-down {number} of {ring_downs}")
+        twin = twin.again(gravity=LEVEL, hand=hand_for_ring_down(), bend_rate=RING_DOWN_RATE)
+        recordings["ring_down"].append(collect_ring_down(twin, live=live))
+    kinds = heated_kinds(twin.parameters) if protocol != "excitation" else ()
+    for number, kind in enumerate(kinds):
+        say(f"equilibria: {kind}")
+        twin = twin.again(cooling_time, gravity=LEVEL)
+        recordings[kind] = [
+            collect_equilibria(
+                twin, kind, num_angles=num_angles, seed=seed + number, longest=longest, live=live
+            )
+        ]
+    if protocol == "paper":
+        return recordings
+    twin = twin.again(cooling_time, gravity=LEVEL)
+    say("warm-up")
+    recordings |= {"heated": [collect_warm_up(twin, live=live)], "motion": []}
+    knowledge = Knowledge(twin.parameters, recordings["ring_down"] + recordings["heated"])
+    for number, excitation in enumerate(excitations(len(twin.parameters.wires), seed)):
+        twin = twin.again(excitation.pause if number else cooling_time)
+        say(f"{excitation.name}: calibrating with what was recorded so far")
+        known = knowledge.limb
+        say(excitation.name)
+        recording = collect_excitation(twin, excitation, known, live=live)
+        recordings[excitation.kind].append(recording)
+        tell(f"{excitation.name}: {knowledge.add(recording, excitation.kind)}")
+    return recordings
+
+
+def _check_protocol(protocol: str) -> None:
+    if protocol not in PROTOCOLS:
+        raise LimbError(f"protocol is {protocol!r}; it must be one of {', '.join(PROTOCOLS)}.")
+
+
+def collect_from_robot(
+    connect: Callable[[LimbParameters], SerialLimb],
+    parameters: LimbParameters,
+    folder: str | Path,
+    ask: Callable[[str], object],
+    *,
+    seed: int = 0,
+    num_angles: int = 8,
+    longest: float = 60.0,
+    protocol: str = "all",
+    tell: Callable[[str], object] = lambda what: None,
+    live: LiveView | None = None,
+) -> None:
+    """All recordings that calibration wants, from a robot, one file after the other.
+
+    Before the heated ones the wires are warmed by some degrees, with a little duty and
+    bounds so wide that the board takes in any limb, and then warmed up, to tell the board
+    what to expect of these wires. What a wire or thermocouple shows that is unlike the others
+    or the description is told.
+
+    Each sample goes to a file when it arrives, which gets its name when the
+    recording is complete. Recordings that are complete are kept, so that it can be
+    interrupted. One that was interrupted is made again; what there is of it is
+    kept under its name of an unfinished file, with a warning.
+
+    Args:
+        connect: makes a `SerialLimb` with the given description.
+        parameters: the limb's description, of one segment.
+        folder: folder of the recordings, named after their kinds.
+        ask: shows an instruction to the operator, and returns when it is done.
+        seed, num_angles, longest: as for `collect_equilibria`.
+        protocol, tell: as for `collect_from_twin`.
+        live: page on which the limb is shown, and what is done.
+
+    Raises:
+        LimbError: if there is no such protocol, or if a thermocouple shows no heat.
+        HardwareError: if the robot fails on the way; it is off then.
+        OutputError: as for `hardware.replay`.
+    """
+    _check_protocol(protocol)
+    folder = Path(folder)
+    say = live.say if live else lambda _: None
+    mounted, level = copy.deepcopy(parameters), copy.deepcopy(parameters)
+    mounted.gravity, level.gravity = list(HANGING), list(LEVEL)
+
+    def made(
+        name: str, limb: LimbParameters, collect: Callable[..., Recording], instruction: str
+    ) -> Recording | None:
+        """A new recording, with its file; None if there is one already."""
+        path = folder / f"{name}.csv"
+        if path.exists():
+            return None
+        for left in filter(is_unfinished, sorted(folder.glob(f"{name}.*"))):
+            warnings.warn(
+                f"{left} was interrupted; it is kept, calibration ignores it, and {name} is "
+                "recorded again.",
+                stacklevel=3,
+            )
+        if instruction:
+            ask(f"{name}{instruction}")
+        say(f"{name}: recording")
+        with connect(limb) as robot:
+            return collect(robot, journal=path, live=live)
+
+    wires = sorted(only_segment(parameters).wires, key=lambda wire: wire.direction)
+    side = "towards" if wires[0].direction < 0 else "away from"
+    hang = (
+        f": Mount the limb so that gravity bends it {side} its {wires[0].name} wire, and let it "
+        "hang still."
+    )
+    swing = ": Mount the limb level. Bend it to 45° by hand, and release it 2 s after Enter."
+    cool = ": Leave the limb level and alone until its wires are cold."
+    for number in range(1, SAG_TRIALS + 1):
+        made(f"sag_{number}", mounted, collect_sag, hang)
+    ring_down = functools.partial(collect_ring_down, sample_rate=1 / PERIOD)
+    for number in range(1, RING_DOWNS + 1):
+        made(f"ring_down_{number}", level, ring_down, swing)
+
+    def tell_of(name: str, recording: Recording | None) -> None:
+        for remark in heat_remarks([recording], parameters) if recording else ():
+            tell(f"{name}: {remark}")
+
+    if not (folder / f"{WARM_UP}.csv").exists():
+        contact = made(FIRST_CONTACT, for_first_contact(level), collect_first_contact, cool)
+        if contact:
+            check_first_contact(contact, parameters, folder / f"{FIRST_CONTACT}.csv")
+        tell_of(FIRST_CONTACT, contact)
+    _set_heat_bounds(level, parameters, folder)
+    tell_of(WARM_UP, made(WARM_UP, level, collect_warm_up, cool))
+    _set_heat_bounds(level, parameters, folder)
+    for number, kind in enumerate(heated_kinds(parameters) if protocol != "excitation" else ()):
+        held = functools.partial(
+            collect_equilibria,
+            actuated=kind,
+            num_angles=num_angles,
+            seed=seed + number,
+            longest=longest,
+        )
+        made(kind, level, held, cool)
+    if protocol == "paper":
+        return
+    before = [*sorted(folder.glob("ring_down_?.csv")), folder / f"{WARM_UP}.csv"]
+    knowledge = Knowledge(level, map(Recording.load, before))
+    first = True
+    for excitation in excitations(len(wires), seed):
+        name, path = excitation.name, folder / f"{excitation.name}.csv"
+        if path.exists():
+            knowledge.add(Recording.load(path), excitation.kind)
+            continue
+        if not first:
+            say(f"resting before {name} for {excitation.pause:g} s")
+            _wait(excitation.pause, f"resting before {name}")
+        say(f"{name}: calibrating with what was recorded so far")
+        # It takes seconds, in which no robot should wait.
+        collect = functools.partial(collect_excitation, excitation=excitation, known=knowledge.limb)
+        follows = f" and what follows{cool[:-1]}, and for 20 minutes after Enter." * first
+        recording = made(name, level, collect, follows)
+        assert recording is not None  # there was no file
+        tell(f"{name}: {knowledge.add(recording, excitation.kind)}")
+        first = False
+
+
+def _wait(duration: float, label: str) -> None:
+    with Progress(label, duration, "s") as progress:
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0:
+            progress.update(duration - left)
+            time.sleep(min(0.5, left))
+
+
+def _set_heat_bounds(limb: LimbParameters, described: LimbParameters, folder: Path) -> None:
+    """Gives wires that have no bounds of their own those that first contact and warm-up show."""
+    paths = [folder / f"{name}.csv" for name in (FIRST_CONTACT, WARM_UP)]
+    margin = WARM_UP_MARGIN if paths[-1].exists() else CONTACT_MARGIN
+    recordings = [Recording.load(path) for path in paths if path.exists()]
+    fitted = fit_heat_bounds(recordings, described, margin)
+    for wire, given, bounds in zip(limb.wires, described.wires, fitted, strict=True):
+        wire.heat_bounds = given.heat_bounds or bounds

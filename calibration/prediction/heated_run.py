@@ -1,0 +1,110 @@
+"""A heated recording in even steps, as open-loop simulation and comparison need it."""
+
+import dataclasses
+
+import numpy as np
+
+from calibration.recordings.at_rest import START, before_heat, first_readings
+from calibration.recordings.kinds import bend_sensor_of
+from calibration.recordings.repair import at_sample_times, despiked
+from limb_systems import Recording
+
+STEP = 0.5  # s, of simulation and of averages; wires heat and cool within seconds
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class HeatedRun:
+    """A heated recording of W wires in K steps of half a second, M of which have samples.
+
+    - ``source``: what was recorded.
+    - ``duty``: mean duty over each step (K, W).
+    - ``times``: mean times of the samples of a step (M,), s from the first.
+    - ``temperature``, ``bend``: mean readings V, °C (M, W), and φ, rad (M,).
+    - ``counts``: number of samples in each mean (M,).
+    - ``first``: V at the beginning (W,), °C.
+    - ``slope``: rate of V at the beginning, before the wire is heated (W,), °C/s; nan
+      where less than a second shows it.
+    """
+
+    source: str
+    duty: np.ndarray
+    times: np.ndarray
+    temperature: np.ndarray
+    bend: np.ndarray
+    counts: np.ndarray
+    first: np.ndarray
+    slope: np.ndarray
+
+    @classmethod
+    def of(cls, recording: Recording) -> "HeatedRun":
+        """A recording without samples that are missing, or far from their neighbours."""
+        recording = despiked(at_sample_times(recording))
+        bend = bend_sensor_of(recording).corrected(recording.bend_angle[0])
+        times = recording.time - recording.time[0]
+        num_steps = max(1, int(np.ceil(times[-1] / STEP - 1e-6)))
+        edges = STEP * np.arange(num_steps + 1)
+        # The duty at a sample was in force since the sample before.
+        dose = np.cumsum(recording.duty[:, 1:] * np.diff(times), axis=1)
+        duty = [np.diff(np.interp(edges, times, np.append(0.0, d))) / STEP for d in dose]
+        shown = ~recording.missing
+        bins = (times[shown] / STEP).astype(int)
+        counts = np.bincount(bins)
+        filled = counts > 0
+
+        def means(values: np.ndarray) -> np.ndarray:
+            return np.bincount(bins, values[shown])[filled] / counts[filled]
+
+        temperature = recording.measured_temperature
+        soon = before_heat(recording) & (times <= max(3 * START, 5.0 / recording.sample_rate))
+        soon &= shown
+        slope = [_slope(times[s], v[s]) for v, s in zip(temperature, soon, strict=True)]
+        return cls(
+            source=recording.source,
+            duty=np.array(duty).T,
+            times=means(times),
+            temperature=np.array([means(v) for v in temperature]).T,
+            bend=means(bend),
+            counts=counts[filled],
+            first=first_readings(recording),
+            slope=np.array(slope),
+        )
+
+    def interpolated(self, readings: np.ndarray, bends: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Signals at the ends of steps (K + 1, ...), or of more steps, at the samples (M, ...)."""
+        steps = self.times / STEP
+        before = np.minimum(steps.astype(int), len(bends) - 2)
+        after = steps - before
+        return tuple(
+            signal[before] * (1 - share) + signal[before + 1] * share
+            for signal in (readings, bends)
+            for share in [after.reshape(-1, *[1] * (signal.ndim - 1))]
+        )
+
+    def held_out(self, least: float, most: float) -> tuple["HeatedRun", "HeatedRun"]:
+        """All samples but the last, and the last; each part has the duty of all.
+
+        The last are those of a share of the time, or of the same share of the heat if that
+        begins earlier: the end of a recording may show a limb at rest alone.
+
+        Args:
+            least: share of time and heat.
+            most: share of the time, beyond which the heat does not count.
+        """
+        heat = np.cumsum(self.duty.sum(axis=1))
+        late = STEP * float(np.searchsorted(heat, (1 - least) * heat[-1]))
+        end = self.times[-1]
+        early = self.times < np.clip(late, (1 - most) * end, (1 - least) * end)
+        names = ("times", "temperature", "bend", "counts")
+        first, last = (
+            dataclasses.replace(self, **{name: getattr(self, name)[which] for name in names})
+            for which in (early, ~early)
+        )
+        return first, last
+
+
+def _slope(times: np.ndarray, values: np.ndarray) -> float:
+    """Of the line through samples; nan if they show less than a second."""
+    if np.ptp(times) < 0.99 * START:
+        return np.nan
+    since = times - times.mean()
+    return float(since @ values / (since @ since))

@@ -1,0 +1,51 @@
+"""A folder of recordings, named after their kinds."""
+
+from pathlib import Path
+
+from calibration.errors import CalibrationError
+from calibration.recordings.checks import check_recording, check_whole
+from calibration.recordings.kinds import FREE_KINDS, HEATED_NAMES, kinds_of
+from limb_systems import LimbError, Recording
+from limb_systems.files.table_writer import is_unfinished
+
+
+def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
+    """The recordings in a folder, checked, by what they show.
+
+    Files named after a kind (``right.csv``, ``sag_3.csv``, ``motion_1.csv``), one of
+    `kinds_of` the limb in their header, "heated" or "motion", must show it. First contact,
+    warm-up and `excitations` are of the kind "heated". Files with other names go by what they
+    show. Unfinished ones (``right.unfinished.csv``) are ignored.
+
+    Raises:
+        CalibrationError: with one sentence naming the file and the trouble.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise CalibrationError(f"There is no folder {folder}.")
+    recordings: dict[str, list[Recording]] = {}
+    for path in sorted(folder.glob("*.csv")):
+        if is_unfinished(path):
+            continue
+        recording = Recording.load(path)
+        try:
+            check_whole(recording)
+            kinds = [*kinds_of(recording.parameters), *FREE_KINDS]
+            named = [kind for kind in kinds if path.stem.startswith(kind)]
+            named += ["heated"] if path.stem in HEATED_NAMES else []
+            kind = check_recording(recording, max(named, key=len, default=None))
+            recordings.setdefault(kind, []).append(recording)
+        except LimbError as error:
+            raise CalibrationError(f"{path}: {error}") from error
+    return recordings
+
+
+def save_recordings(recordings: dict[str, list[Recording]], folder: str | Path) -> list[Path]:
+    """Writes recordings to files named after their kinds; returns their paths."""
+    paths = []
+    for kind, group in recordings.items():
+        for number, recording in enumerate(group, 1):
+            name = kind if len(group) == 1 else f"{kind}_{number}"
+            paths.append(Path(folder) / f"{name}.csv")
+            recording.save(paths[-1])
+    return paths

@@ -1,0 +1,1 @@
+"""The fits of Sec. V: stiffness, damping, heat transfer and force."""
