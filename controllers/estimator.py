@@ -88,6 +88,9 @@ class Estimator:
     - ``model``: the limb's `ReducedModel`.
     - ``size``: length of the vector.
     - ``nothing``: vector (size) of a limb that was not read yet, all NaN.
+
+    Args:
+        parameters: description of the limb.
     """
 
     def __init__(self, parameters: LimbParameters):
@@ -325,6 +328,9 @@ class LimbObserver(LeafSystem):
 
     def __init__(self, parameters: LimbParameters):
         """
+        Args:
+            parameters: description of the limb.
+
         Raises:
             ParameterError: if a parameter is out of its range.
         """

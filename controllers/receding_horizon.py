@@ -13,6 +13,7 @@ import subprocess
 import sys
 import weakref
 from multiprocessing.connection import Connection
+from typing import Any
 
 import numpy as np
 
@@ -151,7 +152,7 @@ class PlannerProcess:
         self._connection.poll(None)
         self.plan_if_made()
 
-    def begin(self, *question) -> None:
+    def begin(self, *question: Any) -> None:
         """Asks for a plan by the arguments of `HorizonPlanner.plan`, once the last is made.
 
         Raises:
