@@ -39,15 +39,15 @@ from collections.abc import Callable
 import numpy as np
 from other_limbs import OtherLimb
 from pydrake.systems.framework import LeafSystem
+from sensor_faults import SensorFault, with_faulty_sensors
+from simulated_board import SimulatedBoard
 
 from calibration import calibrate, collect_equilibria, collect_from_twin
 from calibration.collecting.collect import collect_warm_up
 from calibration.collecting.protocol import WARM_UP_MARGIN
 from calibration.heat_bounds import fit_heat_bounds
 from hardware import LimbTwin, replay
-from hardware.emulation.sensor_faults import SensorFault, with_faulty_sensors
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
-from hardware.emulation.simulated_board import SimulatedBoard
 from hardware.emulation.specimen import Specimen
 from hardware.firmware import guard
 from hardware.robot.reasons import REASONS

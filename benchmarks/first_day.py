@@ -25,6 +25,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process fo
 import numpy as np
 from board_faults import SIDES, STEP, SimulatedRobot, prepare
 from other_limbs import OtherLimb
+from simulated_board import SimulatedBoard
 
 from calibration import calibrate, collect_equilibria
 from calibration.collecting.collect import (
@@ -35,7 +36,6 @@ from calibration.collecting.collect import (
 from calibration.collecting.protocol import CONTACT_MARGIN, WARM_UP_MARGIN
 from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
 from hardware import LimbTwin
-from hardware.emulation.simulated_board import SimulatedBoard
 from hardware.firmware import guard
 from hardware.robot import self_test
 from hardware.robot.link import Sample

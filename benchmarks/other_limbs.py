@@ -30,8 +30,7 @@ from pydrake.trajectories import PiecewisePolynomial, Trajectory
 from calibration import calibrate, collect_from_twin
 from controllers import PlanFeedback
 from hardware import replay, watch
-from hardware.emulation.noise import Noise
-from hardware.emulation.sensors import SampledSensors, limb_sensors
+from hardware.emulation.sensors import Noise, SampledSensors, limb_sensors
 from limb_systems import LimbError, LimbParameters, simulate
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import EmulatedLimb

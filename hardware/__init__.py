@@ -1,7 +1,7 @@
 """The robot, its emulated twin, and the replay of trajectories on them."""
 
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
-from hardware.emulation.emulated_port import emulated_port
+from hardware.emulation.emulator import emulated_port
 from hardware.emulation.sensors import SensedLimb
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError, replay, watch

@@ -5,23 +5,19 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from pydrake.geometry import Meshcat
 from pydrake.systems.framework import (
     Context,
     DiagramBuilder,
     EventStatus,
     LeafSystem,
-    OutputPort,
     System,
 )
 from pydrake.systems.primitives import (
     ConstantVectorSource,
-    MatrixGain,
     Multiplexer,
     TrajectorySource,
 )
 
-from hardware.emulation.specimen import serial_number
 from hardware.firmware import guard
 from hardware.live.feed import LiveView, shown
 from hardware.robot.journal import journaled
@@ -30,11 +26,9 @@ from limb_systems import (
     EmulatedLimb,
     LimbError,
     LimbSystem,
-    LimbVisualizer,
     Provenance,
     Recording,
     Trajectory,
-    joint_angles_from_bend_angle,
 )
 from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
@@ -55,7 +49,6 @@ def replay(
     unchecked: bool = False,
     sample_rate: float = 20.0,
     journal: str | Path | None = None,
-    meshcat: Meshcat | None = None,
     live: LiveView | None = None,
 ) -> Recording:
     """Drives a limb along a trajectory and records it.
@@ -80,9 +73,7 @@ def replay(
         journal: file of the recording, to which each sample goes when it arrives;
             its name is that of a `TableWriter`'s until the plan has ended. A
             file that is there is replaced then.
-        meshcat: where to show the limb while it runs: its bend angle, measured
-            temperatures and duty, with ghosts of the plan and its reference.
-        live: page on which to show it, with its curves, while it runs.
+        live: page on which to show it, in 3D and with its curves, while it runs.
 
     Raises:
         ReplayError: if the trajectory failed its check, if it was planned for
@@ -93,8 +84,7 @@ def replay(
             written for another reason.
         HardwareError: if the robot fails on the way, or gets a duty that is
             out of range.
-        LimbError: if it is to be shown, and is of another shape than the
-            plan's; if the duty was out of range; if the limb is no `LimbSystem`.
+        LimbError: if the duty was out of range; if the limb is no `LimbSystem`.
     """
     with _closing(limb):
         check_replayable(trajectory, limb, unchecked=unchecked)
@@ -102,9 +92,7 @@ def replay(
             controller = TrajectorySource(trajectory.since_start().duty_trajectory())
         else:
             _check_controller(controller, limb)
-        return _run(
-            limb, controller, trajectory.duration, sample_rate, journal, meshcat, live, trajectory
-        )
+        return _run(limb, controller, trajectory.duration, sample_rate, journal, live, trajectory)
 
 
 def watch(
@@ -113,7 +101,6 @@ def watch(
     *,
     sample_rate: float = 20.0,
     journal: str | Path | None = None,
-    meshcat: Meshcat | None = None,
     live: LiveView | None = None,
 ) -> Recording:
     """Records a limb with its wires off, while it hangs, swings or is moved by hand.
@@ -122,7 +109,7 @@ def watch(
 
     Args:
         duration: s.
-        limb, sample_rate, journal, meshcat, live: as for `replay`.
+        limb, sample_rate, journal, live: as for `replay`.
 
     Raises:
         HardwareError: if the robot fails on the way.
@@ -130,7 +117,7 @@ def watch(
     """
     with _closing(limb):
         off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
-        return _run(limb, off, duration, sample_rate, journal, meshcat, live, ended_by_hand=True)
+        return _run(limb, off, duration, sample_rate, journal, live, ended_by_hand=True)
 
 
 def _closing(limb: LimbSystem):
@@ -178,7 +165,7 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
     board, planned = limb.info.serial_number, trajectory.parameters
     number = planned.board.identity
     if isinstance(planned.board, EmulatedLimb):
-        number = serial_number(planned.board)
+        number = planned.board.serial_number
     if number and number != board:
         raise ReplayError(
             f"This trajectory was planned with the calibration of the limb {number}, but the limb "
@@ -237,7 +224,6 @@ def _run(
     duration: float,
     sample_rate: float,
     journal,
-    meshcat: Meshcat | None,
     live: LiveView | None,
     plan: Trajectory | None = None,
     *,
@@ -271,15 +257,13 @@ def _run(
             ended_by_hand=ended_by_hand,
         ) as writer,
     ):
-        if meshcat is not None:
-            _add_view(builder, limb, duty, meshcat, plan)
         recording = record(
             builder,
             limb,
             duty,
             duration,
             until=_has_cut_out(limb) if may_cut_out else None,
-            real_time=meshcat is not None or live is not None,
+            real_time=live is not None,
             sample_rate=sample_rate,
             remark=_remark(limb) if limb.real_time else None,
             provenance=provenance,
@@ -333,27 +317,6 @@ def _connect_readings(builder: DiagramBuilder, limb: LimbSystem, controller: Sys
         for entry, reading in enumerate(readings):
             builder.Connect(reading, joined.get_input_port(entry))
         builder.Connect(joined.get_output_port(), port)
-
-
-def _add_view(
-    builder: DiagramBuilder,
-    limb: LimbSystem,
-    duty: OutputPort,
-    meshcat: Meshcat,
-    plan: Trajectory | None,
-) -> None:
-    """Shows a limb as measured; its joint angles follow from the bend angle by eqn (11)."""
-    angles = joint_angles_from_bend_angle(
-        limb.parameters, np.eye(limb.GetOutputPort("bend_angle").size())
-    )
-    joint_state = builder.AddSystem(MatrixGain(np.vstack([angles, np.zeros_like(angles)])))
-    # At the period of the robot, which was added before: its command leaves first.
-    view = builder.AddSystem(LimbVisualizer(limb.parameters, meshcat, plan, publish_period=PERIOD))
-    builder.Connect(limb.GetOutputPort("bend_angle"), joint_state.get_input_port())
-    builder.Connect(joint_state.get_output_port(), view.GetInputPort("joint_state"))
-    measured = limb.GetOutputPort("measured_temperature")
-    builder.Connect(measured, view.GetInputPort("wire_temperature"))
-    builder.Connect(duty, view.GetInputPort("duty"))
 
 
 def _remark(limb: LimbSystem):

@@ -31,9 +31,7 @@ from controllers import (
     TemperatureSupervisor,
 )
 from hardware import LimbTwin, SensedLimb, SerialLimb
-from hardware.emulation.hand import Hand
-from hardware.emulation.rubber import RestShift, Rubber
-from hardware.emulation.sensor_faults import FaultySensors, SensorFault
+from hardware.emulation.rubber import Hand, RestShift, ViscoelasticRubber
 from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import CutOut
@@ -340,11 +338,10 @@ def make_system(monkeypatch, fig5_plan):
         SensedLimb: lambda: SensedLimb(Limb()),
         CutOut: lambda: CutOut(2, 0.05),
         ExactBend: lambda: ExactBend(parameters),
-        FaultySensors: lambda: FaultySensors(2, 1, SensorFault(0, max, 0.0)),
         RestShift: lambda: RestShift(specimen, 0.05),
         SerialLimb: lambda: SerialLimb("port"),
         ShapeMemoryWires: lambda: ShapeMemoryWires(specimen),
-        Rubber: lambda: Rubber(specimen),
+        ViscoelasticRubber: lambda: ViscoelasticRubber(specimen),
         SampledSensors: lambda: SampledSensors(
             limb_sensors(parameters, 20.0, bend_response=np.asarray, bend_noise=0.0, bend_drift=0.0)
         ),

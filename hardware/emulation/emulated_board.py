@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
-from hardware.emulation.specimen import serial_number
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import CHANNELS, POWER_ON
 from limb_systems import LimbError
@@ -81,7 +80,7 @@ class EmulatedBoard:
         self._input = twin.GetInputPort("duty").FixValue(self._context, [0, 0])
         self._simulator.Initialize()
         self.to_host, self.from_host = bytearray(), bytearray()
-        self.serial_number = serial_number(twin.specimen.board).encode()
+        self.serial_number = twin.specimen.board.serial_number.encode()
         self.random = random.SystemRandom().getrandbits(16)
         self.reset_cause, self.remembered = POWER_ON, 0
         self._held = clock()

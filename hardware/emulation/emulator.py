@@ -8,12 +8,13 @@ import json
 import os
 import random
 import select
+import subprocess
 import sys
 import time
 import tty
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -25,10 +26,18 @@ from limb_systems import LimbError
 TURN = 0.001  # s, between two passes of the firmware's loop
 LONGEST_DELAY = 3.0  # s, of a buffer that is full
 WATCHDOG = 200  # ms of the board's one clock, as that of board_nrf52dk.py
-THERMOCOUPLE_FAULTS = {"open": 1, "ground": 2, "supply": 4}
-WORDS = {"dead": 0, "garbled": 8}  # that an amplifier sends: nothing, or a reserved bit
-SHARES = {"detach": 0.0, "reverse": -1.0}  # of the rise in temperature that is read
 SIDES = {"left": 0, "right": 1}
+# Of a thermocouple and its amplifier, which sends nothing if dead, and a reserved bit if garbled.
+FAULTS: dict[str, dict[str, Any]] = {
+    "open": {"faults": 1},
+    "ground": {"faults": 2},
+    "supply": {"faults": 4},
+    "dead": {"word": 0},
+    "garbled": {"word": 8},
+    "detach": {"share": 0.0},
+    "reverse": {"share": -1.0},
+    "hot": {"frozen": 115.0},
+}
 
 
 class BadLine:
@@ -157,71 +166,69 @@ class Emulation:
         Raises:
             LimbError: if the order is not understood.
         """
-        words = order.split()
         try:
-            self._obey(words)
-        except (IndexError, KeyError, ValueError) as error:
+            self._obey(order.split())
+        except (KeyError, ValueError) as error:
             raise LimbError(f"'{order}' is not understood; orders are: {ORDERS}") from error
         self._on_event(event="order", order=order.strip(), time=self._clock())
 
     def _obey(self, words: list[str]) -> None:
-        name = words[0]
-        if name in self._lines[0].rates:
-            for line in self._lines:
-                line.rates[name] = float(words[1])
-        elif name == "delay":
-            for line in self._lines:
-                line.delay = float(words[1])
-        elif name == "creep":
-            for line in self._lines:
-                line.start_to_creep(float(words[1]))
-        elif name == "noise":
-            self.board.from_host += random.randbytes(int(words[1]))
-        elif name in THERMOCOUPLE_FAULTS:
-            self.board.fail(SIDES[words[1]], faults=THERMOCOUPLE_FAULTS[name])
-        elif name in WORDS:
-            self.board.fail(SIDES[words[1]], word=WORDS[name])
-        elif name == "freeze" and words[1] == "bend":
-            self.board.frozen_bend = self.board.read_bend()
-        elif name == "stick":
-            (now,) = np.rad2deg(self.board.reading("bend_angle"))
-            self.board.stuck_bend = float(words[2]) if len(words) > 2 else now
-        elif name in ("freeze", "hot"):
-            side = SIDES[words[1]]
-            now = self.board.reading("measured_temperature")[side]
-            self.board.fail(side, frozen=115.0 if name == "hot" else now)
-        elif name in SHARES:
-            self.board.fail(SIDES[words[1]], share=SHARES[name])
-        elif name in ("share", "offset", "drift", "jitter"):
-            field = "noise" if name == "jitter" else name
-            self.board.fail(SIDES[words[1]], **{field: float(words[2])})
-        elif name == "weaken":
-            self.board.heat_share = float(words[1])
-        elif name == "chill":
-            self.board.chill = float(words[1])
-        elif name == "short":
-            self.board.shorted[SIDES[words[1]]] = True
-        elif name == "silence":
-            self.board.bend_is_silent = True
-        elif name == "stop":
-            self.board.stop_clock()
-        elif name == "mend":
-            for part in (self.board, *self._lines):
-                part.mend()
-            self._stalled_until = self._clock()
-        elif name == "cool":
-            self.board.cool()
-        elif name == "stall":
-            self._stalled_until = self._clock() + float(words[1])
-        elif name in ("reset", "restart"):
-            self._reset(PIN_RESET if name == "reset" else POWER_ON)
-        elif name == "unplug":
-            self._plugged = False
-            self._cable.unplug()
-        elif name == "replay":
-            self.board.from_host += self._recorded
-        else:
-            raise KeyError(name)
+        board, lines = self.board, self._lines
+        match words:
+            case ["drop" | "corrupt" | "duplicate" | "reorder" as damage, rate]:
+                for line in lines:
+                    line.rates[damage] = float(rate)
+            case ["delay", seconds]:
+                for line in lines:
+                    line.delay = float(seconds)
+            case ["creep", rate]:
+                for line in lines:
+                    line.start_to_creep(float(rate))
+            case ["noise", count]:
+                board.from_host += random.randbytes(int(count))
+            case ["replay"]:
+                board.from_host += self._recorded
+            case ["unplug"]:
+                self._plugged = False
+                self._cable.unplug()
+            case ["freeze", "bend"]:
+                board.frozen_bend = board.read_bend()
+            case ["stick", "bend", *degrees]:
+                (now,) = np.rad2deg(board.reading("bend_angle"))
+                board.stuck_bend = float(degrees[0]) if degrees else now
+            case ["silence"]:
+                board.bend_is_silent = True
+            case ["freeze", side]:
+                now = board.reading("measured_temperature")[SIDES[side]]
+                board.fail(SIDES[side], frozen=now)
+            case ["short", side]:
+                board.shorted[SIDES[side]] = True
+            case [fault, side] if fault in FAULTS:
+                board.fail(SIDES[side], **FAULTS[fault])
+            case ["share" | "offset" | "drift" as field, side, value]:
+                board.fail(SIDES[side], **{field: float(value)})
+            case ["jitter", side, value]:
+                board.fail(SIDES[side], noise=float(value))
+            case ["weaken", share]:
+                board.heat_share = float(share)
+            case ["chill", value]:
+                board.chill = float(value)
+            case ["stop", "clock"]:
+                board.stop_clock()
+            case ["stall", seconds]:
+                self._stalled_until = self._clock() + float(seconds)
+            case ["reset"]:
+                self._reset(PIN_RESET)
+            case ["restart"]:
+                self._reset(POWER_ON)
+            case ["cool"]:
+                board.cool()
+            case ["mend"]:
+                for part in (board, *lines):
+                    part.mend()
+                self._stalled_until = self._clock()
+            case _:
+                raise ValueError
 
     def _reset(self, cause: int) -> None:
         self.board.reset(cause)
@@ -288,3 +295,19 @@ def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
                 except LimbError as error:
                     print(f"error: {error}", file=sys.stderr)
             time.sleep(TURN)
+
+
+@contextlib.contextmanager
+def emulated_port(seed: int = 0) -> Iterator[str]:
+    """A port with an emulated board and limb, which run in a separate process.
+
+    Args:
+        seed: of the limb.
+    """
+    command = [sys.executable, "-m", "hardware", "emulate", "--emulated", str(seed)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as board:
+        assert board.stdout  # it is a pipe
+        try:
+            yield board.stdout.readline().decode().strip()
+        finally:
+            board.kill()

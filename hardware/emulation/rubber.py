@@ -1,17 +1,21 @@
-"""The emulated rubber: its effects beyond the linear spring and damper of eqn (1)."""
+"""What turns the joints beside the wires: rubber beyond the linear eqn (1), and a hand."""
 
 import numpy as np
 from pydrake.symbolic import MakeVectorVariable
 from pydrake.systems.framework import LeafSystem
 from pydrake.systems.primitives import SymbolicVectorSystem
+from pydrake.trajectories import Trajectory
 
 from hardware.emulation.specimen import Specimen
-from limb_systems import joint_angles_from_bend_angle
+from limb_systems import LimbParameters, joint_angles_from_bend_angle
 from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.ownership import weak_method
 
+GRIP = 20.0  # stiffness of the hand over bending stiffness of the limb
+GRIP_TIME = 0.05  # s, of the hand's damping
 
-class Rubber(SymbolicVectorSystem):
+
+class ViscoelasticRubber(SymbolicVectorSystem):
     """Stiffening and relaxation of silicone, and its angle at rest.
 
         f = k θ_rest - k s (θ / θ_45)² θ - k v (θ - q),   q̇ = (θ - q) / τ
@@ -117,3 +121,55 @@ class RestShift(LeafSystem):
     def _calc(self, context, output):
         rest, _ = self._split(context)
         output.SetFromVector(self._stiffness * joint_angles_from_bend_angle(self._parameters, rest))
+
+
+class Hand(LeafSystem):
+    """Pushes the limb's tip across its chord until its bend is as wanted, then releases it.
+
+    The bend is what an exact sensor of the limb's kind would show. Like a hand it is stiffer
+    than the limb, but not rigid. It holds the limb until the end of its motion.
+
+    - input 0 ``joint_state``: [θ, θ̇] (2n), rad and rad/s
+    - output 0 ``generalized_force``: f (n), N·m
+
+    For limbs of one segment.
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, parameters: LimbParameters, motion: Trajectory):
+        """
+        Args:
+            parameters: description of the limb.
+            motion: bend angle over time, rad, to which the hand moves the limb.
+        """
+        super().__init__()
+        self._parameters, self._motion = parameters, motion
+        (segment,) = parameters.segments
+        # A torque at the tip turns the chord by about (n + 1) / 2 joints' worth of angle.
+        self._stiffness = GRIP * segment.stiffness * 2 / (segment.links + 1)
+        self._length, self._sensor = segment.length, segment.bend_sensor
+        self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
+        self.DeclareVectorOutputPort(
+            "generalized_force", parameters.num_joints, weak_method(self._calc)
+        )
+        self.set_name("hand")
+
+    def _calc(self, context, output):
+        num_joints = self._parameters.num_joints
+        time = context.get_time()
+        if time >= self._motion.end_time():
+            output.SetFromVector(np.zeros(num_joints))
+            return
+        angles, rates = np.split(self.get_input_port().Eval(context), 2)
+        # The tip as seen from each joint, and a force across the chord of the whole limb.
+        directions = np.cumsum(angles)
+        links = self._length / num_joints * np.array([np.cos(directions), np.sin(directions)])
+        lever = np.cumsum(links[:, ::-1], axis=1)[:, ::-1]
+        chord = lever[:, 0]
+        across = np.array([-chord[1], chord[0]]) / np.linalg.norm(chord)
+        jacobian = lever[0] * across[1] - lever[1] * across[0]  # of the tip, along `across`
+        error = self._motion.value(time).item() - self._sensor.exact_bend_angle(angles)
+        rate = jacobian @ rates / self._length
+        force = self._stiffness * (error - GRIP_TIME * rate) / self._length
+        output.SetFromVector(jacobian * force)

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
-from hardware.emulation.noise import Noise
 from limb_systems import LimbParameters, LimbSystem
 from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
@@ -22,13 +21,34 @@ BEND_STEP = np.deg2rad(0.1)
 BEND_DRIFT_TIME = 120.0  # s
 
 
+class Noise:
+    """Standard normal numbers in the order in which a generator draws them.
+
+    A system keeps in its state how many numbers it has used. It therefore
+    continues with the same numbers from every copy of its Context, because numbers
+    that were drawn once are kept. With a plain generator it would not.
+    """
+
+    def __init__(self, generator: np.random.Generator):
+        self._generator = generator
+        self._numbers = np.empty(0)
+
+    def read(self, start: int, count: int) -> np.ndarray:
+        """The numbers from ``start`` on, (count,)."""
+        missing = start + count - len(self._numbers)
+        if missing > 0:
+            more = self._generator.standard_normal(max(missing, len(self._numbers), 1000))
+            self._numbers = np.concatenate([self._numbers, more])
+        return self._numbers[start : start + count]
+
+
 @dataclasses.dataclass(frozen=True)
 class Sensor:
     """How a vector signal is read: sampled, with noise, drift and steps.
 
-    - ``name``: of the signal and of its reading.
-    - ``size``: of the signal.
-    - ``period``: s between samples.
+    - ``name``: name of the signal and of its reading.
+    - ``size``: size of the signal.
+    - ``period``: time between samples, s.
     - ``step``: quantization q, in the unit of the signal.
     - ``noise``: standard deviation σ of each sample, for all or for each (size),
       in the unit of the signal.

@@ -29,13 +29,13 @@ Sources:
 
 import copy
 import dataclasses
-import hashlib
 import re
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from hardware.emulation.noise import Noise
+from hardware.emulation.sensors import Noise
 from limb_systems import (
     EmulatedLimb,
     LimbError,
@@ -64,17 +64,17 @@ DISTURBANCES = {
 class WirePhysics:
     """One wire, the silicone around it and its thermocouple.
 
-    - ``heating``: rate at full duty, °C/s.
+    - ``heating``: heating rate at full duty, °C/s.
     - ``fast_time``, ``slow_time``: time constants of cooling, s.
     - ``silicone_share``: share of the steady temperature rise that is in the
       silicone.
-    - ``lag_rate``: of the thermocouple, 1/s, negative.
-    - ``latent_heat``: of the transformation, as °C of the wire.
+    - ``lag_rate``: rate of the thermocouple's lag, 1/s, negative.
+    - ``latent_heat``: heat of the transformation, as °C of the wire.
     - ``austenite``, ``martensite``: temperature at which half of the wire is
       transformed on heating and on cooling, free of stress, °C.
-    - ``austenite_width``, ``martensite_width``: of the logistic curves, °C.
+    - ``austenite_width``, ``martensite_width``: widths of the logistic curves, °C.
     - ``stress_shift``: shift of both curves upwards at full stress, °C.
-    - ``torque``: of the fully transformed wire on each joint when the limb is
+    - ``torque``: torque of the fully transformed wire on each joint when the limb is
       held straight, N·m.
     - ``modulus_ratio``: G of martensite over G of austenite.
     - ``strain_relief``: recoverable strain that is lost by bending one radian
@@ -111,14 +111,14 @@ class SegmentPhysics:
     - ``stiffening``: share that is added to k where the segment bends by 45°.
     - ``viscous_share``: additional share of k in fast motions.
     - ``relaxation_time``: time constant with which this share decays, s.
-    - ``rest_offset``: by which the bend angle at rest is off the described one, rad.
+    - ``rest_offset``: offset of the bend angle at rest from the described one, rad.
     - ``sensor_gain``, ``sensor_offset``: slope of the bend sensor at zero, and what
       it shows there, rad.
     - ``sensor_curvature``: share of the reading that is lost or gained at 45°.
     - ``sensor_noise``, ``sensor_drift``: standard deviations, rad.
-    - ``memory_angle``: by which the angle at rest is drawn towards the wire that was hot
-      last, rad.
-    - ``memory_share``: λ, by which it is for a whole transformation.
+    - ``memory_angle``: angle at rest, towards the wire that was hot last, to which it is
+      drawn, rad.
+    - ``memory_share``: λ of a whole transformation, see `RestShift`.
     """
 
     stiffness: float
@@ -140,16 +140,16 @@ class Specimen:
     """A particular limb: its physics, and the state in which it was left.
 
     - ``description``: `LimbParameters` as a lab would know them beforehand.
-    - ``seed``: of the draw.
+    - ``seed``: seed of the draw.
     - ``wires``: `WirePhysics` (W), in the order of the description.
     - ``segments``: `SegmentPhysics` (S).
-    - ``ambient``: the temperature of the room, °C.
-    - ``state``: of each part of the emulation after its last run, by name;
+    - ``ambient``: temperature of the room, °C.
+    - ``state``: state of each part of the emulation after its last run, by name;
       empty for a limb that was never used.
-    - ``noise``: of the sensors; the state says how much of it was used.
-    - ``extra``: the effects that it has beside those of every limb.
-    - ``absent``: the effects that were taken out, see `without`.
-    - ``disturbances``: what was changed about it, see `disturbed`.
+    - ``noise``: numbers of the sensors' noise; the state says how many were used.
+    - ``extra``: effects that it has beside those of every limb.
+    - ``absent``: effects that were taken out, see `without`.
+    - ``disturbances``: changes that it was given, see `disturbed`.
     - ``around_calibrated``: whether it was drawn around a calibrated limb, which it is not.
 
     A new specimen is unused: its wires are cold, its rubber is at rest, and its
@@ -159,8 +159,8 @@ class Specimen:
     def __init__(self, description: LimbParameters, seed: int, extra: Sequence[str] = ()):
         """
         Args:
-            description: around which it is drawn.
-            seed: of the draw; what it draws does not depend on ``extra``.
+            description: parameters around which it is drawn.
+            seed: seed of the draw; what it draws does not depend on ``extra``.
             extra: any of
 
                 - "memory": the angle at rest moves by some degrees towards the
@@ -191,19 +191,17 @@ class Specimen:
         self.segments = [_draw_segment(generator.uniform, s) for s in description.segments]
         self.wires = [_draw_wire(generator.uniform, w.law, description) for w in description.wires]
         self.ambient = description.ambient_temperature + generator.uniform(-3.0, 3.0)  # °C, ours
-        uniform = np.random.default_rng(extra_seed).uniform
-        memories = [_draw_memory(uniform) for _ in self.segments]
-        bonds = [_draw_bond(uniform) for _ in self.wires]
+        uniform = np.random.default_rng(extra_seed).uniform  # [records], but how often is ours
+        memories = [
+            {"memory_angle": np.deg2rad(uniform(0.75, 2.0)), "memory_share": uniform(1.1, 2.6)}
+            for _ in self.segments
+        ]
+        bonds = [(uniform(0.0, 1.0) < 0.1, uniform(3.0, 9.0)) for _ in self.wires]
         if "memory" in extra:
-            self.segments = [
-                dataclasses.replace(segment, **memory)
-                for segment, memory in zip(self.segments, memories, strict=True)
-            ]
+            self.segments = list(map(_changed, self.segments, memories))
         if "bond" in extra:
-            self.wires = [
-                dataclasses.replace(wire, bond_time=time)
-                for wire, time in zip(self.wires, bonds, strict=True)
-            ]
+            times = [{"bond_time": time if is_bad else 0.0} for is_bad, time in bonds]
+            self.wires = list(map(_changed, self.wires, times))
 
     @classmethod
     def of(cls, board: EmulatedLimb) -> "Specimen":
@@ -246,9 +244,16 @@ class Specimen:
         _check_effects(effects, EFFECTS + EXTRA_EFFECTS)
         specimen = copy.deepcopy(self)
         for effect in effects:
-            specimen.wires = [_wire_without(effect, wire) for wire in specimen.wires]
-            changes = _SEGMENT_WITHOUT.get(effect, {})
-            specimen.segments = [dataclasses.replace(s, **changes) for s in specimen.segments]
+            if effect == "hysteresis":
+                specimen.wires = list(map(_without_hysteresis, specimen.wires))
+            changes = dict.fromkeys(_WIRES_WITHOUT.get(effect, ()), 0.0)
+            if effect == "stress":
+                changes["modulus_ratio"] = 1.0
+            specimen.wires = [_changed(wire, changes) for wire in specimen.wires]
+            changes = dict.fromkeys(_SEGMENTS_WITHOUT.get(effect, ()), 0.0)
+            if effect == "bend sensor":
+                changes["sensor_gain"] = 1.0
+            specimen.segments = [_changed(segment, changes) for segment in specimen.segments]
         specimen.absent += effects
         return specimen
 
@@ -349,14 +354,6 @@ class Specimen:
         return parameters
 
 
-def serial_number(board: EmulatedLimb) -> str:
-    """Serial number of the emulated board of an emulated limb: eight letters and digits."""
-    special = board.description or board.absent or board.extra or board.disturbances
-    if not special and board.seed < 10_000:
-        return f"twin{board.seed:04d}"
-    return f"t{hashlib.sha256(board.identity.encode()).hexdigest()[:7]}"
-
-
 def emulated_limb(board: Board) -> EmulatedLimb | None:
     """The emulated limb that a board is or has on it, as far as its serial number tells.
 
@@ -393,20 +390,6 @@ def _disturbance(text: str) -> tuple[str, float]:
         raise LimbError(
             f"{text!r} of an emulated limb's disturbances is not a name and a number."
         ) from None
-
-
-def _draw_memory(uniform) -> dict[str, float]:
-    """How the angle at rest of a segment remembers; it moves by 1-4° [records]."""
-    return {
-        "memory_angle": np.deg2rad(uniform(0.75, 2.0)),
-        "memory_share": uniform(1.1, 2.6),
-    }
-
-
-def _draw_bond(uniform) -> float:
-    """Time constant of a badly bonded thermocouple, s; 0 for nine of ten that are not."""
-    is_bad, time = uniform(0.0, 1.0) < 0.1, uniform(3.0, 9.0)  # [records], how often is ours
-    return time if is_bad else 0.0
 
 
 def _draw_wire(uniform, law: WireLaw, description: LimbParameters) -> WirePhysics:
@@ -452,37 +435,30 @@ def _draw_segment(uniform, segment) -> SegmentPhysics:
     )
 
 
-def _wire_without(effect: str, wire: WirePhysics) -> WirePhysics:
+def _changed(physics: Any, changes: dict[str, float]) -> Any:
+    return dataclasses.replace(physics, **changes)
+
+
+def _without_hysteresis(wire: WirePhysics) -> WirePhysics:
     middle = (wire.austenite + wire.martensite) / 2
     width = (wire.austenite_width + wire.martensite_width) / 2
-    changes = {
-        "hysteresis": {
-            "austenite": middle,
-            "martensite": middle,
-            "austenite_width": width,
-            "martensite_width": width,
-        },
-        "silicone": {"silicone_share": 0.0},
-        "stress": {
-            "latent_heat": 0.0,
-            "stress_shift": 0.0,
-            "modulus_ratio": 1.0,
-            "strain_relief": 0.0,
-            "expansion": 0.0,
-        },
-        "bond": {"bond_time": 0.0},
-    }
-    return dataclasses.replace(wire, **changes.get(effect, {}))
+    return dataclasses.replace(
+        wire,
+        austenite=middle,
+        martensite=middle,
+        austenite_width=width,
+        martensite_width=width,
+    )
 
 
-_SEGMENT_WITHOUT = {
-    "memory": {"memory_angle": 0.0, "memory_share": 0.0},
-    "rubber": {"stiffening": 0.0, "viscous_share": 0.0, "rest_offset": 0.0},
-    "bend sensor": {
-        "sensor_gain": 1.0,
-        "sensor_offset": 0.0,
-        "sensor_curvature": 0.0,
-        "sensor_noise": 0.0,
-        "sensor_drift": 0.0,
-    },
+# Fields that are zero without an effect.
+_WIRES_WITHOUT = {
+    "silicone": ["silicone_share"],
+    "stress": ["latent_heat", "stress_shift", "strain_relief", "expansion"],
+    "bond": ["bond_time"],
+}
+_SEGMENTS_WITHOUT = {
+    "memory": ["memory_angle", "memory_share"],
+    "rubber": ["stiffening", "viscous_share", "rest_offset"],
+    "bend sensor": ["sensor_offset", "sensor_curvature", "sensor_noise", "sensor_drift"],
 }

@@ -212,6 +212,14 @@ class EmulatedLimb(Board):
         fields = self.seed, self.description, self.absent, self.extra
         return repr((*fields, self.disturbances) if self.disturbances else fields)
 
+    @property
+    def serial_number(self) -> str:
+        """Serial number of the emulated board that the limb is on: eight letters and digits."""
+        special = self.description or self.absent or self.extra or self.disturbances
+        if not special and self.seed < 10_000:
+            return f"twin{self.seed:04d}"
+        return f"t{hashlib.sha256(self.identity.encode()).hexdigest()[:7]}"
+
 
 @dataclasses.dataclass
 class CalibrationRecord(Strict):

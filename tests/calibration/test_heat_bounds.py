@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.trajectories import PiecewisePolynomial
+from simulated_board import SimulatedBoard
 
 from calibration import CalibrationError, calibrate
 from calibration.collecting.collect import (
@@ -16,7 +17,6 @@ from calibration.collecting.collect import (
 from calibration.collecting.protocol import CONTACT_MARGIN, WARM_UP_MARGIN
 from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
 from hardware import LimbTwin
-from hardware.emulation.simulated_board import SimulatedBoard
 from hardware.firmware import guard, heat
 from limb_systems import Limb, LimbParameters, TwoMassLaw, simulate
 from limb_systems.model.heat_bounds import HeatBounds

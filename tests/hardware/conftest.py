@@ -12,9 +12,9 @@ import time
 
 import numpy as np
 import pytest
+import simulated_board
 
 from hardware import BoardLink, HardwareError
-from hardware.emulation import simulated_board
 from limb_systems import LimbParameters
 
 BOUNDS = LimbParameters().heat_bounds

@@ -7,10 +7,10 @@ with the board's rules and on many limbs.
 
 import numpy as np
 import pytest
+from sensor_faults import SensorFault, with_faulty_sensors
 
 from controllers import PlanFeedback
 from hardware import LimbTwin, replay
-from hardware.emulation.sensor_faults import SensorFault, with_faulty_sensors
 from limb_systems import LimbParameters
 from planners import Task, plan, references
 

@@ -1,19 +1,13 @@
 """What a robot's self test finds; benchmarks/first_day.py goes on from there to replays."""
 
-import sys
-from pathlib import Path
-
+import first_day
 import pytest
+from other_limbs import OtherLimb
+from simulated_board import SimulatedBoard
 
 from hardware import LimbTwin
-from hardware.emulation.simulated_board import SimulatedBoard
 from hardware.robot import self_test
 from limb_systems import LimbError
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-
-import first_day
-from other_limbs import OtherLimb
 
 
 def check(limb, monkeypatch, order=None):

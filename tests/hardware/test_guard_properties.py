@@ -1,16 +1,11 @@
 """The guard, whatever comes in whatever order: commands, samples, ticks, resets."""
 
-import sys
-from pathlib import Path
-
+import fuzz
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from hardware.firmware import guard, heat
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import fuzz
 
 DUTY = st.one_of(st.floats(0.0, 1.0), st.sampled_from([0.0, 1.0, 1.1, -0.1]))
 READING = st.one_of(

@@ -1,15 +1,11 @@
 """The parser under fire; benchmarks/fuzz.py is the longer version."""
 
 import random
-import sys
-from pathlib import Path
 
+import fuzz
 import pytest
 
 from hardware.firmware import protocol
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import fuzz
 
 KINDS = (protocol.COMMAND, protocol.ARM, protocol.SAMPLE, protocol.HELLO)
 

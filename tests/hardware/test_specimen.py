@@ -9,9 +9,8 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from hardware.emulation.hand import GRIP, Hand
-from hardware.emulation.rubber import Rubber
-from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen, serial_number
+from hardware.emulation.rubber import GRIP, Hand, ViscoelasticRubber
+from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
 from hardware.emulation.twin import LimbTwin
 from hardware.emulation.wires import ShapeMemoryWires
 from limb_systems import (
@@ -181,7 +180,7 @@ def test_rubber_stiffens_and_relaxes_as_stated():
     specimen = Specimen(LimbParameters(), 0)
     (physics,) = specimen.segments
     rest, at_45 = 2 * physics.rest_offset / 6, 2 * np.deg2rad(45.0) / 6
-    rubber = Rubber(specimen)
+    rubber = ViscoelasticRubber(specimen)
     context = rubber.CreateDefaultContext()
     bent = np.concatenate([np.full(5, at_45), np.zeros(5)])
     rubber.get_input_port().FixValue(context, bent)
@@ -306,7 +305,7 @@ def test_without_is_a_copy_and_names_what_it_does_not_know():
 
 
 def test_without_rubber_nothing_is_added_to_the_linear_spring():
-    rubber = Rubber(Specimen(LimbParameters(), 3).without("rubber"))
+    rubber = ViscoelasticRubber(Specimen(LimbParameters(), 3).without("rubber"))
     context = rubber.CreateDefaultContext()
     rubber.get_input_port().FixValue(context, np.r_[np.full(5, 0.2), np.zeros(5)])
     assert rubber.get_output_port().Eval(context)[:5] == pytest.approx(np.zeros(5), abs=1e-15)
@@ -468,7 +467,7 @@ def test_a_stiffer_limb_bends_less_by_the_same_torque():
         parameters, (segment,) = limb.mechanics(), limb.segments
         assert parameters.segments[0].stiffness == segment.stiffness
         bends.append(limb.rest_angles().sum())
-        rubber = Rubber(limb)
+        rubber = ViscoelasticRubber(limb)
         context = rubber.CreateDefaultContext()
         rubber.get_input_port().FixValue(context, np.zeros(10))
         torque = rubber.get_output_port().Eval(context)[:5]
@@ -486,7 +485,7 @@ def test_a_disturbed_limb_says_so_and_can_be_made_again():
     disturbed = limb.disturbed(ambient=-5.0, stiffness=1.2)
     assert limb.disturbances == {}
     assert disturbed.board != limb.board
-    assert serial_number(disturbed.board) != serial_number(limb.board)
+    assert disturbed.board.serial_number != limb.board.serial_number
     twin = LimbTwin(specimen=disturbed)
     assert twin.source == ("emulated limb, seed 3, ambient changed by -5, stiffness changed by 1.2")
     kept = LimbParameters.from_yaml(twin.parameters.to_yaml())

@@ -4,18 +4,13 @@ What a wire truly has is asked of the emulation. No wire may pass 130 °C, whate
 MOSFET.
 """
 
-import sys
-from pathlib import Path
-
+import board_faults
 import pytest
+from board_faults import FROM_BEGINNING, HOTTEST, WHEN_HOT
+from simulated_board import SimulatedBoard
 
 from hardware import LimbTwin
-from hardware.emulation.simulated_board import SimulatedBoard
 from hardware.firmware import guard
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-import board_faults
-from board_faults import FROM_BEGINNING, HOTTEST, WHEN_HOT
 
 
 @pytest.mark.parametrize(

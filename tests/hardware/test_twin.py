@@ -15,13 +15,12 @@ from pydrake.systems.analysis import (
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from pydrake.trajectories import PiecewisePolynomial
+from simulated_board import SimulatedBoard
 
 from hardware import LimbTwin
 from hardware.emulation.emulated_board import EmulatedBoard
-from hardware.emulation.noise import Noise
-from hardware.emulation.sensors import SampledSensors, SensedLimb, Sensor
-from hardware.emulation.simulated_board import SimulatedBoard
-from hardware.emulation.specimen import Specimen, serial_number
+from hardware.emulation.sensors import Noise, SampledSensors, SensedLimb, Sensor
+from hardware.emulation.specimen import Specimen
 from hardware.firmware import guard
 from limb_systems import (
     ChordSensor,
@@ -287,9 +286,9 @@ def test_a_limb_that_was_calibrated_through_its_port_is_known_by_its_number():
     def through_port(number):
         return LimbParameters(board=SerialBoard(number))
 
-    number = serial_number(EmulatedLimb(3))
+    number = EmulatedLimb(3).serial_number
     assert LimbTwin.of(through_port(number), seed=9).parameters.board == EmulatedLimb(3)
-    number = serial_number(EmulatedLimb(3, LimbParameters(ambient_temperature=21.0).to_yaml()))
+    number = EmulatedLimb(3, LimbParameters(ambient_temperature=21.0).to_yaml()).serial_number
     with pytest.raises(LimbError, match=f"limb {number} was calibrated through its port"):
         LimbTwin.of(through_port(number))
     of_a_robot = LimbTwin.of(through_port("0123456789abcdef"), seed=9)
@@ -303,12 +302,12 @@ def test_a_limb_drawn_around_a_calibrated_one_is_another():
     assert board.seed == 3
     assert LimbParameters.from_yaml(board.description).board == NoBoard()
     numbers = {
-        serial_number(board),
-        serial_number(LimbTwin(seed=3).parameters.board),
-        serial_number(LimbTwin(seed=3, extra=["bond"]).parameters.board),
-        serial_number(LimbTwin(seed=4).parameters.board),
-        serial_number(LimbTwin(seed=123450).parameters.board),
-        serial_number(LimbTwin(seed=123451).parameters.board),
+        board.serial_number,
+        LimbTwin(seed=3).parameters.board.serial_number,
+        LimbTwin(seed=3, extra=["bond"]).parameters.board.serial_number,
+        LimbTwin(seed=4).parameters.board.serial_number,
+        LimbTwin(seed=123450).parameters.board.serial_number,
+        LimbTwin(seed=123451).parameters.board.serial_number,
     }
     assert len(numbers) == 6
     assert {len(number) for number in numbers} == {8}
