@@ -31,7 +31,7 @@ from controllers import (
     TemperatureSupervisor,
 )
 from hardware import LimbTwin, SensedLimb, SerialLimb
-from hardware.emulation.rubber import Hand, RestShift, ViscoelasticRubber
+from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
 from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import CutOut
@@ -341,7 +341,7 @@ def make_system(monkeypatch, fig5_plan):
         RestShift: lambda: RestShift(specimen, 0.05),
         SerialLimb: lambda: SerialLimb("port"),
         ShapeMemoryWires: lambda: ShapeMemoryWires(specimen),
-        ViscoelasticRubber: lambda: ViscoelasticRubber(specimen),
+        EmulatedRubber: lambda: EmulatedRubber(specimen),
         SampledSensors: lambda: SampledSensors(
             limb_sensors(parameters, 20.0, bend_response=np.asarray, bend_noise=0.0, bend_drift=0.0)
         ),

@@ -15,7 +15,7 @@ GRIP = 20.0  # stiffness of the hand over bending stiffness of the limb
 GRIP_TIME = 0.05  # s, of the hand's damping
 
 
-class ViscoelasticRubber(SymbolicVectorSystem):
+class EmulatedRubber(SymbolicVectorSystem):
     """Stiffening and relaxation of silicone, and its angle at rest.
 
         f = k θ_rest - k s (θ / θ_45)² θ - k v (θ - q),   q̇ = (θ - q) / τ

@@ -9,7 +9,7 @@ from pydrake import trajectories
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem, Multiplexer
 
-from hardware.emulation.rubber import Hand, RestShift, ViscoelasticRubber
+from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
 from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
 from hardware.emulation.wires import ShapeMemoryWires
@@ -32,7 +32,7 @@ class LimbTwin(Diagram):
     It is an emulation, not a measurement of a robot. The seed draws a
     `Specimen`. Its wires are shape-memory alloy with hysteresis, heat the silicone
     around them and differ from each other (`ShapeMemoryWires`). Its rubber
-    stiffens and relaxes (`ViscoelasticRubber`). Its sensors are sampled, noisy, drifting and
+    stiffens and relaxes (`EmulatedRubber`). Its sensors are sampled, noisy, drifting and
     not quite linear (`SampledSensors`). A wire that is measured too hot switches the
     heaters off (`CutOut`, on the way of the duty)::
 
@@ -110,7 +110,7 @@ class LimbTwin(Diagram):
 
         builder = DiagramBuilder()
         wires = builder.AddSystem(ShapeMemoryWires(specimen, wire_period))
-        rubber = builder.AddSystem(ViscoelasticRubber(specimen))
+        rubber = builder.AddSystem(EmulatedRubber(specimen))
         manipulator = builder.AddSystem(make_manipulator(mechanics))
         room = np.full(len(specimen.wires), specimen.ambient)
         lag = builder.AddSystem(ThermocoupleLag(mechanics))

@@ -46,9 +46,8 @@ def apart(recording, good, begin, end):
     return np.rad2deg(np.abs(recording.bend_angle - good.bend_angle)[0, during]).max()
 
 
-@pytest.mark.parametrize(
-    ("sensor", "shown", "misled", "in_the_end"),
-    [
+def test_lies_heat_no_wire_and_do_not_wind_up(wave, good):
+    for sensor, shown, misled, in_the_end in (
         (BEND, lambda t, y, before, noise: before, 8.0, 1.0),
         (BEND, lambda t, y, before, noise: y + np.deg2rad(45.0), 8.0, 1.0),
         (BEND, lambda t, y, before, noise: y + np.deg2rad(3.0 * t), 18.0, 4.0),
@@ -56,17 +55,14 @@ def apart(recording, good, begin, end):
         (BEND, lambda t, y, before, noise: before + np.deg2rad(0.5) * noise, 12.0, 10.0),
         (RIGHT, lambda t, y, before, noise: before, 1.5, 1.0),
         (RIGHT, lambda t, y, before, noise: 25.0 + 0.25 * noise, 1.5, 1.0),
-    ],
-    ids=["stuck", "far off", "drifting", "stuck with noise", "frozen", "detached"],
-)
-def test_lies_heat_no_wire_and_do_not_wind_up(wave, good, sensor, shown, misled, in_the_end):
-    recording = driven(wave, sensor, shown)
-    assert not recording.interrupted
-    assert recording.wire_temperature.max() < HOTTEST
-    before = recording.time <= START
-    np.testing.assert_array_equal(recording.duty[:, before], good.duty[:, before])
-    assert apart(recording, good, START, END) < misled
-    assert apart(recording, good, END + 3.0, 18.0) < in_the_end
+    ):
+        recording = driven(wave, sensor, shown)
+        assert not recording.interrupted
+        assert recording.wire_temperature.max() < HOTTEST
+        before = recording.time <= START
+        np.testing.assert_array_equal(recording.duty[:, before], good.duty[:, before])
+        assert apart(recording, good, START, END) < misled
+        assert apart(recording, good, END + 3.0, 18.0) < in_the_end
 
 
 def test_a_thermocouple_that_stands_still_does_not_hide_that_its_wire_gets_hot(wave):

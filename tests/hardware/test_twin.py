@@ -153,20 +153,20 @@ def test_gravity_of_a_remounted_limb_is_felt():
     assert -9.0 < np.rad2deg(sag.bend_angle[0, -40:].mean()) < -3.5  # α/2, of a 10° sag
 
 
-@pytest.mark.parametrize("make", [LimbTwin, lambda limb: SensedLimb(Limb(limb))])
-def test_a_sagging_limb_shows_what_its_sensor_is_made_for(make):
+def test_a_sagging_limb_shows_what_its_sensor_is_made_for():
     """By beam theory α/2 is two thirds of the chord's angle; rest and noise are alike."""
-    sags = []
-    for sensor in (TipTangentSensor(), ChordSensor(), ChordSensor(gain=1.2, offset=0.1)):
-        limb = LimbParameters(gravity=[0.0, -9.81, 0.0])
-        limb.segments[0].bend_sensor = dataclasses.replace(sensor, noise=0.0, drift=0.0)
-        sags.append(simulate(make(limb), [0.0, 0.0], 6.0).bend_angle[0, -20:].mean())
-    half_tangent, chord, wrong = np.rad2deg(sags)
-    assert chord < -6.0
-    # The emulated rubber's angle at rest, of 2° at most, is the same for both.
-    assert half_tangent == pytest.approx(chord / 1.5, abs=0.8)
-    assert half_tangent > chord + 2.0
-    assert wrong == pytest.approx(1.2 * chord + np.rad2deg(0.1), abs=0.2)
+    for make in (LimbTwin, lambda limb: SensedLimb(Limb(limb))):
+        sags = []
+        for sensor in (TipTangentSensor(), ChordSensor(), ChordSensor(gain=1.2, offset=0.1)):
+            limb = LimbParameters(gravity=[0.0, -9.81, 0.0])
+            limb.segments[0].bend_sensor = dataclasses.replace(sensor, noise=0.0, drift=0.0)
+            sags.append(simulate(make(limb), [0.0, 0.0], 6.0).bend_angle[0, -20:].mean())
+        half_tangent, chord, wrong = np.rad2deg(sags)
+        assert chord < -6.0
+        # The emulated rubber's angle at rest, of 2° at most, is the same for both.
+        assert half_tangent == pytest.approx(chord / 1.5, abs=0.8)
+        assert half_tangent > chord + 2.0
+        assert wrong == pytest.approx(1.2 * chord + np.rad2deg(0.1), abs=0.2)
 
 
 def test_the_described_sensor_s_noise_and_drift_are_the_emulated_ones():
