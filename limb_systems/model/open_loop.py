@@ -12,7 +12,7 @@ import numpy as np
 
 from limb_systems.model.parameters import SegmentParameters
 from limb_systems.model.rubber import ramp
-from limb_systems.model.wire_law import WireLaw
+from limb_systems.model.wire_law import WireLaw, runge_kutta
 
 
 class OpenLoop:
@@ -66,6 +66,14 @@ class OpenLoop:
         angle = np.zeros(ambient.shape)  # of each joint, from rest
         alone = np.zeros(heat.shape[1:])  # bend angle that each wire would hold alone
         shift = np.zeros(ambient.shape)  # of the rest angle by its memory
+
+        def rates(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+            result = np.empty_like(heat)
+            for row, rate in zip(result, law.rates(list(heat[:-1]), duty, room), strict=False):
+                row[...] = rate
+            result[-1] = law.reading_rate(heat[-1], list(heat[:-1]))
+            return result
+
         for number in range(num_steps + 1):
             temperatures[number], readings[number] = heat[0], heat[-1]
             theta = (angle + rest / to_bend)[..., None]
@@ -81,7 +89,7 @@ class OpenLoop:
             bends[number] = rest + to_bend * angle
             if number < num_steps:
                 duty = _full(self._duty[number], every)
-                heat = _runge_kutta(law, heat, duty, room, self.step)
+                heat = runge_kutta(rates, heat, (duty, duty, duty), self.step)
                 _keep_within(law, heat)
         return temperatures, readings, bends
 
@@ -121,20 +129,3 @@ def _keep_within(law: WireLaw, heat: np.ndarray) -> None:
     for row, state in zip(heat, law.states, strict=False):
         if np.isfinite(law.memory.get(state, np.inf)).any():
             np.clip(row, *law.memory[state], out=row)
-
-
-def _runge_kutta(law: WireLaw, heat: np.ndarray, duty: np.ndarray, room, h: float) -> np.ndarray:
-    """[x, V] a step later."""
-
-    def rates(heat: np.ndarray) -> np.ndarray:
-        result = np.empty_like(heat)
-        for row, rate in zip(result, law.rates(list(heat[:-1]), duty, room), strict=False):
-            row[...] = rate
-        result[-1] = law.reading_rate(heat[-1], list(heat[:-1]))
-        return result
-
-    first = rates(heat)
-    second = rates(heat + h / 2 * first)
-    third = rates(heat + h / 2 * second)
-    fourth = rates(heat + h * third)
-    return heat + h / 6 * (first + 2 * (second + third) + fourth)

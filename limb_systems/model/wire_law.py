@@ -7,7 +7,7 @@ all follow from the methods of a `WireLaw`. A new law needs one new subclass;
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -126,3 +126,24 @@ class LinearLaw(WireLaw):
 def within(states: Any, low: Any, high: Any) -> Any:
     """States, real or complex, cut off at their bounds, beyond which nothing depends on them."""
     return np.where(np.real(states) < low, low, np.where(np.real(states) > high, high, states))
+
+
+def runge_kutta(
+    rates: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    states: np.ndarray,
+    duty: Sequence[np.ndarray] | np.ndarray,
+    step: float,
+) -> np.ndarray:
+    """States after a step, by the classical Runge-Kutta method.
+
+    Args:
+        rates: function of states and duty.
+        duty: duty at the beginning, in the middle and at the end of the step.
+        step: s.
+    """
+    before, middle, after = duty
+    first = rates(states, before)
+    second = rates(states + step / 2 * first, middle)
+    third = rates(states + step / 2 * second, middle)
+    fourth = rates(states + step * third, after)
+    return states + step / 6 * (first + 2 * (second + third) + fourth)

@@ -11,7 +11,7 @@ from pydrake.symbolic import Expression, Variable
 from limb_systems.model.derivatives import Derivatives
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.rubber import REST_SCALE, NonlinearRubber, num_rest_shifts
-from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw, within
+from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw, runge_kutta, within
 
 
 @dataclasses.dataclass(frozen=True)
@@ -320,11 +320,7 @@ class Wires:
             num_steps = int(np.ceil((time - now) * max(10 * fastest, 1 / _LONGEST_STEP)))
             h = (time - now) / max(1, num_steps)
             for _ in range(num_steps):
-                k1 = self.rates(states, duty)
-                k2 = self.rates(states + h / 2 * k1, duty)
-                k3 = self.rates(states + h / 2 * k2, duty)
-                k4 = self.rates(states + h * k3, duty)
-                states = self.within(states + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+                states = self.within(runge_kutta(self.rates, states, (duty, duty, duty), h))
             now = time
             courses.append(states)
         return np.array(courses)

@@ -23,6 +23,7 @@ from pydrake.solvers import (
 )
 
 from limb_systems import LimbParameters, Wires, joint_angles_from_bend_angle
+from limb_systems.model.wire_law import runge_kutta
 from planners.task import Task
 from planners.transcription.collocation import linear_defect
 from planners.transcription.program import (
@@ -399,12 +400,7 @@ def under_duty(
         h, x = length / num_steps, states[-1]
         levels = duty[k] + np.linspace(0, 1, 2 * num_steps + 1)[:, None] * (duty[k + 1] - duty[k])
         for step in range(num_steps):
-            before, middle, after = levels[2 * step : 2 * step + 3]
-            k1 = wires.rates(x, before)
-            k2 = wires.rates(x + h / 2 * k1, middle)
-            k3 = wires.rates(x + h / 2 * k2, middle)
-            k4 = wires.rates(x + h * k3, after)
-            x = wires.within(x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4))
+            x = wires.within(runge_kutta(wires.rates, x, levels[2 * step : 2 * step + 3], h))
         states.append(x)
     return np.array(states)
 
