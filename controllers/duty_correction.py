@@ -98,7 +98,7 @@ class DutyCorrection:
         return self.duty_trajectory(correction).vector_values(self.middles).T
 
     def lag(self) -> np.ndarray:
-        """From errors of T at the nodes to errors of V there (W, M + 1, M + 1)."""
+        """Matrix from errors of T at the nodes to errors of V there (W, M + 1, M + 1)."""
         model, nodes = self.model, self.nodes
         W = model.num_wires
         _, by_heat, _ = model.linearized_step(model.cold, np.zeros(W))
@@ -122,7 +122,7 @@ class DutyCorrection:
         Args:
             start: heat at the start (H,).
             errors: what the limb has more than the model.
-            cooler: by how much wires have to be below their bounds, °C.
+            cooler: margin of temperature below the bounds, °C.
         """
         cost = self._cost(correction, start, errors, cooler)
         for _ in range(TANGENTS):

@@ -77,12 +77,12 @@ class HorizonPlanner:
     one may be made in another thread; two at a time need two planners.
 
     Args:
-        parameters: of the limb.
+        parameters: description of the limb.
         reference: φ_ref in rad, a row for each segment, over the time of the plan;
             its last angle is held.
         task: its weights of angles, duty, temperature and the end, and its margins
             count; `horizon_task()` if None. T_max and T_warm may be passed, at a cost.
-        duration, knot_rate: of the horizon, s, and of its knots, Hz.
+        duration, knot_rate: length of the horizon, s, and rate of its knots, Hz.
     """
 
     def __init__(
@@ -125,9 +125,9 @@ class HorizonPlanner:
         """A plan from a time on.
 
         Args:
-            time: since the start of the reference, s.
+            time: time since the start of the reference, s.
             heat: [x, V] at that time (H,).
-            bend_offset: by which the bend angle is off the model's (S,), rad.
+            bend_offset: bend angle of the limb less that of the model (S,), rad.
             previous: a plan that begins before, to start from; wires that are off if None.
         """
         times = time + self._times

@@ -387,7 +387,7 @@ class Learner:
         )
 
     def _cooler(self) -> float:
-        """By how much bounds are lowered, °C, as interrupted repetitions were read too hot."""
+        """Margin of temperature, °C, as interrupted repetitions were read too hot."""
         highest = self.trajectory.parameters.temperature_limits.measured_maximum
         hot = [
             np.nanmax(repetition.measured_temperature) > highest - READING_MARGIN

@@ -31,7 +31,7 @@ class PlanController(LeafSystem):
     def __init__(self, parameters: LimbParameters, duty: np.ndarray):
         """
         Args:
-            parameters: of the limb.
+            parameters: description of the limb.
             duty: initial duty (W,).
         """
         super().__init__()
@@ -80,8 +80,8 @@ class SampledPlan:
 
     Args:
         trajectory: the plan.
-        parameters: of the limb; if they are not the plan's, heat is that of this limb with
-            the plan's duty.
+        parameters: description of the limb; if it is not the plan's, heat is that of this limb
+            with the plan's duty.
     """
 
     def __init__(self, trajectory: Trajectory, parameters: LimbParameters):

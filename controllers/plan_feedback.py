@@ -61,7 +61,8 @@ class PlanFeedback(PlanController):
         """
         Args:
             trajectory: the plan.
-            parameters: of the limb, from which gains and estimates follow; the plan's if None.
+            parameters: description of the limb, of which gains and estimates are made; the
+                plan's if None.
             proportional: k_p, 1/s.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
@@ -119,7 +120,8 @@ class PlanRegulator(PlanController):
         """
         Args:
             trajectory: the plan.
-            parameters: of the limb, from which gains and estimates follow; the plan's if None.
+            parameters: description of the limb, of which gains and estimates are made; the
+                plan's if None.
         """
         parameters = LimbParameters.of(parameters or trajectory.parameters)
         self._plan = SampledPlan(trajectory, parameters)

@@ -24,13 +24,13 @@ class ReducedModel:
     - ``num_wires``, ``num_segments``, ``size``: W, S and H.
     - ``cold``: heat of wires that were never heated (H,).
     - ``scales``: typical changes of the heat (H,).
-    - ``sides``: for each segment and wire the direction of the wire's torque in
-      the segment (S, W), zero for wires of other segments.
+    - ``sides``: direction of each wire's torque in each segment (S, W), zero for wires of
+      other segments.
     - ``bend_by_torque``: bend of each segment by a torque on each of its joints (S,),
       rad/(N·m).
 
     Args:
-        parameters: of the limb.
+        parameters: description of the limb.
         period: h of the steps, s.
     """
 

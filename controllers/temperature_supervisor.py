@@ -29,7 +29,7 @@ class TemperatureLimiter:
     - ``limit``: °C.
 
     Args:
-        parameters: of the limb.
+        parameters: description of the limb.
         limit: °C; if None, 5 °C above ``temperature_limits.maximum``, or that itself if the
             limb is not calibrated, but at least 5 °C below
             ``temperature_limits.measured_maximum``.
@@ -56,8 +56,8 @@ class TemperatureLimiter:
         """The most duty of each wire (W,), in [0, 1].
 
         Args:
-            estimate: of the limb.
-            limit: for each wire (W,), °C, where that is lower.
+            estimate: estimate of the limb.
+            limit: lower limit of each wire (W,), °C, if any.
         """
         W = self._model.num_wires
         after, _, by_duty = self._model.linearized_step(estimate.heat, np.zeros(W))
@@ -87,8 +87,8 @@ class TemperatureSupervisor(LeafSystem):
     def __init__(self, parameters: LimbParameters, *, limit: float | None = None):
         """
         Args:
-            parameters: of the limb.
-            limit: of the wires' temperature, °C, as for `TemperatureLimiter`.
+            parameters: description of the limb.
+            limit: limit of the wires' temperature, °C, as for `TemperatureLimiter`.
 
         Raises:
             LimbError: if the limit is not below where the board cuts out.
@@ -135,7 +135,7 @@ def supervised(
     Args:
         controller: with the output ``duty`` and any inputs that a limb has outputs for;
             it becomes part of the diagram.
-        parameters: of the limb.
+        parameters: description of the limb.
         limit: °C, as for `TemperatureLimiter`.
 
     Returns:

@@ -69,7 +69,7 @@ def replay(
         unchecked: whether to replay a plan without a check, such as one of
             `Trajectory.from_collocation`. A plan that failed its check is
             always refused.
-        sample_rate: of the recording, Hz.
+        sample_rate: rate of the recording's samples, Hz.
         journal: file of the recording, to which each sample goes when it arrives;
             its name is that of a `TableWriter`'s until the plan has ended. A
             file that is there is replaced then.

@@ -31,11 +31,11 @@ class Thermocouple:
 
     - ``faults``: bits that its amplifier sets.
     - ``frozen``: °C that it keeps reading.
-    - ``share``: of the temperature above the room that it reads; -1 if it is
+    - ``share``: share of the temperature above the room that it reads; -1 if it is
       reversed, 0 if it has come off the wire.
     - ``offset``, ``drift``: °C that it reads too much, and °C/s by which that grows.
     - ``noise``: standard deviation that is added to its noise, °C.
-    - ``word``: that its amplifier sends, whatever it reads.
+    - ``word``: word that its amplifier sends, whatever it reads.
     """
 
     faults: int = 0

@@ -302,7 +302,7 @@ def emulated_port(seed: int = 0) -> Iterator[str]:
     """A port with an emulated board and limb, which run in a separate process.
 
     Args:
-        seed: of the limb.
+        seed: seed of the limb.
     """
     command = [sys.executable, "-m", "hardware", "emulate", "--emulated", str(seed)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as board:

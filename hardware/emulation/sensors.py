@@ -92,7 +92,7 @@ class SampledSensors(LeafSystem):
         """
         Args:
             sensors: one or more; those that are due at the same time draw in this order.
-            noise: of noise and drift; that of the seed 0 if None.
+            noise: numbers for noise and drift; those of the seed 0 if None.
             start: how many numbers of the noise were used before.
         """
         super().__init__()
@@ -196,8 +196,8 @@ def limb_sensors(
     """The robot's sensors, for `SampledSensors`: ``measured_temperature`` and ``bend_angle``.
 
     Args:
-        parameters: of the limb.
-        bend_rate: at which bend sensors are read, Hz.
+        parameters: description of the limb.
+        bend_rate: rate at which bend sensors are read, Hz.
         bend_response: what they read where exact ones would show angles (S,), rad.
         bend_noise, bend_drift: their standard deviations, rad.
     """
@@ -241,8 +241,8 @@ class SensedLimb(Diagram):
         """
         Args:
             limb: the one behind them.
-            seed: of the sensors' noise.
-            bend_rate: at which bend sensors are read, Hz.
+            seed: seed of the sensors' noise.
+            bend_rate: rate at which bend sensors are read, Hz.
         """
         super().__init__()
         builder = DiagramBuilder()

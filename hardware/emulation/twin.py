@@ -82,15 +82,15 @@ class LimbTwin(Diagram):
     ):
         """
         Args:
-            parameters: of the kind of limb, or their YAML file; the nominal limb
+            parameters: description of the kind of limb, or its YAML file; the nominal limb
                 if None. Geometry, mass, gravity and limits are used unchanged;
                 the seed draws all other values around the given ones.
-            seed: of the particular limb and its sensors' noise.
+            seed: seed of the particular limb and its sensors' noise.
             extra: effects that it has beside those of every limb, see `Specimen`.
             specimen: the particular limb, in place of these three.
             hand: bend angle over time, rad, to which a hand bends the limb until
                 the end of the trajectory.
-            bend_rate: at which the bend sensors are read, Hz.
+            bend_rate: rate at which the bend sensors are read, Hz.
             wire_period: s, of the steps of `ShapeMemoryWires`.
             truth: whether it shows, and recordings have, what no sensor of a robot could.
 
@@ -202,7 +202,7 @@ class LimbTwin(Diagram):
             parameters: their ``board`` identifies the limb, or has the number of
                 an emulated board that does. If it is not an emulated one, a limb
                 of their kind is drawn.
-            seed: for that draw.
+            seed: seed of that draw.
 
         Raises:
             LimbError: if the identity is invalid, or the board's number does not

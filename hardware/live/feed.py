@@ -7,7 +7,7 @@ from typing import Protocol
 from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from hardware.firmware import guard
-from hardware.live.messages import BoardReading, Phase, Reading
+from hardware.live.messages import BoardReading, Reading, RunHeader
 from hardware.robot.link import BoardLink, HardwareError
 from hardware.robot.serial_limb import DEADLINE, SerialLimb
 from limb_systems import LimbSystem, Trajectory
@@ -19,7 +19,7 @@ from limb_systems.simulation import PERIOD
 class LiveView(Protocol):
     """Shows a limb while it runs, and never waits; `soft_limb.live.page.LivePage` is one."""
 
-    def begin(self, phase: Phase) -> None:
+    def begin(self, header: RunHeader) -> None:
         """Shows a new recording, before its wires are heated."""
 
     def say(self, what: str) -> None:
@@ -47,16 +47,12 @@ class Feed(LeafSystem):
         """
         Args:
             live: the page.
-            limb: of which it tells.
+            limb: system whose outputs come in.
             has_reference: whether there is an input for the bend angle that is asked for.
         """
         super().__init__()
         num_wires, num_segments = len(limb.parameters.wires), len(limb.parameters.segments)
-        sizes = {
-            "duty": num_wires,
-            "measured_temperature": num_wires,
-            "bend_angle": num_segments,
-        }
+        sizes = {"duty": num_wires, "measured_temperature": num_wires, "bend_angle": num_segments}
         if limb.HasOutputPort("applied_duty"):
             sizes["applied_duty"] = num_wires
         if has_reference:
@@ -121,19 +117,19 @@ def shown(
     """A context in which a diagram is built and run whose limb is on a page, if there is one.
 
     Args:
-        builder: of the diagram, which has the limb already: its command leaves before this tells.
+        builder: builder of the diagram, which has the limb already: its command leaves first.
         live: the page.
-        limb: that runs.
-        duty: the port that drives it.
-        duration: at most, s.
-        plan: that the limb follows.
+        limb: system that runs.
+        duty: port that drives it.
+        duration: longest duration, s.
+        plan: trajectory that the limb follows.
         reference: port of the bend angle that is asked for.
     """
     if live is None:
         yield
         return
     live.begin(
-        Phase(
+        RunHeader(
             limb.source,
             limb.parameters,
             limb.info.temperature_limit

@@ -1,4 +1,4 @@
-"""What the process that runs a limb tells the page's process."""
+"""What the process that runs a limb tells whoever shows it, such as the page's process."""
 
 import dataclasses
 
@@ -7,14 +7,14 @@ from limb_systems.band import Band
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Phase:
-    """A recording that begins, with new curves.
+class RunHeader:
+    """What is known of a recording before it begins, with new curves.
 
-    - ``source``: what the limb is.
-    - ``parameters``: of the limb.
-    - ``limit``: of V, at which the heaters are switched off, °C.
-    - ``duration``: at most, s; None if it has no end.
-    - ``plan``, ``band``: what the limb follows, and how far it may be from that; or None.
+    - ``source``: name of the limb, as in recordings.
+    - ``parameters``: description of the limb.
+    - ``limit``: reading at which the heaters are switched off, °C.
+    - ``duration``: longest duration, s; None if it has no end.
+    - ``plan``, ``band``: plan that the limb follows, and its band; or None.
     """
 
     source: str
@@ -29,13 +29,13 @@ class Phase:
 class Reading:
     """What is known of a limb at a moment.
 
-    - ``time``: since the phase began, s.
+    - ``time``: time since the recording began, s.
     - ``bend_angle``: φ of each segment, rad.
     - ``measured_temperature``: V of each wire, °C.
-    - ``duty``: that was asked for, of each wire.
-    - ``applied_duty``: that the limb had applied, of each wire; or None.
+    - ``duty``: commanded duty of each wire.
+    - ``applied_duty``: duty that the limb had applied, of each wire; or None.
     - ``reference``: bend angle that is asked for, of each segment, rad; or None.
-    - ``board``: of a robot; or None.
+    - ``board``: state of a robot's board; or None.
     """
 
     time: float
@@ -52,11 +52,11 @@ class BoardReading:
     """What is known of a board and its cable at a moment.
 
     - ``armed``: whether the wires may be heated.
-    - ``reason``: why they may not, in words.
-    - ``warmest``: the most that each wire can have by its duty, °C.
-    - ``lost_samples``: that did not arrive.
-    - ``late``: by which the last command was late, s; None if none was sent.
-    - ``commands``, ``missed``: how many were sent, and how many of them later than `DEADLINE`.
+    - ``reason``: reason why they may not, in words.
+    - ``warmest``: highest temperature of each wire by its duty, °C.
+    - ``lost_samples``: number of samples that did not arrive.
+    - ``late``: delay of the last command, s; None if none was sent.
+    - ``commands``, ``missed``: number of commands sent, and of those later than `DEADLINE`.
     """
 
     armed: bool
@@ -70,10 +70,10 @@ class BoardReading:
 
 @dataclasses.dataclass(frozen=True)
 class Message:
-    """What is sent at once. The file of a new `Phase` goes with it.
+    """What is sent at once. The file of a new `RunHeader` goes with it.
 
-    - ``said``: what runs, in words.
-    - ``reading``: None while no limb runs.
+    - ``said``: sentence on what runs.
+    - ``reading``: newest reading; None while no limb runs.
     """
 
     said: str

@@ -16,7 +16,7 @@ from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, Serial
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import EXTRA_EFFECTS, emulated_limb
 from hardware.live.feed import board_reading
-from hardware.live.messages import Phase, Reading
+from hardware.live.messages import Reading, RunHeader
 from hardware.robot import conformance
 from hardware.robot.bench import SerialEnd
 from hardware.robot.self_test import self_test
@@ -331,7 +331,7 @@ def _print_status(options, info: BoardInfo, sample: Sample) -> None:
 def _show_board(link: BoardLink, info: BoardInfo, live: LivePage) -> None:
     """Shows a board, which is not armed, until a signal comes."""
     live.say("State of the board; this program does not arm it")
-    live.begin(Phase(f"board {info.serial_number}", LimbParameters(), info.temperature_limit))
+    live.begin(RunHeader(f"board {info.serial_number}", LimbParameters(), info.temperature_limit))
     start = time.monotonic()
     while True:
         sample = link.sample()

@@ -21,7 +21,7 @@ from bokeh.models import (
 from bokeh.plotting import figure
 from jinja2 import Template
 
-from hardware.live.messages import BoardReading, Phase, Reading
+from hardware.live.messages import BoardReading, Reading, RunHeader
 from hardware.robot.serial_limb import DEADLINE
 from limb_systems.views.colors import (
     PLAN_COLOR,
@@ -179,7 +179,7 @@ class LiveDocument:
         self._pulse.tags = [self._pulse.tags[0] + 1, bool(run.ended)]
 
 
-def _columns(phase: Phase, readings: Sequence[Reading]) -> dict[str, list[float]]:
+def _columns(phase: RunHeader, readings: Sequence[Reading]) -> dict[str, list[float]]:
     """The columns of the curves: angles in degrees, numbered by segment or wire."""
     num_segments, num_wires = len(phase.parameters.segments), len(phase.parameters.wires)
     nan = float("nan")
@@ -199,7 +199,7 @@ def _columns(phase: Phase, readings: Sequence[Reading]) -> dict[str, list[float]
     return columns
 
 
-def figures(phase: Phase, source: ColumnDataSource) -> list:
+def figures(phase: RunHeader, source: ColumnDataSource) -> list:
     """The curves of a phase, each below what its colours mean."""
     parameters, plan, band = phase.parameters, phase.plan, phase.band
     time_range = (
@@ -344,7 +344,7 @@ def too_hot(run: Run) -> list[str]:
     ]
 
 
-def facts(run: Run, phase: Phase, reading: Reading | None) -> str:
+def facts(run: Run, phase: RunHeader, reading: Reading | None) -> str:
     """The numbers, HTML."""
     names = [html.escape(name.replace("_", " ")) for name in phase.parameters.wire_names]
     rows = [("", names)]
@@ -361,7 +361,7 @@ def facts(run: Run, phase: Phase, reading: Reading | None) -> str:
     return f"<table>{cells}</table>" + "".join(f"<p>{html.escape(line)}</p>" for line in lines)
 
 
-def _wires(run: Run, phase: Phase, reading: Reading) -> list[tuple[str, list[str]]]:
+def _wires(run: Run, phase: RunHeader, reading: Reading) -> list[tuple[str, list[str]]]:
     limit = phase.parameters.temperature_limits.maximum
 
     def cells(values) -> list[str]:
@@ -389,7 +389,7 @@ def _wires(run: Run, phase: Phase, reading: Reading) -> list[tuple[str, list[str
     return rows
 
 
-def _bend(phase: Phase, reading: Reading) -> list[str]:
+def _bend(phase: RunHeader, reading: Reading) -> list[str]:
     lines = []
     for i, angle in enumerate(np.rad2deg(reading.bend_angle)):
         said = [f"φ {angle:+.1f}°"]
@@ -406,7 +406,7 @@ def _bend(phase: Phase, reading: Reading) -> list[str]:
     return lines
 
 
-def _clock(run: Run, phase: Phase, reading: Reading) -> list[str]:
+def _clock(run: Run, phase: RunHeader, reading: Reading) -> list[str]:
     if phase.duration is None:
         return [f"{reading.time:.1f} s"]
     if not run.is_running:

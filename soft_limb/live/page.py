@@ -12,7 +12,7 @@ import urllib.parse
 import warnings
 from typing import IO
 
-from hardware.live.messages import Message, Phase, Reading
+from hardware.live.messages import Message, Reading, RunHeader
 from limb_systems import LimbError
 
 LOOPBACK = "127.0.0.1"
@@ -88,7 +88,7 @@ class LivePage:
         else:
             self.end(STOPPED if isinstance(error, KeyboardInterrupt) else str(error))
 
-    def begin(self, phase: Phase) -> None:
+    def begin(self, phase: RunHeader) -> None:
         """Shows a new recording, before its wires are heated."""
         self._phase = tempfile.TemporaryFile()  # noqa: SIM115, it is closed when it is sent
         pickle.dump(phase, self._phase)

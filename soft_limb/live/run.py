@@ -7,7 +7,7 @@ import time
 
 import numpy as np
 
-from hardware.live.messages import Message, Phase, Reading
+from hardware.live.messages import Message, Reading, RunHeader
 from limb_systems.simulation import PERIOD
 
 MOST_POINTS = 1500  # of a curve; the browser draws them on the computer that runs the limb
@@ -32,7 +32,7 @@ class Run:
 
     def __init__(self):
         self.said, self.ended = "", ""
-        self.phase: Phase | None = None
+        self.phase: RunHeader | None = None
         self.reading: Reading | None = None
         self.heard = time.monotonic()
         self.is_running, self.number, self.count = False, 0, 0
@@ -62,7 +62,7 @@ class Run:
         """Notes the end; without a reason the program was killed."""
         self.ended, self.is_running = reason or ENDED_WITHOUT_A_WORD, False
 
-    def _begin(self, phase: Phase) -> None:
+    def _begin(self, phase: RunHeader) -> None:
         self.phase, self.number, self.reading = phase, self.number + 1, None
         self.readings.clear()
         self.count = self._received = 0

@@ -11,7 +11,7 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RotationMatrix
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
-from hardware.live.messages import Phase, Reading
+from hardware.live.messages import Reading, RunHeader
 from limb_systems import LimbParameters, LimbVisualizer, joint_angles_from_bend_angle, wire_color
 from limb_systems.views.limb_view import Ghost, ghosts_of_plan, pose_ghost, show_duty
 from limb_systems.views.limb_visualizer import linear, wire_paths
@@ -45,7 +45,7 @@ class View:
         self.page = EMPTY
         self.watchers: set[ViewHandler] = set()
 
-    def begin(self, phase: Phase) -> None:
+    def begin(self, phase: RunHeader) -> None:
         """Shows another limb, or another plan."""
         self._parameters = phase.parameters
         self._ghosts = ghosts_of_plan(phase.parameters, phase.plan) if phase.plan else []
@@ -62,7 +62,7 @@ class View:
                 watcher.tell(said)
 
 
-def _page(phase: Phase) -> str:
+def _page(phase: RunHeader) -> str:
     meshcat = Meshcat(MeshcatParams(host="127.0.0.1", port=0, show_stats_plot=False))
     visualizer = LimbVisualizer(phase.parameters, meshcat, phase.plan)
     context = visualizer.CreateDefaultContext()

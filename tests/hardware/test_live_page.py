@@ -21,7 +21,7 @@ from pydrake.geometry import Meshcat, MeshcatParams
 
 from controllers import Learner
 from hardware import LimbTwin, SerialLimb, replay
-from hardware.live.messages import Message, Phase, Reading
+from hardware.live.messages import Message, Reading, RunHeader
 from limb_systems import (
     LimbError,
     LimbParameters,
@@ -282,7 +282,7 @@ def test_from_beyond_this_computer_the_token_is_needed(port, token):
 
 def test_nothing_else_listens(live, port, motion):
     """Meshcat's own server asks nobody who they are: it is gone when it has made its page."""
-    live.begin(Phase("a limb", motion.parameters, 110.0, plan=motion))
+    live.begin(RunHeader("a limb", motion.parameters, 110.0, plan=motion))
     pid, token = live._process.pid, live.url.partition("?token=")[2]
     cookie = f"{server.COOKIE}_{port}={token}"
 
@@ -383,7 +383,7 @@ def test_a_frozen_page_is_never_waited_for(live):
     def tell_much():
         for _ in range(3000):
             live.show(reading)
-        live.begin(Phase("a limb", LimbParameters(), 110.0))
+        live.begin(RunHeader("a limb", LimbParameters(), 110.0))
 
     os.kill(live._process.pid, signal.SIGSTOP)
     try:
@@ -407,7 +407,7 @@ def test_what_is_lost_leaves_the_rest_in_order():
     run = Run()
     handle = os.memfd_create("phase")
     with os.fdopen(os.dup(handle), "wb") as file:
-        pickle.dump(Phase("a limb", LimbParameters(), 110.0, duration=300.0), file)
+        pickle.dump(RunHeader("a limb", LimbParameters(), 110.0, duration=300.0), file)
     run.take(pickle.dumps(Message("warm-up", None)), [handle])
     assert (run.said, run.is_running, run.number) == ("warm-up", False, 1)
     for step in range(6000):
@@ -423,7 +423,7 @@ def test_what_is_lost_leaves_the_rest_in_order():
 
 def test_what_is_shown_of_heat_and_of_the_end():
     run = Run()
-    run.phase = phase = Phase("a limb", LimbParameters(), 110.0, duration=30.0)
+    run.phase = phase = RunHeader("a limb", LimbParameters(), 110.0, duration=30.0)
     run.reading = Reading(10.0, [0.1], [101.25, 40.0], [0.31, 0.62])
     run.highest, run.is_running = np.array([103.0, 41.0]), True
     assert "The left wire is read at 101.2 °C, above T_max, 100 °C." in document.state(run)
