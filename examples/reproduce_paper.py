@@ -14,16 +14,17 @@ true, and the split of the error, knows what an emulated limb is made of.
 
 import argparse
 import concurrent.futures
-import contextlib
 import dataclasses
 import itertools
 import json
-import multiprocessing
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+
+# Of each process, and before numpy is loaded.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from calibration import save_recordings
 from evaluation.experiment import (
@@ -36,7 +37,7 @@ from evaluation.experiment import (
     evaluate,
 )
 from evaluation.figures import figures
-from evaluation.jobs import run_all
+from evaluation.jobs import local_executor, run_all
 from evaluation.report import EMULATED, write_report
 from evaluation.tables import (
     APPROACH_HEADER,
@@ -124,7 +125,7 @@ def _reproduce(options) -> int:
         if len(jobs) == 1:
             print(f"{next(steps)}/{NUM_STEPS + 1} {step} ...", flush=True)
 
-    with _local_executor(min(os.cpu_count() or 1, 3 * len(jobs))) as executor:
+    with local_executor(min(os.cpu_count() or 1, 3 * len(jobs))) as executor:
         # One more than can be worked on, so that there is always something to do.
         at_once = (os.cpu_count() or 1) + 1
         summaries, shown = reproduce(jobs, executor, folder, at_once=at_once, tell=tell)
@@ -247,22 +248,6 @@ def _line(summary: Summary) -> str:
     return f"limb {summary.seed}{without}: {'; '.join(parts)}"
 
 
-@contextlib.contextmanager
-def _local_executor(num_processes: int) -> Iterator[concurrent.futures.Executor]:
-    """Processes on this machine, which end at once if something fails or Ctrl-C is pressed."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of each process
-    context = multiprocessing.get_context("spawn")
-    with concurrent.futures.ProcessPoolExecutor(
-        num_processes, mp_context=context, initializer=_hush
-    ) as pool:
-        try:
-            yield pool
-        except BaseException:
-            for process in multiprocessing.active_children():
-                process.terminate()  # or the pool would wait for what they are at
-            raise
-
-
 def _print_table(rows: Sequence[Sequence[str]]) -> None:
     """Columns of words to the left, those of numbers to the right."""
     columns = []
@@ -277,11 +262,6 @@ def _print_table(rows: Sequence[Sequence[str]]) -> None:
 def _write_results(folder: Path, summaries: list[Summary]) -> None:
     data = [dataclasses.asdict(summary) for summary in summaries]
     write_atomically(folder / "results.json", json.dumps(data, indent=1, ensure_ascii=False))
-
-
-def _hush() -> None:
-    """Keeps the progress of several processes off one terminal."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
 
 
 def _data(folder: Path, shown: Experiment, pictures: Iterable[str]) -> dict[str, Path]:

@@ -1,6 +1,10 @@
 """Many evaluations at once, in calls that any of Python's executors can run."""
 
 import concurrent.futures
+import contextlib
+import multiprocessing
+import os
+import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
@@ -68,3 +72,24 @@ def run_all(
         for _, futures in running.values():
             for future in futures:
                 future.cancel()
+
+
+@contextlib.contextmanager
+def local_executor(num_processes: int) -> Iterator[concurrent.futures.Executor]:
+    """Processes on this machine, which end at once if something fails or Ctrl-C is pressed."""
+    # A copy of this process has imported Drake already, which takes seconds otherwise.
+    context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
+    with concurrent.futures.ProcessPoolExecutor(
+        num_processes, mp_context=context, initializer=_hush
+    ) as pool:
+        try:
+            yield pool
+        except BaseException:
+            for process in multiprocessing.active_children():
+                process.terminate()  # or the pool would wait for what they are at
+            raise
+
+
+def _hush() -> None:
+    """Keeps the progress of several processes off one terminal."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
