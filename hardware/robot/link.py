@@ -47,11 +47,11 @@ class HardwareError(LimbError):
 
 @dataclasses.dataclass(frozen=True)
 class Sample:
-    """What the board measured.
+    """The readings and the state of a board at one time.
 
-    - ``received``: time of arrival by this computer's monotonic clock, s.
+    - ``received``: time of arrival by this computer's clock, s.
     - ``sequence``: number of the sample, modulo 65536.
-    - ``board_time``: time since the board was started, s.
+    - ``board_time``: time since the start of the board, s.
     - ``challenge``: number that the next arming must repeat.
     - ``armed``: whether the wires may be heated.
     - ``reason``: why they may not, one of the reasons of `hardware.firmware.guard`.
@@ -60,7 +60,7 @@ class Sample:
     - ``tip_tangent``: α, as the bend sensor reads it, rad.
     - ``duty``: applied (2); the board reduces what was commanded where a wire
       gets hot, or both of them ask for too much.
-    - ``warmest``: the most that wires can have by the heat that they were given (2), °C.
+    - ``warmest``: highest temperatures that the wires can have by their heat (2), °C.
     """
 
     received: float
@@ -74,6 +74,29 @@ class Sample:
     tip_tangent: float
     duty: np.ndarray
     warmest: np.ndarray
+
+    @classmethod
+    def of(cls, values: Sequence, received: float) -> "Sample":
+        """The sample in the values of a SAMPLE, as docs/protocol.md lists them."""
+        sequence, ticks, challenge, state, reason, acknowledged, left, right, bend = values[:9]
+        return cls(
+            received=received,
+            sequence=sequence,
+            board_time=ticks / 1000,
+            challenge=challenge,
+            armed=state == guard.ARMED,
+            reason=reason,
+            acknowledged=acknowledged,
+            temperature=np.array([left, right]) / 4,
+            tip_tangent=float(np.deg2rad(bend / 64)),
+            duty=np.array(values[9:11]) / protocol.FULL_DUTY,
+            warmest=np.array(values[11:13], float),
+        )
+
+    @property
+    def latched(self) -> bool:
+        """Whether its reason stays until it is cleared."""
+        return self.reason >= guard.LATCHING
 
     @property
     def age(self) -> float:
@@ -107,33 +130,72 @@ class BoardInfo:
     reset_cause: str
 
 
-def open_port(port: str) -> serial.Serial:
-    """Opens a serial port, for this program alone.
+class SerialPort:
+    """The host's end of a cable: a serial port that this program alone has."""
 
-    Args:
-        port: its name, or any URL of pyserial's.
+    def __init__(self, port: str):
+        """
+        Args:
+            port: name of a serial port, or any URL of pyserial's.
 
-    Raises:
-        HardwareError: if it cannot be opened, or another program has it.
-    """
-    try:
-        opened = serial.serial_for_url(
-            port, BAUD_RATE, timeout=0.01, write_timeout=0.2, do_not_open=True
-        )
-        with contextlib.suppress(AttributeError, ValueError):
-            opened.exclusive = True  # only for ports, not for URLs of sockets
-        opened.open()
-    except (serial.SerialException, ValueError, OSError) as error:
-        if "exclusively lock" in str(error):
-            raise HardwareError(f"{port} is in use by another program.") from error
-        number = getattr(error, "errno", None)
-        reason = os.strerror(number) if number else str(error)
-        if "Could not configure port" in reason:
-            reason = "it is no serial port"
-        raise HardwareError(
-            f"Cannot open {port}: {reason}; soft-limb ports lists those of this computer."
-        ) from error
-    return opened
+        Raises:
+            HardwareError: if it cannot be opened, or another program has it.
+        """
+        self.port = port
+        try:
+            self._serial = serial.serial_for_url(
+                port, BAUD_RATE, timeout=0.01, write_timeout=0.2, do_not_open=True
+            )
+            with contextlib.suppress(AttributeError, ValueError):
+                self._serial.exclusive = True  # only for ports, not for URLs of sockets
+            self._serial.open()
+        except (serial.SerialException, ValueError, OSError) as error:
+            if "exclusively lock" in str(error):
+                raise HardwareError(f"{port} is in use by another program.") from error
+            reason = _in_words(error)
+            if "Could not configure port" in reason:
+                reason = "it is no serial port"
+            raise HardwareError(
+                f"Cannot open {port}: {reason}; soft-limb ports lists those of this computer."
+            ) from error
+
+    def __enter__(self) -> "SerialPort":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+    def send(self, data: bytes) -> None:
+        """Sends bytes; HardwareError if the cable is gone."""
+        self._do(lambda: self._serial.write(data))
+
+    def receive(self) -> bytes:
+        """The bytes that came, or none within 10 ms; HardwareError if the cable is gone."""
+        return self._do(lambda: self._serial.read(max(1, self._serial.in_waiting)))
+
+    def now(self) -> float:
+        """Time, s."""
+        return time.monotonic()
+
+    def wait(self, seconds: float) -> None:
+        """Lets time pass."""
+        time.sleep(seconds)
+
+    def close(self) -> None:
+        """Closes the port; a second call does nothing."""
+        with contextlib.suppress(serial.SerialException, OSError):
+            self._serial.close()
+
+    def _do(self, action: Callable[[], Any]) -> Any:
+        try:
+            return action()
+        except (serial.SerialException, OSError, TypeError) as error:
+            raise HardwareError(f"The cable to {self.port} is gone: {_in_words(error)}.") from error
+
+
+def _in_words(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if number else str(error)
 
 
 class BoardLink:
@@ -157,7 +219,7 @@ class BoardLink:
             HardwareError: if it cannot be opened, or another program has it.
         """
         self.port = port
-        self._serial = open_port(port)
+        self._cable = SerialPort(port)
         self.parser = protocol.Parser((protocol.INFO, protocol.SAMPLE))
         self.lost_samples = 0
         self._sample: Sample | None = None
@@ -190,7 +252,8 @@ class BoardLink:
         Raises:
             HardwareError: if it does not answer, or speaks another protocol.
         """
-        info = self._ask(protocol.encode(protocol.HELLO), lambda: self._info, "a greeting")
+        self._send_until(protocol.encode(protocol.HELLO), lambda: self._info, ANSWER_TIME)
+        info = self._answer(self._info, "a greeting")
         if info.firmware_version not in FIRMWARE_VERSIONS:
             raise HardwareError(
                 f"The board on {self.port} has firmware {info.firmware_version}; this "
@@ -206,7 +269,8 @@ class BoardLink:
                 cable is gone.
         """
         self._check()
-        sample = self._sample or self._wait(lambda: self._sample, "after the port was opened")
+        self._wait_for(lambda: self._sample, ANSWER_TIME)
+        sample = self._answer(self._sample, "after the port was opened")
         if sample.age > STALE:
             raise HardwareError(
                 f"Nothing new came from the board on {self.port} for {sample.age:.2f} s."
@@ -217,6 +281,16 @@ class BoardLink:
                 "computer or the connection too busy?"
             )
         return sample
+
+    def next_sample(self) -> Sample:
+        """The sample after the newest one, for which it waits.
+
+        Raises:
+            HardwareError: as `sample`.
+        """
+        before = self.sample()
+        self._wait_for(lambda: self._sample is not before, STALE)
+        return self.sample()
 
     def arm(self, bounds: Sequence[HeatBounds], total_duty: float = 1.5) -> None:
         """Arms the board: commands heat from now on.
@@ -237,7 +311,7 @@ class BoardLink:
             sample = self.sample()
             if sample.armed:
                 raise HardwareError(f"The board on {self.port} is in use by another program.")
-        if sample.reason >= guard.LATCHING:
+        if sample.latched:
             raise HardwareError(
                 f"The board on {self.port} refuses to be armed: {sample.reason_text}. "
                 "Mend it, then clear the fault: python -m hardware status PORT --clear."
@@ -306,11 +380,11 @@ class BoardLink:
             HardwareError: if the fault is still there.
         """
         sample = self.sample()
-        if sample.reason < guard.LATCHING:
+        if not sample.latched:
             return
         cleared = self._send_until(
             protocol.encode(protocol.CLEAR, sample.challenge),
-            lambda: self._sample_now().reason < guard.LATCHING,
+            lambda: not self._sample_now().latched,
             ANSWER_TIME,
         )
         if not cleared:
@@ -328,12 +402,7 @@ class BoardLink:
         self._threads[1].join(1.0)
         self._closing = True
         self._threads[0].join(1.0)
-        with contextlib.suppress(serial.SerialException, OSError):
-            self._serial.close()
-
-    def _ask(self, frame: bytes, answer: Callable[[], Answer | None], what: str) -> Answer:
-        self._send_until(frame, answer, ANSWER_TIME)
-        return self._answer(answer, what)
+        self._cable.close()
 
     def _send_until(self, frame: bytes, done: Callable[[], Any], limit: float) -> bool:
         """Sends a frame until something is so, because frames may get lost; whether it is."""
@@ -345,10 +414,6 @@ class BoardLink:
         self._check()
         return bool(done())
 
-    def _wait(self, answer: Callable[[], Answer | None], what: str) -> Answer:
-        self._wait_for(answer, ANSWER_TIME)
-        return self._answer(answer, what)
-
     def _wait_for(self, done: Callable[[], Any], limit: float) -> bool:
         """Waits until something is so, or the cable is gone."""
         with self._arrived:
@@ -358,20 +423,20 @@ class BoardLink:
         assert self._sample  # whoever asks had one before
         return self._sample
 
-    def _answer(self, answer: Callable[[], Answer | None], what: str) -> Answer:
+    def _answer(self, answer: Answer | None, what: str) -> Answer:
+        """What the board answered; HardwareError if it did not."""
         self._check()
-        if found := answer():
-            return found
+        if answer:
+            return answer
         if (other := self.parser.other_version) is not None:
-            older = other < protocol.VERSION
+            mend = (
+                f"version {protocol.VERSION}; flash the board with the firmware that came with it."
+                if other < protocol.VERSION
+                else f"only version {protocol.VERSION}; use a newer version of this program."
+            )
             raise HardwareError(
                 f"The board on {self.port} speaks version {other} of the protocol, but this "
-                f"program {'' if older else 'only '}version {protocol.VERSION}; "
-                + (
-                    "flash the board with the firmware that came with this program."
-                    if older
-                    else "use a newer version of this program."
-                )
+                f"program {mend}"
             )
         raise HardwareError(f"The board on {self.port} does not answer {what}.")
 
@@ -385,23 +450,23 @@ class BoardLink:
         except queue.Full as error:
             raise HardwareError(f"{self.port} takes no more data; is the board hung?") from error
 
-    def _fail(self, error: Exception) -> None:
+    def _fail(self, error: HardwareError) -> None:
         with self._arrived:
-            self._failure = self._failure or f"The cable to {self.port} is gone: {error}."
+            self._failure = self._failure or str(error)
             self._arrived.notify_all()
 
     def _write(self) -> None:
         while (frame := self._outgoing.get()) is not None:
             try:
-                self._serial.write(frame)
-            except (serial.SerialException, OSError) as error:
+                self._cable.send(frame)
+            except HardwareError as error:
                 self._fail(error)
 
     def _read(self) -> None:
         while not self._closing:
             try:
-                data = self._serial.read(max(1, self._serial.in_waiting))
-            except (serial.SerialException, OSError, TypeError) as error:
+                data = self._cable.receive()
+            except HardwareError as error:
                 self._fail(error)
                 return
             for kind, values in self.parser.feed(data):
@@ -417,30 +482,17 @@ class BoardLink:
             cause = RESET_CAUSES.get(cause, f"unknown ({cause})")
             self._info = BoardInfo(version, period / 1000, limit / 4, name, channels, cause)
             return
-        sequence, ticks, challenge, state, reason, acknowledged, left, right, bend = values[:9]
-        received = time.monotonic()
+        sample = Sample.of(values, time.monotonic())
         if (before := self._sample) is not None:
-            step = (sequence - before.sequence) & 0xFFFF
-            if step == 0 or ticks == round(1000 * before.board_time):
+            step = (sample.sequence - before.sequence) & 0xFFFF
+            if step == 0 or sample.board_time == before.board_time:
                 return  # the same again: nothing new
             self.lost_samples += step - 1 if step < 0x8000 else 0
-            if ticks < 1000 * before.board_time:  # it was restarted, or sends old samples
+            if sample.board_time < before.board_time:  # it was restarted, or sends old samples
                 self._restarts += 1
                 self._clock_offset = np.inf
-            self._clock_offset += CLOCK_ERROR * (received - before.received)
-        offset = received - ticks / 1000
+            self._clock_offset += CLOCK_ERROR * (sample.received - before.received)
+        offset = sample.received - sample.board_time
         self._clock_offset = min(self._clock_offset, offset)
         self.delay = offset - self._clock_offset
-        self._sample = Sample(
-            received=received,
-            sequence=sequence,
-            board_time=ticks / 1000,
-            challenge=challenge,
-            armed=state == guard.ARMED,
-            reason=reason,
-            acknowledged=acknowledged,
-            temperature=np.array([left, right]) / 4,
-            tip_tangent=float(np.deg2rad(bend / 64)),
-            duty=np.array(values[9:11]) / protocol.FULL_DUTY,
-            warmest=np.array(values[11:13], float),
-        )
+        self._sample = sample

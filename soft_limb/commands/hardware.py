@@ -17,8 +17,8 @@ from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import EXTRA_EFFECTS, emulated_limb
 from hardware.live.feed import board_reading
 from hardware.live.messages import Reading, RunHeader
-from hardware.robot import conformance
-from hardware.robot.bench import SerialEnd
+from hardware.robot import board_check
+from hardware.robot.link import SerialPort
 from hardware.robot.self_test import self_test
 from limb_systems import (
     Limb,
@@ -364,39 +364,42 @@ def _arm_check(options) -> int:
 
 
 def _board_check(options) -> int:
-    words = {conformance.PASSED: "ok", conformance.FAILED: "FAILED"}
+    words = {board_check.PASSED: "ok", board_check.FAILED: "FAILED"}
     stream = sys.stderr if options.json else sys.stdout
 
-    def say(result: conformance.Result) -> None:
+    def say(result: board_check.Outcome) -> None:
         if not options.json:
             what = f": {result.what}" if result.what else ""
-            print(f"{words.get(result.outcome, result.outcome):<9}{result.check.name}{what}")
-            if result.outcome == conformance.FAILED:
-                print(f"         rule: {result.check.rule} docs/protocol.md#{result.check.section}")
+            print(f"{words.get(result.outcome, result.outcome):<9}{result.rule.name}{what}")
+            if result.outcome == board_check.FAILED:
+                print(
+                    f"         rule: {result.rule.sentence} docs/protocol.md#{result.rule.section}"
+                )
             sys.stdout.flush()
 
-    def ask(order: str, by_hand: str | None) -> bool:
+    def ask(order: str, by_hand: str) -> bool:
         if options.by_order:
-            by_hand = f'Type "{order}" at soft-limb emulate, then press Enter here.'
-        if not by_hand:
-            return False
-        print(f"         {by_hand} (s and Enter: skip) ", end="", file=stream, flush=True)
+            by_hand = f'Type "{order}" at soft-limb emulate'
+        print(
+            f"         {by_hand}, then press Enter here (s and Enter: skip) ", end="", file=stream
+        )
+        stream.flush()
         return sys.stdin.readline() == "\n"
 
-    with SerialEnd(options.port) as end:
-        results = conformance.run_checks(
-            end, say, ask if options.by_hand or options.by_order else None, conformance.CHECKS
+    with SerialPort(options.port) as cable:
+        results = board_check.check_board(
+            cable, say, ask if options.by_hand or options.by_order else None, board_check.RULES
         )
     counts = {
         outcome: sum(result.outcome == outcome for result in results)
-        for outcome in (conformance.PASSED, conformance.FAILED, conformance.NOT_RUN)
+        for outcome in (board_check.PASSED, board_check.FAILED, board_check.NOT_RUN)
     }
     if options.json:
         checks = [
             {
-                "name": result.check.name,
-                "rule": result.check.rule,
-                "section": f"docs/protocol.md#{result.check.section}",
+                "name": result.rule.name,
+                "rule": result.rule.sentence,
+                "section": f"docs/protocol.md#{result.rule.section}",
                 "outcome": result.outcome,
                 "what": result.what,
             }
@@ -406,7 +409,7 @@ def _board_check(options) -> int:
         print(json.dumps({**facts, "checks": checks}))
     else:
         print(", ".join(f"{outcome} {count}" for outcome, count in counts.items()))
-    return 1 if counts[conformance.FAILED] else 0
+    return 1 if counts[board_check.FAILED] else 0
 
 
 def _replay(options) -> int:

@@ -269,6 +269,36 @@ def test_two_readings_above_the_limit_are_too_hot_and_one_is_not():
         assert subject.reason == reason, subject.reason
 
 
+def rising(rate, until):
+    """A guard with a reading that rises, °C/s, of a wire that may be hot: readings and duties."""
+    subject = guard.Guard(0, 4711)
+    subject.observers = [heat.WireObserver(85.0), heat.WireObserver(85.0)]
+    subject.proven = [True, True]
+    reading, now, seen = 60.0, 0, []
+    while reading < until and subject.reason < guard.LATCHING:
+        now += 50
+        if now > 1000:
+            reading += rate / 20
+        subject.sample(now, [60.0, reading], [30.0, 30.0], [0, 0], now)
+        subject.arm(subject.challenge, (heat.NOMINAL, heat.NOMINAL), 1.0, now)
+        subject.command(subject.session, now, now, 0.0, 0.01, now)
+        seen.append((reading, subject.duty[1]))
+    return subject.reason, seen
+
+
+def test_duty_ends_as_a_reading_goes_from_100_to_105():
+    reason, seen = rising(2.0, 109.0)
+    assert reason == guard.NONE
+    assert min([duty for reading, duty in seen if 62 < reading < 92]) == 0.01
+    assert max([duty for reading, duty in seen if reading >= 105]) == 0.0
+
+
+def test_a_steep_rise_is_too_hot_before_the_limit():
+    reason, seen = rising(25.0, 200.0)
+    assert reason == guard.OVER_TEMPERATURE
+    assert 80.0 < seen[-1][0] < 108.0
+
+
 def test_temperature_that_jumps_latches():
     jump = guard.LARGEST_JUMP + 1.0
     check_latches(read_more(jump), read_more(-jump), guard.TEMPERATURE_JUMP, 101)

@@ -1,4 +1,4 @@
-"""`soft-limb board-check`: this firmware passes, and boards that break one rule fail its check."""
+"""The rules of board-check: this firmware keeps them, and a board that breaks one fails it."""
 
 import random
 import struct
@@ -10,7 +10,7 @@ from hardware.emulation.emulator import Emulation
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware import firmware, guard, heat, protocol
 from hardware.firmware.firmware import Firmware
-from hardware.robot.conformance import CHECKS, FAILED, NOT_RUN, PASSED, run_checks
+from hardware.robot.board_check import FAILED, NOT_RUN, PASSED, RULES, check_board
 
 from .firmware_checks import ROOM, PaperBoard
 
@@ -108,7 +108,7 @@ class PaperRobot(PaperBoard):
         return data if self.bends is None or not data else struct.pack("<bh", 0, self.bends())
 
 
-class HostEnd:
+class Cable:
     """The host's end of the cable to a board on paper."""
 
     def __init__(self, robot):
@@ -133,8 +133,8 @@ def fast_checksum(monkeypatch):
     monkeypatch.setattr(protocol, "crc32", lambda data: struct.pack("<I", zlib.crc32(data)))
 
 
-def outcomes(change=lambda program, patch: None, by_hand=True, checks=CHECKS):
-    """Results of checks of a board whose program was changed."""
+def outcomes(change=lambda program, patch: None, by_hand=True, rules=RULES):
+    """What came of the rules with a board whose program was changed."""
 
     with pytest.MonkeyPatch.context() as patch:
 
@@ -144,21 +144,20 @@ def outcomes(change=lambda program, patch: None, by_hand=True, checks=CHECKS):
                 change(self, patch)
 
         robot = PaperRobot(Program)
-        results = run_checks(HostEnd(robot), ask=robot.ask if by_hand else None, checks=checks)
-    assert [r.check for r in results] == checks
-    return results
+        found = check_board(Cable(robot), ask=robot.ask if by_hand else None, rules=rules)
+    assert [outcome.rule for outcome in found] == rules
+    return found
 
 
-def failed(results):
-    return {r.check.name: r.what for r in results if r.outcome == FAILED}
+def test_this_firmware_keeps_all_rules_and_those_that_need_no_hand_without_one():
+    assert [(o.rule.name, o.what) for o in outcomes() if o.outcome != PASSED] == []
+    found = outcomes(by_hand=False)
+    assert {o.rule.by_hand for o in found if o.outcome == NOT_RUN} == {True}
+    assert {o.rule.by_hand for o in found if o.outcome == PASSED} == {False}
+    assert len({o.outcome for o in found}) == 2
 
 
-def test_this_firmware_passes_all_checks():
-    results = outcomes()
-    assert [(r.check.name, r.what) for r in results if r.outcome != PASSED] == []
-
-
-class EmulatedEnd:
+class EmulatedCable:
     """Both ends of the cable to an emulated board, in simulated time."""
 
     def __init__(self):
@@ -196,49 +195,37 @@ class EmulatedEnd:
         return True
 
 
-def test_the_emulated_board_passes_what_it_is_asked_by_heat_and_by_order():
-    """All checks would pass, but take eight seconds."""
-    end = EmulatedEnd()
+def test_the_emulated_board_keeps_the_rules_of_heat_and_of_orders():
+    """It keeps all rules, but they take eight seconds; the firmware is the same as on paper."""
+    cable = EmulatedCable()
     names = {
         "bend-in-64ths-of-a-degree",
         "dead-amplifier-latches",
-        "reserved-bit-latches",
-        "clear-leaves-it-off",
+        "heat-that-is-not-read-latches",
         "heated-wire-is-the-one-that-warms",
         "warmest-follows-the-heat",
         "duty-is-reduced-before-127-c",
-        "hung-program-is-reset",
     }
-    checks = [check for check in CHECKS if check.name in names]
-    results = run_checks(end, ask=end.ask, checks=checks)
-    assert [(r.check.name, r.what) for r in results if r.outcome != PASSED] == []
-    assert end.emulation.board.wire_temperature().max() < 70.0
+    found = check_board(cable, ask=cable.ask, rules=[r for r in RULES if r.name in names])
+    assert [(o.rule.name, o.what) for o in found if o.outcome != PASSED] == []
+    assert cable.emulation.board.wire_temperature().max() < 70.0
 
 
-def test_a_silent_board_fails():
+def test_a_silent_board_and_one_that_does_not_switch_off_end_the_checks():
     def say_nothing(program, patch):
         program._board.send = lambda data: None
 
     first, *others = outcomes(say_nothing)
-    assert (first.outcome, {r.outcome for r in others}) == (FAILED, {NOT_RUN})
+    assert (first.outcome, {o.outcome for o in others}) == (FAILED, {NOT_RUN})
 
-
-def test_a_board_that_does_not_switch_off_ends_the_checks():
     def never_off(program, patch):
         no_disarm(program, patch)
         heartbeat_of(10**9)(program, patch)
         patch.setattr(guard, "LONGEST_HOLD", 10**9)
 
-    results = outcomes(never_off)
-    (outcome,) = (r for r in results if "disconnect the supply of its wires" in r.what)
-    assert {r.outcome for r in results[results.index(outcome) + 1 :]} == {NOT_RUN}
-
-
-def test_without_a_hand_the_checks_of_faults_are_not_run():
-    results = outcomes(by_hand=False)
-    assert {r.check.by_hand for r in results if r.outcome == NOT_RUN} == {True}
-    assert {r.check.by_hand for r in results if r.outcome == PASSED} == {False}
-    assert len({r.outcome for r in results}) == 2
+    found = outcomes(never_off)
+    (stays,) = (o for o in found if "disconnect the supply of its wires" in o.what)
+    assert {o.outcome for o in found[found.index(stays) + 1 :]} == {NOT_RUN}
 
 
 # Boards that break one rule each.
@@ -663,126 +650,68 @@ def no_watchdog(program, patch):
     program._board.fed = 10**9
 
 
-# Checks of more than 4 s.
-SLOW = {
-    "cold-thermocouples-must-agree",
-    "clear-leaves-it-off",
-    "heat-that-is-not-read-latches",
-    "fault-stays-until-clear",
-    "clear-needs-the-newest-challenge",
-    "warmth-without-heat-latches",
-    "heated-wire-is-the-one-that-warms",
-    "detached-thermocouple-latches",
-    "bend-that-does-not-follow-latches",
-    "warmest-follows-the-heat",
-    "duty-ends-from-100-to-105-c",
-    "reading-below-the-room-latches",
-    "fault-outlives-a-reset",
-    "reading-above-110-c-latches",
-    "steep-rise-latches-before-110-c",
+# For each rule boards that break it.
+BOARDS = {
+    "samples-every-50-ms": (slow_samples, once, jumping_sequence, fast_clock),
+    "frames-are-valid": (damaged_copies, sends(lambda data: data.replace(b"\x7d\x23", b"\x03"))),
+    "info-describes-the-board": (no_greeting, constants(firmware, CHANNELS=1)),
+    "damaged-frames-are-ignored": (
+        parses(NoChecksum),
+        parses(AnyVersion),
+        parses(AnyLength),
+        parses(AnyType),
+    ),
+    "noise-is-skipped": (parses(StuckByNoise), parses(EatsFlags), parses(ForgetsPieces)),
+    "temperatures-in-quarter-degrees": (whole_degrees,),
+    "bend-in-64ths-of-a-degree": (sixteenths_of_a_degree,),
+    "arm-arms": (keeps_its_reason, keeps_the_duty, arms_again),
+    "cold-thermocouples-must-agree": (any_cold_wires,),
+    "arm-needs-the-newest-challenge": (any_challenge, same_challenge),
+    "bounds-in-range": (
+        constants(heat, acceptable=only_in_order),
+        constants(heat, acceptable=only_in_range),
+        constants(heat, shown=lambda bounds, total: True),
+        constants(heat, shown=lambda bounds, total: total > 0.5),
+        any_sum,
+    ),
+    "duty-goes-to-its-wire": (swapped_wires, any_power),
+    "acknowledges-the-last-command": (low_byte_of_the_sequence, parses(NoEscapes)),
+    "stale-commands-do-nothing": (heats_when_off, any_sequence, any_session, any_age),
+    "off-250-ms-after-last-command": (heartbeat_of(400), heartbeat_of(150)),
+    "off-290-ms-after-the-answered-sample": (constants(LONGEST_HOLD=1000),),
+    "off-has-its-reason": (limits_the_duty, no_disarm, always_the_host),
+    "heat-that-is-not-read-latches": (
+        ignores(guard.NOT_WARMING),
+        does_not_latch,
+        any_clear,
+        clear_keeps_the_challenge,
+        no_clear,
+    ),
+    "warmth-without-heat-latches": (ignores(guard.TOO_WARM),),
+    "heated-wire-is-the-one-that-warms": (swapped_thermocouples, swapped_wires),
+    "warmest-follows-the-heat": (forgets_heat_when_off,),
+    "duty-is-reduced-before-127-c": (constants(HIGHEST=250.0),),
+    "open-thermocouple-latches": (no_open(0),),
+    "short-to-ground-latches": (ignores(guard.THERMOCOUPLE_TO_GROUND),),
+    "short-to-supply-latches": (ignores(guard.THERMOCOUPLE_TO_SUPPLY),),
+    "dead-amplifier-latches": (no_open(1),),
+    "silent-bend-sensor-latches": (ignores(guard.BEND_SILENT),),
+    "first-fault-is-kept": (newest_fault,),
+    "detached-thermocouple-latches": (ignores(guard.NOT_WARMING),),
+    "bend-that-does-not-follow-latches": (constants(PULL=1000.0), swapped_thermocouples),
+    "reading-below-the-room-latches": (ignores(guard.BELOW_ROOM),),
+    "reset-begins-anew": (constants(SETTLING_SAMPLES=3), no_cause, same_random_number),
+    "fault-outlives-a-reset": (forgets_faults,),
+    "little-heat-after-a-start": (much_heat_after_a_start,),
+    "reading-above-110-c-latches": (constants(HOT_SAMPLES=10**6),),
 }
 
-# For each check a board that breaks its rule, and the other checks that it cannot pass either.
-BOARDS = [
-    ("samples-every-50-ms", slow_samples),
-    ("samples-come-twice", once),
-    ("samples-are-numbered", jumping_sequence),
-    ("clock-counts-ms", fast_clock),
-    ("frames-are-valid", damaged_copies),
-    ("03-is-escaped", sends(lambda data: data.replace(b"\x7d\x23", b"\x03"))),
-    ("hello-is-answered", no_greeting),
-    ("info-describes-the-board", constants(firmware, CHANNELS=1)),
-    ("bad-checksum-is-ignored", parses(NoChecksum)),
-    ("other-version-is-ignored", parses(AnyVersion)),
-    ("wrong-length-is-ignored", parses(AnyLength)),
-    ("unknown-types-are-ignored", parses(AnyType)),
-    ("noise-is-skipped", parses(StuckByNoise)),
-    ("flags-may-be-shared", parses(EatsFlags)),
-    ("frames-come-in-pieces", parses(ForgetsPieces)),
-    (
-        "temperatures-in-quarter-degrees",
-        whole_degrees,
-        "reading-above-110-c-latches",
-        "steep-rise-latches-before-110-c",
-    ),
-    ("bend-in-64ths-of-a-degree", sixteenths_of_a_degree),
-    ("arm-arms", keeps_its_reason),
-    ("cold-thermocouples-must-agree", any_cold_wires),
-    ("arm-needs-the-newest-challenge", any_challenge),
-    ("challenge-changes-when-off", same_challenge),
-    ("armed-without-command-no-duty", keeps_the_duty),
-    ("no-heat-unless-armed", heats_when_off),
-    ("arming-again-changes-nothing", arms_again),
-    ("bounds-in-range", constants(heat, acceptable=only_in_order)),
-    ("bounds-in-order", constants(heat, acceptable=only_in_range)),
-    ("bounds-must-show-heat", constants(heat, shown=lambda bounds, total: True)),
-    ("sum-in-range", any_sum),
-    ("duty-goes-to-its-wire", swapped_wires, "heated-wire-is-the-one-that-warms"),
-    ("acknowledges-the-last-command", low_byte_of_the_sequence),
-    ("escapes-are-understood", parses(NoEscapes)),
-    ("sequence-must-increase", any_sequence),
-    ("command-needs-its-session", any_session),
-    ("late-commands-do-nothing", any_age),
-    ("duty-out-of-range-switches-off", limits_the_duty),
-    ("off-250-ms-after-last-command", heartbeat_of(400)),
-    ("duty-holds-for-250-ms", heartbeat_of(150)),
-    ("off-290-ms-after-the-answered-sample", constants(LONGEST_HOLD=1000)),
-    ("disarm-switches-off", no_disarm),
-    ("off-has-its-reason", always_the_host),
-    ("sum-of-duties-is-limited", any_power, "bounds-must-show-heat"),
-    ("open-thermocouple-latches", no_open(0)),
-    ("short-to-ground-latches", ignores(guard.THERMOCOUPLE_TO_GROUND)),
-    ("short-to-supply-latches", ignores(guard.THERMOCOUPLE_TO_SUPPLY), "first-fault-is-kept"),
-    ("dead-amplifier-latches", no_open(1)),
-    ("reserved-bit-latches", ignores(guard.AMPLIFIER)),
-    ("jump-latches", ignores(guard.TEMPERATURE_JUMP)),
-    ("silent-bend-sensor-latches", ignores(guard.BEND_SILENT)),
-    ("frozen-bend-sensor-latches", constants(STUCK_SAMPLES=1000)),
-    ("first-fault-is-kept", newest_fault),
-    (
-        "heat-that-is-not-read-latches",
-        ignores(guard.NOT_WARMING),
-        "detached-thermocouple-latches",
-    ),
-    ("fault-stays-until-clear", does_not_latch),
-    ("clear-needs-the-newest-challenge", any_clear),
-    ("clear-leaves-it-off", clear_keeps_the_challenge),
-    ("warmth-without-heat-latches", ignores(guard.TOO_WARM)),
-    (
-        "heated-wire-is-the-one-that-warms",
-        swapped_thermocouples,
-        "bend-that-does-not-follow-latches",
-    ),
-    ("detached-thermocouple-latches", ignores(guard.NOT_WARMING), "heat-that-is-not-read-latches"),
-    ("bend-that-does-not-follow-latches", constants(PULL=1000.0)),
-    ("warmest-follows-the-heat", forgets_heat_when_off),
-    ("duty-is-reduced-before-127-c", constants(HIGHEST=250.0)),
-    ("duty-ends-from-100-to-105-c", constants(WARMEST=300.0)),
-    ("reading-below-the-room-latches", ignores(guard.BELOW_ROOM)),
-    ("not-armed-before-ten-samples", constants(SETTLING_SAMPLES=3)),
-    ("fault-outlives-a-reset", forgets_faults),
-    ("reset-is-reported", no_cause),
-    ("reset-draws-a-new-challenge", same_random_number),
-    ("little-heat-after-a-start", much_heat_after_a_start, "reading-above-110-c-latches"),
-    ("hung-program-is-reset", no_watchdog),
-    ("stopped-clock-latches", constants(firmware, LONGEST_STANDSTILL=10**6)),
-    ("reading-above-110-c-latches", constants(HOT_SAMPLES=10**6)),
-    ("steep-rise-latches-before-110-c", constants(OVERSHOOT=1000.0)),
-]
 
-
-@pytest.mark.parametrize("board", BOARDS, ids=lambda board: board[0])
-def test_a_board_that_breaks_a_rule_fails_its_check(board):
-    """And no other one. Slow ones are left out where they are not asked for, as they pass."""
-    name, change, *others = board
-    left_out = SLOW - {name, *others}
-    checks = [check for check in CHECKS if check.name not in left_out]
-    assert set(failed(outcomes(change, checks=checks))) == {name, *others}
-
-
-def test_a_board_that_does_not_clear_fails():
-    assert set(failed(outcomes(no_clear, by_hand=False))) == {"clear-leaves-it-off"}
-
-
-def test_each_check_has_a_board_that_fails_it():
-    assert {board[0] for board in BOARDS} == {check.name for check in CHECKS}
+@pytest.mark.parametrize("section", sorted({rule.section for rule in RULES}))
+def test_boards_that_break_a_rule_fail_it(section):
+    """Each board is checked by the rule that it breaks."""
+    for rule in RULES:
+        for change in BOARDS[rule.name] if rule.section == section else ():
+            (outcome,) = outcomes(change, rules=[rule])
+            assert outcome.outcome == FAILED, (rule.name, change)
+    assert BOARDS.keys() == {rule.name for rule in RULES}
