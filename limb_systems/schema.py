@@ -11,6 +11,7 @@ import dataclasses
 import difflib
 import functools
 import inspect
+import numbers
 import re
 import types
 import typing
@@ -88,7 +89,7 @@ def load_typed(schema: type[T], text: str) -> T:
     Raises:
         SchemaError: with one sentence naming the field, or the line.
     """
-    return _build(_parse(text), schema, "")
+    return _convert(_parse(text), schema, "")
 
 
 def validate(target: Any, path: str = "") -> None:
@@ -97,47 +98,7 @@ def validate(target: Any, path: str = "") -> None:
     Raises:
         SchemaError: for the first field that is wrong, with one sentence.
     """
-    hints = _hints(typing.cast(Any, type(target)))
-    for field in dataclasses.fields(target):
-        value, name = getattr(target, field.name), f"{path}{field.name}"
-        _validate(value, hints[field.name], name, field.metadata)
-
-
-def _validate(value: Any, schema: Any, name: str, metadata: typing.Mapping) -> None:
-    if typing.get_origin(schema) is list:
-        if not isinstance(value, list):
-            raise SchemaError(f"{name} is {value!r}; it must be a list.")
-        for index, item in enumerate(value):
-            where = name if metadata else f"{name}[{index}]"
-            _validate(item, typing.get_args(schema)[0], where, metadata)
-    elif _is_union(schema):
-        choices = typing.get_args(schema)
-        if value is None and type(None) in choices:
-            return
-        if not isinstance(value, choices):
-            names = " or ".join(c.__name__ for c in choices if c is not type(None))
-            raise SchemaError(f"{name} is not a {names}.")
-        if dataclasses.is_dataclass(value):
-            validate(value, f"{name}.")
-    elif dataclasses.is_dataclass(schema):
-        if not isinstance(value, typing.cast(type, schema)):
-            raise SchemaError(f"{name} is not a {typing.cast(type, schema).__name__}.")
-        validate(value, f"{name}.")
-    elif schema is str:
-        check_text(value, name, metadata)
-    elif metadata:
-        _validate_number(value, name, schema, metadata)
-
-
-def _validate_number(value: Any, name: str, schema: type, metadata: typing.Mapping) -> None:
-    low, high = metadata["range"]
-    expected = int if schema is int else (int, float)
-    valid = isinstance(value, expected) and not isinstance(value, bool)
-    if not (valid and low <= value <= high):  # NaN is not
-        kind = "a whole number" if schema is int else "a number"
-        raise SchemaError(
-            f"{name} is {value!r}; it must be {kind} from {low:g} to {high:g} {metadata['unit']}."
-        )
+    _convert(target, type(target), path)
 
 
 def check_text(value: Any, name: str, metadata: typing.Mapping = _NONE) -> None:
@@ -230,58 +191,75 @@ def _parse(text: str) -> Any:
         raise SchemaError(f"not valid YAML: {error} in line {loader.line + 1}.") from error
 
 
-def _build(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE) -> Any:
+def _convert(data: Any, schema: Any, path: str, metadata: typing.Mapping = _NONE) -> Any:
+    """A value of a type, from lists, dicts and texts, or from such a value, which is checked."""
+    origin, arguments = typing.get_origin(schema), typing.get_args(schema)
     where = path or "the document"
-    if typing.get_origin(schema) is tuple:
-        kinds = typing.get_args(schema)
-        if not isinstance(data, list) or len(data) != len(kinds):
-            raise SchemaError(f"{where} must be a list of {len(kinds)}, but is {shown(data)}.")
-        pairs = enumerate(zip(data, kinds, strict=True))
-        return tuple(_build(value, kind, f"{path}[{index}]") for index, (value, kind) in pairs)
-    if typing.get_origin(schema) in (list, collections.abc.Sequence):
+    if origin is tuple:
+        if not isinstance(data, list) or len(data) != len(arguments):
+            raise SchemaError(f"{where} must be a list of {len(arguments)}, but is {shown(data)}.")
+        pairs = enumerate(zip(data, arguments, strict=True))
+        return tuple(_convert(value, kind, f"{path}[{i}]") for i, (value, kind) in pairs)
+    if origin in (list, collections.abc.Sequence):
         if not isinstance(data, list):
-            raise SchemaError(f"{where} must be a list, but is {shown(data)}.")
-        item = typing.get_args(schema)[0]
-        return [
-            _build(value, item, f"{path}[{index}]", metadata) for index, value in enumerate(data)
-        ]
-    if _is_union(schema):
-        if data in _NULLS and type(None) in typing.get_args(schema):
+            raise SchemaError(f"{where} is {shown(data)}; it must be a list.")
+        items = enumerate(data)
+        return [_convert(value, arguments[0], f"{path}[{i}]", metadata) for i, value in items]
+    if origin in (typing.Union, types.UnionType):
+        if type(None) in arguments and (data is None or data in _NULLS):
             return None
-        plain = [c for c in typing.get_args(schema) if c is not type(None)]
+        plain = [choice for choice in arguments if choice is not type(None)]
         if len(plain) == 1 and not dataclasses.is_dataclass(plain[0]):
-            return _build(data, plain[0], path, metadata)
-        schema = _chosen(data, schema, where)
-        data = {key: value for key, value in data.items() if key != "_tag"}
+            return _convert(data, plain[0], path, metadata)
+        schema = type(data) if isinstance(data, tuple(plain)) else _chosen(data, plain, where)
     if dataclasses.is_dataclass(schema):
-        return _build_fields(data, typing.cast(type, schema), path, where)
+        return _convert_fields(data, typing.cast(type, schema), path, where)
     if schema is str:
         check_text(data, path, metadata)
         return data
     if schema is bool:
-        if data not in ("true", "false"):
+        if data not in ("true", "false", True, False):
             raise SchemaError(f"{path} is {shown(data)}; it must be true or false.")
-        return data == "true"
+        return data in ("true", True)
+    return _convert_number(data, schema, path, metadata)
+
+
+def _convert_number(data: Any, schema: type, path: str, metadata: typing.Mapping) -> Any:
+    number = _parse_number(data, schema) if isinstance(data, str) else data
+    whole = isinstance(number, numbers.Integral) or (
+        isinstance(data, str) and isinstance(number, float) and number.is_integer()
+    )
+    valid = isinstance(number, float) or whole
+    valid &= (schema is float or whole) and not isinstance(number, bool)
+    expected = "a whole number" if schema is int else "a number"
+    if "range" in metadata:
+        low, high = metadata["range"]
+        valid = valid and low <= number <= high  # NaN is not
+        expected += f" from {low:g} to {high:g} {metadata['unit']}"
+    if not valid:
+        given = data if number is None else number
+        raise SchemaError(f"{path} is {shown(given)}; it must be {expected}.")
+    return schema(number) if isinstance(data, str) else number
+
+
+def _parse_number(text: str, schema: type) -> int | float | None:
     try:
-        if schema is int and re.fullmatch(r"[-+]?[0-9]+", data):
-            return int(data)
-        number = float(_SPECIAL.get(data, data))
-        if schema is int and not number.is_integer():
-            raise ValueError
-        return schema(number)
-    except (TypeError, ValueError) as error:
-        kind = "a whole number" if schema is int else "a number"
-        raise SchemaError(f"{path} is {shown(data)}; it must be {kind}.") from error
+        if schema is int and re.fullmatch(r"[-+]?[0-9]+", text):  # those that no float has, too
+            return int(text)
+        return float(_SPECIAL.get(text, text))
+    except ValueError:
+        return None
 
 
-def _build_fields(data: Any, schema: type, path: str, where: str) -> Any:
-    hints = _hints(schema)
+def _convert_fields(data: Any, schema: type, path: str, where: str) -> Any:
+    hints, prefix = _hints(schema), f"{path}." if path else ""
     fields = [f for f in dataclasses.fields(schema) if f.metadata.get("in_files", True)]
     names = [field.name for field in fields]
-    if not isinstance(data, dict):
+    made = isinstance(data, schema)
+    if not made and not isinstance(data, dict):
         raise SchemaError(f"{where} must have the fields {', '.join(names)}, but is {shown(data)}.")
-    prefix = f"{path}." if path else ""
-    for key in data:
+    given = vars(data) if made else {key: value for key, value in data.items() if key != "_tag"}
+    for key in () if made else given:
         if key not in names:
             unknown = f"{prefix}{key}" if key.isprintable() and len(key) < 80 else shown(key)
             raise SchemaError(
@@ -290,26 +268,26 @@ def _build_fields(data: Any, schema: type, path: str, where: str) -> Any:
             )
     values = {}
     for field in fields:
-        if field.name in data:
-            values[field.name] = _build(
-                data[field.name], hints[field.name], f"{prefix}{field.name}", field.metadata
+        if field.name in given:
+            values[field.name] = _convert(
+                given[field.name], hints[field.name], f"{prefix}{field.name}", field.metadata
             )
         elif field.default is field.default_factory is dataclasses.MISSING:
             raise SchemaError(f"{prefix}{field.name} is missing.")
-    return schema(**values)
+    return data if made else schema(**values)
 
 
-def _chosen(data: Any, schema: Any, where: str) -> type:
-    """The class that is meant, of those in a union and all classes derived from them."""
-    given = [choice for choice in typing.get_args(schema) if choice is not type(None)]
+def _chosen(data: Any, given: list[type], where: str) -> type:
+    """The class that is meant, of those that are given and all classes derived from them."""
     choices = {choice.__name__: choice for choice in _with_subclasses(given)}
+    tags = ", ".join(f"!{name}" for name in choices)
     if not isinstance(data, dict):
-        raise SchemaError(f"{where} must be one of {_tags(choices)}, but is {shown(data)}.")
+        raise SchemaError(f"{where} must be one of {tags}, but is {shown(data)}.")
     tag = data.get("_tag", given[0].__name__)
     if tag not in choices:
         raise SchemaError(
             f"{where} is a !{tag}, which is not known{nearest(tag, list(choices))}; it must be "
-            f"one of {_tags(choices)}, or a class of your own whose module was imported "
+            f"one of {tags}, or a class of your own whose module was imported "
             "(soft-limb --import MODULE ...)."
         )
     return choices[tag]
@@ -325,18 +303,9 @@ def _with_subclasses(classes: list[type]) -> list[type]:
     return found
 
 
-def _tags(choices: typing.Iterable[str]) -> str:
-    return ", ".join(f"!{name}" for name in choices)
-
-
 @functools.cache
 def _hints(schema: Any) -> dict[str, Any]:
     return typing.get_type_hints(schema)
-
-
-@functools.cache
-def _is_union(schema: Any) -> bool:
-    return typing.get_origin(schema) in (typing.Union, types.UnionType)
 
 
 def nearest(name: str, names: list[str]) -> str:

@@ -541,7 +541,7 @@ def test_board_that_is_no_text_is_refused(refused):
     assert LimbParameters.from_yaml(text.replace("'0007'", "007")).board == SerialBoard("007")
     with refused(ParameterError, "board.serial_number is 7; it must be text"):
         LimbParameters(board=SerialBoard(7)).validate()
-    with refused(ParameterError, "board is not a NoBoard or Board"):
+    with refused(ParameterError, "board must be one of !NoBoard", "but is 7"):
         LimbParameters(board=7).validate()
 
 

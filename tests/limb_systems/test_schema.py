@@ -28,7 +28,7 @@ DOCUMENTS = [
     ("ambient_temperature: yes", ["ambient_temperature is 'yes'; it must be a number"]),
     (f"ambient_temperature: {'9' * 5000}", ["ambient_temperature is inf"]),
     (f"segments: [{{links: {'9' * 5000}}}]", ["links is '999", "...; it must be a whole"]),
-    ("segments: [{links: .inf}]", ["links is '.inf'; it must be a whole number"]),
+    ("segments: [{links: .inf}]", ["links is inf; it must be a whole number from 1"]),
     (f"%YAML 1.{'9' * 5000}\n---\n", ["4300 digits"]),
     ('board: "\\UFFFFFFFF"', ["not valid YAML", "line 1"]),
     ('format: 2\nboard: "\\U00110000"', ["not valid YAML", "line 2"]),
