@@ -37,7 +37,7 @@ from calibration.collecting.protocol import CONTACT_MARGIN, WARM_UP_MARGIN
 from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
 from hardware import LimbTwin
 from hardware.firmware import guard
-from hardware.robot import self_test
+from hardware.robot.arm_check import check_wires
 from hardware.robot.link import Sample
 from hardware.robot.reasons import REASONS
 from limb_systems import LimbError, LimbParameters, simulate
@@ -48,36 +48,20 @@ HOTTEST = 130.0  # °C, true, that no wire should pass
 
 
 class SimulatedLink:
-    """What `self_test` needs of a `BoardLink`, and of a clock, at a `SimulatedBoard`."""
+    """What `check_wires` needs of a `BoardLink`, at a `SimulatedBoard`."""
 
     def __init__(self, board: SimulatedBoard):
-        self._board, self._duty, self.hottest = board, None, -np.inf
-
-    def monotonic(self) -> float:
-        return self._board.now
-
-    def sleep(self, seconds: float) -> None:
-        self._board.run(seconds)
-        self.hottest = max(self.hottest, *self._board.emulation.board.wire_temperature())
+        self._board, self.hottest = board, -np.inf
 
     def info(self):
         return types.SimpleNamespace(serial_number="simulated", firmware_version="")
 
-    def sample(self) -> Sample:
-        sent = self._board.sent[-1]
-        return Sample(
-            received=self._board.now,
-            sequence=sent[0],
-            board_time=sent[1] / 1000,
-            challenge=sent[2],
-            armed=sent[3] == guard.ARMED,
-            reason=sent[4],
-            acknowledged=sent[5],
-            temperature=np.array(sent[6:8]) / 4,
-            tip_tangent=float(np.deg2rad(sent[8] / 64)),
-            duty=np.array(sent[9:11]) / 10000,
-            warmest=np.array(sent[11:13], float),
-        )
+    def next_sample(self) -> Sample:
+        count = len(self._board.sent)
+        while len(self._board.sent) == count:
+            self._board.run(0.025)
+        self.hottest = max(self.hottest, *self._board.emulation.board.wire_temperature())
+        return Sample.of(self._board.sent[-1], self._board.now)
 
     def arm(self, bounds, total_duty: float = 1.5) -> None:
         parameters = LimbParameters(total_duty=total_duty)
@@ -131,11 +115,8 @@ def take(job: tuple[str, int, float]) -> dict:
         return recording
 
     link = SimulatedLink(board)
-    self_test.time = link  # in simulated time
     try:
-        self_test.self_test(
-            link, lambda good, what: good or result["found"].append(f"arm-check: {what}")
-        )
+        check_wires(link, lambda good, what: good or result["found"].append(f"arm-check: {what}"))
     except LimbError as error:
         result["found"].append(f"arm-check: {error}")
         board.clear()

@@ -18,8 +18,8 @@ from hardware.emulation.specimen import EXTRA_EFFECTS, emulated_limb
 from hardware.live.feed import board_reading
 from hardware.live.messages import Reading, RunHeader
 from hardware.robot import board_check
+from hardware.robot.arm_check import check_wires
 from hardware.robot.link import SerialPort
-from hardware.robot.self_test import self_test
 from limb_systems import (
     Limb,
     LimbError,
@@ -357,7 +357,7 @@ def _arm_check(options) -> int:
             print(f"{'ok    ' if good else 'FAILED'}  {what}", flush=True)
 
     with BoardLink(options.port) as link:
-        passed = self_test(link, say, parameters)
+        passed = check_wires(link, say, parameters)
     if options.json:
         print(json.dumps({"passed": passed, "checks": checks}))
     return 0 if passed else 1

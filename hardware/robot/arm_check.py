@@ -1,12 +1,11 @@
-"""The guided self test of a robot, before it is trusted with a plan."""
+"""The check of sensors and wires, one by one, before a robot is trusted with a plan."""
 
-import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from hardware.robot.heat_rates import HeatRates, fit_heat_rates, warmth
-from hardware.robot.link import BoardLink, Sample
+from hardware.robot.link import BoardLink
 from limb_systems import LimbParameters, bend_angle_from_tip_tangent
 from limb_systems.model.heat_bounds import SPREAD
 from limb_systems.simulation import PERIOD
@@ -26,11 +25,11 @@ WHAT_TO_DO = (
     "than the other. Bond the thermocouple anew, and compare resistances and thermocouples' types."
 )
 
-# Duty (K, 2), V (K, 2), °C, and φ (K), rad, at each sample.
-Course = tuple[np.ndarray, np.ndarray, np.ndarray]
+# Samples while one wire is heated: duty (K, 2), V (K, 2), °C, and φ (K), rad.
+Heating = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def self_test(
+def check_wires(
     link: BoardLink, say: Callable[[bool, str], None], parameters: LimbParameters | None = None
 ) -> bool:
     """Whether sensors are alive and each wire does what it should.
@@ -41,7 +40,7 @@ def self_test(
     for the heat, and for the bend, must be like the other's. The board is disarmed at the end.
 
     Args:
-        link: to the board.
+        link: connection to the board.
         say: takes whether it was good, and a sentence, for each thing that was looked at.
         parameters: the limb's description; the nominal limb if None.
 
@@ -58,11 +57,11 @@ def self_test(
 
     info = link.info()
     judge(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
-    cold = _average(link)
-    for side, temperature in zip(SIDES, cold[:2], strict=True):
-        good = ROOM[0] < temperature < ROOM[1]
-        judge(good, f"{side} thermocouple reads {temperature:.1f} °C, as in a room")
-    judge(abs(cold[2]) < np.deg2rad(30.0), f"bend sensor reads {np.rad2deg(cold[2]):+.1f}° at rest")
+    samples = [link.next_sample() for _ in range(10)]
+    for side, V in zip(SIDES, np.mean([s.temperature for s in samples], axis=0), strict=True):
+        judge(ROOM[0] < V < ROOM[1], f"{side} thermocouple reads {V:.1f} °C, as in a room")
+    bend = np.mean([bend_angle_from_tip_tangent(sample.tip_tangent) for sample in samples])
+    judge(abs(bend) < np.deg2rad(30.0), f"bend sensor reads {np.rad2deg(bend):+.1f}° at rest")
     if not passed:
         return False
     kinds = parameters.heat_bounds
@@ -85,7 +84,8 @@ def self_test(
             return False
         rates = [_rates([course], wire) for wire, course in enumerate(contacts)]
         hottest = max(rate.heating for rate in rates)
-        _rest(link)
+        for _ in range(round(REST / PERIOD)):
+            link.next_sample()
         link.arm(
             [rate.bounds(kind, hottest, MARGIN) for rate, kind in zip(rates, kinds, strict=True)],
             parameters.total_duty,
@@ -100,7 +100,7 @@ def self_test(
             f"{side} wire bends the limb by {towards:.1f}° to the {side}",
         )
     rates = [
-        _rates(courses, wire) for wire, courses in enumerate(zip(contacts, bends, strict=True))
+        _rates(heatings, wire) for wire, heatings in enumerate(zip(contacts, bends, strict=True))
     ]
     _judge_heat([rate.heating for rate in rates], [kind.most_heating for kind in kinds], judge)
     if passed:
@@ -132,36 +132,36 @@ def _judge_heat(
 
 
 def _judge_likeness(
-    rates: Sequence[HeatRates], bends: Sequence[Course], judge: Callable[[bool, str], None]
+    rates: Sequence[HeatRates], bends: Sequence[Heating], judge: Callable[[bool, str], None]
 ) -> None:
     """Whether both thermocouples show the like for the like heat and bend."""
     heat = rates[0].heating / rates[1].heating
     risen = []
     for wire, (duty, _, bend) in enumerate(bends):
-        course = rates[wire].heating * warmth(duty[:, wire], rates[wire].cooling, 0.3, PERIOD)
+        rises = rates[wire].heating * warmth(duty[:, wire], rates[wire].cooling, 0.3, PERIOD)
         reached = np.argmax(_towards(bend, wire) >= ENOUGH_BEND)
-        risen.append(course[reached] if reached else np.nan)
+        risen.append(rises[reached] if reached else np.nan)
     # How warm a wire has to be for a bend is another, independent witness.
-    share = heat if np.isnan(risen).any() else np.sqrt(heat * risen[0] / risen[1])
-    wire = int(share > 1)
-    share = min(share, 1 / share)
-    told = "heat" if np.isnan(risen).any() else "heat and bend"
-    judge(
-        share > ALIKE,
-        f"{SIDES[wire]} thermocouple shows {share:.0%} of what the other does for the same {told}"
-        + (f". {WHAT_TO_DO}" if share <= ALIKE else ""),
+    bent = not np.isnan(risen).any()
+    ratio = np.sqrt(heat * risen[0] / risen[1]) if bent else heat
+    wire = int(ratio > 1)
+    ratio = min(ratio, 1 / ratio)
+    what = (
+        f"{SIDES[wire]} thermocouple shows {ratio:.0%} of what the other does for the same heat"
+        + " and bend" * bent
     )
+    judge(ratio > ALIKE, what if ratio > ALIKE else f"{what}. {WHAT_TO_DO}")
 
 
 def _towards(bend: np.ndarray, wire: int) -> np.ndarray:
-    """How far the limb has bent to a wire's side since a course began (K), rad."""
+    """How far the limb has bent to a wire's side since a heating began (K), rad."""
     change = bend - bend[:5].mean()
     return change if wire else -change
 
 
-def _rates(courses: Sequence[Course], wire: int) -> HeatRates:
+def _rates(heatings: Sequence[Heating], wire: int) -> HeatRates:
     rates = fit_heat_rates(
-        [(duty[1:, wire], (V[:, wire] - V[:5, wire].mean())[1:], PERIOD) for duty, V, _ in courses]
+        [(duty[1:, wire], (V[:, wire] - V[:5, wire].mean())[1:], PERIOD) for duty, V, _ in heatings]
     )
     assert rates  # it was heated
     return rates
@@ -169,42 +169,19 @@ def _rates(courses: Sequence[Course], wire: int) -> HeatRates:
 
 def _heat(
     link: BoardLink, wire: int, duty: float, longest: float, rise: float, bend: float
-) -> Course:
+) -> Heating:
     """Heats a wire until it reads so much more, or the limb has bent so far, and lets it rest."""
-    samples: list[Sample] = []
+    samples = [link.next_sample()]
     heated = duty * np.eye(2)[wire]
     while (now := len(samples) * PERIOD) < longest + REST:
-        sample = link.sample()
-        if samples and sample.sequence == samples[-1].sequence:
-            time.sleep(PERIOD / 5)
-            continue
-        samples.append(sample)
-        turned = bend_angle_from_tip_tangent(sample.tip_tangent - samples[0].tip_tangent)
-        risen = sample.temperature[wire] - samples[0].temperature[wire]
+        link.command(heated)
+        samples.append(link.next_sample())
+        turned = bend_angle_from_tip_tangent(samples[-1].tip_tangent - samples[0].tip_tangent)
+        risen = samples[-1].temperature[wire] - samples[0].temperature[wire]
         if now >= longest or risen >= rise or abs(turned) >= 1.2 * bend:
             heated, longest = np.zeros(2), min(longest, now)
-        link.command(heated)
     return (
         np.array([sample.duty for sample in samples]),
         np.array([sample.temperature for sample in samples]),
         np.array([bend_angle_from_tip_tangent(sample.tip_tangent) for sample in samples]),
     )
-
-
-def _rest(link: BoardLink) -> None:
-    """Waits with the wires off."""
-    end = link.sample().board_time + REST
-    while link.sample().board_time < end:
-        time.sleep(PERIOD)
-
-
-def _average(link: BoardLink) -> np.ndarray:
-    """[V (2), φ] over ten samples, °C and rad."""
-    samples: list[Sample] = []
-    while len(samples) < 10:
-        sample = link.sample()
-        if not samples or sample.sequence != samples[-1].sequence:
-            samples.append(sample)
-        time.sleep(PERIOD / 2)
-    average = np.mean([[*sample.temperature, sample.tip_tangent] for sample in samples], axis=0)
-    return np.append(average[:2], bend_angle_from_tip_tangent(average[2]))
