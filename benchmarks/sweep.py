@@ -85,7 +85,7 @@ def random_problem(seed: int, law: str = "linear"):
     for wire in segment.wires:
         for name in ("a1", "a2", "a3", "beta"):
             factor = 2.0 ** generator.uniform(-1.0, 1.0)
-            setattr(wire.law, name, float(getattr(wire.linear_law, name) * factor))
+            setattr(wire.law, name, float(getattr(wire.law, name) * factor))
     if law != "linear":
         recorded = bool(seed % 2)
         for wire in segment.wires:

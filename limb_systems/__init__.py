@@ -18,11 +18,9 @@ from limb_systems.model.bend_sensor import (
     ChordSensor,
     TipTangentSensor,
     bend_angle_from_tip_tangent,
-    tip_tangent_from_bend_angle,
 )
 from limb_systems.model.heat_bounds import HeatBounds
 from limb_systems.model.kinematics import (
-    BendAngle,
     bend_angle,
     joint_angles_from_bend_angle,
     tip_position,
@@ -41,14 +39,13 @@ from limb_systems.model.parameters import (
     TemperatureLimits,
     WireParameters,
 )
-from limb_systems.model.thermal import InverseThermocoupleLag, JouleHeating, ThermocoupleLag
-from limb_systems.model.torque_map import TorqueMap
 from limb_systems.model.two_mass_laws import (
     HystereticLaw,
     SaturatingLaw,
     ThresholdLaw,
     TwoMassLaw,
 )
+from limb_systems.model.wire_blocks import JouleHeating, ThermocoupleLag, TorqueMap
 from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.model.wires import Wires
 from limb_systems.provenance import Provenance
@@ -59,14 +56,12 @@ from limb_systems.views.replay_page import write_meshcat_replay
 __all__ = [
     "ActiveConstraint",
     "Band",
-    "BendAngle",
     "BendSensor",
     "CalibrationRecord",
     "ChordSensor",
     "EmulatedLimb",
     "HeatBounds",
     "HystereticLaw",
-    "InverseThermocoupleLag",
     "JouleHeating",
     "Limb",
     "LimbError",
@@ -102,7 +97,6 @@ __all__ = [
     "simulate",
     "split_state",
     "tip_position",
-    "tip_tangent_from_bend_angle",
     "to_paper_state",
     "wire_color",
     "write_meshcat_replay",

@@ -6,9 +6,8 @@ from statistics import NormalDist
 import numpy as np
 
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.ensemble import draw_ensemble, stacked
+from limb_systems.model.ensemble import OpenLoop, draw_ensemble, stacked
 from limb_systems.model.limb import split_state
-from limb_systems.model.open_loop import OpenLoop
 
 MEMBERS = 64
 STEP = 0.25  # s, of simulation

@@ -8,8 +8,8 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import Limb, Trajectory, Wires, simulate, split_state
 from limb_systems.model.kinematics import bend_angle
-from limb_systems.model.limb import make_blocks
 from limb_systems.model.manipulator import make_manipulator
+from limb_systems.model.wire_blocks import make_blocks
 from limb_systems.simulation import MAX_STEP_SIZE, failure_told, make_simulator
 
 # Accuracy of the simulation that a plan is checked with: its bend angle is

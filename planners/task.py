@@ -9,7 +9,7 @@ import numpy as np
 
 from limb_systems import LimbError
 from limb_systems.input import read_text
-from limb_systems.schema import load_typed, nearest
+from limb_systems.schema import load_typed
 
 
 class TaskError(LimbError):
@@ -29,12 +29,7 @@ class Phase:
     duty_weight: float
 
     def __post_init__(self):
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if not (_is_number(value) and value >= 0):
-                raise TaskError(
-                    f"{field.name} of a phase is {value!r}; it must be a number, zero or more."
-                )
+        _check_weights(self, " of a phase")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -98,33 +93,8 @@ class Task:
     stretch: tuple[float, float] | None = None
     customize: Callable | None = dataclasses.field(default=None, metadata={"in_files": False})
 
-    def __new__(cls, *_, **given):
-        """Refuses unknown fields, with a hint at the name that may be meant."""
-        names = [field.name for field in dataclasses.fields(cls)]
-        for name in given:
-            if name not in names:
-                raise TaskError(
-                    f"A task has no field {name!r}{nearest(name, names)}; it has "
-                    f"{', '.join(names)}."
-                )
-        return super().__new__(cls)
-
     def __post_init__(self):
-        for name in (
-            "angle_weight",
-            "duty_weight",
-            "terminal_factor",
-            "energy_weight",
-            "temperature_weight",
-            "time_weight",
-            "final_hold",
-            "duty_hold",
-            "temperature_margin",
-            "duty_margin",
-        ):
-            value = getattr(self, name)
-            if not (_is_number(value) and value >= 0):
-                raise TaskError(f"{name} is {value!r}; it must be a number, zero or more.")
+        _check_weights(self, "")
         if not self.duty_margin < 1:
             raise TaskError(f"duty_margin is {self.duty_margin!r}; it must be less than 1.")
         for name in ("max_bend_rate", "max_temperature_rate"):
@@ -198,6 +168,14 @@ class Task:
         widest = steps.max()
         # Spacings that are equal except for rounding get exactly the weight one.
         return np.append(np.where(np.isclose(steps, widest, rtol=1e-9), 1.0, steps / widest), 1.0)
+
+
+def _check_weights(task: Task | Phase, whose: str) -> None:
+    """Raises TaskError unless all fields that are always numbers are zero or more."""
+    for field in dataclasses.fields(task):
+        value = getattr(task, field.name)
+        if field.type is float and not (_is_number(value) and value >= 0):
+            raise TaskError(f"{field.name}{whose} is {value!r}; it must be a number, zero or more.")
 
 
 def _is_number(value: Any) -> bool:

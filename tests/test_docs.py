@@ -39,10 +39,8 @@ from hardware.emulation.wires import ShapeMemoryWires
 from hardware.live.feed import Feed
 from hardware.robot.journal import Journal
 from limb_systems import (
-    BendAngle,
     CalibrationRecord,
     HeatBounds,
-    InverseThermocoupleLag,
     JouleHeating,
     Limb,
     LimbParameters,
@@ -322,9 +320,7 @@ def make_system(monkeypatch, fig5_plan):
         Limb: Limb,
         JouleHeating: lambda: JouleHeating(parameters),
         ThermocoupleLag: lambda: ThermocoupleLag(parameters),
-        InverseThermocoupleLag: lambda: InverseThermocoupleLag(parameters),
         TorqueMap: lambda: TorqueMap(parameters),
-        BendAngle: lambda: BendAngle(parameters),
         LimbVisualizer: lambda: LimbVisualizer(parameters, Meshcat()),
         BendAngleController: lambda: BendAngleController(parameters, "right"),
         EquilibriumSchedule: lambda: EquilibriumSchedule([0.1]),

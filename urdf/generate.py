@@ -2,7 +2,7 @@
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any
 
 SILICONE_COLOR = "0.89 0.91 0.94 1"
 WIRE_COLOR = "0.45 0.45 0.5 1"
@@ -10,38 +10,7 @@ BRACKET_COLOR = "0.25 0.27 0.3 1"
 PI_2 = 1.5707963267948966
 
 
-class Wire(Protocol):
-    """What the URDF needs of a wire: its name, and where it runs along E2 and E3, m."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def e2(self) -> float: ...
-
-    @property
-    def e3(self) -> float: ...
-
-
-class Segment(Protocol):
-    """What the URDF needs of a segment, such as `limb_systems.SegmentParameters`.
-
-    Number of links; length, mass, width (E3) and thickness (E2) of the whole
-    segment, m and kg; damping of each joint, N·m·s/rad; its wires.
-    """
-
-    links: int
-    length: float
-    mass: float
-    width: float
-    thickness: float
-    damping: float
-
-    @property
-    def wires(self) -> Sequence[Wire]: ...
-
-
-def limb_urdf(segments: Sequence[Segment], name: str = "limb") -> str:
+def limb_urdf(segments: Sequence[Any], name: str = "limb") -> str:
     """URDF text of a serial chain of box-shaped links in the plane E1-E2.
 
     The base frame has E1 = +x, the axis of the straight limb, and E2 = +y.
@@ -53,7 +22,10 @@ def limb_urdf(segments: Sequence[Segment], name: str = "limb") -> str:
     joint springs; the manipulator adds them.
 
     Args:
-        segments: base first.
+        segments: base first, such as `limb_systems.SegmentParameters`: number of ``links``;
+            ``length``, ``mass``, ``width`` (E3) and ``thickness`` (E2) of the whole segment,
+            m and kg; ``damping`` of each joint, N·m·s/rad; ``wires``, each with its ``name``
+            and where it runs, ``e2`` and ``e3``, m.
         name: name of the model.
     """
     robot = ElementTree.Element("robot", name=name)

@@ -25,7 +25,7 @@ from limb_systems import (
     SegmentParameters,
     WireLaw,
 )
-from limb_systems.model.open_loop import OpenLoop, with_fields
+from limb_systems.model.ensemble import OpenLoop, with_fields
 
 AMBIENT_SPREAD = 1.5  # °C, between the rooms of two recordings
 READING_SPREAD = 1.0  # °C, of a wire from its thermocouple while both rest

@@ -87,8 +87,6 @@ def unknowns_of(
     """
     result = []
     for field in dataclasses.fields(law):  # type: ignore[arg-type]
-        if field.name in law.settings:
-            continue
         low, high = field.metadata["range"]
         unit = field.metadata["unit"]
         form = "+" if low > 0 else "-" if high < 0 else ""

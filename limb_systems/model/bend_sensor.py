@@ -20,11 +20,6 @@ def bend_angle_from_tip_tangent(tip_tangent: ArrayLike) -> np.ndarray:
     return np.asarray(tip_tangent, float) / 2
 
 
-def tip_tangent_from_bend_angle(bend_angle: ArrayLike) -> np.ndarray:
-    """α = 2 φ, what the sensor reads, for constant curvature (8)."""
-    return 2 * np.asarray(bend_angle, float)
-
-
 def chord_angle(joint_angles: ArrayLike) -> np.ndarray:
     """Angle of the chord from the base of a segment to its tip, φ = atan2(t·E2, t·E1).
 
@@ -113,7 +108,7 @@ class TipTangentSensor(BendSensor):
 
     def reading(self, bend_angle: ArrayLike) -> np.ndarray:
         """α = 2 φ."""
-        return tip_tangent_from_bend_angle(bend_angle)
+        return 2 * np.asarray(bend_angle, float)
 
     def exact_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
         """α/2 of the chain."""

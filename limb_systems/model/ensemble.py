@@ -1,15 +1,25 @@
-"""Limbs that a calibration cannot tell apart: draws from the covariance of its estimates."""
+"""Many limbs at once: draws from the covariance of a calibration, and their open-loop simulation.
+
+Heat and torque are those of the wires' laws. The limb follows its wires without
+delay: it rings at some hertz, and they heat within seconds. On a segment
+without gravity all joints turn alike, and each bend sensor then reads φ.
+"""
 
 import copy
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from limb_systems.model.open_loop import with_fields
-from limb_systems.model.parameters import LimbParameters, ParameterError, RestMemory
-from limb_systems.model.wire_law import WireLaw
+from limb_systems.model.parameters import (
+    LimbParameters,
+    ParameterError,
+    RestMemory,
+    SegmentParameters,
+)
+from limb_systems.model.rubber import ramp
+from limb_systems.model.wire_law import WireLaw, runge_kutta
 
 
 def draw_ensemble(parameters: LimbParameters, count: int, seed: int = 0) -> list[LimbParameters]:
@@ -104,3 +114,119 @@ def _owner(parameters: LimbParameters, name: str) -> tuple[Any, str]:
 def _range(owner: Any, name: str) -> tuple[float, float]:
     (field,) = (field for field in dataclasses.fields(owner) if field.name == name)
     return field.metadata["range"]
+
+
+class OpenLoop:
+    """R runs of one segment of W wires, over K steps.
+
+    Arrays begin with B, the number of sets of parameters that are simulated at
+    once, where they differ between these.
+
+    Args:
+        duty: its mean over each step (K, R, W), in [0, 1].
+        step: s.
+        segment: whose links and wires' directions count.
+    """
+
+    def __init__(self, duty: np.ndarray, step: float, segment: SegmentParameters):
+        self._duty, self.step, self._links = duty, step, segment.links
+        self._directions = np.array([wire.direction for wire in segment.wires])
+        self._sides = np.sign(self._directions)
+
+    def simulate(
+        self,
+        law: WireLaw,
+        ambient: np.ndarray,
+        initial: Sequence[np.ndarray],
+        rubber: Mapping[str, np.ndarray],
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """T, V and φ at the ends of the steps, by the classical Runge-Kutta method.
+
+        Args:
+            law: with fields of shape (B, 1, W).
+            ambient: T0 of each run (B, R), °C.
+            initial: states of the wires, then V, at the start, each (B, R, W).
+            rubber: ``stiffness``, N·m/rad, and ``rest_angle``, rad, each (B,);
+                optionally ``stiffening``, and ``shift``, rad, and ``rate``,
+                1/rad, of the rest angle's memory.
+
+        Returns:
+            T and V (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad.
+        """
+        heat = np.array(initial)
+        # All of one shape, because numpy takes half as long again to stretch small arrays.
+        every = heat.shape[1:]
+        law, room = _stretched(law, every), _full(ambient[..., None], every)
+        _keep_within(law, heat)
+        num_steps = len(self._duty)
+        temperatures = np.empty((num_steps + 1, *heat.shape[1:]))
+        readings = np.empty_like(temperatures)
+        bends = np.empty((num_steps + 1, *ambient.shape))
+        to_bend = (self._links + 1) / 2  # (11)
+        stiffness, rest = rubber["stiffness"][:, None], rubber["rest_angle"][:, None]
+        angle = np.zeros(ambient.shape)  # of each joint, from rest
+        alone = np.zeros(heat.shape[1:])  # bend angle that each wire would hold alone
+        shift = np.zeros(ambient.shape)  # of the rest angle by its memory
+
+        def heat_rates(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+            rates, x = np.empty_like(heat), list(heat[:-1])
+            for row, rate in zip(rates, law.rates(x, duty, room), strict=False):
+                row[...] = rate
+            rates[-1] = law.reading_rate(heat[-1], x)
+            return rates
+
+        for number in range(num_steps + 1):
+            temperatures[number], readings[number] = heat[0], heat[-1]
+            theta = (angle + rest / to_bend)[..., None]
+            torques = law.torque(list(heat[:-1]), room, theta) * self._directions
+            before, alone = alone, to_bend / stiffness[..., None] * np.abs(torques)
+            if "shift" in rubber and number:
+                progress = self.step * ramp((alone - before) / self.step)
+                towards = rubber["shift"][:, None] * (progress * self._sides).sum(axis=-1)
+                pace = rubber["rate"][:, None]
+                shift = (shift + pace * towards) / (1 + pace * progress.sum(axis=-1))
+            pull = torques.sum(axis=-1) / stiffness + shift / to_bend
+            angle = self._at_rest(pull, angle, rubber)
+            bends[number] = rest + to_bend * angle
+            if number < num_steps:
+                duty = _full(self._duty[number], every)
+                heat = runge_kutta(heat_rates, heat, (duty, duty, duty), self.step)
+                _keep_within(law, heat)
+        return temperatures, readings, bends
+
+    def _at_rest(
+        self, pull: np.ndarray, angle: np.ndarray, rubber: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        """Joint angle that a torque over k holds, from the angle before, by Newton's method."""
+        if "stiffening" not in rubber:
+            return pull
+        at_45 = np.pi / 2 / (self._links + 1)
+        cubic = rubber["stiffening"][:, None] / at_45**2
+        for _ in range(2):
+            excess = angle + cubic * angle**3 - pull
+            angle = angle - excess / (1 + 3 * cubic * angle**2)
+        return angle
+
+
+def with_fields(law: type[WireLaw], fields: Mapping[str, np.ndarray]) -> WireLaw:
+    """A law of a class with arrays for fields, for calculations alone."""
+    together = copy.copy(law())
+    for name, values in fields.items():
+        setattr(together, name, values)
+    return together
+
+
+def _stretched(law: WireLaw, shape: tuple[int, ...]) -> WireLaw:
+    arrays = {name: value for name, value in vars(law).items() if isinstance(value, np.ndarray)}
+    return with_fields(type(law), {**vars(law), **{n: _full(a, shape) for n, a in arrays.items()}})
+
+
+def _full(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    return np.ascontiguousarray(np.broadcast_to(array, shape))
+
+
+def _keep_within(law: WireLaw, heat: np.ndarray) -> None:
+    """Keeps what the law remembers in its range: starts and long steps may be beyond."""
+    for row, state in zip(heat, law.states, strict=False):
+        if np.isfinite(law.memory.get(state, np.inf)).any():
+            np.clip(row, *law.memory[state], out=row)

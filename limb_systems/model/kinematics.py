@@ -5,15 +5,10 @@ A bend angle is that of the chord from a segment's base to its tip, in the
 frame of its base: φ = atan2(t·E2, t·E1).
 """
 
-import sys
-
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import LeafSystem_
-from pydrake.systems.scalar_conversion import TemplateSystem
 
 from limb_systems.model.bend_sensor import chord_angle
-from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import LimbParameters
 
 
@@ -70,42 +65,3 @@ def joint_angles_from_bend_angle(parameters: LimbParameters, bend_angle: ArrayLi
 def rest_joint_angles(parameters: LimbParameters) -> np.ndarray:
     """θ (joints,), rad, at which the rubber rests with wires that were never heated, by (11)."""
     return joint_angles_from_bend_angle(parameters, [s.rest_angle for s in parameters.segments])
-
-
-@TemplateSystem.define("BendAngle_", scope=sys.modules[__name__])  # to find it out takes 50 ms
-def BendAngle_(T):
-    """`BendAngle` for the scalar type T: float, AutoDiffXd or Expression."""
-
-    class Impl(LeafSystem_[T]):
-        """The bend angle of each segment, φ = atan2(t·E2, t·E1) (Sec. VI).
-
-        - input 0 ``joint_state``: [θ, θ̇] (2 * joints), rad and rad/s
-        - output 0 ``bend_angle``: φ (segments), rad
-        """
-
-        __slots__ = ()  # see limb_systems.model.ownership
-
-        def _construct(self, parameters: LimbParameters, converter=None):
-            LeafSystem_[T].__init__(self, converter=converter)
-            self._parameters = parameters
-            self.set_name("bend_angle")
-            joint_state = self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
-            self.DeclareVectorOutputPort(
-                "bend_angle",
-                len(parameters.segments),
-                weak_method(self._calc),
-                {self.input_port_ticket(joint_state.get_index())},
-            )
-
-        def _construct_copy(self, other, converter=None):
-            Impl._construct(self, other._parameters, converter=converter)
-
-        def _calc(self, context, output):
-            joint_angles = self.get_input_port().Eval(context)[: self._parameters.num_joints]
-            output.SetFromVector(bend_angle(self._parameters, joint_angles))
-
-    return Impl
-
-
-BendAngle = BendAngle_[None]
-BendAngle.__qualname__ = "BendAngle"  # for the documentation; Drake adds the scalar type

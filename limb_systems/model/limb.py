@@ -4,16 +4,15 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import MatrixGain, Multiplexer
 
-from limb_systems.model.kinematics import BendAngle
-from limb_systems.model.law_function import LawDynamics, LawFunction
+from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.manipulator import make_manipulator
-from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.thermal import JouleHeating, ThermocoupleLag
-from limb_systems.model.torque_map import TorqueMap
-from limb_systems.model.wires import Wires, num_wire_states
+from limb_systems.model.parameters import LimbParameters, ParameterError
+from limb_systems.model.wire_blocks import LawFunction, make_blocks
+from limb_systems.model.wire_law import LinearLaw
+from limb_systems.model.wires import num_wire_states
 
 
 class Limb(Diagram):
@@ -25,7 +24,7 @@ class Limb(Diagram):
         duty ──▶│ JouleHeating ├─┬─▶│ TorqueMap ├───▶│ manipulator ├─┬──▶ joint_state
                 │     (6)      │ │  │    (4)    │    │   (1)-(2)   │ │
                 └──────────────┘ │  └───────────┘    └─────────────┘ │  ┌───────────┐
-                                 ├──▶ wire_temperature               └─▶│ BendAngle ├──▶ bend_angle
+                                 ├──▶ wire_temperature               └─▶│ φ = atan2 ├──▶ bend_angle
                                  │  ┌─────────────────┐                 └───────────┘
                                  └─▶│ ThermocoupleLag ├──▶ measured_temperature
                                     │       (7)       │
@@ -69,10 +68,14 @@ class Limb(Diagram):
         builder = DiagramBuilder()
         manipulator = builder.AddSystem(make_manipulator(parameters))
         heating, lag, torque_map = map(builder.AddSystem, make_blocks(parameters))
-        bend_angle = builder.AddSystem(BendAngle(parameters))
         joint_state = manipulator.get_state_output_port()
         wire_state = heating.get_output_port()
         num_wires, num_segments = len(parameters.wires), len(parameters.segments)
+        n = parameters.num_joints
+        bend = builder.AddNamedSystem(
+            "bend_angle",
+            LawFunction(lambda state: bend_angle(parameters, state[:n]), [2 * n], num_segments),
+        )
         measurement = builder.AddSystem(Multiplexer([num_wires, num_segments]))
 
         builder.Connect(wire_state, torque_map.get_input_port(0))
@@ -82,9 +85,9 @@ class Limb(Diagram):
         builder.Connect(
             torque_map.get_output_port(), manipulator.get_applied_generalized_force_input_port()
         )
-        builder.Connect(joint_state, bend_angle.get_input_port())
+        builder.Connect(joint_state, bend.get_input_port())
         builder.Connect(lag.get_output_port(), measurement.get_input_port(0))
-        builder.Connect(bend_angle.get_output_port(), measurement.get_input_port(1))
+        builder.Connect(bend.get_output_port(), measurement.get_input_port(1))
         wire_temperature = wire_state
         if wire_state.size() > num_wires:
             first = builder.AddSystem(MatrixGain(np.eye(num_wires, wire_state.size())))
@@ -93,44 +96,12 @@ class Limb(Diagram):
 
         builder.ExportInput(heating.get_input_port(), "duty")
         builder.ExportOutput(lag.get_output_port(), "measured_temperature")
-        builder.ExportOutput(bend_angle.get_output_port(), "bend_angle")
+        builder.ExportOutput(bend.get_output_port(), "bend_angle")
         builder.ExportOutput(wire_temperature, "wire_temperature")
         builder.ExportOutput(joint_state, "joint_state")
         builder.ExportOutput(measurement.get_output_port(), "measurement")
         builder.BuildInto(self)
         self.set_name(name)
-
-
-def make_blocks(parameters: LimbParameters) -> tuple[System, System, System]:
-    """The blocks of heat, measurement and torque, affine if the wires' laws are."""
-    wires, n = Wires(parameters), parameters.num_joints
-    heating: System
-    lag: System
-    torque_map: System
-    if wires.rates_are_affine:
-        heating, lag = JouleHeating(parameters), ThermocoupleLag(parameters)
-    else:
-        cold = wires.cold_states
-        heating = LawDynamics(wires.rates, wires.num_wires, cold)
-        lag = LawDynamics(wires.reading_rates, wires.num_states, cold[: wires.num_wires])
-    if wires.torque_is_affine:
-        torque_map = TorqueMap(parameters)
-    elif wires.torque_needs_angle:
-        torque_map = LawFunction(
-            lambda states, joint_state: wires.forces(states, joint_state[:n]),
-            [wires.num_states, 2 * n],
-            n,
-        )
-    else:
-        straight = np.zeros(n)
-        torque_map = LawFunction(
-            lambda states: wires.forces(states, straight), [wires.num_states], n
-        )
-    for block, name in zip(
-        (heating, lag, torque_map), ("joule_heating", "thermocouple_lag", "torque_map"), strict=True
-    ):
-        block.set_name(name)
-    return heating, lag, torque_map
 
 
 def to_paper_state(parameters: LimbParameters, state: ArrayLike) -> np.ndarray:
@@ -170,5 +141,7 @@ def split_state(
 
 
 def _a3(parameters: LimbParameters, like: np.ndarray) -> np.ndarray:
-    a3 = np.array([wire.linear_law.a3 for wire in parameters.wires])
-    return a3.reshape(-1, *[1] * (like.ndim - 1))
+    laws = [wire.law for wire in parameters.wires if isinstance(wire.law, LinearLaw)]
+    if len(laws) < len(parameters.wires):
+        raise ParameterError("Only wires with the paper's LinearLaw have the paper's state (14).")
+    return np.array([law.a3 for law in laws]).reshape(-1, *[1] * (like.ndim - 1))

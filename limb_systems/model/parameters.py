@@ -65,20 +65,6 @@ class WireParameters(Strict):
         """Of its torque in the bending plane, from -1 to 1."""
         return self.e2 / float(np.hypot(self.e2, self.e3))
 
-    @property
-    def linear_law(self) -> LinearLaw:
-        """Its law, where only the paper's is supported.
-
-        Raises:
-            ParameterError: if it has another law.
-        """
-        if not isinstance(self.law, LinearLaw):
-            raise ParameterError(
-                f"The {self.name} wire has a {type(self.law).__name__}, but only the paper's "
-                "LinearLaw is supported here."
-            )
-        return self.law
-
 
 @dataclasses.dataclass
 class RestMemory(Strict):

@@ -32,13 +32,10 @@ class WireLaw(Tagged):
       first. The value of each is a typical change, by which solvers scale it.
     - ``memory``: names of states that stay where T does, and so keep what happened to the
       wire, each with the least and the largest value that it can have.
-    - ``settings``: names of fields that are chosen, not properties of a wire,
-      which calibration leaves as they are.
     """
 
     states: ClassVar[dict[str, float]] = {"T": TEMPERATURE_SCALE}
     memory: ClassVar[dict[str, tuple[float, float]]] = {}
-    settings: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def is_temperature(cls, state: str) -> bool:

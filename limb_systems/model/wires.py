@@ -13,6 +13,8 @@ from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.rubber import REST_SCALE, NonlinearRubber, num_rest_shifts
 from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw, runge_kutta, within
 
+LONGEST_STEP = 0.1  # s, of an integration
+
 
 @dataclasses.dataclass(frozen=True)
 class _Alike:
@@ -306,24 +308,33 @@ class Wires:
         A, B = slopes[:N, :N], slopes[:N, N + W :]
         return A, B, self.rates(self.cold_states, np.zeros(W)) - A @ self.cold_states
 
-    def at_constant_duty(
-        self, states: np.ndarray, duty: np.ndarray, times: np.ndarray
+    def under_duty(
+        self,
+        states: np.ndarray,
+        duty: np.ndarray,
+        times: np.ndarray,
+        longest_step: float = LONGEST_STEP,
     ) -> np.ndarray:
-        """The states (K, N) at times (K,), s, under constant duty (W,), from states (N,) at time 0.
+        """The states (K, N) under duty (K, W) at times (K,), s, and linear between.
 
-        By the classical Runge-Kutta method, in steps a tenth of the fastest time constant of
-        cold wires.
+        By the classical Runge-Kutta method, in steps of half the fastest time constant of
+        cold wires at most.
+
+        Args:
+            states: those at the first time (N,).
+            longest_step: of the integration, s; warm wires may have states that are faster.
         """
         fastest = np.abs(np.linalg.eigvals(self.affine_rates()[0])).max()
-        now, courses = 0.0, []
-        for time in times:
-            num_steps = int(np.ceil((time - now) * max(10 * fastest, 1 / _LONGEST_STEP)))
-            h = (time - now) / max(1, num_steps)
-            for _ in range(num_steps):
-                states = self.within(runge_kutta(self.rates, states, (duty, duty, duty), h))
-            now = time
-            courses.append(states)
-        return np.array(courses)
+        course = [states]
+        for k, length in enumerate(np.diff(times)):
+            num_steps = int(np.ceil(length * max(2 * fastest, 1 / longest_step) - 1e-9))
+            shares = np.linspace(0, 1, 2 * num_steps + 1)[:, None]
+            levels = duty[k] + shares * (duty[k + 1] - duty[k])
+            for step in range(num_steps):
+                ends = levels[2 * step : 2 * step + 3]
+                states = self.within(runge_kutta(self.rates, states, ends, length / num_steps))
+            course.append(states)
+        return np.array(course)
 
     def settled_states(self, temperature: np.ndarray) -> np.ndarray:
         """The states (N,) of cold wires that were heated to T (W,), °C, until they settled.
@@ -375,7 +386,6 @@ def num_wire_states(parameters: LimbParameters) -> int:
 
 
 _TIME_STEP = 1e-3  # s, of differences along the states' rates
-_LONGEST_STEP = 0.5  # s, of integrations; warm wires may have states that are faster than cold ones
 _FORMS: dict[tuple, tuple[Derivatives, Derivatives]] = {}
 _MOST_FORMS = 64
 

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, Protocol
 
+import ipyopt
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import (
@@ -23,11 +24,6 @@ from pydrake.solvers import (
     SolutionResult,
     SolverOptions,
 )
-
-try:
-    import ipyopt
-except ModuleNotFoundError:  # no wheel for this machine; Ctrl-C makes another ImportError
-    ipyopt = None  # type: ignore[assignment]
 
 OPTIONS = {
     "mu_strategy": "adaptive",
@@ -174,11 +170,6 @@ class ExactHessianIpoptSolver:
     ):
         self._exact, self._nonlinear, self._on_iteration = exact, nonlinear, on_iteration
 
-    @staticmethod
-    def available() -> bool:
-        """Whether the package `ipyopt` is installed."""
-        return ipyopt is not None
-
     def Solve(
         self,
         prog: MathematicalProgram,
@@ -225,45 +216,56 @@ class ExactHessianIpoptSolver:
         return IpoptResult(prog, x, problem.cost.evaluate(x), _solution_result(status), details)
 
 
-class BindingBlock:
-    """Constraints of a program, evaluated by Drake's AutoDiff."""
+class _Evaluators:
+    """Costs or constraints of a program, side by side, evaluated by Drake's AutoDiff.
+
+    - ``rows``, ``columns``: of the nonzeros of the Jacobian.
+    - ``hessian_rows``, ``hessian_columns``: of the Hessian's lower triangle.
+    """
+
+    def __init__(self, prog: MathematicalProgram, bindings: Sequence[Binding]):
+        self._parts = [
+            (binding.evaluator(), np.array(prog.FindDecisionVariableIndices(binding.variables())))
+            for binding in bindings
+        ]
+        sizes = [evaluator.num_outputs() for evaluator, _ in self._parts]
+        self._ends = np.cumsum(sizes)[:-1]
+        numbers = np.split(np.arange(sum(sizes)), self._ends)
+        grids = [
+            np.meshgrid(rows, indices, indexing="ij")
+            for rows, (_, indices) in zip(numbers, self._parts, strict=False)
+        ]
+        self.rows = _concatenate([rows.ravel() for rows, _ in grids], int)
+        self.columns = _concatenate([columns.ravel() for _, columns in grids], int)
+        pairs = [indices[np.array(np.tril_indices(len(indices)))] for _, indices in self._parts]
+        self.hessian_rows = _concatenate([pair.max(axis=0) for pair in pairs], int)
+        self.hessian_columns = _concatenate([pair.min(axis=0) for pair in pairs], int)
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        return _concatenate([evaluator.Eval(x[indices]) for evaluator, indices in self._parts])
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        return _concatenate([_gradient(part, x[where]).ravel() for part, where in self._parts])
+
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        weights = np.split(multipliers, self._ends)
+        return _concatenate(
+            [
+                _weighted_hessian(evaluator, x[indices], weight)
+                for (evaluator, indices), weight in zip(self._parts, weights, strict=False)
+            ]
+        )
+
+
+class _Constraints(_Evaluators):
+    """Constraints of a program as a `ConstraintBlock`."""
 
     replaces: Collection[Binding] = ()
 
     def __init__(self, prog: MathematicalProgram, bindings: Sequence[Binding]):
-        self._bindings = [
-            (binding.evaluator(), np.array(prog.FindDecisionVariableIndices(binding.variables())))
-            for binding in bindings
-        ]
-        sizes = [evaluator.num_constraints() for evaluator, _ in self._bindings]
-        self._starts = np.cumsum([0, *sizes])
-        grids = [
-            np.meshgrid(np.arange(start, start + size), indices, indexing="ij")
-            for start, size, (_, indices) in zip(self._starts, sizes, self._bindings, strict=False)
-        ]
-        self.rows = _concatenate([grid[0].ravel() for grid in grids], int)
-        self.columns = _concatenate([grid[1].ravel() for grid in grids], int)
-        self.lower = _concatenate([evaluator.lower_bound() for evaluator, _ in self._bindings])
-        self.upper = _concatenate([evaluator.upper_bound() for evaluator, _ in self._bindings])
-        self.hessian_rows, self.hessian_columns = _lower_triangles(self._bindings)
-
-    def evaluate(self, x: np.ndarray) -> np.ndarray:
-        return _concatenate([evaluator.Eval(x[indices]) for evaluator, indices in self._bindings])
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        return _concatenate(
-            [_gradient(evaluator, x[indices]).ravel() for evaluator, indices in self._bindings]
-        )
-
-    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        return _concatenate(
-            [
-                _weighted_hessian(evaluator, x[indices], multipliers[start:end])
-                for (evaluator, indices), start, end in zip(
-                    self._bindings, self._starts, self._starts[1:], strict=False
-                )
-            ]
-        )
+        super().__init__(prog, bindings)
+        self.lower = _concatenate([evaluator.lower_bound() for evaluator, _ in self._parts])
+        self.upper = _concatenate([evaluator.upper_bound() for evaluator, _ in self._parts])
 
 
 class _ScaledProblem:
@@ -284,9 +286,9 @@ class _ScaledProblem:
                 "cones; the program has others."
             )
         self.cost = _Cost(prog)
-        self._linear = BindingBlock(prog, linear)
+        self._linear = _Constraints(prog, linear)
         replaced = set() if nonlinear is None else set(nonlinear.replaces)
-        others = BindingBlock(prog, [b for b in curved if b not in replaced])
+        others = _Constraints(prog, [b for b in curved if b not in replaced])
         self._curved: list[ConstraintBlock] = [others] if nonlinear is None else [others, nonlinear]
         self._blocks: list[ConstraintBlock] = [*self._curved, self._linear]
         # Those at the front, whose second derivatives are used.
@@ -397,34 +399,32 @@ class _Cost:
                 values.append(Q[row, column])
         self._rows, self._columns = _concatenate(rows, int), _concatenate(columns, int)
         self._values = _concatenate(values)
-        num_known = len(prog.quadratic_costs()) + len(prog.linear_costs())
-        self._others = [
-            (binding.evaluator(), np.array(prog.FindDecisionVariableIndices(binding.variables())))
-            for binding in (prog.GetAllCosts() if num_known < len(prog.GetAllCosts()) else [])
-            if not hasattr(binding.evaluator(), "Q") and not hasattr(binding.evaluator(), "a")
-        ]
+        known = len(prog.quadratic_costs()) + len(prog.linear_costs())
+        self._others = _Evaluators(
+            prog,
+            [
+                binding
+                for binding in (prog.GetAllCosts() if known < len(prog.GetAllCosts()) else [])
+                if not hasattr(binding.evaluator(), "Q") and not hasattr(binding.evaluator(), "a")
+            ],
+        )
         self._triangle = self._rows >= self._columns
-        others = _lower_triangles(self._others)
-        self.rows = np.concatenate([self._rows[self._triangle], np.maximum(*others)])
-        self.columns = np.concatenate([self._columns[self._triangle], np.minimum(*others)])
+        self.rows = np.append(self._rows[self._triangle], self._others.hessian_rows)
+        self.columns = np.append(self._columns[self._triangle], self._others.hessian_columns)
 
     def evaluate(self, x: np.ndarray) -> float:
-        others = sum(evaluator.Eval(x[indices])[0] for evaluator, indices in self._others)
         # No dot product of BLAS: its threads have been seen to stall on busy machines.
-        return float((x * (0.5 * self._times(x) + self._b)).sum() + self._c + others)
+        quadratic = (x * (0.5 * self._times(x) + self._b)).sum() + self._c
+        return float(quadratic + self._others.evaluate(x).sum())
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         gradient = self._times(x) + self._b
-        for evaluator, indices in self._others:
-            np.add.at(gradient, indices, _gradient(evaluator, x[indices])[0])
+        np.add.at(gradient, self._others.columns, self._others.jacobian(x))
         return gradient
 
     def hessian(self, x: np.ndarray) -> np.ndarray:
-        others = [
-            _weighted_hessian(evaluator, x[indices], np.ones(1))
-            for evaluator, indices in self._others
-        ]
-        return np.concatenate([self._values[self._triangle], *others])
+        others = self._others.hessian(x, np.ones(self._others.rows.max(initial=-1) + 1))
+        return np.append(self._values[self._triangle], others)
 
     def _times(self, x: np.ndarray) -> np.ndarray:
         products = self._values * x[self._columns]
@@ -480,43 +480,20 @@ def _bounds(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:
 
 def _gradient(evaluator, x: np.ndarray) -> np.ndarray:
     """(rows, variables); zero where the evaluator does not depend on them."""
-    if hasattr(evaluator, "Q"):
-        return (evaluator.Q() @ x + evaluator.b())[None]
     values = evaluator.Eval(InitializeAutoDiff(x)[:, 0])
     gradient = ExtractGradient(values)
     return gradient if gradient.size else np.zeros((len(ExtractValue(values)), len(x)))
 
 
 def _weighted_hessian(evaluator, x: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Nonzeros of the Hessian of weights · evaluator, as in `_triangle`.
-
-    By differences of gradients, unless it is quadratic.
-    """
-    if hasattr(evaluator, "Q"):
-        return weights[0] * evaluator.Q()[_triangle(evaluator, len(x))]
+    """The lower triangle of the Hessian of weights · evaluator, by differences of gradients."""
     hessian = np.empty((len(x), len(x)))
     for index, value in enumerate(x):
         step = np.zeros(len(x))
         step[index] = 1e-5 * max(1.0, abs(value))
         change = _gradient(evaluator, x + step) - _gradient(evaluator, x - step)
         hessian[index] = weights @ change / (2 * step[index])
-    return (0.5 * (hessian + hessian.T))[_triangle(evaluator, len(x))]
-
-
-def _triangle(evaluator, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where the lower triangle of an evaluator's Hessian may not be zero."""
-    if not hasattr(evaluator, "Q"):
-        return np.tril_indices(size)
-    rows, columns = np.nonzero(np.tril(evaluator.Q()))
-    return rows, columns
-
-
-def _lower_triangles(bindings: Sequence[tuple]) -> tuple[np.ndarray, np.ndarray]:
-    """Rows and columns of the Hessians of evaluators of some variables, as in `_triangle`."""
-    places = [(indices, _triangle(evaluator, len(indices))) for evaluator, indices in bindings]
-    rows = _concatenate([indices[row] for indices, (row, _) in places], int)
-    columns = _concatenate([indices[column] for indices, (_, column) in places], int)
-    return rows, columns
+    return (0.5 * (hessian + hessian.T))[np.tril_indices(len(x))]
 
 
 def _concatenate(arrays: Sequence[np.ndarray], dtype=float) -> np.ndarray:

@@ -23,7 +23,6 @@ from pydrake.solvers import (
 )
 
 from limb_systems import LimbParameters, Wires, joint_angles_from_bend_angle
-from limb_systems.model.wire_law import runge_kutta
 from planners.task import Task
 from planners.transcription.collocation import linear_defect
 from planners.transcription.program import (
@@ -44,7 +43,7 @@ MAX_TANGENTS = 3
 LITTLE = 0.02  # relative; a tangent that reduces the cost by less is the last
 CHORD_POINTS = 9
 TABLE_SIZE = 200  # of torque over temperature
-LONGEST_STEP = 0.1  # s, of an integration
+CHECK_STEP = 0.5  # s, of an integration that says whether limits can be met
 
 
 class InfeasibleError(PlanningError):
@@ -90,8 +89,9 @@ def check_temperature_limits(
 
     def course(level: float, which: int | slice, until: np.ndarray) -> np.ndarray:
         """T of a wire (K,), or of several (K, ..), at times (K,) with all wires at this duty."""
-        duty = np.full(wires.num_wires, level)
-        return wires.at_constant_duty(initial_states, duty, until)[:, which]
+        duty = np.full((len(until) + 1, wires.num_wires), level)
+        until = np.append(0.0, until)
+        return wires.under_duty(initial_states, duty, until, CHECK_STEP)[1:, which]
 
     each = slice(0, wires.num_wires)
     cooled = course(0.0, each, times[1:2])[0]
@@ -194,10 +194,10 @@ def solve_quasi_static(
         return angles + offset, slopes
 
     states, duty = program.minimize(corrected)
-    states = under_duty(wires, initial_states, duty, times)
+    states = wires.under_duty(initial_states, duty, times)
     offset = held(states)[0] - heated(states)[0]
     _, duty = program.minimize(corrected, (states, duty), max_tangents=1)
-    return under_duty(wires, initial_states, duty, times).T, duty.T
+    return wires.under_duty(initial_states, duty, times).T, duty.T
 
 
 class _ConvexProgram:
@@ -384,25 +384,6 @@ def readings_along(
         offset = measured[k] - settled[0] - behind
         measured[k + 1] = settled[1] + behind + np.exp(rate * step) * offset
     return measured
-
-
-def under_duty(
-    wires: Wires, initial_states: np.ndarray, duty: np.ndarray, times: np.ndarray
-) -> np.ndarray:
-    """The states (K, N) of wires under duty (K, W) at times (K,), s, and linear between.
-
-    By the classical Runge-Kutta method.
-    """
-    fastest = np.abs(np.linalg.eigvals(wires.affine_rates()[0])).max()
-    states = [initial_states]
-    for k, length in enumerate(np.diff(times)):
-        num_steps = int(np.ceil(length * max(2 * fastest, 1 / LONGEST_STEP) - 1e-9))
-        h, x = length / num_steps, states[-1]
-        levels = duty[k] + np.linspace(0, 1, 2 * num_steps + 1)[:, None] * (duty[k + 1] - duty[k])
-        for step in range(num_steps):
-            x = wires.within(runge_kutta(wires.rates, x, levels[2 * step : 2 * step + 3], h))
-        states.append(x)
-    return np.array(states)
 
 
 def quasi_static_angles(

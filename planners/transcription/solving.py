@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from pydrake.solvers import IpoptSolver, SnoptSolver, SolverInterface, SolverOptions
+from pydrake.solvers import IpoptSolver, SolverInterface, SolverOptions
 
 from limb_systems import LimbError
 from limb_systems.progress import Progress
@@ -62,8 +62,7 @@ def solve_program(
     3. the same with a monotone barrier.
 
     All of them together end after `LONGEST_SOLVE`, and Ctrl-C ends each of them
-    after an iteration. If `ipyopt` is not installed, Drake's
-    `IpoptSolver` and then SNOPT replace them, which heed no signal until they return.
+    after an iteration.
 
     Args:
         guess: for all decision variables.
@@ -123,10 +122,6 @@ def _attempts(program: TrajectoryProgram, guess, multipliers, solver, report: Ca
         solver = ExactHessianIpoptSolver(exact=exact, nonlinear=nonlinear, on_iteration=report)
         return solver.Solve(program.prog, guess, solver_options, multipliers=multipliers)
 
-    if not ExactHessianIpoptSolver.available():
-        yield "Drake's IPOPT", lambda: IpoptSolver().Solve(program.prog, guess, None)
-        yield "SNOPT", lambda: SnoptSolver().Solve(program.prog, guess, None)
-        return
     limit = {"max_iter": GAUSS_NEWTON_ITERATIONS}
     if program.task.stretch is None and program.wires_curve:
         of_wires = program.defects.with_curvature_of_wires()

@@ -36,14 +36,14 @@ def test_host_and_board_have_the_same_ranges_and_nominal_bounds():
     """The board cannot import the host's."""
     ranges = [field.metadata["range"] for field in dataclasses.fields(HeatBounds)]
     assert ranges == list(heat.RANGES)
-    nominal = HeatBounds.around(LimbParameters().wires[0].linear_law)
+    nominal = HeatBounds.around(LimbParameters().wires[0].law)
     for bounds in (HeatBounds(), nominal):
         np.testing.assert_allclose(dataclasses.astuple(bounds), heat.NOMINAL, rtol=3e-3)
 
 
 def test_bounds_of_a_limb_contain_its_other_motions():
     limb = LimbParameters()
-    described = HeatBounds.around(limb.wires[0].linear_law)
+    described = HeatBounds.around(limb.wires[0].law)
     for fitted in fit_heat_bounds([simulate(Limb(limb), [0.2, 0.3], 30.0)], limb):
         assert fitted.slowest_cooling > described.slowest_cooling
         assert fitted.least_heating > described.least_heating

@@ -5,7 +5,7 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
 
 from limb_systems import (
-    BendAngle,
+    Limb,
     LimbParameters,
     SegmentParameters,
     bend_angle,
@@ -119,15 +119,16 @@ def test_many_samples_at_once_are_as_one_by_one(uneven_limb):
         np.testing.assert_allclose(bend_angle(uneven_limb, all_joints[:, k]), bends[:, k])
 
 
-def test_block_ignores_the_rates_and_gives_the_plants_bend(uneven_limb):
-    block = BendAngle(uneven_limb)
-    context = block.CreateDefaultContext()
+def test_bend_angles_are_the_plants(uneven_limb):
     angles = np.array([0.2, -0.3, 0.5, 0.1, 0.4])
-    block.get_input_port().FixValue(context, np.append(angles, [9.0, -8.0, 7.0, -6.0, 5.0]))
     x1, y1 = plant_tip(uneven_limb, angles, segment=0)
     x2, y2 = plant_tip(uneven_limb, angles, segment=1, base="link_3")
     expected = [np.arctan2(y1, x1), np.arctan2(y2, x2 - 0.03)]
-    np.testing.assert_allclose(block.get_output_port().Eval(context), expected, atol=1e-12)
+    np.testing.assert_allclose(bend_angle(uneven_limb, angles), expected, atol=1e-12)
+    limb = Limb(uneven_limb)
+    context, rates = limb.CreateDefaultContext(), [9.0, -8.0, 7.0, -6.0, 5.0]
+    context.SetContinuousState(np.concatenate([angles, rates, np.full(8, 25.0)]))
+    np.testing.assert_allclose(limb.GetOutputPort("bend_angle").Eval(context), expected, atol=1e-12)
 
 
 def test_gradient_for_small_angles_is_that_of_the_chord():

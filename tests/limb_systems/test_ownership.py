@@ -8,7 +8,7 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from hardware import LimbTwin
-from limb_systems import BendAngle, JouleHeating, Limb, LimbParameters, simulate
+from limb_systems import JouleHeating, Limb, LimbParameters, simulate
 from planners import TrajectoryProgram
 
 
@@ -35,7 +35,6 @@ def limb_of_a_program():
     [
         Limb,
         LimbTwin,
-        lambda: BendAngle(LimbParameters()),
         lambda: JouleHeating(LimbParameters()),
         limb_in_a_diagram,
         simulated_limb,

@@ -11,7 +11,6 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
 from limb_systems import (
-    InverseThermocoupleLag,
     JouleHeating,
     LimbParameters,
     ThermocoupleLag,
@@ -98,17 +97,6 @@ def test_signs_duty_heats_ambient_cools_and_measurement_lags():
     cooler, cooler_measured = temperatures(cooling)
     assert 25.0 < cooler[1] < wire[1]
     assert cooler_measured[1] > cooler[1]  # cooling: behind again, now above
-
-
-def test_inverse_of_the_lag_gives_the_wire_temperature_back(uneven_limb):
-    rng = np.random.default_rng(2)
-    inverse = InverseThermocoupleLag(uneven_limb)
-    context = inverse.CreateDefaultContext()
-    for time in (0.0, 0.5, 5.0, 50.0):
-        duty, (wire0, measured0) = rng.uniform(0, 1, 4), rng.uniform(20, 120, (2, 4))
-        wire, measured, rate = exact_temperatures(uneven_limb, duty, wire0, measured0, time)
-        inverse.get_input_port().FixValue(context, np.concatenate([measured, rate]))
-        np.testing.assert_allclose(inverse.get_output_port().Eval(context), wire, rtol=1e-12)
 
 
 def torque(parameters, wire_temperature) -> np.ndarray:

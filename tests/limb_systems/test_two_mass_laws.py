@@ -20,10 +20,9 @@ from limb_systems import (
     Wires,
     simulate,
 )
-from limb_systems.model.open_loop import OpenLoop
+from limb_systems.model.ensemble import OpenLoop
 from limb_systems.model.two_mass_laws import BACKLASH
 from limb_systems.simulation import make_simulator
-from planners.transcription.quasi_static import under_duty
 
 LAWS = [TwoMassLaw, ThresholdLaw, SaturatingLaw, HystereticLaw]
 ROOM = 25.0
@@ -57,8 +56,8 @@ def test_heat_of_two_masses_is_the_matrix_exponential():
         T, _, V, _ = expm(np.array(rates) * time) @ [0.0, 0.0, 0.0, 0.3]
         np.testing.assert_allclose([row[k] for row in found], [25 + T, 25 + V], atol=1e-4)
     # In the end the silicone passes on all that it gets.
-    (settled,) = Wires(limb_with(law, law)).at_constant_duty(
-        np.full(4, 25.0), np.array([0.0, 0.3]), np.array([2000.0])
+    _, settled = Wires(limb_with(law, law)).under_duty(
+        np.full(4, 25.0), np.array([[0.0, 0.3]] * 2), np.array([0.0, 2000.0]), longest_step=1.0
     )
     silicone = 0.3 * 15.0 / 0.1 * 0.02 / 0.03
     np.testing.assert_allclose(settled[[1, 3]], [25 + silicone + 45.0, 25 + silicone], atol=1e-6)
@@ -160,8 +159,7 @@ def test_the_share_stays_from_0_to_1_in_every_simulation(start):
         states = np.array([T, T, 30.0, 30.0, T - 3.0, T + 3.0, start, start])
         cases = {
             "steps": ReducedModel(limb).rollout(np.r_[states, T, T], duty.repeat(4, 0))[:, 6:8],
-            "planner": under_duty(wires, states, duty, 0.4 * np.arange(120))[:, 6:8],
-            "constant duty": wires.at_constant_duty(states, duty[0], np.arange(1.0, 30.0))[:, 6:],
+            "planner": wires.under_duty(states, duty, 0.4 * np.arange(120))[:, 6:8],
         }
         system = Limb(limb)
         simulator = make_simulator(system)

@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -139,24 +137,6 @@ def test_a_signal_at_a_feasible_point_raises_what_its_handler_does(number):
         assert signal.getsignal(number) is handler
     finally:
         signal.signal(number, before)
-
-
-def test_ctrl_c_amid_the_import_of_the_wheel_is_not_its_absence():
-    """It becomes an ImportError in a module that is C, and other solvers would take over."""
-    script = (
-        "import sys\n"
-        "class Finder:\n"
-        "    def find_spec(self, name, *_):\n"
-        "        if name == 'ipyopt':\n"
-        "            raise ImportError('initialization failed')\n"
-        "sys.meta_path.insert(0, Finder())\n"
-        "import planners.transcription.ipopt"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 1
-    assert "initialization failed" in done.stderr
 
 
 def test_what_is_not_smooth_is_refused():

@@ -336,14 +336,6 @@ def test_drakes_solvers_can_be_chosen():
     assert chosen.check.cost == pytest.approx(usual.check.cost, rel=1e-4)
 
 
-def test_drakes_solvers_stand_in_where_the_wheel_is_missing(monkeypatch):
-    usual = plan(small_limb(), short_reference(duration=3.0))
-    monkeypatch.setattr(ipopt, "ipyopt", None)
-    standing_in = plan(small_limb(), short_reference(duration=3.0))
-    assert standing_in.check.solver.startswith(("Drake's IPOPT", "SNOPT (after Drake's IPOPT"))
-    assert standing_in.check.cost == pytest.approx(usual.check.cost, rel=1e-4)
-
-
 def test_if_all_fail_there_is_no_plan_and_each_is_named(monkeypatch):
     monkeypatch.setattr(solving, "GAUSS_NEWTON_ITERATIONS", 1)
     monkeypatch.setitem(ipopt.OPTIONS, "max_iter", 1)

@@ -1,0 +1,244 @@
+"""All wires of a limb as Drake systems: heat (6), measurement (7) and torque (4).
+
+Laws that are affine, as the paper's is, make affine blocks, whose dynamics run in
+Drake's C++ for every scalar type. `LawDynamics` and `LawFunction` take their place
+for other laws. Drake's SymbolicVectorSystem would run these in C++, but it must
+have a state to be part of a continuous diagram, and that state can only start at
+zero. Drake names the ports of an AffineSystem ``u0`` and ``y0``.
+"""
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem_, System
+from pydrake.systems.primitives import AffineSystem, Integrator
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from limb_systems.model.ownership import weak_method
+from limb_systems.model.parameters import LimbParameters, ParameterError
+from limb_systems.model.wires import Wires
+
+
+class JouleHeating(AffineSystem):
+    """The states of the wires under Joule heating and convection, eqn (6).
+
+        Ṫ = a1 (T - T0) + a2 D
+
+    - state: x (N): T (W), °C, then what other states the wires' laws have, as
+      in `Wires`; that of wires that were never heated by default
+    - input 0: duty D (W), in [0, 1]
+    - output 0: x (N)
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, parameters: LimbParameters):
+        """
+        Args:
+            parameters: of the limb, for its wires.
+
+        Raises:
+            ParameterError: if the heat of a wire is not linear.
+        """
+        wires = _affine(parameters, "rates_are_affine", "heat")
+        A, B, _ = wires.affine_rates()
+        N, W = B.shape
+        offset = wires.rates(np.zeros(N), np.zeros(W))
+        super().__init__(A=A, B=B, f0=offset, C=np.eye(N), D=np.zeros((N, W)), y0=np.zeros(N))
+        self.configure_default_state(wires.cold_states)
+        self.set_name("joule_heating")
+
+
+class ThermocoupleLag(AffineSystem):
+    """Temperature that the glued-on thermocouple measures, eqn (7).
+
+        V̇ = a3 (V - T)
+
+    - state: V (W), °C; T0 by default
+    - input 0: x (N) of the wires, which begins with T (W), °C
+    - output 0: measured temperature V (W), °C
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, parameters: LimbParameters):
+        """
+        Args:
+            parameters: of the limb, for its wires.
+
+        Raises:
+            ParameterError: if the heat of a wire is not linear.
+        """
+        wires = _affine(parameters, "rates_are_affine", "heat")
+        N, W = wires.num_states, wires.num_wires
+        slopes = wires.heat_jacobian(np.zeros(N + W), np.zeros(W))[N:]
+        super().__init__(
+            A=slopes[:, N : N + W],
+            B=slopes[:, :N],
+            f0=wires.reading_rates(np.zeros(W), np.zeros(N)),
+            C=np.eye(W),
+            D=np.zeros((W, N)),
+            y0=np.zeros(W),
+        )
+        self.configure_default_state(np.full(W, parameters.ambient_temperature))
+        self.set_name("thermocouple_lag")
+
+
+class TorqueMap(AffineSystem):
+    """Generalized force of the wires on the joints, eqn (4).
+
+        f(T) = β_r (T_r - T0) 1 - β_l (T_l - T0) 1   for each segment
+
+    Each wire's torque has the direction of its lever.
+
+    - input 0: x (N) of the wires, which begins with T (W), °C
+    - output 0: generalized force f (n), N·m
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, parameters: LimbParameters):
+        """
+        Args:
+            parameters: of the limb, for its wires.
+
+        Raises:
+            ParameterError: if the torque of a wire is not linear.
+        """
+        wires, n = _affine(parameters, "torque_is_affine", "torque"), parameters.num_joints
+        nothing, straight = np.zeros(wires.num_states), np.zeros(n)
+        matrix, _ = wires.force_derivatives(nothing, straight)
+        super().__init__(
+            A=np.zeros((0, 0)),
+            B=np.zeros((0, wires.num_states)),
+            f0=np.zeros(0),
+            C=np.zeros((n, 0)),
+            D=matrix,
+            y0=wires.forces(nothing, straight),
+        )
+        self.set_name("torque_map")
+
+
+def _affine(parameters: LimbParameters, property_name: str, what: str) -> Wires:
+    wires = Wires(parameters)
+    if not getattr(wires, property_name):
+        raise ParameterError(
+            f"The {what} of a wire of this limb is not linear; make_blocks makes the blocks of "
+            "any limb."
+        )
+    return wires
+
+
+@TemplateSystem.define("LawFunction_", scope=sys.modules[__name__])  # to find it out takes 50 ms
+def LawFunction_(T: type) -> Any:
+    """`LawFunction` for the scalar type T: float, AutoDiffXd or Expression."""
+
+    class Impl(LeafSystem_[T]):
+        """Evaluates a function of its inputs.
+
+        - inputs: vectors of the sizes that are given, in this order
+        - output 0 ``value``: what the function returns for them
+        """
+
+        __slots__ = ()  # see limb_systems.model.ownership
+
+        def _construct(
+            self,
+            function: Callable[..., np.ndarray],
+            input_sizes: Sequence[int],
+            output_size: int,
+            converter=None,
+        ):
+            LeafSystem_[T].__init__(self, converter=converter)
+            self._arguments = function, input_sizes, output_size
+            ports = [
+                self.DeclareVectorInputPort(f"u{index}", size)
+                for index, size in enumerate(input_sizes)
+            ]
+            self.DeclareVectorOutputPort(
+                "value",
+                output_size,
+                weak_method(self._calc),
+                {self.input_port_ticket(port.get_index()) for port in ports},
+            )
+
+        def _construct_copy(self, other, converter=None):
+            Impl._construct(self, *other._arguments, converter=converter)
+
+        def _calc(self, context, output):
+            function, input_sizes, _ = self._arguments
+            inputs = [self.get_input_port(i).Eval(context) for i in range(len(input_sizes))]
+            with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
+                output.SetFromVector(function(*inputs))
+
+    return Impl
+
+
+LawFunction = LawFunction_[None]
+
+
+class LawDynamics(Diagram):
+    """ẋ = f(x, u), with the state as its output.
+
+    - state, continuous: x
+    - input 0 ``u``: u
+    - output 0 ``x``: x
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(
+        self,
+        rates: Callable[[np.ndarray, np.ndarray], np.ndarray],
+        num_inputs: int,
+        initial: np.ndarray,
+    ):
+        """
+        Args:
+            rates: f, for arrays of any of Drake's scalar types.
+            num_inputs: size of u.
+            initial: x of the default state.
+        """
+        super().__init__()
+        builder, size = DiagramBuilder(), len(initial)
+        function = builder.AddSystem(LawFunction(rates, [size, num_inputs], size))
+        integrator = builder.AddSystem(Integrator(np.asarray(initial, float)))
+        builder.Connect(function.get_output_port(), integrator.get_input_port())
+        builder.Connect(integrator.get_output_port(), function.get_input_port(0))
+        builder.ExportInput(function.get_input_port(1), "u")
+        builder.ExportOutput(integrator.get_output_port(), "x")
+        builder.BuildInto(self)
+
+
+def make_blocks(parameters: LimbParameters) -> tuple[System, System, System]:
+    """The blocks of heat, measurement and torque, affine if the wires' laws are."""
+    wires, n = Wires(parameters), parameters.num_joints
+    heating: System
+    lag: System
+    torque_map: System
+    if wires.rates_are_affine:
+        heating, lag = JouleHeating(parameters), ThermocoupleLag(parameters)
+    else:
+        cold = wires.cold_states
+        heating = LawDynamics(wires.rates, wires.num_wires, cold)
+        lag = LawDynamics(wires.reading_rates, wires.num_states, cold[: wires.num_wires])
+    if wires.torque_is_affine:
+        torque_map = TorqueMap(parameters)
+    elif wires.torque_needs_angle:
+        torque_map = LawFunction(
+            lambda states, joint_state: wires.forces(states, joint_state[:n]),
+            [wires.num_states, 2 * n],
+            n,
+        )
+    else:
+        straight = np.zeros(n)
+        torque_map = LawFunction(
+            lambda states: wires.forces(states, straight), [wires.num_states], n
+        )
+    for block, name in zip(
+        (heating, lag, torque_map), ("joule_heating", "thermocouple_lag", "torque_map"), strict=True
+    ):
+        block.set_name(name)
+    return heating, lag, torque_map
