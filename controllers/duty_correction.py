@@ -14,6 +14,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from controllers.reduced_model import ReducedModel
 from limb_systems import Trajectory
 from limb_systems.simulation import PERIOD
+from planners.transcription.descent import descend, first_that_reduces
 
 ROUNDING = 1e-9  # s, of knots and nodes at the same time
 STEPS = 4  # of the model, from a node to the next: nodes at about 5 Hz
@@ -124,22 +125,15 @@ class DutyCorrection:
             errors: what the limb has more than the model.
             cooler: margin of temperature below the bounds, °C.
         """
-        cost = self._cost(correction, start, errors, cooler)
-        for _ in range(TANGENTS):
-            best = self._solve(correction, start, errors, cooler)
-            if best is None:
-                break
-            for share in (1.0, 0.5, 0.25):
-                tried = correction + share * (best - correction)
-                new_cost = self._cost(tried, start, errors, cooler)
-                if new_cost < cost:
-                    break
-            else:
-                break
-            reduction, correction, cost = 1.0 - new_cost / cost, tried, new_cost
-            if reduction < LITTLE:
-                break
-        return correction
+
+        def cost_of(tried: np.ndarray) -> float:
+            return self._cost(tried, start, errors, cooler)
+
+        def solve(tried: np.ndarray) -> np.ndarray | None:
+            return self._solve(tried, start, errors, cooler)
+
+        step = first_that_reduces((1.0, 0.5, 0.25), cost_of)
+        return descend(correction, cost_of(correction), solve, step, TANGENTS, LITTLE)[0]
 
     def expected_bend(
         self, correction: np.ndarray, start: np.ndarray, errors: Errors

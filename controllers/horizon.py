@@ -19,6 +19,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters, Trajectory
 from planners import Task, references
+from planners.transcription.descent import descend
 from planners.transcription.program import temperature_weights
 
 DURATION, KNOT_RATE = 10.0, 5.0  # s, Hz
@@ -139,22 +140,24 @@ class HorizonPlanner:
         else:
             duty = previous.duty_at(times[:-1])
         heats = self._model.rollout(heat, duty)
-        cost, success = self._costs(heats[:, None], duty[None], *aims)[0], False
-        for _ in range(FIRST_ROUNDS if previous is None else ROUNDS):
+
+        def solve(point):
+            duty, heats = point
             best = self._solve(heats, duty, *aims)
-            if best is None:
-                break
-            success = True
-            tried = duty + SHARES[:, None, None] * (best - duty)
+            return None if best is None else (best, heats)
+
+        def step(point, best, _):
+            """The best of all shares of the way."""
+            tried = point[0] + SHARES[:, None, None] * (best[0] - point[0])
             start = np.broadcast_to(heat, (len(tried), len(heat)))
             rollouts = self._model.rollout(start, tried.swapaxes(0, 1))
             costs = self._costs(rollouts, tried, *aims)
-            chosen, before = costs.argmin(), cost
-            if not costs[chosen] < cost:
-                break
-            duty, heats, cost = tried[chosen], rollouts[:, chosen], costs[chosen]
-            if cost > (1.0 - LITTLE) * before:
-                break
+            chosen = costs.argmin()
+            return (tried[chosen], rollouts[:, chosen]), costs[chosen]
+
+        cost = self._costs(heats[:, None], duty[None], *aims)[0]
+        rounds = FIRST_ROUNDS if previous is None else ROUNDS
+        (duty, heats), cost, success = descend((duty, heats), cost, solve, step, rounds, LITTLE)
         return HorizonPlan(
             time=times,
             duty=duty,

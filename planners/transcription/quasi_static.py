@@ -25,6 +25,7 @@ from pydrake.solvers import (
 from limb_systems import LimbParameters, Wires, joint_angles_from_bend_angle
 from planners.task import Task
 from planners.transcription.collocation import linear_defect
+from planners.transcription.descent import descend, first_that_reduces
 from planners.transcription.program import (
     add_duty_cost,
     add_reading_limits,
@@ -296,21 +297,23 @@ class _ConvexProgram:
             start: x and D; those of the chord if None.
             max_tangents: after which it stops.
         """
-        found = start or self.solve(*self._chord(angles_at))
-        cost = self._cost(angles_at, *found)
-        for _ in range(max_tangents):
-            best = self.solve(*angles_at(found[0]), found[0])
-            for share in (1.0, 0.5, 0.25, 0.125):
-                tried = tuple(a + share * (b - a) for a, b in zip(found, best, strict=True))
-                new_cost = self._cost(angles_at, *tried)
-                if new_cost < cost:
-                    break
-            else:
-                break
-            reduction, found, cost = 1.0 - new_cost / cost, tried, new_cost
-            if reduction < LITTLE:
-                break
-        return found
+        num_states = self._wires.num_states
+
+        def split(point: np.ndarray) -> list[np.ndarray]:
+            return np.split(point, [num_states], axis=1)
+
+        def cost_of(point: np.ndarray) -> float:
+            return self._cost(angles_at, *split(point))
+
+        def solve(point: np.ndarray) -> np.ndarray:
+            states, _ = split(point)
+            return np.hstack(self.solve(*angles_at(states), states))
+
+        found = np.hstack(start or self.solve(*self._chord(angles_at)))
+        step = first_that_reduces((1.0, 0.5, 0.25, 0.125), cost_of)
+        found, _, _ = descend(found, cost_of(found), solve, step, max_tangents, LITTLE)
+        states, duty = split(found)
+        return states, duty
 
     def _chord(self, angles_at: AngleMap) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Angles, their mean slope and states in the middle, between T_warm and T_max."""

@@ -1,0 +1,58 @@
+"""Sequential convex programming: from a point towards the solutions of programs that bend at it."""
+
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+import numpy as np
+
+Point = TypeVar("Point")
+
+
+def descend(
+    point: Point,
+    cost: float,
+    solve: Callable[[Point], Point | None],
+    step: Callable[[Point, Point, float], tuple[Point, float]],
+    rounds: int,
+    least_reduction: float,
+) -> tuple[Point, float, bool]:
+    """Solves the convex program at a point and steps towards its solution, again and again.
+
+    Args:
+        point, cost: where to start.
+        solve: solution of the convex program at a point; None if there is none.
+        step: point on the way from a point of some cost to a solution, and its cost.
+        rounds: after which it stops.
+        least_reduction: relative; a round that reduces the cost by less is the last.
+
+    Returns:
+        The last point that reduced the cost; its cost; whether a program was solved.
+    """
+    solved = False
+    for _ in range(rounds):
+        best = solve(point)
+        if best is None:
+            break
+        solved = True
+        tried, new_cost = step(point, best, cost)
+        if not new_cost < cost:
+            break
+        reduction, point, cost = 1.0 - new_cost / cost, tried, new_cost
+        if reduction < least_reduction:
+            break
+    return point, cost, solved
+
+
+def first_that_reduces(
+    shares: Sequence[float], cost_of: Callable[[np.ndarray], float]
+) -> Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, float]]:
+    """A `step` by the first of some shares of the way that reduces the cost."""
+
+    def step(point: np.ndarray, best: np.ndarray, cost: float) -> tuple[np.ndarray, float]:
+        for share in shares:
+            tried = point + share * (best - point)
+            if (new_cost := cost_of(tried)) < cost:
+                return tried, new_cost
+        return point, cost
+
+    return step
