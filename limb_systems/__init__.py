@@ -1,12 +1,9 @@
 """A soft planar limb bent by shape-memory-alloy wires, as Drake systems."""
 
 # ruff: noqa: E402 - what hides a package is said before it is imported
-from limb_systems.startup import let_ctrl_c_end_imports
+from limb_systems.startup import check_shadows, let_ctrl_c_end_imports
 
 let_ctrl_c_end_imports()
-
-from limb_systems.shadows import check_shadows
-
 check_shadows()
 
 from limb_systems.band import Band, band

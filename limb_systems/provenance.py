@@ -17,7 +17,7 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from limb_systems.schema import load_typed
 from limb_systems.summary import Entry, Summary
@@ -26,16 +26,6 @@ _ROOT = Path(__file__).parents[1]
 _PATIENCE = 5.0  # s, for git
 _LONGEST_COMMAND = 1000  # characters
 _SECRET = r"(?:token|password|passwd|secret|api.?key)"
-
-
-class Described(Protocol):
-    """The part of `LimbParameters` that provenance is about."""
-
-    @property
-    def digest(self) -> str: ...
-
-    @property
-    def board(self) -> Any: ...
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,15 +51,15 @@ class Provenance:
     seed: int | None = None
 
     @classmethod
-    def now(cls, parameters: Described | None = None, seed: int | None = None) -> "Provenance":
+    def now(cls, parameters: Any = None, seed: int | None = None) -> "Provenance":
         """The provenance of what is being made by this program.
 
         The first call in a process asks git, which takes some milliseconds: it is no
         call for a loop that has to keep time.
 
         Args:
-            parameters: `LimbParameters` of the limb, if there is one; those of an
-                emulated limb know its seed.
+            parameters: `LimbParameters` of the limb, which know the seed of an emulated
+                one; None if there is no limb.
             seed: seed of the random numbers in what is done to the limb, if there are any.
         """
         now = datetime.datetime.now(datetime.UTC)

@@ -112,7 +112,7 @@ def check_text(value: Any, name: str, metadata: typing.Mapping = _NONE) -> None:
 
 def shown(value: Any) -> str:
     """Any value for an error: its ``repr``, the beginning of it if it is long."""
-    text = repr(value)
+    text = " ".join(repr(value).split())
     return text if len(text) <= 100 else f"{text[:97]}..."
 
 

@@ -4,6 +4,7 @@ import contextlib
 import copy
 import time
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,7 @@ from limb_systems.model.limb import Limb
 from limb_systems.model.limb_system import ACCURACY, LimbSystem, check_limb
 from limb_systems.progress import Progress
 from limb_systems.provenance import Provenance
+from limb_systems.schema import shown
 
 
 class SimulationError(LimbError):
@@ -31,7 +33,7 @@ class SimulationError(LimbError):
 # Drake's implicit schemes this one needs the fewest evaluations here: a third
 # of those of implicit_euler at accuracy 1e-3 (benchmarks/simulation.py).
 INTEGRATION_SCHEME = "radau3"
-MAX_STEP_SIZE = 0.1
+MAX_STEP_SIZE = 0.1  # s
 # With nonlinear torque, Newton's method leaves errors that do not decrease with the step, and the
 # error control holds on to steps of 1e-5 s. Steps of this size times the cube root of the accuracy
 # are as small as those of the paper's wires after a jump of duty.
@@ -72,16 +74,14 @@ def simulate(
         LimbError: if the system is not a `LimbSystem`.
     """
     check_limb(system)
-    _check_positive("sample_rate", sample_rate, "")
+    _check_positive("sample_rate", sample_rate)
     if accuracy is not None:
-        _check_positive("accuracy", accuracy, "")
-    course, duration = _duty_course(duty, duration, len(system.parameters.wires))
+        _check_positive("accuracy", accuracy)
+    applied, duration = _duty_over_time(duty, duration, len(system.parameters.wires))
     num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
-    times = np.minimum(np.arange(num_samples) / sample_rate, duration)
-    _check_duty(course, times)
-
+    _check_duty(applied, np.minimum(np.arange(num_samples) / sample_rate, duration))
     builder = DiagramBuilder()
-    source = builder.AddSystem(TrajectorySource(course))
+    source = builder.AddSystem(TrajectorySource(applied))
     builder.AddSystem(system)
     return record(
         builder,
@@ -134,7 +134,11 @@ def record(
     check_limb(system)
     provenance = provenance or Provenance.now(system.parameters)  # before it has to keep time
     builder.Connect(duty, system.GetInputPort("duty"))
-    ports = {name: system.GetOutputPort(name) for name in _logged_ports(system)}
+    # A Limb's bend angle follows from its joint state for all samples at once, so that the C++
+    # loop does not call Python at each of them.
+    calculated = ["bend_angle"] if isinstance(system, Limb) else []
+    names = [n for n in (*Recording.MEASURED, *Recording.OPTIONAL) if n not in calculated]
+    ports = {name: system.GetOutputPort(name) for name in names if system.HasOutputPort(name)}
     ports |= {"duty": duty} | ({"reference": reference} if reference else {})
     sinks = {name: LogVectorOutput(port, builder, 1 / sample_rate) for name, port in ports.items()}
     try:
@@ -191,62 +195,65 @@ def make_simulator(system: System, accuracy: float = ACCURACY) -> Simulator:
     return simulator
 
 
-def _duty_course(
-    duty, duration: float | None, num_wires: int
+def _duty_over_time(
+    duty: Any, duration: float | None, num_wires: int
 ) -> tuple[trajectories.Trajectory, float]:
     """Duty over time from 0, a row for each wire, and how long to simulate it, s."""
-    needed = f"duty must be a number or a trajectory's row for each of {num_wires} wires"
     if isinstance(duty, Trajectory):
         duty = duty.since_start().duty_trajectory()
     if isinstance(duty, trajectories.Trajectory):
+        with contextlib.suppress(RuntimeError):  # if it is empty
+            if (duty.rows(), duty.cols()) == (num_wires, 1):
+                return _from_zero(duty, duration)
+    else:
         try:
-            shape = (duty.rows(), duty.cols())
-        except RuntimeError as error:
-            raise SimulationError(f"{needed}, but it is empty.") from error
-        if shape != (num_wires, 1):
-            raise SimulationError(f"{needed}, but it has {shape[0]} x {shape[1]} values.")
-        if duty.start_time() != 0:
-            if not isinstance(duty, trajectories.PiecewisePolynomial):
-                raise SimulationError(
-                    f"duty starts at {duty.start_time():g} s; unless it is a piecewise polynomial, "
-                    "it must start at 0 s."
-                )
-            duty = copy.deepcopy(duty)
-            duty.shiftRight(-duty.start_time())
-        if duration is None:
-            duration = duty.end_time() - duty.start_time()
-        _check_positive("duration", duration, " s")
-        return duty, duration
-    try:
-        values = np.asarray(duty, float)
-    except (TypeError, ValueError) as error:
-        raise SimulationError(f"{needed}, but it is {duty!r}.") from error
-    if values.ndim == 1 and len(values) != num_wires:
-        raise SimulationError(f"{needed}, but it has {len(values)} values.")
-    if values.ndim != 1:
-        raise SimulationError(f"{needed}, but it is an array of the shape {values.shape}.")
+            values = np.asarray(duty, float)
+        except (TypeError, ValueError):
+            values = np.empty(0)
+        if values.shape == (num_wires,):
+            if duration is None:
+                raise SimulationError("duration is missing; constant duty needs one.")
+            _check_positive("duration", duration, " s")
+            held = np.column_stack([values, values])
+            return trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], held), duration
+    is_trajectory = isinstance(duty, trajectories.Trajectory)
+    raise SimulationError(
+        f"duty is {'another trajectory' if is_trajectory else shown(duty)}; it must be a number or a trajectory's row for each of "
+        f"{num_wires} wires."
+    )
+
+
+def _from_zero(
+    duty: trajectories.Trajectory, duration: float | None
+) -> tuple[trajectories.Trajectory, float]:
     if duration is None:
-        raise SimulationError("duration is missing; constant duty needs one.")
+        duration = duty.end_time() - duty.start_time()
     _check_positive("duration", duration, " s")
-    return trajectories.PiecewisePolynomial.ZeroOrderHold(
-        [0.0, duration], np.column_stack([values, values])
-    ), duration
+    if duty.start_time() == 0:
+        return duty, duration
+    if not isinstance(duty, trajectories.PiecewisePolynomial):
+        raise SimulationError(
+            f"duty starts at {duty.start_time():g} s; unless it is a piecewise polynomial, "
+            "it must start at 0 s."
+        )
+    duty = copy.deepcopy(duty)
+    duty.shiftRight(-duty.start_time())
+    return duty, duration
 
 
-def _check_duty(course: trajectories.Trajectory, times: np.ndarray) -> None:
+def _check_duty(duty: trajectories.Trajectory, times: np.ndarray) -> None:
     """Raises SimulationError if duty leaves [0, 1] at the samples or any break."""
-    checked = times
-    if isinstance(course, trajectories.PiecewiseTrajectory):
-        breaks = np.array(course.get_segment_times())
-        checked = np.concatenate([checked, breaks, (breaks[1:] + breaks[:-1]) / 2])
-    values = course.vector_values(checked)
+    if isinstance(duty, trajectories.PiecewiseTrajectory):
+        breaks = np.array(duty.get_segment_times())
+        times = np.concatenate([times, breaks, (breaks[1:] + breaks[:-1]) / 2])
+    values = duty.vector_values(times)
     if not np.abs(values - np.clip(values, 0.0, 1.0)).max() < 1e-9:  # NaN is not; rounding is
         raise SimulationError(
             f"duty reaches from {values.min():g} to {values.max():g}; it must stay within 0 and 1."
         )
 
 
-def _check_positive(name: str, value, unit: str) -> None:
+def _check_positive(name: str, value: Any, unit: str = "") -> None:
     if not isinstance(value, (int, float)) or not (np.isfinite(value) and value > 0):
         raise SimulationError(f"{name} is {value!r}{unit}; it must be a positive number.")
 
@@ -259,16 +266,6 @@ def _set_state(context, state) -> None:
             f"the shape {state.shape} or contains values that are not finite."
         )
     context.SetContinuousState(state)
-
-
-def _logged_ports(system: LimbSystem) -> list[str]:
-    names = ["measured_temperature", "bend_angle", "wire_temperature", "joint_state"]
-    names += ["applied_duty", "board_time", "sample_age"]
-    if isinstance(system, Limb):
-        # Its bend angle is calculated from its joint state for all samples at
-        # once, so that the C++ loop does not call Python at each of them.
-        names.remove("bend_angle")
-    return [name for name in names if system.HasOutputPort(name)]
 
 
 def _advance(

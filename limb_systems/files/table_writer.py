@@ -2,7 +2,6 @@
 
 import contextlib
 import hashlib
-import itertools
 import os
 import queue
 import tempfile
@@ -126,14 +125,14 @@ class TableWriter:
             warnings.warn(f"What was recorded until then is in {self.path}.", stacklevel=2)
 
     def _open(self, folder: Path) -> tuple[Path, int]:
-        for number in itertools.count(1):
+        number = 1
+        while True:
             mark = _UNFINISHED if number == 1 else f"{_UNFINISHED}_{number}"
             path = folder / f"{self._target.stem}{mark}{self._target.suffix}"
             try:
                 return path, os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
             except FileExistsError:
-                continue
-        raise AssertionError("there are numbers without end")
+                number += 1
 
     def _end(self, interrupted: str, rename: bool) -> str | None:
         """Ends the file, and returns what is wrong with it on the disk, if anything."""

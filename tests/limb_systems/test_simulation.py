@@ -54,34 +54,31 @@ def planned(duty, time) -> Trajectory:
 # Samples
 
 
-@pytest.mark.parametrize(
-    ("duration", "sample_rate"),
-    [
-        *[(1.0, 20.0), (2.0, 1.0), (0.25, 100.0), (1.0, 3.0), (60.0, 0.5), (3.0, 7.0)],
-        *[(0.3, 10.0), (0.7, 10.0), (2.3, 10.0), (0.57, 100.0), (1.1, 30.0)],
-    ],
-)
-def test_samples_reach_from_zero_to_the_duration(duration, sample_rate):
-    """Also where the duration is a multiple of the period but for rounding."""
-    recording = simulate(small_limb(), [0.1, 0.2], duration, sample_rate=sample_rate)
-    expected = np.arange(round(duration * sample_rate) + 1) / sample_rate
-    np.testing.assert_allclose(recording.time, expected, atol=1e-9)
-    assert recording.sample_rate == sample_rate
+def test_samples_reach_from_zero_to_the_duration():
+    """Also where the duration is a multiple of the period but for rounding, or none."""
+    for duration, rate, samples in [
+        (1.0, 20.0, 21),
+        (0.25, 100.0, 26),
+        (60.0, 0.5, 31),
+        (0.3, 10.0, 4),
+        (2.3, 10.0, 24),
+        (0.57, 100.0, 58),
+        (0.99, 10.0, 10),
+    ]:
+        recording = simulate(small_limb(), [0.1, 0.2], duration, sample_rate=rate)
+        np.testing.assert_allclose(recording.time, np.arange(samples) / rate, atol=1e-9)
+        assert recording.sample_rate == rate
 
 
-def test_duration_that_the_rate_does_not_divide_ends_with_the_last_whole_period():
-    recording = simulate(small_limb(), [0.1, 0.2], 0.99, sample_rate=10.0)
-    np.testing.assert_allclose(recording.time, np.arange(10) / 10, atol=1e-9)
-
-
-@pytest.mark.parametrize("start", [0.0, 0.5, 0.03, 100.01, -0.02, -1.0])
-def test_samples_of_a_trajectory_count_from_its_own_start(start):
+def test_samples_of_a_trajectory_count_from_its_own_start():
     """D = t/2 after the start, wherever on the clock that is."""
-    duty = ramp([start, start + 1.0], [0.0, 0.5], [0.0, 0.25])
-    recording = simulate(small_limb(), duty, sample_rate=20.0)
-    np.testing.assert_allclose(recording.time, np.arange(21) / 20, atol=1e-9)
-    np.testing.assert_allclose(recording.duty, np.outer([0.5, 0.25], recording.time), atol=1e-9)
-    assert recording.measured_temperature[0, 0] == 25.0
+    for start in (0.0, 0.03, 100.01, -1.0):
+        duty = ramp([start, start + 1.0], [0.0, 0.5], [0.0, 0.25])
+        recording = simulate(small_limb(), duty, sample_rate=20.0)
+        np.testing.assert_allclose(recording.time, np.arange(21) / 20, atol=1e-9)
+        expected = np.outer([0.5, 0.25], recording.time)
+        np.testing.assert_allclose(recording.duty, expected, atol=1e-9)
+        assert recording.measured_temperature[0, 0] == 25.0
 
 
 def test_planned_trajectory_runs_from_its_first_to_its_last_knot():
@@ -146,10 +143,8 @@ def heat_under_a_ramp(time, start, slope):
     return 25.0 + wire, 25.0 + measured
 
 
-@pytest.mark.parametrize("links", [1, 5])
-def test_heat_at_default_accuracy_is_within_a_thousandth_of_a_degree(links):
-    limb = small_limb(links=links)
-    recording = simulate(limb, ramp([0.0, 30.0], [0.4, 0.1], [0.0, 0.3]))
+def test_heat_at_default_accuracy_is_within_a_thousandth_of_a_degree():
+    recording = simulate(small_limb(links=5), ramp([0.0, 30.0], [0.4, 0.1], [0.0, 0.3]))
     for index, (start, slope) in enumerate([(0.4, -0.01), (0.0, 0.01)]):
         wire, measured = heat_under_a_ramp(recording.time, start, slope)
         np.testing.assert_allclose(recording.wire_temperature[index], wire, atol=1e-3)
@@ -196,15 +191,14 @@ def explicit_bend_angle(limb, duty, times, initial_state) -> np.ndarray:
     return np.array(bends)
 
 
-@pytest.mark.parametrize("links", [1, 2])
-def test_bend_angle_is_that_of_an_explicit_integrator(links):
+def test_bend_angle_is_that_of_an_explicit_integrator():
     """Let go from a strong bend and heated at the same time."""
-    state = np.concatenate([np.full(links, 0.4), np.zeros(links), np.full(4, 25.0)])
+    state = np.concatenate([np.full(2, 0.4), np.zeros(2), np.full(4, 25.0)])
     duty, times = [0.0, 1.0], np.arange(11) / 20
-    expected = np.degrees(explicit_bend_angle(small_limb(links=links), duty, times, state))
+    expected = np.degrees(explicit_bend_angle(small_limb(links=2), duty, times, state))
     assert np.ptp(expected) > 20
     for accuracy, tolerance_deg in [(1e-3, 0.01), (1e-6, 0.002)]:
-        limb = small_limb(links=links)
+        limb = small_limb(links=2)
         recording = simulate(limb, duty, 0.5, accuracy=accuracy, initial_state=state)
         np.testing.assert_allclose(recording.time, times, atol=1e-9)
         actual = np.degrees(recording.bend_angle[0])
@@ -299,83 +293,45 @@ def test_what_cannot_stand_in_for_a_limb_is_told_all_it_lacks(refused):
 # Refusals
 
 
-@pytest.mark.parametrize("duration", [-1.0, 0.0, np.nan, np.inf, -np.inf])
-def test_duration_that_makes_no_sense_is_refused(refused, duration):
-    with refused(SimulationError, "duration", duration, "positive"):
-        simulate(small_limb(), [0.1, 0.2], duration)
-
-
-def test_missing_duration_of_constant_duty_is_refused(refused):
+def test_settings_that_make_no_sense_are_refused_by_name(refused):
+    for value in (-1.0, 0.0, np.nan, np.inf):
+        for name in ("duration", "sample_rate", "accuracy"):
+            settings = {"duration": 1.0, name: value}
+            with refused(SimulationError, f"{name} is {value}", "positive"):
+                simulate(small_limb(), [0.1, 0.2], **settings)
     with refused(SimulationError, "duration is missing"):
         simulate(small_limb(), [0.1, 0.2])
 
 
-@pytest.mark.parametrize("name", ["sample_rate", "accuracy"])
-@pytest.mark.parametrize("value", [0.0, -20.0, np.nan, np.inf])
-def test_setting_that_is_not_positive_is_refused_by_name(refused, name, value):
-    with refused(SimulationError, name, value, "positive"):
-        simulate(small_limb(), [0.1, 0.2], 1.0, **{name: value})
-
-
-@pytest.mark.parametrize("duty", [[], [0.1], [0.1, 0.2, 0.3], np.zeros(4)])
-def test_duty_of_the_wrong_size_is_refused(refused, duty):
-    with refused(SimulationError, "duty", f"{len(duty)} values", "2 wires"):
-        simulate(small_limb(), duty, 1.0)
-
-
-@pytest.mark.parametrize(
-    "duty", [0.1, None, "full", np.zeros((2, 5)), np.zeros((1, 2)), [[0.1], [0.2, 0.3]]], ids=repr
-)
-def test_duty_that_is_no_list_of_numbers_is_refused(refused, duty):
-    with refused(SimulationError, "duty"):
-        simulate(small_limb(), duty, 1.0)
-
-
-@pytest.mark.parametrize(
-    "duty", [[0.1, 1.5], [-0.1, 0.2], [0.1, np.nan], [np.inf, 0.2], [1.0000001, 0.0]]
-)
-def test_constant_duty_out_of_range_is_refused(refused, duty):
-    with refused(SimulationError, "duty", "within 0 and 1"):
-        simulate(small_limb(), duty, 1.0)
-
-
-@pytest.mark.parametrize("value", [1.5, -0.5, 1.001, -1e-6])
-def test_trajectory_of_duty_out_of_range_is_refused(refused, value):
-    with refused(SimulationError, "duty", "within 0 and 1"):
-        simulate(small_limb(), ramp([0.0, 0.5, 1.0], [0.0, value, 0.0], [0.5, 0.5, 0.5]))
-
-
-def test_duty_out_of_range_between_the_samples_is_refused(refused):
-    spike = ramp([0.0, 0.51, 0.52, 0.53, 1.0], [0.0, 0.0, 9.0, 0.0, 0.0], np.zeros(5))
-    with refused(SimulationError, "duty", "within 0 and 1"):
-        simulate(small_limb(), spike, sample_rate=20.0)
-
-
-def test_trajectory_of_duty_that_is_no_number_is_refused(refused):
-    with refused(SimulationError, "duty"):
-        simulate(small_limb(), ramp([0.0, 0.5, 1.0], [0.0, np.nan, 0.0], [0.5, 0.5, 0.5]))
-
-
-@pytest.mark.parametrize(
-    "duty",
-    [
-        PiecewisePolynomial.FirstOrderHold([0, 1], np.full((3, 2), 0.1)),
-        PiecewisePolynomial.FirstOrderHold([0, 1], [np.full((1, 2), 0.1)] * 2),
+def test_duty_of_the_wrong_size_or_kind_is_refused(refused):
+    hold = PiecewisePolynomial.FirstOrderHold
+    for duty in (
+        *([], [0.1], np.zeros(4), 0.1, None, "full", np.zeros((2, 5)), [[0.1], [0.2, 0.3]]),
+        hold([0, 1], np.full((3, 2), 0.1)),
+        hold([0, 1], [np.full((1, 2), 0.1)] * 2),
         PiecewisePolynomial(),
-    ],
-    ids=["three wires", "a row", "empty"],
-)
-def test_trajectory_of_the_wrong_size_is_refused(refused, duty):
-    with refused(SimulationError, "duty"):
-        simulate(small_limb(), duty)
+    ):
+        with refused(SimulationError, "duty is", "each of 2 wires"):
+            simulate(small_limb(), duty, 1.0)
 
 
-@pytest.mark.parametrize(
-    "state", [[], [0.0, 0.0], np.zeros(7), np.zeros((2, 3)), [0, 0, np.nan, 25, 25, 25]], ids=repr
-)
-def test_initial_state_that_is_no_state_of_the_limb_is_refused(refused, state):
-    with refused(SimulationError, "initial_state"):
-        simulate(small_limb(), [0.1, 0.2], 1.0, initial_state=state)
+def test_duty_out_of_range_is_refused(refused):
+    """Also between the samples, and if it is no number."""
+    constant = [[0.1, 1.5], [-0.1, 0.2], [0.1, np.nan], [np.inf, 0.2], [1.0000001, 0.0]]
+    ramps = [
+        ramp([0.0, 0.5, 1.0], [0.0, value, 0.0], [0.5, 0.5, 0.5])
+        for value in (1.001, -1e-6, np.nan)
+    ]
+    spike = ramp([0.0, 0.51, 0.52, 0.53, 1.0], [0.0, 0.0, 9.0, 0.0, 0.0], np.zeros(5))
+    for duty in (*constant, *ramps, spike):
+        with refused(SimulationError, "duty", "within 0 and 1"):
+            simulate(small_limb(), duty, 1.0, sample_rate=20.0)
+
+
+def test_initial_state_that_is_no_state_of_the_limb_is_refused(refused):
+    for state in ([], [0.0, 0.0], np.zeros(7), np.zeros((2, 3)), [0, 0, np.nan, 25, 25, 25]):
+        with refused(SimulationError, "initial_state"):
+            simulate(small_limb(), [0.1, 0.2], 1.0, initial_state=state)
 
 
 def test_wire_that_overheats_beyond_belief_is_refused_with_the_time(refused):
