@@ -216,10 +216,9 @@ def _duty_over_time(
             _check_positive("duration", duration, " s")
             held = np.column_stack([values, values])
             return trajectories.PiecewisePolynomial.ZeroOrderHold([0.0, duration], held), duration
-    is_trajectory = isinstance(duty, trajectories.Trajectory)
+    given = "another trajectory" if isinstance(duty, trajectories.Trajectory) else shown(duty)
     raise SimulationError(
-        f"duty is {'another trajectory' if is_trajectory else shown(duty)}; it must be a number or a trajectory's row for each of "
-        f"{num_wires} wires."
+        f"duty is {given}; it must be a number or a trajectory's row for each of {num_wires} wires."
     )
 
 
