@@ -6,19 +6,23 @@ motion by an explicit integrator at tight accuracy.
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource
 from pydrake.trajectories import CompositeTrajectory, PiecewisePolynomial
 
+from hardware import LimbTwin, SensedLimb, replay, watch
 from limb_systems import (
     Limb,
     LimbError,
     LimbParameters,
+    LimbSystem,
     PlanCheck,
     SegmentParameters,
     Trajectory,
     simulate,
 )
+from limb_systems.model.limb_system import check_limb
 from limb_systems.simulation import SimulationError, record
 
 
@@ -164,6 +168,156 @@ def test_pulse_between_two_samples_is_not_stepped_over():
     duty = ramp([0.0, 13.7, 13.8, 13.9, 40.0], [0.0, 0.0, 1.0, 0.0, 0.0], np.zeros(5))
     recording = simulate(small_limb(), duty, sample_rate=0.1)
     after = recording.time[2:]
+    ramps = [(13.7, 10.0), (13.8, -20.0), (13.9, 10.0)]
+    wire = 25 + sum(heat_under_a_ramp(after - start, 0, slope)[0] - 25 for start, slope in ramps)
+    assert wire[0] > 26
+    np.testing.assert_allclose(recording.wire_temperature[0, 2:], wire, atol=0.01)
+    np.testing.assert_allclose(recording.wire_temperature[0, :2], 25.0, atol=1e-9)
+
+
+def explicit_bend_angle(limb, duty, times, initial_state) -> np.ndarray:
+    simulator = Simulator(limb)
+    ApplySimulatorConfig(
+        SimulatorConfig(integration_scheme="runge_kutta3", accuracy=1e-9, max_step_size=0.01),
+        simulator,
+    )
+    context = simulator.get_mutable_context()
+    limb.GetInputPort("duty").FixValue(context, duty)
+    context.SetContinuousState(initial_state)
+    bends = []
+    for time in times:
+        simulator.AdvanceTo(time)
+        bends.append(limb.GetOutputPort("bend_angle").Eval(context)[0])
+    return np.array(bends)
+
+
+def test_bend_angle_is_that_of_an_explicit_integrator():
+    """Let go from a strong bend and heated at the same time."""
+    state = np.concatenate([np.full(2, 0.4), np.zeros(2), np.full(4, 25.0)])
+    duty, times = [0.0, 1.0], np.arange(11) / 20
+    expected = np.degrees(explicit_bend_angle(small_limb(links=2), duty, times, state))
+    assert np.ptp(expected) > 20
+    for accuracy, tolerance_deg in [(1e-3, 0.01), (1e-6, 0.002)]:
+        limb = small_limb(links=2)
+        recording = simulate(limb, duty, 0.5, accuracy=accuracy, initial_state=state)
+        np.testing.assert_allclose(recording.time, times, atol=1e-9)
+        actual = np.degrees(recording.bend_angle[0])
+        np.testing.assert_allclose(actual, expected, atol=tolerance_deg)
+
+
+# Anything with the ports of a limb
+
+
+def noisy_limb(parameters):
+    """A diagram around a limb, whose bend angle is shown with an offset."""
+
+    class Offset(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            self.DeclareVectorInputPort("u", 1)
+            self.DeclareVectorOutputPort("y", 1, self._calc)
+
+        def _calc(self, context, output):
+            output.SetFromVector(self.get_input_port().Eval(context) + 0.01)
+
+    builder = DiagramBuilder()
+    limb, offset = builder.AddSystem(Limb(parameters)), builder.AddSystem(Offset())
+    builder.Connect(limb.GetOutputPort("bend_angle"), offset.get_input_port())
+    builder.ExportInput(limb.GetInputPort("duty"), "duty")
+    builder.ExportOutput(limb.GetOutputPort("measured_temperature"), "measured_temperature")
+    builder.ExportOutput(offset.get_output_port(), "bend_angle")
+    diagram = builder.Build()
+    diagram.parameters, diagram.source = limb.parameters, "a test"
+    return diagram
+
+
+def test_a_diagram_with_the_ports_of_a_limb_is_simulated_through_them():
+    wrapped = simulate(noisy_limb(LimbParameters()), [0.1, 0.5], 3.0, accuracy=1e-6)
+    limb = simulate(Limb(), [0.1, 0.5], 3.0, accuracy=1e-6)
+    assert wrapped.source == "a test"
+    assert wrapped.wire_temperature is None
+    assert wrapped.joint_state is None
+    np.testing.assert_array_equal(wrapped.time, limb.time)
+    np.testing.assert_allclose(wrapped.bend_angle, limb.bend_angle + 0.01, atol=1e-5)
+    np.testing.assert_allclose(wrapped.measured_temperature, limb.measured_temperature, atol=1e-3)
+
+
+class StatelessRobot(LeafSystem):
+    """Bends and warms in proportion to its duty, at once."""
+
+    def __init__(self):
+        super().__init__()
+        self.parameters, self.source = LimbParameters(), "a stand-in"
+        duty = self.DeclareVectorInputPort("duty", 2)
+        self.DeclareVectorOutputPort(
+            "measured_temperature",
+            2,
+            lambda context, output: output.SetFromVector(25 + 50 * duty.Eval(context)),
+        )
+        self.DeclareVectorOutputPort(
+            "bend_angle",
+            1,
+            lambda context, output: output.SetFromVector([[-0.5, 0.5] @ duty.Eval(context)]),
+        )
+
+
+def test_a_system_without_states_is_recorded_sample_by_sample():
+    duty = ramp([0.0, 1.0], [0.0, 1.0], [0.0, 0.5])
+    recording = simulate(StatelessRobot(), duty, sample_rate=10.0)
+    time = np.arange(11) / 10
+    np.testing.assert_allclose(recording.bend_angle, [-0.25 * time], atol=1e-12)
+    np.testing.assert_allclose(
+        recording.measured_temperature, 25 + np.outer([50, 25], time), atol=1e-10
+    )
+
+
+def test_what_stands_in_for_a_limb_has_all_that_is_asked_of_it():
+    for system in (Limb(), LimbTwin(), SensedLimb(Limb()), StatelessRobot()):
+        limb = check_limb(system)
+        assert isinstance(limb, LimbSystem)
+        assert limb.real_time is False
+    assert (LimbTwin.accuracy, StatelessRobot().source) == (1e-2, "a stand-in")
+
+
+def test_what_cannot_stand_in_for_a_limb_is_told_all_it_lacks(refused):
+    bare = StatelessRobot()
+    del bare.source
+    lacks = "StatelessRobot cannot stand in for a limb: it lacks the attribute source"
+    for run in (simulate, replay, watch, lambda limb, *_: SensedLimb(limb)):
+        with refused(LimbError, lacks):
+            run(bare, [0.1, 0.1]) if run is not replay else run(None, bare)
+    with refused(LimbError, "lacks the input port duty, the output port measured_temperature, "):
+        simulate(ConstantVectorSource([0.0]), [0.1, 0.2], 1.0)
+
+
+# Refusals
+
+
+def test_settings_that_make_no_sense_are_refused_by_name(refused):
+    for value in (-1.0, 0.0, np.nan, np.inf):
+        for name in ("duration", "sample_rate", "accuracy"):
+            settings = {"duration": 1.0, name: value}
+            with refused(SimulationError, f"{name} is {value}", "positive"):
+                simulate(small_limb(), [0.1, 0.2], **settings)
+    with refused(SimulationError, "duration is missing"):
+        simulate(small_limb(), [0.1, 0.2])
+
+
+def test_duty_of_the_wrong_size_or_kind_is_refused(refused):
+    hold = PiecewisePolynomial.FirstOrderHold
+    for duty in (
+        *([], [0.1], np.zeros(4), 0.1, None, "full", np.zeros((2, 5)), [[0.1], [0.2, 0.3]]),
+        hold([0, 1], np.full((3, 2), 0.1)),
+        hold([0, 1], [np.full((1, 2), 0.1)] * 2),
+        PiecewisePolynomial(),
+    ):
+        with refused(SimulationError, "duty is", "each of 2 wires"):
+            simulate(small_limb(), duty, 1.0)
+
+
+def test_duty_out_of_range_is_refused(refused):
+    """Also between the samples, and if it is no number."""
+    constant = [[0.1, 1.5], [-0.1, 0.2], [0.1, np.nan], [np.inf, 0.2], [1.0000001, 0.0]]
     knots = [0.0, 0.5, 1.0]
     ramps = [ramp(knots, [0.0, value, 0.0], [0.5] * 3) for value in (1.001, -1e-6, np.nan)]
     spike = ramp([0.0, 0.51, 0.52, 0.53, 1.0], [0.0, 0.0, 9.0, 0.0, 0.0], np.zeros(5))
