@@ -59,7 +59,7 @@ from limb_systems import (
     simulate,
 )
 from planners import Task, plan, references
-from soft_limb.runs.drive import CONTROLLERS, OPEN, controller_of
+from soft_limb.runs.rollout import CONTROLLERS, OPEN, controller_of
 
 STEP = 25  # ms, between two passes of the firmware's loop, a slow one
 DUTIES = (0.1, 0.3, 0.5, 1.0)

@@ -18,7 +18,7 @@ import numpy as np
 from hardware import SerialLimb, emulated_port
 from limb_systems import LimbParameters
 from planners import Task, plan, references
-from soft_limb.runs.drive import CONTROLLERS, drive
+from soft_limb.runs.rollout import CONTROLLERS, roll_out
 
 
 def main() -> None:
@@ -37,19 +37,19 @@ def main() -> None:
     for name in options.controller:
         for _ in range(options.repetitions):
             with emulated_port() as port, tempfile.TemporaryDirectory() as folder:
-                driven = drive(
+                rollout = roll_out(
                     trajectory,
                     lambda port=port: SerialLimb(port, limb),
                     Path(folder) / "recording.csv",
                     controller=name,
                     real_time=True,
                 )
-            late = 1000 * driven.late
+            late = 1000 * rollout.late
             median, most, largest = *np.percentile(late, [50, 99]), late.max()
-            replans = "" if driven.replans is None else f"{driven.replans[:2].astype(int)}"
+            replans = "" if rollout.replans is None else f"{rollout.replans[:2].astype(int)}"
             print(
                 f"{name:<10}{len(late):>10}{median:>13.2f} ms{most:>7.2f} ms{largest:>8.2f} ms"
-                f"{np.mean(late > 5.0):>20.1%}{driven.lost_samples:>15}{replans:>22}"
+                f"{np.mean(late > 5.0):>20.1%}{rollout.lost_samples:>15}{replans:>22}"
                 f"{os.getloadavg()[0]:>7.1f}",
                 flush=True,
             )

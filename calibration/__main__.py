@@ -2,7 +2,7 @@
 
 import sys
 
-from soft_limb.commands.calibration import main
+from soft_limb.command import main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(package="calibration"))

@@ -14,7 +14,8 @@ import numpy as np
 import calibration
 from hardware import LimbTwin
 from limb_systems import LimbParameters, Recording
-from soft_limb.reports.calibration import calibration_summary, write_report
+from soft_limb.reports.calibration import write_report
+from soft_limb.results.summaries import calibration_summary
 
 
 def to_recording(path, limb):

@@ -15,7 +15,7 @@ import numpy as np
 from limb_systems import LimbError, LimbParameters
 from limb_systems.views.plots import plot_tracking, save_figure
 from planners import plan, references
-from soft_limb.reports.plan import plan_summary
+from soft_limb.results.summaries import plan_summary
 
 
 def draw_reference(path):

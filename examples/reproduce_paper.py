@@ -57,8 +57,8 @@ from limb_systems import write_meshcat_replay
 from limb_systems.output import write_atomically
 from limb_systems.views.plots import save_figure
 from soft_limb.command import run_command
-from soft_limb.reports.calibration import calibration_summary
 from soft_limb.reports.calibration import write_report as write_calibration_report
+from soft_limb.results.summaries import calibration_summary
 
 
 def main() -> int:

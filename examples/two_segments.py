@@ -23,7 +23,7 @@ from limb_systems import (
 )
 from limb_systems.views.plots import plot_tracking, save_figure
 from planners import plan, references
-from soft_limb.reports.plan import plan_summary
+from soft_limb.results.summaries import plan_summary
 
 BASE = SegmentParameters(links=3, length=0.06, mass=0.015)
 TIP = SegmentParameters(links=3, length=0.05, mass=0.010, stiffness=0.10)

@@ -60,8 +60,12 @@ class Summary:
     def lines(self, width: int = 12) -> list[str]:
         """A line for each statement, its name in a column of some characters or more."""
         texts = self.texts()
-        width = max([width, *(len(name) + 2 for name in texts)])
-        return [f"{name:<{width}}{text}" for name, text in texts.items()]
+        width = max([width, *(len(name) + 1 for name in texts)])
+        margin = "\n" + " " * width  # of further lines of a text
+        return [name.ljust(width) + text.replace("\n", margin) for name, text in texts.items()]
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines())
 
     def to_json(self) -> dict[str, Any]:
         """The values by their names."""

@@ -1,4 +1,4 @@
-"""``soft-limb``, which runs all commands, and how commands end."""
+"""``soft-limb``, the door to all commands."""
 
 import argparse
 import importlib
@@ -6,16 +6,17 @@ import os
 import signal
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from typing import Any
 
 from limb_systems.errors import LimbError
 from limb_systems.signals import SIGNALS, came, stop
 
-# For each command: its module in `soft_limb.commands`, imported when it runs, and what it does.
+# For each command: its module in `soft_limb.commands`, which is imported when the command runs,
+# and what it does.
 COMMANDS = {
-    "plan": ("plan", "plan the feasible trajectory nearest to a reference"),
+    "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
     "collect": ("calibration", "record all that calibration needs"),
     "fit": ("calibration", "fit a limb to a folder of recordings"),
     "validate": ("calibration", "compare a calibrated limb with a recording, open loop"),
@@ -30,23 +31,66 @@ COMMANDS = {
     "recover": ("hardware", "finish the recording of a program that was killed"),
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
     "show": ("results", "say what files are, and what made them"),
-    "compare": ("results", "say how plans, recordings, limbs or evaluations differ"),
+    "compare": ("results", "say how plans, recordings or limbs differ"),
     "export": ("results", "write recordings and plans for other tools"),
 }
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """``soft-limb``: runs the command that is named."""
-    width = max(map(len, COMMANDS))
+def main(arguments: Sequence[str] | None = None, package: str = "") -> int:
+    """Runs a command.
+
+    Args:
+        arguments: words after the program's name; those of this process if None.
+        package: whose commands ``python -m PACKAGE`` runs; all of ``soft-limb`` if empty. A
+            package's only command is run without its name.
+
+    Returns:
+        Exit status, as of `run_command`.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    prog = f"python -m {package}" if package else "soft-limb"
+    names = [name for name, (home, _) in COMMANDS.items() if package in ("", home)]
+    modules: list[str] = []
+    if len(names) > 1:
+        door = _door(prog, names)
+        if not words:
+            door.print_help(sys.stderr)
+            return 2
+        chosen = door.parse_args(words)
+        names, words, modules = [chosen.command], chosen.arguments, chosen.modules
+        prog += f" {chosen.command}"
+    (name,) = names
+    command = importlib.import_module(f"soft_limb.commands.{COMMANDS[name][0]}").COMMANDS[name]
+    parser = command.parser(prog)
+    _add_import_option(parser)
+    options = parser.parse_args(words)
+    for module in (*modules, *options.modules):
+        try:
+            _import(module)
+        except Exception as error:  # whatever the module does
+            parser.error(f"{module} could not be imported: {type(error).__name__}: {error}")
+    return run_command(lambda: command.run(options), command.stopped)
+
+
+def _door(prog: str, names: Sequence[str]) -> argparse.ArgumentParser:
+    """The parser up to the name of a command, whose module need not be imported for it."""
+    width = max(map(len, names))
     parser = argparse.ArgumentParser(
-        prog="soft-limb",
+        prog=prog,
         description="Calibrates, plans for and drives soft limbs that are bent by heat.",
         epilog="commands:\n"
-        + "".join(f"  {name:<{width}}  {what}\n" for name, (_, what) in COMMANDS.items())
-        + "\nsoft-limb COMMAND --help explains each of them.",
+        + "".join(f"  {name:<{width}}  {COMMANDS[name][1]}\n" for name in names)
+        + f"\n{prog} COMMAND --help explains each of them.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"soft-limb {version('soft-limb')}")
+    _add_import_option(parser)
+    parser.add_argument("command", choices=names, metavar="COMMAND", help="one of those below")
+    parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="of the command")
+    return parser
+
+
+def _add_import_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--import",
         dest="modules",
@@ -54,24 +98,8 @@ def main(arguments: list[str] | None = None) -> int:
         default=[],
         metavar="MODULE",
         help="import a Python module first, of this folder or an installed one, that defines a "
-        "wire law or a bend sensor of your own; before COMMAND, and once for each module",
+        "wire law or a bend sensor of your own; once for each module",
     )
-    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help="one of those below")
-    parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="of the command")
-    if not (sys.argv[1:] if arguments is None else arguments):
-        parser.print_help(sys.stderr)
-        return 2
-    options = parser.parse_args(arguments)
-    for module in options.modules:
-        try:
-            _import(module)
-        except Exception as error:  # whatever the module does
-            parser.error(f"{module} could not be imported: {type(error).__name__}: {error}")
-    module, _ = COMMANDS[options.command]
-    run = importlib.import_module(f"soft_limb.commands.{module}").main
-    if module == "plan":  # it has only one command, without a name
-        return run(options.arguments, prog="soft-limb plan")
-    return run([options.command, *options.arguments], prog="soft-limb")
 
 
 def _import(module: str) -> None:
@@ -79,11 +107,6 @@ def _import(module: str) -> None:
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
     importlib.import_module(module)
-
-
-def add_force_option(command: argparse.ArgumentParser) -> None:
-    """Adds ``--force``, for `limb_systems.output.check_outputs`."""
-    command.add_argument("--force", action="store_true", help="replace files that exist")
 
 
 def run_command(command: Callable[[], int], stopped: str) -> int:
@@ -94,7 +117,7 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
     in the background; a SIGHUP that `nohup` ignores stays ignored.
 
     Args:
-        command: returns its own exit status.
+        command: function that returns its own exit status.
         stopped: what to say when it was stopped.
 
     Returns:

@@ -29,7 +29,7 @@ NAVIGATION = {
         "docs/protocol.md",
     ],
     "Learn by doing": ["examples/README.md", "examples/notebooks/*.ipynb"],
-    "Packages": [f"docs/{package}.md" for package in PACKAGES],
+    "Packages": [f"docs/{package}.md" for package in (*PACKAGES, "soft_limb")],
     "How good it is": ["docs/evaluation.md", "docs/paper_to_code.md", "benchmarks/results.md"],
     "API": [],
     "Project": ["CONTRIBUTING.md", "CHANGELOG.md"],

@@ -25,8 +25,8 @@ from evaluation.tables import (
 from evaluation.ways import PAUSE
 from limb_systems.views import page
 from limb_systems.views.figure import Figure
-from soft_limb.reports.calibration import parameter_table, validation_summary
-from soft_limb.reports.plan import plan_summary
+from soft_limb.reports.calibration import parameter_table
+from soft_limb.results.summaries import plan_summary, validation_summary
 
 EMULATED = (
     "These limbs are emulated. The numbers say how the method fares on an emulation with physics "
@@ -221,7 +221,7 @@ def _parameters(experiment: Experiment) -> str:
         "Parameters and plans",
         page.paragraph(
             f"The limb that is shown, seed {experiment.specimen.seed}. Validation, open loop: "
-            f"{validation_summary(calibration.validation)}."
+            f"{validation_summary(calibration.validation).line()}."
         ),
         parameter_table(calibration),
         page.items([remark.sentence for remark in calibration.remarks]),

@@ -1,9 +1,8 @@
-"""A calibration to read: in lines of text, for programs, and as one HTML page."""
+"""A calibration, or its validation, as one HTML page."""
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from calibration.section_v.heat import HeatFit
 from calibration.validation import Validation
 from limb_systems.views import page
 from limb_systems.views.colors import wire_colors
+from soft_limb.results.summaries import ranked, validation_summary
 
 if TYPE_CHECKING:  # Bokeh takes as long to import as all the rest
     from bokeh.models import Model
@@ -41,87 +41,6 @@ _MEANING = {
 }
 
 
-def calibration_summary(calibration: Calibration) -> str:
-    """Whether to plan with it, what to do next, and what was calibrated, in lines of text."""
-    lines = [calibration.verdict]
-    lines += _ranked(calibration)
-    width = max(22, *(len(name) + 2 for name in calibration.estimates))
-    lines += [f"{name:<{width}}{estimate}" for name, estimate in calibration.estimates.items()]
-    if calibration.prediction:
-        lines += prediction_lines(calibration.prediction)
-    if calibration.stiffness:
-        lines.append(f"{'correction factor λ':<22}{calibration.stiffness.correction_factor:.3f}")
-    if calibration.validation:
-        lines.append(f"{'validation':<22}{validation_summary(calibration.validation)}")
-    return "\n".join(lines)
-
-
-def prediction_lines(prediction: Prediction) -> list[str]:
-    """The laws that were compared, and how well each predicts what it was not fitted to."""
-    lines = [f"laws, judged by {prediction.judges}:"]
-    for candidate in prediction.candidates:
-        mark = "*" if candidate is prediction.best else " "
-        lines.append(
-            f"  {mark} {candidate.name:<28} bend {np.rad2deg(candidate.bend_error):5.2f}°, "
-            f"V {candidate.temperature_error:4.1f} °C on average"
-        )
-    return lines
-
-
-def _ranked(calibration: Calibration) -> list[str]:
-    return [f"{remark.severity.name.lower()}: {remark}" for remark in calibration.remarks]
-
-
-def validation_summary(validation: Validation) -> str:
-    """The errors of a validation in one line."""
-    degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
-    interrupted = validation.recording.interrupted.rstrip(".")
-    return (
-        "|φ - φ_sim|: mean {:.2f}°, median {:.2f}°, 90th percentile {:.2f}°; ".format(*degrees)
-        + f"|V - V_sim|: mean {validation.temperature_mean:.1f} °C"
-        + (f"; until it was interrupted: {interrupted}" if interrupted else "")
-    )
-
-
-def calibration_facts(calibration: Calibration) -> dict[str, Any]:
-    """The content of `calibration_summary`, for programs."""
-    stiffness, validation = calibration.stiffness, calibration.validation
-    return {
-        "verdict": calibration.verdict,
-        "remarks": [remark.sentence for remark in calibration.remarks],
-        "estimates": {
-            name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
-            for name, e in calibration.estimates.items()
-        },
-        "laws": prediction_facts(calibration.prediction) if calibration.prediction else None,
-        "correction_factor": stiffness.correction_factor if stiffness else None,
-        "validation": validation_facts(validation) if validation else None,
-    }
-
-
-def prediction_facts(prediction: Prediction) -> list[dict[str, Any]]:
-    """The content of `prediction_lines`, for programs."""
-    return [
-        {
-            "law": candidate.name,
-            "bend_angle_mean_deg": math.degrees(candidate.bend_error),
-            "temperature_mean_c": candidate.temperature_error,
-            "used": candidate is prediction.best,
-        }
-        for candidate in prediction.candidates
-    ]
-
-
-def validation_facts(validation: Validation) -> dict[str, float]:
-    """The content of `validation_summary` for programs: numbers, with the unit in the name."""
-    return {
-        "bend_angle_mean_deg": math.degrees(validation.mean),
-        "bend_angle_median_deg": math.degrees(validation.median),
-        "bend_angle_percentile_90_deg": math.degrees(validation.percentile_90),
-        "temperature_mean_c": validation.temperature_mean,
-    }
-
-
 def write_report(
     calibration: Calibration, path: str | Path, data: Mapping[str, str | Path] | None = None
 ) -> None:
@@ -137,13 +56,13 @@ def write_report(
     sources = sorted({source for group in calibration.sources.values() for source in group})
     parts = [page.verdict(calibration.verdict)]
     if calibration.remarks:
-        parts.append(page.section("What to do next", page.items(_ranked(calibration))))
+        parts.append(page.section("What to do next", page.items(ranked(calibration))))
     if calibration.validation:
         parts.append(
             _section(
                 "Validation, Sec. V-D and Fig. 4",
                 f"The duty of a recording that was not used in any fit, simulated open loop. "
-                f"{validation_summary(calibration.validation)}.",
+                f"{validation_summary(calibration.validation).line()}.",
                 charts.validation_chart(calibration.validation),
             )
         )
@@ -196,7 +115,7 @@ def write_validation_report(
 
     parts = [
         page.verdict(validation.verdict),
-        page.paragraph(f"{validation_summary(validation)}."),
+        page.paragraph(f"{validation_summary(validation).line()}."),
         page.chart(validation_chart(validation), "Limb and model for the same duty"),
         page.section("Data", page.links(path, data)),
     ]

@@ -11,13 +11,7 @@ from limb_systems.views import page
 from limb_systems.views.charts import Curve, panel, stacked
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
 from soft_limb.results.comparison import Comparison, Curves
-from soft_limb.results.reading import TRAJECTORY, Result
-from soft_limb.results.tables import (
-    changes_table,
-    differences_table,
-    motions_table,
-    run_names,
-)
+from soft_limb.results.reading import TRAJECTORY, ResultFile
 
 _COLORS = (PLAN_COLOR, ROLLOUT_COLOR, *wire_colors(6))
 _DASHES = ("solid", "dashed", "dotted")  # of wires
@@ -30,15 +24,11 @@ _LABELS = {
 
 def write_comparison(comparison: Comparison, path: str | Path) -> None:
     """Writes the page to an HTML file."""
-    names = run_names(comparison)
+    names = comparison.names
     parts = [page.section("Runs", page.table(["", "kind", "made by", "at"], _runs(comparison)))]
-    if comparison.motions:
-        head, *rows = motions_table(comparison)
-        caption = f"Table I: |φ* − φ| in degrees, means over limbs; differences from {names[0]}."
-        parts.append(page.section("How well limbs follow", page.table(head, rows, caption)))
     if comparison.curves:
         parts += _signals(comparison)
-    head, *rows = changes_table(comparison, comparison.changes)
+    head, *rows = comparison.changes_table()
     caption = f"In brackets the difference from {names[0]}, over its size."
     changed = page.table(head, rows, caption) if rows else page.paragraph("Nothing changed.")
     parts.append(page.section("What changed", changed))
@@ -48,7 +38,7 @@ def write_comparison(comparison: Comparison, path: str | Path) -> None:
 
 def _runs(comparison: Comparison) -> list[list[str]]:
     rows = []
-    for name, result in zip(run_names(comparison), comparison.results, strict=True):
+    for name, result in zip(comparison.names, comparison.results, strict=True):
         made = result.provenance
         by = f"soft-limb {made.version} {made.commit}".strip() if made else "not known"
         rows.append([name, result.kind, by, made.time if made else ""])
@@ -56,11 +46,11 @@ def _runs(comparison: Comparison) -> list[list[str]]:
 
 
 def _signals(comparison: Comparison) -> list[str]:
-    first = run_names(comparison)[0]
-    head, *rows = differences_table(comparison, comparison.differences, "|Δ{}|")
+    first = comparison.names[0]
+    head, *rows = comparison.differences_table(comparison.differences, "|Δ{}|")
     parts = [page.table(head, rows, f"Absolute differences from {first} over their common time.")]
     if comparison.tracking:
-        head, *rows = differences_table(comparison, comparison.tracking, "|{0}* − {0}|")
+        head, *rows = comparison.differences_table(comparison.tracking, "|{0}* − {0}|")
         parts.append(page.table(head, rows, "Tracking errors of the recordings of the plan."))
     chart = page.chart(stacked(_panels(comparison)), f"All runs, and what differs from {first}")
     return [
@@ -74,7 +64,7 @@ def _signals(comparison: Comparison) -> list[str]:
 
 
 def _panels(comparison: Comparison) -> list:
-    results, names = comparison.results, run_names(comparison)
+    results, names = comparison.results, comparison.names
     parameters = results[0].value.parameters
     panels = []
     for segment, suffix in enumerate(parameters.segment_suffixes):
@@ -107,7 +97,7 @@ def _panels(comparison: Comparison) -> list:
     return panels
 
 
-def _references(results: Sequence[Result], segment: int) -> list[Curve]:
+def _references(results: Sequence[ResultFile], segment: int) -> list[Curve]:
     """What the plans are for; one that several share is drawn once."""
     drawn: list[Curve] = []
     for result in results:

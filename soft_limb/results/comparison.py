@@ -11,19 +11,13 @@ from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.parameters import CalibrationRecord, LimbParameters
-from limb_systems.tracking import TrackingErrors, tracking_errors
-from soft_limb.results.reading import (
-    EVALUATION,
-    LIMB,
-    RECORDING,
-    STATISTICS,
-    TRAJECTORY,
-    Result,
-    rollouts_of,
-)
+from limb_systems.tracking import tracking_errors
+from soft_limb.results.reading import LIMB, RECORDING, TRAJECTORY, ResultFile
 
 NONE = "-"  # for a value that one of the runs does not have
 SIGNALS = {"bend_angle": "°", "measured_temperature": "°C", "duty": ""}  # that runs are compared by
+LONGEST = 60  # characters of a value in a table
+_SYMBOLS = {"bend_angle": "φ", "measured_temperature": "V", "duty": "D"}
 _RUNS = (RECORDING, TRAJECTORY)
 _OF_FITS = ("names", "values", "standard_errors", "covariance", "provenance")  # see the laws
 
@@ -36,8 +30,8 @@ class ComparisonError(LimbError):
 class Change:
     """A value that is not the same in all runs.
 
-    - ``name``, ``unit``: of the value.
-    - ``values``: of each run, numbers or texts; None where a run has no such value.
+    - ``name``, ``unit``: name and unit of the value.
+    - ``values``: number or text of each run; None where a run has no such value.
     """
 
     name: str
@@ -57,9 +51,9 @@ class Change:
 class Difference:
     """How far a signal of a run is from the first run's, or from its plan's.
 
-    - ``run``: its number, from 0 on.
-    - ``signal``, ``unit``: such as "bend_angle" in degrees.
-    - ``mean``, ``median``, ``percentile_90``: of the absolute difference.
+    - ``run``: number of the run, from 0 on.
+    - ``signal``, ``unit``: name and unit, such as "bend_angle" in degrees.
+    - ``mean``, ``median``, ``percentile_90``: statistics of the absolute difference.
     """
 
     run: int
@@ -72,12 +66,12 @@ class Difference:
 
 @dataclasses.dataclass(frozen=True)
 class Curves:
-    """The course of a signal of a run, in degrees or °C.
+    """A signal of a run over time, in degrees or °C.
 
-    - ``time``: since the start of the plan (K,), s.
-    - ``values``: (size, K).
-    - ``difference_time``, ``differences``: from the first run (M,), s, and (size, M); empty
-      for the first.
+    - ``time``: times since the start of the plan (K,), s.
+    - ``values``: values at these times (size, K).
+    - ``difference_time``, ``differences``: times (M,), s, and differences from the first run
+      (size, M); empty for the first.
     """
 
     time: np.ndarray
@@ -91,38 +85,71 @@ class Comparison:
     """How results of one kind differ.
 
     - ``results``: R of them; the first is what the others are compared with.
-    - ``changes``: what is not the same in all of them.
-    - ``differences``: of the signals of the other runs from the first.
-    - ``tracking``: of each recording |φ* - φ|, if there is a plan.
-    - ``motions``: of evaluations each number of Table I.
-    - ``curves``: of each run by signal.
+    - ``changes``: values that are not the same in all of them.
+    - ``differences``: differences of the signals of the other runs from the first.
+    - ``tracking``: |φ* - φ| of each recording, if there is one plan.
+    - ``curves``: signals of each run by their names.
     """
 
-    results: Sequence[Result]
+    results: Sequence[ResultFile]
     changes: list[Change]
     differences: list[Difference]
     tracking: list[Difference]
-    motions: list[Change]
     curves: list[dict[str, Curves]]
 
     def to_json(self) -> dict[str, Any]:
-        """For JSON: all but the curves."""
-
-        def listed(changes: Sequence[Change]) -> list[dict]:
-            return [{**dataclasses.asdict(c), "relative": c.relative} for c in changes]
-
+        """All but the curves, for JSON."""
         return {
             "runs": [str(result.path) for result in self.results],
             "kinds": [result.kind for result in self.results],
-            "changes": listed(self.changes),
+            "changes": [{**dataclasses.asdict(c), "relative": c.relative} for c in self.changes],
             "differences": [dataclasses.asdict(item) for item in self.differences],
             "tracking": [dataclasses.asdict(item) for item in self.tracking],
-            "motions": listed(self.motions),
         }
 
+    @property
+    def names(self) -> list[str]:
+        """Names of the runs: the ends of their paths by which they can be told apart."""
+        parts = [result.path.parts or (".",) for result in self.results]
+        paths = len(set(parts))
+        for length in range(1, max(map(len, parts)) + 1):
+            names = ["/".join(part[-length:]).replace("//", "/") for part in parts]
+            if len(set(names)) == paths:
+                break
+        return names
 
-def compare(results: Sequence[Result]) -> Comparison:
-    """Compares plans and recordings, or calibrated limbs, or evaluations.
+    def changes_table(self) -> list[list[str]]:
+        """A head, and a row for each change: name, unit, the values of all runs.
+
+        Values of other runs than the first have the relative difference from it in brackets.
+        """
+        rows = [["", "unit", *self.names]]
+        for change in self.changes:
+            cells = [
+                f"{_text(value)} ({100 * relative:+.3g}%)" if relative else _text(value)
+                for value, relative in zip(change.values, change.relative, strict=True)
+            ]
+            rows.append([change.name, change.unit, *cells])
+        return rows
+
+    def differences_table(self, differences: Sequence[Difference], symbol: str) -> list[list[str]]:
+        """A head, and a row for each difference with its statistics.
+
+        Args:
+            symbol: text for what differs, with "{}" for the signal's symbol.
+        """
+        names, rows = self.names, [["run", "", "mean", "median", "90th percentile"]]
+        for item in differences:
+            digits = 3 if item.signal == "duty" else 2
+            unit = item.unit if item.unit in ("", "°") else f" {item.unit}"
+            numbers = (item.mean, item.median, item.percentile_90)
+            cells = [f"{number:.{digits}f}{unit}" for number in numbers]
+            rows.append([names[item.run], symbol.format(_SYMBOLS[item.signal]), *cells])
+        return rows
+
+
+def compare(results: Sequence[ResultFile]) -> Comparison:
+    """Compares plans and recordings, or calibrated limbs.
 
     Args:
         results: two or more of one kind; plans and recordings may be compared with each
@@ -133,28 +160,27 @@ def compare(results: Sequence[Result]) -> Comparison:
     """
     if len(results) < 2:
         raise ComparisonError("There is one result; a comparison needs two or more.")
-    kinds = {result.kind for result in results}
-    if len(kinds) > 1 and not kinds <= set(_RUNS):
-        said = " and ".join(map(_named, _one_of_each(results)))
-        raise ComparisonError(f"{said}; compare results of one kind.")
-    (kind, *_) = kinds
-    if kind not in (*_RUNS, LIMB, EVALUATION):
-        raise ComparisonError(
-            f"{_named(results[0])}; plans, recordings, limbs and evaluations are compared."
-        )
+    first = results[0]
+    for other in results:
+        if other.kind not in (*_RUNS, LIMB):
+            raise ComparisonError(
+                f"{other.path} is a {other.kind}; plans, recordings and limbs are compared."
+            )
+        if (other.kind == LIMB) != (first.kind == LIMB):
+            raise ComparisonError(
+                f"{first.path} is a {first.kind} and {other.path} is a {other.kind}; compare "
+                "results of one kind."
+            )
     changes = [
         change
         for change in _changed([_about(result) for result in results])
         # What plans alone have says nothing of a plan beside its recordings.
-        if len({value for value in change.values if value is not None}) > 1
+        if len({str(value) for value in change.values if value is not None}) > 1
     ]
-    if kind == EVALUATION:
-        motions = _changed([table_1(result.value) for result in results], all_of_them=True)
-        return Comparison(results, changes, [], [], motions, [])
-    parameters = [r.value if kind == LIMB else r.value.parameters for r in results]
-    changes += _changed([flattened(limb) for limb in parameters])
-    if kind == LIMB:
-        return Comparison(results, changes, [], [], [], [])
+    limbs = [r.value if r.kind == LIMB else r.value.parameters for r in results]
+    changes += _changed([flattened(limb) for limb in limbs])
+    if first.kind == LIMB:
+        return Comparison(results, changes, [], [], [])
     _check_shapes(results)
     curves = _curves([result.value for result in results])
     differences = [
@@ -162,16 +188,7 @@ def compare(results: Sequence[Result]) -> Comparison:
         for run in range(1, len(results))
         for signal, unit in SIGNALS.items()
     ]
-    return Comparison(results, changes, differences, _tracking(results), [], curves)
-
-
-def _one_of_each(results: Sequence[Result]) -> list[Result]:
-    first = results[0]
-    return [first, next(r for r in results if r.kind != first.kind)]
-
-
-def _named(result: Result) -> str:
-    return f"{result.path} is a{'n' * (result.kind == EVALUATION)} {result.kind}"
+    return Comparison(results, changes, differences, _tracking(results), curves)
 
 
 def flattened(parameters: LimbParameters) -> dict[str, tuple[Any, str]]:
@@ -206,34 +223,23 @@ def _leaves(value: Any, unit: str, path: str = "") -> dict[str, tuple[Any, str]]
     return leaves
 
 
-def _about(result: Result) -> dict[str, tuple[Any, str]]:
-    """What is said of a result beside its parameters."""
-    about: dict[str, tuple[Any, str]] = {"kind": (result.kind, "")}
+def _about(result: ResultFile) -> dict[str, tuple[Any, str]]:
+    """Values of a result's summary and provenance with their units, and its kind."""
+    summary = result.summary
     if result.provenance:
-        about |= {name: (text, "") for name, text in result.provenance.summary().texts().items()}
-    value = result.value
-    if isinstance(value, Recording):
-        about |= {"source": (value.source, ""), "rate": (float(value.sample_rate), "Hz")}
-        about["end"] = (value.interrupted or "as it should be", "")
-    if isinstance(value, Trajectory):
-        about |= {"duration": (value.duration, "s"), "knots": (len(value.time), "")}
-        about |= {
-            f"check.{field.name}": (number, "")
-            for field in dataclasses.fields(value.check)
-            if isinstance(number := getattr(value.check, field.name), int | float | str)
-        }
-    if result.kind == EVALUATION:
-        about |= {name: (result.facts[name], "") for name in ("limbs", "motions", "ways")}
-    return about
+        summary += result.provenance.summary()
+    known = {entry.name: (entry.value, entry.unit) for entry in summary.entries + summary.details}
+    return {"kind": (result.kind, "")} | {
+        name: entry for name, entry in known.items() if entry[0] not in (None, "")
+    }
 
 
-def _changed(runs: Sequence[dict[str, tuple[Any, str]]], all_of_them: bool = False) -> list[Change]:
-    """The values that are not the same in all runs, or all of them."""
-    names = dict.fromkeys(itertools.chain.from_iterable(runs))
+def _changed(runs: Sequence[dict[str, tuple[Any, str]]]) -> list[Change]:
+    """The values that are not the same in all runs."""
     changes = []
-    for name in names:
+    for name in dict.fromkeys(itertools.chain.from_iterable(runs)):
         values = [run[name][0] if name in run else None for run in runs]
-        if all_of_them or any(not _same(value, values[0]) for value in values):
+        if any(not _same(value, values[0]) for value in values):
             unit = next(run[name][1] for run in runs if name in run)
             changes.append(Change(name, unit, values))
     return changes
@@ -250,7 +256,7 @@ def _relative(first: Any, value: Any) -> float | None:
     return float((value - first) / abs(first))
 
 
-def _check_shapes(results: Sequence[Result]) -> None:
+def _check_shapes(results: Sequence[ResultFile]) -> None:
     first, *others = [
         (len(result.value.parameters.segments), len(result.value.parameters.wires))
         for result in results
@@ -326,40 +332,23 @@ def _difference(run: int, signal: str, unit: str, values: np.ndarray) -> Differe
     )
 
 
-def _tracking(results: Sequence[Result]) -> list[Difference]:
+def _tracking(results: Sequence[ResultFile]) -> list[Difference]:
     """|φ* - φ| of each recording, if there is one plan."""
     plans = [result.value for result in results if result.kind == TRAJECTORY]
     if len(plans) != 1:
         return []
-    return [
-        _in_degrees(number, tracking_errors(plans[0], [result.value]))
-        for number, result in enumerate(results)
-        if result.kind == RECORDING
-    ]
+    tracked = []
+    for number, result in enumerate(results):
+        if result.kind == RECORDING:
+            errors = dataclasses.astuple(tracking_errors(plans[0], [result.value]))
+            tracked.append(Difference(number, "bend_angle", "°", *np.rad2deg(errors).tolist()))
+    return tracked
 
 
-def _in_degrees(run: int, errors: TrackingErrors) -> Difference:
-    mean, median, percentile_90 = np.rad2deg(
-        [errors.mean, errors.median, errors.percentile_90]
-    ).tolist()
-    return Difference(run, "bend_angle", "°", mean, median, percentile_90)
-
-
-def table_1(summaries: list[dict]) -> dict[str, tuple[Any, str]]:
-    """Of each motion and way of an evaluation the statistics of |φ* - φ|, means over limbs.
-
-    Limbs that are without some of their effects do not count.
-    """
-    groups: dict[tuple[str, str], list[dict]] = {}
-    for summary in summaries:
-        if not summary["absent"]:
-            for motion, way, numbers in rollouts_of(summary):
-                groups.setdefault((motion, way), []).append(numbers)
-    table = {}
-    for (motion, way), group in groups.items():
-        means = np.mean([numbers["tracking"] for numbers in group], axis=0).tolist()
-        for statistic, value in zip(STATISTICS, means, strict=True):
-            table[f"{motion}, {way}, {statistic}"] = (value, "°")
-        aborted = sum(numbers.get("aborted", 0) for numbers in group)
-        table[f"{motion}, {way}, aborted"] = (aborted, "rollouts")
-    return table
+def _text(value: Any) -> str:
+    if value is None:
+        return NONE
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    text = " ".join(str(value).split())
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."

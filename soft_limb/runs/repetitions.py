@@ -10,16 +10,16 @@ import numpy as np
 from controllers import Learner
 from controllers.learner import Repetition
 from hardware.emulation.twin import LimbTwin
-from hardware.replay import ReplayError, replay
+from hardware.replay import ReplayError
 from hardware.robot.link import BoardLink, HardwareError
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.files.table_writer import unfinished_files
-from limb_systems.model.limb_system import check_limb
 from limb_systems.output import OutputError, check_folder
 from limb_systems.progress import Progress
 from soft_limb.live.page import LivePage
-from soft_limb.reports.drive import write_learning_report
+from soft_limb.reports.rollout import write_learning_report
+from soft_limb.runs.rollout import record_replay
 
 STATE, PICTURE, REPORT = "learning.txt", "learning.png", "learning.html"
 PAUSE = 300.0  # s, without heat, between two repetitions on an emulated limb
@@ -29,7 +29,7 @@ LOOK_PERIOD = 1.0  # s
 _NAME = re.compile(r"repetition_[0-9]+\.csv")
 
 
-def learn(
+def repeat(
     learner: Learner,
     limb_of_repetition: Callable[[], LimbSystem],
     repetitions: int,
@@ -46,11 +46,11 @@ def learn(
     repetition is kept as an unfinished recording, which counts as interrupted.
 
     Args:
-        learner: of the plan, also with repetitions before.
-        limb_of_repetition: gives a limb that is ready for the next repetition.
-        repetitions: in all, those before included.
-        tell: is told of each repetition, with its number from 1 on.
-        live: as for `replay`.
+        learner: learner of the plan, also with repetitions before.
+        limb_of_repetition: function that gives a limb that is ready for the next repetition.
+        repetitions: number of repetitions in all, those before included.
+        tell: function that is told of each repetition, with its number from 1 on.
+        live: page on which the limb is shown, as for `replay`.
 
     Raises:
         ReplayError: if the plan must not be replayed on the limb.
@@ -61,17 +61,19 @@ def learn(
     learner.save(folder / STATE)
     while len(learner.repetitions) < repetitions and not learner.finished:
         number = len(learner.repetitions) + 1
-        path = folder / f"repetition_{number}.csv"
+        path = recording_of(folder, number)
         failure = None
         if path.exists():
             recording = Recording.load(path)
         else:
-            limb = check_limb(limb_of_repetition())
+            limb = limb_of_repetition()
             if live:
                 live.say(f"Repetition {number} of {repetitions}{_errors_so_far(learner)}")
             before = unfinished_files(path)
             try:
-                recording = _recorded(learner, limb, path, live)
+                recording = record_replay(
+                    learner.trajectory, limb, path, controller=learner.source(), live=live
+                )
             except HardwareError as error:
                 new = unfinished_files(path) - before
                 if not new:
@@ -84,30 +86,20 @@ def learn(
             raise failure
 
 
+def recording_of(folder: Path, number: int) -> Path:
+    """The file of a repetition's recording."""
+    return folder / f"repetition_{number}.csv"
+
+
 def _errors_so_far(learner: Learner) -> str:
     errors = [f"{np.rad2deg(repetition.mean_error):.2f}°" for repetition in learner.repetitions]
     return f"; mean |φ* - φ| so far {', '.join(errors)}" if errors else ""
 
 
-def _recorded(learner: Learner, limb: LimbSystem, path: Path, live: LivePage | None) -> Recording:
-    """A repetition on a limb, in a file."""
-    is_slow = limb.real_time or live is not None
-    recording = replay(
-        learner.trajectory,
-        limb,
-        controller=learner.source(),
-        journal=path if is_slow else None,
-        live=live,
-    )
-    if not is_slow:
-        recording.save(path)
-    return recording
-
-
 def rested_twins(
     twin: LimbTwin, trajectory: Trajectory, learner: Learner
 ) -> Callable[[], LimbSystem]:
-    """For `learn`: an emulated limb, `PAUSE` after each repetition.
+    """For `repeat`: an emulated limb, `PAUSE` after each repetition.
 
     The time of repetitions before, in a program that ended, passes first: its
     sensors do not have the same noise again.
@@ -125,7 +117,7 @@ def rested_twins(
 def rested_robots(
     port: str, trajectory: Trajectory, live: LivePage | None = None
 ) -> Callable[[], LimbSystem]:
-    """For `learn`: the robot on a port, when its wires have cooled; a page says so."""
+    """For `repeat`: the robot on a port, when its wires have cooled; a page says so."""
     tell = live.say if live else lambda _: None
 
     def rested() -> LimbSystem:
@@ -147,10 +139,10 @@ def wait_until_cool(
     """Waits until no wire is read more than 3 °C warmer than where a plan starts.
 
     Args:
-        read: gives V of the wires (W,), °C.
-        longest: s, to wait.
-        period: s, between two looks.
-        tell: is told at each look what is waited for.
+        read: function that gives V of the wires (W,), °C.
+        longest: time to wait, s.
+        period: time between two looks, s.
+        tell: function that is told at each look what is waited for.
 
     Raises:
         ReplayError: if a wire is too warm after that.
@@ -215,7 +207,7 @@ def draw_repetitions(learner: Learner, folder: Path) -> list[Path]:
     complete = {
         number: path
         for number in range(1, len(learner.repetitions) + 1)
-        if (path := folder / f"repetition_{number}.csv").exists()
+        if (path := recording_of(folder, number)).exists()
     }
     if not complete:
         return []

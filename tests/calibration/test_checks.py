@@ -21,7 +21,7 @@ from calibration import (
     validate,
 )
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
-from soft_limb.reports.calibration import validation_summary
+from soft_limb.results.summaries import validation_summary
 
 
 @pytest.mark.parametrize("kind", kinds_of(LimbParameters()))
@@ -289,9 +289,9 @@ def test_what_was_interrupted_calibrates_nothing_but_is_validated_with(
     right.save(tmp_path / "some_name.csv")
     with pytest.raises(CalibrationError, match=rf"some_name\.csv: {message}"):
         load_recordings(tmp_path)
-    summary = validation_summary(validate(true_limb, both))
+    summary = validation_summary(validate(true_limb, both)).line()
     assert summary.endswith("until it was interrupted: The cable is cut")
-    whole = validation_summary(validate(true_limb, model_recordings["both"][0]))
+    whole = validation_summary(validate(true_limb, model_recordings["both"][0])).line()
     assert "interrupted" not in whole
 
 

@@ -10,7 +10,7 @@ from hardware.robot import board_check
 from hardware.robot.bench import Bench
 from hardware.robot.board_check import RULES
 from hardware.robot.link import BoardLink
-from soft_limb.commands.hardware import main
+from soft_limb.command import main
 
 
 @pytest.fixture

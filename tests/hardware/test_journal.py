@@ -14,7 +14,7 @@ from limb_systems.files.csv_format import KILLED
 from limb_systems.output import OutputError
 from limb_systems.progress import Progress
 from planners import plan, references
-from soft_limb.commands.hardware import main
+from soft_limb.command import main
 
 
 @pytest.fixture(scope="module")

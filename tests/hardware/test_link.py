@@ -17,7 +17,7 @@ from hardware.firmware import guard, protocol, readings
 from hardware.robot.reasons import REASONS
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording, TipTangentSensor
 from limb_systems.model.heat_bounds import HeatBounds
-from soft_limb.commands.hardware import main
+from soft_limb.command import main
 
 from .conftest import BOUNDS, wait_for
 

@@ -32,12 +32,13 @@ from limb_systems import (
 )
 from limb_systems.views.limb_view import ghosts_of_plan
 from planners import plan, references
-from soft_limb.commands.hardware import main
-from soft_limb.live import document, options, server, view
+from soft_limb.command import main
+from soft_limb.commands import options
+from soft_limb.live import document, server, view
 from soft_limb.live.page import LivePage
 from soft_limb.live.run import ENDED_WITHOUT_A_WORD, MOST_POINTS, Run
-from soft_limb.runs.drive import drive
-from soft_limb.runs.repetitions import learn
+from soft_limb.runs.repetitions import repeat
+from soft_limb.runs.rollout import roll_out
 
 from .conftest import last_numbers, wait_for
 
@@ -454,13 +455,13 @@ def test_an_emulated_limb_that_is_stopped_on_the_page_leaves_its_recording(motio
 
     output = tmp_path / "recording.csv"
     with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
-        drive(motion, LimbTwin, output, live=Stopping())
+        roll_out(motion, LimbTwin, output, live=Stopping())
     kept = Recording.load(tmp_path / "recording.unfinished.csv")
     assert kept.time[-1] == pytest.approx(0.5, abs=0.06)
     assert kept.interrupted == "stopped by Ctrl-C or a signal"
     learner = Learner(motion)
     with pytest.raises(KeyboardInterrupt), pytest.warns(UserWarning, match="until then is in"):
-        learn(learner, LimbTwin, 1, tmp_path, live=Stopping())
+        repeat(learner, LimbTwin, 1, tmp_path, live=Stopping())
     assert len(Recording.load(tmp_path / "repetition_1.unfinished.csv").time) > 5
 
 

@@ -23,7 +23,7 @@ from limb_systems import (
 )
 from limb_systems.tracking import tracking_errors
 from planners import plan, references
-from soft_limb.commands.hardware import main
+from soft_limb.command import main
 
 
 def test_replay_on_the_model_itself_follows_the_plan(fig5_plan):

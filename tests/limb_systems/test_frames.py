@@ -12,7 +12,7 @@ import pytest
 from mcap.reader import make_reader
 
 from limb_systems import Limb, LimbError, PlanCheck, Provenance, Trajectory, simulate
-from soft_limb.commands.results import main
+from soft_limb.command import main
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,7 @@ import pytest
 from limb_systems import LimbError, LimbParameters, Recording, Trajectory
 from limb_systems.input import LARGEST_TABLE, LARGEST_TEXT, read_bytes
 from planners import Task, references
-from soft_limb.commands.hardware import main as hardware
-from soft_limb.commands.plan import main as planners
+from soft_limb.command import main
 
 READERS = {
     "limb": (LimbParameters.load, LARGEST_TEXT),
@@ -56,20 +55,20 @@ def test_files_that_grow_or_hide_their_size_are_read_to_the_limit(refused):
 
 
 @pytest.mark.parametrize(
-    ("command", "line"),
+    "line",
     [
-        (hardware, "replay {} -o new.csv"),
-        (hardware, "recover {} -o new.csv"),
-        (hardware, "emulate -l {}"),
-        (planners, "{} -o new.csv"),
-        (planners, "fig5 -l {} -o new.csv"),
-        (planners, "fig5 --task {} -o new.csv"),
+        "replay {} -o new.csv",
+        "recover {} -o new.csv",
+        "emulate -l {}",
+        "plan {} -o new.csv",
+        "plan fig5 -l {} -o new.csv",
+        "plan fig5 --task {} -o new.csv",
     ],
 )
-def test_commands_say_so_in_one_sentence(pipe, command, line, monkeypatch, capsys):
+def test_commands_say_so_in_one_sentence(pipe, line, monkeypatch, capsys):
     monkeypatch.chdir(pipe.parent)
     for path in (pipe, "/dev/zero"):
-        assert command(line.format(path).split()) == 1
+        assert main(line.format(path).split()) == 1
         error = capsys.readouterr().err
         assert error.startswith(f"error: Cannot read the {error.split()[4]}")
         assert f"{path} is a device or a pipe, but must be a file." in error

@@ -8,9 +8,7 @@ import pytest
 
 from limb_systems import Limb, LimbParameters, simulate
 from limb_systems.output import OutputError, check_folder, check_outputs
-from soft_limb.commands.calibration import main as calibration
-from soft_limb.commands.hardware import main as hardware
-from soft_limb.commands.plan import main as planners
+from soft_limb.command import main
 
 
 @pytest.fixture
@@ -89,33 +87,33 @@ def limb(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("command", "line"),
+    "line",
     [
-        (planners, "reference.csv -o kept.csv"),
-        (planners, "reference.csv -o new.csv --plot kept"),
-        (planners, "reference.csv -o reference.csv --force"),
-        (planners, "reference.csv -o new.csv --plot new.xyz"),
-        (hardware, "replay kept.csv -o kept.csv --force"),
-        (hardware, "replay reference.csv -o kept.csv"),
-        (hardware, "replay reference.csv -o kept.csv -p nowhere"),
-        (hardware, "teach nowhere -o kept.csv"),
-        (hardware, "recover recording.csv -o kept.csv"),
-        (hardware, "recover recording.csv -o recording.csv --force"),
-        (hardware, "emulate --log kept"),
-        (calibration, "collect -o kept"),
-        (calibration, "collect -o ."),
-        (calibration, "fit . -o kept"),
-        (calibration, "fit . -l limb.yaml -o limb.yaml --force"),
-        (calibration, "fit . -o recording.csv --force"),
-        (calibration, "validate limb.yaml recording.csv --plot kept"),
+        "plan reference.csv -o kept.csv",
+        "plan reference.csv -o new.csv --plot kept",
+        "plan reference.csv -o reference.csv --force",
+        "plan reference.csv -o new.csv --plot new.xyz",
+        "replay kept.csv -o kept.csv --force",
+        "replay reference.csv -o kept.csv",
+        "replay reference.csv -o kept.csv -p nowhere",
+        "teach nowhere -o kept.csv",
+        "recover recording.csv -o kept.csv",
+        "recover recording.csv -o recording.csv --force",
+        "emulate --log kept",
+        "collect -o kept",
+        "collect -o .",
+        "fit . -o kept",
+        "fit . -l limb.yaml -o limb.yaml --force",
+        "fit . -o recording.csv --force",
+        "validate limb.yaml recording.csv --plot kept",
     ],
 )
-def test_commands_keep_what_is_there(limb, command, line, monkeypatch, capsys):
+def test_commands_keep_what_is_there(limb, line, monkeypatch, capsys):
     monkeypatch.chdir(limb)
     for name in ("kept", "kept.csv"):
         (limb / name).write_text(json.dumps("kept"))
     before = {path: path.read_bytes() for path in limb.iterdir()}
-    assert command(line.split()) == 1
+    assert main(line.split()) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: ")
     assert error.count("\n") == 1
@@ -129,7 +127,7 @@ def test_collecting_again_replaces_recordings_only_when_forced(limb, monkeypatch
     monkeypatch.setattr(
         "soft_limb.commands.calibration.save_recordings", lambda *_: collected.append(True) or []
     )
-    assert calibration(["collect", "-o", str(limb)]) == 1
+    assert main(["collect", "-o", str(limb)]) == 1
     assert f"{limb} holds recordings" in capsys.readouterr().err
-    assert calibration(["collect", "-o", str(limb), "--force"]) == 0
+    assert main(["collect", "-o", str(limb), "--force"]) == 0
     assert collected == [True]

@@ -1,4 +1,4 @@
-"""``python -m planners`` as a shell sees it."""
+"""``soft-limb plan`` as a shell sees it."""
 
 import json
 import os
@@ -13,48 +13,41 @@ import numpy as np
 import pytest
 
 from limb_systems import Limb, LimbParameters, Trajectory, simulate
-from soft_limb.commands.plan import main
+from soft_limb.command import main
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture
 def quick(tmp_path):
-    """Arguments for a short plan."""
+    """Words for a short plan."""
     parameters = LimbParameters()
     parameters.temperature_limits.warm_up_time = 1000.0
     parameters.save(tmp_path / "limb.yaml")
     (tmp_path / "reference.csv").write_text("0,0\n1,0\n3,12\n6,12\n")
-    return [str(tmp_path / "reference.csv"), "-l", str(tmp_path / "limb.yaml")]
+    return ["plan", str(tmp_path / "reference.csv"), "-l", str(tmp_path / "limb.yaml")]
 
 
-def test_plans_and_writes_a_trajectory_and_a_picture(quick, tmp_path, capsys):
-    output, picture = tmp_path / "deep" / "plan.csv", tmp_path / "plan.png"
-    diagnostics = tmp_path / "diagnostics.png"
-    pictures = ["--plot", str(picture), "--diagnostics", str(diagnostics)]
-    assert main([*quick, "-o", str(output), *pictures]) == 0
+def test_plans_and_writes_a_trajectory_pictures_and_a_report(quick, tmp_path, capsys, look_at):
+    output, report = tmp_path / "deep" / "plan.csv", tmp_path / "pages" / "plan.html"
+    pictures = [tmp_path / "plan.png", tmp_path / "diagnostics.png"]
+    words = ["--plot", str(pictures[0]), "--diagnostics", str(pictures[1])]
+    assert main([*quick, "-o", str(output), *words, "--report", str(report)]) == 0
     trajectory = Trajectory.load(output)
     assert trajectory.duration == 6.0
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    assert diagnostics.read_bytes().startswith(b"\x89PNG")
+    assert all(picture.read_bytes().startswith(b"\x89PNG") for picture in pictures)
     said = capsys.readouterr().out
-    assert "simulated again" in said
-    assert str(output) in said
-
-
-def test_report_says_whether_to_use_the_plan(quick, tmp_path, capsys, look_at):
-    output, report = tmp_path / "plan.csv", tmp_path / "pages" / "plan.html"
-    assert main([*quick, "-o", str(output), "--report", str(report)]) == 0
-    assert f"written     {output}, {report}" in capsys.readouterr().out
+    assert "check       simulated again: within 0.0" in said
+    assert f"written     {output}, {pictures[0]}, {pictures[1]}, {report}\n" in said
+    times = {}
+    for active in trajectory.check.active_constraints:
+        times[active.bound] = times.get(active.bound, 0.0) + active.end - active.start
+        assert re.search(rf"^ {{12}}{active.bound} +at .*{active.start:.1f}", said, re.MULTILINE)
     text = report.read_text(encoding="utf-8")
-    trajectory = Trajectory.load(output)
     missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))
     verdict = text.partition('<p class="verdict">')[2].partition("</p>")[0]
     assert verdict.startswith("Checked: simulated again, the limb stays within 0.0")
     assert f"missed by {missed.mean():.2f}° on average, {missed.max():.2f}° at most" in verdict
-    times = {}
-    for active in trajectory.check.active_constraints:
-        times[active.bound] = times.get(active.bound, 0.0) + active.end - active.start
     assert f"limits: {max(times, key=times.get)} for {max(times.values()):.1f} s" in verdict
     links = [report.parent / link for link in re.findall(r'<a href="([^"]+)">', text)]
     files = [output, tmp_path / "reference.csv", tmp_path / "limb.yaml"]
@@ -63,8 +56,11 @@ def test_report_says_whether_to_use_the_plan(quick, tmp_path, capsys, look_at):
 
 
 def test_json_says_what_is_in_the_file(quick, tmp_path, capsys):
+    """Here of a recording as the reference."""
+    simulate(Limb(), [0.0, 0.05], 4.0).save(tmp_path / "taught.csv")
     output = tmp_path / "plan.csv"
-    assert main([*quick, "-o", str(output), "--json"]) == 0
+    words = ["plan", str(tmp_path / "taught.csv"), *quick[2:], "-o", str(output), "--json"]
+    assert main([*words, "--closed-loop"]) == 0
     said = json.loads(capsys.readouterr().out)
     trajectory = Trajectory.load(output)
     check = trajectory.check
@@ -72,8 +68,8 @@ def test_json_says_what_is_in_the_file(quick, tmp_path, capsys):
         assert said[name] == getattr(check, name)
     assert said["solve_time_s"] == check.solve_time > 0.0
     assert said["total_time_s"] == check.total_time > 0.0
-    assert said["duration_s"] == 6.0
-    assert said["knots"] == len(trajectory.time) == 61
+    assert said["duration_s"] == 4.0
+    assert said["knots"] == len(trajectory.time) == 41
     assert said["active_constraints"] == [
         {"bound": active.bound, "start_s": active.start, "end_s": active.end}
         for active in check.active_constraints
@@ -84,51 +80,30 @@ def test_json_says_what_is_in_the_file(quick, tmp_path, capsys):
     assert said["written"] == [str(output)]
 
 
-def test_json_of_no_plan_is_nothing(quick, tmp_path, capsys):
-    assert main([*quick, "-o", str(tmp_path / "plan.csv"), "--json", "--knot-rate", "0"]) == 1
-    assert capsys.readouterr().out == ""
-
-
-def test_recordings_are_references(quick, tmp_path):
-    simulate(Limb(), [0.0, 0.05], 4.0).save(tmp_path / "taught.csv")
+def test_failure_is_one_sentence_status_1_and_no_file(quick, tmp_path, capsys):
+    slow = tmp_path / "slow.csv"
+    slow.write_text("0,0\n22000,0\n32000,20\n")  # milliseconds for seconds
     output = tmp_path / "plan.csv"
-    assert main([str(tmp_path / "taught.csv"), *quick[1:], "-o", str(output)]) == 0
-    assert Trajectory.load(output).duration == 4.0
+    for words, message in (
+        ([*quick, "--tolerance", "1e-9"], "failed its check"),
+        ([*quick, "--knot-rate", "0", "--json"], "knot_rate is 0.0 Hz"),
+        ([*quick, "--tolerance", "nan"], "tolerance_deg is nan degrees"),
+        ([*quick, "--max-knots", "60"], "makes 61 knots, more than 60"),
+        ([*quick, "-l", "nowhere.yaml"], "nowhere.yaml"),
+        (["plan", str(slow)], "320,001 knots, more than 20,000; is its time in s?"),
+    ):
+        assert main([*words, "-o", str(output)]) == 1
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert said.err.startswith("error: ")
+        assert said.err.count("\n") == 1
+        assert message in said.err
+        assert not output.exists()
+    assert main([*quick, "-o", str(tmp_path / "plan.png")]) == 1
+    assert "plan.png is to be a table; its name must end with .csv" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("extra", "message"),
-    [
-        (["--tolerance", "1e-9"], "failed its check"),
-        (["--knot-rate", "0"], "knot_rate is 0.0 Hz"),
-        (["--tolerance", "0"], "tolerance_deg is 0.0 degrees"),
-        (["--tolerance", "nan"], "tolerance_deg is nan degrees"),
-        (["--max-knots", "60"], "6 s at 10 knots per second makes 61 knots, more than 60"),
-        (["--max-knots", "60"], "or allow more by --max-knots"),
-        (["-o", "plan.png"], "plan.png is to be a table; its name must end with .csv"),
-        (["-l", "nowhere.yaml"], "nowhere.yaml"),
-    ],
-)
-def test_failure_is_one_sentence_status_1_and_no_file(quick, tmp_path, capsys, extra, message):
-    output = tmp_path / "plan.csv"
-    assert main([*quick, "-o", str(output), *extra]) == 1
-    error = capsys.readouterr().err
-    assert error.startswith("error: ")
-    assert error.count("\n") == 1
-    assert message in error
-    assert not output.exists()
-
-
-def test_milliseconds_for_seconds_are_asked_about(tmp_path, capsys):
-    (tmp_path / "reference.csv").write_text("0,0\n22000,0\n32000,20\n")
-    assert main([str(tmp_path / "reference.csv"), "-o", str(tmp_path / "plan.csv")]) == 1
-    error = capsys.readouterr().err
-    assert "320,001 knots, more than 20,000; is its time in s?" in error
-    assert error.count("\n") == 1
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_plan_ends_at_once_with_its_process(tmp_path, number):
+def test_a_plan_ends_at_once_with_its_process(tmp_path):
     """While it is at one of the long calls, which heed no signal by themselves."""
     (tmp_path / "reference.csv").write_text("0,0\n22,0\n24,20\n1900,20\n")
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
@@ -142,9 +117,9 @@ def test_a_plan_ends_at_once_with_its_process(tmp_path, number):
         while busy(process.pid) < 4.0:
             assert process.poll() is None  # amid imports or the first of planning
             time.sleep(0.1)
-        process.send_signal(number)
+        process.send_signal(signal.SIGTERM)
         _, error = process.communicate(timeout=5.0)
-    assert (process.returncode, "Traceback" in error) == (-number, False)
+    assert (process.returncode, "Traceback" in error) == (-signal.SIGTERM, False)
     assert [path.name for path in tmp_path.iterdir()] == ["reference.csv"]
 
 

@@ -15,12 +15,12 @@ from limb_systems import (
     WireParameters,
     simulate,
 )
-from soft_limb.reports.drive import drive_verdict, write_drive_report
-from soft_limb.runs.drive import Drive
+from soft_limb.reports.rollout import rollout_verdict, write_rollout_report
+from soft_limb.runs.rollout import Rollout
 
 
 @pytest.fixture(scope="module")
-def driven() -> Drive:
+def rollout() -> Rollout:
     """A limb of two segments with three wires and one, 1° beside its plan, cut off on the way."""
     wires = [WireParameters(name, e2=e2) for name, e2 in (("a", -3e-3), ("b", 1e-3), ("c", 3e-3))]
     limb = LimbParameters(
@@ -54,15 +54,15 @@ def driven() -> Drive:
         source="limb <b>7</b>",
         interrupted="the <i>a</i> wire is open",
     )
-    return Drive("pi", plan, recording, np.array([0.0, 6e-3, 0.0, 0.0]), 2, None)
+    return Rollout("pi", plan, recording, np.array([0.0, 6e-3, 0.0, 0.0]), 2, None)
 
 
 @pytest.mark.filterwarnings("ignore:Left out of the tracking errors")
-def test_a_report_begins_with_what_went_wrong(driven, tmp_path, look_at):
+def test_a_report_begins_with_what_went_wrong(rollout, tmp_path, look_at):
     folder = tmp_path / "of <runs> & more"
     folder.mkdir()
     report = folder / "report.html"
-    write_drive_report(driven, driven.lines(), report, {"plan": tmp_path / "plan.csv"})
+    write_rollout_report(rollout, rollout.summary(), report, {"plan": tmp_path / "plan.csv"})
     text = report.read_text(encoding="utf-8")
     verdict = text.partition('<p class="verdict">')[2].partition("</p>")[0]
     assert verdict == html.escape(
@@ -77,15 +77,15 @@ def test_a_report_begins_with_what_went_wrong(driven, tmp_path, look_at):
     look_at(report)
 
 
-def test_a_report_says_that_all_is_well(driven):
+def test_a_report_says_that_all_is_well(rollout):
     whole = dataclasses.replace(
-        driven.recording,
+        rollout.recording,
         interrupted="",
-        measured_temperature=np.clip(driven.recording.measured_temperature, 0.0, 100.0),
+        measured_temperature=np.clip(rollout.recording.measured_temperature, 0.0, 100.0),
     )
-    trajectory = dataclasses.replace(driven.trajectory, check=PlanCheck())
-    well = dataclasses.replace(driven, recording=whole, trajectory=trajectory, late=np.zeros(4))
-    assert drive_verdict(well) == (
+    trajectory = dataclasses.replace(rollout.trajectory, check=PlanCheck())
+    well = dataclasses.replace(rollout, recording=whole, trajectory=trajectory, late=np.zeros(4))
+    assert rollout_verdict(well) == (
         "Followed the plan to 1.00° on average, and to 1.00° for nine tenths of the samples. All "
         "commands left in time."
     )

@@ -21,11 +21,11 @@ from limb_systems import (
     Trajectory,
     joint_angles_from_bend_angle,
 )
+from limb_systems.summary import Summary
 from limb_systems.views import page
-from soft_limb.commands.results import main
+from soft_limb.command import main
 from soft_limb.results.comparison import Change, compare, flattened
-from soft_limb.results.reading import Result, read_result
-from soft_limb.results.tables import run_names
+from soft_limb.results.reading import ResultFile, read_result
 
 MADE = Provenance("0.1.0", "0123456789ab", "soft-limb plan", "a" * 12, "2030-01-31T12:00:00Z", 7, 3)
 TIME = np.linspace(0.0, 4.0, 41)
@@ -72,19 +72,6 @@ def calibrated() -> LimbParameters:
     return limb
 
 
-def evaluation(*errors, provenance=MADE, absent=()) -> list[dict]:
-    return [
-        {
-            "seed": seed,
-            "absent": list(absent),
-            "ways": {"Validation": {"open loop": {"tracking": [error, 1.0, 3.0], "aborted": 1}}},
-            "repetitions": {"Validation": [{"tracking": [9.0, 9.0, 9.0]}, {"tracking": [0.5] * 3}]},
-            "provenance": provenance and dataclasses.asdict(provenance),
-        }
-        for seed, error in enumerate(errors)
-    ]
-
-
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     """A file of each kind."""
@@ -97,8 +84,6 @@ def files(tmp_path_factory):
     learner.provenance = MADE
     learner.save(folder / "learning.txt")
     page.write_page(folder / "report.html", "Limbs & wires", [page.paragraph("x")], MADE)
-    (folder / "out").mkdir()
-    (folder / "out" / "results.json").write_text(json.dumps(evaluation(1.0, 2.0)))
     return folder
 
 
@@ -117,13 +102,11 @@ def shown(arguments, capsys) -> dict:
 def test_show_says_what_each_file_is_and_what_made_it(folder, capsys):
     wanted = {
         "recording.csv": ("recording", "source", "emulated limb, seed 7"),
-        "plan.csv": ("trajectory", "duration", "4 s"),
+        "plan.csv": ("trajectory", "largest_difference_deg", 0.04),
         "limb.yaml": ("limb", "validation", "off by 1"),
         "task.yaml": ("task", "reach", "True"),
-        "learning.txt": ("learning", "repetitions", "0"),
+        "learning.txt": ("learning", "repetitions", []),
         "report.html": ("report", "title", "Limbs & wires"),
-        "out": ("evaluation", "open loop", "mean |φ* - φ| 1.50°"),
-        "out/results.json": ("evaluation", "limbs", "2, seeds 0, 1"),
     }
     files = shown(wanted, capsys)
     assert list(files) == list(wanted)
@@ -137,13 +120,12 @@ def test_show_says_what_each_file_is_and_what_made_it(folder, capsys):
             assert made == dataclasses.asdict(calibrated().calibration.provenance)
         else:
             assert made == dataclasses.asdict(MADE)
-    assert files["plan.csv"]["check"] == dataclasses.asdict(CHECK)
-    assert files["recording.csv"]["check"] is None
 
     assert main(["show", *wanted]) == 0
     said = capsys.readouterr().out
-    assert "check       passed: up to 0.040° from its simulation (0.1° allowed)" in said
-    assert len(re.findall(r"^made at +2030-01-31T12:00:00Z$", said, re.MULTILINE)) == 7
+    check = "check       simulated again: within 0.0400° of the plan (allowed 0.1°); largest defect"
+    assert check in said
+    assert len(re.findall(r"^made at +2030-01-31T12:00:00Z$", said, re.MULTILINE)) == 5
     assert re.search(r"^limb seed   7$", said, re.MULTILINE)
 
 
@@ -152,11 +134,10 @@ def test_show_reads_what_is_older_and_what_is_unfinished(folder, capsys):
     recording.save("old.csv")
     lines = (folder / "old.csv").read_text().splitlines(keepends=True)
     (folder / "cut.unfinished.csv").write_text("".join(lines[:-5]))
-    (folder / "results.json").write_text(json.dumps(evaluation(1.0, provenance=None)))
     page.write_page("old.html", "Old", [])
-    old = ["old.csv", "cut.unfinished.csv", "results.json", "old.html"]
+    old = ["old.csv", "cut.unfinished.csv", "old.html"]
     files = shown(old, capsys)
-    assert [file["provenance"] for file in files.values()] == [None] * 4
+    assert [file["provenance"] for file in files.values()] == [None] * 3
     assert "killed" in files["cut.unfinished.csv"]["facts"]["end"]
     assert main(["show", "old.csv"]) == 0
     assert "made by     not known\n" in capsys.readouterr().out
@@ -174,9 +155,8 @@ def damaged(text: str) -> str:
     return text.replace("0.1", "0.2", 1) + " "
 
 
-@pytest.mark.parametrize(
-    ("name", "content", "said"),
-    [
+def test_a_file_that_is_damaged_or_unknown_is_one_sentence(folder, capsys):
+    for name, content, said in (
         ("recording.csv", damaged, "recording.csv: "),
         ("plan.csv", damaged, "plan.csv: "),
         ("learning.txt", damaged, "does not match the checksum"),
@@ -184,27 +164,17 @@ def damaged(text: str) -> str:
         ("task.yaml", lambda _: "reach: perhaps\n", "task.yaml: reach is 'perhaps'"),
         ("task.yaml", lambda _: "colour: blue\n", "no field of a limb or a task"),
         ("report.html", lambda text: text.replace('"version"', "version"), "is damaged"),
-        ("out/results.json", lambda text: text[:-1], "is not valid JSON"),
-        ("out/results.json", lambda _: "[]", "is not a list of limbs"),
-        ("out/results.json", lambda t: t.replace("1.0,", "null,", 1), "limb 1 has as tracking"),
-        ("out/results.json", lambda t: t.replace('"seed"', '"sed"'), "limb 1 has no seed"),
         ("notes.md", lambda _: "# limb notes, format 3\n", "is no recording"),
-        ("data.csv", lambda _: "0,0\n1,1\n", "is no recording"),
-        ("picture.png", lambda _: "\x89PNG", "is no recording"),
-    ],
-)
-def test_a_file_that_is_damaged_or_unknown_is_one_sentence(folder, capsys, name, content, said):
-    file = folder / name
-    file.write_text(content(file.read_text() if file.exists() else ""))
-    assert main(["show", name]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("error: ")
-    assert said in line
-
-
-def test_a_folder_without_results_is_one_sentence(tmp_path, capsys):
-    assert main(["show", str(tmp_path)]) == 1
-    assert "is a folder without results.json" in capsys.readouterr().err
+        ("results.json", lambda _: "[]", "is no recording"),
+    ):
+        file = folder / name
+        file.write_text(content(file.read_text() if file.exists() else ""))
+        assert main(["show", name]) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith("error: ")
+        assert said in line
+    assert main(["show", str(folder)]) == 1
+    assert "is a folder, but must be a file" in capsys.readouterr().err
 
 
 def compared(arguments, capsys) -> dict:
@@ -249,8 +219,9 @@ def test_compare_tells_a_shift_of_one_degree(folder, capsys):
         assert bend[statistic] == pytest.approx(1.0, abs=0.015)
         assert heat[statistic] == pytest.approx(0.0, abs=1e-9)
         assert duty[statistic] == 0.0
-    (change,) = facts["changes"]
-    assert (change["name"], change["values"]) == ("seed", ["3", "4"])
+    changes = {change["name"]: change["values"] for change in facts["changes"]}
+    assert set(changes) == {"duration", "samples", "motion", "heat", "seed"}
+    assert changes["seed"] == [3, 4]
     make_recording(1.0).save("same_times.csv")
     facts = compared(["recording.csv", "same_times.csv"], capsys)
     assert facts["differences"][0]["percentile_90"] == pytest.approx(1.0, abs=1e-9)
@@ -276,50 +247,20 @@ def test_samples_that_are_not_plausible_are_left_out(folder):
     assert all(difference.mean < 1e-9 for difference in compare(results).differences)
 
 
-def test_compare_sets_table_1_of_evaluations_side_by_side(folder, capsys):
-    other = folder / "other"
-    other.mkdir()
-    whole, without = evaluation(0.5, 1.5), evaluation(50.0, absent=["stress"])
-    (other / "results.json").write_text(json.dumps(whole + without))
-    facts = compared(["out", "other"], capsys)
-    motions = {motion["name"]: motion for motion in facts["motions"]}
-    mean = motions["Validation, open loop, mean"]
-    assert mean["values"] == [1.5, 1.0]  # of limbs with all their effects
-    assert mean["relative"][1] == pytest.approx(-1 / 3)
-    assert motions["Validation, learning, repetition 2, mean"]["values"] == [0.5, 0.5]
-    assert motions["Validation, open loop, aborted"]["values"] == [2, 2]
-    assert main(["compare", "out", "other"]) == 0
-    said = capsys.readouterr().out
-    assert re.search(r"Validation, open loop, mean +° +1\.50 +1\.00 +-0\.50\n", said)
-
-
-@pytest.mark.parametrize(
-    ("paths", "names"),
-    [
+def test_runs_are_called_by_what_tells_them_apart():
+    for paths, names in (
         (["out/plan.csv", "out/recording.csv"], ["plan.csv", "recording.csv"]),
         (["/a/b/limb.yaml", "limb.yaml"], ["b/limb.yaml", "limb.yaml"]),
         (["x/a/out", "y/a/out", "z"], ["x/a/out", "y/a/out", "z"]),
         (["/out", "out"], ["/out", "out"]),
         (["a/out", "a/out"], ["out", "out"]),
-    ],
-)
-def test_runs_are_called_by_what_tells_them_apart(paths, names):
-    runs = [Result(Path(path), "limb", {}, None, LimbParameters()) for path in paths]
-    assert run_names(compare(runs)) == names
+    ):
+        limb = LimbParameters()
+        runs = [ResultFile(Path(path), "limb", Summary([]), None, limb) for path in paths]
+        assert compare(runs).names == names
 
 
-@pytest.mark.parametrize(
-    ("runs", "said"),
-    [
-        (["plan.csv", "limb.yaml"], "plan.csv is a trajectory and limb.yaml is a limb; compare"),
-        (["out", "recording.csv"], "out is an evaluation and recording.csv is a recording"),
-        (["plan.csv"], "a comparison needs two or more"),
-        (["task.yaml", "task.yaml"], "plans, recordings, limbs and evaluations are compared"),
-        (["recording.csv", "two.csv"], "of 1 segments and 2 wires, but two.csv of 2 and 4"),
-        (["recording.csv", "late.csv"], "they have no time in common"),
-    ],
-)
-def test_what_cannot_be_compared_is_one_sentence(folder, capsys, runs, said):
+def test_what_cannot_be_compared_is_one_sentence(folder, capsys):
     make_recording(time=TIME + 10).save("late.csv")
     limb = LimbParameters(segments=[SegmentParameters(), SegmentParameters()])
     two = make_recording()
@@ -333,9 +274,16 @@ def test_what_cannot_be_compared_is_one_sentence(folder, capsys, runs, said):
         sample_rate=10.0,
     )
     two.save("two.csv")
-    assert main(["compare", *runs]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert said in line
+    for runs, said in (
+        (["plan.csv", "limb.yaml"], "plan.csv is a trajectory and limb.yaml is a limb; compare"),
+        (["plan.csv"], "a comparison needs two or more"),
+        (["task.yaml", "task.yaml"], "task.yaml is a task; plans, recordings and limbs are"),
+        (["recording.csv", "two.csv"], "of 1 segments and 2 wires, but two.csv of 2 and 4"),
+        (["recording.csv", "late.csv"], "they have no time in common"),
+    ):
+        assert main(["compare", *runs]) == 1
+        (line,) = capsys.readouterr().err.splitlines()
+        assert said in line
 
 
 def test_the_page_has_all_runs_and_what_made_it(folder, capsys):

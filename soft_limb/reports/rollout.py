@@ -1,21 +1,22 @@
 """How a limb followed its plan, and how it learned to, each as one HTML page."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from controllers import Learner
 from limb_systems import Recording
+from limb_systems.summary import Summary
 from limb_systems.views import page
 from planners.distance import far_from_reference
-from soft_limb.runs.drive import Drive
+from soft_limb.runs.rollout import Rollout
 
 
-def drive_verdict(driven: Drive) -> str:
+def rollout_verdict(rollout: Rollout) -> str:
     """How well a limb followed its plan, and what went wrong."""
-    facts, check = driven.facts(), driven.trajectory.check
-    tracking, timing = facts["tracking"], facts["timing"]
+    values, check = rollout.summary().to_json(), rollout.trajectory.check
+    tracking, timing = values["tracking"], values["timing"]
     said = [
         f"Followed the plan to {tracking['mean_deg']:.2f}° on average, and to "
         f"{tracking['percentile_90_deg']:.2f}° for nine tenths of the samples."
@@ -25,14 +26,14 @@ def drive_verdict(driven: Drive) -> str:
             f"In open loop, the bend sensors of 95% of the limbs that the calibration allows for "
             f"read within ±{check.bend_band_deg:.2f}° of the plan."
         )
-    recording = driven.recording
+    recording = rollout.recording
     if recording.interrupted:
         said.insert(
             0,
-            f"Interrupted at {recording.time[-1]:.1f} s of {driven.trajectory.duration:.1f} s: "
+            f"Interrupted at {recording.time[-1]:.1f} s of {rollout.trajectory.duration:.1f} s: "
             f"{recording.interrupted.rstrip('.')}.",
         )
-    if far := far_from_reference(driven.trajectory):
+    if far := far_from_reference(rollout.trajectory):
         said.append(far)
     if recording.doubt:
         said.append(f"Doubtful: {recording.doubt}; they do not count.")
@@ -47,27 +48,27 @@ def drive_verdict(driven: Drive) -> str:
     return " ".join(said)
 
 
-def write_drive_report(
-    driven: Drive, lines: Sequence[str], path: str | Path, data: Mapping[str, str | Path]
+def write_rollout_report(
+    rollout: Rollout, summary: Summary, path: str | Path, data: Mapping[str, str | Path]
 ) -> None:
     """Writes one HTML page: verdict, chart of plan and recording, facts and links to the data.
 
     Args:
-        lines: what the command prints, such as `Drive.lines`.
-        path: of the page.
+        summary: what the command prints, such as `Rollout.summary`.
+        path: path of the page.
         data: files that the page links to, by what they are.
     """
     # Bokeh takes as long to import as all the rest.
     from limb_systems.views.charts import tracking_chart
 
-    chart = tracking_chart(driven.trajectory, [driven.recording])
+    chart = tracking_chart(rollout.trajectory, [rollout.recording])
     parts = [
-        page.verdict(drive_verdict(driven)),
+        page.verdict(rollout_verdict(rollout)),
         page.chart(chart, "Bend angle, temperatures and duty of the plan and the recording"),
-        page.section("Facts", page.facts(lines)),
+        page.section("Facts", page.table(["", ""], list(summary.texts().items()))),
         page.section("Data", page.links(path, data)),
     ]
-    page.write_page(path, "A plan, followed", parts, driven.recording.provenance)
+    page.write_page(path, "A plan, followed", parts, rollout.recording.provenance)
 
 
 def learning_verdict(learner: Learner) -> str:

@@ -1,0 +1,127 @@
+"""The command that plans."""
+
+import argparse
+from pathlib import Path
+
+from limb_systems.output import check_outputs
+from planners import Task
+from planners.planning import MAX_KNOTS
+from soft_limb.commands.options import (
+    FORCE,
+    JSON,
+    LIMB,
+    OUTPUT,
+    PLOT,
+    REFERENCE,
+    REPORT,
+    SMOOTH,
+    Command,
+    Option,
+    print_summary,
+)
+from soft_limb.reports.plan import write_report
+from soft_limb.results.summaries import plan_summary
+from soft_limb.runs.planning import plan_from_files
+
+
+def _plan(options: argparse.Namespace) -> int:
+    pictures, reference = [options.plot, options.diagnostics], Path(options.reference)
+    outputs = [options.output, *pictures, options.report]
+    check_outputs(
+        outputs,
+        inputs=[reference, options.limb, options.task and Path(options.task)],
+        pictures=pictures,
+        tables=[options.output],
+        force=options.force,
+    )
+    trajectory = plan_from_files(
+        options.reference,
+        options.limb,
+        options.smooth,
+        task=Task.closed_loop() if options.closed_loop else _task(options.task),
+        knot_rate=options.knot_rate,
+        max_knots=options.max_knots,
+        tolerance_deg=options.tolerance,
+    )
+    trajectory.save(options.output)
+    if any(pictures):
+        # Matplotlib takes as long to import as all the rest.
+        from limb_systems.views.plots import plot_tracking, save_figure
+        from planners.diagnostics import plot_diagnostics
+
+        if options.plot:
+            save_figure(plot_tracking(trajectory), options.plot)
+        if options.diagnostics:
+            save_figure(plot_diagnostics(trajectory), options.diagnostics)
+    if options.report:
+        data = {"trajectory": options.output}
+        if reference.is_file():
+            data["reference"] = reference
+        if options.limb:
+            data["limb"] = options.limb
+        write_report(trajectory, options.report, data)
+    print_summary(options, plan_summary(trajectory), outputs)
+    return 0
+
+
+def _task(name: str | None) -> Task | None:
+    if name is None:
+        return None
+    return Task.paper() if name == "paper" else Task.load(name)
+
+
+COMMANDS = {
+    "plan": Command(
+        _plan,
+        "Plans the feasible trajectory of a limb that is nearest to a reference bend angle, checks "
+        "it by simulation, and writes it to a file that robots replay.",
+        [
+            REFERENCE,
+            OUTPUT.but(help="trajectory file to write (.csv)"),
+            LIMB,
+            [
+                Option.of(
+                    "--task",
+                    help="weights and limits: a file (.yaml), or 'paper' for the paper's; the "
+                    "defaults of planners.Task if left out",
+                ),
+                Option.of(
+                    "--closed-loop",
+                    action="store_true",
+                    help="plan for feedback: with margins of temperature and duty, "
+                    "Task.closed_loop",
+                ),
+            ],
+            PLOT,
+            Option.of(
+                "--diagnostics",
+                type=Path,
+                help="picture of constraint violations and the Jacobian's sparsity to write",
+            ),
+            REPORT,
+            Option.of(
+                "--knot-rate",
+                type=float,
+                default=10.0,
+                help="knots per second (default %(default)g)",
+            ),
+            Option.of(
+                "--max-knots",
+                type=int,
+                default=MAX_KNOTS,
+                help="refuse to plan with more knots than this (default %(default)s)",
+            ),
+            Option.of(
+                "--tolerance",
+                type=float,
+                default=0.1,
+                help="largest difference of the plan from its simulation, degrees (default "
+                "%(default)g)",
+            ),
+            SMOOTH,
+            JSON,
+            FORCE,
+        ],
+        stopped="stopped; nothing was written",
+    )
+}

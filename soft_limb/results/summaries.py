@@ -1,0 +1,200 @@
+"""Plans, calibrations and what was learned, each told once, for terminals, JSON and pages."""
+
+import numpy as np
+
+from calibration import Calibration, Prediction, Validation
+from controllers import Learner
+from limb_systems import Trajectory
+from limb_systems.summary import Entry, Summary
+from planners.distance import far_from_reference, missed
+
+
+def plan_summary(trajectory: Trajectory) -> Summary:
+    """How a plan was found and checked, how far it is from its reference, and what limits it."""
+    check, parameters, misses = trajectory.check, trajectory.parameters, missed(trajectory)
+    segments, knots = len(parameters.segments), len(trajectory.time)
+    entries = [
+        Entry(
+            "limb",
+            sentence=f"{segments} segment{'s' * (segments > 1)}, {parameters.num_joints} joints, "
+            f"{len(parameters.wires)} wires",
+        ),
+        Entry(
+            "plan",
+            sentence=f"{trajectory.duration:g} s, {knots} knots, from request to checked plan in "
+            f"{check.total_time:.2f} s",
+        ),
+    ]
+    if check.is_missing:
+        solver, checked = f"{check.solver or 'unknown'}: {check.status}", "none"
+    else:
+        solver = (
+            f"{check.solver}: {check.status} in {check.iterations} iterations, "
+            f"{check.solve_time:.2f} s; cost {check.cost:.6g} (at the start {check.guess_cost:.6g})"
+        )
+        checked = (
+            f"{'failed, ' * bool(check.failure())}simulated again: within "
+            f"{check.largest_difference_deg:.4f}° of the plan (allowed {check.tolerance_deg:g}°); "
+            f"largest defect {check.largest_defect:.1e}"
+        )
+    entries += [
+        Entry("solver", check.solver, sentence=solver),
+        Entry("check", sentence=checked),
+        Entry(
+            "reference",
+            sentence=f"missed by {misses.mean():.2f}° on average, {misses.max():.2f}° at most",
+        ),
+    ]
+    if check.highest_readings:
+        entries.append(
+            Entry(
+                "band",
+                sentence=f"of limbs alike: φ is read within ±{check.bend_band_deg:.2f}° of the "
+                f"plan (95%), V up to {max(check.highest_readings):.0f} °C (99.5%)",
+            )
+        )
+    stretches = active_times(trajectory)
+    width = max((len(bound) for bound in stretches), default=0)
+    lines = [f"{bound:<{width}}  at {spans(times)} s" for bound, times in stretches.items()]
+    limits = "\n".join(["the plan runs along", *lines]) if lines else "none is active"
+    values = {
+        "duration_s": trajectory.duration,
+        "knots": knots,
+        "status": check.status,
+        "iterations": check.iterations,
+        "refinements": check.refinements,
+        "solve_time_s": check.solve_time,
+        "total_time_s": check.total_time,
+        "cost": check.cost,
+        "guess_cost": check.guess_cost,
+        "largest_defect": check.largest_defect,
+        "largest_difference_deg": check.largest_difference_deg,
+        "tolerance_deg": check.tolerance_deg,
+        "reference_missed_mean_deg": float(misses.mean()),
+        "reference_missed_largest_deg": float(misses.max()),
+        "far_from_reference": far_from_reference(trajectory),
+        "bend_band_deg": check.bend_band_deg if check.highest_readings else None,
+        "highest_readings_c": check.highest_readings,
+        "active_constraints": [
+            {"bound": active.bound, "start_s": active.start, "end_s": active.end}
+            for active in check.active_constraints
+        ],
+    }
+    return Summary(
+        [*entries, Entry("limits", sentence=limits)],
+        [Entry(name, value, sentence=None) for name, value in values.items()],
+    )
+
+
+def active_times(trajectory: Trajectory) -> dict[str, list[tuple[float, float]]]:
+    """From when to when a plan runs along each bound, s."""
+    times: dict[str, list[tuple[float, float]]] = {}
+    for active in trajectory.check.active_constraints:
+        times.setdefault(active.bound, []).append((active.start, active.end))
+    return times
+
+
+def spans(times: list[tuple[float, float]]) -> str:
+    """Stretches of time in words, without their unit."""
+    return ", ".join(f"{start:.1f}-{end:.1f}" for start, end in times)
+
+
+def repetitions_summary(learner: Learner) -> Summary:
+    """The mean error of each repetition, and why learning ended."""
+    values = [
+        {
+            "mean_deg": float(np.rad2deg(repetition.mean_error)),
+            "interrupted": repetition.interrupted,
+            "remark": repetition.remark,
+        }
+        for repetition in learner.repetitions
+    ]
+    errors = ", ".join(f"{value['mean_deg']:.2f}°" for value in values)
+    undone = sum(repetition.failed for repetition in learner.repetitions)
+    said = f"mean |φ* - φ| {errors}{f'; {undone} were undone' * bool(undone)}" if values else "none"
+    return Summary(
+        [
+            Entry("repetitions", values, sentence=None),
+            Entry("errors", sentence=said),
+            Entry("finished", learner.finished),
+        ]
+    )
+
+
+def calibration_summary(calibration: Calibration) -> Summary:
+    """Whether to plan with a calibration, what to do next, and what was calibrated."""
+    estimates, stiffness = calibration.estimates, calibration.stiffness
+    values = {
+        name: {"value": e.value, "standard_error": e.standard_error, "unit": e.unit}
+        for name, e in estimates.items()
+    }
+    remarks = [remark.sentence for remark in calibration.remarks]
+    entries = [
+        Entry("verdict", calibration.verdict),
+        Entry("remarks", remarks, sentence="\n".join(ranked(calibration)) or None),
+        Entry("estimates", values, sentence=None),
+        *(Entry(name, sentence=str(estimate)) for name, estimate in estimates.items()),
+        _laws(calibration.prediction),
+    ]
+    factor = stiffness.correction_factor if stiffness else None
+    entries.append(
+        Entry("correction_factor", factor, sentence=f"λ = {factor:.3f}" if factor else None)
+    )
+    if calibration.validation:
+        summary = validation_summary(calibration.validation)
+        validated = Entry("validation", summary.to_json(), sentence=summary.line())
+    else:
+        validated = Entry("validation")
+    return Summary([*entries, validated])
+
+
+def ranked(calibration: Calibration) -> list[str]:
+    """The remarks on a calibration, each after its severity."""
+    return [f"{remark.severity.name.lower()}: {remark}" for remark in calibration.remarks]
+
+
+def _laws(prediction: Prediction | None) -> Entry:
+    """The laws that were compared, and how well each predicts what it was not fitted to."""
+    if prediction is None:
+        return Entry("laws")
+    values, lines = [], [f"judged by {prediction.judges}"]
+    for candidate in prediction.candidates:
+        bend, used = float(np.rad2deg(candidate.bend_error)), candidate is prediction.best
+        lines.append(
+            f"{'*' if used else ' '} {candidate.name:<28} bend {bend:5.2f}°, "
+            f"V {candidate.temperature_error:4.1f} °C on average"
+        )
+        values.append(
+            {
+                "law": candidate.name,
+                "bend_angle_mean_deg": bend,
+                "temperature_mean_c": candidate.temperature_error,
+                "used": used,
+            }
+        )
+    return Entry("laws", values, sentence="\n".join(lines))
+
+
+def validation_summary(validation: Validation) -> Summary:
+    """The errors of a validation."""
+    degrees = [validation.mean, validation.median, validation.percentile_90]
+    mean, median, most = np.rad2deg(degrees).tolist()
+    interrupted = validation.recording.interrupted.rstrip(".")
+    return Summary(
+        [
+            Entry(
+                "bend angle",
+                sentence=f"|φ - φ_sim|: mean {mean:.2f}°, median {median:.2f}°, 90th percentile "
+                f"{most:.2f}°",
+            ),
+            Entry(
+                "temperature",
+                sentence=f"|V - V_sim|: mean {validation.temperature_mean:.1f} °C"
+                + (f"; until it was interrupted: {interrupted}" if interrupted else ""),
+            ),
+            Entry("bend_angle_mean_deg", mean, "°", None),
+            Entry("bend_angle_median_deg", median, "°", None),
+            Entry("bend_angle_percentile_90_deg", most, "°", None),
+            Entry("temperature_mean_c", validation.temperature_mean, "°C", None),
+        ]
+    )

@@ -1,0 +1,44 @@
+"""Plans whose inputs are files."""
+
+from pathlib import Path
+from typing import Any
+
+from pydrake import trajectories
+
+from limb_systems import LimbParameters, Recording, Trajectory
+from limb_systems.signals import ended_at_once
+from planners import plan, references
+
+RECORDED = b"# limb recording"  # beginning of a recording's file
+
+
+def plan_from_files(
+    reference: str, limb: Path | None = None, smoothing_time: float = 0.5, **settings: Any
+) -> Trajectory:
+    """Plans for a command, which a signal then ends at once.
+
+    Args:
+        reference: "fig5", or the path of a recording or of a CSV of time and degrees.
+        limb: path of the parameters; None for the nominal limb.
+        smoothing_time: window over which a recording's bend angle is smoothed, s.
+        settings: further arguments of `planners.plan`.
+
+    Raises:
+        PlanningError: if there is no plan, as of `planners.plan`.
+        LimbError: if a file cannot be read.
+    """
+    parameters, course = LimbParameters.of(limb), _reference(reference, smoothing_time)
+    with ended_at_once():
+        return plan(parameters, course, **settings)
+
+
+def _reference(name: str, smoothing_time: float) -> trajectories.Trajectory:
+    if name == "fig5":
+        return references.step_and_decaying_sine()
+    path = Path(name)
+    if path.is_file():
+        with path.open("rb") as file:
+            recorded = file.read(len(RECORDED)) == RECORDED
+        if recorded:
+            return references.from_recording(Recording.load(path), smoothing_time)
+    return references.load(path)

@@ -1,0 +1,207 @@
+"""Rollouts: a limb is driven along a plan by what the command line names, and how that went."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, System
+
+from controllers import PlanFeedback, PlanRegulator, RecedingHorizon
+from hardware.replay import replay
+from hardware.robot.serial_limb import DEADLINE, SerialLimb
+from limb_systems import LimbSystem, Recording, Trajectory
+from limb_systems.model.limb_system import check_limb
+from limb_systems.model.ownership import weak_method
+from limb_systems.simulation import PERIOD
+from limb_systems.summary import Entry, Summary
+from limb_systems.tracking import tracking_errors
+from soft_limb.live.page import LivePage
+
+OPEN = "open"
+CONTROLLERS = {OPEN: None, "pi": PlanFeedback, "lqr": PlanRegulator, "mpc": RecedingHorizon}
+
+
+@dataclasses.dataclass(frozen=True)
+class Rollout:
+    """How a limb was driven along a plan.
+
+    - ``controller``: key of the controller in `CONTROLLERS`.
+    - ``trajectory``, ``recording``: the plan and what came of it.
+    - ``late``: time by which each command was late, s; None in simulated time.
+    - ``lost_samples``: number of samples that the cable lost; None in simulated time.
+    - ``replans``: how many plans were begun, late and failed; None if none were to be made.
+    """
+
+    controller: str
+    trajectory: Trajectory
+    recording: Recording
+    late: np.ndarray | None
+    lost_samples: int | None
+    replans: np.ndarray | None
+
+    def summary(self) -> Summary:
+        """How well the limb followed the plan, and what went wrong."""
+        recording = self.recording
+        errors = tracking_errors(self.trajectory, [recording])
+        mean, median, most = np.rad2deg([errors.mean, errors.median, errors.percentile_90]).tolist()
+        return Summary(
+            [
+                self._timing(),
+                Entry("source", recording.source),
+                Entry("controller", self.controller, sentence=None),
+                self._replans(),
+                *troubles(recording),
+                Entry(
+                    "tracking",
+                    {"mean_deg": mean, "median_deg": median, "percentile_90_deg": most},
+                    "°",
+                    f"|φ* - φ|: mean {mean:.2f}°, median {median:.2f}°, 90th percentile "
+                    f"{most:.2f}°",
+                ),
+            ]
+        )
+
+    def _timing(self) -> Entry:
+        if self.late is None:
+            return Entry("timing")
+        median, most = 1000 * np.percentile(self.late, [50, 99])
+        missed, reduced = int(np.sum(self.late > DEADLINE)), reduced_time(self.recording)
+        said = (
+            f"commands were late by {median:.1f} ms (median), {most:.1f} ms (99%); {missed} "
+            f"({missed / len(self.late):.1%}) by more than {1000 * DEADLINE:g} ms; "
+            f"{self.lost_samples} samples were lost"
+        )
+        if reduced:
+            said += (
+                f"; the board reduced the duty for {reduced:.1f} s, as a wire got hot, both asked "
+                "for too much or it was just started"
+            )
+        values = {
+            "late_median_ms": float(median),
+            "late_percentile_99_ms": float(most),
+            "missed_deadline": missed,
+            "missed_deadline_share": missed / len(self.late),
+            "lost_samples": self.lost_samples,
+            "reduced_s": reduced,
+        }
+        return Entry("timing", values, sentence=said)
+
+    def _replans(self) -> Entry:
+        if self.replans is None:
+            return Entry("replans")
+        counts = dict(
+            zip(("begun", "late", "failed"), self.replans.astype(int).tolist(), strict=True)
+        )
+        said = ", ".join(f"{count} {what}" for what, count in counts.items())
+        return Entry("replans", counts, sentence=said)
+
+
+def troubles(recording: Recording) -> list[Entry]:
+    """Why a recording was interrupted, and why it is to be doubted."""
+    return [Entry("interrupted", recording.interrupted), Entry("doubt", recording.doubt)]
+
+
+def roll_out(
+    trajectory: Trajectory,
+    make_limb: Callable[[], LimbSystem],
+    output: Path,
+    *,
+    controller: str = OPEN,
+    real_time: bool = False,
+    live: LivePage | None = None,
+) -> Rollout:
+    """Drives a limb along a plan and writes the recording.
+
+    Args:
+        make_limb: function that gives the limb once its controller is there.
+        output: file of the recording; that of a limb in real time is written while it runs.
+        controller: key in `CONTROLLERS`.
+        real_time: whether the limb is a robot.
+        live: page on which the limb is shown, as for `replay`.
+
+    Raises:
+        ReplayError, HardwareError, OutputError, LimbError: as `replay` does.
+    """
+    driver, counts = controller_of(controller, trajectory, real_time=real_time), None
+    limb = make_limb()
+    if driver:
+        limb.source += f", driven by {type(driver).__name__}"
+        if driver.HasOutputPort("replans"):
+            driver, counts = _counted(driver)
+    recording = record_replay(trajectory, limb, output, controller=driver, live=live)
+    robot = limb if isinstance(limb, SerialLimb) else None
+    return Rollout(
+        controller,
+        trajectory,
+        recording,
+        np.array(robot.timing_errors) if robot else None,
+        robot.link.lost_samples if robot else None,
+        counts.value if counts else None,
+    )
+
+
+def record_replay(
+    trajectory: Trajectory,
+    limb: LimbSystem,
+    output: Path,
+    *,
+    controller: System | None = None,
+    live: LivePage | None = None,
+) -> Recording:
+    """Replays a plan into a file, which is written on the way if the replay may be stopped."""
+    is_slow = check_limb(limb).real_time or live is not None
+    recording = replay(
+        trajectory, limb, controller=controller, journal=output if is_slow else None, live=live
+    )
+    if not is_slow:
+        recording.save(output)
+    return recording
+
+
+def controller_of(name: str, trajectory: Trajectory, *, real_time: bool = False) -> System | None:
+    """A controller by its key in `CONTROLLERS`; None for open loop."""
+    kind = CONTROLLERS[name]
+    if kind is None:
+        return None
+    return kind(trajectory, real_time=real_time) if kind is RecedingHorizon else kind(trajectory)
+
+
+def reduced_time(recording: Recording) -> float:
+    """Time for which the board applied less than a duty that was commanded before and after, s."""
+    assert recording.applied_duty is not None  # a robot's
+    commanded = np.minimum(recording.duty[:, :-2], recording.duty[:, 1:-1])
+    reduced = (recording.applied_duty[:, 2:] < commanded - 2e-3).any(axis=0)
+    return float(np.sum(reduced) / recording.sample_rate)
+
+
+def _counted(controller: System) -> tuple[System, "_Last"]:
+    """A `RecedingHorizon` with its ports, and what it has counted at the end of a simulation."""
+    builder = DiagramBuilder()
+    builder.AddSystem(controller)
+    for index in range(controller.num_input_ports()):
+        port = controller.get_input_port(index)
+        builder.ExportInput(port, port.get_name())
+    builder.ExportOutput(controller.GetOutputPort("duty"), "duty")
+    counts = controller.GetOutputPort("replans")
+    last = builder.AddSystem(_Last(counts.size()))
+    builder.Connect(counts, last.get_input_port())
+    return builder.Build(), last
+
+
+class _Last(LeafSystem):
+    """Remembers what came in last, after a simulation and its Context.
+
+    - input 0 ``value``: (size)
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, size: int):
+        super().__init__()
+        self.value = np.zeros(size)
+        self.DeclareVectorInputPort("value", size)
+        self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._look))
+
+    def _look(self, context) -> None:
+        self.value = self.get_input_port().Eval(context).copy()

@@ -1,0 +1,90 @@
+"""Teach and go: plans a motion, and drives a limb along the plan by feedback."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from limb_systems import LimbParameters, LimbSystem
+from limb_systems.summary import Entry, Summary
+from planners import Task
+from soft_limb.live.page import LivePage
+from soft_limb.reports.rollout import write_rollout_report
+from soft_limb.runs.planning import plan_from_files
+from soft_limb.runs.rollout import Rollout, roll_out
+
+PLAN, RECORDING, PICTURE, REPORT = "plan.csv", "recording.csv", "tracking.png", "report.html"
+
+
+def teach_and_go(
+    reference: str,
+    make_limb: Callable[[LimbParameters], LimbSystem],
+    folder: str | Path,
+    *,
+    limb: Path | None = None,
+    smoothing_time: float = 0.5,
+    controller: str = "pi",
+    real_time: bool = False,
+    live: LivePage | None = None,
+) -> tuple[Rollout, Summary]:
+    """Plans with margins for feedback, and drives a limb along the plan.
+
+    The folder has ``plan.csv``, ``recording.csv``, ``tracking.png`` and ``report.html``.
+    If the limb fails, the plan is there, and of a robot an unfinished recording.
+
+    Args:
+        reference, limb, smoothing_time: as for `plan_from_files`.
+        make_limb: function that gives the limb for the parameters of the plan.
+        controller, real_time, live: as for `roll_out`.
+
+    Raises:
+        PlanningError: if there is no plan.
+        ReplayError, HardwareError, OutputError: as `hardware.replay.replay` does.
+        LimbError: if a file cannot be read.
+    """
+    folder = Path(folder)
+    say = live.say if live else lambda _: None
+    say(f"Planning {reference}")
+    trajectory = plan_from_files(reference, limb, smoothing_time, task=Task.closed_loop())
+    trajectory.save(folder / PLAN)
+    say(f"Following {reference}, controller {controller}")
+    rollout = roll_out(
+        trajectory,
+        lambda: make_limb(trajectory.parameters),
+        folder / RECORDING,
+        controller=controller,
+        real_time=real_time,
+        live=live,
+    )
+    # Matplotlib takes as long to import as all the rest.
+    from limb_systems.views.plots import plot_tracking, save_figure
+
+    save_figure(plot_tracking(trajectory, [rollout.recording]), folder / PICTURE)
+    summary = rollout.summary() + distances(rollout)
+    data = {"plan": folder / PLAN, "recording": folder / RECORDING, "picture": folder / PICTURE}
+    write_rollout_report(rollout, summary, folder / REPORT, data)
+    return rollout, summary
+
+
+def distances(rollout: Rollout) -> Summary:
+    """How far limb and plan were from the reference, and how hot the wires were read."""
+    recording, plan = rollout.recording, rollout.trajectory.since_start()
+    good = recording.usable
+    wanted = np.array([np.interp(recording.time[good], plan.time, row) for row in plan.reference])
+    distance = float(np.rad2deg(np.abs(wanted - recording.bend_angle[:, good]).mean()))
+    planned = float(np.rad2deg(np.abs(plan.reference - plan.bend_angle).mean()))
+    hottest = recording.measured_temperature[:, good].max(axis=1).tolist()
+    names = recording.parameters.wire_names
+    heat = (f"{name} {value:.0f} °C" for name, value in zip(names, hottest, strict=True))
+    return Summary(
+        [
+            Entry("reference_distance_deg", distance, "°", None),
+            Entry("planned_distance_deg", planned, "°", None),
+            Entry("highest_readings_c", hottest, "°C", None),
+            Entry(
+                "reference",
+                sentence=f"|φ_ref - φ|: mean {distance:.2f}°, of which the plan has {planned:.2f}°",
+            ),
+            Entry("heat", sentence=f"read at most: {', '.join(heat)}"),
+        ]
+    )
