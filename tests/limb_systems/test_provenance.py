@@ -87,9 +87,8 @@ def test_seeds_are_those_of_the_limb_and_of_what_was_done_to_it():
     assert (made.limb_seed, made.seed) == (7, 3)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "command"),
-    [
+def test_a_command_is_as_it_was_typed_but_for_secrets():
+    for arguments, command in (
         (["/opt/bin/soft-limb", "plan", "my file.csv"], "soft-limb plan 'my file.csv'"),
         (["/opt/planners/__main__.py", "fig5", "-o", "x"], "python -m planners fig5 -o x"),
         (["examples/own.py"], "python examples/own.py"),
@@ -97,15 +96,11 @@ def test_seeds_are_those_of_the_limb_and_of_what_was_done_to_it():
         ([], "python"),
         (["x.py", "--token", "s3cret", "o"], "python x.py --token '***' o"),
         (["x.py", "--api-key=s3cret"], "python x.py '--api-key=***'"),
-        (["x.py", "socket://me:s3cret@host:1/?token=s3cret&a=1"], None),
+        (["x.py", "a://me:s3cret@b?token=s3cret&c=1"], "python x.py 'a://***@b?token=***&c=1'"),
         (["x.py", "two\nlines\x1b[2J"], "python x.py 'two?lines?[2J'"),
         (["x.py", "a" * 5000], f"python x.py {'a' * 985}..."),
-    ],
-)
-def test_a_command_is_as_it_was_typed_but_for_secrets(arguments, command):
-    said = command_line(arguments)
-    assert command is None or said == command
-    assert "s3cret" not in said
+    ):
+        assert command_line(arguments) == command
 
 
 @pytest.fixture
@@ -155,15 +150,13 @@ def test_git_is_asked_once(checkout, monkeypatch):
     provenance._commit.cache_clear()
 
 
-@pytest.mark.parametrize("made", [MADE, None])
-@pytest.mark.parametrize("make", [recording, trajectory])
-def test_a_result_keeps_its_provenance_when_it_is_saved_again(tmp_path, make, made):
-    original = make(provenance=made)
-    original.save(tmp_path / "once.csv")
-    loaded = type(original).load(tmp_path / "once.csv")
-    assert loaded.provenance == made
-    loaded.save(tmp_path / "twice.csv")
-    assert (tmp_path / "twice.csv").read_bytes() == (tmp_path / "once.csv").read_bytes()
+def test_a_result_keeps_its_provenance_when_it_is_saved_again(tmp_path):
+    for original in (recording(provenance=MADE), trajectory(provenance=MADE), trajectory()):
+        original.save(tmp_path / "once.csv")
+        loaded = type(original).load(tmp_path / "once.csv")
+        assert loaded.provenance == original.provenance
+        loaded.save(tmp_path / "twice.csv")
+        assert (tmp_path / "twice.csv").read_bytes() == (tmp_path / "once.csv").read_bytes()
 
 
 def test_a_calibrated_limb_keeps_its_provenance_also_in_plans(tmp_path):

@@ -212,12 +212,7 @@ def test_rows_are_forced_to_the_disk_now_and_then_and_at_the_end(path, monkeypat
     append(writer, 50, pass_time)
     writer.finish()
     assert len(path.read_bytes().splitlines()) == 2 + 1 + 50 + 1
-    assert len(synced) in (
-        5,
-        6,
-        7,
-        8,
-    )  # about one for each second, the file's at the end, its name's
+    assert 5 <= len(synced) <= 8  # about one for each second, the file's at the end, its name's
 
 
 def test_a_file_is_not_larger_than_what_is_read(path, monkeypatch):
@@ -232,18 +227,17 @@ def watchful(monkeypatch):
     monkeypatch.setattr(table_writer, "SYNC_PERIOD", 0.0)
 
 
-@pytest.mark.parametrize("at", [2, 5])
-@pytest.mark.parametrize("removed", ["file", "folder"])
-def test_what_is_removed_is_written_again(watchful, tmp_path, removed, at):
+def test_what_is_removed_is_written_again(watchful, tmp_path):
     """On the way, when the next row comes, or before the end."""
     path = tmp_path / "folder" / "table.csv"
-    writer = writer_with(path, at)
-    wait_until_written(writer)
-    writer.path.unlink() if removed == "file" else shutil.rmtree(path.parent)
-    append(writer, 5)
-    writer.finish()
-    assert list(path.parent.iterdir()) == [path]
-    assert_rows(read_table(path, "recording"), 5)
+    for removed, at in (("file", 2), ("folder", 2), ("file", 5), ("folder", 5)):
+        writer = writer_with(path, at)
+        wait_until_written(writer)
+        writer.path.unlink() if removed == "file" else shutil.rmtree(path.parent)
+        append(writer, 5)
+        writer.finish()
+        assert list(path.parent.iterdir()) == [path]
+        assert_rows(read_table(path, "recording"), 5)
 
 
 def test_where_it_cannot_be_written_again_it_is_kept_elsewhere(watchful, tmp_path, monkeypatch):
