@@ -1,13 +1,12 @@
 """What was measured on a limb, model or robot, over time."""
 
 import dataclasses
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.files.csv_format import FileFormatError, read_table
+from limb_systems.files.csv_format import Table
 from limb_systems.files.samples import Samples
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.provenance import Provenance
@@ -166,30 +165,17 @@ class Recording(Samples):
         return "recorded"
 
     @classmethod
-    def load(cls, path: str | Path, *, unfinished: bool = False) -> "Recording":
-        """Reads a recording's file.
-
-        Args:
-            unfinished: whether the file may lack its end, because the program
-                that recorded was killed; it is then ``interrupted``.
-
-        Raises:
-            FileFormatError: one sentence that says what is wrong and where.
-        """
-        table = read_table(path, cls.KIND, unfinished=unfinished)
-        try:
-            header = load_typed(RecordingHeader, table.header)
-            header.parameters.validate()
-            return cls(
-                **cls.signals_of(table.columns, header.parameters),
-                parameters=header.parameters,
-                source=header.source,
-                sample_rate=header.sample_rate_hz,
-                interrupted=table.interrupted,
-                provenance=header.provenance,
-            )
-        except LimbError as error:
-            raise FileFormatError(f"{path}: {error}") from error
+    def _from_table(cls, table: Table) -> "Recording":
+        header = load_typed(RecordingHeader, table.header)
+        header.parameters.validate()
+        return cls(
+            **cls.signals_of(table.columns, header.parameters),
+            parameters=header.parameters,
+            source=header.source,
+            sample_rate=header.sample_rate_hz,
+            interrupted=table.interrupted,
+            provenance=header.provenance,
+        )
 
     def _header(self) -> RecordingHeader:
         return RecordingHeader(

@@ -8,12 +8,19 @@ import dataclasses
 import importlib
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.files.csv_format import FileFormatError, format_table, values_in_files
+from limb_systems.files.csv_format import (
+    FileFormatError,
+    Table,
+    format_table,
+    parse_table,
+    read_table,
+    values_in_files,
+)
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wires import Wires
 from limb_systems.output import write_atomically
@@ -84,6 +91,7 @@ class Samples(Summarized):
     bend_angle: np.ndarray
     parameters: LimbParameters
     provenance: Provenance | None
+    interrupted = ""
 
     @classmethod
     def columns_of(cls, parameters: LimbParameters) -> dict[str, list[str]]:
@@ -124,10 +132,32 @@ class Samples(Summarized):
                 raise FileFormatError(f"the column {missing[0]} is missing.")
         return signals
 
+    @classmethod
+    def load(cls, path: str | Path, *, unfinished: bool = False) -> Self:
+        """Reads a file.
+
+        Args:
+            unfinished: whether a recording's file may lack its end, because the program
+                that recorded was killed; it is then ``interrupted``.
+
+        Raises:
+            FileFormatError: one sentence that says what is wrong and where.
+        """
+        table = read_table(path, cls.KIND, unfinished=unfinished)
+        try:
+            return cls._from_table(table)
+        except LimbError as error:
+            raise FileFormatError(f"{path}: {error}") from error
+
+    @classmethod
+    def from_text(cls, text: str) -> Self:
+        """Reads the text of a file; errors as of `load`."""
+        return cls._from_table(parse_table(text.encode(), cls.KIND))
+
     def to_text(self) -> str:
         """The text of the file; errors as for `save`."""
-        interrupted = getattr(self, "interrupted", "")
-        return format_table(self.KIND, dump_typed(self._header()), self.columns(), interrupted)
+        header = dump_typed(self._header())
+        return format_table(self.KIND, header, self.columns(), self.interrupted)
 
     def save(self, path: str | Path) -> None:
         """Writes the file whole or not at all.
@@ -164,6 +194,10 @@ class Samples(Summarized):
 
     def _header(self) -> Any:
         """The dataclass that is the header of the file."""
+        raise NotImplementedError
+
+    @classmethod
+    def _from_table(cls, table: Table) -> Self:
         raise NotImplementedError
 
     def _about(self) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
-from limb_systems.files.csv_format import FileFormatError, Table, parse_table, read_table
+from limb_systems.files.csv_format import Table
 from limb_systems.files.samples import Samples
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb, split_state
@@ -285,24 +284,6 @@ class Trajectory(Samples):
             raise LimbError("times must be finite.")
         joints = PiecewisePolynomial.CubicHermite(self.time, self.joint_angles, self.joint_rates)
         return bend_angle(self.parameters, joints.vector_values(np.asarray(times, float)))
-
-    @classmethod
-    def load(cls, path: str | Path) -> "Trajectory":
-        """Reads a trajectory's file.
-
-        Raises:
-            FileFormatError: one sentence that says what is wrong and where.
-        """
-        table = read_table(path, cls.KIND)
-        try:
-            return cls._from_table(table)
-        except LimbError as error:
-            raise FileFormatError(f"{path}: {error}") from error
-
-    @classmethod
-    def from_text(cls, text: str) -> "Trajectory":
-        """Reads the text of a trajectory's file; errors as of `load`."""
-        return cls._from_table(parse_table(text.encode(), cls.KIND))
 
     @classmethod
     def _from_table(cls, table: Table) -> "Trajectory":
