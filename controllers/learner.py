@@ -203,11 +203,6 @@ class Learner:
         return float(np.abs(self._program.target - self.expected_bend_angle()).mean())
 
     @property
-    def uncertainty(self) -> float:
-        """Standard deviation of the estimate of the repeating error, its mean in time, rad."""
-        return float(np.mean([part.deviation.mean() for part in self._bend]))
-
-    @property
     def finished(self) -> str:
         """Why another repetition does not pay, in a sentence; empty if it does."""
         failures = 0

@@ -1,7 +1,6 @@
 """Replays a planned trajectory, or records a limb that is moved by hand."""
 
 import contextlib
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -262,7 +261,6 @@ def _run(
             limb,
             duty,
             duration,
-            until=_has_cut_out(limb) if may_cut_out else None,
             real_time=live is not None,
             sample_rate=sample_rate,
             remark=_remark(limb) if limb.real_time else None,
@@ -297,11 +295,6 @@ class _EndAtCutOut(LeafSystem):
         if self.get_input_port().Eval(context)[0]:
             return EventStatus.ReachedTermination(self, "the emulated limb has cut out")
         return EventStatus.DidNothing()
-
-
-def _has_cut_out(limb: LimbSystem) -> Callable[[Context], bool]:
-    port = limb.GetOutputPort("cut_out")
-    return lambda root: port.Eval(limb.GetMyContextFromRoot(root))[0] > 0
 
 
 def _connect_readings(builder: DiagramBuilder, limb: LimbSystem, controller: System) -> None:

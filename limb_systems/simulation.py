@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake import trajectories
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.analysis import (
+    ApplySimulatorConfig,
+    Simulator,
+    SimulatorConfig,
+    SimulatorStatus,
+)
 from pydrake.systems.framework import Context, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 
@@ -39,6 +44,7 @@ MAX_STEP_SIZE = 0.1  # s
 # are as small as those of the paper's wires after a jump of duty.
 MIN_STEP_SIZE = 0.015
 PERIOD = 0.05  # s, of samples and commands of a robot, and so of what observes and controls one
+ENDED = SimulatorStatus.ReturnReason.kReachedTerminationCondition  # by a system of the diagram
 
 
 def simulate(
@@ -286,9 +292,9 @@ def _advance(
             for due in np.append(np.arange(0.0, end - 1e-9, step), end):
                 if real_time:
                     time.sleep(max(0.0, start + due - time.monotonic()))
-                simulator.AdvanceTo(min(due + ahead, end))
+                status = simulator.AdvanceTo(min(due + ahead, end))
                 progress.update(due, remark(context) if remark else "")
-                if until and until(context):
+                if status.reason() == ENDED or (until and until(context)):
                     break
 
 

@@ -288,11 +288,11 @@ def test_it_ends_when_it_does_not_pay():
     assert not learner.finished
     while not learner.finished:
         assert len(learner.repetitions) < 30
-        uncertain = learner.uncertainty
+        uncertain = learner._bend[0].deviation.mean()
         learner.update(plant.repeat(learner))
     assert "is expected to make the error smaller by less than 0.011°" in learner.finished
     assert len(learner.repetitions) > 5
-    assert 0 < uncertain - learner.uncertainty < 3 * WORTH * np.deg2rad(1.1)
+    assert 0 < uncertain - learner._bend[0].deviation.mean() < 3 * WORTH * np.deg2rad(1.1)
 
 
 def test_it_ends_when_all_fail():
