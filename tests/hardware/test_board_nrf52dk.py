@@ -1,4 +1,4 @@
-"""The real board file on an nRF52-DK of paper (fake_machine.py)."""
+"""The real board file on an nRF52-DK of paper (fake_machine.py), as each MicroPython has it."""
 
 import re
 import runpy
@@ -22,12 +22,13 @@ BUTTONS, LEDS, RESET = {13, 14, 15, 16}, {17, 18, 19, 20}, {21}
 
 @pytest.fixture(params=VERSIONS, ids=lambda version: ".".join(map(str, version)))
 def chip(request):
+    """The chip under each version, for what differs between them."""
     return fake.wired(request.param)
 
 
 @pytest.fixture
-def board(chip, monkeypatch):
-    return chip.load_board(monkeypatch).Board()
+def newest():
+    return fake.wired(VERSIONS[-1])
 
 
 def index_of(chip, *event):
@@ -35,103 +36,124 @@ def index_of(chip, *event):
     return next(i for i, each in enumerate(chip.log) if each[: len(event)] == event)
 
 
-def test_gates_are_low_before_all_else(chip, monkeypatch):
-    chip.load_board(monkeypatch).Board()
+def test_the_board_starts_safely_and_reads_and_sends(chip, monkeypatch):
+    """Gates first, then crystal and watchdog, then all that can wait."""
+    module = chip.load_board(monkeypatch)
     assert chip.log[:2] == [("pin", 11, 1, 0), ("pin", 12, 1, 0)]
+    assert [chip.output(pin) for pin in (11, 12)] == [0, 0]
+    board = module.Board()
+    start = index_of(chip, "mem32", fake.WATCHDOG_START)
+    assert index_of(chip, "mem32", fake.CLOCK_START) < start
+    for slow in ("spi", "i2c", "pwm"):
+        assert start < index_of(chip, slow)
+    registers = chip.registers
+    assert registers[fake.CLOCK_STATE] == 1 << 16 | 1  # by the crystal
+    # It goes on in sleep and in halt.
+    assert registers[fake.WATCHDOG_START] == registers[fake.WATCHDOG_ENABLE] == 1
+    assert registers[fake.WATCHDOG_CONFIG] == 0b1001
+    assert (registers[fake.WATCHDOG_TICKS] + 1) / 32768 == pytest.approx(0.2, abs=1e-3)
 
+    for _ in range(2):
+        assert readings.thermocouple(board.read_thermocouple(0)) == (100, 22 * 16, 0)
+        assert readings.thermocouple(board.read_thermocouple(1)) == (104, 22 * 16, 0)
+    assert chip.i2c_writes == [(fake.BEND_ADDRESS, b"\x00\x01\x00")]
+    assert readings.bend(board.read_bend()) == 64
+    assert board.serial_number == 0x0123456789ABCDEF.to_bytes(8, "little")
+    assert board.random == 0x0201
+    assert board.receive() == b""
+    chip.host_sends(b"\x03\x04~\x00\xff")
+    assert board.receive() == b"\x03\x04~\x00\xff"
+    assert board.receive() == b""
+    assert board.remembered == 0
 
-def test_gates_are_low_as_soon_as_the_file_is_loaded(chip, monkeypatch):
-    chip.load_board(monkeypatch)
+    board.set_duty(1, 0.1)
+    duties = {0.0: 0, 1.0: 16000, 0.5: 8000, 0.25: 4000, 0.9999: 15998, 0.0001: 1}
+    for duty, count in duties.items():
+        board.set_duty(0, duty)
+        assert chip.log[-1] == ("pwm", 11, count, 16000)
+        assert (chip.output(11), chip.output(12)) == (count / 16000, 0.1)
+    for wire in (0, 1):
+        board.set_duty(wire, 1.0)
+    module.gates_low()  # also of a PWM that runs
     assert [chip.output(pin) for pin in (11, 12)] == [0, 0]
 
 
-def test_watchdog_runs_before_anything_that_can_wait(chip, monkeypatch):
-    chip.load_board(monkeypatch).Board()
-    start = index_of(chip, "mem32", fake.WATCHDOG_START)
-    for slow in ("spi", "i2c", "pwm"):
-        assert start < index_of(chip, slow)
-
-
-def test_watchdog_goes_on_in_sleep_and_in_halt(chip, board):
-    registers = chip.registers
-    assert registers[fake.WATCHDOG_START] == 1
-    assert registers[fake.WATCHDOG_CONFIG] == 0b1001
-    assert registers[fake.WATCHDOG_ENABLE] == 1
-    assert (registers[fake.WATCHDOG_TICKS] + 1) / 32768 == pytest.approx(0.2, abs=1e-3)
-
-
-def test_watchdog_is_fed_by_feed_alone(chip, board):
+def test_watchdog_is_fed_by_feed_alone_and_the_supply_held_by_changes(newest, monkeypatch):
+    board = newest.load_board(monkeypatch).Board()
+    assert newest.output(22) == 0
+    levels = []
+    for _ in range(4):
+        board.keep_supply()
+        levels.append(newest.output(22))
+    assert levels == [1, 0, 1, 0]
     for wire in (0, 1):
         board.set_duty(wire, 0.5)
         board.read_thermocouple(wire)
     board.read_bend()
     board.send(b"x")
     board.receive()
-    board.keep_supply()
     board.remember(3)
     fed = ("mem32", fake.WATCHDOG_RELOAD, 0x6E524635)
-    assert fed not in chip.log
+    assert fed not in newest.log
     board.feed()
-    assert chip.log.count(fed) == 1
+    assert newest.log.count(fed) == 1
 
 
-def test_the_crystal_makes_the_clock(chip, board):
-    """Of watchdog and ticks; with the watchdog running another can no longer be chosen."""
-    assert chip.registers[fake.CLOCK_STATE] == 1 << 16 | 1
-    assert index_of(chip, "mem32", fake.CLOCK_START) < index_of(chip, "mem32", fake.WATCHDOG_START)
-
-
-def test_a_clock_that_stands_still_holds_nothing_up(chip, monkeypatch):
-    """Nor a computer that does not listen then."""
-    module = chip.load_board(monkeypatch)
+def test_neither_a_clock_that_stands_still_nor_a_deaf_computer_holds_it_up(newest, monkeypatch):
+    module = newest.load_board(monkeypatch)
     board = module.Board()
-    chip.cts = False
+    frame = bytes(range(60))
+    before = newest.now
+    board.send(frame)
+    assert newest.now - before < 3000
+    for _ in range(4):
+        board.receive()
+    assert bytes(newest.uart.line) == frame
+
+    newest.uart.line.clear()
+    newest.cts = False
+    frames = [bytes((number,)) * 50 for number in range(5)]
+    for frame in frames:
+        before = newest.now
+        board.send(frame)
+        board.receive()
+        assert newest.now - before < 5000
+    newest.cts = True
+    for _ in range(10):
+        board.receive()
+    assert bytes(newest.uart.line) == frames[0] + frames[1]  # whole frames; the others are dropped
+    board.send(b"again")
+    assert bytes(newest.uart.line).endswith(b"again")
+
+    newest.cts = False
     module.time.ticks_ms = module.time.ticks_us = lambda: 0
     board.send(bytes(50))
     board.receive()
 
 
-def test_no_pin_has_two_tasks(chip, board):
+def test_pins_are_free_and_those_of_readme_and_picture(newest, monkeypatch):
+    module = newest.load_board(monkeypatch)
+    module.Board()
     used = [11, 12, 3, 4, 22, 25, 23, 24, 27, 26]
     assert set(used).isdisjoint(CRYSTAL | UART | NFC | BUTTONS | LEDS | RESET)
     assert len(set(used)) == len(used)
-    outputs = {event[1] for event in chip.log if event[0] == "pin"}
+    outputs = {event[1] for event in newest.log if event[0] == "pin"}
     assert outputs == {11, 12, 3, 4, 22}
-    assert chip.log[index_of(chip, "spi")][2:] == (25, 23, 24)
-    assert chip.log[index_of(chip, "i2c")][2:] == (27, 26)
-
-
-def test_readme_has_the_pins(board):
+    assert newest.log[index_of(newest, "spi")][2:] == (25, 23, 24)
+    assert newest.log[index_of(newest, "i2c")][2:] == (27, 26)
     text = (fake.BOARD_FILE.parent / "README.md").read_text(encoding="utf-8")
     table = text.split("## Wiring")[1].split("\n\n")[1]
-    for pin in (11, 12, 3, 4, 22, 25, 24, 27, 26):
+    drawn = (Path(__file__).parents[2] / "docs" / "wiring.svg").read_text(encoding="utf-8")
+    names = ("heater left", "heater right", "supply", "SCK", "MISO", "CS left", "CS right")
+    pins = (*module.HEATERS, module.SUPPLY, module.SCK, module.MISO, *module.CHIP_SELECTS)
+    for name, pin in zip((*names, "SCL", "SDA"), (*pins, module.SCL, module.SDA), strict=True):
         assert f"P0.{pin:02}" in table
-
-
-@pytest.mark.parametrize(
-    ("duty", "count"),
-    [(0.0, 0), (1.0, 16000), (0.5, 8000), (0.25, 4000), (0.9999, 15998), (0.0001, 1)],
-)
-def test_duty_is_counts_of_the_pwm(chip, board, duty, count):
-    board.set_duty(1, 0.1)
-    board.set_duty(0, duty)
-    assert chip.log[-1] == ("pwm", 11, count, 16000)
-    assert chip.output(11) == count / 16000
-    assert chip.output(12) == 0.1
-
-
-def test_gates_can_be_taken_from_a_pwm_that_runs(chip, monkeypatch):
-    module = chip.load_board(monkeypatch)
-    board = module.Board()
-    for wire in (0, 1):
-        board.set_duty(wire, 1.0)
-    module.gates_low()
-    assert [chip.output(pin) for pin in (11, 12)] == [0, 0]
+        assert re.search(rf">P0\.{pin:02} (\(\w+\) )?{name}<", drawn), name
 
 
 @pytest.mark.parametrize("fails", ["at the start", "in a step"])
-def test_program_that_fails_leaves_the_gates_low(chip, monkeypatch, fails):
-    module = chip.load_board(monkeypatch)
+def test_program_that_fails_leaves_the_gates_low(newest, monkeypatch, fails):
+    module = newest.load_board(monkeypatch)
 
     class Firmware:
         def __init__(self, board):
@@ -148,67 +170,15 @@ def test_program_that_fails_leaves_the_gates_low(chip, monkeypatch, fails):
     monkeypatch.setitem(sys.modules, "firmware.firmware", SimpleNamespace(Firmware=Firmware))
     with pytest.raises(MemoryError, match="as any exception"):
         runpy.run_path(str(fake.BOARD_FILE.with_name("main.py")))
-    assert [chip.output(pin) for pin in (11, 12)] == [0, 0]
+    assert [newest.output(pin) for pin in (11, 12)] == [0, 0]
 
 
-def test_every_byte_from_the_computer_arrives(chip, board):
-    assert board.receive() == b""
-    chip.host_sends(b"\x03\x04~\x00\xff")
-    assert board.receive() == b"\x03\x04~\x00\xff"
-    assert board.receive() == b""
-
-
-def test_frame_is_sent_though_nobody_waits_for_it(chip, board):
-    frame = bytes(range(60))
-    before = chip.now
-    board.send(frame)
-    assert chip.now - before < 3000
-    for _ in range(4):
-        board.receive()
-    assert bytes(chip.uart.line) == frame
-
-
-def test_computer_that_does_not_listen_holds_nothing_up(chip, board):
-    chip.cts = False
-    frames = [bytes((number,)) * 50 for number in range(5)]
-    for frame in frames:
-        before = chip.now
-        board.send(frame)
-        board.receive()
-        assert chip.now - before < 5000
-    chip.cts = True
-    for _ in range(10):
-        board.receive()
-    assert bytes(chip.uart.line) == frames[0] + frames[1]  # whole frames, and the others dropped
-    board.send(b"again")
-    assert bytes(chip.uart.line).endswith(b"again")
-
-
-def test_thermocouples_are_those_of_their_wires(board):
-    assert readings.thermocouple(board.read_thermocouple(0)) == (100, 22 * 16, 0)
-    assert readings.thermocouple(board.read_thermocouple(1)) == (104, 22 * 16, 0)
-    assert readings.thermocouple(board.read_thermocouple(0)) == (100, 22 * 16, 0)
-
-
-def test_bend_sensor_is_started_and_read(chip, board):
-    assert chip.i2c_writes == [(fake.BEND_ADDRESS, b"\x00\x01\x00")]
-    assert readings.bend(board.read_bend()) == 64
-
-
-def test_bend_sensor_that_is_silent(chip, monkeypatch):
-    del chip.i2c_devices[fake.BEND_ADDRESS]
-    board = chip.load_board(monkeypatch).Board()
+def test_bend_sensor_that_is_silent(newest, monkeypatch):
+    del newest.i2c_devices[fake.BEND_ADDRESS]
+    board = newest.load_board(monkeypatch).Board()
     assert board.read_bend() == b""
-    chip.i2c_devices[fake.BEND_ADDRESS] = b"\x00\x40\x00"
+    newest.i2c_devices[fake.BEND_ADDRESS] = b"\x00\x40\x00"
     assert board.read_bend() == b"\x00\x40\x00"
-
-
-def test_serial_number_is_the_chips_own(board):
-    assert board.serial_number == 0x0123456789ABCDEF.to_bytes(8, "little")
-
-
-def test_random_number_has_16_bits(board):
-    assert board.random == 0x0201
 
 
 def test_time_goes_on_when_the_ports_ticks_wrap(monkeypatch):
@@ -221,80 +191,42 @@ def test_time_goes_on_when_the_ports_ticks_wrap(monkeypatch):
     assert times == pytest.approx([0, 50, 100, 150, 200], abs=2)
 
 
-def test_supply_is_held_by_changes_alone(chip, board):
-    assert chip.output(22) == 0
-    levels = []
-    for _ in range(4):
-        board.keep_supply()
-        levels.append(chip.output(22))
-    assert levels == [1, 0, 1, 0]
-
-
-@pytest.mark.parametrize(
-    ("reasons", "ram", "cause"),
-    [
+def test_reset_cause(chip, monkeypatch):
+    chip.load_board(monkeypatch).Board()
+    for reasons, ram, cause in (
         (0, False, firmware.POWER_ON),
         (fake.PIN, True, firmware.PIN_RESET),
         (fake.WATCHDOG, True, firmware.WATCHDOG_RESET),
         (fake.WATCHDOG, False, firmware.WATCHDOG_RESET),
         (fake.WATCHDOG | fake.SOFT, True, firmware.WATCHDOG_RESET),
-        (fake.SOFT, True, firmware.SOFT_RESET),
+        (fake.SOFT, True, firmware.SOFT_RESET),  # not that of the reset before
         (fake.LOCKUP, True, firmware.LOCKUP_RESET),
         (fake.OFF, True, firmware.UNKNOWN_RESET),
-    ],
-)
-def test_reset_cause(chip, monkeypatch, reasons, ram, cause):
-    chip.load_board(monkeypatch).Board()
-    chip.reset(reasons, ram=ram)
-    assert chip.load_board(monkeypatch).Board().reset_cause == cause
+    ):
+        chip.reset(reasons, ram=ram)
+        assert chip.load_board(monkeypatch).Board().reset_cause == cause, (reasons, ram)
 
 
-def test_reset_cause_is_not_that_of_an_earlier_reset(chip, monkeypatch):
-    chip.reset(fake.PIN | fake.WATCHDOG, ram=True)
-    chip.load_board(monkeypatch).Board()
-    chip.reset(fake.SOFT, ram=True)
-    assert chip.load_board(monkeypatch).Board().reset_cause == firmware.SOFT_RESET
-
-
-@pytest.mark.parametrize(
-    ("reasons", "retained", "ram", "remembered"),
-    [
+def test_reason_outlasts_a_reset_until_it_is_forgotten(monkeypatch):
+    for reasons, retained, ram, remembered in (
         (fake.SOFT, True, True, 16),
         (fake.SOFT, True, False, 16),
         (fake.WATCHDOG, False, True, 16),
         (0, False, False, 0),
-    ],
-)
-def test_reason_outlasts_a_reset(chip, monkeypatch, reasons, retained, ram, remembered):
-    board = chip.load_board(monkeypatch).Board()
-    assert board.remembered == 0
-    board.remember(16)
-    assert board.remembered == 0
-    chip.reset(reasons, retained=retained, ram=ram)
-    board = chip.load_board(monkeypatch).Board()
-    assert board.remembered == remembered
-    chip.reset(reasons, retained=retained, ram=ram)  # before the program said anything
-    assert chip.load_board(monkeypatch).Board().remembered == remembered
-
-
-def test_reason_can_be_forgotten(chip, monkeypatch):
-    chip.load_board(monkeypatch).Board().remember(16)
-    chip.reset(fake.SOFT, retained=True, ram=True)
-    chip.load_board(monkeypatch).Board().remember(0)
-    chip.reset(fake.SOFT, retained=True, ram=True)
-    assert chip.load_board(monkeypatch).Board().remembered == 0
-
-
-def test_ram_after_power_up_is_no_reason(chip, monkeypatch):
-    for address in fake.RAM[::4]:
+    ):
+        chip = fake.wired()
+        board = chip.load_board(monkeypatch).Board()
+        assert board.remembered == 0
+        board.remember(16)
+        assert board.remembered == 0
+        for _ in (1, 2):  # the second time before the program said anything
+            chip.reset(reasons, retained=retained, ram=ram)
+            board = chip.load_board(monkeypatch).Board()
+            assert board.remembered == remembered
+        board.remember(0)
+        chip.reset(fake.SOFT, retained=True, ram=True)
+        assert chip.load_board(monkeypatch).Board().remembered == 0
+    chip = fake.wired()
+    for address in fake.RAM[::4]:  # after power-up it is no reason
         chip.registers[address] = 0xA5A5A5A5
     assert chip.load_board(monkeypatch).Board().remembered == 0
-
-
-def test_the_picture_of_the_wiring_has_the_pins(chip, monkeypatch):
-    module = chip.load_board(monkeypatch)
-    drawn = (Path(__file__).parents[2] / "docs" / "wiring.svg").read_text(encoding="utf-8")
-    names = ("heater left", "heater right", "supply", "SCK", "MISO", "CS left", "CS right")
-    pins = (*module.HEATERS, module.SUPPLY, module.SCK, module.MISO, *module.CHIP_SELECTS)
-    for name, pin in zip((*names, "SCL", "SDA"), (*pins, module.SCL, module.SDA), strict=True):
-        assert re.search(rf">P0\.{pin:02} (\(\w+\) )?{name}<", drawn), name
