@@ -36,7 +36,8 @@ def greeting(version, channels=2):
     return protocol.encode(protocol.INFO, version, 20, 440, b"mine0001", channels, 0)
 
 
-def test_a_port_without_a_board_is_named(board):
+def test_a_port_without_a_board_is_named(board, monkeypatch):
+    monkeypatch.setattr("hardware.robot.link.ANSWER_TIME", 0.3)
     with pytest.raises(HardwareError, match=f"The board on {board[1]} does not answer a greeting"):
         SerialLimb(board[1])
     message = "does not answer after the port was opened"  # but may be opened again
@@ -44,34 +45,22 @@ def test_a_port_without_a_board_is_named(board):
         link.sample()
 
 
-def test_a_board_with_other_firmware_is_refused(board):
-    with BoardLink(board[1]) as link:
-        os.write(board[0], greeting(7))
-        with pytest.raises(HardwareError, match="has firmware 7; this program needs 3"):
-            link.info()
-
-
-def test_a_board_with_another_protocol_is_refused(board, monkeypatch):
-    with monkeypatch.context() as other:
-        other.setattr(protocol, "VERSION", 1)
-        frame = greeting(2)
-    with BoardLink(board[1]) as link:
-        os.write(board[0], frame)
-        with pytest.raises(
-            HardwareError,
-            match="speaks version 1 of the protocol, but this program version 3; flash",
-        ):
-            link.info()
-
-
-def test_a_newer_board_is_told_from_an_older_one(board, monkeypatch):
+def test_a_board_of_another_version_is_refused(board, monkeypatch):
+    """Also one of the first version, which did not tell its channels."""
+    monkeypatch.setattr("hardware.robot.link.ANSWER_TIME", 0.3)
+    first = bytes.fromhex("7e0181010032 00b8016d69 6e653030 30314766 dc367e")
     with monkeypatch.context() as other:
         other.setattr(protocol, "VERSION", protocol.VERSION + 1)
-        frame = greeting(9)
-    with BoardLink(board[1]) as link:
-        os.write(board[0], frame)
-        with pytest.raises(HardwareError, match="only version 3; use a newer version of this"):
-            link.info()
+        newer = greeting(9)
+    for frame, said in (
+        (greeting(7), "has firmware 7; this program needs 3"),
+        (first, "speaks version 1 of the protocol, but this program version 3; flash"),
+        (newer, "only version 3; use a newer version of this"),
+    ):
+        with BoardLink(board[1]) as link:
+            os.write(board[0], frame)
+            with pytest.raises(HardwareError, match=said):
+                link.info()
 
 
 def test_an_older_host_notices_this_board(monkeypatch):
@@ -81,15 +70,6 @@ def test_an_older_host_notices_this_board(monkeypatch):
     parser = protocol.Parser((protocol.SAMPLE,))
     assert parser.feed(frame) == []
     assert parser.other_version == 3
-
-
-def test_a_board_of_the_first_version_is_told_from_noise(board):
-    """An INFO as boards sent it before they told their channels."""
-    info = "7e 01 81 01 00 32 00 b8 01 6d 69 6e 65 30 30 30 31 47 66 dc 36 7e"
-    with BoardLink(board[1]) as link:
-        os.write(board[0], bytes.fromhex(info))
-        with pytest.raises(HardwareError, match="speaks version 1 of the protocol"):
-            link.info()
 
 
 def test_a_board_with_other_channels_is_refused(board):
@@ -115,28 +95,23 @@ def limb_with(sensor) -> LimbParameters:
     return limb
 
 
-@pytest.mark.parametrize(("sensor", "degrees"), [(TipTangentSensor(), 15.0), (ChordSensor(), 30.0)])
-def test_the_segment_tells_what_a_reading_means(board, sensor, degrees):
+def test_the_segment_tells_what_a_reading_means(board):
     """The board reads 30°, in 1/64 of them."""
-    stop, numbers = threading.Event(), itertools.count(1)
 
-    def send():
-        while not stop.wait(0.02):
-            os.write(board[0], greeting(3) + sample(next(numbers), guard.DISARMED, 0, bend=64 * 30))
+    def make(number):
+        return greeting(3) + sample(number, guard.DISARMED, 0, bend=64 * 30)
 
-    thread = threading.Thread(target=send)
-    thread.start()
-    try:
-        with SerialLimb(board[1], limb_with(sensor), heated=False) as limb:
+    for sensor, degrees in ((TipTangentSensor(), 15.0), (ChordSensor(), 30.0)):
+        with (
+            Talking(board[0], make),
+            SerialLimb(board[1], limb_with(sensor), heated=False) as limb,
+        ):
             simulator = Simulator(limb)
             limb.GetInputPort("duty").FixValue(simulator.get_mutable_context(), [0.0, 0.0])
             simulator.Initialize()
             (angle,) = limb.GetOutputPort("bend_angle").Eval(simulator.get_context())
             assert limb.link.sample().tip_tangent == pytest.approx(np.deg2rad(30.0))
-    finally:
-        stop.set()
-        thread.join()
-    assert angle == pytest.approx(np.deg2rad(degrees))
+        assert angle == pytest.approx(np.deg2rad(degrees))
 
 
 def test_the_emulated_board_s_bytes_are_of_the_segment_s_sensor():
@@ -156,39 +131,27 @@ def test_an_emulated_board_is_for_a_limb_of_two_wires(two_segments):
         EmulatedBoard(LimbTwin(two_segments), lambda *_: None)
 
 
-@pytest.mark.parametrize("reason", REASONS)
-def test_the_reason_for_which_a_board_is_off_is_told(board, reason):
-    text = REASONS[reason]
-    with BoardLink(board[1]) as link:
-        os.write(board[0], sample(1, guard.ARMED, guard.NONE))
-        link.command([0.0, 0.5])
-        os.write(board[0], sample(2, guard.DISARMED, reason))
-        assert wait_for(lambda: not link.sample().armed)
-        with pytest.raises(HardwareError, match=f"{board[1]} switched off: {text}"):
+def test_the_reason_for_which_a_board_is_off_is_told(board):
+    for reason, text in REASONS.items():
+        with BoardLink(board[1]) as link:
+            os.write(board[0], sample(1, guard.ARMED, guard.NONE))
             link.command([0.0, 0.5])
-        if reason >= guard.LATCHING:
-            with pytest.raises(HardwareError, match=f"refuses to be armed: {text}. Mend it"):
-                link.arm(BOUNDS)
-        else:
-            link.clear()  # nothing is latched: asks for nothing
-    sent = protocol.Parser((protocol.ARM, protocol.CLEAR)).feed(os.read(board[0], 4096))
-    assert sent == []
+            os.write(board[0], sample(2, guard.DISARMED, reason))
+            assert wait_for(lambda: not link.sample().armed)
+            with pytest.raises(HardwareError, match=f"{board[1]} switched off: {text}"):
+                link.command([0.0, 0.5])
+            if reason >= guard.LATCHING:
+                with pytest.raises(HardwareError, match=f"refuses to be armed: {text}. Mend it"):
+                    link.arm(BOUNDS)
+            else:
+                link.clear()  # nothing is latched: asks for nothing
+        sent = protocol.Parser((protocol.ARM, protocol.CLEAR)).feed(os.read(board[0], 4096))
+        assert sent == []
 
 
 def test_a_reason_that_is_not_known_is_a_sentence(board, capsys):
-    stop, numbers = threading.Event(), itertools.count(1)
-
-    def send():
-        while not stop.wait(0.02):
-            os.write(board[0], greeting(3) + sample(next(numbers), guard.DISARMED, 77))
-
-    thread = threading.Thread(target=send)
-    thread.start()
-    try:
+    with Talking(board[0], lambda number: greeting(3) + sample(number, guard.DISARMED, 77)):
         assert main(["status", board[1]]) == 0
-    finally:
-        stop.set()
-        thread.join()
     assert "off: for a reason that this program does not know, 77" in capsys.readouterr().out
 
 
@@ -257,10 +220,10 @@ def test_samples_that_come_later_and_later_are_noticed(board):
 
 
 def test_a_board_whose_clock_is_slow_is_borne(board, monkeypatch):
-    """By 2%, as that of an oscillator without a crystal may be, for ten minutes."""
+    """By 2%, as that of an oscillator without a crystal may be, for five minutes."""
     parser = protocol.Parser((protocol.SAMPLE,))
     with BoardLink(board[1]) as link:
-        for number in range(12_000):
+        for number in range(6_000):
             passed = 0.05 * number
             monkeypatch.setattr("hardware.robot.link.time.monotonic", lambda now=passed: now)
             ((kind, values),) = parser.feed(
@@ -342,7 +305,7 @@ def test_the_bounds_of_a_limb_are_in_the_frame_that_arms(board, monkeypatch):
 def test_a_board_that_takes_no_data_is_hung(board, monkeypatch):
     hung = threading.Event()
     with BoardLink(board[1]) as link:
-        monkeypatch.setattr(link._serial, "write", lambda _: hung.wait(5.0))
+        monkeypatch.setattr(link._cable, "send", lambda _: hung.wait(5.0))
         start = time.monotonic()
         for _ in range(20):
             link.disarm()  # neither waits nor raises
