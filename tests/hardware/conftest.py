@@ -1,6 +1,6 @@
 """Emulated boards: in a process of its own with a host that heats, and in simulated time.
 
-The process is shared by the tests of a file, as it takes seconds to start, and as new for each.
+The process is shared by all tests, as it takes seconds to start, and as new for each.
 """
 
 import json
@@ -28,9 +28,11 @@ class Emulator:
         self.log = folder / f"log_{time.monotonic_ns()}.jsonl"
         self._begin = 0
         command = [sys.executable, "-m", "hardware", "emulate", "--log", str(self.log)]
-        self.process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
+        self.errors = folder / "errors.txt"
+        with self.errors.open("w") as errors:
+            self.process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors, text=True
+            )
         self.port = self.process.stdout.readline().strip()
         assert self.port.startswith("/dev/")
 
@@ -158,7 +160,7 @@ def board_in_simulated_time(monkeypatch):
     return SimulatedBoard()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def _emulators(tmp_path_factory):
     """The one in use, if any."""
     emulators = []
@@ -198,16 +200,3 @@ def start_host():
 def link(emulator):
     with BoardLink(emulator.port) as link:
         yield link
-
-
-@pytest.fixture
-def heating(link, emulator):
-    """The right wire at full duty for more than a second, and hot."""
-    heating = Heating(link)
-    # Once its thermocouple has followed a little heat.
-    assert wait_for(lambda: emulator.duty() == [0.0, 1.0], 10.0)
-    time.sleep(1.2)
-    assert emulator.duty() == [0.0, 1.0]
-    assert link.sample().temperature[1] > 28.0
-    yield heating
-    heating.stop()
