@@ -20,14 +20,15 @@ MEAN_TO_DEVIATION = 1.25  # of the mean of |x| to the standard deviation of x, i
 class Band:
     """Where a limb of one segment may be that is driven with a plan's duty, open loop.
 
-    - ``time``: since the start of the plan (M,), s.
-    - ``bend_angle``: half-width of the band about φ* that has the true bend of 95% of all
-      limbs (M,), rad.
-    - ``bend_reading``: likewise of what their bend sensors read, with noise and drift.
-    - ``wire_temperature``, ``measured_temperature``: how far T and V may be above
-      the plan's, in 995 of 1000 limbs for each wire (W, M), °C.
-    - ``highest_readings``: the highest V, likewise (W,), °C.
-    - ``aborted_share``: the share of limbs in which V of a wire gets above
+    - ``time``: time since the start of the plan (M,), s.
+    - ``bend_angle``: half-width of the band about φ* in which the true bend of 95% of all
+      limbs stays (M,), rad.
+    - ``bend_reading``: half-width of the band in which 95% of all bend sensors read, with
+      noise and drift (M,), rad.
+    - ``wire_temperature``, ``measured_temperature``: distance above the plan's T and V that
+      995 of 1000 limbs keep within, for each wire (W, M), °C.
+    - ``highest_readings``: highest V of each wire that 995 of 1000 limbs keep within (W,), °C.
+    - ``aborted_share``: share of limbs in which V of a wire gets above
       ``temperature_limits.measured_maximum``, where a board cuts out.
     """
 
@@ -47,7 +48,7 @@ def band(trajectory: Trajectory, seed: int = 0) -> Band | None:
     calibration predicted motions that it was not fitted to.
 
     Args:
-        seed: of the limbs that are drawn.
+        seed: seed of the limbs that are drawn.
 
     Returns:
         None if the limb is not calibrated by prediction, or has several segments.

@@ -15,9 +15,9 @@ def read_bytes(
     """Reads an input file whole, but no device, no pipe and no file beyond a limit.
 
     Args:
-        what: the file is meant to be, for the error.
-        largest: size that is read, bytes.
-        error_type: of what is raised.
+        what: name of what the file should be, such as "recording", for the error.
+        largest: largest size that is read, bytes.
+        error_type: type of the error.
 
     Raises:
         LimbError: of that type, with one sentence naming the file.

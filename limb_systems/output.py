@@ -42,7 +42,7 @@ def check_outputs(
     Args:
         outputs: files to be written; None for those that were not asked for.
         inputs: files that are read, which are never replaced.
-        pictures, tables: those of the outputs that are pictures, or CSV.
+        pictures, tables: the outputs that are pictures, or CSV.
         force: whether files that exist may be replaced.
 
     Raises:

@@ -309,6 +309,6 @@ def _hints(schema: Any) -> dict[str, Any]:
 
 
 def nearest(name: str, names: list[str]) -> str:
-    """For an error about an unknown name: a hint at the known name that may be meant."""
+    """A hint at the known name that may be meant, for an error about an unknown one."""
     match = difflib.get_close_matches(name, names, n=1)
     return f" (did you mean {match[0]}?)" if match else ""

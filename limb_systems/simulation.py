@@ -64,7 +64,7 @@ def simulate(
         duty: a planned trajectory, a Drake trajectory of W rows, or constant
             duty (W,). A trajectory starts at its own start time.
         duration: s; for a trajectory by default all of it.
-        sample_rate: of the recording, Hz.
+        sample_rate: rate of the recording, Hz.
         accuracy: relative accuracy of the implicit integrator; the system's
             own if None.
         initial_state: all continuous states of the system, by default those
@@ -121,7 +121,7 @@ def record(
     controller. A system with ``real_time``, such as a robot, runs in real time.
 
     Args:
-        builder: of a diagram that contains the system and what drives it.
+        builder: builder of a diagram that contains the system and what drives it.
         system: a `Limb`, or any other `LimbSystem`.
         duty: the port that drives the limb; it is connected here.
         duration: at most, s.
@@ -131,7 +131,7 @@ def record(
         real_time: whether to run in real time although the system does not need
             it, for example because a person watches.
         sample_rate, accuracy, initial_state: as for `simulate`.
-        provenance: of the recording; that of this call if None.
+        provenance: provenance of the recording; this call's if None.
 
     Raises:
         SimulationError: if the integrator fails.

@@ -25,9 +25,9 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
 
     Args:
         trajectory: the plan φ*.
-        recordings: of one or more rollouts; samples after the end of the
-            plan are ignored, those that are missing left out, and those that are
-            not plausible left out with a warning. An interrupted rollout counts as far as it came.
+        recordings: recordings of one or more rollouts. Samples after the end of the plan
+            and missing ones do not count, nor, with a warning, those that are not plausible.
+            An interrupted rollout counts as far as it came.
 
     Raises:
         LimbError: if there is nothing to compare.

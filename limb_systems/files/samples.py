@@ -55,7 +55,7 @@ _RANGES = {  # a value outside these is a mistake, of units or of a sensor
 
 
 def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
-    """For each signal the names of its columns; the unit is in the name.
+    """Names of the columns of each signal; the unit is in the name.
 
     Signals of joints are split into angles and rates. Columns of wires have the
     wires' names; with several segments, the number of the segment follows. The
@@ -201,7 +201,7 @@ class Samples(Summarized):
         raise NotImplementedError
 
     def _about(self) -> dict[str, Any]:
-        """What else the ``attrs`` of pandas have."""
+        """Further ``attrs`` of the table of pandas."""
         raise NotImplementedError
 
     def _check(self) -> None:

@@ -26,7 +26,7 @@ _UNFINISHED = ".unfinished"
 
 
 def is_unfinished(path: Path) -> bool:
-    """Whether a file is what a `TableWriter` was writing when its program ended."""
+    """Whether a file is one that a `TableWriter` was writing when its program ended."""
     return _UNFINISHED in path.name
 
 
@@ -37,28 +37,28 @@ def unfinished_files(path: str | Path) -> set[Path]:
 
 
 class TableWriter:
-    """Writes a table row by row, in a thread of its own: who appends never waits for the disk.
+    """Writes a table row by row in a thread of its own, so that `append` never waits for the disk.
 
     The table ``name.csv`` is in ``name.unfinished.csv`` until `finish` gives it its
     name, or in ``name.unfinished_2.csv`` and so on if that is taken: a file that is
     there is never opened. `read_table` reads unfinished ones when asked to.
 
-    The thread gives each row to the operating system when it comes, from where on
-    the death of this program does not harm it. It forces rows to the disk about
-    once a second and at the end; a power loss costs those since. As often it looks
-    whether the file is still there: one that was removed, or whose folder was, is
-    written again, and where that cannot be in the folder for temporary files.
+    The thread gives each row to the operating system at once, so that the death of this
+    program costs no row. It forces rows to the disk about once a second and at the end; a
+    power loss costs the rows since then. A file that was removed meanwhile, or whose folder
+    was, is written again, in the folder for temporary files if need be.
 
-    - ``path``: of the unfinished file.
-    - ``num_rows``: that were appended.
+    - ``path``: path of the unfinished file.
+    - ``num_rows``: number of rows that were appended.
     """
 
     def __init__(self, path: str | Path, kind: str, header: str, names: Sequence[str]):
         """
         Args:
-            path, kind, header: as for `write_table`; a file at the path is
-                replaced by `finish`, not before.
-            names: of the columns.
+            path: path of the finished file; one that is there is replaced by
+                `finish`, not before.
+            kind, header: as for `csv_format.format_table`.
+            names: names of the columns.
 
         Raises:
             OutputError: if no file can be made there.

@@ -27,7 +27,7 @@ DEFECT_TOLERANCE = 1e-6
 
 @dataclasses.dataclass
 class ActiveConstraint:
-    """A bound of eqns (18)-(20) that is active from ``start`` to ``end``, s."""
+    """A bound of eqns (18)-(20) that a plan runs along from ``start`` to ``end``, s."""
 
     bound: str = ""
     start: float = 0.0
@@ -196,7 +196,7 @@ class Trajectory(Samples):
         )
 
     def since_start(self) -> "Trajectory":
-        """The same plan with time zero at its start, as in recordings of its replay."""
+        """This plan with time zero at its start, as in recordings of its replay."""
         start = float(self.time[0])
         if start == 0:
             return self
@@ -239,8 +239,8 @@ class Trajectory(Samples):
         `replay` refuses it without ``unchecked=True``.
 
         Args:
-            collocation: of ``Limb(parameters)`` with its port ``duty``.
-            result: of solving it.
+            collocation: program of ``Limb(parameters)`` with its port ``duty``.
+            result: its solution.
             reference: φ_ref at the knots (S, K), rad; the plan's own bend angle
                 if None.
 
