@@ -11,7 +11,6 @@ from pydrake import trajectories
 from pydrake.solvers import SolverInterface
 
 from limb_systems import (
-    ActiveConstraint,
     LimbParameters,
     PlanCheck,
     Provenance,
@@ -21,11 +20,9 @@ from limb_systems import (
     split_state,
 )
 from limb_systems.model.statics import static_equilibrium
-from limb_systems.model.wire_law import TEMPERATURE_SCALE
-from planners.check import simulated_differences
-from planners.distance import far_from_reference
+from planners.checks import active_constraints, far_from_reference, simulated_differences
 from planners.task import Task
-from planners.transcription.program import TrajectoryProgram, reading_bounds
+from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import (
     check_temperature_limits,
     quasi_static_angles,
@@ -66,7 +63,7 @@ def plan(
     apart would get to what its board cuts out at; see `limb_systems.band`.
 
     Args:
-        parameters: of the limb, or their YAML file; the nominal limb if None.
+        parameters: description of the limb, or its YAML file; the nominal limb if None.
         reference: φ_ref in rad, a row for each segment, from time 0 on; it
             need not be feasible or continuous. See `planners.references`.
         task: weights and limits; `Task()` if None.
@@ -132,11 +129,11 @@ class Planner:
     that was reached, with a new reference.
 
     Args:
-        parameters: of the limb, or their YAML file; the nominal limb if None.
-        times: of the knots (N,), s, increasing from 0.
+        parameters: description of the limb, or its YAML file; the nominal limb if None.
+        times: times of the knots (N,), s, increasing from 0.
         task: weights and limits; `Task()` if None.
         tolerance_deg: how far a plan may be from its simulation, degrees.
-        solver: as in `planners.plan`.
+        solver: one of Drake's solvers, as in `planners.plan`.
         measured_margin: how far readings V stay below
             ``temperature_limits.measured_maximum``, °C, one number or one for
             each wire (W,).
@@ -251,7 +248,7 @@ class Planner:
         return trajectory, offsets, differences
 
     def _solve(self, program, guess, angles_ref, state) -> Solution:
-        """From the previous solution if little changed, else from the guess."""
+        """Solution from the previous one if little changed, else from the guess."""
         start, multipliers = guess, None
         if self._previous is not None:
             previous_ref, previous_state, previous = self._previous
@@ -306,35 +303,6 @@ def _margin_of(trajectory: Trajectory, margin: np.ndarray) -> np.ndarray | None:
         return None
     excess = around.highest_readings - trajectory.measured_temperature.max(axis=1)
     return np.maximum(margin, excess + ROUNDING)
-
-
-def active_constraints(
-    trajectory: Trajectory, task: Task, warm_up_time: float, measured_margin: ArrayLike = 0.0
-) -> list[ActiveConstraint]:
-    """Where bounds of (18)-(20) and of the readings are active, as intervals of time."""
-    limits, names = trajectory.parameters.temperature_limits, trajectory.parameters.wire_names
-    warm = trajectory.time > warm_up_time
-    near_duty, near_temperature = 1e-4, 1e-3 * TEMPERATURE_SCALE
-    hottest, fullest = limits.maximum - task.temperature_margin, 1.0 - task.duty_margin
-    hottest_name = f"T_max - {task.temperature_margin:g} °C" if task.temperature_margin else "T_max"
-    highest = reading_bounds(trajectory.parameters, measured_margin)
-    active = []
-    for index, name in enumerate(names):
-        reading = trajectory.measured_temperature[index]
-        duty, wire = trajectory.duty[index], trajectory.wire_temperature[index]
-        for bound, where in (
-            (f"duty {name} = 0", duty < near_duty),
-            (f"duty {name} = {fullest:g}", duty > fullest - near_duty),
-            (f"wire {name} = {hottest_name}", wire > hottest - near_temperature),
-            (f"wire {name} = T_warm", warm & (wire < limits.warm + near_temperature)),
-            (f"reading {name} = measured_maximum", reading > highest[index] - near_temperature),
-        ):
-            edges = np.flatnonzero(np.diff(np.r_[False, where, False]))
-            active += [
-                ActiveConstraint(bound, float(trajectory.time[a]), float(trajectory.time[b - 1]))
-                for a, b in edges.reshape(-1, 2)
-            ]
-    return active
 
 
 def _measured_margin(margin: ArrayLike, num_wires: int) -> np.ndarray:

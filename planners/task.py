@@ -48,25 +48,25 @@ class Task:
     - ``duty_weight``: R, on each wire's duty squared.
     - ``terminal_factor``: Q_N / Q.
     - ``phases``: other Q and R from given times on.
-    - ``energy_weight``: of the sum of duty over wires and knots, which is
+    - ``energy_weight``: weight of the sum of duty over wires and knots, which is
       proportional to the heating energy; for minimum energy.
-    - ``temperature_weight``: of the mean of each segment's wires' temperatures
-      above ambient at each knot, 1/°C; against wires that heat up against each other.
-    - ``time_weight``: of the duration, 1/s; for minimum time.
+    - ``temperature_weight``: weight of the mean temperature above ambient of each
+      segment's wires at each knot, 1/°C; against wires that heat up against each other.
+    - ``time_weight``: weight of the duration, 1/s; for minimum time.
 
     Limits in addition to (18)-(20), all linear; the bend rate is that of (11):
 
-    - ``max_bend_rate``: of each segment at the knots, rad/s.
-    - ``max_temperature_rate``: of each wire, °C/s.
+    - ``max_bend_rate``: largest bend rate of each segment at the knots, rad/s.
+    - ``max_temperature_rate``: largest temperature rate of each wire, °C/s.
     - ``reach``: whether each segment must end within 0.1° of the reference's
       last angle, with a bend rate of at most 0.5°/s.
     - ``final_hold``: time before the end in which the bend rate is at most
       0.5°/s, s.
     - ``duty_hold``: time before the end in which duty is constant, s; at least
       the last interval, unless it is zero.
-    - ``temperature_margin``: how far wires stay below T_max, °C, where feedback
+    - ``temperature_margin``: distance of the wires from T_max, °C, where feedback
       may heat them.
-    - ``duty_margin``: how far duty stays below 1. It may be 0 all the same: then
+    - ``duty_margin``: distance of duty from 1. It may be 0 all the same: then
       feedback heats the other wire.
     - ``stretch``: shortest and longest duration of the plan, as factors of the
       reference's duration; None if both are 1. Reference and warm-up (20) are
@@ -125,7 +125,7 @@ class Task:
 
     @classmethod
     def closed_loop(cls) -> "Task":
-        """For plans that feedback follows: they leave it heat and duty.
+        """Weights and margins of plans that feedback follows: they leave it heat and duty.
 
         With more weight on duty wires stay cooler, and a limb that lags behind its plan can
         catch up before both wires are hot.

@@ -40,7 +40,7 @@ class BendSensor(Tagged, abc.ABC):
     """The bend sensor of a segment; subclasses are dataclasses.
 
     - ``gain``: slope of what it shows, 1 if it is exact.
-    - ``offset``: what it shows where it should show zero, rad.
+    - ``offset``: reading where it should be zero, rad.
     - ``noise``: standard deviation of a sample, rad.
     - ``drift``: standard deviation of a slow drift, rad.
 
@@ -119,7 +119,7 @@ class TipTangentSensor(BendSensor):
 
 @dataclasses.dataclass
 class ChordSensor(BendSensor):
-    """One that sees base and tip, such as a camera, and reads the chord's angle φ itself."""
+    """Sensor that sees base and tip, such as a camera, and reads the chord's angle φ itself."""
 
     def bend_angle(self, reading: ArrayLike) -> np.ndarray:
         """The reading itself."""

@@ -18,8 +18,8 @@ class Derivatives:
     Functions take points (..., P), real or complex, and return values (..., Q).
     Variables that no value depends on together are moved at once.
 
-    - ``pattern``: which values depend on which variables (Q, P), true or false.
-    - ``curvature``: which pairs of variables may have a second derivative (P, P), true or false.
+    - ``pattern``: true where a value depends on a variable (Q, P).
+    - ``curvature``: true where a pair of variables may have a second derivative (P, P).
 
     Args:
         scales: typical changes of the variables (P,).

@@ -29,8 +29,8 @@ def draw_ensemble(parameters: LimbParameters, count: int, seed: int = 0) -> list
 
     Args:
         parameters: with a `CalibrationRecord`, of one segment.
-        count: of the limbs.
-        seed: of the draws.
+        count: number of limbs.
+        seed: seed of the draws.
 
     Raises:
         ParameterError: if the limb is not calibrated, or the record names what it has not.

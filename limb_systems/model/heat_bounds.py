@@ -36,7 +36,7 @@ class HeatBounds(Strict):
 
     @classmethod
     def around(cls, law: WireLaw) -> "HeatBounds":
-        """Those of any wire of a kind that a law describes.
+        """Bounds that hold for any wire of the kind that a law describes.
 
         Raises:
             LimbError: if one is beyond what a board accepts, or if the law does not

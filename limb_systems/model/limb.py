@@ -55,9 +55,9 @@ class Limb(Diagram):
     ):
         """
         Args:
-            parameters: of the limb, or their YAML file; the nominal limb if
+            parameters: description of the limb, or its YAML file; the nominal limb if
                 None. The limb keeps a copy, its attribute ``parameters``.
-            name: of the system; limbs in one diagram need different names.
+            name: name of the system; limbs in one diagram need different names.
 
         Raises:
             ParameterError: if a parameter is out of its range.
@@ -108,7 +108,7 @@ def to_paper_state(parameters: LimbParameters, state: ArrayLike) -> np.ndarray:
     """The paper's x = [θ, V, θ̇, V̇], eqn (14), from a state of `Limb`.
 
     Args:
-        parameters: of the limb, whose wires have the paper's law.
+        parameters: description of a limb whose wires have the paper's law.
         state: [θ, θ̇, T, V], (2n + 2W,) or (2n + 2W, K).
 
     Returns:

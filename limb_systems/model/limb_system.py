@@ -19,7 +19,7 @@ class LimbSystem(Protocol):
     and the output ports ``measured_temperature`` (W), °C, and ``bend_angle``
     (S), rad. It may have other ports.
 
-    - ``parameters``: of the limb, as far as it is known.
+    - ``parameters``: description of the limb, as far as it is known.
     - ``source``: a line of text that names the system in recordings of it.
     - ``real_time``: whether it must run in real time and be closed at the end
       by its method ``close``, as a robot must; False if left out.

@@ -45,11 +45,11 @@ class ParameterError(LimbError):
 class WireParameters(Strict):
     """One shape-memory-alloy wire: its name, where it runs, and its law.
 
-    - ``name``: of letters, digits and underscores; it names columns in files.
-    - ``e2``, ``e3``: where it runs in the cross-section, m from the axis. Its
+    - ``name``: letters, digits and underscores; it names columns in files.
+    - ``e2``, ``e3``: place in the cross-section, m from the axis. Its
       torque has the direction of this lever: a wire at e2 > 0, e3 = 0 bends
       towards +E2 with all of its law's torque, one at 45° with 1/√2 of it.
-    - ``law``: what it does with heat; `LinearLaw` is the paper's.
+    - ``law``: heat, torque and reading of the wire; `LinearLaw` is the paper's.
     - ``heat_bounds``: within which a board expects it to heat and cool; None
       until it is calibrated, which means bounds around its law.
     """
@@ -62,7 +62,7 @@ class WireParameters(Strict):
 
     @property
     def direction(self) -> float:
-        """Of its torque in the bending plane, from -1 to 1."""
+        """Share of the torque in the bending plane, from -1 to 1."""
         return self.e2 / float(np.hypot(self.e2, self.e3))
 
 
@@ -99,10 +99,10 @@ class SegmentParameters(Strict):
     - ``rest_angle``: bend angle φ at rest with cold wires, rad.
     - ``stiffening``: s, share that is added to k where the segment bends by 45°
       from its rest angle.
-    - ``rest_memory``: how the rest angle changes with use; None if it does not.
+    - ``rest_memory``: change of the rest angle with use; None if there is none.
     - ``wires``: `WireParameters`; by default the paper's two, left and right.
       Heating the right one bends towards +E2.
-    - ``bend_sensor``: what reads the bend: `TipTangentSensor`, the paper's (8),
+    - ``bend_sensor``: sensor of the bend: `TipTangentSensor`, the paper's (8),
       `ChordSensor`, or another `BendSensor`.
     """
 
@@ -178,12 +178,12 @@ class SerialBoard(Board):
 class EmulatedLimb(Board):
     """An emulated limb.
 
-    - ``seed``: of the random numbers that it was drawn with.
+    - ``seed``: seed of the random numbers that it was drawn with.
     - ``description``: YAML text of the `LimbParameters` that it was drawn
       around; empty for the nominal limb.
-    - ``absent``: the effects that were taken out of it.
-    - ``extra``: the effects that it has beside those of every emulated limb.
-    - ``disturbances``: what was changed about it afterwards, each a name and a number.
+    - ``absent``: effects that were taken out of it.
+    - ``extra``: effects that it has beside those of every emulated limb.
+    - ``disturbances``: later changes, each a name and a number.
     """
 
     seed: int
@@ -211,8 +211,8 @@ class EmulatedLimb(Board):
 class CalibrationRecord(Strict):
     """How well the calibrated parameters are known, and from what.
 
-    - ``names``: of the P parameters, such as "right.a1".
-    - ``values``, ``standard_errors``: of the estimates (P), in their units.
+    - ``names``: names of the P parameters, such as "right.a1".
+    - ``values``, ``standard_errors``: estimates and their errors (P), in their units.
     - ``covariance``: (P, P), in the products of their units; its diagonal is
       that of the squared standard errors. Off it are a1, a2, a3 of each wire
       among themselves, and what the β of all wires share with k, of which each
@@ -222,7 +222,7 @@ class CalibrationRecord(Strict):
       used in any fit; empty if there was none.
     - ``bend_error``, ``temperature_error``: mean errors of open-loop predictions
       of such recordings, of the bend, rad, and of the readings, °C; 0 if unknown.
-    - ``provenance``: what made it; None if it is not known. Records are equal whenever
+    - ``provenance``: stamp of what made it; None if unknown. Records are equal whenever
       they were made.
     """
 
@@ -255,7 +255,7 @@ class LimbParameters(Strict):
       which supply and limb are made.
     - ``board``: the particular limb that these parameters were calibrated on,
       `SerialBoard` or `EmulatedLimb`; `NoBoard` if none.
-    - ``calibration``: how well they are known, `CalibrationRecord`; None if
+    - ``calibration``: accuracy of the parameters, `CalibrationRecord`; None if
       they were not calibrated.
 
     Wires are in the order of their segments, base first; joints are from the
@@ -407,7 +407,7 @@ class LimbParameters(Strict):
 
     @property
     def heat_bounds(self) -> list[HeatBounds]:
-        """Those of all wires (W): as calibrated, or else around their laws.
+        """Heat bounds of all wires (W): as calibrated, or else around their laws.
 
         A law that was fitted without bounds is about plans, not about heat, so
         that its wire has the bounds of the nominal one.
@@ -423,7 +423,7 @@ class LimbParameters(Strict):
 
     @property
     def wire_slices(self) -> list[slice]:
-        """For each segment, where its wires are among all wires."""
+        """Place of each segment's wires among all wires."""
         return _slices([len(segment.wires) for segment in self.segments])
 
     @property
@@ -435,7 +435,7 @@ class LimbParameters(Strict):
 
     @property
     def joint_slices(self) -> list[slice]:
-        """For each segment, where its joints are among all joints."""
+        """Place of each segment's joints among all joints."""
         return _slices([segment.links for segment in self.segments])
 
 

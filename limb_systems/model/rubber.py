@@ -32,7 +32,7 @@ class NonlinearRubber:
     - ``force_by_shift``: derivative of the force by r (n, R), N·m/rad.
 
     Args:
-        parameters: of the limb.
+        parameters: description of the limb.
     """
 
     def __init__(self, parameters: LimbParameters):

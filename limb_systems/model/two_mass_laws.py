@@ -45,7 +45,7 @@ class _TwoMassHeat(WireLaw):
         return self.a3 * (V - x[0])
 
     def typical_rates(self):
-        """It cools by -a1 while the silicone is cold, and by -a1 kA / (kS + kA) once it is warm."""
+        """Cooling at -a1 while the silicone is cold, and at -a1 kA / (kS + kA) once it is warm."""
         share = self.silicone_cooling / (self.silicone_warming + self.silicone_cooling)
         cooling = {"slowest_cooling": -self.a1 * share, "fastest_cooling": -self.a1}
         return {**cooling, "heating": self.a2, "reading": -self.a3}

@@ -37,7 +37,7 @@ class JouleHeating(AffineSystem):
     def __init__(self, parameters: LimbParameters):
         """
         Args:
-            parameters: of the limb, for its wires.
+            parameters: description of the limb.
 
         Raises:
             ParameterError: if the heat of a wire is not linear.
@@ -66,7 +66,7 @@ class ThermocoupleLag(AffineSystem):
     def __init__(self, parameters: LimbParameters):
         """
         Args:
-            parameters: of the limb, for its wires.
+            parameters: description of the limb.
 
         Raises:
             ParameterError: if the heat of a wire is not linear.
@@ -102,7 +102,7 @@ class TorqueMap(AffineSystem):
     def __init__(self, parameters: LimbParameters):
         """
         Args:
-            parameters: of the limb, for its wires.
+            parameters: description of the limb.
 
         Raises:
             ParameterError: if the torque of a wire is not linear.

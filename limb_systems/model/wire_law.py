@@ -115,7 +115,7 @@ class LinearLaw(WireLaw):
         return self.a3 * (V - x[0])
 
     def typical_rates(self) -> dict[str, float]:
-        """Those of the law."""
+        """Rates -a1, a2 and -a3 of the law."""
         cooling = {"slowest_cooling": -self.a1, "fastest_cooling": -self.a1}
         return {**cooling, "heating": self.a2, "reading": -self.a3}
 

@@ -20,9 +20,9 @@ LONGEST_STEP = 0.1  # s, of an integration
 class _Alike:
     """Wires with laws of one class.
 
-    - ``law``: its fields are arrays with an element for each wire.
+    - ``law``: one law whose fields are arrays with an element for each wire.
     - ``wires``: indices of the wires among all wires.
-    - ``states``: for each of the law's states, which they are among all states.
+    - ``states``: indices among all states, for each of the law's states.
     """
 
     law: WireLaw
@@ -42,20 +42,19 @@ class Wires:
     - ``num_wires``, ``num_states``: W and N.
     - ``state_names``: such as ``S_left``, N.
     - ``heat_scales``: typical changes of the states and of the readings (N + W,).
-    - ``cold_states``: of wires that were never heated (N,).
-    - ``settles``: which states are no memory (N,), true or false.
-    - ``directions``: of the wires' torque on the joints (n, W), zero for
-      joints of other segments, else e2 / |(e2, e3)|.
-    - ``rates_are_affine``: in states, readings and duty.
-    - ``torque_is_affine``: the force, in the states, and no function of the angle.
+    - ``cold_states``: states of wires that were never heated (N,).
+    - ``settles``: true where a state is no memory (N,).
+    - ``directions``: direction of the wires' torque on the joints (n, W): e2 / |(e2, e3)|,
+      or zero for joints of other segments.
+    - ``rates_are_affine``: whether heat rates are affine in states, readings and duty.
+    - ``torque_is_affine``: whether forces are affine in the states, and no function of the angle.
     - ``torque_needs_angle``: whether any force depends on the joint's angle.
-    - ``heat_derivatives``: which of `heat_rates` depend on which of [x, V, D], and
-      which pairs of these may have second derivatives; `Derivatives`.
-    - ``torque_curvature``: which pairs of states may have second derivatives in
-      `forces` (N, N), true or false.
+    - ``heat_derivatives``: pattern of `heat_rates` in [x, V, D]; `Derivatives`.
+    - ``torque_curvature``: true where a pair of states may have a second derivative in
+      `forces` (N, N).
 
     Args:
-        parameters: of the limb.
+        parameters: description of the limb.
     """
 
     def __init__(self, parameters: LimbParameters):
@@ -321,8 +320,8 @@ class Wires:
         cold wires at most.
 
         Args:
-            states: those at the first time (N,).
-            longest_step: of the integration, s; warm wires may have states that are faster.
+            states: states at the first time (N,).
+            longest_step: longest step of the integration, s, for states of warm wires
         """
         fastest = np.abs(np.linalg.eigvals(self.affine_rates()[0])).max()
         course = [states]

@@ -111,7 +111,7 @@ class LimbDefects:
         self.hessian_columns = self._variables[:, columns].ravel()
 
     def with_curvature_of_wires(self) -> "LimbDefects":
-        """The same constraints, whose ``hessian`` is that by heat and duty alone."""
+        """Copy whose ``hessian`` is that by heat and duty alone."""
         block = copy.copy(self)
         block._lay_out_hessian(of_mechanics=False)
         return block

@@ -68,9 +68,9 @@ class ConstraintBlock(Protocol):
     """Constraints lower <= g(x) <= upper that are evaluated together.
 
     - ``lower``, ``upper``: (m,).
-    - ``rows``, ``columns``: of the nonzeros of the Jacobian, in (m, len(x)).
-    - ``hessian_rows``, ``hessian_columns``: of nonzeros of the Hessian of
-      λᵀ g, in its lower triangle; those of the same place add up.
+    - ``rows``, ``columns``: places of the Jacobian's nonzeros in (m, len(x)).
+    - ``hessian_rows``, ``hessian_columns``: places of the nonzeros of the Hessian of λᵀ g;
+      values of the same place, or of its mirror image, add up.
     - ``replaces``: the program's constraints that they stand for.
     """
 
@@ -96,7 +96,7 @@ class ConstraintBlock(Protocol):
 class IpoptDetails:
     """IPOPT's status in words, iterations, and time, s.
 
-    - ``multipliers``: of the scaled constraints, of lower and of upper bounds.
+    - ``multipliers``: multipliers of the scaled constraints, of lower and of upper bounds.
     """
 
     status: str
@@ -181,11 +181,11 @@ class ExactHessianIpoptSolver:
         """Solves a program.
 
         Args:
-            initial_guess: for all decision variables, (num_vars,); by default
+            initial_guess: values of all decision variables, (num_vars,); by default
                 the program's.
-            solver_options: those for `IpoptSolver.id()` go over this
+            solver_options: options for `IpoptSolver.id()` go over this
                 module's ``OPTIONS``.
-            multipliers: those of a neighbouring solution, for a warm start.
+            multipliers: multipliers of a neighbouring solution, for a warm start.
 
         Raises:
             ValueError: if the program has constraints that are not smooth,
@@ -219,8 +219,8 @@ class ExactHessianIpoptSolver:
 class _Evaluators:
     """Costs or constraints of a program, side by side, evaluated by Drake's AutoDiff.
 
-    - ``rows``, ``columns``: of the nonzeros of the Jacobian.
-    - ``hessian_rows``, ``hessian_columns``: of the Hessian's lower triangle.
+    - ``rows``, ``columns``: places of the Jacobian's nonzeros.
+    - ``hessian_rows``, ``hessian_columns``: places in the Hessian's lower triangle.
     """
 
     def __init__(self, prog: MathematicalProgram, bindings: Sequence[Binding]):
@@ -379,7 +379,7 @@ class _ScaledProblem:
 class _Cost:
     """All costs of a program: ½ xᵀ Q x + bᵀ x + c, Q by its nonzeros, and generic ones.
 
-    - ``rows``, ``columns``: of the nonzeros of the Hessian's lower triangle.
+    - ``rows``, ``columns``: places of the nonzeros of the Hessian's lower triangle.
     """
 
     def __init__(self, prog: MathematicalProgram):

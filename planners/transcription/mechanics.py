@@ -56,7 +56,7 @@ class PlanarChain:
     """Accelerations θ̈ of eqn (2) and their derivatives, vectorised over K states.
 
     - ``num_joints``: n.
-    - ``stiffness``, ``damping``: of the joints (n,), N·m/rad and N·m·s/rad.
+    - ``stiffness``, ``damping``: springs and dampers of the joints (n,), N·m/rad and N·m·s/rad.
     - ``straight_mass_matrix``: M(0) in joint angles (n, n), kg·m².
 
     Args:

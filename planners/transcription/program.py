@@ -34,7 +34,7 @@ class TrajectoryProgram:
     - ``prog``: the `MathematicalProgram`.
     - ``collocation``: the `DirectCollocation` that built it.
     - ``limb``: the `Limb` whose dynamics are its constraints.
-    - ``times``: of the knots (N,), s, before they are stretched.
+    - ``times``: times of the knots (N,), s, before they are stretched.
     - ``states``, ``duty``, ``time_steps``: indices of x_k, u_k and h_k among
       the decision variables, (N, 2n + M), (N, W) and (N - 1), for the heat
       (M) of W wires, their states and readings.
@@ -43,8 +43,8 @@ class TrajectoryProgram:
     - ``added``: the constraints that the task's ``customize`` added.
 
     Args:
-        parameters: of the limb.
-        times: of the knots (N,), s, from 0.
+        parameters: description of the limb.
+        times: times of the knots (N,), s, from 0.
         task: weights and limits; `Task()` if None.
         measured_margin: how far readings V stay below ``measured_maximum``, °C,
             one number or one for each wire (W,).
@@ -346,7 +346,7 @@ def add_duty_cost(
     """The terms of (15) in the duty, and the task's energy.
 
     Args:
-        times: of the knots (N,), s.
+        times: times of the knots (N,), s.
         duty: decision variables (N, W).
     """
     _, weights = task.weights(times)
@@ -373,7 +373,7 @@ def add_temperature_cost(
     """The task's cost of the mean temperature of each segment's wires above ambient.
 
     Args:
-        times: of the knots (N,), s.
+        times: times of the knots (N,), s.
         wire_states: decision variables as for `add_thermal_limits`.
     """
     if not task.temperature_weight:
@@ -412,7 +412,7 @@ def add_thermal_limits(
     """(18)-(20) with the task's margins, and its limit of the temperature rate.
 
     Args:
-        times: of the knots (N,), s.
+        times: times of the knots (N,), s.
         wire_states, duty: decision variables, a row for each knot; the states
             begin with the W wire temperatures.
         warm_up_time: k_warm, s from the first knot.

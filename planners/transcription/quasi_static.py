@@ -10,7 +10,6 @@ hysteresis, torque is that of wires heated from cold to T, and all states are
 integrated under the duty that was found.
 """
 
-import functools
 from collections.abc import Callable
 
 import numpy as np
@@ -67,10 +66,10 @@ def check_temperature_limits(
     and at zero duty enclose all others.
 
     Args:
-        times: of the knots (K,), s.
+        times: times of the knots (K,), s.
         initial_states: x of the wires at the start (N,), as in `Wires`.
         warm_up_time: k_warm, s from the first knot.
-        task: its margins count.
+        task: task whose margins count.
         initial_readings: V at the start (W,), °C; T if None.
         measured_margin: as for `TrajectoryProgram`.
 
@@ -88,21 +87,20 @@ def check_temperature_limits(
             "the task a smaller temperature_margin."
         )
 
-    def course(level: float, which: int | slice, until: np.ndarray) -> np.ndarray:
-        """T of a wire (K,), or of several (K, ..), at times (K,) with all wires at this duty."""
+    def states_at(level: float, until: np.ndarray) -> np.ndarray:
+        """x (K, N) at times (K,) with all wires at this duty."""
         duty = np.full((len(until) + 1, wires.num_wires), level)
         until = np.append(0.0, until)
-        return wires.under_duty(initial_states, duty, until, CHECK_STEP)[1:, which]
+        return wires.under_duty(initial_states, duty, until, CHECK_STEP)[1:]
 
-    each = slice(0, wires.num_wires)
-    cooled = course(0.0, each, times[1:2])[0]
     first = times[np.argmax(warm_knots)]
-    hottest = course(full, each, np.array([first]))[0]
+    hottest = states_at(full, np.array([first]))[0]
     if initial_readings is None:
-        initial_readings = initial_states[each]
-    off = course(0.0, slice(None), times[:2])
-    cooled_readings = readings_along(wires, off, initial_readings, times[:2])[1]
+        initial_readings = initial_states[: wires.num_wires]
+    off = states_at(0.0, times[:2])
+    cooled, cooled_readings = off[1], readings_along(wires, off, initial_readings, times[:2])[1]
     bounds = reading_bounds(parameters, measured_margin)
+    ahead = np.linspace(0.0, _settling_time(wires), 1000)
     for index, name in enumerate(parameters.wire_names):
         start = initial_states[index]
         if cooled_readings[index] > bounds[index]:
@@ -112,19 +110,19 @@ def check_temperature_limits(
                 "allow; let it cool first."
             )
         if cooled[index] > highest:
-            below = _time_to_reach(wires, functools.partial(course, 0.0, index), highest)
+            below = _first_time(ahead, states_at(0.0, ahead)[:, index], highest)
             raise InfeasibleError(
                 f"The {name} wire starts at {start:.4g} °C, above T_max = {limits.maximum:g} °C"
                 f"{margins} (19); let it cool for {below:.3g} s first."
             )
         if hottest[index] >= limits.warm or not warm_knots.any():
             continue
-        reached = _time_to_reach(wires, functools.partial(course, full, index), limits.warm)
-        steady = course(full, index, np.array([_settling_time(wires)]))[0]
+        course = states_at(full, ahead)[:, index]
+        reached = _first_time(ahead, course, limits.warm)
         advice = (
             f"it could from {reached:.3g} s on, so set temperature_limits.warm_up_time to that"
             if np.isfinite(reached)
-            else f"it never gets above {steady:.4g} °C"
+            else f"it never gets above {course[-1]:.4g} °C"
         )
         heating = "full duty" if full == 1.0 else f"a duty of {full:g}"
         raise InfeasibleError(
@@ -149,7 +147,7 @@ def solve_quasi_static(
     """States and duty of the wires in the best quasi-static plan.
 
     Args:
-        times: of the knots (K,), s.
+        times: times of the knots (K,), s.
         reference: φ_ref at the knots (S, K), rad.
         initial_states: x of the wires at the start (N,), as in `Wires`.
         rest_angles: θ with cold wires (n,), rad.
@@ -414,16 +412,11 @@ def _settling_time(wires: Wires) -> float:
     return 12.0 / rates[rates > 1e-7 * rates.max()].min()  # a memory may not be named as such
 
 
-def _time_to_reach(
-    wires: Wires, course: Callable[[np.ndarray], np.ndarray], target: float
-) -> float:
-    """When T, a function of times, gets to a temperature for the first time, s or inf."""
-    start, end = 0.0, _settling_time(wires)
-    for _ in range(2):  # coarsely, then within the interval that was found
-        times = np.linspace(start, end, 1000)
-        above = course(times) > target
-        crossings = np.flatnonzero(above[1:] != above[:-1])
-        if len(crossings) == 0:
-            return np.inf
-        start, end = times[crossings[0] : crossings[0] + 2]
-    return float(end)
+def _first_time(times: np.ndarray, course: np.ndarray, target: float) -> float:
+    """When a course (K,) gets to a target for the first time, linear between times, or inf."""
+    crossings = np.flatnonzero(np.diff(course > target))
+    if not len(crossings):
+        return np.inf
+    first = crossings[0]
+    share = (target - course[first]) / (course[first + 1] - course[first])
+    return float(times[first] + share * (times[first + 1] - times[first]))

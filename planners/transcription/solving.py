@@ -32,9 +32,9 @@ class Solution:
 
     - ``x``: all decision variables.
     - ``cost``, ``iterations``, ``solve_time``: s, of all attempts together.
-    - ``solver``: which solver solved it, and which failed before.
+    - ``solver``: solver that solved it, and those that failed before.
     - ``status``: the solver's status.
-    - ``multipliers``: for a warm start, or None.
+    - ``multipliers``: multipliers for a warm start, or None.
     """
 
     x: np.ndarray
@@ -65,8 +65,8 @@ def solve_program(
     after an iteration.
 
     Args:
-        guess: for all decision variables.
-        multipliers: those of a neighbouring solution, for a warm start.
+        guess: values of all decision variables.
+        multipliers: multipliers of a neighbouring solution, for a warm start.
         solver: one of Drake's solvers, in place of all these.
 
     Raises:

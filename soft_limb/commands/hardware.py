@@ -31,7 +31,7 @@ from limb_systems import (
 from limb_systems.output import check_outputs
 from limb_systems.simulation import PERIOD
 from limb_systems.summary import Entry, Summary
-from planners.distance import far_from_reference
+from planners.checks import far_from_reference
 from soft_limb.commands.options import (
     BOARD,
     CONTROLLER,

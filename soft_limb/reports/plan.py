@@ -5,8 +5,8 @@ from pathlib import Path
 
 from limb_systems import Trajectory
 from limb_systems.views import page
-from planners.distance import far_from_reference
-from planners.distance import missed as missed_by
+from planners.checks import far_from_reference
+from planners.checks import missed as missed_by
 from soft_limb.results.summaries import active_times, plan_summary, spans
 
 

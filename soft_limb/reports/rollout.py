@@ -9,7 +9,7 @@ from controllers import Learner
 from limb_systems import Recording
 from limb_systems.summary import Summary
 from limb_systems.views import page
-from planners.distance import far_from_reference
+from planners.checks import far_from_reference
 from soft_limb.runs.rollout import Rollout
 
 

@@ -6,7 +6,7 @@ from calibration import Calibration, Prediction, Validation
 from controllers import Learner
 from limb_systems import Trajectory
 from limb_systems.summary import Entry, Summary
-from planners.distance import far_from_reference, missed
+from planners.checks import far_from_reference, missed
 
 
 def plan_summary(trajectory: Trajectory) -> Summary:

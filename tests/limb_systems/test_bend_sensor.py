@@ -21,13 +21,13 @@ from limb_systems.model.statics import static_equilibrium
 SENSORS = (TipTangentSensor(), ChordSensor())
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
-@pytest.mark.parametrize("links", [1, 2, 5, 10, 100])
-def test_sensors_agree_for_constant_curvature(sensor, links):
-    limb = LimbParameters(segments=[SegmentParameters(links=links)])
-    for bend in (-0.7, 0.0, 0.02, 0.7):
-        angles = joint_angles_from_bend_angle(limb, [bend])
-        assert sensor.apparent_bend_angle(angles) == pytest.approx(bend, abs=1e-14)
+def test_sensors_agree_for_constant_curvature():
+    for sensor in SENSORS:
+        for links in [1, 2, 5, 10, 100]:
+            limb = LimbParameters(segments=[SegmentParameters(links=links)])
+            for bend in (-0.7, 0.0, 0.02, 0.7):
+                angles = joint_angles_from_bend_angle(limb, [bend])
+                assert sensor.apparent_bend_angle(angles) == pytest.approx(bend, abs=1e-14)
 
 
 def ratio(angles) -> float:
@@ -36,54 +36,54 @@ def ratio(angles) -> float:
     return float(tangent / chord)
 
 
-@pytest.mark.parametrize(("links", "tolerance"), [(5, 0.01), (10, 0.005), (50, 0.001)])
-def test_sag_of_a_cantilever_has_two_thirds_in_its_tip_tangent(links, tolerance):
+def test_sag_of_a_cantilever_has_two_thirds_in_its_tip_tangent():
     """w = q (6 L² x² - 4 L x³ + x⁴) / (24 E I): chord q L³ / (8 E I), α/2 = q L³ / (12 E I)."""
-    limb = LimbParameters(segments=[SegmentParameters(links=links, stiffness=100.0)])
-    limb.gravity = [0.0, -9.81, 0.0]  # a hundredth of a degree: the beam's theory is linear
-    assert ratio(static_equilibrium(limb)[0]) == pytest.approx(2 / 3, rel=tolerance)
+    for links, tolerance in [(5, 0.01), (10, 0.005), (50, 0.001)]:
+        limb = LimbParameters(segments=[SegmentParameters(links=links, stiffness=100.0)])
+        limb.gravity = [0.0, -9.81, 0.0]  # a hundredth of a degree: the beam's theory is linear
+        assert ratio(static_equilibrium(limb)[0]) == pytest.approx(2 / 3, rel=tolerance)
 
 
-@pytest.mark.parametrize(("links", "tolerance"), [(5, 0.013), (10, 0.003), (50, 0.001)])
-def test_first_mode_of_a_cantilever_has_688_thousandths(links, tolerance):
+def test_first_mode_of_a_cantilever_has_688_thousandths():
     """cos(λ) cosh(λ) = -1 at λ = 1.8751: the mode's tip slope is 1.3765 of its deflection / L."""
-    limb = LimbParameters(segments=[SegmentParameters(links=links)])
-    plant = make_manipulator(limb)
-    inertia = plant.CalcMassMatrixViaInverseDynamics(plant.CreateDefaultContext())
-    _, modes = scipy.linalg.eigh(np.eye(links), inertia)
-    assert ratio(1e-3 * modes[:, 0]) == pytest.approx(1.3765 / 2, rel=tolerance)
+    for links, tolerance in [(5, 0.013), (10, 0.003), (50, 0.001)]:
+        limb = LimbParameters(segments=[SegmentParameters(links=links)])
+        plant = make_manipulator(limb)
+        inertia = plant.CalcMassMatrixViaInverseDynamics(plant.CreateDefaultContext())
+        _, modes = scipy.linalg.eigh(np.eye(links), inertia)
+        assert ratio(1e-3 * modes[:, 0]) == pytest.approx(1.3765 / 2, rel=tolerance)
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
-def test_readings_are_converted_there_and_back(sensor):
-    bends = np.linspace(-1.0, 1.0, 5)
-    np.testing.assert_allclose(sensor.bend_angle(sensor.reading(bends)), bends)
-    assert sensor.reading(0.3) == pytest.approx(
-        0.6 if isinstance(sensor, TipTangentSensor) else 0.3
-    )
+def test_readings_are_converted_there_and_back():
+    for sensor in SENSORS:
+        bends = np.linspace(-1.0, 1.0, 5)
+        np.testing.assert_allclose(sensor.bend_angle(sensor.reading(bends)), bends)
+        assert sensor.reading(0.3) == pytest.approx(
+            0.6 if isinstance(sensor, TipTangentSensor) else 0.3
+        )
 
 
-@pytest.mark.parametrize("kind", [TipTangentSensor, ChordSensor])
-def test_gain_and_offset_are_in_what_a_sensor_shows_and_taken_out_again(kind):
-    sensor, angles = kind(gain=1.1, offset=0.05), np.array([0.1, 0.08, 0.05, 0.02, 0.01])
-    exact = kind().apparent_bend_angle(angles)
-    assert sensor.apparent_bend_angle(angles) == pytest.approx(1.1 * exact + 0.05)
-    assert sensor.corrected(sensor.apparent_bend_angle(angles)) == pytest.approx(exact)
+def test_gain_and_offset_are_in_what_a_sensor_shows_and_taken_out_again():
+    for kind in [TipTangentSensor, ChordSensor]:
+        sensor, angles = kind(gain=1.1, offset=0.05), np.array([0.1, 0.08, 0.05, 0.02, 0.01])
+        exact = kind().apparent_bend_angle(angles)
+        assert sensor.apparent_bend_angle(angles) == pytest.approx(1.1 * exact + 0.05)
+        assert sensor.corrected(sensor.apparent_bend_angle(angles)) == pytest.approx(exact)
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
-def test_many_samples_are_as_one_by_one_and_derivatives_as_differences(sensor):
-    samples = np.random.default_rng(0).uniform(-0.5, 0.5, (5, 3))
-    one_by_one = [sensor.apparent_bend_angle(sample) for sample in samples.T]
-    np.testing.assert_allclose(sensor.apparent_bend_angle(samples), one_by_one)
-    angles, step = samples[:, 0], 1e-6
-    gradient = ExtractGradient(
-        np.array([sensor.apparent_bend_angle(InitializeAutoDiff(angles)[:, 0])])
-    )[0]
-    for joint in range(5):
-        moved = angles + step * np.eye(5)[joint]
-        slope = (sensor.apparent_bend_angle(moved) - one_by_one[0]) / step
-        assert gradient[joint] == pytest.approx(slope, abs=1e-5)
+def test_many_samples_are_as_one_by_one_and_derivatives_as_differences():
+    for sensor in SENSORS:
+        samples = np.random.default_rng(0).uniform(-0.5, 0.5, (5, 3))
+        one_by_one = [sensor.apparent_bend_angle(sample) for sample in samples.T]
+        np.testing.assert_allclose(sensor.apparent_bend_angle(samples), one_by_one)
+        angles, step = samples[:, 0], 1e-6
+        gradient = ExtractGradient(
+            np.array([sensor.apparent_bend_angle(InitializeAutoDiff(angles)[:, 0])])
+        )[0]
+        for joint in range(5):
+            moved = angles + step * np.eye(5)[joint]
+            slope = (sensor.apparent_bend_angle(moved) - one_by_one[0]) / step
+            assert gradient[joint] == pytest.approx(slope, abs=1e-5)
 
 
 def test_a_chord_sensor_reads_the_bend_angle_of_the_limb():

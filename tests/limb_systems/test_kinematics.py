@@ -31,16 +31,16 @@ def plant_tip(parameters, joint_angles, segment=-1, base="base") -> np.ndarray:
     return tip[:2]
 
 
-@pytest.mark.parametrize("links", [1, 2, 5, 10])
-def test_tip_and_bend_angle_are_those_of_the_plants_bodies(links):
-    rng = np.random.default_rng(links)
-    parameters = LimbParameters(segments=[SegmentParameters(links=links)])
-    for _ in range(10):
-        angles = rng.uniform(-1, 1, links)
-        tip = plant_tip(parameters, angles)
-        np.testing.assert_allclose(tip_position(parameters, angles), tip, atol=1e-14)
-        expected = [np.arctan2(tip[1], tip[0])]
-        np.testing.assert_allclose(bend_angle(parameters, angles), expected, atol=1e-12)
+def test_tip_and_bend_angle_are_those_of_the_plants_bodies():
+    for links in [1, 2, 5, 10]:
+        rng = np.random.default_rng(links)
+        parameters = LimbParameters(segments=[SegmentParameters(links=links)])
+        for _ in range(10):
+            angles = rng.uniform(-1, 1, links)
+            tip = plant_tip(parameters, angles)
+            np.testing.assert_allclose(tip_position(parameters, angles), tip, atol=1e-14)
+            expected = [np.arctan2(tip[1], tip[0])]
+            np.testing.assert_allclose(bend_angle(parameters, angles), expected, atol=1e-12)
 
 
 def test_bend_angle_of_each_segment_is_seen_from_its_own_base(uneven_limb):
@@ -77,15 +77,15 @@ def test_a_limb_bent_back_over_its_base_has_a_bend_beyond_a_right_angle():
     np.testing.assert_allclose(bend_angle(parameters, angles), np.radians([120.0]))
 
 
-@pytest.mark.parametrize("links", [1, 2, 5, 10])
-def test_equal_joint_angles_have_the_bend_of_eqn_11_exactly(links):
-    parameters = LimbParameters(segments=[SegmentParameters(links=links)])
-    for joint_angle in (-0.3, -0.01, 0.05, 0.3):
-        expected = [(links + 1) * joint_angle / 2]
-        actual = bend_angle(parameters, np.full(links, joint_angle))
-        np.testing.assert_allclose(actual, expected, atol=1e-13)
-        back = joint_angles_from_bend_angle(parameters, expected)
-        np.testing.assert_allclose(back, np.full(links, joint_angle), atol=1e-14)
+def test_equal_joint_angles_have_the_bend_of_eqn_11_exactly():
+    for links in [1, 2, 5, 10]:
+        parameters = LimbParameters(segments=[SegmentParameters(links=links)])
+        for joint_angle in (-0.3, -0.01, 0.05, 0.3):
+            expected = [(links + 1) * joint_angle / 2]
+            actual = bend_angle(parameters, np.full(links, joint_angle))
+            np.testing.assert_allclose(actual, expected, atol=1e-13)
+            back = joint_angles_from_bend_angle(parameters, expected)
+            np.testing.assert_allclose(back, np.full(links, joint_angle), atol=1e-14)
 
 
 def test_joint_angles_of_two_segments_follow_their_own_bend(uneven_limb):

@@ -4,7 +4,6 @@ import gc
 import weakref
 
 import numpy as np
-import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from hardware import LimbTwin
@@ -30,9 +29,8 @@ def limb_of_a_program():
     return TrajectoryProgram(LimbParameters(), np.linspace(0.0, 1.0, 3)).limb
 
 
-@pytest.mark.parametrize(
-    "make",
-    [
+def test_system_is_freed():
+    for make in [
         Limb,
         LimbTwin,
         lambda: JouleHeating(LimbParameters()),
@@ -40,11 +38,9 @@ def limb_of_a_program():
         simulated_limb,
         limb_of_a_program,
         lambda: Limb().ToAutoDiffXd(),
-    ],
-)
-def test_system_is_freed(make):
-    system = make()
-    reference = weakref.ref(system)
-    del system
-    gc.collect()
-    assert reference() is None
+    ]:
+        system = make()
+        reference = weakref.ref(system)
+        del system
+        gc.collect()
+        assert reference() is None

@@ -220,22 +220,29 @@ def test_settled_wires_have_the_memory_of_being_heated_at_once():
         assert wires.settled_states(np.full(2, equal))[2] == pytest.approx(0.0, abs=1e-15)
 
 
-@pytest.mark.parametrize("law", [LinearLaw, HystereticLaw])
-def test_symbolic_rates_are_the_numeric_ones(law):
-    limb = limb_with(rest_memory=RestMemory())
-    for wire in limb.wires:
-        wire.law = law()
-    wires = Wires(limb)
-    names = [Variable(f"x{index}") for index in range(wires.num_states + 2)]
-    values = np.array(
-        [60.0, 45.0, *[30.0, 35.0, 59.0, 46.5, 0.2, 0.6][: wires.num_states - 3], 0.01, 0.3, 0.1]
-    )
-    symbols = np.array([Expression(name) for name in names])
-    with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
-        rates = wires.rates(symbols[:-2], symbols[-2:])
-    where = dict(zip(names, values, strict=True))
-    found = [rate.Evaluate(where) for rate in rates]
-    np.testing.assert_allclose(found, wires.rates(values[:-2], values[-2:]), rtol=1e-9)
+def test_symbolic_rates_are_the_numeric_ones():
+    for law in [LinearLaw, HystereticLaw]:
+        limb = limb_with(rest_memory=RestMemory())
+        for wire in limb.wires:
+            wire.law = law()
+        wires = Wires(limb)
+        names = [Variable(f"x{index}") for index in range(wires.num_states + 2)]
+        values = np.array(
+            [
+                60.0,
+                45.0,
+                *[30.0, 35.0, 59.0, 46.5, 0.2, 0.6][: wires.num_states - 3],
+                0.01,
+                0.3,
+                0.1,
+            ]
+        )
+        symbols = np.array([Expression(name) for name in names])
+        with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
+            rates = wires.rates(symbols[:-2], symbols[-2:])
+        where = dict(zip(names, values, strict=True))
+        found = [rate.Evaluate(where) for rate in rates]
+        np.testing.assert_allclose(found, wires.rates(values[:-2], values[-2:]), rtol=1e-9)
 
 
 def test_files_name_the_state_and_keep_the_rubber(tmp_path):

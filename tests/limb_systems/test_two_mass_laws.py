@@ -122,13 +122,13 @@ def test_hysteresis_follows_the_closed_forms_of_duhems_law():
     np.testing.assert_allclose(again[1], 1 - (1 - cooling[1][-1]) * left, atol=0.01)
 
 
-@pytest.mark.parametrize(("rate", "step"), [(0.02, 0.5), (3.0, 0.02)])
-def test_the_loop_is_as_wide_on_slow_paths_as_on_fast_ones(rate, step):
+def test_the_loop_is_as_wide_on_slow_paths_as_on_fast_ones():
     """Half of the wire is transformed at the middles, which are 8 °C apart."""
-    law = HystereticLaw()
-    (up, heating), (down, cooling) = shares(law, [35.0, 90.0, 40.0], rate, step=step)
-    found = np.interp(0.5, heating, up) - np.interp(0.5, cooling[::-1], down[::-1])
-    assert found == pytest.approx(8.0, rel=0.05)
+    for rate, step in [(0.02, 0.5), (3.0, 0.02)]:
+        law = HystereticLaw()
+        (up, heating), (down, cooling) = shares(law, [35.0, 90.0, 40.0], rate, step=step)
+        found = np.interp(0.5, heating, up) - np.interp(0.5, cooling[::-1], down[::-1])
+        assert found == pytest.approx(8.0, rel=0.05)
 
 
 def test_minor_loops_are_monotone_within_the_major_one_and_do_not_creep():
@@ -148,35 +148,35 @@ def test_minor_loops_are_monotone_within_the_major_one_and_do_not_creep():
         assert -0.01 < held[-1] - share < most + 0.02
 
 
-@pytest.mark.parametrize("start", [0.0, 1.0, -0.3, 1.4])
-def test_the_share_stays_from_0_to_1_in_every_simulation(start):
+def test_the_share_stays_from_0_to_1_in_every_simulation():
     """From starts that are not consistent, as fits and estimators have them, under sudden duty."""
-    law = HystereticLaw(a1=-0.3, a2=150.0, a3=-0.5, heating_middle=75.0, width=3.0)
-    limb, generator = limb_with(law, law), np.random.default_rng(2)
-    wires, low, high = Wires(limb), min(start, 0.0), max(start, 1.0)
-    duty = generator.uniform(0.0, 1.0, (120, 2)) * generator.integers(0, 2, (120, 2))
-    for T in (25.0, 70.0, 110.0):
-        states = np.array([T, T, 30.0, 30.0, T - 3.0, T + 3.0, start, start])
-        cases = {
-            "steps": ReducedModel(limb).rollout(np.r_[states, T, T], duty.repeat(4, 0))[:, 6:8],
-            "planner": wires.under_duty(states, duty, 0.4 * np.arange(120))[:, 6:8],
-        }
-        system = Limb(limb)
-        simulator = make_simulator(system)
-        context = simulator.get_mutable_context()
-        context.SetContinuousState(np.r_[np.zeros(10), states, T, T])
-        system.GetInputPort("duty").FixValue(context, duty[0])
-        simulator.AdvanceTo(5.0)
-        cases["Drake"] = context.get_continuous_state_vector().CopyToVector()[16:18]
-        for name, share in cases.items():
-            assert low <= share.min() + 1e-4, name  # the integrator's accuracy
-            assert share.max() - 1e-4 <= high, name
-        runs = OpenLoop(duty[:, None], 0.5, limb.segments[0])
-        heat = [np.full((1, 1, 2), value) for value in (*states[::2], T)]
-        rubber = {"stiffness": np.array([1.0]), "rest_angle": np.zeros(1)}
-        limit = 3.0 * law.full_torque  # of the bend, (n + 1) / 2 torque / k
-        _, _, bend = runs.simulate(law, np.full((1, 1), ROOM), heat, rubber)
-        assert np.abs(bend).max() <= limit
+    for start in [0.0, 1.0, -0.3, 1.4]:
+        law = HystereticLaw(a1=-0.3, a2=150.0, a3=-0.5, heating_middle=75.0, width=3.0)
+        limb, generator = limb_with(law, law), np.random.default_rng(2)
+        wires, low, high = Wires(limb), min(start, 0.0), max(start, 1.0)
+        duty = generator.uniform(0.0, 1.0, (120, 2)) * generator.integers(0, 2, (120, 2))
+        for T in (25.0, 70.0, 110.0):
+            states = np.array([T, T, 30.0, 30.0, T - 3.0, T + 3.0, start, start])
+            cases = {
+                "steps": ReducedModel(limb).rollout(np.r_[states, T, T], duty.repeat(4, 0))[:, 6:8],
+                "planner": wires.under_duty(states, duty, 0.4 * np.arange(120))[:, 6:8],
+            }
+            system = Limb(limb)
+            simulator = make_simulator(system)
+            context = simulator.get_mutable_context()
+            context.SetContinuousState(np.r_[np.zeros(10), states, T, T])
+            system.GetInputPort("duty").FixValue(context, duty[0])
+            simulator.AdvanceTo(5.0)
+            cases["Drake"] = context.get_continuous_state_vector().CopyToVector()[16:18]
+            for name, share in cases.items():
+                assert low <= share.min() + 1e-4, name  # the integrator's accuracy
+                assert share.max() - 1e-4 <= high, name
+            runs = OpenLoop(duty[:, None], 0.5, limb.segments[0])
+            heat = [np.full((1, 1, 2), value) for value in (*states[::2], T)]
+            rubber = {"stiffness": np.array([1.0]), "rest_angle": np.zeros(1)}
+            limit = 3.0 * law.full_torque  # of the bend, (n + 1) / 2 torque / k
+            _, _, bend = runs.simulate(law, np.full((1, 1), ROOM), heat, rubber)
+            assert np.abs(bend).max() <= limit
 
 
 def test_settled_hysteretic_wires_are_on_the_curve_of_heating():
@@ -189,68 +189,68 @@ def test_settled_hysteretic_wires_are_on_the_curve_of_heating():
     np.testing.assert_allclose(Wires(limb_with(law, law)).settled_states(T), expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("kind", LAWS)
-def test_drakes_derivatives_are_those_of_complex_steps(kind):
-    law, step = kind(), 1e-30
-    point = np.array([*[70.0, 40.0, 68.9, 0.4][: len(law.states)], 0.35, 55.0])
+def test_drakes_derivatives_are_those_of_complex_steps():
+    for kind in LAWS:
+        law, step = kind(), 1e-30
+        point = np.array([*[70.0, 40.0, 68.9, 0.4][: len(law.states)], 0.35, 55.0])
 
-    def outputs(values):
-        *x, D, V = values
-        return [*law.rates(x, D, ROOM), law.torque(x, ROOM, 0.0), law.reading_rate(V, x)]
+        def outputs(values):
+            *x, D, V = values
+            return [*law.rates(x, D, ROOM), law.torque(x, ROOM, 0.0), law.reading_rate(V, x)]
 
-    found = np.array(outputs(InitializeAutoDiff(point)[:, 0]))
-    moved = [outputs(point + 1j * step * one) for one in np.eye(len(point))]
-    np.testing.assert_allclose(ExtractValue(found)[:, 0], outputs(point), rtol=1e-13)
-    np.testing.assert_allclose(
-        ExtractGradient(found), np.imag(moved).T / step, rtol=1e-11, atol=1e-15
-    )
+        found = np.array(outputs(InitializeAutoDiff(point)[:, 0]))
+        moved = [outputs(point + 1j * step * one) for one in np.eye(len(point))]
+        np.testing.assert_allclose(ExtractValue(found)[:, 0], outputs(point), rtol=1e-13)
+        np.testing.assert_allclose(
+            ExtractGradient(found), np.imag(moved).T / step, rtol=1e-11, atol=1e-15
+        )
 
 
-@pytest.mark.parametrize("kind", LAWS)
-def test_the_limb_has_the_law_written_out(kind, planar_chain):
+def test_the_limb_has_the_law_written_out(planar_chain):
     """Heat, reading and torque of another wire on either side, in one diagram."""
-    left = kind()
-    right = dataclasses.replace(left, a1=-0.1, a2=25.0, a3=-0.7)
-    limb, generator = limb_with(left, right), np.random.default_rng(3)
-    angles, rates = generator.uniform(-0.4, 0.4, 5), generator.uniform(-2, 2, 5)
-    T, S, V = np.array([[70.0, 50.0], [35.0, 45.0], [60.0, 55.0]])
-    B, xi = np.array([[68.5, 52.0], [0.3, 0.8]])
-    D = np.array([0.4, 0.1])
-    others = [S, B, xi] if kind is HystereticLaw else [S]
-    system = Limb(limb)
-    context = system.CreateDefaultContext()
-    context.SetContinuousState(np.concatenate([angles, rates, T, *others, V]))
-    system.GetInputPort("duty").FixValue(context, D)
-    found = system.EvalTimeDerivatives(context).CopyToVector()
+    for kind in LAWS:
+        left = kind()
+        right = dataclasses.replace(left, a1=-0.1, a2=25.0, a3=-0.7)
+        limb, generator = limb_with(left, right), np.random.default_rng(3)
+        angles, rates = generator.uniform(-0.4, 0.4, 5), generator.uniform(-2, 2, 5)
+        T, S, V = np.array([[70.0, 50.0], [35.0, 45.0], [60.0, 55.0]])
+        B, xi = np.array([[68.5, 52.0], [0.3, 0.8]])
+        D = np.array([0.4, 0.1])
+        others = [S, B, xi] if kind is HystereticLaw else [S]
+        system = Limb(limb)
+        context = system.CreateDefaultContext()
+        context.SetContinuousState(np.concatenate([angles, rates, T, *others, V]))
+        system.GetInputPort("duty").FixValue(context, D)
+        found = system.EvalTimeDerivatives(context).CopyToVector()
 
-    heating = np.array([-0.08, -0.1]) * (T - S) + np.array([20.0, 25.0]) * D
-    expected = [heating, 0.004 * (T - S) - 0.012 * (S - 25.0)]
-    if kind is HystereticLaw:
-        # Both are beyond the backlash of 1 °C, with a corner of 0.15 °C and a time of 0.3 s.
-        rise = 0.15 / 0.3 * np.log1p(np.exp((T - B - 1.0) / 0.15))
-        fall = 0.15 / 0.3 * np.log1p(np.exp((B - T - 1.0) / 0.15))
-        slope = rise * (1 - xi) * logistic((T - 66) / 9) - fall * xi * logistic((58 - T) / 9)
-        expected += [rise - fall, slope / 9]
-    expected.append(np.array([1.0, 0.7]) * (T - V))
-    np.testing.assert_allclose(found[10:], np.concatenate(expected), rtol=1e-9)
-    torque = {
-        TwoMassLaw: 4.7e-4 * (T - 25.0),
-        ThresholdLaw: 4.9e-3 * (np.log1p(np.exp((T - 48) / 7)) - np.log1p(np.exp(-23 / 7))),
-        SaturatingLaw: 0.035 * (logistic((T - 62) / 10) - logistic(-3.7)),
-        HystereticLaw: 0.038 * xi,
-    }[kind]
-    force = np.full(5, torque[1] - torque[0])
-    expected = planar_chain(limb).acceleration(angles, rates, force)
-    np.testing.assert_allclose(found[5:10], expected, rtol=1e-7)
+        heating = np.array([-0.08, -0.1]) * (T - S) + np.array([20.0, 25.0]) * D
+        expected = [heating, 0.004 * (T - S) - 0.012 * (S - 25.0)]
+        if kind is HystereticLaw:
+            # Both are beyond the backlash of 1 °C, with a corner of 0.15 °C and a time of 0.3 s.
+            rise = 0.15 / 0.3 * np.log1p(np.exp((T - B - 1.0) / 0.15))
+            fall = 0.15 / 0.3 * np.log1p(np.exp((B - T - 1.0) / 0.15))
+            slope = rise * (1 - xi) * logistic((T - 66) / 9) - fall * xi * logistic((58 - T) / 9)
+            expected += [rise - fall, slope / 9]
+        expected.append(np.array([1.0, 0.7]) * (T - V))
+        np.testing.assert_allclose(found[10:], np.concatenate(expected), rtol=1e-9)
+        torque = {
+            TwoMassLaw: 4.7e-4 * (T - 25.0),
+            ThresholdLaw: 4.9e-3 * (np.log1p(np.exp((T - 48) / 7)) - np.log1p(np.exp(-23 / 7))),
+            SaturatingLaw: 0.035 * (logistic((T - 62) / 10) - logistic(-3.7)),
+            HystereticLaw: 0.038 * xi,
+        }[kind]
+        force = np.full(5, torque[1] - torque[0])
+        expected = planar_chain(limb).acceleration(angles, rates, force)
+        np.testing.assert_allclose(found[5:10], expected, rtol=1e-7)
 
 
-@pytest.mark.parametrize("kind", LAWS)
-def test_the_yaml_brings_back_the_law(kind, tmp_path):
-    limb = limb_with(kind(a1=-0.123), kind())
-    limb.save(tmp_path / "limb.yaml")
-    loaded = LimbParameters.load(tmp_path / "limb.yaml")
-    assert loaded == limb
-    assert type(loaded.wires[0].law) is kind
+def test_the_yaml_brings_back_the_law(tmp_path):
+    for kind in LAWS:
+        limb = limb_with(kind(a1=-0.123), kind())
+        limb.save(tmp_path / "limb.yaml")
+        loaded = LimbParameters.load(tmp_path / "limb.yaml")
+        assert loaded == limb
+        assert type(loaded.wires[0].law) is kind
 
 
 def reference_shares(solver, turns: list[float]) -> list[np.ndarray]:

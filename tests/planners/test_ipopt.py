@@ -29,23 +29,27 @@ def nearest_point_on_circle():
     return prog, x
 
 
-@pytest.mark.parametrize("exact", [False, True])
-def test_nonlinear_constraint_is_met_at_the_known_optimum(exact):
-    prog, _ = nearest_point_on_circle()
-    solution = ExactHessianIpoptSolver(exact=exact).Solve(prog, np.array([0.5, 0.5]))
-    assert solution.is_success()
-    np.testing.assert_allclose(solution.get_x_val(), np.array([2.0, 1.0]) / np.sqrt(5), atol=1e-4)
-    assert solution.get_optimal_cost() == pytest.approx((np.sqrt(5) - 1) ** 2, rel=1e-6)
+def test_nonlinear_constraint_is_met_at_the_known_optimum():
+    for exact in [False, True]:
+        prog, _ = nearest_point_on_circle()
+        solution = ExactHessianIpoptSolver(exact=exact).Solve(prog, np.array([0.5, 0.5]))
+        assert solution.is_success()
+        np.testing.assert_allclose(
+            solution.get_x_val(), np.array([2.0, 1.0]) / np.sqrt(5), atol=1e-4
+        )
+        assert solution.get_optimal_cost() == pytest.approx((np.sqrt(5) - 1) ** 2, rel=1e-6)
 
 
-@pytest.mark.parametrize("exact", [False, True])
-def test_scaling_of_variables_does_not_move_the_optimum(exact):
-    prog, x = nearest_point_on_circle()
-    prog.SetVariableScaling(x[0], 50.0)
-    prog.SetVariableScaling(x[1], 0.01)
-    solution = ExactHessianIpoptSolver(exact=exact).Solve(prog, np.array([0.5, 0.5]))
-    assert solution.is_success()
-    np.testing.assert_allclose(solution.get_x_val(), np.array([2.0, 1.0]) / np.sqrt(5), atol=1e-4)
+def test_scaling_of_variables_does_not_move_the_optimum():
+    for exact in [False, True]:
+        prog, x = nearest_point_on_circle()
+        prog.SetVariableScaling(x[0], 50.0)
+        prog.SetVariableScaling(x[1], 0.01)
+        solution = ExactHessianIpoptSolver(exact=exact).Solve(prog, np.array([0.5, 0.5]))
+        assert solution.is_success()
+        np.testing.assert_allclose(
+            solution.get_x_val(), np.array([2.0, 1.0]) / np.sqrt(5), atol=1e-4
+        )
 
 
 def test_linear_constraints_bounds_and_linear_costs():
@@ -114,29 +118,29 @@ def test_solver_options_are_drakes():
     assert result.get_solver_details().iterations == 1
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_at_a_feasible_point_raises_what_its_handler_does(number):
-    prog, _ = nearest_point_on_circle()
-    feasible = []
+def test_a_signal_at_a_feasible_point_raises_what_its_handler_does():
+    for number in [signal.SIGINT, signal.SIGTERM]:
+        prog, _ = nearest_point_on_circle()
+        feasible = []
 
-    def interrupt(_iteration, _cost, violation):
-        if violation < 1e-9:
-            feasible.append(violation)
-            os.kill(os.getpid(), number)
+        def interrupt(_iteration, _cost, violation):
+            if violation < 1e-9:
+                feasible.append(violation)
+                os.kill(os.getpid(), number)
 
-    def handler(*_):
-        raise KeyboardInterrupt
+        def handler(*_):
+            raise KeyboardInterrupt
 
-    before = signal.signal(number, handler)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            ExactHessianIpoptSolver(exact=True, on_iteration=interrupt).Solve(
-                prog, np.array([-0.5, 0.8])
-            )
-        assert len(feasible) == 1
-        assert signal.getsignal(number) is handler
-    finally:
-        signal.signal(number, before)
+        before = signal.signal(number, handler)
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                ExactHessianIpoptSolver(exact=True, on_iteration=interrupt).Solve(
+                    prog, np.array([-0.5, 0.8])
+                )
+            assert len(feasible) == 1
+            assert signal.getsignal(number) is handler
+        finally:
+            signal.signal(number, before)
 
 
 def test_what_is_not_smooth_is_refused():
@@ -147,22 +151,22 @@ def test_what_is_not_smooth_is_refused():
         ExactHessianIpoptSolver().Solve(prog, np.zeros(3))
 
 
-@pytest.mark.parametrize("exact", [False, True])
-def test_agrees_with_snopt_on_a_random_nonlinear_program(exact):
-    generator = np.random.default_rng(5)
-    prog = MathematicalProgram()
-    x = prog.NewContinuousVariables(6)
-    root = generator.normal(size=(6, 6))
-    prog.AddQuadraticCost(root @ root.T + np.eye(6), generator.normal(size=6), x)
-    prog.AddConstraint(x[0] * x[1] + np.sin(1.0) * x[2] ** 2 == 0.5)
-    prog.AddConstraint(x[3] ** 2 + x[4] * x[5] >= 1.0)
-    prog.AddBoundingBoxConstraint(-2.0, 2.0, x)
-    guess = np.full(6, 0.5)
-    solution = ExactHessianIpoptSolver(exact=exact).Solve(prog, guess)
-    reference = SnoptSolver().Solve(prog, guess, None)
-    assert solution.is_success()
-    assert reference.is_success()
-    assert solution.get_optimal_cost() == pytest.approx(reference.get_optimal_cost(), rel=1e-5)
+def test_agrees_with_snopt_on_a_random_nonlinear_program():
+    for exact in [False, True]:
+        generator = np.random.default_rng(5)
+        prog = MathematicalProgram()
+        x = prog.NewContinuousVariables(6)
+        root = generator.normal(size=(6, 6))
+        prog.AddQuadraticCost(root @ root.T + np.eye(6), generator.normal(size=6), x)
+        prog.AddConstraint(x[0] * x[1] + np.sin(1.0) * x[2] ** 2 == 0.5)
+        prog.AddConstraint(x[3] ** 2 + x[4] * x[5] >= 1.0)
+        prog.AddBoundingBoxConstraint(-2.0, 2.0, x)
+        guess = np.full(6, 0.5)
+        solution = ExactHessianIpoptSolver(exact=exact).Solve(prog, guess)
+        reference = SnoptSolver().Solve(prog, guess, None)
+        assert solution.is_success()
+        assert reference.is_success()
+        assert solution.get_optimal_cost() == pytest.approx(reference.get_optimal_cost(), rel=1e-5)
 
 
 def test_solves_on_a_thread_where_there_are_no_signals():

@@ -25,12 +25,12 @@ from planners import (
     Planner,
     PlanningError,
     Task,
-    check,
+    checks,
     plan,
     planning,
     references,
 )
-from planners.distance import far_from_reference
+from planners.checks import far_from_reference
 from planners.transcription import ipopt, solving
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import solve_quasi_static
@@ -174,23 +174,23 @@ def test_snopt_finds_the_same_optimum_of_the_same_program():
     assert result.get_optimal_cost() == pytest.approx(trajectory.check.cost, rel=1e-5)
 
 
-@pytest.mark.parametrize("links", [2, 8])
-def test_limbs_of_other_lengths(links):
-    segment = SegmentParameters(links=links, stiffness=0.1246 * (links + 1) / 6)
-    trajectory = plan(cold_parameters(segments=[segment]), short_reference(), knot_rate=20.0)
-    assert np.rad2deg(trajectory.bend_angle[0, 60:]).mean() == pytest.approx(15.0, abs=3.0)
+def test_limbs_of_other_lengths():
+    for links in [2, 8]:
+        segment = SegmentParameters(links=links, stiffness=0.1246 * (links + 1) / 6)
+        trajectory = plan(cold_parameters(segments=[segment]), short_reference(), knot_rate=20.0)
+        assert np.rad2deg(trajectory.bend_angle[0, 60:]).mean() == pytest.approx(15.0, abs=3.0)
 
 
-@pytest.mark.parametrize(("links", "law"), [(1, LinearLaw), (2, SaturatingLaw), (7, LinearLaw)])
-def test_a_limb_may_have_a_single_wire(links, law):
-    limb = cold_parameters(segments=[SegmentParameters(links=links)])
-    limb.segments[0].wires = [WireParameters("only", e2=-0.0034, law=law())]
-    there_and_back = references.from_samples([0, 1, 3, 30], np.deg2rad([0, 0, -10.0, 0]))
-    trajectory = plan(limb, there_and_back, knot_rate=5.0)
-    assert trajectory.duty.shape == (1, len(trajectory.time))
-    missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))[0]
-    assert np.median(missed) < 1.0
-    assert np.rad2deg(trajectory.bend_angle).min() < -6.0
+def test_a_limb_may_have_a_single_wire():
+    for links, law in [(1, LinearLaw), (2, SaturatingLaw), (7, LinearLaw)]:
+        limb = cold_parameters(segments=[SegmentParameters(links=links)])
+        limb.segments[0].wires = [WireParameters("only", e2=-0.0034, law=law())]
+        there_and_back = references.from_samples([0, 1, 3, 30], np.deg2rad([0, 0, -10.0, 0]))
+        trajectory = plan(limb, there_and_back, knot_rate=5.0)
+        assert trajectory.duty.shape == (1, len(trajectory.time))
+        missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))[0]
+        assert np.median(missed) < 1.0
+        assert np.rad2deg(trajectory.bend_angle).min() < -6.0
 
 
 def test_two_segments_follow_a_reference_each(two_segments):
@@ -228,26 +228,21 @@ def hot_start():
     return np.r_[np.zeros(10), [25.0, 130.0, 25.0, 25.0]]
 
 
-@pytest.mark.parametrize(
-    ("changes", "arguments", "message"),
-    [
+def test_unreachable_temperatures_are_named_before_ipopt_runs(monkeypatch):
+    for changes, arguments, message in [
         ({"warm_up_time": 0.5}, {}, r"left wire cannot be at T_warm = 45 °C .* from 1\.0[45]"),
         ({"a2": 1.0}, {}, r"right wire cannot .* it never gets above 39\.29 °C"),
         ({}, {"initial_state": hot_start()}, r"right wire starts at 130 °C, above T_max = 100"),
-    ],
-)
-def test_unreachable_temperatures_are_named_before_ipopt_runs(
-    changes, arguments, message, monkeypatch
-):
-    monkeypatch.setattr(planning, "solve_program", lambda *_: pytest.fail("IPOPT ran"))
-    parameters = LimbParameters()
-    if "a2" in changes:
-        parameters.segments[0].wire("right").law.a2 = changes["a2"]
-    else:
-        for name, value in changes.items():
-            setattr(parameters.temperature_limits, name, value)
-    with pytest.raises(InfeasibleError, match=message):
-        plan(parameters, references.step_and_decaying_sine(), **arguments)
+    ]:
+        monkeypatch.setattr(planning, "solve_program", lambda *_: pytest.fail("IPOPT ran"))
+        parameters = LimbParameters()
+        if "a2" in changes:
+            parameters.segments[0].wire("right").law.a2 = changes["a2"]
+        else:
+            for name, value in changes.items():
+                setattr(parameters.temperature_limits, name, value)
+        with pytest.raises(InfeasibleError, match=message):
+            plan(parameters, references.step_and_decaying_sine(), **arguments)
 
 
 def test_the_named_time_is_the_one_from_which_it_works():
@@ -261,9 +256,8 @@ def test_the_named_time_is_the_one_from_which_it_works():
     assert trajectory.wire_temperature[:, trajectory.time > 1.05].min() > 44.99
 
 
-@pytest.mark.parametrize(
-    ("reference", "arguments", "message"),
-    [
+def test_requests_that_make_no_sense_are_refused():
+    for reference, arguments, message in [
         ([[0.0, np.nan]], {}, "is nan° at 0 s"),
         ([[0.0, 4.0]], {}, r"is 183\.346° at 0\.8 s; .* from -180° to 180°"),
         ([[0.0, 0.1], [0.0, 0.1]], {}, "has 2 angles at each time; this limb has 1 segment"),
@@ -271,13 +265,11 @@ def test_the_named_time_is_the_one_from_which_it_works():
         ([[0.0, 0.1]], {"knot_rate": -5.0}, "knot_rate is -5.0 Hz"),
         ([[0.0, 0.1]], {"knot_rate": np.nan}, "knot_rate is nan Hz"),
         ([[0.0, 0.1]], {"initial_state": [0.0]}, "initial_state must be 14 finite numbers"),
-    ],
-)
-def test_requests_that_make_no_sense_are_refused(reference, arguments, message):
-    course = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], reference)
-    with pytest.raises(PlanningError, match=message) as caught:
-        plan(LimbParameters(), course, **arguments)
-    assert "\n" not in str(caught.value)
+    ]:
+        course = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], reference)
+        with pytest.raises(PlanningError, match=message) as caught:
+            plan(LimbParameters(), course, **arguments)
+        assert "\n" not in str(caught.value)
 
 
 def test_reference_that_starts_late_is_refused():
@@ -286,18 +278,15 @@ def test_reference_that_starts_late_is_refused():
         plan(LimbParameters(), late)
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
+def test_impossible_limbs_are_refused():
+    for change, message in [
         (lambda p: setattr(p.segments[0], "links", 0), r"segments\[0\]\.links is 0"),
         (lambda p: setattr(p.temperature_limits, "maximum", 20.0), "must be above ambient"),
-    ],
-)
-def test_impossible_limbs_are_refused(change, message):
-    parameters = LimbParameters()
-    change(parameters)
-    with pytest.raises(LimbError, match=message):
-        plan(parameters, short_reference())
+    ]:
+        parameters = LimbParameters()
+        change(parameters)
+        with pytest.raises(LimbError, match=message):
+            plan(parameters, short_reference())
 
 
 def test_a_plan_that_fails_its_check_is_not_returned():
@@ -309,8 +298,8 @@ def test_a_simulation_that_goes_elsewhere_is_noticed(fig5_plan, monkeypatch):
     """The check simulates the limb that the plan names, not the program's equations."""
     other = LimbParameters()
     other.segments[0].wire("right").law.beta *= 1.02
-    monkeypatch.setattr(check, "Limb", lambda _: Limb(other))
-    _, differences = check.simulated_differences(fig5_plan)
+    monkeypatch.setattr(checks, "Limb", lambda _: Limb(other))
+    _, differences = checks.simulated_differences(fig5_plan)
     assert np.rad2deg(differences.max()) > 0.3
 
 
@@ -350,18 +339,18 @@ def test_attempts_end_after_their_time_in_all(monkeypatch):
         plan(small_limb(), short_reference())
 
 
-@pytest.mark.parametrize("iteration", [1, 8])
-def test_ctrl_c_is_no_plan_however_good_the_point_is(iteration, monkeypatch):
+def test_ctrl_c_is_no_plan_however_good_the_point_is(monkeypatch):
     """At iteration 8 and later the point of IPOPT is feasible."""
+    for iteration in [1, 8]:
 
-    class Interrupting(solving.Progress):
-        def update(self, done, _remark=""):
-            if done == iteration:
-                os.kill(os.getpid(), signal.SIGINT)
+        class Interrupting(solving.Progress):
+            def update(self, done, _remark=""):
+                if done == iteration:
+                    os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr(solving, "Progress", Interrupting)
-    with pytest.raises(KeyboardInterrupt):
-        plan(LimbParameters(), references.step_and_decaying_sine(), knot_rate=5.0)
+        monkeypatch.setattr(solving, "Progress", Interrupting)
+        with pytest.raises(KeyboardInterrupt):
+            plan(LimbParameters(), references.step_and_decaying_sine(), knot_rate=5.0)
 
 
 def test_knots_are_added_where_the_limb_is_kicked():

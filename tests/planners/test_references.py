@@ -54,9 +54,8 @@ def test_csv_is_in_degrees_and_starts_at_its_first_sample(tmp_path):
     assert degrees(reference, 1.0) == pytest.approx(-15.0)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_csv_that_is_no_reference_is_refused(tmp_path):
+    for text, message in [
         ("0,0\n1,nan\n", "not finite at its sample 1"),
         ("0,0\n", "two samples or more"),
         ("0,0\n2,1\n1,2\n", "from 2 s to 1 s; time must increase"),
@@ -71,19 +70,16 @@ def test_csv_is_in_degrees_and_starts_at_its_first_sample(tmp_path):
         ("# limb recording, format 1\n", "is a recording; references.from_recording"),
         ("format: 2\nsegments:\n- links: 5\n", "describes a limb, and is given with -l"),
         ("", "this one has 0 times and 0 angles|Cannot read"),
-    ],
-)
-def test_csv_that_is_no_reference_is_refused(tmp_path, text, message):
-    path = tmp_path / "reference.csv"
-    path.write_text(text)
-    with pytest.raises(LimbError, match=message) as caught:
-        references.load(path)
-    assert "reference.csv" in str(caught.value)
+    ]:
+        path = tmp_path / "reference.csv"
+        path.write_text(text)
+        with pytest.raises(LimbError, match=message) as caught:
+            references.load(path)
+        assert "reference.csv" in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+def test_csv_is_read_as_spreadsheets_write_it(tmp_path):
+    for text in [
         "time (s),angle (deg)\n0,0\n1.5,10\n",
         "\ufefftime;angle\ns;deg\n0;0\n1,5;10,0\n",
         "0;0\n1.5;10\n",
@@ -91,14 +87,12 @@ def test_csv_that_is_no_reference_is_refused(tmp_path, text, message):
         '"time","angle"\r\n"0","0"\r\n"1.5","10"\r\n',
         "0,0,\n1.5,10,\n,\n",
         "\n\n0, 0\n\n1.5, 10  # up\n\n",
-    ],
-)
-def test_csv_is_read_as_spreadsheets_write_it(tmp_path, text):
-    path = tmp_path / "reference.csv"
-    path.write_bytes(text.encode())
-    reference = references.load(path)
-    assert reference.end_time() == 1.5
-    assert degrees(reference, 0.75) == pytest.approx(5.0)
+    ]:
+        path = tmp_path / "reference.csv"
+        path.write_bytes(text.encode())
+        reference = references.load(path)
+        assert reference.end_time() == 1.5
+        assert degrees(reference, 0.75) == pytest.approx(5.0)
 
 
 def test_csv_of_several_segments(tmp_path):
@@ -107,18 +101,15 @@ def test_csv_of_several_segments(tmp_path):
     assert np.rad2deg(references.load(path).value(1.5)).ravel().tolist() == [10.0, -20.0]
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_what_looks_like_a_mistake_is_warned_of(tmp_path):
+    for text, message in [
         ("0,0\n5,0.52\n", r"largest angle is 0\.52; are these radians\? Files must have degrees"),
         ("0,-60\n5,60\n", "changes by 120° from one sample to the next at 5 s"),
         ("5,0\n7,-30\n", "starts at 5 s, which is shifted to 0 s"),
-    ],
-)
-def test_what_looks_like_a_mistake_is_warned_of(tmp_path, text, message):
-    path = tmp_path / "reference.csv"
-    path.write_text(text)
-    with pytest.warns(UserWarning, match=message) as said:
-        references.load(path)
-    assert len(said) == 1
-    assert str(said[0].message).startswith(str(path))
+    ]:
+        path = tmp_path / "reference.csv"
+        path.write_text(text)
+        with pytest.warns(UserWarning, match=message) as said:
+            references.load(path)
+        assert len(said) == 1
+        assert str(said[0].message).startswith(str(path))

@@ -39,22 +39,20 @@ def largest_change_of_duty(trajectory, seconds):
     return np.abs(np.diff(trajectory.duty[:, late])).max()
 
 
-@pytest.mark.parametrize(
-    "reference",
-    [
+def test_plans_end_quietly_and_follow_as_well_as_the_papers():
+    for reference in [
         references.step_and_decaying_sine(),
         references.from_samples([0.0, 28.0, 28.01, 30.0], np.deg2rad([0.0, 0.0, 20.0, 20.0])),
         references.from_samples([0.0, 22.0, 24.0, 40.0], np.deg2rad([0.0, 0.0, 20.0, 20.0])),
         references.from_samples([0.0, 22.0, 30.0], np.deg2rad([0.0, 0.0, 20.0])),
-    ],
-    ids=["fig5", "step", "hold", "ramp"],
-)
-def test_plans_end_quietly_and_follow_as_well_as_the_papers(reference):
-    quiet, papers = (plan(LimbParameters(), reference, task=task) for task in (None, Task.paper()))
-    assert largest_change_of_duty(quiet, 1.0) < 1e-6
-    assert largest_change_of_duty(papers, 1.0) > 0.3
-    missed = [np.rad2deg(np.abs(t.bend_angle - t.reference).mean()) for t in (quiet, papers)]
-    assert missed[0] < missed[1] + 0.02
+    ]:
+        quiet, papers = (
+            plan(LimbParameters(), reference, task=task) for task in (None, Task.paper())
+        )
+        assert largest_change_of_duty(quiet, 1.0) < 1e-6
+        assert largest_change_of_duty(papers, 1.0) > 0.3
+        missed = [np.rad2deg(np.abs(t.bend_angle - t.reference).mean()) for t in (quiet, papers)]
+        assert missed[0] < missed[1] + 0.02
 
 
 def test_duty_is_held_over_the_last_interval_at_least():
@@ -238,56 +236,56 @@ def of_ones_own(program):
     prog.AddCost(1e4 * (duty[42, 0] - 0.3) ** 4)
 
 
-@pytest.mark.parametrize("way", ["Gauss-Newton", "curvature of the wires", "exact", "SNOPT"])
-def test_costs_and_constraints_of_ones_own_hold_however_they_are_solved(way, monkeypatch):
-    parameters, solver = cold_parameters(), None
-    parameters.segments[0].links = 1
-    if way == "curvature of the wires":
-        for wire in parameters.segments[0].wires:
-            wire.law = SaturatingLaw()
-    elif way == "exact":
-        monkeypatch.setattr(solving, "GAUSS_NEWTON_ITERATIONS", 2)
-    elif way == "SNOPT":
-        solver = SnoptSolver()
-    task = Task(customize=of_ones_own)
-    trajectory = plan(parameters, step_to_20_degrees(), task=task, solver=solver)
-    assert way in trajectory.check.solver.partition("(")[0]
-    left, right = trajectory.duty
-    assert right[20:30].max() < 1e-8
-    assert left[31] - right[31] > 0.1 - 1e-6
-    assert left[32] - right[32] == pytest.approx(0.2, abs=1e-6)
-    assert np.hypot(left, right)[10:20].max() == pytest.approx(0.15, abs=1e-4)
-    assert left[34] * (1 + left[35] ** 2) > 0.05 - 1e-6
-    assert right[11] < 0.1 + 1e-5
-    assert np.hypot(left, right)[12] < 0.1 + 1e-5
-    for costly in (40, 42):
-        assert left[costly] == pytest.approx(0.3, abs=0.1)
-        assert left[costly - 3] < 0.1
+def test_costs_and_constraints_of_ones_own_hold_however_they_are_solved(monkeypatch):
+    for way in ["Gauss-Newton", "curvature of the wires", "exact", "SNOPT"]:
+        parameters, solver = cold_parameters(), None
+        parameters.segments[0].links = 1
+        if way == "curvature of the wires":
+            for wire in parameters.segments[0].wires:
+                wire.law = SaturatingLaw()
+        elif way == "exact":
+            monkeypatch.setattr(solving, "GAUSS_NEWTON_ITERATIONS", 2)
+        elif way == "SNOPT":
+            solver = SnoptSolver()
+        task = Task(customize=of_ones_own)
+        trajectory = plan(parameters, step_to_20_degrees(), task=task, solver=solver)
+        assert way in trajectory.check.solver.partition("(")[0]
+        left, right = trajectory.duty
+        assert right[20:30].max() < 1e-8
+        assert left[31] - right[31] > 0.1 - 1e-6
+        assert left[32] - right[32] == pytest.approx(0.2, abs=1e-6)
+        assert np.hypot(left, right)[10:20].max() == pytest.approx(0.15, abs=1e-4)
+        assert left[34] * (1 + left[35] ** 2) > 0.05 - 1e-6
+        assert right[11] < 0.1 + 1e-5
+        assert np.hypot(left, right)[12] < 0.1 + 1e-5
+        for costly in (40, 42):
+            assert left[costly] == pytest.approx(0.3, abs=0.1)
+            assert left[costly - 3] < 0.1
 
 
-@pytest.mark.parametrize("description", ["a cap", ""])
-def test_the_check_names_a_constraint_of_ones_own_that_does_not_hold(description, monkeypatch):
-    def customize(program):
-        duty = program.prog.decision_variables()[program.duty]
-        for k in range(9, 13):
-            cap = program.prog.AddConstraint(duty[k, 1] ** 3 <= 0.1 * (k - 7))
-            cap.evaluator().set_description(description)
+def test_the_check_names_a_constraint_of_ones_own_that_does_not_hold(monkeypatch):
+    for description in ["a cap", ""]:
 
-    def forgetful(program, *arguments):
-        """Leaves out all curved constraints, those that were added, too."""
-        program.defects.replaces = program.prog.generic_constraints()
-        return solve_program(program, *arguments)
+        def customize(program):
+            duty = program.prog.decision_variables()[program.duty]
+            for k in range(9, 13):
+                cap = program.prog.AddConstraint(duty[k, 1] ** 3 <= 0.1 * (k - 7))
+                cap.evaluator().set_description(description)
 
-    monkeypatch.setattr(planning, "solve_program", forgetful)
-    name = description or r"-inf <= pow\(u\(21\), 3\) <= 0\.30*\d*"
-    message = rf"task's constraint '{name}' \(number 2 of 4, at 1 s\) is missed by 0\.\d+"
-    with pytest.raises(PlanningError, match=message):
-        plan(cold_parameters(), step_to_20_degrees(), task=Task(customize=customize))
+        def forgetful(program, *arguments):
+            """Leaves out all curved constraints, those that were added, too."""
+            program.defects.replaces = program.prog.generic_constraints()
+            return solve_program(program, *arguments)
+
+        monkeypatch.setattr(planning, "solve_program", forgetful)
+        name = description or r"-inf <= pow\(u\(21\), 3\) <= 0\.30*\d*"
+        message = rf"task's constraint '{name}' \(number 2 of 4, at 1 s\) is missed by 0\.\d+"
+        with pytest.raises(PlanningError, match=message):
+            plan(cold_parameters(), step_to_20_degrees(), task=Task(customize=customize))
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
+def test_tasks_that_make_no_sense_are_refused():
+    for changes, message in [
         ({"angle_weight": -1.0}, "angle_weight is -1.0"),
         ({"duty_weight": np.nan}, "duty_weight is nan"),
         ({"temperature_margin": -1.0}, "temperature_margin is -1.0"),
@@ -304,11 +302,9 @@ def test_the_check_names_a_constraint_of_ones_own_that_does_not_hold(description
         ({"customize": 1}, "customize is 1"),
         ({"angel_weight": 1.0}, r"no field 'angel_weight' \(did you mean angle_weight\?\)"),
         ({"phases": (Phase(5, 1, 1), Phase(0, 1, 1))}, "in the order of their start"),
-    ],
-)
-def test_tasks_that_make_no_sense_are_refused(changes, message):
-    with pytest.raises(TaskError, match=message):
-        Task(**changes)
+    ]:
+        with pytest.raises(TaskError, match=message):
+            Task(**changes)
 
 
 def test_uneven_knots_weigh_as_much_as_the_time_they_stand_for():
@@ -373,10 +369,10 @@ def test_warm_up_is_over_when_it_has_elapsed(planner):
     assert planner.plan(swing(10.0), cold, elapsed=0.0).wire_temperature.min() < 45.0
 
 
-@pytest.mark.parametrize("times", [[0.0], [0.0, 0.0], [1.0, 2.0], [0.0, np.nan]])
-def test_knots_that_make_no_sense_are_refused(times):
-    with pytest.raises(PlanningError, match="times"):
-        Planner(LimbParameters(), times)
+def test_knots_that_make_no_sense_are_refused():
+    for times in [[0.0], [0.0, 0.0], [1.0, 2.0], [0.0, np.nan]]:
+        with pytest.raises(PlanningError, match="times"):
+            Planner(LimbParameters(), times)
 
 
 def test_a_wire_that_is_a_little_too_hot_is_planned_to_cool(planner):
@@ -403,9 +399,8 @@ def test_tasks_are_read_from_files(tmp_path):
     assert Task.load(ROOT / "examples" / "task.yaml").reach
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
+def test_task_files_that_make_no_sense_are_refused(tmp_path):
+    for text, message in [
         ("angel_weight: 1", r"angel_weight is not a known field \(did you mean angle_weight\?\)"),
         ("angle_weight: heavy", "angle_weight is 'heavy'; it must be a number"),
         ("angle_weight: -1", "angle_weight is -1.0; it must be a number, zero or more"),
@@ -415,15 +410,13 @@ def test_tasks_are_read_from_files(tmp_path):
         ("customize: x", "customize is not a known field"),
         ("- 1", "the document must have the fields"),
         (":", "not valid YAML|must have the fields"),
-    ],
-)
-def test_task_files_that_make_no_sense_are_refused(tmp_path, text, message):
-    path = tmp_path / "task.yaml"
-    path.write_text(text)
-    with pytest.raises(TaskError, match=message) as caught:
-        Task.load(path)
-    assert str(caught.value).startswith(str(path))
-    assert "\n" not in str(caught.value)
+    ]:
+        path = tmp_path / "task.yaml"
+        path.write_text(text)
+        with pytest.raises(TaskError, match=message) as caught:
+            Task.load(path)
+        assert str(caught.value).startswith(str(path))
+        assert "\n" not in str(caught.value)
 
 
 def test_limbs_can_be_named_by_their_files(tmp_path):

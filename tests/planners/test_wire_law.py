@@ -34,7 +34,7 @@ from limb_systems import (
 from limb_systems.model.statics import static_equilibrium
 from limb_systems.simulation import make_simulator
 from planners import InfeasibleError, plan, references
-from planners.check import simulated_differences
+from planners.checks import simulated_differences
 from planners.transcription.mechanics import PlanarChain
 
 TWO_MASS_LAWS = {
@@ -106,35 +106,35 @@ def test_laws_take_all_of_drakes_scalars(limb):
         assert len(plain) == len(rates)
 
 
-@pytest.mark.parametrize(
-    ("law", "most"), [(TwoMassLaw, 20), (ThresholdLaw, 15), (SaturatingLaw, 20)]
-)
-def test_the_first_attempt_plans_fig_5_in_few_iterations(law, most):
-    reference = references.step_and_decaying_sine()
-    check = plan(limb_with(law(), law()), reference, knot_rate=5.0).check
-    assert check.solver in ("IPOPT, Gauss-Newton", "IPOPT, curvature of the wires")
-    assert check.iterations <= most
+def test_the_first_attempt_plans_fig_5_in_few_iterations():
+    for law, most in [(TwoMassLaw, 20), (ThresholdLaw, 15), (SaturatingLaw, 20)]:
+        reference = references.step_and_decaying_sine()
+        check = plan(limb_with(law(), law()), reference, knot_rate=5.0).check
+        assert check.solver in ("IPOPT, Gauss-Newton", "IPOPT, curvature of the wires")
+        assert check.iterations <= most
 
 
-@pytest.mark.parametrize("name", ["quadratic", "silicone", "radiating", "soft"])
-def test_plans_are_found_checked_and_saved(name, tmp_path):
-    limb = LIMBS[name]()
-    reference = references.from_samples([0, 22, 25, 32, 35, 45], np.deg2rad([0, 0, 15, 15, -8, -8]))
-    trajectory = plan(limb, reference, knot_rate=5.0)
-    assert trajectory.check.failure() is None
-    assert trajectory.check.largest_difference_deg < 0.1
-    late = trajectory.time > 27.0
-    missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))[0, late]
-    assert np.median(missed) < 1.5
-    hottest = trajectory.wire_temperature.max()
-    assert hottest <= limb.temperature_limits.maximum + 1e-6
+def test_plans_are_found_checked_and_saved(tmp_path):
+    for name in ["quadratic", "silicone", "radiating", "soft"]:
+        limb = LIMBS[name]()
+        reference = references.from_samples(
+            [0, 22, 25, 32, 35, 45], np.deg2rad([0, 0, 15, 15, -8, -8])
+        )
+        trajectory = plan(limb, reference, knot_rate=5.0)
+        assert trajectory.check.failure() is None
+        assert trajectory.check.largest_difference_deg < 0.1
+        late = trajectory.time > 27.0
+        missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))[0, late]
+        assert np.median(missed) < 1.5
+        hottest = trajectory.wire_temperature.max()
+        assert hottest <= limb.temperature_limits.maximum + 1e-6
 
-    trajectory.save(tmp_path / "plan.csv")
-    loaded = Trajectory.load(tmp_path / "plan.csv")
-    assert loaded.parameters == limb
-    np.testing.assert_array_equal(loaded.state, trajectory.state)
-    states = split_state(limb, trajectory.state)[2]
-    assert states.shape == (Wires(limb).num_states, len(trajectory.time))
+        trajectory.save(tmp_path / "plan.csv")
+        loaded = Trajectory.load(tmp_path / "plan.csv")
+        assert loaded.parameters == limb
+        np.testing.assert_array_equal(loaded.state, trajectory.state)
+        states = split_state(limb, trajectory.state)[2]
+        assert states.shape == (Wires(limb).num_states, len(trajectory.time))
 
 
 def test_hysteresis_and_a_memory_of_the_rubber_are_planned_with_their_curvature():
@@ -161,38 +161,38 @@ def test_hysteresis_that_takes_many_iterations_is_planned_by_the_first_attempt()
     assert check.iterations <= 40
 
 
-@pytest.mark.parametrize("name", TWO_MASS_LAWS)
-def test_another_solver_finds_the_same_optimum(name):
-    limb = limb_with(TWO_MASS_LAWS[name](), TWO_MASS_LAWS[name]())
-    limb.segments[0].links = 1
-    limb.temperature_limits.warm_up_time = 6.0
-    reference = references.from_samples([0, 2, 4, 8], np.deg2rad([0, 0, 10, 5]))
-    ours = plan(limb, reference, knot_rate=4.0, tolerance_deg=1.0).check
-    theirs = plan(limb, reference, knot_rate=4.0, tolerance_deg=1.0, solver=SnoptSolver()).check
-    assert ours.solver == "IPOPT, curvature of the wires"
-    assert theirs.solver == "SNOPT"
-    assert theirs.cost == pytest.approx(ours.cost, rel=1e-4)
+def test_another_solver_finds_the_same_optimum():
+    for name in TWO_MASS_LAWS:
+        limb = limb_with(TWO_MASS_LAWS[name](), TWO_MASS_LAWS[name]())
+        limb.segments[0].links = 1
+        limb.temperature_limits.warm_up_time = 6.0
+        reference = references.from_samples([0, 2, 4, 8], np.deg2rad([0, 0, 10, 5]))
+        ours = plan(limb, reference, knot_rate=4.0, tolerance_deg=1.0).check
+        theirs = plan(limb, reference, knot_rate=4.0, tolerance_deg=1.0, solver=SnoptSolver()).check
+        assert ours.solver == "IPOPT, curvature of the wires"
+        assert theirs.solver == "SNOPT"
+        assert theirs.cost == pytest.approx(ours.cost, rel=1e-4)
 
 
-@pytest.mark.parametrize("name", TWO_MASS_LAWS)
-def test_the_check_simulates_wires_and_motion_as_the_whole_limb(name):
+def test_the_check_simulates_wires_and_motion_as_the_whole_limb():
     """Wires that are simulated before the motion against both in one diagram, ten times finer."""
-    limb = limb_with(TWO_MASS_LAWS[name](), TWO_MASS_LAWS[name]())
-    reference = references.from_samples([0, 20, 22, 24], np.deg2rad([0, 0, 20, -20]))
-    trajectory = plan(limb, reference, knot_rate=2.0, tolerance_deg=10.0)
-    times, differences = simulated_differences(trajectory)
-    finer = simulate(
-        Limb(limb),
-        trajectory,
-        sample_rate=20.0,
-        accuracy=3e-5,
-        initial_state=trajectory.state[:, 0],
-    )
-    planned = trajectory.bend_angle_at(finer.time)
-    np.testing.assert_allclose(times, finer.time, atol=1e-12)
-    expected = np.rad2deg(np.abs(finer.bend_angle - planned))[0]
-    np.testing.assert_allclose(np.rad2deg(differences), expected, atol=0.004)
-    assert expected.max() > 0.03
+    for name in TWO_MASS_LAWS:
+        limb = limb_with(TWO_MASS_LAWS[name](), TWO_MASS_LAWS[name]())
+        reference = references.from_samples([0, 20, 22, 24], np.deg2rad([0, 0, 20, -20]))
+        trajectory = plan(limb, reference, knot_rate=2.0, tolerance_deg=10.0)
+        times, differences = simulated_differences(trajectory)
+        finer = simulate(
+            Limb(limb),
+            trajectory,
+            sample_rate=20.0,
+            accuracy=3e-5,
+            initial_state=trajectory.state[:, 0],
+        )
+        planned = trajectory.bend_angle_at(finer.time)
+        np.testing.assert_allclose(times, finer.time, atol=1e-12)
+        expected = np.rad2deg(np.abs(finer.bend_angle - planned))[0]
+        np.testing.assert_allclose(np.rad2deg(differences), expected, atol=0.004)
+        assert expected.max() > 0.03
 
 
 def test_a_check_that_cannot_be_simulated_says_so_in_a_sentence():

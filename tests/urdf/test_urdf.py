@@ -73,13 +73,15 @@ def test_checked_in_file_is_found_through_its_package():
     assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(0.025, rel=1e-12)
 
 
-@pytest.mark.parametrize("links", [1, 2, 5, 10, 100])
-def test_links_of_any_number_have_the_inertia_of_one_beam(links):
-    segment = SegmentParameters(links=links, length=0.12, mass=0.04, thickness=0.011, width=0.023)
-    plant = parse([segment])
-    assert plant.num_positions() == links
-    actual = links_inertia(plant, range(1, links + 1))
-    assert_same_inertia(actual, beam_inertia(0.04, 0.12, 0.011, 0.023))
+def test_links_of_any_number_have_the_inertia_of_one_beam():
+    for links in [1, 2, 5, 10, 100]:
+        segment = SegmentParameters(
+            links=links, length=0.12, mass=0.04, thickness=0.011, width=0.023
+        )
+        plant = parse([segment])
+        assert plant.num_positions() == links
+        actual = links_inertia(plant, range(1, links + 1))
+        assert_same_inertia(actual, beam_inertia(0.04, 0.12, 0.011, 0.023))
 
 
 def test_two_segments_are_two_beams_end_to_end():
@@ -125,14 +127,14 @@ def test_straight_base_frame_is_that_of_the_first_link():
     assert pose.IsNearlyEqualTo(RigidTransform.Identity(), 1e-15)
 
 
-@pytest.mark.parametrize("side", ["left", "right"])
-def test_wires_lie_on_the_side_towards_which_they_bend(side):
+def test_wires_lie_on_the_side_towards_which_they_bend():
     """Right is +E2, where heating the right wire takes the limb."""
-    robot = ElementTree.fromstring(limb_urdf(LimbParameters().segments))
-    for number in range(1, 6):
-        visual = robot.find(f"link[@name='link_{number}']/visual[@name='wire_{side}']")
-        lateral = float(visual.find("origin").get("xyz").split()[1])
-        assert np.sign(lateral) == {"left": -1, "right": 1}[side]
+    for side in ["left", "right"]:
+        robot = ElementTree.fromstring(limb_urdf(LimbParameters().segments))
+        for number in range(1, 6):
+            visual = robot.find(f"link[@name='link_{number}']/visual[@name='wire_{side}']")
+            lateral = float(visual.find("origin").get("xyz").split()[1])
+            assert np.sign(lateral) == {"left": -1, "right": 1}[side]
 
 
 def test_a_wire_below_the_axis_is_drawn_below():
@@ -155,12 +157,12 @@ def test_limb_has_nothing_to_collide_with():
     assert not robot.findall(".//transmission")  # effort limits would clamp silently
 
 
-@pytest.mark.parametrize("number", [1 / 3, 0.1 + 0.2, 1e-5, 123.456789012345678])
-def test_numbers_keep_all_their_digits(number):
-    segment = SegmentParameters(links=1, mass=number, damping=number, length=1.0)
-    robot = ElementTree.fromstring(limb_urdf([segment]))
-    assert float(robot.find("link[@name='link_1']/inertial/mass").get("value")) == number
-    assert float(robot.find("joint/dynamics").get("damping")) == number
+def test_numbers_keep_all_their_digits():
+    for number in [1 / 3, 0.1 + 0.2, 1e-5, 123.456789012345678]:
+        segment = SegmentParameters(links=1, mass=number, damping=number, length=1.0)
+        robot = ElementTree.fromstring(limb_urdf([segment]))
+        assert float(robot.find("link[@name='link_1']/inertial/mass").get("value")) == number
+        assert float(robot.find("joint/dynamics").get("damping")) == number
 
 
 def test_model_has_the_given_name():

@@ -1,0 +1,215 @@
+"""How far a plan is from its simulation and from its reference, and which limits are active."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from limb_systems import (
+    ActiveConstraint,
+    Limb,
+    LimbError,
+    LimbParameters,
+    Trajectory,
+    Wires,
+    bend_angle,
+    simulate,
+    split_state,
+)
+from limb_systems.model.manipulator import make_manipulator
+from limb_systems.model.statics import static_equilibrium
+from limb_systems.model.wire_blocks import make_blocks
+from limb_systems.model.wire_law import TEMPERATURE_SCALE
+from limb_systems.simulation import MAX_STEP_SIZE, failure_told, make_simulator
+from planners.task import Task
+from planners.transcription.program import reading_bounds
+
+# Accuracy of the simulation that a plan is checked with: its bend angle is
+# within 0.002° of that at accuracy 1e-6, for the Fig. 5 reference and for
+# steps to 170°. Ten times finer takes three times as long.
+CHECK_ACCURACY = 3e-4
+CHECK_RATE = 20.0  # Hz, of the comparison, or that of the knots if it is higher
+HEAT_ACCURACY = 3e-5  # of the wires alone
+FORCE_STEP = 0.01  # s, between which forces are linear
+
+# A plan is far if a side's largest angle is missed by more than a share of the largest that is
+# asked for, or the mean of the misses is more than another; but not by less than a degree.
+SHARE_OF_LARGEST = 0.15
+SHARE_ON_AVERAGE = 0.2
+LITTLE = np.deg2rad(1.0)
+
+
+def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of the plan's bend angle from that of its simulated duty.
+
+    The duty is simulated with an accurate integrator from the plan's first
+    state.
+
+    Returns:
+        Times (M,), s, and the largest difference of a segment (M,), rad.
+    """
+    rate = max(CHECK_RATE, 1 / np.diff(trajectory.time).min())
+    wires = Wires(trajectory.parameters)
+    runs_in_python = not (wires.rates_are_affine and wires.torque_is_affine)
+    if runs_in_python and not wires.torque_needs_angle:
+        times, simulated = _heat_then_motion(trajectory, rate)
+    else:
+        recording = simulate(
+            Limb(trajectory.parameters),
+            trajectory,
+            sample_rate=rate,
+            accuracy=CHECK_ACCURACY,
+            initial_state=trajectory.state[:, 0],
+        )
+        times, simulated = recording.time, recording.bend_angle
+    planned = trajectory.since_start().bend_angle_at(np.minimum(times, trajectory.duration))
+    return times, np.abs(simulated - planned).max(axis=0)
+
+
+def _heat_then_motion(trajectory: Trajectory, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times (M,), s, and bend angles (S, M), rad, of a limb that does not act back on its wires.
+
+    Wires whose laws run in Python are simulated alone, so that the implicit
+    integrator of the chain, which evaluates its systems very often, does not call them.
+    """
+    parameters, plan = trajectory.parameters, trajectory.since_start()
+    angles, rates, states, _ = split_state(parameters, plan.state[:, 0])
+    duration, n = plan.duration, parameters.num_joints
+
+    builder = DiagramBuilder()
+    heating = builder.AddSystem(make_blocks(parameters)[0])
+    duty = builder.AddSystem(TrajectorySource(plan.duty_trajectory()))
+    builder.Connect(duty.get_output_port(), heating.get_input_port())
+    simulator = Simulator(builder.Build())
+    config = SimulatorConfig(
+        integration_scheme="runge_kutta3",
+        accuracy=HEAT_ACCURACY,
+        max_step_size=MAX_STEP_SIZE,
+        use_error_control=True,
+    )
+    ApplySimulatorConfig(config, simulator)
+    simulator.get_mutable_context().SetContinuousState(states)
+    integrator = simulator.get_mutable_integrator()
+    with failure_told(simulator, duration):
+        simulator.Initialize()
+        integrator.StartDenseIntegration()
+        simulator.AdvanceTo(duration)
+    times = np.linspace(0.0, duration, int(np.ceil(duration / FORCE_STEP)) + 1)
+    courses = integrator.StopDenseIntegration().vector_values(times).T
+    forces = Wires(parameters).forces(courses, np.zeros((1, n)))
+
+    builder = DiagramBuilder()
+    manipulator = builder.AddSystem(make_manipulator(parameters))
+    course = PiecewisePolynomial.FirstOrderHold(times, forces.T)
+    source = builder.AddSystem(TrajectorySource(course))
+    builder.Connect(
+        source.get_output_port(), manipulator.get_applied_generalized_force_input_port()
+    )
+    sink = LogVectorOutput(manipulator.get_state_output_port(), builder, 1 / rate)
+    simulator = make_simulator(builder.Build(), CHECK_ACCURACY)
+    context = simulator.get_mutable_context()
+    context.SetContinuousState(np.concatenate([angles, rates]))
+    num_samples = int(np.floor(duration * rate + 1e-6)) + 1
+    with failure_told(simulator, duration):
+        simulator.AdvanceTo(max(duration, (num_samples - 1) / rate))
+    log = sink.FindLog(context)
+    return log.sample_times(), bend_angle(parameters, log.data()[:n])
+
+
+def missed(trajectory: Trajectory) -> np.ndarray:
+    """|φ_ref - φ*| at the knots (S, K), degrees."""
+    return np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))
+
+
+def far_from_reference(trajectory: Trajectory) -> str | None:
+    """How far, where and why a plan is far from its reference, or None if it is not."""
+    reference, planned = trajectory.reference, trajectory.bend_angle
+    largest = np.abs(reference).max()
+    short = np.array(
+        [
+            (reference - planned.max(axis=1, keepdims=True)).max(axis=1),
+            (planned.min(axis=1, keepdims=True) - reference).max(axis=1),
+        ]
+    )
+    is_short = short.max() > max(LITTLE, SHARE_OF_LARGEST * largest)
+    distance = np.abs(reference - planned)
+    if not is_short and distance.mean() <= max(LITTLE, SHARE_ON_AVERAGE * largest):
+        return None
+    if is_short:
+        side, segment = map(int, np.unravel_index(np.argmax(short), short.shape))
+        sign = (1, -1)[side]
+        wanted, reached = sign * reference[segment], sign * planned[segment]
+        # Where it comes nearest to what it never reaches.
+        knot = int(np.argmax(np.where(wanted > reached.max(), reached, -np.inf)))
+    else:
+        segment, knot = map(int, np.unravel_index(np.argmax(distance), distance.shape))
+    asked, has = np.rad2deg([reference[segment, knot], planned[segment, knot]])
+    time = trajectory.time[knot]
+    of_segment = f" of segment {segment + 1}" if len(reference) > 1 else ""
+    misses = missed(trajectory)
+    said = (
+        f"The plan is far from its reference: {misses.mean():.1f}° on average, {misses.max():.1f}° "
+        f"at most. At {time:.1f} s, {asked:.1f}°{of_segment} are asked for, and the plan has "
+        f"{has:.1f}°"
+    )
+    active = [
+        constraint.bound
+        for constraint in trajectory.check.active_constraints
+        if constraint.start <= time <= constraint.end
+    ]
+    said += f", where limits are {', '.join(active)}." if active else ", where no limit is active."
+    reach = _reach(trajectory.parameters, segment)
+    if reach is not None:
+        said += (
+            f" With wires between T_warm and T_max, this limb can hold {reach[0]:.1f}° to "
+            f"{reach[1]:.1f}°."
+        )
+    return said + " Ask for less, or for a slower motion."
+
+
+def _reach(parameters: LimbParameters, segment: int) -> np.ndarray | None:
+    """The least and the largest bend angle (2,) that a segment can hold, degrees, if known."""
+    limits = parameters.temperature_limits
+    sides = np.sign([wire.direction for wire in parameters.segments[segment].wires])
+    held = []
+    for side in (-1, 1):
+        temperature = np.full(len(parameters.wires), limits.warm)
+        of_segment = temperature[parameters.wire_slices[segment]]  # a view
+        of_segment[sides == side] = limits.maximum
+        try:
+            angles, _ = static_equilibrium(parameters, temperature)
+        except LimbError:
+            return None  # it folds
+        held.append(bend_angle(parameters, angles[:, None])[segment, 0])
+    return np.rad2deg(held)
+
+
+def active_constraints(
+    trajectory: Trajectory, task: Task, warm_up_time: float, measured_margin: ArrayLike = 0.0
+) -> list[ActiveConstraint]:
+    """Where bounds of (18)-(20) and of the readings are active, as intervals of time."""
+    limits, names = trajectory.parameters.temperature_limits, trajectory.parameters.wire_names
+    warm = trajectory.time > warm_up_time
+    near_duty, near_temperature = 1e-4, 1e-3 * TEMPERATURE_SCALE
+    hottest, fullest = limits.maximum - task.temperature_margin, 1.0 - task.duty_margin
+    hottest_name = f"T_max - {task.temperature_margin:g} °C" if task.temperature_margin else "T_max"
+    highest = reading_bounds(trajectory.parameters, measured_margin)
+    active = []
+    for index, name in enumerate(names):
+        reading = trajectory.measured_temperature[index]
+        duty, wire = trajectory.duty[index], trajectory.wire_temperature[index]
+        for bound, where in (
+            (f"duty {name} = 0", duty < near_duty),
+            (f"duty {name} = {fullest:g}", duty > fullest - near_duty),
+            (f"wire {name} = {hottest_name}", wire > hottest - near_temperature),
+            (f"wire {name} = T_warm", warm & (wire < limits.warm + near_temperature)),
+            (f"reading {name} = measured_maximum", reading > highest[index] - near_temperature),
+        ):
+            edges = np.flatnonzero(np.diff(np.r_[False, where, False]))
+            active += [
+                ActiveConstraint(bound, float(trajectory.time[a]), float(trajectory.time[b - 1]))
+                for a, b in edges.reshape(-1, 2)
+            ]
+    return active
