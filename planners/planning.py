@@ -206,29 +206,19 @@ class Planner:
         parameters, times = self.parameters, self.times
         angles_ref = _sample_reference(reference, times, len(parameters.segments))
         state = _initial_state(self._wires, initial_state, self._rest_angles)
-        _, _, wire_states, readings = split_state(parameters, state)
+        heat = state[2 * parameters.num_joints :]
         warm_up = max(0.0, parameters.temperature_limits.warm_up_time - elapsed)
-
-        check_temperature_limits(
-            parameters,
-            times,
-            wire_states,
-            warm_up,
-            self.task,
-            initial_readings=readings,
-            measured_margin=self._margin,
-        )
+        check_temperature_limits(parameters, times, heat, warm_up, self.task, self._margin)
         guess_states, guess_duty = solve_quasi_static(
             parameters,
             times,
             angles_ref,
-            wire_states,
+            heat,
             self._rest_angles,
             self._compliance,
             self.task,
             warm_up,
-            initial_readings=readings,
-            measured_margin=self._margin,
+            self._margin,
         )
         if self._program is None:
             self._program = TrajectoryProgram(

@@ -105,19 +105,15 @@ class IpoptDetails:
     multipliers: tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
 class IpoptResult:
     """The result of `ExactHessianIpoptSolver`, as Drake's MathematicalProgramResult."""
 
-    def __init__(
-        self,
-        prog: MathematicalProgram,
-        x: np.ndarray,
-        cost: float,
-        solution_result: SolutionResult,
-        details: IpoptDetails,
-    ):
-        self._prog, self._x, self._cost = prog, x, cost
-        self._solution_result, self._details = solution_result, details
+    _prog: MathematicalProgram
+    _x: np.ndarray
+    _cost: float
+    _solution_result: SolutionResult
+    _details: IpoptDetails
 
     def is_success(self) -> bool:
         return self._solution_result == SolutionResult.kSolutionFound

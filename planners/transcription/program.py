@@ -33,7 +33,7 @@ class TrajectoryProgram:
 
     - ``prog``: the `MathematicalProgram`.
     - ``collocation``: the `DirectCollocation` that built it.
-    - ``limb``: the `Limb` whose dynamics are its constraints.
+    - ``limb``, ``wires``: the `Limb` whose dynamics are its constraints, and its `Wires`.
     - ``times``: times of the knots (N,), s, before they are stretched.
     - ``states``, ``duty``, ``time_steps``: indices of x_k, u_k and h_k among
       the decision variables, (N, 2n + M), (N, W) and (N - 1), for the heat
@@ -64,23 +64,19 @@ class TrajectoryProgram:
         mechanics: Mechanics | None = None,
     ):
         self.parameters, self.times, self.task = parameters, times, task or Task()
-        self.limb, self._wires = Limb(parameters), Wires(parameters)
+        self.limb, self.wires = Limb(parameters), Wires(parameters)
         self._add_dynamics()
         self._add_cost()
         self._initial_state = self.prog.AddBoundingBoxConstraint(0.0, 0.0, self._states[0])
-        self._warm_up = add_thermal_limits(
+        self._warm_up = add_wires(
             self.prog,
             parameters,
             times,
-            self._wire_states,
+            self._states[:, 2 * parameters.num_joints :],
             self._duty,
             self.task,
             parameters.temperature_limits.warm_up_time,
-        )
-        add_reading_limits(
-            self.prog,
-            self._states[:, -self._wires.num_wires :],
-            reading_bounds(parameters, measured_margin),
+            measured_margin,
         )
         self._add_limits_of_motion()
         self._set_scaling()
@@ -114,16 +110,6 @@ class TrajectoryProgram:
         for binding, end in zip(self._ends, reference[:, -1], strict=False):
             binding.evaluator().set_bounds([end - REACH_TOLERANCE], [end + REACH_TOLERANCE])
 
-    @property
-    def wires_curve(self) -> bool:
-        """Whether a wire's heat or torque is not affine."""
-        return not (self._wires.rates_are_affine and self._wires.torque_is_affine)
-
-    @property
-    def heat_curves(self) -> bool:
-        """Whether a wire's heat is not affine, as with hysteresis."""
-        return not self._wires.rates_are_affine
-
     def variables(
         self, states: np.ndarray, duty: np.ndarray, times: np.ndarray | None = None
     ) -> np.ndarray:
@@ -142,7 +128,7 @@ class TrajectoryProgram:
     def signals(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """The signals of a `Trajectory`, from all decision variables."""
         angles, rates, wire, measured = split_state(self.parameters, x[self.states].T)
-        num_wires = self._wires.num_wires
+        num_wires = self.wires.num_wires
         return {
             "duty": x[self.duty].T,
             "joint_state": np.vstack([angles, rates]),
@@ -173,7 +159,7 @@ class TrajectoryProgram:
             [
                 defects[:n] * h,
                 self.defects.acceleration_to_angle @ defects[n : 2 * n],
-                defects[2 * n :] * h / self._wires.heat_scales[:, None],
+                defects[2 * n :] * h / self.wires.heat_scales[:, None],
             ]
         )
 
@@ -246,7 +232,7 @@ class TrajectoryProgram:
             )
 
     def _add_cost(self) -> None:
-        """(15); `update` fills in the reference."""
+        """(15) of the angles; `update` fills in the reference."""
         n = self.parameters.num_joints
         self._angle_costs = []
         angle_weights, _ = self.task.weights(self.times)
@@ -256,9 +242,6 @@ class TrajectoryProgram:
                 np.diag(weights), np.zeros(n), angles, is_convex=True
             )
             self._angle_costs.append((binding, weights))
-        add_duty_cost(self.prog, self.times, self._duty, self.task)
-        add_temperature_cost(self.prog, self.parameters, self.times, self._wire_states, self.task)
-        hold_duty(self.prog, self.times, self._duty, self.task)
 
     def _add_limits_of_motion(self) -> None:
         task, prog = self.task, self.prog
@@ -283,7 +266,7 @@ class TrajectoryProgram:
     def _set_scaling(self) -> None:
         n = self.parameters.num_joints
         self.state_scales = np.ones(self.states.shape[1])
-        self.state_scales[:n], self.state_scales[2 * n :] = ANGLE_SCALE, self._wires.heat_scales
+        self.state_scales[:n], self.state_scales[2 * n :] = ANGLE_SCALE, self.wires.heat_scales
         for variables, scale in zip(self._states.T, self.state_scales, strict=True):
             if scale != 1.0:
                 for variable in variables:
@@ -292,7 +275,7 @@ class TrajectoryProgram:
     def _make_defects(self, mechanics: Mechanics) -> LimbDefects:
         defects = LimbDefects(
             mechanics,
-            self._wires,
+            self.wires,
             self.states,
             self.duty,
             self.time_steps,
@@ -309,7 +292,7 @@ class TrajectoryProgram:
     def _largest_disagreement(self, defects: LimbDefects) -> float:
         """Largest relative difference of the closed form's accelerations from the limb's."""
         generator, num_states = np.random.default_rng(0), 5
-        n, wires = self.parameters.num_joints, self._wires
+        n, wires = self.parameters.num_joints, self.wires
         cold = np.concatenate([wires.cold_states, wires.cold_states[: wires.num_wires]])
         warmer = generator.uniform(0.0, 1.5, (num_states, len(cold))) * wires.heat_scales
         states = np.vstack(
@@ -324,11 +307,6 @@ class TrajectoryProgram:
         ours = defects.accelerations(states.T).T
         return float(np.abs(ours - theirs).max() / np.abs(theirs).max())
 
-    @property
-    def _wire_states(self) -> np.ndarray:
-        first = 2 * self.parameters.num_joints
-        return self._states[:, first : first + self._wires.num_states]
-
     def _time_derivatives(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         return BatchEvalTimeDerivatives(
             self.limb,
@@ -340,82 +318,23 @@ class TrajectoryProgram:
         )
 
 
-def add_duty_cost(
-    prog: MathematicalProgram, times: np.ndarray, duty: np.ndarray, task: Task
-) -> None:
-    """The terms of (15) in the duty, and the task's energy.
-
-    Args:
-        times: times of the knots (N,), s.
-        duty: decision variables (N, W).
-    """
-    _, weights = task.weights(times)
-    energy = task.energy_weight * task.shares(times)
-    num_wires = duty.shape[1]
-    for k in range(len(times) - 1):
-        quadratic, linear = weights[k] * np.eye(num_wires), np.full(num_wires, energy[k])
-        prog.AddQuadraticCost(quadratic, linear, duty[k], is_convex=True)
-
-
-def temperature_weights(parameters: LimbParameters, times: np.ndarray, task: Task) -> np.ndarray:
-    """Weights of the wire temperatures (N, W) in the task's cost of the segments' means, 1/°C."""
-    shares = [1 / len(segment.wires) for segment in parameters.segments for _ in segment.wires]
-    return task.temperature_weight * np.outer(task.shares(times), shares)
-
-
-def add_temperature_cost(
+def add_wires(
     prog: MathematicalProgram,
     parameters: LimbParameters,
     times: np.ndarray,
-    wire_states: np.ndarray,
-    task: Task,
-) -> None:
-    """The task's cost of the mean temperature of each segment's wires above ambient.
-
-    Args:
-        times: times of the knots (N,), s.
-        wire_states: decision variables as for `add_thermal_limits`.
-    """
-    if not task.temperature_weight:
-        return
-    weights = temperature_weights(parameters, times, task)
-    temperatures = wire_states[:, : weights.shape[1]]
-    constant = -parameters.ambient_temperature * weights.sum()
-    prog.AddLinearCost(weights.ravel(), constant, temperatures.ravel())
-
-
-def hold_duty(prog: MathematicalProgram, times: np.ndarray, duty: np.ndarray, task: Task) -> None:
-    """Keeps duty constant before the end, for the time in the task.
-
-    Args:
-        times, duty: as for `add_duty_cost`.
-    """
-    if not task.duty_hold:
-        return
-    held = times[:-1] >= times[-1] - task.duty_hold - 1e-9
-    held[-1] = True
-    same = np.array([[1.0, -1.0]])
-    for k in np.flatnonzero(held):
-        for pair in duty[k : k + 2].T:
-            prog.AddLinearEqualityConstraint(same, [0.0], pair)
-
-
-def add_thermal_limits(
-    prog: MathematicalProgram,
-    parameters: LimbParameters,
-    times: np.ndarray,
-    wire_states: np.ndarray,
+    heat: np.ndarray,
     duty: np.ndarray,
     task: Task,
     warm_up_time: float,
+    measured_margin: ArrayLike = 0.0,
 ) -> Binding:
-    """(18)-(20) with the task's margins, and its limit of the temperature rate.
+    """Adds what a plan asks of the wires: costs of duty and heat, (18)-(20), and the task's limits.
 
     Args:
-        times: times of the knots (N,), s.
-        wire_states, duty: decision variables, a row for each knot; the states
-            begin with the W wire temperatures.
+        times: times of the knots (K,), s.
+        heat, duty: decision variables [x, V] (K, N + W) and D (K, W); V may be left out.
         warm_up_time: k_warm, s from the first knot.
+        measured_margin: margin of the readings, as of `TrajectoryProgram`.
 
     Returns:
         The binding of (19)-(20), whose lower bounds are `warm_bounds`.
@@ -423,27 +342,52 @@ def add_thermal_limits(
     Raises:
         TaskError: if the temperature rate is limited and not affine.
     """
-    num_wires = duty.shape[1]
+    wires = Wires(parameters)
+    W, x, readings = wires.num_wires, *np.split(heat, [wires.num_states], axis=1)
+    _, weights = task.weights(times)
+    energy = task.energy_weight * task.shares(times)
+    for k in range(len(times) - 1):  # (15)
+        quadratic, linear = weights[k] * np.eye(W), np.full(W, energy[k])
+        prog.AddQuadraticCost(quadratic, linear, duty[k], is_convex=True)
+    if task.temperature_weight:
+        by_temperature = temperature_weights(parameters, times, task)
+        constant = -parameters.ambient_temperature * by_temperature.sum()
+        prog.AddLinearCost(by_temperature.ravel(), constant, x[:, :W].ravel())
+    if task.duty_hold:
+        held = times[:-1] >= times[-1] - task.duty_hold - 1e-9
+        held[-1] = True
+        for k in np.flatnonzero(held).tolist():
+            for pair in duty[k : k + 2].T:
+                prog.AddLinearEqualityConstraint(np.array([[1.0, -1.0]]), [0.0], pair)
     prog.AddBoundingBoxConstraint(0.0, 1.0 - task.duty_margin, duty.ravel())  # (18)
-    temperatures = wire_states[:, :num_wires].ravel()
     warm = warm_bounds(parameters, times, warm_up_time)
     hot = np.full(len(warm), parameters.temperature_limits.maximum - task.temperature_margin)
-    hot[:num_wires] = np.inf  # of the given initial state
-    binding = prog.AddBoundingBoxConstraint(warm, hot, temperatures)  # (19)-(20)
-    if task.max_temperature_rate is None:
-        return binding
-    wires = Wires(parameters)
-    if not wires.rates_are_affine:
-        raise TaskError(
-            "max_temperature_rate needs wires whose temperature rate is affine, as (6) is; leave "
-            "it out for this limb."
-        )
-    A, B, c = wires.affine_rates()
-    rate, limit = np.hstack([A, B])[:num_wires], task.max_temperature_rate  # (6)
-    low, high = -limit - c[:num_wires], limit - c[:num_wires]
-    for k in range(len(times)):
-        prog.AddLinearConstraint(rate, low, high, np.r_[wire_states[k], duty[k]])
-    return binding
+    hot[:W] = np.inf  # of the given initial state
+    warm_up = prog.AddBoundingBoxConstraint(warm, hot, x[:, :W].ravel())  # (19)-(20)
+    if readings.size:
+        bounds = reading_bounds(parameters, measured_margin)
+        bounded, bounds = readings[1:, np.isfinite(bounds)], bounds[np.isfinite(bounds)]
+        if bounded.size:
+            upper = np.tile(bounds, len(bounded))
+            prog.AddBoundingBoxConstraint(np.full(len(upper), -np.inf), upper, bounded.ravel())
+    if task.max_temperature_rate is not None:
+        if not wires.rates_are_affine:
+            raise TaskError(
+                "max_temperature_rate needs wires whose temperature rate is affine, as (6) is; "
+                "leave it out for this limb."
+            )
+        A, B, c = wires.affine_rates()
+        rate, limit = np.hstack([A, B])[:W], task.max_temperature_rate  # (6)
+        for k in range(len(times)):
+            variables = np.r_[x[k], duty[k]]
+            prog.AddLinearConstraint(rate, -limit - c[:W], limit - c[:W], variables)
+    return warm_up
+
+
+def temperature_weights(parameters: LimbParameters, times: np.ndarray, task: Task) -> np.ndarray:
+    """Weights of the wire temperatures (K, W) in the task's cost of the segments' means, 1/°C."""
+    shares = [1 / len(segment.wires) for segment in parameters.segments for _ in segment.wires]
+    return task.temperature_weight * np.outer(task.shares(times), shares)
 
 
 def reading_bounds(parameters: LimbParameters, margin: ArrayLike = 0.0) -> np.ndarray:
@@ -460,20 +404,7 @@ def reading_bounds(parameters: LimbParameters, margin: ArrayLike = 0.0) -> np.nd
     return np.where(wires.reading_rates(bounds, hottest) > 0, bounds, np.inf)
 
 
-def add_reading_limits(prog: MathematicalProgram, readings: np.ndarray, bounds: np.ndarray) -> None:
-    """V <= bounds, where these are finite, at all knots but the first, whose state is given.
-
-    Args:
-        readings: decision variables V (K, W).
-        bounds: (W,), °C, or infinite.
-    """
-    bounded = readings[1:, np.isfinite(bounds)]
-    if bounded.size:
-        upper = np.tile(bounds[np.isfinite(bounds)], len(bounded))
-        prog.AddBoundingBoxConstraint(np.full(len(upper), -np.inf), upper, bounded.ravel())
-
-
 def warm_bounds(parameters: LimbParameters, times: np.ndarray, warm_up_time: float) -> np.ndarray:
-    """Lower bounds of the wire temperatures (N * W,), knot by knot, eqn (20), °C."""
+    """Lower bounds of the wire temperatures (K * W,), knot by knot, eqn (20), °C."""
     bounds = np.where(times > warm_up_time, parameters.temperature_limits.warm, -np.inf)
     return np.repeat(bounds, len(parameters.wires))

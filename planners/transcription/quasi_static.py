@@ -25,15 +25,7 @@ from limb_systems import LimbParameters, Wires, joint_angles_from_bend_angle
 from planners.task import Task
 from planners.transcription.collocation import linear_defect
 from planners.transcription.descent import descend, first_that_reduces
-from planners.transcription.program import (
-    add_duty_cost,
-    add_reading_limits,
-    add_temperature_cost,
-    add_thermal_limits,
-    hold_duty,
-    reading_bounds,
-    temperature_weights,
-)
+from planners.transcription.program import add_wires, reading_bounds, temperature_weights
 from planners.transcription.solving import PlanningError
 
 # Angles (K, n) at states (K, N) of the wires, and their derivatives (K, n, N).
@@ -53,11 +45,9 @@ class InfeasibleError(PlanningError):
 def check_temperature_limits(
     parameters: LimbParameters,
     times: np.ndarray,
-    initial_states: np.ndarray,
+    initial_heat: np.ndarray,
     warm_up_time: float,
     task: Task,
-    *,
-    initial_readings: np.ndarray | None = None,
     measured_margin: ArrayLike = 0.0,
 ) -> None:
     """Checks whether (19)-(20) can be met at all, wire by wire.
@@ -67,17 +57,17 @@ def check_temperature_limits(
 
     Args:
         times: times of the knots (K,), s.
-        initial_states: x of the wires at the start (N,), as in `Wires`.
+        initial_heat: x and V at the start (N + W,).
         warm_up_time: k_warm, s from the first knot.
         task: task whose margins count.
-        initial_readings: V at the start (W,), °C; T if None.
-        measured_margin: as for `TrajectoryProgram`.
+        measured_margin: margin of the readings, as of `TrajectoryProgram`.
 
     Raises:
         InfeasibleError: names the wire, the constraint and the time from which
             it could be met.
     """
     limits, wires = parameters.temperature_limits, Wires(parameters)
+    initial_states, initial_readings = np.split(initial_heat, [wires.num_states])
     warm_knots = times > warm_up_time
     full, highest = 1.0 - task.duty_margin, limits.maximum - task.temperature_margin
     margins = f" less a margin of {task.temperature_margin:g} °C" if task.temperature_margin else ""
@@ -95,8 +85,6 @@ def check_temperature_limits(
 
     first = times[np.argmax(warm_knots)]
     hottest = states_at(full, np.array([first]))[0]
-    if initial_readings is None:
-        initial_readings = initial_states[: wires.num_wires]
     off = states_at(0.0, times[:2])
     cooled, cooled_readings = off[1], readings_along(wires, off, initial_readings, times[:2])[1]
     bounds = reading_bounds(parameters, measured_margin)
@@ -135,26 +123,20 @@ def solve_quasi_static(
     parameters: LimbParameters,
     times: np.ndarray,
     reference: np.ndarray,
-    initial_states: np.ndarray,
+    initial_heat: np.ndarray,
     rest_angles: np.ndarray,
     compliance: np.ndarray,
     task: Task,
     warm_up_time: float,
-    *,
-    initial_readings: np.ndarray | None = None,
     measured_margin: ArrayLike = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
     """States and duty of the wires in the best quasi-static plan.
 
     Args:
-        times: times of the knots (K,), s.
+        times, initial_heat, warm_up_time, measured_margin: as for `check_temperature_limits`.
         reference: φ_ref at the knots (S, K), rad.
-        initial_states: x of the wires at the start (N,), as in `Wires`.
         rest_angles: θ with cold wires (n,), rad.
         compliance: joint deflection per generalized force (n, n), rad/(N·m).
-        warm_up_time: k_warm, s from the first knot.
-        initial_readings: V at the start (W,), °C; T if None.
-        measured_margin: as for `TrajectoryProgram`.
 
     Returns:
         x (N, K), of which the first W are T in °C, and D (W, K).
@@ -163,16 +145,10 @@ def solve_quasi_static(
         InfeasibleError: if the convex program has no solution.
     """
     wires, limits = Wires(parameters), parameters.temperature_limits
-    if initial_readings is None:
-        initial_readings = initial_states[: wires.num_wires]
+    initial_states = initial_heat[: wires.num_states]
+    target = joint_angles_from_bend_angle(parameters, reference).T
     program = _ConvexProgram(
-        parameters,
-        times,
-        joint_angles_from_bend_angle(parameters, reference).T,
-        np.concatenate([initial_states, initial_readings]),
-        task,
-        warm_up_time,
-        measured_margin,
+        parameters, times, target, initial_heat, task, warm_up_time, measured_margin
     )
 
     def held(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -224,7 +200,7 @@ class _ConvexProgram:
         size = wires.num_states + (W if np.isfinite(bounds).any() else 0)
         self._prog = prog = MathematicalProgram()
         heat = prog.NewContinuousVariables(num_knots, size, "y")
-        self._states, readings = heat[:, : wires.num_states], heat[:, wires.num_states :]
+        self._states = heat[:, : wires.num_states]
         self._duty = duty = prog.NewContinuousVariables(num_knots, W, "D")
         A, B, c = _affine_heat(wires, size)
         # (6), with an input that is one
@@ -242,13 +218,8 @@ class _ConvexProgram:
             prog.AddQuadraticCost(np.diag(none + 1.0), none, x, is_convex=True)
             for x in self._states
         ]
-        add_duty_cost(prog, times, duty, task)
-        add_temperature_cost(prog, parameters, times, self._states, task)
-        hold_duty(prog, times, duty, task)
         prog.AddBoundingBoxConstraint(initial_heat[:size], initial_heat[:size], heat[0])
-        add_thermal_limits(prog, parameters, times, self._states, duty, task, warm_up_time)
-        if readings.size:
-            add_reading_limits(prog, readings, bounds)
+        add_wires(prog, parameters, times, heat, duty, task, warm_up_time, measured_margin)
 
     def solve(
         self, angles: np.ndarray, slopes: np.ndarray, at: np.ndarray

@@ -123,7 +123,8 @@ def _attempts(program: TrajectoryProgram, guess, multipliers, solver, report: Ca
         return solver.Solve(program.prog, guess, solver_options, multipliers=multipliers)
 
     limit = {"max_iter": GAUSS_NEWTON_ITERATIONS}
-    if program.task.stretch is None and program.wires_curve:
+    wires = program.wires
+    if program.task.stretch is None and not (wires.rates_are_affine and wires.torque_is_affine):
         of_wires = program.defects.with_curvature_of_wires()
         longer = {"max_iter": CURVATURE_ITERATIONS}
         monotone = {
@@ -132,7 +133,7 @@ def _attempts(program: TrajectoryProgram, guess, multipliers, solver, report: Ca
             "max_iter": PATIENT_ITERATIONS,
         }
         name = "IPOPT, curvature of the wires"
-        if program.heat_curves:
+        if not wires.rates_are_affine:  # as with hysteresis
             # IPOPT's adaptive barrier takes twice as many iterations with hysteresis as soon as
             # they are more than some fifty, and only a few less before.
             yield name, lambda: ipopt(True, monotone, multipliers, of_wires)

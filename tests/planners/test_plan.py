@@ -121,12 +121,12 @@ def test_an_accurate_simulation_of_the_duty_stays_within_a_tenth_of_a_degree(fig
 def test_plan_is_better_than_its_quasi_static_start(fig5_plan):
     """The start's duty, simulated, costs about what the check says; the plan costs less."""
     parameters, times = fig5_plan.parameters, fig5_plan.time
-    wires = np.full(2, parameters.ambient_temperature)
+    heat = np.full(4, parameters.ambient_temperature)
     _, duty = solve_quasi_static(
         parameters,
         times,
         fig5_plan.reference,
-        wires,
+        heat,
         *static_equilibrium(parameters),
         Task.paper(),
         20.0,
