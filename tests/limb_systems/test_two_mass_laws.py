@@ -150,12 +150,12 @@ def test_minor_loops_are_monotone_within_the_major_one_and_do_not_creep():
 
 def test_the_share_stays_from_0_to_1_in_every_simulation():
     """From starts that are not consistent, as fits and estimators have them, under sudden duty."""
-    for start in [0.0, 1.0, -0.3, 1.4]:
+    for start in (-0.3, 1.4):
         law = HystereticLaw(a1=-0.3, a2=150.0, a3=-0.5, heating_middle=75.0, width=3.0)
         limb, generator = limb_with(law, law), np.random.default_rng(2)
         wires, low, high = Wires(limb), min(start, 0.0), max(start, 1.0)
         duty = generator.uniform(0.0, 1.0, (120, 2)) * generator.integers(0, 2, (120, 2))
-        for T in (25.0, 70.0, 110.0):
+        for T in (25.0, 110.0):
             states = np.array([T, T, 30.0, 30.0, T - 3.0, T + 3.0, start, start])
             cases = {
                 "steps": ReducedModel(limb).rollout(np.r_[states, T, T], duty.repeat(4, 0))[:, 6:8],
