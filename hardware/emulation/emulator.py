@@ -24,6 +24,7 @@ from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firm
 from limb_systems import LimbError
 
 TURN = 0.001  # s, between two passes of the firmware's loop
+LONGEST_PASS = 0.05  # s, by which the board's clock goes on in one
 LONGEST_DELAY = 3.0  # s, of a buffer that is full
 WATCHDOG = 200  # ms of the board's one clock, as that of board_nrf52dk.py
 SIDES = {"left": 0, "right": 1}
@@ -119,6 +120,25 @@ class PseudoTerminal:
         os.close(self._master)
 
 
+class BoardClock:
+    """A clock for the board, which goes on by 50 ms at most in a pass of its loop.
+
+    A computer may be too busy for this process for a while. The board lives through that
+    afterwards, in passes as short as ever: heartbeat and relay end heat in time, and the limb is
+    never simulated for long with the same duty.
+    """
+
+    def __init__(self, clock: Callable[[], float]):
+        self._clock, self._now = clock, clock()
+
+    def __call__(self) -> float:
+        return self._now
+
+    def go_on(self) -> None:
+        """Begins a pass."""
+        self._now = min(self._clock(), self._now + LONGEST_PASS)
+
+
 class Emulation:
     """The firmware on an emulated board at the end of a cable."""
 
@@ -138,15 +158,17 @@ class Emulation:
             clock: the time, s. With another than the computer's a test need not
                 wait for what takes long.
         """
-        self._cable, self._on_event, self._clock = cable, on_event, clock
-        self.board = EmulatedBoard(twin, self._report_duty, clock)
-        self._lines = BadLine(clock), BadLine(clock)  # from and to the host
-        self._plugged, self._stalled_until = True, clock()
+        self._cable, self._on_event, self._time = cable, on_event, clock
+        self._clock = BoardClock(clock)
+        self.board = EmulatedBoard(twin, self._report_duty, self._clock)
+        self._lines = BadLine(self._clock), BadLine(self._clock)  # from and to the host
+        self._plugged, self._stalled_until = True, self._clock()
         self._recorded = b""
         self.firmware = Firmware(self.board)
 
     def step(self) -> None:
         """One pass: bytes in, firmware, bytes out, limb."""
+        self._clock.go_on()
         self.board.advance()
         inwards, outwards = self._lines
         if self._plugged:
@@ -170,7 +192,7 @@ class Emulation:
             self._obey(order.split())
         except (KeyError, ValueError) as error:
             raise LimbError(f"'{order}' is not understood; orders are: {ORDERS}") from error
-        self._on_event(event="order", order=order.strip(), time=self._clock())
+        self._on_event(event="order", order=order.strip(), time=self._time())
 
     def _obey(self, words: list[str]) -> None:
         board, lines = self.board, self._lines
@@ -241,7 +263,7 @@ class Emulation:
         return data
 
     def _report_duty(self, left: float, right: float) -> None:
-        self._on_event(event="duty", left=left, right=right, time=self._clock())
+        self._on_event(event="duty", left=left, right=right, time=self._time())
 
 
 ORDERS = (

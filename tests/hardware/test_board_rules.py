@@ -10,6 +10,7 @@ from hardware.emulation.emulator import Emulation
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware import firmware, guard, heat, protocol
 from hardware.firmware.firmware import Firmware
+from hardware.robot.bench import Bench
 from hardware.robot.board_check import FAILED, NOT_RUN, PASSED, RULES, check_board
 
 from .firmware_checks import ROOM, PaperBoard
@@ -209,6 +210,24 @@ def test_the_emulated_board_keeps_the_rules_of_heat_and_of_orders():
     found = check_board(cable, ask=cable.ask, rules=[r for r in RULES if r.name in names])
     assert [(o.rule.name, o.what) for o in found if o.outcome != PASSED] == []
     assert cable.emulation.board.wire_temperature().max() < 70.0
+
+
+def test_an_emulated_board_whose_computer_was_busy_switches_off_in_time():
+    """Its limb is heated for as long as the host's last command holds, not for three seconds."""
+    cable = EmulatedCable()
+    bench = Bench(cable, cable.ask)
+    bench.wait(0.7)
+    bench.arm()
+    bench.drive(0.0, 1.0, 4.0)
+    before = cable.emulation.board.wire_temperature()[1]
+    duty = bench.last.duty[1]
+    cable.milliseconds += 3000
+    for _ in range(100):  # passes, in which it catches up
+        cable.wait(STEP / 1000)
+    bench.wait(0.1)
+    assert bench.last.reason == guard.NO_COMMAND
+    assert cable.emulation.board.ticks() == cable.milliseconds
+    assert cable.emulation.board.wire_temperature()[1] < before + 23.0 * duty * 0.3
 
 
 def test_a_silent_board_and_one_that_does_not_switch_off_end_the_checks():
