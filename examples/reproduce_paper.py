@@ -210,8 +210,8 @@ def reproduce(
     Args:
         jobs: what is done with each limb; the first is without nothing.
         executor: as for `evaluation.jobs.run_all`.
-        folder: for a folder of files of each limb, and for ``results.json``, which has those
-            that are finished.
+        folder: gets a folder of files of each limb, and ``results.json`` with the limbs that
+            are finished.
         at_once: how many limbs are begun before one is finished; all if None.
         tell: is called with what comes next for a limb.
 

@@ -42,8 +42,8 @@ def error_split(
     the true bend and the readings of all motions.
 
     Args:
-        calibration: of the limb.
-        motions: by their names, open loop.
+        calibration: the limb's.
+        motions: open loop, each under its name.
 
     Returns:
         For each motion and each of `STEPS`, degrees: the mean absolute difference

@@ -51,15 +51,15 @@ NUM_STEPS = 5  # that `evaluate` tells
 class Settings:
     """What is done with a limb.
 
-    - ``seed``, ``extra``, ``absent``: of the limb, see `Specimen`.
-    - ``rollouts``: of each plan, open loop and with each controller; one with the receding
-      horizon, which takes ten times as long as the others.
-    - ``repetitions``: of each plan that is learned.
-    - ``closed_loop``: for each motion, in which of `CLOSED_LOOP` it is driven, too.
-    - ``disturbances``: under which of `DISTURBANCES` feedback drives the first motion.
+    - ``seed``, ``extra``, ``absent``: arguments of the limb's `Specimen`.
+    - ``rollouts``: how often each plan is driven, open loop and with each controller; once
+      with the receding horizon, which takes ten times as long as the others.
+    - ``repetitions``: how often a plan that is learned is driven.
+    - ``closed_loop``: those of `CLOSED_LOOP` in which each motion is driven, too.
+    - ``disturbances``: those of `DISTURBANCES` under which feedback drives the first motion.
     - ``compare``: whether to plan with the paper's calibration and with other laws, too;
       plans by the latter are rolled out once.
-    - ``protocol``, ``num_angles``: of the recordings, "all" or "paper", and how many
+    - ``protocol``, ``num_angles``: "all" recordings or the "paper"'s alone, and how many
       equilibria each of Sec. V has; see `collect_from_twin`.
     """
 
@@ -83,8 +83,8 @@ class Motion:
 
     - ``name``: as in Table I.
     - ``taught``: what the hand did, with the wires off; None if drawn.
-    - ``ways``: by their names, each a plan and its rollouts; those in which a wire was
-      measured at the limit of the board end there.
+    - ``ways``: plan and rollouts of each way to drive the limb, under its name; rollouts in
+      which a wire was measured at the limit of the board end there.
     """
 
     name: str
@@ -101,10 +101,10 @@ class Experiment:
     """A limb, its calibration and its motions.
 
     - ``specimen``: the emulation's truth, which nothing looks into.
-    - ``calibration``: by prediction error.
+    - ``calibration``: its model, fitted by prediction error.
     - ``motions``: planned with it.
     - ``disturbed``: rollouts of the first motion for each disturbance.
-    - ``split``: of the error of the first rollouts, see `error_split`.
+    - ``split``: parts of the first rollouts' error, see `error_split`.
     - ``compared``: motions that were planned with the paper's calibration, by `PAPER`, and
       with other laws, by their names.
     """

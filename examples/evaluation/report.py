@@ -45,8 +45,8 @@ def write_report(
     """Writes the page.
 
     Args:
-        path: of the HTML file.
-        summaries: of all limbs.
+        path: the HTML file.
+        summaries: one for each limb.
         experiment: the limb that is shown.
         pictures: `figures` of it; those without a chart are shown as they are.
         data: files that the page links to, by what they are.

@@ -59,7 +59,7 @@ class Followed:
     - ``reference``: mean |φ_REF - φ| as the bend was read.
     - ``true_reference``: the same of the true bend.
     - ``reading``: mean |V* - V| of all wires, °C.
-    - ``highest_reading``, ``highest_temperature``: of any wire, V and the true T, °C.
+    - ``highest_reading``, ``highest_temperature``: V and the true T of the hottest wire, °C.
     """
 
     rollouts: int
@@ -124,14 +124,14 @@ def _mean_reading_error(way: Way) -> float:
 class Summary:
     """The numbers of one experiment, angles in degrees.
 
-    - ``seed``, ``absent``: of the limb, and which effects it was without.
-    - ``ways``: of each motion and each way to drive it; learning is all its repetitions.
-    - ``repetitions``: of each motion that was learned, each repetition.
-    - ``disturbed``: of each disturbance and each way.
-    - ``first``: of each motion the mean error that was read in the first rollout, open loop.
-    - ``split``: of each motion and step, see `error_split`.
-    - ``approaches``: of each approach to calibration and each motion, open loop.
-    - ``law``: that the limb was calibrated with.
+    - ``seed``, ``absent``: the limb's number, and which effects it was without.
+    - ``ways``: how each motion went in each way to drive it; learning is all its repetitions.
+    - ``repetitions``: how each repetition of each motion that was learned went.
+    - ``disturbed``: how the first motion went under each disturbance, in each way.
+    - ``first``: mean error that was read in the first rollout of each motion, open loop.
+    - ``split``: parts of each motion's error, see `error_split`.
+    - ``approaches``: how each motion went by each approach to calibration, open loop.
+    - ``law``: name of the law that the limb was calibrated with.
     - ``provenance``: what made them.
     """
 
@@ -209,7 +209,7 @@ def approach_table(summaries: Sequence[Summary]) -> list[list[str]]:
 
 
 def complete(summaries: Sequence[Summary]) -> list[Summary]:
-    """Those of limbs that are without nothing."""
+    """The summaries of limbs that are without nothing."""
     return [s for s in summaries if not s.absent]
 
 

@@ -74,7 +74,7 @@ def roll_out_disturbed(
     """A rollout of feedback with a disturbance, and one in open loop if it is of the limb.
 
     Args:
-        plans: for `OPEN_LOOP` and `FEEDBACK`.
+        plans: the motion's plan for `OPEN_LOOP` and that for `FEEDBACK`.
         disturbance: one of `DISTURBANCES`.
     """
     limb = specimen.with_noise(0, 0).disturbed(**LIMB_DISTURBANCES.get(disturbance, {}))
