@@ -129,21 +129,23 @@ def _reproduce(options) -> int:
         # One more than can be worked on, so that there is always something to do.
         at_once = (os.cpu_count() or 1) + 1
         summaries, shown = reproduce(jobs, executor, folder, at_once=at_once, tell=tell)
-    tell("drawing figures, and writing the report")
-
-    pictures = figures(shown)
-    for name, (figure, _) in pictures.items():
-        save_figure(figure, folder / f"{name}.png")
-    _write_results(folder, summaries)
-    motion = shown.motions[0]
-    write_meshcat_replay(
-        folder / "replay.html",
-        motion.open_loop.rollouts[0],
-        plan=motion.open_loop.trajectory,
-        title="Steps and sinusoid, on an emulated limb",
-    )
-    data = _data(folder, shown, pictures)
-    write_report(folder / "report.html", summaries, shown, pictures, data)
+        tell("drawing figures, and writing the report")
+        pictures = figures(shown)
+        drawn = [
+            executor.submit(save_figure, figure, folder / f"{name}.png")
+            for name, (figure, _) in pictures.items()
+        ]
+        motion = shown.motions[0]
+        write_meshcat_replay(
+            folder / "replay.html",
+            motion.open_loop.rollouts[0],
+            plan=motion.open_loop.trajectory,
+            title="Steps and sinusoid, on an emulated limb",
+        )
+        data = _data(folder, shown, pictures)
+        write_report(folder / "report.html", summaries, shown, pictures, data)
+        for figure in drawn:
+            figure.result()
 
     print(f"\n{calibration_summary(shown.calibration)}\n")
     print(f"Table I: tracking error |φ* - φ|, rollouts per plan: {options.rollouts}, in degrees")

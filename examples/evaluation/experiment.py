@@ -44,7 +44,7 @@ HANDS = {"T&R 1": "hand_1.csv", "T&R 2": "hand_2.csv"}
 
 
 MOTIONS = ("Validation", *HANDS)
-NUM_STEPS = 5  # that `evaluate` tells
+NUM_STEPS = 4  # that `evaluate` tells
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,14 +158,16 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
     # What is done with each plan, the longest first.
     runs = [
         (motion, way, "")
-        for way in (*reversed(CLOSED_LOOP), OPEN_LOOP)
+        for way in reversed(CLOSED_LOOP)
         for motion in MOTIONS
-        if way in (OPEN_LOOP, *settings.closed_loop.get(motion, ()))
+        if way in settings.closed_loop.get(motion, ())
     ]
     runs += [key for key in wanted if key[2]]
-    tell(f"driving the limb along its plans in several ways: {len(runs)}")
+    num_runs = len(MOTIONS) + len(runs)
+    tell(f"driving the limb along its plans in several ways, and splitting the error: {num_runs}")
+    opened = {motion: plans[motion, OPEN_LOOP, ""] for motion in MOTIONS}
     counts = {LEARNING: settings.repetitions, HORIZON: 1}
-    calls = []
+    calls = [functools.partial(open_loop, rested, calibration, opened, settings.rollouts)]
     for motion, way, limb in runs:
         count = counts.get(way, settings.rollouts if limb in ("", PAPER) else 1)
         trajectory = plans[motion, OPEN_LOOP if way == OPEN_LOOP else FEEDBACK, limb]
@@ -176,8 +178,9 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
         functools.partial(roll_out_disturbed, rested, both, disturbance)
         for disturbance in settings.disturbances
     ]
-    driven = yield calls
-    ways = dict(zip(runs, driven, strict=False))
+    (firsts, split), *driven = yield calls
+    ways = {(motion, OPEN_LOOP, ""): way for motion, way in firsts.items()}
+    ways |= zip(runs, driven, strict=False)
     motions = {
         limb: [
             Motion(
@@ -193,12 +196,6 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
         ]
         for limb in limbs
     }
-    tell("splitting the error")
-    firsts = {
-        motion.name: Way(motion.open_loop.trajectory, motion.open_loop.rollouts[:1])
-        for motion in motions[""]
-    }
-    (split,) = yield [functools.partial(error_split, calibration, firsts)]
     disturbed = dict(zip(settings.disturbances, driven[len(runs) :], strict=True))
     return Experiment(specimen, recordings, calibration, motions.pop(""), disturbed, split, motions)
 
@@ -240,6 +237,18 @@ def teach(specimen: Specimen) -> tuple[Specimen, dict[str, Recording]]:
         taught[name] = watch(LimbTwin(specimen=specimen).again(PAUSE, hand=hand), hand.end_time())
     LimbTwin(specimen=specimen).again(PAUSE)
     return specimen.with_noise(0), taught
+
+
+def open_loop(
+    rested: Specimen, calibration: Calibration, plans: dict[str, Trajectory], count: int
+) -> tuple[dict[str, Way], dict[str, dict[str, tuple[float, float]]]]:
+    """Rollouts of each motion's plan, and how the error of the first one is split."""
+    ways = {
+        motion: roll_out(rested, trajectory, OPEN_LOOP, count, MOTIONS.index(motion))
+        for motion, trajectory in plans.items()
+    }
+    firsts = {motion: Way(way.trajectory, way.rollouts[:1]) for motion, way in ways.items()}
+    return ways, error_split(calibration, firsts)
 
 
 def plan_motion(limb: LimbParameters, taught: Recording | None, loop: str) -> Trajectory:
