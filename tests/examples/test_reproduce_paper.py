@@ -85,7 +85,7 @@ def demo(tmp_path_factory, evaluation):
     with (
         # In this process, where recordings, fits and rests can be kept short, which take most of
         # the time.
-        mock.patch("reproduce_paper.local_executor", lambda processes: AtOnce()),
+        mock.patch("reproduce_paper.local_executor", return_value=AtOnce()),
         mock.patch("evaluation.experiment.collect_from_twin", collect),
         mock.patch("evaluation.experiment.calibrate", functools.partial(calibrate, laws=LAWS)),
         mock.patch("calibration.prediction.law_fit.MOST_ITERATIONS", 4),
