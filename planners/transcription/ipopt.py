@@ -46,18 +46,18 @@ OPTIONS = {
 }
 
 STATUS = {
-    0: "solved",
-    1: "solved to acceptable level",
-    2: "infeasible problem detected",
-    3: "search direction becomes too small",
-    4: "diverging iterates",
-    -1: "maximum number of iterations exceeded",
-    -2: "restoration failed",
-    -3: "error in step computation",
-    -4: "maximum CPU time exceeded",
-    -10: "not enough degrees of freedom",
-    -11: "invalid problem definition",
-    -13: "invalid number detected",
+    0: ("solved", SolutionResult.kSolutionFound),
+    1: ("solved to acceptable level", SolutionResult.kSolverSpecificError),
+    2: ("infeasible problem detected", SolutionResult.kInfeasibleConstraints),
+    3: ("search direction becomes too small", SolutionResult.kSolverSpecificError),
+    4: ("diverging iterates", SolutionResult.kSolverSpecificError),
+    -1: ("maximum number of iterations exceeded", SolutionResult.kIterationLimit),
+    -2: ("restoration failed", SolutionResult.kSolverSpecificError),
+    -3: ("error in step computation", SolutionResult.kSolverSpecificError),
+    -4: ("maximum CPU time exceeded", SolutionResult.kSolverSpecificError),
+    -10: ("not enough degrees of freedom", SolutionResult.kSolverSpecificError),
+    -11: ("invalid problem definition", SolutionResult.kInvalidInput),
+    -13: ("invalid number detected", SolutionResult.kSolverSpecificError),
 }
 
 # Signals that may end a program; a handler of the program's own says whether they do.
@@ -203,13 +203,15 @@ class ExactHessianIpoptSolver:
         with _interruptible(problem):
             y, status, arguments = problem.solve(options, arguments)
         x = np.clip(problem.scale * y, problem.lower, problem.upper)  # scaling rounds
+        unknown = f"IPOPT status {status}", SolutionResult.kSolverSpecificError
+        words, outcome = STATUS.get(status, unknown)
         details = IpoptDetails(
-            status=STATUS.get(status, f"IPOPT status {status}"),
+            status=words,
             iterations=problem.iterations,
             solve_time=time.perf_counter() - start,
             multipliers=arguments,
         )
-        return IpoptResult(prog, x, problem.cost.evaluate(x), _solution_result(status), details)
+        return IpoptResult(prog, x, problem.cost.evaluate(x), outcome, details)
 
 
 class _Evaluators:
@@ -454,15 +456,6 @@ def _interruptible(problem: _ScaledProblem) -> Iterator[None]:
             signal.signal(number, handler)
         if problem.raised is not None:
             raise problem.raised
-
-
-def _solution_result(status: int) -> SolutionResult:
-    return {
-        0: SolutionResult.kSolutionFound,
-        2: SolutionResult.kInfeasibleConstraints,
-        -1: SolutionResult.kIterationLimit,
-        -11: SolutionResult.kInvalidInput,
-    }.get(status, SolutionResult.kSolverSpecificError)
 
 
 def _bounds(prog: MathematicalProgram) -> tuple[np.ndarray, np.ndarray]:
