@@ -10,7 +10,7 @@ from pydrake.systems.primitives import MatrixGain, Multiplexer
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.manipulator import make_manipulator
 from limb_systems.model.parameters import LimbParameters, ParameterError
-from limb_systems.model.wire_blocks import LawFunction, make_blocks
+from limb_systems.model.wire_blocks import VectorFunction, make_blocks
 from limb_systems.model.wire_law import LinearLaw
 from limb_systems.model.wires import num_wire_states
 
@@ -74,7 +74,7 @@ class Limb(Diagram):
         n = parameters.num_joints
         bend = builder.AddNamedSystem(
             "bend_angle",
-            LawFunction(lambda state: bend_angle(parameters, state[:n]), [2 * n], num_segments),
+            VectorFunction(lambda state: bend_angle(parameters, state[:n]), [2 * n], num_segments),
         )
         measurement = builder.AddSystem(Multiplexer([num_wires, num_segments]))
 

@@ -1,7 +1,7 @@
 """All wires of a limb as Drake systems: heat (6), measurement (7) and torque (4).
 
 Laws that are affine, as the paper's is, make affine blocks, whose dynamics run in
-Drake's C++ for every scalar type. `LawDynamics` and `LawFunction` take their place
+Drake's C++ for every scalar type. `LawDynamics` and `VectorFunction` take their place
 for other laws. Drake's SymbolicVectorSystem would run these in C++, but it must
 have a state to be part of a continuous diagram, and that state can only start at
 zero. Drake names the ports of an AffineSystem ``u0`` and ``y0``.
@@ -131,9 +131,9 @@ def _affine(parameters: LimbParameters, property_name: str, what: str) -> Wires:
     return wires
 
 
-@TemplateSystem.define("LawFunction_", scope=sys.modules[__name__])  # to find it out takes 50 ms
-def LawFunction_(T: type) -> Any:
-    """`LawFunction` for the scalar type T: float, AutoDiffXd or Expression."""
+@TemplateSystem.define("VectorFunction_", scope=sys.modules[__name__])  # to find it out takes 50 ms
+def VectorFunction_(T: type) -> Any:
+    """`VectorFunction` for the scalar type T: float, AutoDiffXd or Expression."""
 
     class Impl(LeafSystem_[T]):
         """Evaluates a function of its inputs.
@@ -176,7 +176,7 @@ def LawFunction_(T: type) -> Any:
     return Impl
 
 
-LawFunction = LawFunction_[None]
+VectorFunction = VectorFunction_[None]
 
 
 class LawDynamics(Diagram):
@@ -203,7 +203,7 @@ class LawDynamics(Diagram):
         """
         super().__init__()
         builder, size = DiagramBuilder(), len(initial)
-        function = builder.AddSystem(LawFunction(rates, [size, num_inputs], size))
+        function = builder.AddSystem(VectorFunction(rates, [size, num_inputs], size))
         integrator = builder.AddSystem(Integrator(np.asarray(initial, float)))
         builder.Connect(function.get_output_port(), integrator.get_input_port())
         builder.Connect(integrator.get_output_port(), function.get_input_port(0))
@@ -227,14 +227,14 @@ def make_blocks(parameters: LimbParameters) -> tuple[System, System, System]:
     if wires.torque_is_affine:
         torque_map = TorqueMap(parameters)
     elif wires.torque_needs_angle:
-        torque_map = LawFunction(
+        torque_map = VectorFunction(
             lambda states, joint_state: wires.forces(states, joint_state[:n]),
             [wires.num_states, 2 * n],
             n,
         )
     else:
         straight = np.zeros(n)
-        torque_map = LawFunction(
+        torque_map = VectorFunction(
             lambda states: wires.forces(states, straight), [wires.num_states], n
         )
     for block, name in zip(
