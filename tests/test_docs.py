@@ -238,12 +238,13 @@ def test_table_of_options_is_that_of_the_parsers():
     for command_cell, options, _ in rows:
         command = command_cell.strip("`") or command
         listed |= {(command, name) for name in re.findall(r"`([^`]+)`", options)}
+    modules = {name: f"soft_limb.commands.{home}" for name, (home, _) in COMMANDS.items()}
     assert listed == {
         (name, option)
-        for name, (home, _) in COMMANDS.items()
-        for shared in importlib.import_module(f"soft_limb.commands.{home}").COMMANDS[name].options
-        for names, _ in (shared if isinstance(shared, list) else [shared])
-        for option in names
+        for name, module in modules.items()
+        for action in importlib.import_module(module).COMMANDS[name].parser(name)._actions
+        if action.dest != "help"
+        for option in action.option_strings or [action.dest]
     }
 
 

@@ -17,23 +17,7 @@ from hardware import BoardLink, LimbTwin, SerialLimb
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.output import OutputError, check_folder, check_outputs
 from limb_systems.summary import Summary
-from soft_limb.commands.options import (
-    EMULATED,
-    EXTRA,
-    FOLDER,
-    FORCE,
-    JSON,
-    LIMB,
-    LIVE,
-    OUTPUT,
-    PLOT,
-    PORT,
-    REPORT,
-    Command,
-    Option,
-    live_page,
-    print_summary,
-)
+from soft_limb.commands.options import Command, Option, live_page, print_summary, shared
 from soft_limb.live.page import LivePage
 from soft_limb.reports.calibration import write_report, write_validation_report
 from soft_limb.results.summaries import calibration_summary, validation_summary
@@ -127,25 +111,21 @@ COMMANDS = {
         "in some 65 minutes, or 30 without equilibria; the program says when to remount or hold "
         "the limb. Started again, it keeps recordings that are complete. An emulated limb takes a "
         "minute.",
+        "folder limb port emulated extra live address force",
         [
-            FOLDER,
-            LIMB,
-            PORT,
-            EMULATED,
-            EXTRA,
-            Option.of(
+            Option(
                 "--angles",
                 type=int,
                 default=8,
                 help="equilibria in each recording (default %(default)s)",
             ),
-            Option.of(
+            Option(
                 "--seed",
                 type=int,
                 default=0,
                 help="of random equilibria, pulses and levels (default %(default)s)",
             ),
-            Option.of(
+            Option(
                 "--protocol",
                 choices=PROTOCOLS,
                 default="all",
@@ -153,47 +133,41 @@ COMMANDS = {
                 "the equilibria pulses, ramps, random levels and motions; all of them (default "
                 "%(default)s)",
             ),
-            *LIVE,
-            FORCE,
         ],
-        STOPPED,
+        stopped=STOPPED,
     ),
     "fit": Command(
         _fit,
         "Fits stiffness, damping and the wires' laws to recordings. Files named sag*, ring_down*, "
         "both*, heated*, motion* or as a wire, such as right*, must contain what the name says; "
         "the kind of other files is taken from their data.",
+        "report json force",
         [
-            Option.of("recordings", type=Path, help="folder of recordings (.csv)"),
-            OUTPUT.but(help="limb parameters to write (.yaml)"),
-            REPORT,
-            LIMB.but(
+            Option("recordings", type=Path, help="folder of recordings (.csv)"),
+            shared("output", help="limb parameters to write (.yaml)"),
+            shared(
+                "limb",
                 help="the limb's description (.yaml), whose geometry and mass are kept; that in "
-                "the recordings if left out"
+                "the recordings if left out",
             ),
-            Option.of(
+            Option(
                 "--method",
                 choices=METHODS,
                 default="prediction",
                 help="prediction: compares laws of the wires by how they predict recordings that "
                 "were left out; paper: the paper's law by Sec. V (default %(default)s)",
             ),
-            JSON,
-            FORCE,
         ],
-        STOPPED,
+        stopped=STOPPED,
     ),
     "validate": Command(
         _validate,
         "Simulates the duty of a recording open loop and compares bend angle and temperature.",
+        "plot report json force",
         [
-            Option.of("limb", type=Path, help="limb parameters (.yaml)"),
-            Option.of("recording", type=Path, help="recording with heated wires (.csv)"),
-            PLOT,
-            REPORT,
-            JSON,
-            FORCE,
+            Option("limb", type=Path, help="limb parameters (.yaml)"),
+            Option("recording", type=Path, help="recording with heated wires (.csv)"),
         ],
-        STOPPED,
+        stopped=STOPPED,
     ),
 }

@@ -32,33 +32,12 @@ from limb_systems.output import check_outputs
 from limb_systems.simulation import PERIOD
 from limb_systems.summary import Entry, Summary
 from planners.checks import far_from_reference
-from soft_limb.commands.options import (
-    BOARD,
-    CONTROLLER,
-    DRIVEN,
-    EMULATED,
-    EXTRA,
-    FOLDER,
-    FORCE,
-    JSON,
-    LIMB,
-    LIVE,
-    OUTPUT,
-    PLOT,
-    REFERENCE,
-    REPORT,
-    SMOOTH,
-    TRAJECTORY,
-    Command,
-    Option,
-    live_page,
-    print_summary,
-)
+from soft_limb.commands.options import Command, Option, live_page, print_summary, shared
 from soft_limb.live.page import DONE, LivePage
 from soft_limb.reports.rollout import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary
 from soft_limb.runs import repetitions, teach_and_go
-from soft_limb.runs.rollout import OPEN, roll_out, troubles
+from soft_limb.runs.rollout import roll_out, troubles
 
 
 def _ports(options: argparse.Namespace) -> int:
@@ -365,23 +344,19 @@ def _emulate(options: argparse.Namespace) -> int:
 
 
 COMMANDS = {
-    "ports": Command(_ports, "Lists the serial ports of this computer.", [JSON]),
+    "ports": Command(_ports, "Lists the serial ports of this computer.", "json"),
     "status": Command(
         _status,
         "Prints the state of a board.",
-        [
-            BOARD,
-            Option.of("--clear", action="store_true", help="clear a fault that is latched"),
-            JSON,
-            *LIVE,
-        ],
+        "board json live address",
+        [Option("--clear", action="store_true", help="clear a fault that is latched")],
     ),
     "arm-check": Command(
         _arm_check,
         "Tests whether the sensors work, and whether each wire warms its own thermocouple and "
         "bends the limb to its own side, and whether both thermocouples show the like. Takes two "
         "minutes, and heats each wire until the limb has bent by 6 to 8°.",
-        [BOARD, LIMB, JSON],
+        "board limb json",
     ),
     "board-check": Command(
         _board_check,
@@ -389,21 +364,20 @@ COMMANDS = {
         "own. Takes three minutes, and wires reach 60 °C. Rules for faults of sensors need a hand "
         "at the robot, and are not run without one; with it, wires reach 90 °C. Exit status 0 if "
         "all that ran passed.",
+        "board json",
         [
-            BOARD,
             [
-                Option.of(
+                Option(
                     "--by-hand",
                     action="store_true",
                     help="tell what to do at the robot, and wait for it",
                 ),
-                Option.of(
+                Option(
                     "--by-order",
                     action="store_true",
                     help="tell what to type at soft-limb emulate, and wait for it",
                 ),
-            ],
-            JSON,
+            ]
         ],
     ),
     "replay": Command(
@@ -412,34 +386,15 @@ COMMANDS = {
         "without a port an emulated limb or the plan's model in simulated time. On a robot every "
         "sample is written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the "
         "plan has ended, and the report tells how many commands left more than 5 ms late.",
-        [
-            TRAJECTORY,
-            OUTPUT,
-            DRIVEN,
-            CONTROLLER.but(default=OPEN),
-            PLOT,
-            REPORT,
-            *LIVE,
-            JSON,
-            FORCE,
-        ],
+        "trajectory output driven controller plot report live address json force",
     ),
     "follow": Command(
         _follow,
         "Teach and go: plans what was taught, with margins for feedback, and drives a limb along "
         "the plan by a controller, a robot in real time. The folder has plan.csv, recording.csv, "
         "tracking.png and report.html.",
-        [
-            REFERENCE,
-            FOLDER,
-            LIMB,
-            DRIVEN,
-            CONTROLLER.but(default="pi"),
-            SMOOTH,
-            *LIVE,
-            JSON,
-            FORCE,
-        ],
+        "reference folder limb driven smooth live address json force",
+        [shared("controller", default="pi")],
     ),
     "learn": Command(
         _learn,
@@ -448,66 +403,47 @@ COMMANDS = {
         "early when another repetition does not pay. The folder has a recording of each "
         "repetition, a picture, a report and what was learned: started again, it goes on from "
         "there.",
+        "trajectory folder driven live address json force",
         [
-            TRAJECTORY,
-            FOLDER,
-            Option.of(
+            Option(
                 "-n",
                 "--repetitions",
                 type=int,
                 default=10,
                 help="in all, those before included (default %(default)s)",
-            ),
-            DRIVEN,
-            *LIVE,
-            JSON,
-            FORCE,
+            )
         ],
     ),
     "teach": Command(
         _teach,
         "Records while the limb is moved by hand. The recording is a reference: soft-limb plan "
         "RECORDING -o plan.csv plans it.",
+        "board output limb live address force",
         [
-            BOARD,
-            OUTPUT,
-            Option.of(
-                "-t",
-                "--time",
-                type=float,
-                default=60.0,
-                help="to record, s (default %(default)g)",
-            ),
-            LIMB,
-            *LIVE,
-            FORCE,
+            Option(
+                "-t", "--time", type=float, default=60.0, help="to record, s (default %(default)g)"
+            )
         ],
     ),
     "recover": Command(
         _recover,
         "Finishes the recording of a program that was killed.",
-        [
-            Option.of("recording", type=Path, help="recording without its end (.unfinished.csv)"),
-            OUTPUT,
-            FORCE,
-        ],
+        "output force",
+        [Option("recording", type=Path, help="recording without its end (.unfinished.csv)")],
     ),
     "emulate": Command(
         _emulate,
         "Runs the board's firmware on an emulated board with an emulated limb, in real time, and "
         "prints the port to connect to. Reads orders for faults from standard input, one in each "
         f"line: {ORDERS}.",
+        "emulated extra limb force",
         [
-            EMULATED,
-            EXTRA,
-            LIMB,
-            Option.of(
+            Option(
                 "--do", action="append", default=[], metavar="ORDER", help="an order to start with"
             ),
-            Option.of(
+            Option(
                 "--log", type=Path, help="file for changes of duty and orders, a line of JSON each"
             ),
-            FORCE,
         ],
     ),
 }

@@ -6,19 +6,7 @@ from pathlib import Path
 from limb_systems.output import check_outputs
 from planners import Task
 from planners.planning import MAX_KNOTS
-from soft_limb.commands.options import (
-    FORCE,
-    JSON,
-    LIMB,
-    OUTPUT,
-    PLOT,
-    REFERENCE,
-    REPORT,
-    SMOOTH,
-    Command,
-    Option,
-    print_summary,
-)
+from soft_limb.commands.options import Command, Option, print_summary, shared
 from soft_limb.reports.plan import write_report
 from soft_limb.results.summaries import plan_summary
 from soft_limb.runs.planning import plan_from_files
@@ -75,52 +63,46 @@ COMMANDS = {
         _plan,
         "Plans the feasible trajectory of a limb that is nearest to a reference bend angle, checks "
         "it by simulation, and writes it to a file that robots replay.",
+        "reference limb plot report smooth json force",
         [
-            REFERENCE,
-            OUTPUT.but(help="trajectory file to write (.csv)"),
-            LIMB,
+            shared("output", help="trajectory file to write (.csv)"),
             [
-                Option.of(
+                Option(
                     "--task",
                     help="weights and limits: a file (.yaml), or 'paper' for the paper's; the "
                     "defaults of planners.Task if left out",
                 ),
-                Option.of(
+                Option(
                     "--closed-loop",
                     action="store_true",
                     help="plan for feedback: with margins of temperature and duty, "
                     "Task.closed_loop",
                 ),
             ],
-            PLOT,
-            Option.of(
+            Option(
                 "--diagnostics",
                 type=Path,
                 help="picture of constraint violations and the Jacobian's sparsity to write",
             ),
-            REPORT,
-            Option.of(
+            Option(
                 "--knot-rate",
                 type=float,
                 default=10.0,
                 help="knots per second (default %(default)g)",
             ),
-            Option.of(
+            Option(
                 "--max-knots",
                 type=int,
                 default=MAX_KNOTS,
                 help="refuse to plan with more knots than this (default %(default)s)",
             ),
-            Option.of(
+            Option(
                 "--tolerance",
                 type=float,
                 default=0.1,
                 help="largest difference of the plan from its simulation, degrees (default "
                 "%(default)g)",
             ),
-            SMOOTH,
-            JSON,
-            FORCE,
         ],
         stopped="stopped; nothing was written",
     )

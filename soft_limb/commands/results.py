@@ -9,7 +9,7 @@ from limb_systems.errors import LimbError
 from limb_systems.files.export import FORMATS, write_mcap, write_parquet
 from limb_systems.output import OutputError, check_outputs
 from limb_systems.summary import Entry, Summary
-from soft_limb.commands.options import FORCE, JSON, OUTPUT, Command, Option, print_summary
+from soft_limb.commands.options import Command, Option, print_summary, shared
 from soft_limb.results.comparison import Comparison, compare
 from soft_limb.results.reading import RECORDING, TRAJECTORY, read_result
 
@@ -93,44 +93,46 @@ COMMANDS = {
         _show,
         "Says what each file is, what is in it, and what made it: a recording, a trajectory, a "
         "limb or a task (.yaml), learning.txt, or a report (.html).",
-        [Option.of("files", nargs="+", metavar="FILE", type=Path, help="any of these"), JSON],
-        STOPPED,
+        "json",
+        [Option("files", nargs="+", metavar="FILE", type=Path, help="any of these")],
+        stopped=STOPPED,
     ),
     "compare": Command(
         _compare,
         "Compares results of one kind with the first of them: what made them, their parameters, "
         "and the signals of plans and recordings over their common time. A plan can be compared "
         "with its recordings.",
+        "json force",
         [
-            Option.of("runs", nargs="+", metavar="RUN", type=Path, help="two or more results"),
-            OUTPUT.but(required=False, help="page to write, with all runs in one chart (.html)"),
-            JSON,
-            FORCE,
+            Option("runs", nargs="+", metavar="RUN", type=Path, help="two or more results"),
+            shared(
+                "output", required=False, help="page to write, with all runs in one chart (.html)"
+            ),
         ],
-        STOPPED,
+        stopped=STOPPED,
     ),
     "export": Command(
         _export,
         "Writes recordings and trajectories as Parquet, for tables, or as MCAP, for viewers of "
         "robots' logs, with units and provenance in their metadata. Needs pip install "
         "'soft-limb[data]'.",
+        "force",
         [
-            Option.of(
+            Option(
                 "files",
                 nargs="+",
                 metavar="FILE",
                 type=Path,
                 help="recordings and trajectories (.csv)",
             ),
-            OUTPUT.but(help="file to write (.parquet or .mcap); of several files the folder"),
-            Option.of(
+            shared("output", help="file to write (.parquet or .mcap); of several files the folder"),
+            Option(
                 "--format",
                 choices=[suffix[1:] for suffix in FORMATS],
                 default="parquet",
                 help="of several files in a folder (default %(default)s)",
             ),
-            FORCE,
         ],
-        STOPPED,
+        stopped=STOPPED,
     ),
 }
