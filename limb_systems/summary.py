@@ -45,6 +45,12 @@ class Summary:
     entries: list[Entry]
     details: list[Entry] = dataclasses.field(default_factory=list)
 
+    @classmethod
+    def of(cls, texts: dict[str, str], values: dict[str, Any]) -> "Summary":
+        """A summary whose texts for people and values for JSON have different names."""
+        told = [Entry(name, sentence=text) for name, text in texts.items() if text]
+        return cls(told, [Entry(name, value, "", None) for name, value in values.items()])
+
     def __add__(self, other: "Summary") -> "Summary":
         return Summary(self.entries + other.entries, self.details + other.details)
 

@@ -11,7 +11,7 @@ import numpy as np
 from serial.tools import list_ports
 
 from controllers.learner import Repetition
-from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, SerialLimb, watch
+from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
 from hardware.emulation.emulator import ORDERS, emulate
 from hardware.emulation.specimen import emulated_limb
 from hardware.live.feed import board_reading
@@ -30,7 +30,7 @@ from limb_systems import (
 )
 from limb_systems.output import check_outputs
 from limb_systems.simulation import PERIOD
-from limb_systems.summary import Entry, Summary
+from limb_systems.summary import Summary
 from planners.checks import far_from_reference
 from soft_limb.commands.options import Command, Option, live_page, print_summary, shared
 from soft_limb.live.page import DONE, LivePage
@@ -41,14 +41,11 @@ from soft_limb.runs.rollout import roll_out, troubles
 
 
 def _ports(options: argparse.Namespace) -> int:
-    ports = [
-        {"port": port.device, "description": port.description} for port in list_ports.comports()
-    ]
-    nothing = "no serial ports; is the board plugged in?"
-    told = [Entry(port["port"], sentence=port["description"]) for port in ports]
-    print_summary(
-        options, Summary([Entry("ports", ports, sentence=None if ports else nothing), *told])
-    )
+    found = list_ports.comports()
+    texts = {port.device: port.description for port in found}
+    nothing = {"ports": "no serial ports; is the board plugged in?"}
+    values = [{"port": name, "description": text} for name, text in texts.items()]
+    print_summary(options, Summary.of(texts or nothing, {"ports": values}))
     return 0
 
 
@@ -57,46 +54,38 @@ def _status(options: argparse.Namespace) -> int:
         info = link.info()
         if options.clear:
             link.clear()
-        print_summary(options, _state(info, link))
+        print_summary(options, _state(info, link.sample()))
         with live_page(options) as live:
             if live:
                 _show_board(link, info, live)
     return 0
 
 
-def _state(info: BoardInfo, link: BoardLink) -> Summary:
-    sample = link.sample()
+def _state(info: BoardInfo, sample: Sample) -> Summary:
     bend_angle = float(np.rad2deg(bend_angle_from_tip_tangent(sample.tip_tangent)))
-    left, right = sample.temperature
-    warm_left, warm_right = sample.warmest
-    return Summary(
-        [
-            Entry("board", sentence=f"{info.serial_number}, firmware {info.firmware_version}"),
-            Entry("serial_number", info.serial_number, sentence=None),
-            Entry("firmware_version", info.firmware_version, sentence=None),
-            Entry("temperature_limit_c", info.temperature_limit, "°C", None),
-            Entry("state", sentence="armed" if sample.armed else f"off: {sample.reason_text}"),
-            Entry("armed", sample.armed, sentence=None),
-            Entry("reason", sample.reason_text, sentence=None),
-            Entry("last reset", sentence=info.reset_cause),
-            Entry("reset_cause", info.reset_cause, sentence=None),
-            Entry(
-                "wires",
-                sentence=f"left {left:.2f} °C, right {right:.2f} °C; off at "
-                f"{info.temperature_limit:g} °C",
-            ),
-            Entry("measured_temperature_c", sample.temperature.tolist(), "°C", None),
-            Entry(
-                "heat",
-                sentence=f"left at most {warm_left:.0f} °C, right at most {warm_right:.0f} °C, by "
-                "their duty",
-            ),
-            Entry("highest_temperature_c", sample.warmest.tolist(), "°C", None),
-            Entry("bend angle", sentence=f"{bend_angle:.1f}°"),
-            Entry("bend_angle_deg", bend_angle, "°", None),
-            Entry("duty", sample.duty.tolist(), sentence=None),
-        ]
-    )
+    (left, right), (warm_left, warm_right) = sample.temperature, sample.warmest
+    texts = {
+        "board": f"{info.serial_number}, firmware {info.firmware_version}",
+        "state": "armed" if sample.armed else f"off: {sample.reason_text}",
+        "last reset": info.reset_cause,
+        "wires": f"left {left:.2f} °C, right {right:.2f} °C; off at {info.temperature_limit:g} °C",
+        "heat": f"left at most {warm_left:.0f} °C, right at most {warm_right:.0f} °C, by their "
+        "duty",
+        "bend angle": f"{bend_angle:.1f}°",
+    }
+    values = {
+        "serial_number": info.serial_number,
+        "firmware_version": info.firmware_version,
+        "temperature_limit_c": info.temperature_limit,
+        "armed": sample.armed,
+        "reason": sample.reason_text,
+        "reset_cause": info.reset_cause,
+        "highest_temperature_c": sample.warmest.tolist(),
+        "measured_temperature_c": sample.temperature.tolist(),
+        "bend_angle_deg": bend_angle,
+        "duty": sample.duty.tolist(),
+    }
+    return Summary.of(texts, values)
 
 
 def _show_board(link: BoardLink, info: BoardInfo, live: LivePage) -> None:
@@ -130,7 +119,7 @@ def _arm_check(options: argparse.Namespace) -> int:
     with BoardLink(options.port) as link:
         passed = check_wires(link, say, parameters)
     if options.json:
-        print_summary(options, Summary([Entry("passed", passed), Entry("checks", checks)]))
+        print_summary(options, Summary.of({}, {"passed": passed, "checks": checks}))
     return 0 if passed else 1
 
 
@@ -176,8 +165,8 @@ def _board_check(options: argparse.Namespace) -> int:
             }
             for result in results
         ]
-        told = [Entry(outcome.replace(" ", "_"), count) for outcome, count in counts.items()]
-        print_summary(options, Summary([*told, Entry("checks", checks)]))
+        values = {outcome.replace(" ", "_"): count for outcome, count in counts.items()}
+        print_summary(options, Summary.of({}, {**values, "checks": checks}))
     else:
         print(", ".join(f"{outcome} {count}" for outcome, count in counts.items()))
     return 1 if counts[board_check.FAILED] else 0
@@ -318,7 +307,7 @@ def _teach(options: argparse.Namespace) -> int:
             live.end(recording.interrupted or DONE)
     low, high = np.rad2deg([recording.bend_angle.min(), recording.bend_angle.max()])
     said = f"{recording.time[-1]:.1f} s, from {low:.1f}° to {high:.1f}°"
-    print_summary(options, Summary([Entry("taught", sentence=said), *troubles(recording)]), output)
+    print_summary(options, Summary.of({"taught": said}, {}) + troubles(recording), output)
     return 0
 
 
@@ -330,9 +319,7 @@ def _recover(options: argparse.Namespace) -> int:
         raise LimbError(f"{options.recording} has no samples; there is nothing to recover.")
     recording.save(options.output)
     said = f"{len(recording.time)} samples, {recording.time[-1]:.2f} s"
-    print_summary(
-        options, Summary([Entry("recovered", sentence=said), *troubles(recording)]), output
-    )
+    print_summary(options, Summary.of({"recovered": said}, {}) + troubles(recording), output)
     return 0
 
 

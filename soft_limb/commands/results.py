@@ -8,7 +8,7 @@ from pathlib import Path
 from limb_systems.errors import LimbError
 from limb_systems.files.export import FORMATS, write_mcap, write_parquet
 from limb_systems.output import OutputError, check_outputs
-from limb_systems.summary import Entry, Summary
+from limb_systems.summary import Summary
 from soft_limb.commands.options import Command, Option, print_summary, shared
 from soft_limb.results.comparison import Comparison, compare
 from soft_limb.results.reading import RECORDING, TRAJECTORY, read_result
@@ -35,8 +35,7 @@ def _compare(options: argparse.Namespace) -> int:
         write_comparison(comparison, options.output)
     if not options.json:
         _print_comparison(comparison)
-    values = [Entry(name, value, sentence=None) for name, value in comparison.to_json().items()]
-    print_summary(options, Summary(values), [options.output])
+    print_summary(options, Summary.of({}, comparison.to_json()), [options.output])
     return 0
 
 

@@ -13,53 +13,33 @@ def plan_summary(trajectory: Trajectory) -> Summary:
     """How a plan was found and checked, how far it is from its reference, and what limits it."""
     check, parameters, misses = trajectory.check, trajectory.parameters, missed(trajectory)
     segments, knots = len(parameters.segments), len(trajectory.time)
-    entries = [
-        Entry(
-            "limb",
-            sentence=f"{segments} segment{'s' * (segments > 1)}, {parameters.num_joints} joints, "
-            f"{len(parameters.wires)} wires",
-        ),
-        Entry(
-            "plan",
-            sentence=f"{trajectory.duration:g} s, {knots} knots, from request to checked plan in "
-            f"{check.total_time:.2f} s",
-        ),
-    ]
+    texts = {
+        "limb": f"{segments} segment{'s' * (segments > 1)}, {parameters.num_joints} joints, "
+        f"{len(parameters.wires)} wires",
+        "plan": f"{trajectory.duration:g} s, {knots} knots, from request to checked plan in "
+        f"{check.total_time:.2f} s",
+        "solver": f"{check.solver}: {check.status} in {check.iterations} iterations, "
+        f"{check.solve_time:.2f} s; cost {check.cost:.6g} (at the start {check.guess_cost:.6g})",
+        "check": f"{'failed, ' * bool(check.failure())}simulated again: within "
+        f"{check.largest_difference_deg:.4f}° of the plan (allowed {check.tolerance_deg:g}°); "
+        f"largest defect {check.largest_defect:.1e}",
+        "reference": f"missed by {misses.mean():.2f}° on average, {misses.max():.2f}° at most",
+    }
     if check.is_missing:
-        solver, checked = f"{check.solver or 'unknown'}: {check.status}", "none"
-    else:
-        solver = (
-            f"{check.solver}: {check.status} in {check.iterations} iterations, "
-            f"{check.solve_time:.2f} s; cost {check.cost:.6g} (at the start {check.guess_cost:.6g})"
-        )
-        checked = (
-            f"{'failed, ' * bool(check.failure())}simulated again: within "
-            f"{check.largest_difference_deg:.4f}° of the plan (allowed {check.tolerance_deg:g}°); "
-            f"largest defect {check.largest_defect:.1e}"
-        )
-    entries += [
-        Entry("solver", check.solver, sentence=solver),
-        Entry("check", sentence=checked),
-        Entry(
-            "reference",
-            sentence=f"missed by {misses.mean():.2f}° on average, {misses.max():.2f}° at most",
-        ),
-    ]
+        texts["solver"], texts["check"] = f"{check.solver or 'unknown'}: {check.status}", "none"
     if check.highest_readings:
-        entries.append(
-            Entry(
-                "band",
-                sentence=f"of limbs alike: φ is read within ±{check.bend_band_deg:.2f}° of the "
-                f"plan (95%), V up to {max(check.highest_readings):.0f} °C (99.5%)",
-            )
+        texts["band"] = (
+            f"of limbs alike: φ is read within ±{check.bend_band_deg:.2f}° of the plan (95%), V up "
+            f"to {max(check.highest_readings):.0f} °C (99.5%)"
         )
     stretches = active_times(trajectory)
     width = max((len(bound) for bound in stretches), default=0)
     lines = [f"{bound:<{width}}  at {spans(times)} s" for bound, times in stretches.items()]
-    limits = "\n".join(["the plan runs along", *lines]) if lines else "none is active"
+    texts["limits"] = "\n".join(["the plan runs along", *lines]) if lines else "none is active"
     values = {
         "duration_s": trajectory.duration,
         "knots": knots,
+        "solver": check.solver,
         "status": check.status,
         "iterations": check.iterations,
         "refinements": check.refinements,
@@ -80,10 +60,7 @@ def plan_summary(trajectory: Trajectory) -> Summary:
             for active in check.active_constraints
         ],
     }
-    return Summary(
-        [*entries, Entry("limits", sentence=limits)],
-        [Entry(name, value, sentence=None) for name, value in values.items()],
-    )
+    return Summary.of(texts, values)
 
 
 def active_times(trajectory: Trajectory) -> dict[str, list[tuple[float, float]]]:
@@ -112,13 +89,8 @@ def repetitions_summary(learner: Learner) -> Summary:
     errors = ", ".join(f"{value['mean_deg']:.2f}°" for value in values)
     undone = sum(repetition.failed for repetition in learner.repetitions)
     said = f"mean |φ* - φ| {errors}{f'; {undone} were undone' * bool(undone)}" if values else "none"
-    return Summary(
-        [
-            Entry("repetitions", values, sentence=None),
-            Entry("errors", sentence=said),
-            Entry("finished", learner.finished),
-        ]
-    )
+    finished = Entry("finished", learner.finished)
+    return Summary.of({"errors": said}, {"repetitions": values}) + Summary([finished])
 
 
 def calibration_summary(calibration: Calibration) -> Summary:
@@ -180,21 +152,17 @@ def validation_summary(validation: Validation) -> Summary:
     degrees = [validation.mean, validation.median, validation.percentile_90]
     mean, median, most = np.rad2deg(degrees).tolist()
     interrupted = validation.recording.interrupted.rstrip(".")
-    return Summary(
-        [
-            Entry(
-                "bend angle",
-                sentence=f"|φ - φ_sim|: mean {mean:.2f}°, median {median:.2f}°, 90th percentile "
-                f"{most:.2f}°",
-            ),
-            Entry(
-                "temperature",
-                sentence=f"|V - V_sim|: mean {validation.temperature_mean:.1f} °C"
-                + (f"; until it was interrupted: {interrupted}" if interrupted else ""),
-            ),
-            Entry("bend_angle_mean_deg", mean, "°", None),
-            Entry("bend_angle_median_deg", median, "°", None),
-            Entry("bend_angle_percentile_90_deg", most, "°", None),
-            Entry("temperature_mean_c", validation.temperature_mean, "°C", None),
-        ]
+    return Summary.of(
+        {
+            "bend angle": f"|φ - φ_sim|: mean {mean:.2f}°, median {median:.2f}°, 90th percentile "
+            f"{most:.2f}°",
+            "temperature": f"|V - V_sim|: mean {validation.temperature_mean:.1f} °C"
+            + (f"; until it was interrupted: {interrupted}" if interrupted else ""),
+        },
+        {
+            "bend_angle_mean_deg": mean,
+            "bend_angle_median_deg": median,
+            "bend_angle_percentile_90_deg": most,
+            "temperature_mean_c": validation.temperature_mean,
+        },
     )

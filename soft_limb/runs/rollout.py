@@ -51,7 +51,7 @@ class Rollout:
                 Entry("source", recording.source),
                 Entry("controller", self.controller, sentence=None),
                 self._replans(),
-                *troubles(recording),
+                *troubles(recording).entries,
                 Entry(
                     "tracking",
                     {"mean_deg": mean, "median_deg": median, "percentile_90_deg": most},
@@ -97,9 +97,9 @@ class Rollout:
         return Entry("replans", counts, sentence=said)
 
 
-def troubles(recording: Recording) -> list[Entry]:
+def troubles(recording: Recording) -> Summary:
     """Why a recording was interrupted, and why it is to be doubted."""
-    return [Entry("interrupted", recording.interrupted), Entry("doubt", recording.doubt)]
+    return Summary([Entry("interrupted", recording.interrupted), Entry("doubt", recording.doubt)])
 
 
 def roll_out(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from limb_systems import LimbParameters, LimbSystem
-from limb_systems.summary import Entry, Summary
+from limb_systems.summary import Summary
 from planners import Task
 from soft_limb.live.page import LivePage
 from soft_limb.reports.rollout import write_rollout_report
@@ -76,15 +76,14 @@ def distances(rollout: Rollout) -> Summary:
     hottest = recording.measured_temperature[:, good].max(axis=1).tolist()
     names = recording.parameters.wire_names
     heat = (f"{name} {value:.0f} °C" for name, value in zip(names, hottest, strict=True))
-    return Summary(
-        [
-            Entry("reference_distance_deg", distance, "°", None),
-            Entry("planned_distance_deg", planned, "°", None),
-            Entry("highest_readings_c", hottest, "°C", None),
-            Entry(
-                "reference",
-                sentence=f"|φ_ref - φ|: mean {distance:.2f}°, of which the plan has {planned:.2f}°",
-            ),
-            Entry("heat", sentence=f"read at most: {', '.join(heat)}"),
-        ]
+    return Summary.of(
+        {
+            "reference": f"|φ_ref - φ|: mean {distance:.2f}°, of which the plan has {planned:.2f}°",
+            "heat": f"read at most: {', '.join(heat)}",
+        },
+        {
+            "reference_distance_deg": distance,
+            "planned_distance_deg": planned,
+            "highest_readings_c": hottest,
+        },
     )

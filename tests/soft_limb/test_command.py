@@ -167,7 +167,7 @@ def test_every_command_explains_itself(capsys):
         assert "exit status: 0 done" in said
     with pytest.raises(SystemExit):
         main(["--help"], package="planners")  # its only command has no name
-    assert capsys.readouterr().out.startswith("usage: python -m planners [-h] -o OUTPUT")
+    assert capsys.readouterr().out.startswith("usage: python -m planners [-h] [-l LIMB]")
 
 
 def test_soft_limb_says_its_version_and_refuses_what_it_does_not_know(capsys):
