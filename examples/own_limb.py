@@ -16,8 +16,7 @@ from scipy.linalg import eigvalsh
 
 from limb_systems import LimbError, LimbParameters, bend_angle, make_manipulator
 from limb_systems.model.statics import static_equilibrium
-from limb_systems.views.figure import Figure
-from limb_systems.views.plots import save_figure
+from limb_systems.views.plots import Figure, save_figure
 
 
 def main(options):

@@ -47,7 +47,8 @@ from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.model.wires import Wires
 from limb_systems.provenance import Provenance
 from limb_systems.simulation import simulate
-from limb_systems.views.limb_visualizer import LimbVisualizer, wire_color
+from limb_systems.views.limb_view import wire_color
+from limb_systems.views.limb_visualizer import LimbVisualizer
 from limb_systems.views.replay_page import write_meshcat_replay
 
 __all__ = [

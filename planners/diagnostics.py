@@ -5,8 +5,7 @@ import numpy as np
 from limb_systems import Trajectory
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
 from limb_systems.model.wires import num_wire_states
-from limb_systems.views.figure import Figure
-from limb_systems.views.plots import WIDTH, dress
+from limb_systems.views.plots import WIDTH, Figure, dress
 from planners.transcription.program import TrajectoryProgram
 
 SHOWN_INTERVALS = 4  # of the Jacobian; it repeats from interval to interval

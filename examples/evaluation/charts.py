@@ -1,28 +1,28 @@
-"""What came of the evaluation in charts: Figs. 4 to 6, Table I and the split of the error."""
+"""What came of the evaluation in panels: Figs. 4 to 6, Table I and the split of the error."""
 
 from collections.abc import Sequence
 
 import numpy as np
-from bokeh.models import Model
 
 from evaluation.error_split import STEPS
 from evaluation.experiment import Experiment, Motion
 from evaluation.tables import PAPER_TABLE_1, STATISTICS, Summary, complete, mean_and_margin
 from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, true_bend
-from limb_systems.views.charts import NEUTRAL_COLOR, Curve, panel, stacked, tracking_chart
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
+    NEUTRAL_COLOR,
     PLAN_COLOR,
     REFERENCE_COLOR,
     ROLLOUT_COLOR,
     wire_colors,
 )
-from soft_limb.reports.calibration_charts import validation_chart
+from limb_systems.views.panels import Curve, Panel, tracking_panels
+from soft_limb.reports.calibration_panels import validation_panels
 
 MOTION_TICKS = dict(enumerate(PAPER_TABLE_1))
 
 
-def limbs_chart(summaries: Sequence[Summary]) -> Model:
+def limbs_panels(summaries: Sequence[Summary]) -> list[Panel]:
     """Table I as a chart: every limb, their mean with its interval, and the paper's robot."""
     whole, panels = complete(summaries), []
     at = np.arange(len(PAPER_TABLE_1), dtype=float)
@@ -39,10 +39,10 @@ def limbs_chart(summaries: Sequence[Summary]) -> Model:
             Curve("the paper's robot", at - 0.1, paper, PLAN_COLOR, marks=True),
         ]
         panels.append(_by_motion(f"{statistic} of |φ* − φ| (°)", curves))
-    return stacked(panels)
+    return panels
 
 
-def split_chart(summaries: Sequence[Summary]) -> Model:
+def split_panels(summaries: Sequence[Summary]) -> list[Panel]:
     """What each step of `error_split` makes of the bend angle, beside the whole error."""
     whole, curves = complete(summaries), []
     names = ["the whole error", *STEPS]
@@ -58,14 +58,14 @@ def split_chart(summaries: Sequence[Summary]) -> Model:
         )
         at = np.arange(len(PAPER_TABLE_1)) + 0.1 * (place - 2)
         curves.append(Curve(name, at, mean, color, width=2.0, band=margin, marks=True))
-    return stacked([_by_motion("mean |difference| (°)", curves)])
+    return [_by_motion("mean |difference| (°)", curves)]
 
 
-def _by_motion(label: str, curves: list[Curve]):
-    return panel(label, curves, x_label="motion", from_zero=True, x_ticks=MOTION_TICKS)
+def _by_motion(label: str, curves: list[Curve]) -> Panel:
+    return Panel(label, curves, x_label="motion", from_zero=True, x_ticks=MOTION_TICKS)
 
 
-def error_chart(experiment: Experiment) -> Model:
+def error_panels(experiment: Experiment) -> list[Panel]:
     """φ - φ* of all rollouts over time, with the motions under each other."""
     panels = []
     for motion in experiment.motions:
@@ -85,11 +85,11 @@ def error_chart(experiment: Experiment) -> Model:
         curves.append(
             Curve("plan against reference, φ* − φ_REF", plan.time, missed, REFERENCE_COLOR)
         )
-        panels.append(panel(f"{motion.name} (°)", curves))
-    return stacked(panels)
+        panels.append(Panel(f"{motion.name} (°)", curves))
+    return panels
 
 
-def ways_chart(motion: Motion) -> Model:
+def ways_panels(motion: Motion) -> list[Panel]:
     """Open loop, feedback and the last repetition: bend as read and true, and V."""
     repetitions = motion.ways[LEARNING].rollouts
     bends, heats = [], []
@@ -110,7 +110,7 @@ def ways_chart(motion: Motion) -> Model:
             curves.append(Curve(label, rollout.time, np.rad2deg(angle), color))
         planned = np.rad2deg(plan.bend_angle[0])
         curves.append(Curve("plan", plan.time, planned, PLAN_COLOR, "dashed"))
-        bends.append(panel(f"{name}: bend (°)", curves))
+        bends.append(Panel(f"{name}: bend (°)", curves))
         names = rollout.parameters.wire_names
         readings = [
             Curve(f"{names[wire]}, {what}", source.time, source.measured_temperature[wire], *style)
@@ -120,11 +120,11 @@ def ways_chart(motion: Motion) -> Model:
                 ("V*", plan, (color, "dashed")),
             )
         ]
-        heats.append(panel(f"{name}: V (°C)", readings))
-    return stacked([*bends, *heats])
+        heats.append(Panel(f"{name}: V (°C)", readings))
+    return [*bends, *heats]
 
 
-def learning_chart(summaries: Sequence[Summary]) -> Model:
+def learning_panels(summaries: Sequence[Summary]) -> list[Panel]:
     """Mean error of each repetition: each limb thin, their mean thick, as read and true."""
     whole, panels = [s for s in complete(summaries) if s.repetitions], []
     for motion in whole[0].repetitions:
@@ -136,19 +136,19 @@ def learning_chart(summaries: Sequence[Summary]) -> Model:
             curves.append(Curve(what, numbers, errors.mean(axis=0), color, width=2.0))
         ticks = {int(number): str(number) for number in numbers}
         panels.append(
-            panel(f"{motion} (°)", curves, x_label="repetition", from_zero=True, x_ticks=ticks)
+            Panel(f"{motion} (°)", curves, x_label="repetition", from_zero=True, x_ticks=ticks)
         )
-    return stacked(panels)
+    return panels
 
 
-def charts(experiment: Experiment) -> dict[str, Model]:
+def panels_of(experiment: Experiment) -> dict[str, list[Panel]]:
     """The paper's figures of one limb, as far as there is something to look into; by `figures`."""
     validation, *taught = experiment.motions
     driven = {"fig5": validation, "fig6a": taught[0], "fig6b": taught[1]}
-    result = {"fig4": validation_chart(experiment.calibration.validation)}
+    result = {"fig4": validation_panels(experiment.calibration.validation)}
     for name, motion in driven.items():
         way = motion.open_loop
-        result[name] = tracking_chart(way.trajectory, way.rollouts)
+        result[name] = tracking_panels(way.trajectory, way.rollouts)
     if {FEEDBACK, LEARNING} <= validation.ways.keys():
-        result["ways"] = ways_chart(validation)
+        result["ways"] = ways_panels(validation)
     return result

@@ -10,9 +10,8 @@ from limb_systems.views.colors import (
     ROLLOUT_COLOR,
     wire_colors,
 )
-from limb_systems.views.figure import Figure
-from limb_systems.views.plots import WIDTH, plot_tracking
-from soft_limb.reports.calibration_figures import plot_validation
+from limb_systems.views.plots import WIDTH, Figure, plot_tracking
+from soft_limb.reports.calibration import plot_validation
 
 
 def plot_taught(experiment: Experiment) -> Figure:

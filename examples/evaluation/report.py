@@ -24,7 +24,7 @@ from evaluation.tables import (
 )
 from evaluation.ways import PAUSE
 from limb_systems.views import page
-from limb_systems.views.figure import Figure
+from limb_systems.views.plots import Figure
 from soft_limb.reports.calibration import parameter_table
 from soft_limb.results.summaries import plan_summary, validation_summary
 
@@ -225,7 +225,7 @@ def _parameters(experiment: Experiment) -> str:
         ),
         parameter_table(calibration),
         page.items([remark.sentence for remark in calibration.remarks]),
-        page.preformatted(calibration.parameters.to_yaml()),
+        page.limb(calibration.parameters),
         page.preformatted(plans),
     )
 

@@ -1,11 +1,10 @@
-"""Charts that one can look into: zoom, values under the pointer, curves that can be hidden.
+"""Panels as charts that one can look into, by Bokeh: zoom, values under the pointer, legends
+that hide curves.
 
 Importing this takes as long as Bokeh does; what makes no page does without.
 """
 
-import dataclasses
-import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from bokeh.layouts import gridplot
@@ -18,24 +17,15 @@ from bokeh.models import (
     Legend,
     LegendItem,
     Model,
+    Range,
     Span,
 )
 from bokeh.plotting import figure
 
-from limb_systems.files.recording import Recording
-from limb_systems.files.trajectory import Trajectory
-from limb_systems.views.colors import (
-    LEFT_RIGHT_COLORS,
-    PLAN_COLOR,
-    REFERENCE_COLOR,
-    ROLLOUT_COLOR,
-    wire_colors,
-)
-from limb_systems.views.rollouts import how_recorded, mean_and_band
+from limb_systems.views.colors import NEUTRAL_COLOR
+from limb_systems.views.panels import Curve, Panel
 
-NEUTRAL_COLOR = "#808080"  # on white and on black
 MAX_POINTS = 2000  # of a curve; more than a screen has columns
-DUTY_RANGE = (-0.04, 1.04)
 LEFT_OF_AXIS = 62  # px, for the same numbers of digits in panels that stand on each other
 # Where a phone has no room for an entry, it goes to the next line; colours are those of the page.
 _LEGEND_STYLE = """
@@ -47,62 +37,50 @@ _LEGEND_STYLE = """
 """
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Curve:
-    """A curve of a panel.
-
-    - ``name``: in the legend, where a click hides it, and under the pointer, where of
-      curves with one name the first is shown; without a name it is in neither.
-    - ``x``, ``y``: (K,), in the units of the panel's labels.
-    - ``color``: that can be told on white and on black.
-    - ``dash``: "solid", "dashed" or "dotted".
-    - ``width``: px.
-    - ``band``: half-width of a band about y (K,), or its lower and upper edge; None for none.
-    - ``marks``: whether the samples are dots that no line joins; the band is then a bar at each.
-    - ``alpha``: opacity.
-    """
-
-    name: str
-    x: np.ndarray
-    y: np.ndarray
-    color: str
-    dash: str = "solid"
-    width: float = 1.5
-    band: np.ndarray | tuple[np.ndarray, np.ndarray] | None = None
-    marks: bool = False
-    alpha: float = 1.0
+def chart(panels: Sequence[Panel]) -> Model:
+    """Panels one below the other, with one toolbar."""
+    plots: list[figure] = []
+    first: dict[str, figure] = {}
+    crosses: dict[str, CrosshairTool] = {}
+    for panel, below in zip(panels, [*panels[1:], None], strict=True):
+        plot = draw(panel)
+        plot.x_range = first.setdefault(panel.x_label, plot).x_range
+        span = Span(dimension="height", line_color=NEUTRAL_COLOR, line_alpha=0.6)
+        plot.add_tools(crosses.setdefault(panel.x_label, CrosshairTool(overlay=span)))
+        if below is not None and below.x_label == panel.x_label:
+            plot.xaxis.axis_label = None
+        plots.append(plot)
+    layout = gridplot(
+        [[plot] for plot in plots],
+        sizing_mode="stretch_width",
+        toolbar_location="above",
+        toolbar_options={"logo": None},
+        merge_tools=True,
+    )
+    layout.spacing = 12
+    return layout
 
 
-def panel(
-    label: str,
-    curves: Sequence[Curve],
-    *,
-    height: int = 230,
-    x_label: str = "time (s)",
-    y_range: tuple[float, float] | None = None,
-    from_zero: bool = False,
-    x_ticks: Mapping[int, str] | None = None,
+def draw(
+    panel: Panel, stream: ColumnDataSource | None = None, x_range: Range | None = None
 ) -> figure:
-    """A panel with curves, which are drawn in their order.
+    """A panel.
 
     Args:
-        label: of the vertical axis, with its unit in brackets.
-        curves: any number.
-        height: px, with the legend.
-        x_label: of the horizontal axis, with its unit in brackets.
-        y_range: of the vertical axis; that of the curves if None.
-        from_zero: whether the vertical axis begins at zero.
-        x_ticks: what stands below the horizontal axis, and where; numbers if None.
+        stream: source of the curves that have a column. The panel has no tools then: what moves
+            is not looked into.
+        x_range: of the horizontal axis; that of the curves if None.
     """
     plot = figure(
-        height=height,
+        height=panel.height,
         sizing_mode="stretch_width",
-        x_range=DataRange1d(range_padding=0.0),
-        y_range=y_range or DataRange1d(),
-        x_axis_label=x_label,
-        y_axis_label=label,
+        x_range=x_range or DataRange1d(range_padding=0.0),
+        y_range=panel.y_range or DataRange1d(),
+        x_axis_label=panel.x_label,
+        y_axis_label=panel.label,
         # Nothing is active at first: a finger scrolls the page, and not the plot.
-        tools="xpan,box_zoom,xwheel_zoom,reset,save",
+        tools="xpan,box_zoom,xwheel_zoom,reset,save" if stream is None else "",
+        toolbar_location="above" if stream is None else None,
         active_drag=None,
         active_scroll=None,
         min_border_left=LEFT_OF_AXIS,
@@ -112,20 +90,22 @@ def panel(
         outline_line_color=None,
         output_backend="canvas",
     )
+    curves = [*panel.curves, *panel.limits]
     named: dict[str, Curve] = {}
     drawn: dict[str, list[GlyphRenderer]] = {}
     for curve in curves:
         named.setdefault(curve.name, curve)
-        drawn.setdefault(curve.name, []).extend(_draw(plot, curve))
+        drawn.setdefault(curve.name, []).extend(_draw(plot, curve, stream))
     named.pop("", None)
-    plot.add_tools(
-        HoverTool(
-            renderers=[drawn[name][-1] for name in named],
-            tooltips=[("", "$name"), (label.partition(" (")[0], f"@y{{0.00}}{_unit(label)}")],
+    if stream is None:
+        plot.add_tools(
+            HoverTool(
+                renderers=[drawn[name][-1] for name in named],
+                tooltips=[("", "$name"), (_name(panel.label), f"@y{{0.00}}{_unit(panel.label)}")],
+            )
+            if not named or any(curve.marks or not _increasing(curve.x) for curve in curves)
+            else _hover_at_x(plot, list(named.values()), panel)
         )
-        if not named or any(curve.marks or not _increasing(curve.x) for curve in curves)
-        else _hover_at_x(plot, list(named.values()), label, x_label)
-    )
     plot.add_layout(
         Legend(
             items=[LegendItem(label={"value": name}, renderers=drawn[name]) for name in named],
@@ -145,160 +125,23 @@ def panel(
     for axis in plot.axis:
         axis.axis_label_text_font_style = "normal"
         axis.minor_tick_line_color = None
-    if from_zero:
+    if panel.from_zero:
         plot.y_range.start = 0.0
-    if x_ticks is not None:
-        plot.xaxis.ticker = list(x_ticks)
-        plot.xaxis.major_label_overrides = dict(x_ticks)
+    if panel.x_ticks is not None:
+        plot.xaxis.ticker = list(panel.x_ticks)
+        plot.xaxis.major_label_overrides = dict(panel.x_ticks)
         plot.x_range.range_padding = 0.1
     return plot
 
 
-def stacked(panels: Sequence[figure]) -> Model:
-    """Panels one below the other: they share x range and toolbar, and the last has the x label."""
-    first, *others = panels
-    cross = CrosshairTool(
-        overlay=Span(dimension="height", line_color=NEUTRAL_COLOR, line_alpha=0.6)
-    )
-    first.add_tools(cross)
-    for other in others:
-        other.x_range = first.x_range
-        other.add_tools(cross)
-    for upper in panels[:-1]:
-        upper.xaxis.axis_label = None
-    layout = gridplot(
-        [[plot] for plot in panels],
-        sizing_mode="stretch_width",
-        toolbar_location="above",
-        toolbar_options={"logo": None},
-        merge_tools=True,
-    )
-    layout.spacing = 12
-    return layout
-
-
-def tracking_chart(trajectory: Trajectory, recordings: Sequence[Recording] = ()) -> Model:
-    """Fig. 5, `plots.plot_tracking`: bend angle, temperatures and duty of a plan and its rollouts.
-
-    Time counts from the start of the plan. Plans are dashed; the legend says whether
-    the rollouts were simulated, emulated or recorded. Several recordings are drawn as
-    their mean and the band of 95%. Each segment has its own three panels.
-
-    Args:
-        trajectory: the plan.
-        recordings: of rollouts of this plan, all with the same sample rate.
-    """
-    trajectory = trajectory.since_start()
-    panels = []
-    for segment, suffix in enumerate(trajectory.parameters.segment_suffixes):
-        names = [wire.name for wire in trajectory.parameters.segments[segment].wires]
-        first = trajectory.parameters.wire_slices[segment].start
-        wires = list(zip(itertools.count(first), names, wire_colors(len(names)), strict=False))
-        panels += [
-            panel(_bend_label(suffix), _bend_angles(trajectory, recordings, segment), height=280),
-            panel("temperature (°C)", _temperatures(trajectory, recordings, wires), height=280),
-            panel("duty", _duties(trajectory, recordings, wires), height=210, y_range=DUTY_RANGE),
-        ]
-    return stacked(panels)
-
-
-def repetitions_chart(
-    trajectory: Trajectory, errors: Sequence[float], first: Recording, last: Recording
-) -> tuple[Model, Model]:
-    """How the error fell over repetitions of a plan, and the bend in the first and the last.
-
-    Args:
-        trajectory: the plan.
-        errors: mean of |φ* - φ| in each repetition, as it was read, rad.
-        first, last: recordings of repetitions.
-    """
-    trajectory = trajectory.since_start()
-    numbers = np.arange(1, len(errors) + 1)
-    degrees = np.rad2deg(errors)
-    fell = panel(
-        "mean |φ* − φ| (°)",
-        [
-            Curve("", numbers, degrees, ROLLOUT_COLOR),
-            Curve("mean error, as read", numbers, degrees, ROLLOUT_COLOR, width=2.0, marks=True),
-        ],
-        x_label="repetition",
-        from_zero=True,
-        x_ticks={int(number): str(number) for number in numbers},
-    )
-    panels = []
-    for segment, suffix in enumerate(trajectory.parameters.segment_suffixes):
-        planned = np.rad2deg(trajectory.bend_angle[segment])
-        curves = [
-            Curve(name, recording.time, np.rad2deg(recording.bend_angle[segment]), color)
-            for recording, color, name in (
-                (first, LEFT_RIGHT_COLORS[1], "first repetition"),
-                (last, ROLLOUT_COLOR, "last repetition"),
-            )
-        ]
-        curves.append(Curve("plan φ*", trajectory.time, planned, PLAN_COLOR, "dashed"))
-        panels.append(panel(_bend_label(suffix), curves, height=280))
-    return stacked([fell]), stacked(panels)
-
-
-def _bend_label(suffix: str) -> str:
-    return f"bend angle{suffix.replace('_', ' of segment ')} (°)"
-
-
-def _bend_angles(trajectory, recordings, segment: int) -> list[Curve]:
-    time, what = trajectory.time, how_recorded(recordings)
-    what += " rollouts" if len(recordings) > 1 else ""
-    angles = [np.rad2deg(recording.bend_angle[segment]) for recording in recordings]
-    reference = np.rad2deg(trajectory.reference[segment])
-    plan = np.rad2deg(trajectory.bend_angle[segment])
-    return [
-        Curve("reference φ_REF", time, reference, REFERENCE_COLOR),
-        *_rollouts(f"{what} φ", recordings, angles, ROLLOUT_COLOR),
-        Curve("plan φ*", time, plan, PLAN_COLOR, "dashed"),
-    ]
-
-
-def _temperatures(trajectory, recordings, wires) -> list[Curve]:
-    time, what, curves = trajectory.time, how_recorded(recordings), []
-    for index, name, color in wires:
-        measured = [recording.measured_temperature[index] for recording in recordings]
-        curves += _rollouts(f"{name}, V {what}", recordings, measured, color)
-    for index, name, color in wires:
-        planned = trajectory.measured_temperature[index]
-        curves.append(Curve(f"{name}, V* planned", time, planned, color, "dashed"))
-    for index, name, color in wires:
-        planned = trajectory.wire_temperature[index]
-        curves.append(Curve(f"{name}, T* planned", time, planned, color, "dotted", 1.3))
-    limits = trajectory.parameters.temperature_limits
-    for name, limit, start in (
-        ("T_max", limits.maximum, time[0]),
-        ("T_warm", limits.warm, limits.warm_up_time),
-    ):
-        if start < time[-1]:
-            span = np.array([start, time[-1]])
-            curves.append(Curve(name, span, np.full(2, limit), NEUTRAL_COLOR, width=1.0))
-    return curves
-
-
-def _duties(trajectory, recordings, wires) -> list[Curve]:
-    curves, dash = [], "dashed" if recordings else "solid"
-    for index, name, color in wires:
-        duty = [recording.duty[index] for recording in recordings]
-        curves += _rollouts(f"{name}, D", recordings, duty, color)
-    for index, name, color in wires:
-        planned = trajectory.duty[index]
-        curves.append(Curve(f"{name}, D* planned", trajectory.time, planned, color, dash))
-    return curves
-
-
-def _rollouts(name: str, recordings, samples, color: str) -> list[Curve]:
-    if not recordings:
-        return []
-    time, mean, half = mean_and_band(recordings, samples)
-    return [Curve(name, time, mean, color, band=half if len(recordings) > 1 else None)]
-
-
-def _draw(plot: figure, curve: Curve) -> list[GlyphRenderer]:
+def _draw(plot: figure, curve: Curve, stream: ColumnDataSource | None) -> list[GlyphRenderer]:
     """The band of a curve, if it has one, and the curve."""
+    style = {"color": curve.color, "alpha": curve.alpha, "name": curve.name}
+    line = {"line_width": curve.width, "line_dash": curve.dash}
+    if curve.column:
+        draw_line = plot.step if curve.steps else plot.line
+        mode = {"mode": "after"} if curve.steps else {}
+        return [draw_line("time", curve.column, source=stream, **line, **mode, **style)]
     columns = {"x": curve.x, "y": curve.y}
     if isinstance(curve.band, tuple):
         columns["low"], columns["high"] = curve.band
@@ -306,10 +149,9 @@ def _draw(plot: figure, curve: Curve) -> list[GlyphRenderer]:
         columns["low"], columns["high"] = curve.y - curve.band, curve.y + curve.band
     kept = _kept(np.asarray(curve.y))
     # Seven digits are more than any sensor has, in half the bytes.
-    source = ColumnDataSource(
+    style["source"] = ColumnDataSource(
         {name: np.asarray(column, np.float32)[kept] for name, column in columns.items()}
     )
-    style = {"source": source, "color": curve.color, "alpha": curve.alpha, "name": curve.name}
     drawn = []
     if curve.band is not None and curve.marks:
         drawn.append(plot.segment("x", "low", "x", "high", line_width=1.5, **style))
@@ -318,7 +160,7 @@ def _draw(plot: figure, curve: Curve) -> list[GlyphRenderer]:
     if curve.marks:
         drawn.append(plot.scatter("x", "y", size=4 * curve.width, **style))
     else:
-        drawn.append(plot.line("x", "y", line_width=curve.width, line_dash=curve.dash, **style))
+        drawn.append(plot.line("x", "y", **line, **style))
     return drawn
 
 
@@ -326,7 +168,7 @@ def _increasing(x: np.ndarray) -> bool:
     return len(x) > 0 and bool((np.diff(x) > 0).all())
 
 
-def _hover_at_x(plot: figure, curves: Sequence[Curve], label: str, x_label: str) -> HoverTool:
+def _hover_at_x(plot: figure, curves: Sequence[Curve], panel: Panel) -> HoverTool:
     """Shows the values of all curves at the pointer's x."""
     longest = max((curve.x for curve in curves), key=len)
     x = np.asarray(longest)[_kept(np.asarray(longest))]
@@ -340,9 +182,9 @@ def _hover_at_x(plot: figure, curves: Sequence[Curve], label: str, x_label: str)
         line_policy="nearest",
         attachment="horizontal",
         tooltips=[
-            (x_label.partition(" (")[0], f"@x{{0.00}}{_unit(x_label)}"),
+            (_name(panel.x_label), f"@x{{0.00}}{_unit(panel.x_label)}"),
             *(
-                (curve.name, f"@y{number}{{0.00}}{_unit(label)}")
+                (curve.name, f"@y{number}{{0.00}}{_unit(panel.label)}")
                 for number, curve in enumerate(curves)
             ),
         ],
@@ -357,6 +199,11 @@ def _kept(y: np.ndarray) -> np.ndarray:
     return np.unique(
         [[stretch[np.argmin(y[stretch])], stretch[np.argmax(y[stretch])]] for stretch in stretches]
     )
+
+
+def _name(label: str) -> str:
+    """An axis' label without its unit."""
+    return label.partition(" (")[0]
 
 
 def _unit(label: str) -> str:

@@ -1,11 +1,15 @@
-"""Pictures of plans and rollouts, as in Figs. 5 and 6, and the style of all pictures."""
+"""Panels as pictures, by Matplotlib, and the style of all pictures."""
 
-import itertools
+import io
 import pickle
+import re
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import matplotlib
+import matplotlib.figure
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
@@ -14,92 +18,55 @@ from matplotlib.text import Text
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.output import check_picture
-from limb_systems.views.colors import (
-    LEFT_RIGHT_COLORS,
-    PLAN_COLOR,
-    REFERENCE_COLOR,
-    ROLLOUT_COLOR,
-    wire_colors,
-)
-from limb_systems.views.figure import Figure
-from limb_systems.views.rollouts import how_recorded, mean_and_band
+from limb_systems.views.panels import Panel, repetition_panels, tracking_panels
 
 WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
+PIXELS = 125  # of a panel's height in an inch
+POINTS = 0.8  # of a line's width in a px
 FOR_PAPERS = (".pdf", ".eps")
 COLUMN_WIDTH, COLUMN_TEXT = 3.5, 8.0  # inches and pt, of the IEEE's journals
+
+
+class Figure(matplotlib.figure.Figure):
+    """A figure that notebooks display although it was not made with pyplot."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = io.BytesIO()
+        self.savefig(buffer, format="png", dpi=100)
+        return buffer.getvalue()
 
 
 def plot_tracking(
     trajectory: Trajectory, recordings: Sequence[Recording] = (), title: str = ""
 ) -> Figure:
-    """Fig. 5: bend angle, temperatures and duty of a plan and of its rollouts.
-
-    Time counts from the start of the plan. Plans are dashed; the legend says
-    whether the rollouts were simulated, emulated or recorded. Several recordings
-    are drawn as their mean and the band of 95%, mean ± 1.96 standard deviations,
-    at the sample times of the first. Each segment has its own three panels.
-
-    Args:
-        trajectory: the plan.
-        recordings: of rollouts of this plan, all with the same sample rate.
-    """
-    trajectory = trajectory.since_start()
-    num_segments = len(trajectory.parameters.segments)
-    figure = Figure(figsize=(WIDTH, 6.0 * num_segments), layout="constrained")
-    axes = figure.subplots(
-        3 * num_segments, 1, sharex=True, height_ratios=[1.6, 1.4, 1.0] * num_segments
-    )
-    for segment, suffix in enumerate(trajectory.parameters.segment_suffixes):
-        bend_angle, temperature, duty = axes[3 * segment : 3 * segment + 3]
-        _plot_bend_angle(bend_angle, trajectory, recordings, segment)
-        bend_angle.set_ylabel(f"bend angle{suffix.replace('_', ' of segment ')} (°)")
-        names = [wire.name for wire in trajectory.parameters.segments[segment].wires]
-        first = trajectory.parameters.wire_slices[segment].start
-        wires = list(zip(itertools.count(first), names, wire_colors(len(names)), strict=False))
-        _plot_temperatures(temperature, trajectory, recordings, wires)
-        _plot_duty(duty, trajectory, recordings, wires)
-    for axis in axes:
-        dress(axis)
-    axes[-1].set_xlabel("time (s)")
-    axes[-1].set_xlim(trajectory.time[0], trajectory.time[-1])
-    if title:
-        figure.suptitle(title, fontsize=11)
-    return figure
+    """Fig. 5 as a picture; see `limb_systems.views.panels.tracking_panels`."""
+    return draw(tracking_panels(trajectory, recordings), title)
 
 
 def plot_repetitions(
     trajectory: Trajectory, errors: Sequence[float], first: Recording, last: Recording
 ) -> Figure:
-    """How the error fell over repetitions of a plan, and the first and the last of them.
+    """Learning as a picture; see `limb_systems.views.panels.repetition_panels`."""
+    return draw(repetition_panels(trajectory, errors, first, last))
 
-    Args:
-        trajectory: the plan.
-        errors: mean of |φ* - φ| in each repetition, as it was read, rad.
-    """
-    trajectory = trajectory.since_start()
-    num_segments = len(trajectory.parameters.segments)
-    figure = Figure(figsize=(WIDTH, 2.0 + 2.6 * num_segments), layout="constrained")
-    over, *axes = figure.subplots(1 + num_segments, 1)
-    numbers = np.arange(1, len(errors) + 1)
-    over.plot(numbers, np.rad2deg(errors), "o-", color=ROLLOUT_COLOR, label="mean error, as read")
-    over.set_xlabel("repetition")
-    over.set_xticks(numbers)
-    over.set_ylim(bottom=0.0)
-    over.set_ylabel(r"mean $|\varphi^* - \varphi|$ (°)")
-    for segment, axis in enumerate(axes):
-        suffix = trajectory.parameters.segment_suffixes[segment].replace("_", " of segment ")
-        for recording, color, name in (
-            (first, LEFT_RIGHT_COLORS[1], "first repetition"),
-            (last, ROLLOUT_COLOR, "last repetition"),
-        ):
-            angle = np.rad2deg(recording.bend_angle[segment])
-            axis.plot(recording.time, angle, color=color, linewidth=1.0, label=name)
-        planned = np.rad2deg(trajectory.bend_angle[segment])
-        axis.plot(trajectory.time, planned, "--", color=PLAN_COLOR, label=r"plan $\varphi^*$")
-        axis.set_xlabel("time (s)")
-        axis.set_ylabel(f"bend angle{suffix} (°)")
-    for axis in (over, *axes):
+
+def draw(panels: Sequence[Panel], title: str = "") -> Figure:
+    """A picture of panels, one below the other."""
+    heights = [panel.height for panel in panels]
+    figure = Figure(figsize=(WIDTH, sum(heights) / PIXELS), layout="constrained")
+    axes = figure.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
+    shared: dict[str, Axes] = {}
+    for axis, panel, below in zip(axes, panels, [*panels[1:], None], strict=True):
+        _draw_panel(axis, panel)
+        if (first := shared.setdefault(panel.x_label, axis)) is not axis:
+            axis.sharex(first)
+        if below is not None and below.x_label == panel.x_label:
+            axis.tick_params(labelbottom=False)
+        else:
+            axis.set_xlabel(panel.x_label)
         dress(axis)
+    if title:
+        figure.suptitle(title, fontsize=11)
     return figure
 
 
@@ -156,79 +123,50 @@ def _in_a_column(figure: Figure) -> Figure:
     return figure
 
 
-def _plot_bend_angle(axis, trajectory, recordings, segment: int) -> None:
-    axis.plot(
-        trajectory.time,
-        np.rad2deg(trajectory.reference[segment]),
-        color=REFERENCE_COLOR,
-        linewidth=1.2,
-        label=r"reference $\varphi_{REF}$",
-    )
-    angles = [np.rad2deg(recording.bend_angle[segment]) for recording in recordings]
-    what = how_recorded(recordings) + (" rollouts" if len(recordings) > 1 else "")
-    _plot_band(axis, recordings, angles, ROLLOUT_COLOR, rf"{what} $\varphi$")
-    axis.plot(
-        trajectory.time,
-        np.rad2deg(trajectory.bend_angle[segment]),
-        color=PLAN_COLOR,
-        linewidth=1.4,
-        linestyle="--",
-        label=r"plan $\varphi^*$",
-    )
+def _draw_panel(axis: Axes, panel: Panel) -> None:
+    named: set[str] = set()
+    for curve in [*panel.curves, *panel.limits]:
+        x, y, band = np.asarray(curve.x), np.asarray(curve.y), curve.band
+        style: dict[str, Any] = {
+            "color": curve.color,
+            "alpha": curve.alpha,
+            "linewidth": POINTS * curve.width,
+        }
+        if curve.name not in named and not any(curve is limit for limit in panel.limits):
+            style["label"] = _typeset(curve.name)
+            named.add(curve.name)
+        low_high = band if isinstance(band, tuple) or band is None else (y - band, y + band)
+        if curve.marks:
+            axis.plot(x, y, "o", markersize=2.5 * curve.width, **style)
+        else:
+            steps = "steps-post" if curve.steps else "default"
+            axis.plot(x, y, linestyle=curve.dash, drawstyle=steps, **style)
+        if low_high is not None and curve.marks:
+            axis.vlines(x, *low_high, color=curve.color, linewidth=POINTS * 1.5)
+        elif low_high is not None:
+            axis.fill_between(x, *low_high, color=curve.color, alpha=0.2 * curve.alpha, lw=0)
+    highest = max((limit.y[0] for limit in panel.limits), default=0.0)
+    for limit in panel.limits:
+        beside = (3, -12 if limit.y[0] == highest else 4)  # pt; between the limits, as curves are
+        at = (panel.limits[0].x[0], limit.y[0])
+        axis.annotate(_typeset(limit.name), at, beside, textcoords="offset points")
+    axis.set_ylabel(_typeset(textwrap.fill(panel.label, panel.height // 12)))
+    if panel.y_range:
+        axis.set_ylim(panel.y_range)
+    if panel.from_zero:
+        axis.set_ylim(bottom=0.0)
+    if panel.x_ticks is None:
+        axis.margins(x=0.0)
+    else:
+        axis.set_xticks(list(panel.x_ticks), list(panel.x_ticks.values()))
 
 
-def _plot_temperatures(axis, trajectory, recordings, wires) -> None:
-    limits = trajectory.parameters.temperature_limits
-    for index, name, color in wires:
-        measured = [recording.measured_temperature[index] for recording in recordings]
-        _plot_band(axis, recordings, measured, color, f"{name}, V {how_recorded(recordings)}")
-    for what, course, style, width in (
-        ("V* planned", trajectory.measured_temperature, "--", 1.4),
-        ("T* planned", trajectory.wire_temperature, ":", 0.8),
-    ):
-        for index, name, color in wires:
-            axis.plot(
-                trajectory.time,
-                course[index],
-                color=color,
-                linewidth=width,
-                linestyle=style,
-                label=f"{name}, {what}",
-            )
-    end = trajectory.time[-1]
-    for name, limit, start, offset in (
-        (r"$T_{max}$", limits.maximum, trajectory.time[0], -12),
-        (r"$T_{warm}$", limits.warm, limits.warm_up_time, 4),
-    ):
-        if start < end:
-            axis.plot([start, end], [limit, limit], color="0.4", linewidth=0.8)
-            axis.annotate(
-                name, (trajectory.time[0], limit), (3, offset), textcoords="offset points"
-            )
-    axis.set_ylabel("temperature (°C)")
+def _typeset(text: str) -> str:
+    """A label with its symbols as formulas."""
 
+    def formula(match: re.Match) -> str:
+        star, index = match.groups()
+        return rf"$\varphi{'^*' * bool(star)}{f'_{{{index}}}' * bool(index)}$"
 
-def _plot_duty(axis, trajectory, recordings, wires) -> None:
-    for index, name, color in wires:
-        duty = [recording.duty[index] for recording in recordings]
-        _plot_band(axis, recordings, duty, color, f"{name}, D")
-    for index, name, color in wires:
-        axis.plot(
-            trajectory.time,
-            trajectory.duty[index],
-            color=color,
-            linewidth=1.2,
-            linestyle="--" if recordings else "-",
-            label=f"{name}, D* planned",
-        )
-    axis.set_ylabel("duty")
-    axis.set_ylim(-0.04, 1.04)
-
-
-def _plot_band(axis, recordings, samples, color: str, label: str) -> None:
-    """Mean and 95% band of samples of recordings, if any, on the times of the first."""
-    if not recordings:
-        return
-    time, mean, half = mean_and_band(recordings, samples)
-    axis.plot(time, mean, color=color, linewidth=1.1, label=label)
-    axis.fill_between(time, mean - half, mean + half, color=color, alpha=0.2, lw=0)
+    text = re.sub(r"φ(\*?)(?:_(\w+))?", formula, text)
+    return re.sub(r"\bT_(\w+)", r"$T_{\1}$", text)

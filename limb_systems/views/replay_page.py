@@ -3,17 +3,12 @@
 import contextlib
 import dataclasses
 import gc
-import html
-import json
 import logging
-import string
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
-from pydrake.math import RigidTransform
-from pydrake.systems.framework import DiagramBuilder
 
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
@@ -24,20 +19,14 @@ from limb_systems.output import write_atomically
 from limb_systems.views.limb_view import (
     DUTY_COLOR,
     GHOST_OPACITY,
+    WIRE_COLORS,
     Ghost,
+    LimbView,
     ghost_of_reference,
     ghosts_of_plan,
     joint_angle_course,
-    set_scene,
 )
-from limb_systems.views.limb_visualizer import (
-    PUBLISH_PERIOD,
-    WIRE_COLORS,
-    add_view,
-    linear,
-    wire_color,
-    wire_paths,
-)
+from limb_systems.views.template import template
 
 
 def write_meshcat_replay(
@@ -77,6 +66,7 @@ def write_meshcat_replay(
         raise LimbError("A replay needs at least two samples.")
     if not (np.isfinite(frames_per_second) and frames_per_second > 0):
         raise LimbError(f"frames_per_second is {frames_per_second!r}; it must be positive.")
+    parameters, limits = motion.parameters, motion.parameters.temperature_limits
     start, end = motion.time[[0, -1]]
     ghosts = _ghosts_beside(motion, plan)
     times = np.linspace(start, end, 1 + max(1, round((end - start) * frames_per_second)))
@@ -91,23 +81,23 @@ def write_meshcat_replay(
         np.array([np.interp(times, motion.time, row) for row in motion.duty]),
         [ghost.course.vector_values(times - start) for ghost in ghosts],
     )
-    page, aspect = _animate(motion.parameters, frames, ghosts, rate)
-    gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
-    limits = motion.parameters.ambient_temperature, motion.parameters.temperature_limits.maximum
-    caption = _CAPTION.substitute(
-        title=html.escape(title),
-        motion=html.escape(_motion_in_words(motion)),
-        readouts=_readouts(motion, ghosts),
-        values=json.dumps(_values(motion.parameters, frames), separators=(",", ":")),
+    page, aspect = _animate(parameters, frames, ghosts, rate)
+    how = "planned" if isinstance(motion, Trajectory) else motion.how
+    caption = template("replay.html").render(
+        title=title,
+        motion=_motion_in_words(motion),
+        poses=[(how, None)] + [(ghost.name, _css(ghost.color)) for ghost in ghosts],
+        segments=[suffix.strip("_") for suffix in parameters.segment_suffixes],
+        wires=[name.replace("_", " ") for name in parameters.wire_names],
+        values=_values(parameters, frames),
         frames_per_second=repr(float(rate)),
         last_frame=len(times) - 1,
         opacity=GHOST_OPACITY,
         signal="measured temperature" if measured else "wire temperature",
-        low=f"{limits[0]:g}",
-        high=f"{limits[1]:g}",
-        colors=", ".join(f"rgb({_css(color)})" for color in WIRE_COLORS),
-        places=_places_in_words(motion.parameters),
-        bars=html.escape(", ".join(_names(motion.parameters))),
+        low=f"{parameters.ambient_temperature:g}",
+        high=f"{limits.maximum:g}",
+        colors=[f"rgb({_css(color)})" for color in WIRE_COLORS],
+        places=_places_in_words(parameters),
         duty_rgb=_css(DUTY_COLOR),
         aspect=aspect,
     )
@@ -119,7 +109,7 @@ class _Frames:
     """What F frames show.
 
     - ``joint_angles``: θ (n, F), rad.
-    - ``temperature``: that the wires' colour shows (W, F), °C.
+    - ``temperature``: shown by the wires' colour (W, F), °C.
     - ``duty``: D (W, F).
     - ``ghost_angles``: θ (n, F) of each ghost, rad.
     """
@@ -152,20 +142,6 @@ def _motion_in_words(motion: Recording | Trajectory) -> str:
     return f"{motion.how} joint angles ({motion.source}), nothing measured"
 
 
-def _readouts(motion: Recording | Trajectory, ghosts: list[Ghost]) -> str:
-    """What the caption says of the moment that is shown, HTML; an output for each of `_values`."""
-    segments = [suffix.strip("_") for suffix in motion.parameters.segment_suffixes]
-    angles = ", ".join(f"φ{f'<sub>{s}</sub>' * bool(s)} <output></output>°" for s in segments)
-    what = "planned" if isinstance(motion, Trajectory) else motion.how
-    signs = [("limb", what)] + [(f'ghost" style="--rgb: {_css(g.color)}', g.name) for g in ghosts]
-    parts = [f'<i class="{sign}"></i>{name} {angles}' for sign, name in signs]
-    for name in _names(motion.parameters):
-        parts.append(
-            f'{html.escape(name)} <output></output> °C, duty <output class="duty"></output>'
-        )
-    return "\n      ".join(f"<span>{part}</span>" for part in parts)
-
-
 def _places_in_words(parameters: LimbParameters) -> str:
     """Where each wire is as one looks down on the limb, E2 being up."""
     downwards = dict.fromkeys(
@@ -177,13 +153,8 @@ def _places_in_words(parameters: LimbParameters) -> str:
     return f"wires from top to bottom: {'; '.join(downwards)}"
 
 
-def _names(parameters: LimbParameters) -> list[str]:
-    """Of the wires, in words."""
-    return [name.replace("_", " ") for name in parameters.wire_names]
-
-
 def _values(parameters: LimbParameters, frames: _Frames) -> list[list[float]]:
-    """What each output of `_readouts` says in each frame: φ in degrees, °C, duty."""
+    """What each output of the caption says in each frame: φ in degrees, °C, duty."""
     angles = [bend_angle(parameters, a) for a in (frames.joint_angles, *frames.ghost_angles)]
     rows = [np.round(np.rad2deg(row), 1) for row in np.vstack(angles)]
     for temperature, duty in zip(frames.temperature, frames.duty, strict=True):
@@ -201,34 +172,28 @@ def _animate(
     """Meshcat's page.
 
     Returns:
-        HTML, and what `set_scene` returns.
+        HTML, and what `LimbView.set_scene` returns.
     """
     with _drake_silenced():
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
-    builder = DiagramBuilder()
-    for port in add_view(builder, meshcat, "", parameters, ghosts, PUBLISH_PERIOD):
-        builder.ExportInput(port, port.get_name())
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
+    view = LimbView(parameters, ghosts)
+    view.add_to(meshcat)
     meshcat.StartRecording(frames_per_second)
     animation = meshcat.get_mutable_recording()
     animation.set_repetitions(1_000_000)
-    colors = linear(wire_color(parameters, frames.temperature))
+    colors = view.colors(frames.temperature)
     times = (np.arange(frames.duty.shape[1]) + 1e-6) / frames_per_second  # Drake rounds down
-    for frame, (time, angles) in enumerate(zip(times, frames.joint_angles.T, strict=True)):
-        context.SetTime(time)
-        state = np.append(angles, np.zeros_like(angles))
-        diagram.get_input_port(0).FixValue(context, state)
-        diagram.get_input_port(1).FixValue(context, frames.duty[:, frame])
-        diagram.ForcedPublish(context)
-        for paths, color in zip(wire_paths("", parameters), colors[:, frame], strict=True):
+    for frame, time in enumerate(times):
+        view.show(meshcat, frames.joint_angles[:, frame], frames.duty[:, frame], time)
+        for paths, color in zip(view.wire_paths, colors[:, frame], strict=True):
             for path in paths:
                 # Meshcat sets "color" on a path; an animation binds to its mesh.
                 animation.SetProperty(frame, f"{path}/<object>", "material.color", color)
     meshcat.PublishRecording()
-    seen = np.hstack([frames.joint_angles, *frames.ghost_angles])
-    aspect = set_scene(meshcat, "", parameters, seen, RigidTransform())
-    return meshcat.StaticHtml(), aspect
+    aspect = view.set_scene(meshcat, np.hstack([frames.joint_angles, *frames.ghost_angles]))
+    page = meshcat.StaticHtml()
+    gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
+    return page, aspect
 
 
 @contextlib.contextmanager
@@ -241,98 +206,3 @@ def _drake_silenced() -> Iterator[None]:
         yield
     finally:
         logger.setLevel(level)
-
-
-# Below the picture. The script drives Meshcat's animation and tells what it shows, makes
-# the limb fit what the caption leaves of the window, and turns off the tone mapping that
-# makes Meshcat's oranges paler than the legend's.
-_CAPTION = string.Template("""
-  <meta name="viewport" content="width=device-width, initial-scale=1">
-  <style>
-    #caption {
-      position: fixed; bottom: 0; width: 100%; box-sizing: border-box; padding: 0.8rem 1.2rem;
-      pointer-events: none; font: 0.9rem/1.4 system-ui, sans-serif; color: #333;
-    }
-    #caption div { display: flex; flex-wrap: wrap; gap: 0.3rem 2rem; }
-    #caption #controls {
-      flex-wrap: nowrap; align-items: center; gap: 0.8rem; pointer-events: auto;
-    }
-    #controls button { font: inherit; width: 4.5rem; min-height: 2.2rem; cursor: pointer; }
-    #controls input { flex: 1; min-width: 0; min-height: 2.2rem; cursor: pointer; }
-    #readouts { margin: 0.3rem 0; font-size: 1rem; }
-    #caption output {
-      display: inline-block; min-width: 4.5ch; text-align: right; font-weight: 600;
-      font-variant-numeric: tabular-nums;
-    }
-    #controls output { min-width: 6ch; }
-    #caption i { display: inline-block; width: 2rem; height: 0.7em; margin-right: 0.5em; }
-    #caption i.limb { background: #e3e8f0; outline: 1px solid #9aa0a6; }
-    #caption i.heat {
-      width: 5rem; margin: 0 0.5em; border-radius: 0.35em;
-      background: linear-gradient(to right, $colors);
-    }
-    #caption i.ghost {
-      background: linear-gradient(rgb(var(--rgb)), rgb(var(--rgb))) center / 100% 25% no-repeat,
-        rgb(var(--rgb) / $opacity);
-    }
-    #caption i.duty {
-      background: linear-gradient(to right, rgb($duty_rgb) 60%, #edeff1 60%);
-      outline: 1px solid #73787f;
-    }
-    @media (max-width: 40rem) {
-      #caption { padding: 0.5rem 0.7rem; font-size: 0.8rem; }
-      #caption div { gap: 0.1rem 1rem; }
-      #readouts { font-size: 0.9rem; }
-    }
-  </style>
-  <div id="caption">
-    <div id="controls">
-      <button type="button" title="space bar">Pause</button>
-      <input type="range" min="0" max="$last_frame" value="0" aria-label="moment">
-      <output></output>
-    </div>
-    <div id="readouts">
-      $readouts
-    </div>
-    <div>
-      <b>$title</b>
-      <span>$motion</span>
-      <span>$signal: $low °C<i class="heat"></i>$high °C</span>
-      <span>$places</span>
-      <span><i class="duty"></i>duty from 0 to 1: $bars</span>
-    </div>
-  </div>
-  <script>
-    const values = $values;
-    const rate = $frames_per_second;  // of the values, Hz
-    const [button, slider, clock] = document.querySelector("#controls").children;
-    const readouts = document.querySelectorAll("#readouts output");
-    viewer.renderer.toneMapping = MeshCat.THREE.NoToneMapping;
-    document.title = document.querySelector("#caption b").textContent;
-    button.onclick = () => viewer.animator[viewer.animator.playing ? "pause" : "play"]();
-    document.addEventListener("keydown", (event) => {
-      if (event.code !== "Space" || event.target === button) return;  // a button clicks by itself
-      event.preventDefault();
-      button.click();
-    });
-    slider.oninput = () => {
-      viewer.animator.pause();
-      viewer.animator.seek(slider.value / rate);
-      viewer.animator.display_progress(slider.value / rate);
-    };
-    (function tick() {
-      const width = window.innerWidth, height = window.innerHeight;
-      const below = document.querySelector("#caption").offsetHeight;
-      viewer.camera.zoom = Math.min(1 - below / height, viewer.camera.aspect / $aspect);
-      viewer.camera.setViewOffset(width, height, 0, below / 2, width, height);
-      const time = viewer.animator.time, frame = Math.round(time * rate);
-      button.textContent = viewer.animator.playing ? "Pause" : "Play";
-      slider.value = frame;
-      clock.value = time.toFixed(1) + " s";
-      readouts.forEach((output, i) => {
-        output.value = values[i][frame].toFixed(output.matches(".duty") ? 2 : 1);
-      });
-      requestAnimationFrame(tick);
-    })();
-  </script>
-""")

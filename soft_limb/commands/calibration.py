@@ -19,7 +19,11 @@ from limb_systems.output import OutputError, check_folder, check_outputs
 from limb_systems.summary import Summary
 from soft_limb.commands.options import Command, Option, live_page, print_summary, shared
 from soft_limb.live.page import LivePage
-from soft_limb.reports.calibration import write_report, write_validation_report
+from soft_limb.reports.calibration import (
+    plot_validation,
+    write_report,
+    write_validation_report,
+)
 from soft_limb.results.summaries import calibration_summary, validation_summary
 
 
@@ -91,7 +95,6 @@ def _validate(options: argparse.Namespace) -> int:
     if options.plot:
         # Matplotlib takes as long to import as all the rest.
         from limb_systems.views.plots import save_figure
-        from soft_limb.reports.calibration_figures import plot_validation
 
         save_figure(plot_validation(validation), options.plot)
     if options.report:

@@ -1,9 +1,9 @@
 """What a browser shows of a run: Bokeh's document, one for each that looks."""
 
-import html
 import itertools
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 from bokeh.document import Document
@@ -18,24 +18,20 @@ from bokeh.models import (
     InlineStyleSheet,
     Range1d,
 )
-from bokeh.plotting import figure
-from jinja2 import Template
 
 from hardware.live.messages import BoardReading, Reading, RunHeader
 from hardware.robot.serial_limb import DEADLINE
-from limb_systems.views.colors import (
-    PLAN_COLOR,
-    REFERENCE_COLOR,
-    ROLLOUT_COLOR,
-    wire_colors,
-)
+from limb_systems.views import charts
+from limb_systems.views.colors import REFERENCE_COLOR
+from limb_systems.views.panels import Curve, Panel, measured_panels
+from limb_systems.views.template import part, template
 from soft_limb.live.run import MOST_POINTS, Run
 
+TEMPLATES = Path(__file__).parent / "templates"
 PERIOD = 200  # ms, of what browsers are told
 SILENCE = 1.0  # s, after which a limb that runs is missed
 WINDOW = 60.0  # s, that are shown of what has no end
 LIMIT_COLOR, WARM_COLOR = "#c62828", "#b08900"
-DASHES = ("solid", "dashed", "dotted", "dotdash")  # of segments
 
 STYLE = """
 :host, .bk-clearfix { width: 100%; }
@@ -46,81 +42,7 @@ tr:first-child { font-weight: bold; }
 p { margin: .6rem 0; }
 b.big { font-size: 1.35rem; line-height: 1.25; display: block; }
 b.armed { color: var(--hot); } b.bad { color: var(--bad); } b.off { color: var(--good); }
-span.key { white-space: nowrap; margin-right: .8rem; }
-i {
-  display: inline-block; width: 1.1em; height: .5em; border-radius: 2px; margin-right: .3em;
-  filter: var(--figures);
-}
 """
-
-TEMPLATE = Template("""
-{% from macros import embed %}
-{% extends base %}
-{% block postamble %}
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<style>
-  :root {
-    color-scheme: light dark; --back: #fff; --text: #222; --line: #d8dbe0;
-    --hot: #b34700; --bad: #c62828; --good: #1b6e3c;
-  }
-  body { background: var(--back); color: var(--text); font: 15px/1.4 system-ui, sans-serif; }
-  header {
-    position: sticky; top: 0; z-index: 10; display: flex; gap: 1rem; align-items: center;
-    padding: .6rem 1rem; background: var(--back); border-bottom: 1px solid var(--line);
-  }
-  header > div:first-child { flex: 1; min-width: 0; }
-  #silent { display: none; color: #fff; background: #c62828; padding: .5rem 1rem; }
-  #silent.shown { display: block; }
-  main {
-    display: grid; grid-template-columns: minmax(0, 3fr) minmax(0, 2fr); gap: 0 1.5rem;
-    padding: .5rem 1rem 1rem;
-  }
-  iframe {
-    width: 100%; aspect-ratio: 4 / 3; border: 1px solid var(--line); box-sizing: border-box;
-  }
-  @media (max-width: 760px) {
-    main { grid-template-columns: minmax(0, 1fr); padding: .3rem .6rem 1rem; }
-    main > div { display: contents; }
-    #facts { order: -1; }
-    header { padding: .5rem .6rem; }
-  }
-  @media (prefers-color-scheme: dark) {
-    :root {
-      --back: #16181d; --text: #e4e6ea; --line: #3a3e46;
-      --hot: #ff9d4d; --bad: #ff7b72; --good: #6cc28a;
-    }
-    #curves { --figures: invert(.91) hue-rotate(180deg); }
-  }
-</style>
-{% endblock %}
-{% block contents %}
-<header>
-  <div>{{ embed(roots.state) }}</div><div>{{ embed(roots.stop) }}</div>{{ embed(roots.pulse) }}
-</header>
-<div id="silent">
-  Nothing comes from the page's own program. The limb goes on without it: to stop it, press Ctrl-C
-  where it was started.
-</div>
-<main>
-  <div id="curves">{{ embed(roots.curves) }}</div>
-  <div>
-    <iframe src="view/" title="the limb in 3D"></iframe>
-    <div id="facts">{{ embed(roots.facts) }}</div>
-  </div>
-</main>
-<script>
-  // Says so when the pulse stops, whether the connection or the page's program is the cause.
-  let last = null, since = Date.now();
-  setInterval(() => {
-    const pulse = Bokeh.documents[0]?.get_model_by_name("pulse");
-    const [count, ended] = pulse ? pulse.tags : [null, false];
-    if (count !== last) [last, since] = [count, Date.now()];
-    const silent = !ended && Date.now() - since > 3000;
-    document.querySelector("#silent").classList.toggle("shown", silent);
-  }, 500);
-</script>
-{% endblock %}
-""")
 
 
 class LiveDocument:
@@ -152,7 +74,7 @@ class LiveDocument:
         # Another run may be served at the same address, whose document is another.
         document.js_on_event(ClientReconnected, CustomJS(code="window.location.reload()"))
         document.title = "Soft limb, live"
-        document.template = TEMPLATE
+        document.template = template("page.html", TEMPLATES)
         document.add_periodic_callback(self._look, PERIOD)
 
     def _press(self) -> None:
@@ -200,113 +122,65 @@ def _columns(phase: RunHeader, readings: Sequence[Reading]) -> dict[str, list[fl
 
 
 def figures(phase: RunHeader, source: ColumnDataSource) -> list:
-    """The curves of a phase, each below what its colours mean."""
-    parameters, plan, band = phase.parameters, phase.plan, phase.band
-    time_range = (
+    """The curves of a phase."""
+    x_range = (
         Range1d(start=0.0, end=phase.duration)
         if phase.duration
         else DataRange1d(follow="end", follow_interval=WINDOW, range_padding=0)
     )
-    names = [name.replace("_", " ") for name in parameters.wire_names]
-    colors = wire_colors(len(names))
-    ends = [0.0, phase.duration or 1e6]
-
-    def make(unit: str, **options) -> figure:
-        picture = figure(
-            height=210,
-            sizing_mode="stretch_width",
-            x_range=time_range,
-            tools="",
-            toolbar_location=None,
-            stylesheets=[InlineStyleSheet(css=":host { filter: var(--figures); }")],
-            **options,
-        )
-        picture.axis.axis_label_text_font_style = "normal"
-        picture.yaxis.axis_label, picture.xgrid.visible = unit, False
-        picture.outline_line_color = None
-        picture.background_fill_color = picture.border_fill_color = None
-        return picture
-
-    bend = make("bend angle φ (°)")
-    keys = [("measured", ROLLOUT_COLOR)]
-    if plan is not None:
-        if band is not None:
-            middle = np.rad2deg(np.interp(band.time, plan.time, plan.bend_angle[0]))
-            width = np.rad2deg(band.bend_reading)
-            bend.varea(band.time, middle - width, middle + width, color=PLAN_COLOR, alpha=0.12)
-            keys.append(("what 95% of limbs like this read", f"{PLAN_COLOR}30"))
-        for row, planned, dash in zip(plan.reference, plan.bend_angle, DASHES, strict=False):
-            bend.line(
-                plan.time, np.rad2deg(row), color=REFERENCE_COLOR, line_width=2, line_dash=dash
-            )
-            bend.line(
-                plan.time, np.rad2deg(planned), color=PLAN_COLOR, line_width=2, line_dash=dash
-            )
-        keys += [("plan", PLAN_COLOR), ("reference", REFERENCE_COLOR)]
-    for i, dash in zip(range(len(parameters.segments)), DASHES, strict=False):
-        bend.line("time", f"reference_{i}", source=source, color=REFERENCE_COLOR, line_dash=dash)
-        bend.line(
-            "time",
-            f"bend_angle_{i}",
-            source=source,
-            color=ROLLOUT_COLOR,
-            line_width=2,
-            line_dash=dash,
-        )
-
-    heat = make("readings V (°C)")
-    heat_keys = list(zip(names, colors, strict=True))
-    for i, color in enumerate(colors):
-        if plan is not None:
-            planned = plan.measured_temperature[i]
-            heat.line(plan.time, planned, color=color, line_width=1.5, line_dash="dashed")
-            if band is not None:
-                low = np.interp(band.time, plan.time, planned)
-                high = low + band.measured_temperature[i]
-                heat.varea(band.time, low, high, color=color, alpha=0.12)
-        heat.line("time", f"measured_temperature_{i}", source=source, color=color, line_width=2)
-    maximum = parameters.temperature_limits.maximum
-    heat.line(ends, [maximum] * 2, color=WARM_COLOR, line_dash="dotted", line_width=2)
-    heat.line(ends, [phase.limit] * 2, color=LIMIT_COLOR, line_width=2)
-    heat_keys += [
-        (f"T_max {maximum:g} °C", WARM_COLOR),
-        (f"off at {phase.limit:g} °C", LIMIT_COLOR),
-    ]
-
-    duty = make("duty", y_range=Range1d(start=-0.02, end=1.02))
-    for i, color in enumerate(colors):
-        for name, width, alpha in (("applied_duty", 5.0, 0.3), ("duty", 1.5, 1.0)):
-            duty.step(
-                "time",
-                f"{name}_{i}",
-                source=source,
-                color=color,
-                line_width=width,
-                alpha=alpha,
-                mode="after",
-            )
-    duty.xaxis.axis_label = "time (s)"
-    dashed = "; dashed: the plan" if plan is not None else ""
-    dashed += ", shaded: above it in 995 of 1000 limbs" if band is not None else ""
-    return [
-        _key(keys),
-        bend,
-        _key(heat_keys, dashed),
-        heat,
-        _key(zip(names, colors, strict=True), "; thin: asked for, wide: applied"),
-        duty,
-    ]
+    drawn = [charts.draw(panel, source, x_range) for panel in panels(phase)]
+    for figure in drawn[:-1]:
+        figure.xaxis.axis_label = None
+    if isinstance(x_range, DataRange1d):  # limits are drawn beyond what has been recorded
+        renderers = itertools.chain.from_iterable(figure.renderers for figure in drawn)
+        x_range.renderers = [one for one in renderers if one.data_source is source]
+    return drawn
 
 
-def _key(entries, more: str = "") -> Div:
-    marks = "".join(
-        f'<span class="key"><i style="background: {color}"></i>{html.escape(name)}</span>'
-        for name, color in entries
+def panels(phase: RunHeader) -> list[Panel]:
+    """Fig. 5 of a phase, whose rollout grows."""
+    plan, band, limits = phase.plan, phase.band, phase.parameters.temperature_limits
+
+    def grows(name: str, column: str, color: str, **style) -> Curve:
+        return Curve(name, np.zeros(0), np.zeros(0), color, column=column, **style)
+
+    def measured(signal: str, row: int, wire: str, color: str) -> list[Curve]:
+        column = f"{signal}_{row}"
+        if signal == "measured_temperature":
+            return [grows(f"{wire}V measured", column, color, width=2.0)]
+        if signal == "bend_angle":
+            read = grows("measured φ", column, color, width=2.0)
+            wanted = grows("asked for", f"reference_{row}", REFERENCE_COLOR)
+            return [wanted, read] if plan is None else [read]
+        wide = {"width": 5.0, "alpha": 0.3, "steps": True}
+        return [
+            grows(f"{wire}D applied", f"applied_duty_{row}", color, **wide),
+            grows(f"{wire}D asked for", column, color, steps=True),
+        ]
+
+    bands = {}
+    if plan is not None and band is not None:
+        width = np.interp(plan.time, band.time, band.bend_reading)
+        planned = plan.measured_temperature
+        above = [np.interp(plan.time, band.time, row) for row in band.measured_temperature]
+        bands = {
+            "bend_angle": np.array([plan.bend_angle - width, plan.bend_angle + width]),
+            "measured_temperature": np.array([planned, planned + above]),
+        }
+    ends = np.array([0.0, phase.duration or 1e6])
+    lines = (
+        (f"T_max {limits.maximum:g} °C", limits.maximum, WARM_COLOR, "dotted"),
+        (f"off at {phase.limit:g} °C", phase.limit, LIMIT_COLOR, "solid"),
     )
-    return Div(
-        text=marks + html.escape(more.lstrip("; ,")),
-        sizing_mode="stretch_width",
-        stylesheets=[InlineStyleSheet(css=STYLE)],
+    return measured_panels(
+        phase.parameters,
+        measured,
+        plan,
+        limits=[
+            Curve(name, ends, np.full(2, value), color, dash, 2.0)
+            for name, value, color, dash in lines
+        ],
+        bands=bands,
     )
 
 
@@ -326,8 +200,7 @@ def state(run: Run) -> str:
         kind, what = "armed", "Armed: wires may be heated"
     else:
         kind, what = "off", f"Wires off: {board.reason}"
-    line = f'<b class="big {kind}">{html.escape(what)}</b>{html.escape(run.said)}'
-    return line + "".join(f' <b class="bad">{html.escape(hot)}</b>' for hot in too_hot(run))
+    return part("state", kind, what, run.said, too_hot(run), folder=TEMPLATES)
 
 
 def too_hot(run: Run) -> list[str]:
@@ -346,46 +219,44 @@ def too_hot(run: Run) -> list[str]:
 
 def facts(run: Run, phase: RunHeader, reading: Reading | None) -> str:
     """The numbers, HTML."""
-    names = [html.escape(name.replace("_", " ")) for name in phase.parameters.wire_names]
-    rows = [("", names)]
+    names = [name.replace("_", " ") for name in phase.parameters.wire_names]
+    rows, lines = [], []
     if reading is not None:
-        rows += _wires(run, phase, reading)
-    cells = "".join(
-        f"<tr>{''.join(f'<td>{cell}</td>' for cell in (name, *values))}</tr>"
-        for name, values in rows
-    )
-    lines = [*_bend(phase, reading), *_clock(run, phase, reading)] if reading is not None else []
-    if reading is not None and reading.board is not None:
-        lines += _cable(reading.board)
-    lines.append(phase.source)
-    return f"<table>{cells}</table>" + "".join(f"<p>{html.escape(line)}</p>" for line in lines)
-
-
-def _wires(run: Run, phase: RunHeader, reading: Reading) -> list[tuple[str, list[str]]]:
-    limit = phase.parameters.temperature_limits.maximum
-
-    def cells(values) -> list[str]:
-        texts = (f"{value:.1f}" for value in values)
-        return [
-            f'<b class="bad">{text}</b>' if value > limit else text
-            for text, value in zip(texts, values, strict=True)
+        limit = phase.parameters.temperature_limits.maximum
+        rows = [
+            (
+                name,
+                [f"{value:.{digits}f}" for value in values],
+                [digits == 1 and value > limit for value in values],
+            )
+            for name, values, digits in _wires(run, phase, reading)
         ]
+        lines = [*_bend(phase, reading), *_clock(run, phase, reading)]
+        if reading.board is not None:
+            lines += _cable(reading.board)
+    if phase.band is not None:
+        lines.append(
+            "Shaded: 95% of limbs like this are read there, and 995 of 1000 wires up to there."
+        )
+    lines.append(phase.source)
+    return part("facts", names, rows, lines, folder=TEMPLATES)
 
-    rows = [
-        ("reading V, °C", cells(reading.measured_temperature)),
-        ("highest so far, °C", cells(run.highest)),
+
+def _wires(run: Run, phase: RunHeader, reading: Reading) -> list[tuple[str, Sequence[float], int]]:
+    """Names, values of each wire and digits; those read have one."""
+    rows: list[tuple[str, Sequence[float], int]] = [
+        ("reading V, °C", reading.measured_temperature, 1),
+        ("highest so far, °C", run.highest.tolist(), 1),
     ]
     if phase.band is not None:
-        highest = phase.band.highest_readings
-        rows.append(("highest, predicted, °C", [f"{value:.0f}" for value in highest]))
+        rows.append(("highest, predicted, °C", phase.band.highest_readings.tolist(), 0))
     if reading.board is not None:
-        warmest = reading.board.warmest
-        rows.append(("at most, by its duty, °C", [f"{value:.0f}" for value in warmest]))
+        rows.append(("at most, by its duty, °C", reading.board.warmest, 0))
     if not run.is_running:  # the last duty is not in force any more
         return rows
-    rows.append(("duty", [f"{value:.2f}" for value in reading.duty]))
+    rows.append(("duty", reading.duty, 2))
     if reading.applied_duty is not None:
-        rows.append(("duty applied", [f"{value:.2f}" for value in reading.applied_duty]))
+        rows.append(("duty applied", reading.applied_duty, 2))
     return rows
 
 

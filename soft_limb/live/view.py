@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from hardware.live.messages import Reading, RunHeader
-from limb_systems import LimbParameters, LimbVisualizer, joint_angles_from_bend_angle, wire_color
-from limb_systems.views.limb_view import Ghost, ghosts_of_plan, pose_ghost, show_duty
-from limb_systems.views.limb_visualizer import linear, wire_paths
+from limb_systems import LimbParameters, joint_angles_from_bend_angle
+from limb_systems.views.limb_view import LimbView, ghosts_of_plan
 
 # The page around it says whether there is a connection, and there is nothing to control.
 STYLE = "<style>#status-message, .dg { display: none !important; }</style>"
@@ -22,8 +21,9 @@ LISTEN = """
 <script>
   new WebSocket(location.href.replace("http", "ws")).onmessage = (event) => {
     const commands = JSON.parse(event.data);
-    if (commands) commands.forEach((command) => viewer.handle_command(command));
-    else location.reload();
+    if (!commands) location.reload();
+    else if (typeof viewer !== "undefined")  // there is none before the first limb
+      commands.forEach((command) => viewer.handle_command(command));
   };
 </script>
 </body>"""
@@ -47,9 +47,19 @@ class View:
 
     def begin(self, phase: RunHeader) -> None:
         """Shows another limb, or another plan."""
-        self._parameters = phase.parameters
-        self._ghosts = ghosts_of_plan(phase.parameters, phase.plan) if phase.plan else []
-        self.page = _page(phase).replace("</head>", f"{STYLE}</head>").replace("</body>", LISTEN)
+        self._parameters = parameters = phase.parameters
+        ghosts = ghosts_of_plan(parameters, phase.plan) if phase.plan else []
+        self._limb = LimbView(parameters, ghosts)
+        meshcat = Meshcat(MeshcatParams(host="127.0.0.1", port=0, show_stats_plot=False))
+        self._limb.add_to(meshcat)
+        self._limb.set_scene(meshcat)
+        self._limb.show(
+            meshcat, np.zeros(parameters.num_joints), np.zeros(len(parameters.wires)), 0.0
+        )
+        self._limb.show_heat(meshcat, np.zeros(len(parameters.wires)))
+        page = meshcat.StaticHtml()
+        self.page = page.replace("</head>", f"{STYLE}</head>").replace("</body>", LISTEN)
+        del meshcat
         gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
         for watcher in self.watchers:
             watcher.reload()
@@ -57,40 +67,18 @@ class View:
     def show(self, reading: Reading) -> None:
         """Shows a reading of the limb that began."""
         if np.isfinite([*reading.bend_angle, *reading.measured_temperature, *reading.duty]).all():
-            said = commands(self._parameters, self._ghosts, reading)
+            said = commands(self._limb, self._parameters, reading)
             for watcher in self.watchers:
                 watcher.tell(said)
 
 
-def _page(phase: RunHeader) -> str:
-    meshcat = Meshcat(MeshcatParams(host="127.0.0.1", port=0, show_stats_plot=False))
-    visualizer = LimbVisualizer(phase.parameters, meshcat, phase.plan)
-    context = visualizer.CreateDefaultContext()
-    for index in range(visualizer.num_input_ports()):
-        port = visualizer.get_input_port(index)
-        port.FixValue(context, np.zeros(port.size()))
-    visualizer.ForcedPublish(context)
-    return meshcat.StaticHtml()
-
-
-def commands(parameters: LimbParameters, ghosts: list[Ghost], reading: Reading) -> list[dict]:
+def commands(limb: LimbView, parameters: LimbParameters, reading: Reading) -> list[dict]:
     """What tells Meshcat's page to show a reading."""
     told = _Told()
     meshcat: Any = told
-    lengths = [s.length / s.links for s in parameters.segments for _ in range(s.links)]
-    directions = np.cumsum(joint_angles_from_bend_angle(parameters, reading.bend_angle))
-    origin = np.zeros(3)
-    for number, (length, direction) in enumerate(zip(lengths, directions, strict=True), 1):
-        pose = RigidTransform(RotationMatrix.MakeZRotation(direction), origin)
-        told.SetTransform(f"visualizer/limb/link_{number}", pose)
-        origin = pose @ np.array([length, 0.0, 0.0])
-    colors = linear(wire_color(parameters, reading.measured_temperature))
-    for paths, color in zip(wire_paths("", parameters), colors, strict=True):
-        for path in paths:
-            told.SetProperty(path, "color", [*color.tolist(), 1.0])
-    for ghost in ghosts:
-        pose_ghost(meshcat, "", parameters, ghost, reading.time)
-    show_duty(meshcat, "", parameters, np.array(reading.duty), reading.time)
+    angles = joint_angles_from_bend_angle(parameters, reading.bend_angle)
+    limb.show(meshcat, angles, np.array(reading.duty), reading.time)
+    limb.show_heat(meshcat, np.array(reading.measured_temperature))
     return told.commands
 
 

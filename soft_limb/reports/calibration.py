@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from markupsafe import Markup
 
 from calibration.calibrate import Calibration
 from calibration.prediction.selection import Prediction
@@ -13,10 +14,12 @@ from calibration.section_v.heat import HeatFit
 from calibration.validation import Validation
 from limb_systems.views import page
 from limb_systems.views.colors import wire_colors
+from limb_systems.views.panels import Panel
+from soft_limb.reports import calibration_panels as panels
 from soft_limb.results.summaries import ranked, validation_summary
 
-if TYPE_CHECKING:  # Bokeh takes as long to import as all the rest
-    from bokeh.models import Model
+if TYPE_CHECKING:
+    from limb_systems.views.plots import Figure
 
 _MEANING = {
     "ambient_temperature": "T0",
@@ -41,6 +44,14 @@ _MEANING = {
 }
 
 
+def plot_validation(validation: Validation) -> "Figure":
+    """Fig. 4 as a picture: the calibrated model against the limb, for the same duty."""
+    # Matplotlib takes as long to import as all the rest.
+    from limb_systems.views.plots import draw
+
+    return draw(panels.validation_panels(validation))
+
+
 def write_report(
     calibration: Calibration, path: str | Path, data: Mapping[str, str | Path] | None = None
 ) -> None:
@@ -50,11 +61,8 @@ def write_report(
         path: of the page.
         data: files that the page links to, by what they are.
     """
-    # Bokeh takes as long to import as all the rest.
-    from soft_limb.reports import calibration_charts as charts
-
     sources = sorted({source for group in calibration.sources.values() for source in group})
-    parts = [page.verdict(calibration.verdict)]
+    parts: list[page.Part] = [page.verdict(calibration.verdict)]
     if calibration.remarks:
         parts.append(page.section("What to do next", page.items(ranked(calibration))))
     if calibration.validation:
@@ -63,7 +71,7 @@ def write_report(
                 "Validation, Sec. V-D and Fig. 4",
                 f"The duty of a recording that was not used in any fit, simulated open loop. "
                 f"{validation_summary(calibration.validation).line()}.",
-                charts.validation_chart(calibration.validation),
+                panels.validation_panels(calibration.validation),
             )
         )
     parts.append(
@@ -81,7 +89,7 @@ def write_report(
                 "Spring constant, Sec. V-A",
                 f"The correction factor of (9) comes to λ = "
                 f"{calibration.stiffness.correction_factor:.3f}.",
-                charts.stiffness_chart(calibration.stiffness),
+                panels.stiffness_panels(calibration.stiffness),
             )
         )
     if calibration.damping:
@@ -89,7 +97,7 @@ def write_report(
             _section(
                 "Damping, Sec. V-B and Algorithm 1",
                 _compare_decay(calibration.damping),
-                charts.damping_chart(calibration.damping),
+                panels.damping_panels(calibration.damping),
             )
         )
     colors = wire_colors(len(calibration.heat))
@@ -98,7 +106,7 @@ def write_report(
             _section(
                 f"The {heat.wire} wire, Sec. V-C",
                 _heat_in_words(heat),
-                *charts.wire_charts(heat, force, color),
+                panels.wire_panels(heat, force, color),
             )
         )
     if data:
@@ -111,12 +119,10 @@ def write_validation_report(
     validation: Validation, path: str | Path, data: Mapping[str, str | Path]
 ) -> None:
     """Writes one HTML page on how a calibrated limb predicts a recording; see `write_report`."""
-    from soft_limb.reports.calibration_charts import validation_chart
-
-    parts = [
+    parts: list[page.Part] = [
         page.verdict(validation.verdict),
         page.paragraph(f"{validation_summary(validation).line()}."),
-        page.chart(validation_chart(validation), "Limb and model for the same duty"),
+        page.chart(panels.validation_panels(validation), "Limb and model for the same duty"),
         page.section("Data", page.links(path, data)),
     ]
     page.write_page(
@@ -124,9 +130,7 @@ def write_validation_report(
     )
 
 
-def _prediction(prediction: Prediction, wire_names: list[str]) -> list[str]:
-    from soft_limb.reports.calibration_charts import predicted_chart
-
+def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part]:
     rows = [
         [
             f"{candidate.name}{' (used)' if candidate is prediction.best else ''}",
@@ -141,7 +145,7 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[str]:
         f"Mean errors of open-loop predictions, judged by {prediction.judges}. Used is the "
         "simplest law that no other beats.",
     )
-    parts = [page.section("Laws of the wires", table)]
+    parts: list[page.Part] = [page.section("Laws of the wires", table)]
     for number, predicted in enumerate(prediction.fit.predicted, 1):
         title = f"Recording {number} of {len(prediction.fit.predicted)} as fitted"
         parts.append(
@@ -149,13 +153,13 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[str]:
                 title,
                 f"{predicted.run.source}: bend within {np.rad2deg(predicted.bend_error):.2f}°, "
                 f"V within {predicted.temperature_error:.1f} °C on average.",
-                predicted_chart(predicted, wire_names),
+                panels.predicted_panels(predicted, wire_names),
             )
         )
     return parts
 
 
-def parameter_table(calibration: Calibration) -> str:
+def parameter_table(calibration: Calibration) -> Markup:
     """The calibrated quantities with their standard errors, as part of a page."""
     rows = [
         [name, str(estimate), _MEANING.get(name.split(".")[-1], "")]
@@ -182,7 +186,5 @@ def _heat_in_words(fit: HeatFit) -> str:
     )
 
 
-def _section(title: str, text: str, *charts: "Model") -> str:
-    return page.section(
-        title, page.paragraph(text), *(page.chart(chart, title) for chart in charts)
-    )
+def _section(title: str, text: str, shown: list[Panel]) -> page.Section:
+    return page.section(title, page.paragraph(text), page.chart(shown, title))

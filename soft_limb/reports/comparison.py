@@ -8,24 +8,21 @@ import numpy as np
 
 from limb_systems.provenance import Provenance
 from limb_systems.views import page
-from limb_systems.views.charts import Curve, panel, stacked
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
+from limb_systems.views.panels import SIGNALS, Curve, Panel
 from soft_limb.results.comparison import Comparison, Curves
 from soft_limb.results.reading import TRAJECTORY, ResultFile
 
 _COLORS = (PLAN_COLOR, ROLLOUT_COLOR, *wire_colors(6))
 _DASHES = ("solid", "dashed", "dotted")  # of wires
-_LABELS = {
-    "bend_angle": ("φ", "bend angle", " (°)", 260),
-    "measured_temperature": ("V", "temperature", " (°C)", 240),
-    "duty": ("D", "duty", "", 220),
-}
 
 
 def write_comparison(comparison: Comparison, path: str | Path) -> None:
     """Writes the page to an HTML file."""
     names = comparison.names
-    parts = [page.section("Runs", page.table(["", "kind", "made by", "at"], _runs(comparison)))]
+    parts: list[page.Part] = [
+        page.section("Runs", page.table(["", "kind", "made by", "at"], _runs(comparison)))
+    ]
     if comparison.curves:
         parts += _signals(comparison)
     head, *rows = comparison.changes_table()
@@ -45,14 +42,14 @@ def _runs(comparison: Comparison) -> list[list[str]]:
     return rows
 
 
-def _signals(comparison: Comparison) -> list[str]:
+def _signals(comparison: Comparison) -> list[page.Section]:
     first = comparison.names[0]
     head, *rows = comparison.differences_table(comparison.differences, "|Δ{}|")
     parts = [page.table(head, rows, f"Absolute differences from {first} over their common time.")]
     if comparison.tracking:
         head, *rows = comparison.differences_table(comparison.tracking, "|{0}* − {0}|")
         parts.append(page.table(head, rows, "Tracking errors of the recordings of the plan."))
-    chart = page.chart(stacked(_panels(comparison)), f"All runs, and what differs from {first}")
+    chart = page.chart(_panels(comparison), f"All runs, and what differs from {first}")
     return [
         page.section("How far apart they are", *parts),
         page.section(
@@ -63,14 +60,13 @@ def _signals(comparison: Comparison) -> list[str]:
     ]
 
 
-def _panels(comparison: Comparison) -> list:
+def _panels(comparison: Comparison) -> list[Panel]:
     results, names = comparison.results, comparison.names
     parameters = results[0].value.parameters
     panels = []
     for segment, suffix in enumerate(parameters.segment_suffixes):
-        where = suffix.replace("_", " of segment ")
         wires = list(range(len(parameters.wires)))[parameters.wire_slices[segment]]
-        for signal, (symbol, label, unit, height) in _LABELS.items():
+        for signal, drawn in SIGNALS.items():
             rows = [segment] if signal == "bend_angle" else wires
             called = [""] if signal == "bend_angle" else [parameters.wire_names[w] for w in wires]
             values, differences = [], []
@@ -92,8 +88,9 @@ def _panels(comparison: Comparison) -> list:
                                 dash,
                             )
                         )
-            panels.append(panel(f"{label}{where}{unit}", values, height=height))
-            panels.append(panel(f"Δ{symbol}{unit}", differences, height=170))
+            panels.append(drawn.panel(values, suffix, y_range=None))
+            unit = f" ({drawn.unit})" * bool(drawn.unit)
+            panels.append(Panel(f"Δ{drawn.symbol}{unit}", differences, height=170))
     return panels
 
 

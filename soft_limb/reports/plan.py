@@ -5,6 +5,7 @@ from pathlib import Path
 
 from limb_systems import Trajectory
 from limb_systems.views import page
+from limb_systems.views.panels import tracking_panels
 from planners.checks import far_from_reference
 from planners.checks import missed as missed_by
 from soft_limb.results.summaries import active_times, plan_summary, spans
@@ -43,9 +44,6 @@ def write_report(
         path: of the page.
         data: files that the page links to, by what they are.
     """
-    # Bokeh takes as long to import as all the rest.
-    from limb_systems.views.charts import tracking_chart
-
     trajectory = trajectory.since_start()
     rows = [
         [
@@ -62,9 +60,9 @@ def write_report(
     )
     texts = plan_summary(trajectory).texts()
     del texts["limits"]  # they have a section of their own
-    parts = [
+    parts: list[page.Part] = [
         page.verdict(plan_verdict(trajectory)),
-        page.chart(tracking_chart(trajectory), "Bend angle, temperatures and duty of the plan"),
+        page.chart(tracking_panels(trajectory), "Bend angle, temperatures and duty of the plan"),
         page.section(
             "Limits",
             page.paragraph(bounds),
@@ -73,7 +71,7 @@ def write_report(
             else page.paragraph("None is active."),
         ),
         page.section("How it was found", page.table(["", ""], list(texts.items()))),
-        page.section("Limb", page.preformatted(trajectory.parameters.to_yaml())),
+        page.section("Limb", page.limb(trajectory.parameters)),
     ]
     if data:
         parts.append(page.section("Data", page.links(path, data)))

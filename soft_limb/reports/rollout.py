@@ -9,6 +9,7 @@ from controllers import Learner
 from limb_systems import Recording
 from limb_systems.summary import Summary
 from limb_systems.views import page
+from limb_systems.views.panels import repetition_panels, tracking_panels
 from planners.checks import far_from_reference
 from soft_limb.runs.rollout import Rollout
 
@@ -58,13 +59,10 @@ def write_rollout_report(
         path: path of the page.
         data: files that the page links to, by what they are.
     """
-    # Bokeh takes as long to import as all the rest.
-    from limb_systems.views.charts import tracking_chart
-
-    chart = tracking_chart(rollout.trajectory, [rollout.recording])
-    parts = [
+    panels = tracking_panels(rollout.trajectory, [rollout.recording])
+    parts: list[page.Part] = [
         page.verdict(rollout_verdict(rollout)),
-        page.chart(chart, "Bend angle, temperatures and duty of the plan and the recording"),
+        page.chart(panels, "Bend angle, temperatures and duty of the plan and the recording"),
         page.section("Facts", page.table(["", ""], list(summary.texts().items()))),
         page.section("Data", page.links(path, data)),
     ]
@@ -100,12 +98,9 @@ def write_learning_report(
         state: file of the learner.
         path: of the page.
     """
-    from limb_systems.views.charts import repetitions_chart, tracking_chart
-
     numbers = sorted(recordings)
     first, last = (Recording.load(recordings[number]) for number in (numbers[0], numbers[-1]))
     errors = [repetition.mean_error for repetition in learner.repetitions]
-    fell, bends = repetitions_chart(learner.trajectory, errors, first, last)
     rows = [
         [
             str(number),
@@ -114,17 +109,18 @@ def write_learning_report(
         ]
         for number, repetition in enumerate(learner.repetitions, 1)
     ]
+    learned = page.chart(
+        repetition_panels(learner.trajectory, errors, first, last),
+        "Mean error of each repetition; bend angle in the first, in the last and in the plan",
+    )
     tracked = page.chart(
-        tracking_chart(learner.trajectory, [last]),
+        tracking_panels(learner.trajectory, [last]),
         "Bend angle, temperatures and duty of the plan and the last repetition",
     )
     data = {f"repetition {number}": recordings[number] for number in numbers}
-    parts = [
+    parts: list[page.Part] = [
         page.verdict(learning_verdict(learner)),
-        page.chart(fell, "Mean error of each repetition"),
-        page.section(
-            "First and last repetition", page.chart(bends, "Bend angle in both and in the plan")
-        ),
+        learned,
         page.section(f"Repetition {numbers[-1]}", tracked),
         page.section("Repetitions", page.table(["repetition", "mean |φ* − φ|, °", "remark"], rows)),
         page.section("Data", page.links(path, {"what was learned": state, **data})),

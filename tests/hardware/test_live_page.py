@@ -30,7 +30,7 @@ from limb_systems import (
     Trajectory,
     joint_angles_from_bend_angle,
 )
-from limb_systems.views.limb_view import ghosts_of_plan
+from limb_systems.views.limb_view import LimbView, ghosts_of_plan
 from planners import plan, references
 from soft_limb.command import main
 from soft_limb.commands import options
@@ -313,7 +313,8 @@ def test_the_view_is_what_meshcat_shows(motion):
         visualizer.get_input_port(index).FixValue(context, values)
     context.SetTime(reading.time)
     visualizer.ForcedPublish(context)
-    told = view.commands(motion.parameters, ghosts_of_plan(motion.parameters, motion), reading)
+    limb = LimbView(motion.parameters, ghosts_of_plan(motion.parameters, motion))
+    told = view.commands(limb, motion.parameters, reading)
     kinds = [command["type"] for command in told]
     assert (kinds.count("set_transform"), kinds.count("set_property")) == (15, 12)
     for command in told:

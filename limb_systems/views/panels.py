@@ -1,0 +1,281 @@
+"""Panels of pictures: curves, bands, limits, labels, units and colours, declared once.
+
+`limb_systems.views.plots` draws panels as a picture, by Matplotlib, and
+`limb_systems.views.charts` as a chart to look into, by Bokeh. Importing this needs neither.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from limb_systems.files.recording import Recording
+from limb_systems.files.trajectory import Trajectory
+from limb_systems.model.parameters import LimbParameters
+from limb_systems.views.colors import (
+    LEFT_RIGHT_COLORS,
+    NEUTRAL_COLOR,
+    PLAN_COLOR,
+    REFERENCE_COLOR,
+    ROLLOUT_COLOR,
+    wire_colors,
+)
+
+BAND = 1.96  # standard deviations that hold 95% of the rollouts
+TIME = "time (s)"
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Curve:
+    """A curve of a panel.
+
+    - ``name``: in the legend and, in a chart, under the pointer; curves with one name share
+      an entry, and a curve without a name has none.
+    - ``x``, ``y``: samples (K,), in the units of the panel's labels.
+    - ``color``: one that is seen on white and on black.
+    - ``dash``: "solid", "dashed" or "dotted".
+    - ``width``: px.
+    - ``band``: half-width of a band about y (K,), or its lower and upper edge; None for none.
+    - ``marks``: whether the samples are dots that no line joins; the band is then a bar at each.
+    - ``steps``: whether each value holds until the next.
+    - ``alpha``: opacity.
+    - ``column``: name of the column over "time" that a live page adds samples to; else empty.
+    """
+
+    name: str
+    x: np.ndarray
+    y: np.ndarray
+    color: str
+    dash: str = "solid"
+    width: float = 1.5
+    band: np.ndarray | tuple[np.ndarray, np.ndarray] | None = None
+    marks: bool = False
+    steps: bool = False
+    alpha: float = 1.0
+    column: str = ""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Panel:
+    """Curves over one pair of axes. Panels with the same horizontal label share its range.
+
+    - ``label``: of the vertical axis, with its unit in brackets.
+    - ``curves``: drawn in their order.
+    - ``height``: px, with the legend.
+    - ``x_label``: of the horizontal axis, with its unit in brackets.
+    - ``y_range``: of the vertical axis; that of the curves if None.
+    - ``from_zero``: whether the vertical axis begins at zero.
+    - ``x_ticks``: texts below the horizontal axis by where they stand; numbers if None.
+    - ``limits``: lines whose names stand beside them in a picture, in the legend of a chart.
+    """
+
+    label: str
+    curves: Sequence[Curve]
+    height: int = 230
+    x_label: str = TIME
+    y_range: tuple[float, float] | None = None
+    from_zero: bool = False
+    x_ticks: Mapping[int, str] | None = None
+    limits: Sequence[Curve] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Signal:
+    """A signal that runs are drawn and compared by.
+
+    - ``symbol``, ``name``, ``unit``: as in labels.
+    - ``height``: of its panel, px.
+    - ``y_range``: of its panel, if it is always the same.
+    """
+
+    symbol: str
+    name: str
+    unit: str
+    height: int
+    y_range: tuple[float, float] | None = None
+
+    def panel(self, curves: Sequence[Curve], where: str = "", **options: Any) -> Panel:
+        """The signal's panel.
+
+        Args:
+            where: suffix of the segment, such as "_2".
+            options: further fields of `Panel`.
+        """
+        label = f"{self.name}{where.replace('_', ' of segment ')}"
+        label += f" ({self.unit})" if self.unit else ""
+        return Panel(label, curves, **{"height": self.height, "y_range": self.y_range, **options})
+
+
+SIGNALS = {
+    "bend_angle": Signal("φ", "bend angle", "°", 290),
+    "measured_temperature": Signal("V", "temperature", "°C", 270),
+    "duty": Signal("D", "duty", "", 210, (-0.04, 1.04)),
+}
+
+
+def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()) -> list[Panel]:
+    """Fig. 5: bend angle, temperatures and duty of a plan and of its rollouts.
+
+    Time counts from the start of the plan. Plans are dashed; the legend says whether
+    the rollouts were simulated, emulated or recorded. Several recordings are drawn as their
+    mean and the band of 95%, mean ± 1.96 standard deviations, at the sample times of the
+    first. Each segment has its own three panels.
+
+    Args:
+        trajectory: the plan.
+        recordings: rollouts of this plan, all with the same sample rate.
+    """
+    trajectory, how = trajectory.since_start(), how_recorded(recordings)
+    names = {
+        "bend_angle": f"{how}{' rollouts' * (len(recordings) > 1)} φ",
+        "measured_temperature": f"V {how}",
+        "duty": "D",
+    }
+
+    def rollouts(signal: str, row: int, wire: str, color: str) -> list[Curve]:
+        if not recordings:
+            return []
+        scale = np.rad2deg(1.0) if signal == "bend_angle" else 1.0
+        rows = [scale * getattr(recording, signal)[row] for recording in recordings]
+        time, mean, half = mean_and_band(recordings, rows)
+        band = half if len(recordings) > 1 else None
+        return [Curve(f"{wire}{names[signal]}", time, mean, color, band=band)]
+
+    limits, time = trajectory.parameters.temperature_limits, trajectory.time
+    return measured_panels(
+        trajectory.parameters,
+        rollouts,
+        trajectory,
+        limits=[
+            Curve(name, np.array([start, time[-1]]), np.full(2, value), NEUTRAL_COLOR, width=1.0)
+            for name, value, start in (
+                ("T_max", limits.maximum, time[0]),
+                ("T_warm", limits.warm, limits.warm_up_time),
+            )
+            if start < time[-1]
+        ],
+    )
+
+
+def measured_panels(
+    parameters: LimbParameters,
+    measured: Callable[[str, int, str, str], list[Curve]],
+    plan: Trajectory | None,
+    *,
+    limits: Sequence[Curve] = (),
+    bands: Mapping[str, np.ndarray] | None = None,
+) -> list[Panel]:
+    """Bend angle, temperatures and duty of each segment, with those of a plan.
+
+    Args:
+        parameters: of the limb.
+        measured: curves of a signal's row, from the names of both, the row's as it begins
+            curves' names ("left, "), and a colour.
+        plan: what the limb follows, its time since its start.
+        limits: of temperature.
+        bands: edges of the plan's bands by signal, low and high (2, rows, K), if there are such.
+    """
+    panels, bands = [], bands or {}
+
+    def planned(
+        name: str, signal: str, row: int, color: str, dash: str, width: float = 1.5
+    ) -> list[Curve]:
+        if plan is None:
+            return []
+        scale = np.rad2deg(1.0) if signal == "bend_angle" else 1.0
+        values, band = scale * getattr(plan, signal)[row], None
+        if signal in bands:
+            band = scale * bands[signal][0, row], scale * bands[signal][1, row]
+        return [Curve(name, plan.time, values, color, dash, width, band)]
+
+    for segment, suffix in enumerate(parameters.segment_suffixes):
+        names = [wire.name for wire in parameters.segments[segment].wires]
+        first = parameters.wire_slices[segment].start
+        wires = list(zip(itertools.count(first), names, wire_colors(len(names)), strict=False))
+        bend, heat, duty = [], [], []
+        if plan is not None:
+            wanted = np.rad2deg(plan.reference[segment])
+            bend.append(Curve("reference φ_REF", plan.time, wanted, REFERENCE_COLOR))
+        bend += measured("bend_angle", segment, "", ROLLOUT_COLOR)
+        bend += planned("plan φ*", "bend_angle", segment, PLAN_COLOR, "dashed")
+        for index, name, color in wires:
+            heat += measured("measured_temperature", index, f"{name}, ", color)
+            duty += measured("duty", index, f"{name}, ", color)
+        dash = "dashed" if duty else "solid"
+        for index, name, color in wires:
+            heat += planned(f"{name}, V* planned", "measured_temperature", index, color, "dashed")
+            duty += planned(f"{name}, D* planned", "duty", index, color, dash)
+        for index, name, color in wires:
+            heat += planned(f"{name}, T* planned", "wire_temperature", index, color, "dotted", 1.0)
+        panels += [
+            SIGNALS["bend_angle"].panel(bend, suffix),
+            SIGNALS["measured_temperature"].panel(heat, limits=limits),
+            SIGNALS["duty"].panel(duty),
+        ]
+    return panels
+
+
+def repetition_panels(
+    trajectory: Trajectory, errors: Sequence[float], first: Recording, last: Recording
+) -> list[Panel]:
+    """How the error fell over repetitions of a plan, and the bend in the first and the last.
+
+    Args:
+        trajectory: the plan.
+        errors: mean of |φ* - φ| in each repetition, as it was read, rad.
+        first, last: recordings of repetitions.
+    """
+    trajectory = trajectory.since_start()
+    numbers, degrees = np.arange(1, len(errors) + 1), np.rad2deg(errors)
+    name = "mean error, as read"
+    fell = [
+        Curve(name, numbers, degrees, ROLLOUT_COLOR),
+        Curve(name, numbers, degrees, ROLLOUT_COLOR, width=2.0, marks=True),
+    ]
+    panels = [
+        Panel(
+            "mean |φ* − φ| (°)",
+            fell,
+            x_label="repetition",
+            from_zero=True,
+            x_ticks={int(number): str(number) for number in numbers},
+        )
+    ]
+    for segment, suffix in enumerate(trajectory.parameters.segment_suffixes):
+        curves = [
+            Curve(name, time, np.rad2deg(angle[segment]), color, dash)
+            for name, time, angle, color, dash in (
+                ("first repetition", first.time, first.bend_angle, LEFT_RIGHT_COLORS[1], "solid"),
+                ("last repetition", last.time, last.bend_angle, ROLLOUT_COLOR, "solid"),
+                ("plan φ*", trajectory.time, trajectory.bend_angle, PLAN_COLOR, "dashed"),
+            )
+        ]
+        panels.append(SIGNALS["bend_angle"].panel(curves, suffix))
+    return panels
+
+
+def how_recorded(recordings: Sequence[Recording]) -> str:
+    """How recordings were made, in a word or two for labels."""
+    return " and ".join(dict.fromkeys(recording.how for recording in recordings))
+
+
+def mean_and_band(
+    recordings: Sequence[Recording], samples: Sequence[np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, mean and half-width of the 95% band of rollouts; each as long as the shortest.
+
+    Args:
+        recordings: one or more, all with the same sample rate; times are the first's.
+        samples: one signal in each recording.
+    """
+    length = min(len(sample) for sample in samples)
+    # What one of them misses is that of the others, and a gap where all do.
+    stacked = np.ma.masked_invalid([sample[:length] for sample in samples])
+    spread = stacked.std(axis=0, ddof=min(1, len(samples) - 1))
+    return (
+        recordings[0].time[:length],
+        stacked.mean(axis=0).filled(np.nan),
+        BAND * spread.filled(0.0),
+    )

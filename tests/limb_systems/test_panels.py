@@ -1,0 +1,362 @@
+"""Panels show what is in the files, and pictures and charts show what is in the panels."""
+
+import base64
+import dataclasses
+import gzip
+import itertools
+import json
+import re
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from hardware import LimbTwin, SensedLimb
+from limb_systems import Limb, LimbError, PlanCheck, Recording, Trajectory, simulate
+from limb_systems.views import charts, page, plots
+from limb_systems.views.colors import (
+    LEFT_RIGHT_COLORS,
+    PLAN_COLOR,
+    REFERENCE_COLOR,
+    ROLLOUT_COLOR,
+    wire_colors,
+)
+from limb_systems.views.panels import Curve, Panel, repetition_panels, tracking_panels
+from limb_systems.views.plots import Figure, save_figure
+
+
+def items_of(html: str) -> list[dict]:
+    """The charts of a page, as BokehJS reads them."""
+    return [
+        json.loads(text)
+        for text in re.findall(r'<script type="application/json">(.*?)</script>', html, re.DOTALL)
+    ]
+
+
+def models_of(item: dict) -> dict[str, dict]:
+    """The models of a chart by their ids."""
+    found = {}
+
+    def look(part):
+        if isinstance(part, dict):
+            if part.get("type") == "object" and "id" in part:
+                found[part["id"]] = part
+            for value in part.values():
+                look(value)
+        elif isinstance(part, list):
+            for value in part:
+                look(value)
+
+    look(item["doc"])
+    return found
+
+
+def value_of(models: dict, part):
+    """What a part of a chart's JSON stands for: arrays, maps and references."""
+    if not isinstance(part, dict):
+        return part
+    if part.get("type") == "ndarray":
+        data = gzip.decompress(base64.b64decode(part["array"]["data"]))
+        return np.frombuffer(data, part["dtype"]).reshape(part["shape"])
+    if part.get("type") == "map":
+        return {key: value_of(models, value) for key, value in part["entries"]}
+    return models[part["id"]] if set(part) == {"id"} else part
+
+
+def curves_of(item: dict) -> list[dict[str, tuple[np.ndarray, ...]]]:
+    """x, y, low and high, as far as there are such, of each panel's curves by their names."""
+    models, panels = models_of(item), []
+    for plot in models.values():
+        if plot["name"] != "Figure":
+            continue
+        curves = {}
+        for part in plot["attributes"]["renderers"]:
+            renderer = value_of(models, part)
+            source = value_of(models, renderer["attributes"]["data_source"])
+            data = value_of(models, source["attributes"]["data"])
+            if name := renderer["attributes"].get("name"):
+                columns = [
+                    value_of(models, data[key]) for key in ("x", "y", "low", "high")[: len(data)]
+                ]
+                curves[name] = tuple(columns)
+        panels.append(curves)
+    return panels
+
+
+def chart_of(panels) -> dict:
+    (item,) = items_of(page.chart(panels, "a chart"))
+    return item
+
+
+@pytest.fixture(scope="module")
+def model_recording():
+    return simulate(Limb(), [0.05, 0.3], 4.0)
+
+
+def plan_like(recording: Recording) -> Trajectory:
+    """Not a plan, but a trajectory with the samples of a recording of a model."""
+    return Trajectory(
+        time=recording.time + 3.0,
+        reference=recording.bend_angle + 0.1,
+        duty=recording.duty,
+        joint_state=recording.joint_state,
+        wire_temperature=recording.wire_temperature,
+        measured_temperature=recording.measured_temperature,
+        parameters=recording.parameters,
+        check=PlanCheck(),
+    )
+
+
+def by_name(panel: Panel) -> dict[str, Curve]:
+    return {curve.name: curve for curve in [*panel.curves, *panel.limits]}
+
+
+def test_the_data_of_panels_is_that_of_the_files(model_recording, tmp_path):
+    plan_like(model_recording).save(tmp_path / "plan.csv")
+    model_recording.save(tmp_path / "recording.csv")
+    planned, recorded = (
+        np.genfromtxt(
+            itertools.dropwhile(
+                lambda line: line.startswith("#"), (tmp_path / name).read_text("utf-8").splitlines()
+            ),
+            delimiter=",",
+            names=True,
+        )
+        for name in ("plan.csv", "recording.csv")
+    )
+    bend, temperature, duty = tracking_panels(
+        Trajectory.load(tmp_path / "plan.csv"), [Recording.load(tmp_path / "recording.csv")]
+    )
+    assert [panel.label for panel in (bend, temperature, duty)] == [
+        "bend angle (°)",
+        "temperature (°C)",
+        "duty",
+    ]
+    for panel, name, data, column in (
+        (bend, "simulated φ", recorded, "bend_angle_deg"),
+        (bend, "plan φ*", planned, "bend_angle_deg"),
+        (bend, "reference φ_REF", planned, "reference_angle_deg"),
+        (temperature, "right, V simulated", recorded, "measured_temperature_right_c"),
+        (temperature, "left, T* planned", planned, "wire_temperature_left_c"),
+        (temperature, "left, V* planned", planned, "measured_temperature_left_c"),
+        (duty, "right, D", recorded, "duty_right"),
+        (duty, "left, D* planned", planned, "duty_left"),
+    ):
+        curve = by_name(panel)[name]
+        # Time is since the start of the plan.
+        np.testing.assert_allclose(curve.x, data["time_s"] - data["time_s"][0], atol=1e-9)
+        np.testing.assert_allclose(curve.y, data[column], rtol=1e-9, atol=1e-9)
+    (limit,) = temperature.limits  # T_warm holds from 20 s on
+    assert (limit.name, *limit.x, *limit.y) == ("T_max", 0.0, 4.0, 100.0, 100.0)
+
+
+@pytest.fixture
+def rollouts(model_recording) -> list[Recording]:
+    """Three, 1° beside each other."""
+    angle = model_recording.bend_angle
+    return [
+        dataclasses.replace(model_recording, bend_angle=angle + np.deg2rad(degrees))
+        for degrees in (-1.0, 0.0, 1.0)
+    ]
+
+
+def test_several_rollouts_are_their_mean_and_band_of_95_percent(model_recording, rollouts):
+    curve = by_name(tracking_panels(plan_like(model_recording), rollouts)[0])[
+        "simulated rollouts φ"
+    ]
+    np.testing.assert_allclose(curve.y, np.rad2deg(model_recording.bend_angle[0]), atol=1e-9)
+    np.testing.assert_allclose(curve.band, 1.96, atol=1e-9)  # s = 1°
+
+
+def test_each_segment_has_its_panels_and_each_wire_its_name_and_colour(three_and_one):
+    wires, joints = len(three_and_one.wires), three_and_one.num_joints
+    warm = np.arange(2.0 * wires).reshape(wires, 2)
+    plan = Trajectory(
+        time=np.array([0.0, 30.0]),
+        reference=np.zeros((2, 2)),
+        duty=warm / 10,
+        joint_state=np.zeros((2 * joints, 2)),
+        wire_temperature=25.0 + warm,
+        measured_temperature=26.0 + warm,
+        parameters=three_and_one,
+        check=PlanCheck(),
+    )
+    panels = tracking_panels(plan)
+    assert [panel.label for panel in panels[::3]] == [
+        "bend angle of segment 1 (°)",
+        "bend angle of segment 2 (°)",
+    ]
+    rows = iter(range(wires))
+    for segment, names in enumerate((("low", "middle", "high"), ("only",))):
+        heat, duty = map(by_name, panels[3 * segment + 1 : 3 * segment + 3])
+        for color, name in zip(wire_colors(3), names, strict=False):
+            row = next(rows)
+            np.testing.assert_array_equal(duty[f"{name}, D* planned"].y, plan.duty[row])
+            np.testing.assert_array_equal(heat[f"{name}, V* planned"].y, 26.0 + warm[row])
+            np.testing.assert_array_equal(heat[f"{name}, T* planned"].y, 25.0 + warm[row])
+            assert {heat[f"{name}, {what} planned"].color for what in ("V*", "T*")} == {color}
+    colors = [*wire_colors(6), REFERENCE_COLOR, PLAN_COLOR, ROLLOUT_COLOR]
+    assert len(set(colors)) == 9  # all that is drawn beside each other
+    assert tuple(colors[:2]) == LEFT_RIGHT_COLORS
+    assert len(wire_colors(7)) == 7
+
+
+def test_the_legend_says_how_a_recording_came_about(model_recording):
+    plan = plan_like(model_recording)
+    for source, how in (
+        ("limb SN1 on /dev/ttyACM0", "recorded"),
+        ("day_3.csv", "recorded"),
+        (LimbTwin(seed=3).source, "emulated"),
+        ("limb twin0003 on /dev/pts/7", "emulated"),  # an emulated board's serial number
+        (SensedLimb(Limb()).source, "simulated"),
+    ):
+        made = dataclasses.replace(
+            model_recording, source=source, joint_state=None, wire_temperature=None
+        )
+        for one, expected in ((made, how), (model_recording, "simulated")):
+            bend, heat, _ = tracking_panels(plan, [one])
+            assert f"{expected} φ" in by_name(bend)
+            assert f"right, V {expected}" in by_name(heat)
+
+
+def test_pictures_and_charts_show_their_panels(model_recording, rollouts, tmp_path):
+    panels = tracking_panels(plan_like(model_recording), rollouts)
+    figure = plots.draw(panels, "three rollouts")
+    shown = curves_of(chart_of(panels))
+    for panel, axis, chart in zip(panels, figure.axes, shown, strict=True):
+        assert axis.get_ylabel() == panel.label
+        lines = axis.get_lines()
+        for curve, line in zip([*panel.curves, *panel.limits], lines, strict=True):
+            np.testing.assert_array_equal(line.get_xydata().T, [curve.x, curve.y])
+            assert to_hex(line.get_color()) == curve.color
+            x, y, *band = chart[curve.name]  # of which seven digits are kept
+            np.testing.assert_allclose([x, y], [curve.x, curve.y], rtol=2e-6, atol=1e-5)
+            if curve.band is not None:
+                edges = [curve.y - curve.band, curve.y + curve.band]
+                np.testing.assert_allclose(band, edges, rtol=2e-6, atol=1e-5)
+        bands = [curve.band for curve in panel.curves if curve.band is not None]
+        assert len(axis.collections) == len(bands)
+    drawn = figure.axes[0].collections[0].get_paths()[0].vertices[:, 1]
+    mean = by_name(panels[0])["simulated rollouts φ"].y
+    assert (drawn.min(), drawn.max()) == pytest.approx((mean.min() - 1.96, mean.max() + 1.96))
+    bend, heat = (axis.get_legend_handles_labels()[1] for axis in figure.axes[:2])
+    assert bend == [
+        r"reference $\varphi_{REF}$",
+        r"simulated rollouts $\varphi$",
+        r"plan $\varphi^*$",
+    ]
+    assert len(heat) == 6  # the limit has its name beside it
+    assert [text.get_text() for text in figure.axes[1].texts] == ["$T_{max}$"]
+    assert figure.get_suptitle() == "three rollouts"
+    plotted = [model for model in models_of(chart_of(panels)).values() if model["name"] == "Figure"]
+    assert len({plot["attributes"]["x_range"]["id"] for plot in plotted}) == 1
+
+    width = figure.get_size_inches()[0]
+    save_figure(figure, tmp_path / "deep" / "fig5.pdf")
+    pdf = (tmp_path / "deep" / "fig5.pdf").read_bytes()
+    assert re.search(rb"/MediaBox \[ 0 0 252 [0-9.]+ \]", pdf)  # 3.5 inches of 72 pt
+    assert b"/FontFile2" in pdf  # TrueType, inside
+    assert figure.get_size_inches()[0] == width > 6.0  # the figure is as it was
+
+
+def test_repetitions_are_errors_and_the_first_and_the_last(model_recording):
+    last = dataclasses.replace(model_recording, bend_angle=model_recording.bend_angle + 0.1)
+    plan = plan_like(model_recording)
+    panels = repetition_panels(plan, np.deg2rad([2.0, 1.0]), model_recording, last)
+    errors, bend = panels
+    assert {(*curve.x, *curve.y.round(9)) for curve in errors.curves} == {(1, 2, 2.0, 1.0)}
+    difference = by_name(bend)["last repetition"].y - by_name(bend)["first repetition"].y
+    np.testing.assert_allclose(difference, np.rad2deg(0.1))
+    above, below = plots.draw(panels).axes
+    assert (above.get_xlabel(), below.get_xlabel()) == ("repetition", "time (s)")
+    assert above.get_ylim()[0] == 0.0
+    ranges = [
+        plot["attributes"]["x_range"]["id"]
+        for plot in models_of(chart_of(panels)).values()
+        if plot["name"] == "Figure"
+    ]
+    assert len(set(ranges)) == 2
+
+
+def test_a_picture_of_no_known_format_is_refused_before_it_is_drawn(tmp_path):
+    with pytest.raises(LimbError, match=r"fig\.xyz"):
+        save_figure(Figure(), tmp_path / "new" / "fig.xyz")
+    assert not (tmp_path / "new").exists()
+
+
+def test_long_curves_keep_their_extremes():
+    x = np.arange(50_000.0)
+    y = np.sin(x / 500)
+    y[12_345], y[40_001] = 90.0, -70.0
+    (curves,) = curves_of(chart_of([Panel("a (°)", [Curve("long", x, y, "#808080")])]))
+    shown, values = curves["long"]
+    assert len(shown) <= charts.MAX_POINTS
+    assert shown[[np.argmax(values), np.argmin(values)]].tolist() == [12_345, 40_001]
+    assert (shown[0], shown[-1]) == (0.0, 49_999)
+
+
+def test_a_page_has_bokeh_once_and_is_the_same_each_time(model_recording, tmp_path):
+    def write(name: str) -> str:
+        parts = [
+            page.chart(tracking_panels(plan_like(model_recording), recordings), 'the "bend"')
+            for recordings in ([], [model_recording])
+        ]
+        page.write_page(tmp_path / name, "Two charts", parts)
+        return (tmp_path / name).read_text(encoding="utf-8")
+
+    text = write("first.html")
+    assert write("second.html") == text
+    assert text.count("Bokeh.embed.embed_item(") == 1
+    assert 1e6 < len(text) < 2e6  # one BokehJS
+    assert 'aria-label="the &#34;bend&#34;"' in text
+    outside = re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
+    assert not re.search(r"(src|href)=|@import|<link", outside)
+    page.write_page(
+        tmp_path / "none.html", "No chart", [page.preformatted('<figure class="chart"')]
+    )
+    assert (tmp_path / "none.html").stat().st_size < 1e4
+
+
+HOSTILE = "</script><script>document.title = 'broken'</script>$$x$$ @y $name"
+
+
+def test_names_are_text(tmp_path, browser):
+    x = np.arange(3.0)
+    panels = [Panel("a (°)", [Curve(HOSTILE, x, x, "#808080")])]
+    parts = [page.chart(panels, HOSTILE), page.links(tmp_path / "p.html", {HOSTILE: "a b&<i>.csv"})]
+    page.write_page(tmp_path / "p.html", "Whole", parts)
+    shown = browser.new_page()
+    shown.goto((tmp_path / "p.html").as_uri())
+    shown.get_by_text(HOSTILE, exact=True).first.wait_for()
+    assert shown.title() == "Whole"
+    link = shown.get_by_role("link")
+    assert link.evaluate("link => link.href").endswith("/a%20b%26%3Ci%3E.csv")
+    shown.close()
+
+
+def test_a_long_name_makes_no_page_wider_than_a_phone(tmp_path, look_at):
+    name = "model, k = 0.1255 N·m/rad (the data do not determine it)"
+    panels = [Panel("sag (°)", [Curve(name, np.arange(3.0), np.arange(3.0), "#4270ec")])]
+    page.write_page(tmp_path / "long.html", "Long", [page.chart(panels, "sag")])
+    look_at(tmp_path / "long.html")
+
+
+def test_a_click_in_the_legend_hides_a_curve_and_the_pointer_shows_values(tmp_path, browser):
+    x = np.linspace(0.0, 10.0, 101)
+    panels = [Panel("bend angle (°)", [Curve("φ", x, 2 * x, "#c2268f")])]
+    page.write_page(tmp_path / "p.html", "One", [page.chart(panels, "φ")])
+    shown = browser.new_page(viewport={"width": 900, "height": 600})
+    shown.goto((tmp_path / "p.html").as_uri())
+    entry = shown.get_by_text("φ", exact=True)
+    entry.wait_for()
+    visible = "Bokeh.documents[0].get_model_by_name('φ').visible"
+    assert shown.evaluate(visible)
+    box = shown.locator("figure.chart").bounding_box()
+    shown.mouse.move(box["x"] + 0.6 * box["width"], box["y"] + 150)
+    tip = shown.locator(".bk-tooltip-row-value")
+    tip.first.wait_for()
+    time, angle = (float(text.rstrip(" s°")) for text in tip.all_inner_texts())
+    assert angle == pytest.approx(2 * time)
+    entry.click()
+    assert not shown.evaluate(visible)
+    shown.close()
