@@ -6,8 +6,14 @@ import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from evaluation.charts import charts, error_chart, learning_chart, limbs_chart, split_chart
 from evaluation.experiment import NUM_ANGLES, Experiment
+from evaluation.panels import (
+    error_panels,
+    learning_panels,
+    limbs_panels,
+    panels_of,
+    split_panels,
+)
 from evaluation.tables import (
     APPROACH_HEADER,
     DISTURBANCE_HEADER,
@@ -66,7 +72,7 @@ def write_report(
         _approaches(summaries),
         _error_split(summaries),
     ]
-    drawn = charts(experiment)
+    drawn = panels_of(experiment)
     parts += [
         page.section(
             text,
@@ -81,7 +87,7 @@ def write_report(
                 "Rollouts against their plan, beside the plan against its reference, which moves "
                 "faster than the wires cool, or costs more duty than its weight in (15) allows."
             ),
-            page.chart(error_chart(experiment), "Error of all rollouts over time"),
+            page.chart(error_panels(experiment), "Error of all rollouts over time"),
         ),
         _parameters(experiment),
         _what_was_done(summaries, experiment),
@@ -107,7 +113,7 @@ def _table_1(summaries: Sequence[Summary]) -> str:
     return page.section(
         "Table I, tracking error",
         page.table(TABLE_1_HEADER, table_1(summaries), caption),
-        page.chart(limbs_chart(summaries), "Table I for each limb, open loop"),
+        page.chart(limbs_panels(summaries), "Table I for each limb, open loop"),
     )
 
 
@@ -122,7 +128,7 @@ def _closed_loop(summaries: Sequence[Summary]) -> list[str]:
                     "the readings of those before. The sensor's noise and drift do not repeat, and "
                     "stay in what is read; its gain does, and stays in the true bend."
                 ),
-                page.chart(learning_chart(summaries), "Mean error of each repetition"),
+                page.chart(learning_panels(summaries), "Mean error of each repetition"),
             )
         )
     if rows := disturbance_table(summaries):
@@ -178,7 +184,7 @@ def _error_split(summaries: Sequence[Summary]) -> str:
             "partly cancel each other, so the first table adds up to more than the whole error; "
             "the second one adds up to it."
         ),
-        page.chart(split_chart(summaries), "Change of the bend angle by each step"),
+        page.chart(split_panels(summaries), "Change of the bend angle by each step"),
         page.table(
             ["step", *PAPER_TABLE_1],
             split_table(summaries, 0),
