@@ -96,7 +96,7 @@ def write_report(
     page.write_page(path, "The paper reproduced, on emulated limbs", parts, summaries[0].provenance)
 
 
-def _table_1(summaries: Sequence[Summary]) -> str:
+def _table_1(summaries: Sequence[Summary]) -> page.Section:
     caption = (
         "Validation is Fig. 5's reference; T&R 1 and 2 were taught by hand, to be repeated. "
         "Tracking error |φ* − φ| of the rollouts of each plan as the sensor reads it, in degrees; "
@@ -117,7 +117,7 @@ def _table_1(summaries: Sequence[Summary]) -> str:
     )
 
 
-def _closed_loop(summaries: Sequence[Summary]) -> list[str]:
+def _closed_loop(summaries: Sequence[Summary]) -> list[page.Section]:
     parts = []
     if any(s.repetitions for s in complete(summaries)):
         parts.append(
@@ -151,7 +151,7 @@ def _closed_loop(summaries: Sequence[Summary]) -> list[str]:
     return parts
 
 
-def _approaches(summaries: Sequence[Summary]) -> str:
+def _approaches(summaries: Sequence[Summary]) -> page.Section:
     laws = collections.Counter(s.law for s in complete(summaries))
     chosen = ", ".join(f"{law} for {count}" for law, count in laws.most_common())
     others = (
@@ -174,7 +174,7 @@ def _approaches(summaries: Sequence[Summary]) -> str:
     )
 
 
-def _error_split(summaries: Sequence[Summary]) -> str:
+def _error_split(summaries: Sequence[Summary]) -> page.Section:
     parts = [
         page.paragraph(
             "From the plan to the sensor's reading, one thing is replaced at a time: the "
@@ -217,7 +217,7 @@ def _error_split(summaries: Sequence[Summary]) -> str:
     return page.section("Where the error comes from", *parts, page.items(findings(summaries)))
 
 
-def _parameters(experiment: Experiment) -> str:
+def _parameters(experiment: Experiment) -> page.Section:
     calibration = experiment.calibration
     plans = "\n\n".join(
         f"{motion.name}\n{plan_summary(motion.open_loop.trajectory)}"
@@ -236,7 +236,7 @@ def _parameters(experiment: Experiment) -> str:
     )
 
 
-def _what_was_done(summaries: Sequence[Summary], experiment: Experiment) -> str:
+def _what_was_done(summaries: Sequence[Summary], experiment: Experiment) -> page.Section:
     seeds = ", ".join(str(s.seed) for s in complete(summaries))
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in PACKAGES)
     return page.section(
