@@ -65,9 +65,8 @@ def replay(
             °C, ``bend_angle`` (S), rad, and ``measurement``, both of them.
             Time is that since the start of the plan. The trajectory's duty,
             open loop, if None.
-        unchecked: whether to replay a plan without a check, such as one of
-            `Trajectory.from_collocation`. A plan that failed its check is
-            always refused.
+        unchecked: whether to replay a plan without a check, such as one that was not
+            made here. A plan that failed its check is always refused.
         sample_rate: rate of the recording's samples, Hz.
         journal: file of the recording, to which each sample goes when it arrives;
             its name is that of a `TableWriter`'s until the plan has ended. A

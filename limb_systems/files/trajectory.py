@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,15 +12,11 @@ from limb_systems.errors import LimbError
 from limb_systems.files.csv_format import Table
 from limb_systems.files.samples import Samples
 from limb_systems.model.kinematics import bend_angle
-from limb_systems.model.limb import Limb, split_state
+from limb_systems.model.limb import Limb
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.provenance import Provenance
 from limb_systems.schema import load_typed
 from limb_systems.summary import Entry, Summary
-
-if TYPE_CHECKING:  # the package is faster to import without these
-    from pydrake.planning import DirectCollocation
-    from pydrake.solvers import MathematicalProgramResult
 
 DEFECT_TOLERANCE = 1e-6
 
@@ -225,55 +221,6 @@ class Trajectory(Samples):
             context.SetContinuousState(state)
             rates.append(limb.EvalTimeDerivatives(context).CopyToVector())
         return PiecewisePolynomial.CubicHermite(self.time, self.state, np.transpose(rates))
-
-    @classmethod
-    def from_collocation(
-        cls,
-        collocation: "DirectCollocation",
-        result: "MathematicalProgramResult",
-        parameters: LimbParameters,
-        reference: ArrayLike | None = None,
-    ) -> "Trajectory":
-        """A plan by Drake's `DirectCollocation` of a `Limb`, which is not checked.
-
-        `replay` refuses it without ``unchecked=True``.
-
-        Args:
-            collocation: program of ``Limb(parameters)`` with its port ``duty``.
-            result: its solution.
-            reference: φ_ref at the knots (S, K), rad; the plan's own bend angle
-                if None.
-
-        Raises:
-            LimbError: if the collocation was of another system, or the result
-                is not a trajectory.
-        """
-        duty, states = collocation.GetInputSamples(result), collocation.GetStateSamples(result)
-        num_states, num_wires = Limb(parameters).num_continuous_states(), len(parameters.wires)
-        if len(states) != num_states or len(duty) != num_wires:
-            raise LimbError(
-                f"This collocation has {len(states)} states and {len(duty)} inputs, but the limb "
-                f"has {num_states} states and {num_wires} wires."
-            )
-        clipped = np.clip(duty, 0.0, 1.0)
-        if np.abs(clipped - duty).max() < 1e-6:  # a solver's tolerance; more is refused
-            duty = clipped
-        angles, rates, wire, measured = split_state(parameters, states)
-        own = bend_angle(parameters, angles)
-        return cls(
-            time=collocation.GetSampleTimes(result),
-            reference=own if reference is None else np.asarray(reference, float),
-            duty=duty,
-            joint_state=np.vstack([angles, rates]),
-            wire_temperature=wire[:num_wires],
-            measured_temperature=measured,
-            parameters=parameters,
-            check=PlanCheck(
-                solver=result.get_solver_id().name(), status=result.get_solution_result().name
-            ),
-            other_wire_state=wire[num_wires:] if len(wire) > num_wires else None,
-            provenance=Provenance.now(parameters),
-        )
 
     def bend_angle_at(self, times: ArrayLike) -> np.ndarray:
         """φ* at any times (M,), (S, M), rad.

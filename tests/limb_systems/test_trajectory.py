@@ -1,21 +1,17 @@
-"""Trajectories between their knots, on another clock, and from Drake's program."""
+"""Trajectories between their knots, on another clock."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from pydrake.planning import DirectCollocation
-from pydrake.solvers import IpoptSolver
 
 from calibration import validate
 from hardware import ReplayError, replay
 from limb_systems import (
     ActiveConstraint,
     Limb,
-    LimbError,
-    LimbParameters,
     LinearLaw,
-    SegmentParameters,
+    PlanCheck,
     Trajectory,
     bend_angle,
     simulate,
@@ -83,50 +79,12 @@ def test_a_plan_whose_lines_end_as_on_windows_is_read(fig5_plan):
     assert Trajectory.from_text(text.replace("\n", "\r\n")).to_text() == text
 
 
-@pytest.fixture(scope="module")
-def collocation():
-    """A program of a limb of one stiff link without much to do, and its solution."""
-    parameters = LimbParameters(segments=[SegmentParameters(links=1, damping=0.05)])
-    limb = Limb(parameters)
-    program = DirectCollocation(
-        limb,
-        limb.CreateDefaultContext(),
-        num_time_samples=21,
-        minimum_time_step=0.1,
-        maximum_time_step=0.1,
-        input_port_index=limb.GetInputPort("duty").get_index(),
-        assume_non_continuous_states_are_fixed=False,
-    )
-    duty = program.input()
-    program.AddConstraintToAllKnotPoints(duty[0] >= 0.0)
-    program.AddConstraintToAllKnotPoints(duty[1] >= 0.0)
-    program.AddConstraintToAllKnotPoints(duty[0] <= 1.0)
-    program.AddConstraintToAllKnotPoints(duty[1] <= 1.0)
-    start = limb.CreateDefaultContext().get_continuous_state_vector().CopyToVector()
-    prog = program.prog()
-    prog.AddBoundingBoxConstraint(start, start, program.initial_state())
-    program.AddRunningCost((duty[1] - 0.2) ** 2 + duty[0] ** 2)
-    yield parameters, program, IpoptSolver().Solve(prog)
-    del limb  # Drake does not keep it alive
-
-
-def test_a_program_of_ones_own_becomes_a_trajectory(collocation, tmp_path):
-    parameters, program, result = collocation
-    assert result.is_success()
-    trajectory = Trajectory.from_collocation(program, result, parameters)
-    times = np.linspace(0.0, 2.0, 137)
-    drakes = program.ReconstructStateTrajectory(result).vector_values(times)
-    ours = trajectory.state_trajectory().vector_values(times)
-    np.testing.assert_allclose(ours, drakes, atol=1e-6)
-    assert trajectory.duty[1, 5] == pytest.approx(0.2, abs=1e-3)
-    np.testing.assert_array_equal(trajectory.reference, trajectory.bend_angle)
-    assert trajectory.check.solver == "Ipopt"
-    with pytest.raises(ReplayError, match="never checked"):
-        replay(trajectory, Limb(parameters))
-    trajectory.save(tmp_path / "plan.csv")
+def test_a_plan_without_a_check_is_replayed_only_if_asked_for(fig5_plan, tmp_path):
+    own = dataclasses.replace(fig5_plan, check=PlanCheck(solver="my own"))
+    own.save(tmp_path / "plan.csv")
     loaded = Trajectory.load(tmp_path / "plan.csv")
     assert loaded.check.is_missing
-    recording = replay(loaded, Limb(parameters), unchecked=True)
+    with pytest.raises(ReplayError, match="never checked and is not replayed; simulate it"):
+        replay(loaded, Limb())
+    recording = replay(loaded, Limb(), unchecked=True)
     assert np.rad2deg(tracking_errors(loaded, [recording]).mean) < 0.1
-    with pytest.raises(LimbError, match="has 6 states and 2 inputs, but the limb has 14 states"):
-        Trajectory.from_collocation(program, result, LimbParameters())
