@@ -32,7 +32,7 @@ NAVIGATION = {
     "Packages": [f"docs/{package}.md" for package in (*PACKAGES, "soft_limb")],
     "How good it is": ["docs/evaluation.md", "docs/paper_to_code.md", "benchmarks/results.md"],
     "API": [],
-    "Project": ["CONTRIBUTING.md", "CHANGELOG.md"],
+    "Project": ["CONTRIBUTING.md", "docs/how_it_is_built.md", "CHANGELOG.md"],
 }
 START = "README.md"
 LINK = re.compile(r"(\]\()([^()\s#]+)((?:#[^()\s]*)?\))")
