@@ -97,7 +97,7 @@ class Guard:
     def arm(self, challenge, bounds, total, now):
         """Arms the board if the host repeats the challenge, nothing is latched and sensors agree.
 
-        bounds: of left and right, see `heat`; total: the largest sum of both duties.
+        bounds: bounds of left and right, see `heat`; total: largest sum of both duties.
         """
         if challenge != self.challenge or self.state == ARMED or self.reason >= LATCHING:
             return
@@ -164,8 +164,8 @@ class Guard:
     def sample(self, now, temperatures, junctions, faults, bend):
         """Checks a sample of all sensors.
 
-        temperatures: °C, left and right; junctions: of their amplifiers, °C;
-        faults: of their amplifiers; bend: raw, or None if the sensor does not answer.
+        temperatures: readings, left and right, °C; junctions, faults: temperatures, °C, and fault
+        bits of their amplifiers; bend: raw reading, or None if the sensor does not answer.
         """
         self._faulty = False
         self._account(now)

@@ -44,11 +44,11 @@ def shown(bounds, total):
 class WireObserver:
     """What the duty of a wire says about its temperature, whatever its thermocouple reads.
 
-    - ``least``: the wire is at least as warm, if all of its heat arrives.
-    - ``least_reading``: its thermocouple then reads at least as much.
-    - ``most``: it is at most as warm.
-    - ``hidden``: of the heat of the most, a thermocouple does not show as much yet.
-    - ``shortfall``: how far the reading is below what it must be at least, averaged.
+    - ``least``: lowest temperature that the wire can have, if all of its heat arrives.
+    - ``least_reading``: lowest temperature that its thermocouple can then show.
+    - ``most``: highest temperature that the wire can have.
+    - ``hidden``: part of the most that a thermocouple which lags need not show yet.
+    - ``shortfall``: mean by which the reading is below ``least_reading``.
     """
 
     def __init__(self, most):

@@ -85,7 +85,7 @@ def encode(kind, *values):
 def arm_values(challenge, bounds, total):
     """Values of an ARM.
 
-    bounds: of left and right, see `heat`; total: the largest sum of both duties.
+    bounds: bounds of left and right, see `heat`; total: largest sum of both duties.
     """
     values = [challenge]
     for wire in bounds:
@@ -107,7 +107,7 @@ class Parser:
     """Finds frames in a stream that may contain other bytes.
 
     ``rejected`` counts what looked like frames and were none. ``other_version``
-    is the version of the last frame that was of another one, None if none was.
+    is the version of the last frame of another version, None if none came.
     """
 
     def __init__(self, kinds):

@@ -11,7 +11,7 @@ _FAULT = 1 << 16  # set if any fault is
 
 
 def thermocouple(data):
-    """Of the 4 bytes of a MAX31855: temperature in 1/4 °C, its own in 1/16 °C, and fault bits.
+    """Temperature in 1/4 °C, the amplifier's in 1/16 °C, and fault bits, from a MAX31855's 4 bytes.
 
     A bus that answers nothing reads all zeros or all ones, which no working
     amplifier sends: that counts as an open thermocouple.

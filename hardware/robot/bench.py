@@ -175,10 +175,10 @@ class Bench:
         """Sends an ARM once, by default with the newest challenge.
 
         Args:
-            bounds: of both wires, or of the left one.
+            bounds: bounds of both wires, or of the left one.
             total: the largest sum of both duties; in a frame it may be as large as 6.5.
             right: bounds of the right wire, if they are others.
-            challenge: that it repeats.
+            challenge: challenge that it repeats.
         """
         heed_signals()
         self.session = self.last.challenge if challenge is None else challenge
@@ -209,9 +209,9 @@ class Bench:
 
         Args:
             left, right: duties; in a frame they may be as large as 6.5.
-            sequence: its number.
+            sequence: number of the COMMAND.
             session: challenge that armed the board.
-            age: by how much the SAMPLE that it answers is older than the newest one, s.
+            age: time by which the SAMPLE that it answers is older than the newest one, s.
         """
         if sequence is None:
             self.sequence += 1

@@ -86,7 +86,7 @@ def check_board(
         say: takes each outcome when it is there.
         ask: has something done at the robot, see `Bench`. Without it the rules that need that are
             not checked.
-        rules: in their order.
+        rules: rules to check, in their order.
 
     Raises:
         HardwareError: if the cable is gone, or if a fault is latched at the beginning.
@@ -457,40 +457,27 @@ def _last_command(bench: Bench) -> float:
     return answered
 
 
-def _expect_end(bench: Bench, answered: float, within: float, what: str) -> None:
-    """The first SAMPLE that is off must come so soon, by the board's clock, s."""
-    ended = bench.sees(lambda sample: not sample.armed, 1.0)
-    age = bench.last.board_time - answered
-    expect(
-        ended and age <= within,
-        f"{'off' if ended else 'armed'} {1000 * age:.0f} ms after the last sample that was "
-        f"answered; expected {what}",
-    )
-
-
 @_rule("from-the-host")
-def _off_250_ms_after_last_command(bench: Bench) -> None:
-    """A duty ends 250 ms after its COMMAND, and holds until then."""
+def _duty_ends_in_time(bench: Bench) -> None:
+    """A duty holds until 250 ms after its COMMAND, and 290 ms after the SAMPLE it answers."""
     answered = _last_command(bench)
     while (age := bench.fresh().board_time - answered) <= 0.22:
         _expect_duty(bench.last, GENTLE, GENTLE, f"{1000 * age:.0f} ms after the last command")
     bench.off()
-    answered = _last_command(bench)
-    # A SAMPLE tells too late; but a board that is off takes no command any more.
-    bench.wait(0.27)
-    bench.command(GENTLE, GENTLE)
-    _expect_end(bench, answered, 0.36, "off after 250 ms, and no further command to be taken")
-
-
-@_rule("from-the-host")
-def _off_290_ms_after_the_answered_sample(bench: Bench) -> None:
-    """A duty ends 290 ms after the SAMPLE that its COMMAND answers."""
-    answered = _last_command(bench)
-    bench.wait(0.19)
-    if not bench.last.armed:
-        raise NotRunError("it was off 200 ms after a command")
-    bench.command(GENTLE, GENTLE, age=bench.last.board_time - answered)
-    _expect_end(bench, answered, 0.385, "off after 290 ms, read at most 340 ms after")
+    for after, answers_it, within in ((0.27, False, 0.36), (0.19, True, 0.385)):
+        answered = _last_command(bench)
+        # A SAMPLE tells too late when it ended; but a board that is off takes no command any more.
+        bench.wait(after)
+        bench.command(GENTLE, GENTLE, age=answers_it * (bench.last.board_time - answered))
+        ended = bench.sees(lambda sample: not sample.armed, 1.0)
+        age = bench.last.board_time - answered
+        expect(
+            ended and age <= within,
+            f"{'off' if ended else 'armed'} {1000 * age:.0f} ms after the answered sample, with "
+            f"another COMMAND after {1000 * after:.0f} ms; expected off within "
+            f"{1000 * within:.0f} ms",
+        )
+        bench.off()
 
 
 @_rule("from-the-host")

@@ -25,8 +25,8 @@ START, LOWEST, HIGHEST = (
 class HeatRates:
     """Rates of eqns (6) and (7) in silicone, as the board has them (`hardware.firmware.heat`).
 
-    - ``heating``: a2 of what is read, °C/s: that of the wire, times the share of its
-      rise that its thermocouple shows. Readings cannot tell these two apart.
+    - ``heating``: a2 of the wire times the share of its rise that its thermocouple shows, °C/s;
+      readings cannot tell these two apart.
     - ``cooling``: -a1, 1/s, which does not depend on that share.
     - ``reading``: -a3, 1/s.
     """
@@ -38,22 +38,20 @@ class HeatRates:
     def bounds(self, kind: HeatBounds, hottest: float, margin: float) -> HeatBounds:
         """Bounds for the board around these rates.
 
-        A thermocouple may show a share of its wire's rise from the first day on. A wire that
-        gets less heat reads the same, so that readings never make the most heating less than
-        that of its kind. Where they show more, the description is wrong, and the most of
-        all wires comes from the one that shows most, as the wires of a limb are alike.
-        How fast a wire cools does not depend on the share. The slowest cooling comes from
-        that, but is raised above that of its kind by `NARROWEST` at most.
+        A wire that gets less heat and a thermocouple that shows a share of the rise read the
+        same, so that readings never make the most heating less than that of the kind. Where they
+        show more, the description is wrong, and the most of all wires comes from the one that
+        shows most. The slowest cooling is raised by `NARROWEST` at most.
 
         Args:
             kind: bounds of any wire of its kind.
-            hottest: the largest ``heating`` of all wires of the limb.
+            hottest: largest ``heating`` of all wires of the limb.
             margin: share by which the rates are widened.
         """
-        told = max(kind.slowest_cooling, self.reading / LAGS)
+        seen = max(kind.slowest_cooling, self.reading / LAGS)
         cooling = self.cooling / (1 + margin)
         bounds = {
-            "slowest_cooling": min(cooling, told, NARROWEST * kind.slowest_cooling),
+            "slowest_cooling": min(cooling, seen, NARROWEST * kind.slowest_cooling),
             "fastest_cooling": max(self.cooling * (1 + margin), kind.fastest_cooling),
             "least_heating": self.heating * (1 - margin),
             "most_heating": max(
@@ -68,7 +66,7 @@ class HeatRates:
 
 
 def acceptable(bounds: HeatBounds) -> HeatBounds:
-    """These, or with a slower cooling, where a board refused them as heat need not show by them."""
+    """Bounds that a board takes: these, or with a slower cooling if heat need not show by them."""
     if heat.shown(dataclasses.astuple(bounds), np.inf):
         return bounds
     allowed = heat.HIGHEST_RISE * (1 - heat.SILICONE_SHARE)

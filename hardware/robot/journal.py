@@ -34,7 +34,7 @@ class Journal(LeafSystem):
       ``board_time`` and ``sample_age`` (1), s; last, if there is one,
       ``reference`` (1), rad
 
-    ``writer`` has the file.
+    ``writer`` has the file, ``signals`` the names of the inputs.
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -50,11 +50,11 @@ class Journal(LeafSystem):
     ):
         """
         Args:
-            path: of the file when it is finished.
-            limb: whose ``parameters`` and ``source`` go into the header.
+            path: file, as it is named when it is finished.
+            limb: limb whose ``parameters`` and ``source`` go into the header.
             sample_rate: Hz.
             has_reference: whether there is an input for the bend angle that is asked for.
-            provenance: of the recording; None if it is not known.
+            provenance: origin of the recording; None if it is not known.
 
         Raises:
             OutputError: if no file can be made there.
@@ -62,9 +62,10 @@ class Journal(LeafSystem):
         super().__init__()
         names = column_names(limb.parameters)
         header = RecordingHeader(limb.source, sample_rate, limb.parameters, provenance)
-        signals = ["duty", *journaled_outputs(limb), *(["reference"] if has_reference else [])]
-        columns = [column for signal in ("time", *signals) for column in names[signal]]
-        for signal in signals:
+        self.signals = ["duty", *SIGNALS, *filter(limb.HasOutputPort, OF_ROBOTS)]
+        self.signals += ["reference"] * has_reference
+        columns = [column for signal in ("time", *self.signals) for column in names[signal]]
+        for signal in self.signals:
             self.DeclareVectorInputPort(signal, len(names[signal]))
         self.DeclarePeriodicPublishEvent(1 / sample_rate, 0.0, weak_method(self._append))
         self.set_name("journal")
@@ -75,11 +76,6 @@ class Journal(LeafSystem):
             self.get_input_port(index).Eval(context) for index in range(self.num_input_ports())
         )
         self.writer.append([context.get_time(), *without_rounding(duty), *np.concatenate(others)])
-
-
-def journaled_outputs(limb: LimbSystem) -> list[str]:
-    """Names of the limb's outputs that are written to its journal."""
-    return [*SIGNALS, *(name for name in OF_ROBOTS if limb.HasOutputPort(name))]
 
 
 @contextlib.contextmanager
@@ -96,14 +92,13 @@ def journaled(
 ) -> Iterator[TableWriter | None]:
     """A context in which a diagram is built and run, with a journal of its limb.
 
-    It is that of the file's writer, if there is one, for who knows of another end. The
-    file gets its name when the context ends. If it ends with an error, the
-    file says so and keeps the name of an unfinished one. A robot is closed before
-    the disk is waited for.
+    It yields the writer of the file, if there is one. The file gets its name when the
+    context ends. If that is by an error, the file says so and keeps the name of an unfinished
+    one. A robot is closed before the disk is waited for.
 
     Args:
-        builder: of the diagram, to which the journal is added.
-        path: of the file; there is no journal if it is None.
+        builder: builder of the diagram, to which the journal is added.
+        path: file; there is no journal if it is None.
         duty: the port that drives the limb.
         reference: port of the bend angle that is asked for.
         provenance: of the recording; None if it is not known.
@@ -120,15 +115,16 @@ def journaled(
         path, limb, sample_rate, has_reference=reference is not None, provenance=provenance
     )
     writer = journal.writer
+    robot: Any = limb
     try:
-        builder.AddSystem(journal)
-        ports = {"duty": duty, **({"reference": reference} if reference else {})}
-        ports |= {name: limb.GetOutputPort(name) for name in journaled_outputs(limb)}
-        for name, port in ports.items():
-            builder.Connect(port, journal.GetInputPort(name))
-        yield writer
+        with contextlib.closing(robot) if limb.real_time else contextlib.nullcontext():
+            builder.AddSystem(journal)
+            ports = {"duty": duty, "reference": reference}
+            for name in journal.signals:
+                port = ports[name] if name in ports else limb.GetOutputPort(name)
+                builder.Connect(port, journal.GetInputPort(name))
+            yield writer
     except BaseException as error:
-        _close(limb)
         stopped = isinstance(error, KeyboardInterrupt)
         if stopped and ended_by_hand and writer.num_rows:
             writer.finish(STOPPED)
@@ -136,12 +132,4 @@ def journaled(
         else:
             writer.abandon(STOPPED if stopped else str(error) or type(error).__name__)
         raise
-    else:
-        _close(limb)
-        writer.finish()
-
-
-def _close(limb: Any) -> None:
-    """Closes a robot; other limbs have nothing to close."""
-    if limb.real_time:
-        limb.close()
+    writer.finish()

@@ -22,7 +22,7 @@ from limb_systems.signals import heed_signals
 FIRMWARE_VERSIONS = (3,)
 BAUD_RATE = 115200
 STALE = 0.25  # s, age after which a sample must not be used, nor a command be unanswered
-# By which the board's clock may run slower than this computer's, as one without a crystal does.
+# Share by which the board's clock may be slower than this computer's, as without a crystal.
 # A delay that grows as slowly as that shows by answers to commands, which this clock times.
 CLOCK_ERROR = 0.025
 SESSION_END = 0.5  # s, within which a session that nobody commands has ended
@@ -114,12 +114,12 @@ class Sample:
 class BoardInfo:
     """A board's description of itself.
 
-    - ``firmware_version``.
-    - ``sample_period``: s.
-    - ``temperature_limit``: °C, measured, at which it switches off.
-    - ``serial_number``.
+    - ``firmware_version``: number of the firmware.
+    - ``sample_period``: time between two samples, s.
+    - ``temperature_limit``: reading at which it switches off, °C.
+    - ``serial_number``: number of the board, as text.
     - ``channels``: number of wires that it drives.
-    - ``reset_cause``: of its last reset, in words.
+    - ``reset_cause``: cause of its last reset, in words.
     """
 
     firmware_version: int
@@ -205,9 +205,8 @@ class BoardLink:
     an answer, and at most some seconds. Use it as a context manager, or `close`
     it: both disarm the board.
 
-    - ``lost_samples``: how many did not arrive.
-    - ``delay``: s, by which the newest sample was longer on its way than the
-      fastest one.
+    - ``lost_samples``: number of samples that did not arrive.
+    - ``delay``: time by which the newest sample was longer on its way than the fastest one, s.
     """
 
     def __init__(self, port: str):
@@ -296,8 +295,8 @@ class BoardLink:
         """Arms the board: commands heat from now on.
 
         Args:
-            bounds: of both wires, as `LimbParameters.heat_bounds` has them.
-            total_duty: the largest sum of both duties.
+            bounds: bounds of both wires, as `LimbParameters.heat_bounds` has them.
+            total_duty: largest sum of both duties.
 
         Raises:
             HardwareError: if it does not let itself be armed, with its reason,
@@ -430,7 +429,7 @@ class BoardLink:
             return answer
         if (other := self.parser.other_version) is not None:
             mend = (
-                f"version {protocol.VERSION}; flash the board with the firmware that came with it."
+                f"version {protocol.VERSION}; flash the board with the firmware of this version."
                 if other < protocol.VERSION
                 else f"only version {protocol.VERSION}; use a newer version of this program."
             )

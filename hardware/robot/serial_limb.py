@@ -61,7 +61,7 @@ class SerialLimb(LeafSystem):
         """
         Args:
             port: name of a serial port, or any URL that pyserial accepts.
-            parameters: of the limb, as far as they are known, or their YAML file;
+            parameters: parameters of the limb, as far as they are known, or their YAML file;
                 the nominal limb if None.
             heated: whether the board is armed. If not, the limb is only watched
                 and its ``duty`` ignored, for example for teaching.

@@ -204,8 +204,6 @@ def test_the_emulated_board_keeps_the_rules_of_heat_and_of_orders():
         "dead-amplifier-latches",
         "heat-that-is-not-read-latches",
         "heated-wire-is-the-one-that-warms",
-        "warmest-follows-the-heat",
-        "duty-is-reduced-before-127-c",
     }
     found = check_board(cable, ask=cable.ask, rules=[r for r in RULES if r.name in names])
     assert [(o.rule.name, o.what) for o in found if o.outcome != PASSED] == []
@@ -696,8 +694,7 @@ BOARDS = {
     "duty-goes-to-its-wire": (swapped_wires, any_power),
     "acknowledges-the-last-command": (low_byte_of_the_sequence, parses(NoEscapes)),
     "stale-commands-do-nothing": (heats_when_off, any_sequence, any_session, any_age),
-    "off-250-ms-after-last-command": (heartbeat_of(400), heartbeat_of(150)),
-    "off-290-ms-after-the-answered-sample": (constants(LONGEST_HOLD=1000),),
+    "duty-ends-in-time": (heartbeat_of(400), heartbeat_of(150), constants(LONGEST_HOLD=1000)),
     "off-has-its-reason": (limits_the_duty, no_disarm, always_the_host),
     "heat-that-is-not-read-latches": (
         ignores(guard.NOT_WARMING),

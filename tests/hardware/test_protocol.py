@@ -3,7 +3,6 @@
 import random
 
 import fuzz
-import pytest
 
 from hardware.firmware import protocol
 
@@ -11,9 +10,9 @@ KINDS = (protocol.COMMAND, protocol.ARM, protocol.SAMPLE, protocol.HELLO)
 
 
 def test_random_and_mutated_frames_change_nothing():
-    counts = fuzz.fuzz(30_000, seed=1)
+    counts = fuzz.fuzz(15_000, seed=1)
     assert counts["accepted by chance"] == 0
-    assert counts["accepted as sent"] > 100  # what is not damaged gets through
+    assert counts["accepted as sent"] > 50  # what is not damaged gets through
 
 
 def test_frames_come_through_whatever_is_between_them():
@@ -38,10 +37,9 @@ def test_two_frames_may_share_a_flag():
     assert frames == [(protocol.CLEAR, (1,)), (protocol.CLEAR, (2,))]
 
 
-@pytest.mark.parametrize("length", [27, 1000])
-def test_frames_that_never_end_are_given_up(length):
+def test_frames_that_never_end_are_given_up():
     parser = protocol.Parser(KINDS)
-    assert parser.feed(b"\x7e" + b"x" * 5000 * length) == []
+    assert parser.feed(b"\x7e" + b"x" * 1_000_000) == []
     assert parser.rejected == 1
     assert parser.feed(protocol.encode(protocol.HELLO)) == [(protocol.HELLO, ())]
 
