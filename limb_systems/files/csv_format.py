@@ -139,25 +139,13 @@ def read_table(path: str | Path, kind: str, *, unfinished: bool = False) -> Tabl
     """
     data = read_bytes(path, kind, LARGEST_TABLE, FileFormatError)
     try:
-        if unfinished and not re.search(rb"\n# end, .*\n$", data):
-            data = _finish(data)
-        return parse_table(data, kind)
+        return parse_table(data, kind, unfinished=unfinished)
     except FileFormatError as error:
         raise FileFormatError(f"{path}: {error}") from error
 
 
-def _finish(data: bytes) -> bytes:
-    """Adds the end to a table that lacks it."""
-    body = data[: data.rfind(b"\n") + 1]
-    lines = body.splitlines()
-    said = bool(lines) and lines[-1].startswith(_INTERRUPTED.encode())
-    rows = [line for line in lines[1:] if not line.startswith(b"# ")][1:]
-    end = end_of_table(hashlib.sha256(body), len(rows), "" if said else KILLED)
-    return body + "".join(end).encode()
-
-
-def parse_table(data: bytes, kind: str) -> Table:
-    """What is in a text of `format_table`; errors as for `read_table`."""
+def parse_table(data: bytes, kind: str, *, unfinished: bool = False) -> Table:
+    """The table in a text of `format_table`; arguments and errors as for `read_table`."""
     try:
         text = data.decode().replace("\r\n", "\n")  # as some ways of copying text leave it
     except UnicodeDecodeError as error:
@@ -165,29 +153,32 @@ def parse_table(data: bytes, kind: str) -> Table:
     lines = text.split("\n")
     _check_first_line(lines[0], kind)
     end = re.fullmatch(r"# end, ([0-9]{1,15}) rows, sha256 ([0-9a-f]{64})", lines[-2:][0])
-    if lines.pop() or not end:
+    if lines.pop():  # an incomplete line
+        end = None
+    if end:
+        lines.pop()
+    elif not unfinished:
         raise FileFormatError(
             f"the end line is missing after line {len(lines)}; the file is truncated."
         )
-    lines.pop()
-    interrupted = lines.pop() if lines[-1].startswith(_INTERRUPTED) else ""
-    head = [lines[0], *itertools.takewhile(lambda line: line.startswith("# "), lines[1:])]
+    interrupted = "" if end else KILLED
+    if lines and lines[-1].startswith(_INTERRUPTED):
+        interrupted = lines.pop().removeprefix(_INTERRUPTED)
+    head = list(itertools.takewhile(lambda line: line.startswith("# "), lines))
     if len(head) == len(lines):
         raise FileFormatError("there is no line of column names; the file is damaged.")
     columns = _parse_rows(lines[len(head) :], len(head) + 1)
-    if len(columns["time_s"]) != int(end[1]):
-        raise FileFormatError(
-            f"there are {len(columns['time_s'])} rows, but the end line counts {end[1]}."
-        )
-    body = text[: -len(end[0]) - 1]
-    if hashlib.sha256(body.encode()).hexdigest() != end[2]:
+    num_rows = len(columns["time_s"])
+    if end and num_rows != int(end[1]):
+        raise FileFormatError(f"there are {num_rows} rows, but the end line counts {end[1]}.")
+    if end and hashlib.sha256(text[: -len(end[0]) - 1].encode()).hexdigest() != end[2]:
         raise FileFormatError(
             "the content does not match the checksum in the end line; "
             "the file was changed or damaged after it was written."
         )
     # An empty line for the first one, so that errors count lines as the file does.
     header = "\n".join(["", *(line.removeprefix("# ") for line in head[1:])])
-    return Table(header, columns, interrupted.removeprefix(_INTERRUPTED))
+    return Table(header, columns, interrupted)
 
 
 def _check_first_line(line: str, kind: str) -> None:
