@@ -54,7 +54,7 @@ class Calibration(Summarized):
     - ``heat``, ``force``: the fits of Secs. V-C1 and V-C2 for each wire; empty if by
       prediction.
     - ``validation``: Sec. V-D, of a recording that was not fitted; None without one.
-    - ``sources``: what was recorded, for each kind of recording.
+    - ``sources``: names of what was recorded, for each kind of recording.
     """
 
     parameters: LimbParameters
@@ -99,7 +99,7 @@ class Calibration(Summarized):
 
     @property
     def _estimates(self) -> dict[str, Estimate]:
-        """With standard errors that leave out that of k where it is a factor."""
+        """The quantities, with standard errors that leave out that of k where it is a factor."""
         estimates = {"ambient_temperature": self.ambient}
         if self.stiffness:
             estimates["stiffness"] = self.stiffness.stiffness
@@ -128,14 +128,11 @@ class Calibration(Summarized):
             k = self.stiffness.stiffness
             torques = [n for n, e in estimates.items() if "." in n and e.unit.startswith("N·m")]
             multiples = [rows[name] for name in ("stiffness", *torques)]
-            shares = np.array([list(estimates.values())[row].value for row in multiples])
-            common = (k.standard_error / k.value) ** 2 * np.outer(shares, shares)
-            if not self.prediction:  # β's variance has it already
-                np.fill_diagonal(common, covariance[multiples, multiples])
-                covariance[np.ix_(multiples, multiples)] = common
-            else:
-                common[0, 0] = 0.0  # that of k itself is there
-                covariance[np.ix_(multiples, multiples)] += common
+            values = np.array([estimates[name].value for name in ("stiffness", *torques)])
+            common = (k.standard_error / k.value) ** 2 * np.outer(values, values)
+            known = [0] if self.prediction else range(len(multiples))  # Sec. V's β has it already
+            common[known, known] = 0.0
+            covariance[np.ix_(multiples, multiples)] += common
         return covariance
 
     @property
@@ -146,23 +143,27 @@ class Calibration(Summarized):
     @property
     def remarks(self) -> list[Remark]:
         """What the recordings lack, in sentences, worst first; none if they are good."""
-        remarks = []
-        if self.validation is None:
-            sentence = (
-                "There is no recording of both wires: the model is not validated; record one."
-            )
-            remarks.append(Remark("not validated", sentence))
+        kept = "the description's value is kept"
+        lacking = {
+            "both wires": (
+                self.validation,
+                "not validated",
+                "the model is not validated; record one",
+            ),
+            "sag": (self.stiffness, "kept", kept),
+            "ring-down": (self.damping, "kept", kept),
+        }
+        remarks = [
+            Remark(kind, f"There is no recording of {what}: {meaning}.")
+            for what, (fit, kind, meaning) in lacking.items()
+            if fit is None
+        ]
         for kind in () if self.prediction else heated_kinds(self.parameters):
             if (count := len(self.sources.get(kind, []))) > 1:
                 sentence = f"Of {count} recordings of the kind {kind} only the first was used."
                 remarks.append(Remark("unused", sentence))
-        for kind, fit in (("sag", self.stiffness), ("ring-down", self.damping)):
-            if fit is None:
-                sentence = f"There is no recording of {kind}: the description's value is kept."
-                remarks.append(Remark("kept", sentence))
         fits = (self.validation, self.stiffness, self.damping, self.prediction)
-        for each in (*fits, *self.heat, *self.force):
-            remarks += each.remarks if each else []
+        remarks += [r for fit in (*fits, *self.heat, *self.force) if fit for r in fit.remarks]
         return sorted(remarks, key=lambda remark: -remark.severity)
 
 
@@ -218,9 +219,7 @@ def calibrate(
                 "and force cannot be told."
             )
     elif not any(heated.values()):
-        raise CalibrationError(
-            "There is no recording with heat; the wires' laws cannot be told from others."
-        )
+        raise CalibrationError("There is no recording with heat, which tells the wires' laws.")
     header = next(group[0] for group in heated.values() if group).parameters
     limb = copy.deepcopy(parameters or header)
     if not isinstance(header.board, NoBoard):
@@ -254,9 +253,8 @@ def calibrate(
             damping = fit_damping(limb, recordings["ring_down"])
             segment.damping = damping.damping.value
             if stiffness:
-                damping.remarks.extend(
-                    remarks_on_sensor(limb, recordings["sag"], stiffness, damping)
-                )
+                sensor = remarks_on_sensor(limb, recordings["sag"], stiffness, damping)
+                damping.remarks.extend(sensor)
         prediction = validation = None
         heat: list[HeatFit] = []
         force: list[ForceFit] = []

@@ -20,15 +20,15 @@ class Estimate:
     may_be_zero: bool = False
 
     @property
-    def told(self) -> bool:
+    def is_determined(self) -> bool:
         """Whether the data determine it: its standard error is no larger than itself.
 
-        What may be zero is always told.
+        What may be zero always counts as determined.
         """
         return self.may_be_zero or self.standard_error <= abs(self.value)
 
     def __str__(self) -> str:
-        if not self.told:
+        if not self.is_determined:
             return f"{self.value:.4g} {self.unit} (the data do not determine it)"
         return f"{self.value:.4g} ± {self.standard_error:.2g} {self.unit}"
 
@@ -40,7 +40,7 @@ def standard_error(values: np.ndarray) -> float:
 
 
 def _widening(count: int) -> float:
-    """Of standard errors that are estimated from so many samples, two or more."""
+    """Factor of standard errors that are estimated from so many samples, two or more."""
     return float(stdtrit(count - 1, 0.975) / ndtri(0.975))
 
 

@@ -28,22 +28,19 @@ def fit_heat_bounds(
     rates with which the wire is seen to heat, cool and be read; see `HeatRates.bounds`.
 
     Args:
-        recordings: with heat, each of a limb that was cold at the beginning.
+        recordings: heated ones, each of a limb that was cold at the beginning.
         described: the kind of limb; bounds that it was given by an earlier fit do not count.
         margin: share by which the fitted rates are widened.
 
     Returns:
         bounds; those described for a wire that was not heated.
     """
-    recordings, kinds = list(recordings), _described(described)
-    courses = [
-        [_WireHeat(recording, wire) for recording in recordings] for wire in range(len(kinds))
-    ]
+    courses = _courses(recordings, described)
     rates = [_rates(of_wire) for of_wire in courses]
     hottest = max((found.heating for found in rates if found), default=0.0)
     return [
         _fit_wire(of_wire, found, bounds, hottest, margin) if found else bounds
-        for of_wire, found, bounds in zip(courses, rates, kinds, strict=True)
+        for of_wire, found, bounds in zip(courses, rates, _described(described), strict=True)
     ]
 
 
@@ -51,18 +48,20 @@ def check_first_contact(recording: Recording, described: LimbParameters, path: P
     """Checks that each thermocouple showed its wire's heat.
 
     Args:
-        recording: of `collect_first_contact`, in the file ``path``.
+        recording: the one of `collect_first_contact`, in the file ``path``.
         described: the kind of limb.
 
     Raises:
         CalibrationError: if one did not.
     """
-    for wire, (kind, rates) in enumerate(
-        zip(_described(described), _all_rates([recording], described), strict=True)
+    courses = _courses([recording], described)
+    for name, kind, of_wire in zip(
+        described.wire_names, _described(described), courses, strict=True
     ):
+        rates = _rates(of_wire)
         if rates and rates.heating < min(kind.least_heating, ANY_WIRE.least_heating):
             raise CalibrationError(
-                f"The {described.wire_names[wire]} wire was heated, but its thermocouple shows "
+                f"The {name} wire was heated, but its thermocouple shows "
                 f"{rates.heating:.1f} °C/s at full duty. Either it is off its wire, reversed or "
                 "badly bonded, or the wire gets hardly any heat. Mend that or, if the limb is like "
                 f"that, describe its wires by their a2; then delete {path} and collect again."
@@ -76,7 +75,7 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
         recordings, described: as for `fit_heat_bounds`.
     """
     kinds, names = _described(described), described.wire_names
-    rates = _all_rates(recordings, described)
+    rates = [_rates(of_wire) for of_wire in _courses(recordings, described)]
     shown = [
         found.heating / kind.most_heating * SPREAD["most_heating"] if found else np.nan
         for found, kind in zip(rates, kinds, strict=True)
@@ -109,12 +108,10 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
     return remarks
 
 
-def _all_rates(recordings: Iterable[Recording], limb: LimbParameters) -> list[HeatRates | None]:
+def _courses(recordings: Iterable[Recording], limb: LimbParameters) -> list[list["_WireHeat"]]:
+    """What each wire did in each recording."""
     recordings = list(recordings)
-    return [
-        _rates([_WireHeat(recording, wire) for recording in recordings])
-        for wire in range(len(limb.wires))
-    ]
+    return [[_WireHeat(recording, w) for recording in recordings] for w in range(len(limb.wires))]
 
 
 def _described(limb: LimbParameters) -> list[HeatBounds]:
@@ -159,10 +156,10 @@ def _fit_wire(
 class _WireHeat:
     """A recording of a wire in steps of the board's observer.
 
-    - ``duty``: in each step (K).
-    - ``rise``: of the reading above that of the cold wire, after it (K), °C.
-    - ``averaged``: that, as the board averages it (K), °C.
-    - ``interval``: s, of a step.
+    - ``duty``: duty in each step (K).
+    - ``rise``: reading above that of the cold wire, after each step (K), °C.
+    - ``averaged``: that rise, as the board averages it (K), °C.
+    - ``interval``: duration of a step, s.
     """
 
     def __init__(self, recording: Recording, wire: int):
@@ -185,7 +182,7 @@ class _WireHeat:
         return np.array(averages)
 
     def least(self, bounds: HeatBounds) -> np.ndarray:
-        """The least that is read, averaged (K), °C."""
+        """The least rise that is read, averaged (K), °C."""
         observer = heat.WireObserver(0.0)
         observer.bounds = dataclasses.astuple(bounds)
         least = []

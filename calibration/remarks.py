@@ -84,7 +84,7 @@ class Remark:
 
 def remarks_on_estimate(name: str, estimate: Estimate) -> list[Remark]:
     """A remark if the data do not determine a quantity, which cannot be zero."""
-    if estimate.told:
+    if estimate.is_determined:
         return []
     return [Remark("untold", f"The data do not determine {name}; record more trials of it.")]
 
@@ -94,7 +94,7 @@ def remarks_on_start(what: str, value: float, room: float, readings: np.ndarray)
 
     Args:
         what: starts, in words.
-        value: its fitted temperature at the start, °C.
+        value: fitted temperature at the start, °C.
         room: T0, °C.
         readings: V in the recording, °C.
     """

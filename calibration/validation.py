@@ -23,7 +23,7 @@ WORST_ERROR = 0.25  # that of a limb which stays in the middle of a range that �
 class Validation:
     """The calibrated model, open loop, against a recording with both wires.
 
-    - ``recording``, ``simulation``: of the limb and of its model for the same
+    - ``recording``, ``simulation``: the limb, and its model for the same
       duty, at the same times; the model's bend angle is what the limb's bend
       sensor would show.
     - ``mean``, ``median``, ``percentile_90``: size of |φ - φ_sim|, rad.
@@ -38,7 +38,7 @@ class Validation:
     temperature_mean: float
 
     @property
-    def share(self) -> float:
+    def relative_error(self) -> float:
         """Mean |φ - φ_sim| as a fraction of the range of φ."""
         bend = self.recording.bend_angle[:, ~self.recording.missing]
         span = np.ptp(bend, axis=1).max()
@@ -48,7 +48,7 @@ class Validation:
     def in_words(self) -> str:
         """How far the model is from the limb, as part of a sentence."""
         return (
-            f"the model is {np.rad2deg(self.mean):.1f}° ({100 * self.share:.0f}% of its range) "
+            f"the model is {np.rad2deg(self.mean):.1f}° ({100 * self.relative_error:.0f}% of its range) "
             "from the limb's bend on average"
         )
 
@@ -60,13 +60,13 @@ class Validation:
     @property
     def remarks(self) -> list[Remark]:
         """A remark if the model misses the motion that it is validated with."""
-        if self.share <= GOOD_ERROR:
+        if self.relative_error <= GOOD_ERROR:
             return []
         sentence = (
             f"T{self.in_words[1:]}; look at both in the validation's picture, and record "
             "again what differs."
         )
-        return [Remark("off" if self.share <= WORST_ERROR else "far", sentence)]
+        return [Remark("off" if self.relative_error <= WORST_ERROR else "far", sentence)]
 
 
 def validate(parameters: LimbParameters, recording: Recording) -> Validation:

@@ -41,7 +41,7 @@ class BendAngleController(LeafSystem):
     def __init__(self, parameters: LimbParameters, actuated: str):
         """
         Args:
-            parameters: of the limb, as far as they are known, of one segment.
+            parameters: the limb, as far as it is known, of one segment.
             actuated: name of the wire, or "both" for all of them.
 
         Raises:

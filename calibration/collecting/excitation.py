@@ -50,7 +50,7 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
 
     Args:
         num_wires: W.
-        seed: of durations and levels that are random.
+        seed: seed of durations and levels that are random.
     """
     random, each = np.random.default_rng(seed), np.eye(num_wires)
     wires, off = range(num_wires - 1, -1, -1), np.zeros(num_wires)  # the right one first
@@ -113,7 +113,7 @@ def _random_levels(random: np.random.Generator, num_wires: int) -> list:
 
 
 def _triangle(turns: np.ndarray) -> np.ndarray:
-    """From 1 at whole turns to 0 half a turn later."""
+    """A wave from 1 at whole turns to 0 half a turn later."""
     return 2 * np.abs(turns % 1 - 0.5)
 
 

@@ -66,7 +66,7 @@ def collect_from_twin(
     with all of them, as in Sec. V; then a warm-up and `excitations`.
 
     Args:
-        twin: of one segment; `again` is called on it.
+        twin: an emulated limb of one segment; `again` is called on it.
         seed, num_angles, longest: as for `collect_equilibria`.
         cooling_time: time without heat before each recording of equilibria, s.
         sag_trials, ring_downs: numbers of recordings.

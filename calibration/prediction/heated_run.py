@@ -16,7 +16,7 @@ STEP = 0.5  # s, of simulation and of averages; wires heat and cool within secon
 class HeatedRun:
     """A heated recording of W wires in K steps of half a second, M of which have samples.
 
-    - ``source``: what was recorded.
+    - ``source``: name of what was recorded.
     - ``duty``: mean duty over each step (K, W).
     - ``times``: mean times of the samples of a step (M,), s from the first.
     - ``temperature``, ``bend``: mean readings V, °C (M, W), and φ, rad (M,).
@@ -69,16 +69,17 @@ class HeatedRun:
             slope=np.array(slope),
         )
 
-    def interpolated(self, readings: np.ndarray, bends: np.ndarray) -> tuple[np.ndarray, ...]:
+    @property
+    def signals(self) -> np.ndarray:
+        """The readings φ, rad, and V, °C, side by side (M, 1 + W)."""
+        return np.column_stack([self.bend, self.temperature])
+
+    def interpolated(self, signals: np.ndarray) -> np.ndarray:
         """Signals at the ends of steps (K + 1, ...), or of more steps, at the samples (M, ...)."""
         steps = self.times / STEP
-        before = np.minimum(steps.astype(int), len(bends) - 2)
-        after = steps - before
-        return tuple(
-            signal[before] * (1 - share) + signal[before + 1] * share
-            for signal in (readings, bends)
-            for share in [after.reshape(-1, *[1] * (signal.ndim - 1))]
-        )
+        before = np.minimum(steps.astype(int), len(signals) - 2)
+        after = (steps - before).reshape(-1, *[1] * (signals.ndim - 1))
+        return signals[before] * (1 - after) + signals[before + 1] * after
 
     def held_out(self, least: float, most: float) -> tuple["HeatedRun", "HeatedRun"]:
         """All samples but the last, and the last; each part has the duty of all.
@@ -103,7 +104,7 @@ class HeatedRun:
 
 
 def _slope(times: np.ndarray, values: np.ndarray) -> float:
-    """Of the line through samples; nan if they show less than a second."""
+    """Slope of the line through samples; nan if they show less than a second."""
     if np.ptp(times) < 0.99 * START:
         return np.nan
     since = times - times.mean()

@@ -74,7 +74,7 @@ class LawFit:
 
     - ``law``: class of the law.
     - ``segment``: the segment as it was described.
-    - ``unknowns``: what was fitted (P).
+    - ``unknowns``: quantities that were fitted (P).
     - ``fitted``: values of the unknowns (P), as `Unknown` has them.
     - ``covariance``: covariance of these values (P, P).
     - ``ambient``: T0, °C.
@@ -189,7 +189,7 @@ def fit_law(
     Args:
         law: class of the law of all wires.
         runs: the recordings.
-        segment: as described; its stiffness counts, and its wires' laws as what
+        segment: the described one; its stiffness counts, and its wires' laws as what
             is expected.
         ambient: T0, °C, about which that of each recording is.
         rubber: as for `unknowns_of`.
@@ -308,10 +308,8 @@ class _Problem:
         """Takes from the residuals at x what the form leaves, and which means are outliers."""
         rests: tuple[list, list] = ([], [])
         for predicted, outliers in zip(self.predicted(x), self._outliers, strict=True):
-            run = predicted.run
-            errors = [predicted.bend - run.bend]
-            errors += list((predicted.temperature - run.temperature).T)
-            for signal, error in enumerate(errors):
+            errors = np.column_stack([predicted.bend, predicted.temperature])
+            for signal, error in enumerate((errors - predicted.run.signals).T):
                 around = error - np.median(error)
                 spread = 1.48 * np.median(np.abs(around)) + 1e-9
                 outliers[signal] = np.abs(around) > OUTLIER * spread
@@ -323,8 +321,8 @@ class _Problem:
             self._forms[signal] = np.clip(left, LEAST_FORM, MOST_FORM)
         self._whiten()
 
-    def _simulate(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """V and φ at the ends of steps, for sets of parameters and nuisances (B, P + R Q)."""
+    def _simulate(self, x: np.ndarray) -> list[np.ndarray]:
+        """φ and V of each recording (M, B, 1 + W), for parameters and nuisances (B, P + R Q)."""
         size, num_wires, num_sets = len(self._unknowns), self._num_wires, len(x)
         fields: dict[str, np.ndarray] = {}
         rubber = {"stiffness": np.full(num_sets, self._stiffness)}
@@ -342,31 +340,23 @@ class _Problem:
         first = np.array([run.first for run in self._runs])
         initial = [*states, np.broadcast_to(first, states[0].shape)]
         law = with_fields(self._law, fields)
-        return self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)[1:]
+        _, readings, bends = self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)
+        signals = np.concatenate([bends[..., None], readings], axis=-1)
+        return [run.interpolated(signals[:, :, number]) for number, run in enumerate(self._runs)]
 
     def predicted(self, x: np.ndarray) -> list[Predicted]:
         """All recordings, for one x."""
-        readings, bends = self._simulate(x[None])
-        result = []
-        for number, run in enumerate(self._runs):
-            reading, bend = run.interpolated(readings[:, :, number], bends[:, :, number])
-            result.append(Predicted(run, reading[:, 0], bend[:, 0]))
-        return result
+        simulated = zip(self._runs, self._simulate(x[None]), strict=True)
+        return [Predicted(run, signals[:, 0, 1:], signals[:, 0, 0]) for run, signals in simulated]
 
-    def _whitened(self, x: np.ndarray) -> list[np.ndarray]:
-        """Of each recording (M (1 + W), B): residuals of φ, then of each V, over their factors."""
-        readings, bends = self._simulate(x)
-        result = []
-        for number, (run, factors) in enumerate(zip(self._runs, self._factors, strict=True)):
-            reading, bend = run.interpolated(readings[:, :, number], bends[:, :, number])
-            errors = [bend - run.bend[:, None]]
-            errors += list(np.moveaxis(reading - run.temperature[:, None], 2, 0))
-            parts = [
-                solve_triangular(factor, error, lower=True, check_finite=False)
-                for factor, error in zip(factors, errors, strict=True)
-            ]
-            result.append(np.concatenate(parts))
-        return result
+    def _whitened(self, x: np.ndarray) -> np.ndarray:
+        """Residuals of each recording: of φ, then of each V, over their factors (all M, B)."""
+        parts = []
+        for run, factors, signals in zip(self._runs, self._factors, self._simulate(x), strict=True):
+            errors = np.moveaxis(signals - run.signals[:, None], 2, 0)
+            for factor, error in zip(factors, errors, strict=True):
+                parts.append(solve_triangular(factor, error, lower=True, check_finite=False))
+        return np.concatenate(parts)
 
     def _beforehand(self, x: np.ndarray) -> np.ndarray:
         size, away = len(self._unknowns), x - self.center
@@ -383,7 +373,7 @@ class _Problem:
         margin = 1e-6 * (high - low)
         starts[:, :size] = np.clip(starts[:, :size], low + margin, high - margin)
         with np.errstate(all="ignore"):  # of values that nobody has
-            readings = np.concatenate(self._whitened(starts))
+            readings = self._whitened(starts)
         costs = (readings**2).sum(axis=0) + [(self._beforehand(x) ** 2).sum() for x in starts]
         return starts[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))]
 
@@ -411,17 +401,16 @@ class _Problem:
         for index in range(count):
             moved[1 + size + index, size + index :: count] += step[size + index :: count]
         whitened = self._whitened(moved)
-        readings = np.concatenate([values[:, 0] for values in whitened])
         # Steps into what cannot be simulated are refused by the solver if they are far off.
-        readings = np.nan_to_num(readings, nan=1e6, posinf=1e6, neginf=-1e6)
+        readings = np.nan_to_num(whitened[:, 0], nan=1e6, posinf=1e6, neginf=-1e6)
+        change = whitened[:, 1:] - whitened[:, :1]
         jacobian = np.zeros((self.num_readings + len(x), len(x)))
-        row = 0
-        for number, values in enumerate(whitened):
-            rows, first = slice(row, row + len(values)), size + number * count
-            change = values[:, 1:] - values[:, :1]
-            jacobian[rows, :size] = change[:, :size] / step[:size]
-            jacobian[rows, first : first + count] = change[:, size:] / step[first : first + count]
-            row += len(values)
+        jacobian[: self.num_readings, :size] = change[:, :size] / step[:size]
+        row, column = 0, size
+        for run in self._runs:
+            rows = slice(row, row := row + run.signals.size)
+            columns = slice(column, column := column + count)
+            jacobian[rows, columns] = change[rows, size:] / step[columns]
         jacobian[row : row + size, :size] = self._prior
         jacobian[row + size :, size:] = np.diag(1 / self._nuisance_spread)
         result = np.concatenate([readings, self._beforehand(x)]), jacobian

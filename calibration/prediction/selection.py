@@ -63,7 +63,7 @@ class Candidate:
 
     @property
     def errors(self) -> np.ndarray:
-        """In each block of time: of bend and temperature together, in their scales."""
+        """Mean error in each block of time, of bend and temperature together, in their scales."""
         blocks = []
         for predicted in self.judged:
             run = predicted.run
@@ -92,8 +92,8 @@ class Prediction:
 
     - ``candidates``: laws that were compared, each fitted without the judges.
     - ``best``: the simplest of them that no other beats.
-    - ``fit``: that law, fitted to all recordings but motions that judge.
-    - ``judges``: what the laws were judged by, in words.
+    - ``fit``: the best law, fitted to all recordings but motions that judge.
+    - ``judges``: recordings that the laws were judged by, in words.
     """
 
     candidates: list[Candidate]
@@ -152,8 +152,8 @@ def fit_by_prediction(
 
     Args:
         laws: to be compared, from the simplest on.
-        recordings: by kind, with heat.
-        segment: as described, with its stiffness as calibrated.
+        recordings: heated ones by kind.
+        segment: the described one, with its stiffness as calibrated.
         ambient: T0, °C.
         tell: is called with what is being done.
     """
@@ -205,7 +205,7 @@ def compare_laws(
         runs: recordings to fit to.
         judges: recordings to predict.
         segment, ambient: as for `fit_law`.
-        options: of the rubber that are tried.
+        options: options of the rubber that are tried.
         continued: whether the judges are other samples of the same recordings, in their order.
         tell: is called with what is being done.
 

@@ -81,7 +81,7 @@ def unknowns_of(
     """All that is unknown of a segment whose wires follow a law: of each wire, then of the rubber.
 
     Args:
-        segment: its description, whose wires' laws say what to expect.
+        segment: description of the segment, whose wires' laws say what to expect.
         rubber: what is fitted of it besides the rest angle: any of
             "stiffening" and "rest_memory".
     """

@@ -41,9 +41,9 @@ class DampedSinusoid:
     - ``damping_ratio``: ζ.
     - ``natural_frequency``: ω, rad/s.
     - ``amplitude``, ``phase``, ``offset``: A, ϕ, b at t = 0, the start.
-    - ``start``: of the fit, s.
+    - ``start``: time at which the fit starts, s.
     - ``decay_rate``: ζ ω with its standard error, 1/s.
-    - ``residual``: root mean square, in the unit of the signal.
+    - ``residual``: root mean square of the deviations, in the unit of the signal.
     """
 
     damping_ratio: float
@@ -57,7 +57,7 @@ class DampedSinusoid:
 
     @property
     def frequency(self) -> float:
-        """Of the damped oscillation, Hz."""
+        """Frequency of the damped oscillation, Hz."""
         return self.natural_frequency * np.sqrt(1 - self.damping_ratio**2) / (2 * np.pi)
 
     def __call__(self, times: ArrayLike) -> np.ndarray:
@@ -74,9 +74,9 @@ class DampingFit:
 
     - ``damping``: σ, N·m·s/rad.
     - ``measured``: the sinusoid of each recording.
-    - ``simulated``: that of the model with this σ, for each recording, as the
+    - ``simulated``: the sinusoid of the model with this σ, for each recording, as the
       recording's bend sensor would show it.
-    - ``time``, ``bend_angle``: of the first recording (K,), s and rad.
+    - ``time``, ``bend_angle``: the first recording (K,), s and rad.
     - ``remarks``: sentences on what the data lack.
     """
 
@@ -189,8 +189,8 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
     """fitData of Algorithm 1: σ with which the model rings down like the limb.
 
     Args:
-        parameters: of the limb, with its calibrated stiffness.
-        recordings: of passive oscillation after a release from about 45°; the
+        parameters: the limb, with its calibrated stiffness.
+        recordings: passive oscillation after a release from about 45°; the
             hold before may be part of them.
 
     Raises:

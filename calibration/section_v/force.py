@@ -23,9 +23,9 @@ LUKEWARM = 10.0  # °C above ambient, below which a torque is hidden by noise
 class ForceFit:
     """Joint torque of one wire per degree, (4).
 
-    - ``wire``: its name.
+    - ``wire``: name of the wire.
     - ``beta``: β, N·m/°C.
-    - ``times``: of the equilibria that it was taken from (M,), s.
+    - ``times``: times of the equilibria that β was taken from (M,), s.
     - ``wire_temperature``: T^eq (M,), °C.
     - ``bend_angle``: φ^eq (M,), rad.
     - ``ratios``: Γ of (13), a β for each equilibrium (M,), N·m/°C.
@@ -55,11 +55,11 @@ def fit_force(
     above T_warm, only these count, as the model fits better there (Sec. VI).
 
     Args:
-        parameters: of the limb; its number of links and the wire's direction
+        parameters: the limb; its number of links and the wire's direction
             count.
         recording: C^r or C^l, in which this wire alone is heated.
-        index: of the wire.
-        heat: its heat transfer, whose simulated T is used.
+        index: index of the wire.
+        heat: heat transfer of the wire, whose simulated T is used.
         stiffness: k, N·m/rad.
 
     Raises:

@@ -35,9 +35,9 @@ AT_BOUND = 0.01  # by which a logarithm may stay inside its bound and count as a
 class HeatFit:
     """Heat transfer of one wire, (6)-(7), with the data of the fit.
 
-    - ``wire``: its name.
+    - ``wire``: name of the wire.
     - ``a1``, ``a2``, ``a3``: 1/s, °C/s and 1/s.
-    - ``covariance``: of a1, a2 and a3 (3, 3), in the products of their units.
+    - ``covariance``: covariance of a1, a2 and a3 (3, 3), in the products of their units.
     - ``delay``: time by which readings are later than the duty, s; None if it is
       not fitted. The model has none.
     - ``ambient``: T0 that was used, °C.
@@ -80,7 +80,7 @@ def simulate_heat(
     """T and V of a wire, eqns (6)-(7), at the samples (K,), °C, exactly for duty held between them.
 
     Args:
-        law: of the wire.
+        law: law of the wire.
         duty: D (K,), in force at each sample and since the one before.
         period: s between samples.
         ambient: T0, °C.
@@ -126,9 +126,9 @@ def fit_heat_transfer(
 
     Args:
         recording: C^r or C^l, in which this wire alone is heated.
-        index: of the wire.
+        index: index of the wire.
         ambient: T0, °C.
-        ambient_error: its standard error, °C, as read by this wire's thermocouple.
+        ambient_error: standard error of T0, °C, as read by this wire's thermocouple.
         rest_angle: from which φ counts, rad.
 
     Raises:

@@ -38,7 +38,7 @@ class StiffnessFit:
     - ``correction_factor``: λ of eqn (9), without unit. It depends on the bend
       sensor: 1.22 for the chord of five links, as in the paper, and 1.8 for α/2.
     - ``sags``: φ^eq of each trial (K,), rad, signed as gravity, as recorded.
-    - ``simulated_sag``: of the fitted limb, as its bend sensor would show it, rad.
+    - ``simulated_sag``: sag of the fitted limb, as its bend sensor would show it, rad.
     - ``remarks``: sentences on what the data lack.
     """
 
@@ -69,7 +69,7 @@ def fit_stiffness(
 
     Args:
         parameters: geometry, mass and rest angle of the limb; of one segment.
-        recordings: of the limb at rest, unheated, with E2 along the vertical
+        recordings: recordings of the limb at rest, unheated, with E2 along the vertical
             as their parameters' ``gravity`` says. At rest the last 5 s count.
         rest_error: standard error of the rest angle, rad.
 
@@ -84,7 +84,7 @@ def fit_stiffness(
         recording.check_plausible()
     recordings = [without_missing(recording) for recording in recordings]
     sags = np.array([_resting_angle(recording) for recording in recordings])
-    gravity = np.array(recordings[0].parameters.gravity)
+    gravity = recordings[0].parameters.gravity
     sensor = bend_sensor_of(recordings[0])
     for recording in recordings[1:]:
         if bend_sensor_of(recording) != sensor:
@@ -94,7 +94,7 @@ def fit_stiffness(
             )
         if not np.allclose(recording.parameters.gravity, gravity):
             raise CalibrationError(
-                f"The sag was recorded with gravity {list(gravity)} and with "
+                f"The sag was recorded with gravity {gravity} and with "
                 f"{recording.parameters.gravity} m/s²; mount the limb the same way each time."
             )
     sag = float(sensor.corrected(np.mean(sags))) - only_segment(parameters).rest_angle
@@ -105,7 +105,8 @@ def fit_stiffness(
             "the header?"
         )
     # Of the mean: in a fit to each trial their scatter would count as sag, and k be too small.
-    stiffness, correction = _iterate(parameters, gravity, sensor, float(np.mean(sags)))
+    mounted, mean = _mounted(parameters, gravity), float(np.mean(sags))
+    stiffness, correction = _iterate(mounted, sensor, mean)
     described = only_segment(parameters).stiffness
     if not described / MOST_OFF < stiffness < described * MOST_OFF:
         raise CalibrationError(
@@ -117,8 +118,7 @@ def fit_stiffness(
     spread = standard_error(sags) if np.ptp(sags) > 0 else sensor.drift
     spread = np.hypot(spread, sensor.gain * rest_error)
     change = 1e-3 * sensor.gain * sag
-    shifted, _ = _iterate(parameters, gravity, sensor, float(np.mean(sags)) + change)
-    slope = (shifted - stiffness) / change
+    slope = (_iterate(mounted, sensor, mean + change)[0] - stiffness) / change
     estimate = Estimate(stiffness, float(abs(slope * spread)), "N·m/rad")
     remarks = []
     if len(sags) < 3:
@@ -134,14 +134,9 @@ def fit_stiffness(
         )
         remarks.append(Remark("scatter", sentence))
     remarks += remarks_on_estimate("the stiffness", estimate)
-    fitted = _with_stiffness(parameters, gravity, stiffness)
-    return StiffnessFit(
-        estimate,
-        correction,
-        sags,
-        float(sensor.apparent_bend_angle(static_equilibrium(fitted)[0])),
-        remarks,
-    )
+    mounted.segments[0].stiffness = stiffness
+    simulated = float(sensor.apparent_bend_angle(static_equilibrium(mounted)[0]))
+    return StiffnessFit(estimate, correction, sags, simulated, remarks)
 
 
 def remarks_on_sensor(
@@ -156,8 +151,8 @@ def remarks_on_sensor(
     the sensor shows: a tip tangent that is taken for a chord makes k half as large again.
 
     Args:
-        limb: as calibrated.
-        sags: its recordings of the sag.
+        limb: the calibrated limb.
+        sags: recordings of its sag.
         stiffness, damping: the fits.
     """
     named = bend_sensor_of(sags[0])
@@ -165,11 +160,9 @@ def remarks_on_sensor(
     if type(named) not in others:
         return []
     other = others[type(named)](**dataclasses.asdict(named))
-    retold = copy.deepcopy(list(sags))
-    for recording in retold:
-        recording.parameters.segments[0].bend_sensor = other
+    mounted = _mounted(limb, sags[0].parameters.gravity)
     try:
-        k = fit_stiffness(limb, retold).stiffness.value
+        k, _ = _iterate(mounted, other, float(np.mean(stiffness.sags)))
     except CalibrationError:
         return []
     measured, simulated = damping.measured[0].frequency, damping.simulated[0].frequency
@@ -188,28 +181,32 @@ def remarks_on_sensor(
     ]
 
 
-def _iterate(
-    parameters, gravity: np.ndarray, sensor: BendSensor, sag: float
-) -> tuple[float, float]:
+def _mounted(parameters: LimbParameters, gravity: Sequence[float]) -> LimbParameters:
+    mounted = copy.deepcopy(parameters)
+    mounted.gravity = list(gravity)
+    return mounted
+
+
+def _iterate(mounted: LimbParameters, sensor: BendSensor, sag: float) -> tuple[float, float]:
     """k and λ (9) for the bend angle of a sag, rad, as a sensor shows it."""
-    segment = only_segment(parameters)
-    at_rest = rest_joint_angles(parameters)
+    limb = copy.deepcopy(mounted)
+    segment = only_segment(limb)
+    at_rest = rest_joint_angles(limb)
     bend = float(sensor.corrected(sag)) - segment.rest_angle
     shape = shape_factors(segment.links)
-    plant = make_manipulator(_with_stiffness(parameters, gravity, segment.stiffness))
+    plant = make_manipulator(limb)
     context = plant.CreateDefaultContext()
-    correction, stiffness = 1.0, None
+    correction, before = 1.0, np.inf
     for _ in range(100):
         angles = correction * bend * shape  # θ^eq, eqn (9)
         plant.SetPositions(context, at_rest + angles)
         forces = plant.CalcGravityGeneralizedForces(context)
-        before = stiffness
         stiffness = float(angles @ forces / (angles @ angles))
-        if before is not None and abs(stiffness - before) < 1e-10 * stiffness:
+        if abs(stiffness - before) < 1e-10 * stiffness:
             return stiffness, correction
-        fitted = _with_stiffness(parameters, gravity, stiffness)
+        before = segment.stiffness = stiffness
         try:
-            simulated, _ = static_equilibrium(fitted)
+            simulated, _ = static_equilibrium(limb)
         except LimbError as error:
             raise CalibrationError(
                 f"No spring constant explains a sag of {np.rad2deg(sag):.1f}° with this "
@@ -218,13 +215,6 @@ def _iterate(
         expected = (sensor.exact_bend_angle(simulated) - segment.rest_angle) * shape
         correction = float(expected @ (simulated - at_rest) / (expected @ expected))
     raise CalibrationError("The iteration for the spring constant does not converge.")
-
-
-def _with_stiffness(parameters, gravity: np.ndarray, stiffness: float) -> LimbParameters:
-    mounted = copy.deepcopy(parameters)
-    mounted.gravity = [float(g) for g in gravity]
-    mounted.segments[0].stiffness = stiffness
-    return mounted
 
 
 def _resting_angle(recording: Recording) -> float:

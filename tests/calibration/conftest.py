@@ -6,7 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from calibration import collect_equilibria, collect_sag
+from calibration import Calibration, calibrate, collect_equilibria, collect_sag
 from limb_systems import Limb, LimbParameters, joint_angles_from_bend_angle, simulate
 
 
@@ -34,6 +34,12 @@ def model_recordings(true_limb):
     for seed, kind in enumerate(("right", "left", "both")):
         recordings[kind] = [collect_equilibria(Limb(true_limb), kind, num_angles=6, seed=seed)]
     return recordings
+
+
+@pytest.fixture(scope="session")
+def by_the_paper(model_recordings) -> Calibration:
+    """Those recordings, calibrated as in Sec. V. Not to be changed."""
+    return calibrate(model_recordings, LimbParameters(), method="paper")
 
 
 @pytest.fixture(scope="session")

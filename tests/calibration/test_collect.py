@@ -64,8 +64,9 @@ def test_integral_part_grows_at_the_pole_of_the_wire():
     assert rise == pytest.approx(GAIN * 0.07 * np.deg2rad(5.0) * 10.0, rel=0.02)
 
 
-@pytest.mark.parametrize("memory", [None, RestMemory(shift=0.0)])
-@pytest.mark.parametrize("law", [TwoMassLaw(), HystereticLaw()])
+@pytest.mark.parametrize(
+    ("law", "memory"), [(TwoMassLaw(), None), (HystereticLaw(), RestMemory(shift=0.0))]
+)
 def test_wires_that_remember_are_controlled_by_what_they_do_once_they_are_settled(law, memory):
     """Of the torque at 62.5 °C on heating, and of wires and silicone in a lasting heat."""
     limb = LimbParameters()
@@ -203,25 +204,21 @@ def short_excitations(monkeypatch):
     monkeypatch.setattr("calibration.collecting.protocol.excitations", few)
     monkeypatch.setattr("calibration.collecting.collect.WARM_UP_TIME", 25.0)
     monkeypatch.setattr("calibration.collecting.collect.WARM_UP_END", 40.0)
+    monkeypatch.setattr("calibration.collecting.collect.CONTACT_TIME", 15.0)
+    monkeypatch.setattr("calibration.collecting.collect.CONTACT_END", 50.0)
+    monkeypatch.setattr("calibration.collecting.knowledge.Knowledge.LAW", TwoMassLaw)
+    return monkeypatch
 
 
 def test_excitations_tell_how_well_they_were_predicted(short_excitations):
+    """Protocols leave out equilibria or these."""
+    few = {"num_angles": 1, "longest": 5.0, "sag_trials": 1, "ring_downs": 1, "cooling_time": 5.0}
     told = []
-    recordings = collect_from_twin(
-        LimbTwin(seed=2),
-        num_angles=1,
-        longest=5.0,
-        sag_trials=1,
-        ring_downs=1,
-        cooling_time=10.0,
-        tell=told.append,
-    )
+    twin = LimbTwin(seed=2)
+    recordings = collect_from_twin(twin, **few, protocol="excitation", tell=told.append)
     assert {kind: len(group) for kind, group in recordings.items()} == {
         "sag": 1,
         "ring_down": 1,
-        "right": 1,
-        "left": 1,
-        "both": 1,
         "heated": 2,  # with the warm-up
         "motion": 1,
     }
@@ -229,21 +226,12 @@ def test_excitations_tell_how_well_they_were_predicted(short_excitations):
     assert [match[1] for match in found] == ["conditioning", "motion_1"]
     assert all(float(match[2]) < 8.0 for match in found)
     assert max(r.measured_temperature.max() for r in recordings["heated"]) < 100.0
-
-
-def test_protocols_leave_out_equilibria_or_excitations(monkeypatch):
-    monkeypatch.setattr("calibration.collecting.protocol.excitations", lambda *_: [])
-    monkeypatch.setattr("calibration.collecting.collect.WARM_UP_TIME", 1.0)
-    monkeypatch.setattr("calibration.collecting.collect.WARM_UP_END", 2.0)
-    few = {"num_angles": 1, "longest": 1.0, "cooling_time": 1.0, "sag_trials": 1, "ring_downs": 0}
-    kinds = {
-        protocol: list(collect_from_twin(LimbTwin(seed=2), protocol=protocol, **few))
-        for protocol in ("all", "excitation", "paper")
-    }
-    passive, held, excited = ["sag", "ring_down"], ["right", "left", "both"], ["heated", "motion"]
-    assert kinds["all"] == passive + held + excited
-    assert kinds["excitation"] == passive + excited
-    assert kinds["paper"] == passive + held
+    short_excitations.setattr("calibration.collecting.protocol.excitations", lambda *_: [])
+    whole = collect_from_twin(twin, **few)
+    held = ["right", "left", "both"]
+    assert list(whole) == ["sag", "ring_down", *held, "heated", "motion"]
+    with pytest.raises(LimbError, match="protocol is 'some'; it must be one of all, excitation"):
+        collect_from_twin(twin, protocol="some")
 
 
 def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
@@ -252,7 +240,8 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     monkeypatch.setattr("calibration.collecting.protocol.SAG_TRIALS", 1)
     monkeypatch.setattr("calibration.collecting.protocol.RING_DOWNS", 1)
     waited, asked, told = [], [], []
-    limb = LimbParameters()
+    limb, described = LimbParameters(), LimbParameters()
+    limb.segments[0].links = described.segments[0].links = 2  # which are simulated fast
     limb.wires[1].law.a2 = 22.0
     monkeypatch.setattr(
         "calibration.collecting.protocol._wait", lambda pause, _: waited.append(pause)
@@ -270,8 +259,8 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     def collect():
         asked.clear()
         collect_from_robot(
-            lambda described: Robot(dataclasses.replace(limb, gravity=described.gravity)),
-            LimbParameters(),
+            lambda known: Robot(dataclasses.replace(limb, gravity=known.gravity)),
+            described,
             tmp_path,
             lambda what: asked.append(what.split(":")[0]),
             protocol="excitation",

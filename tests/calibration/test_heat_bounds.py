@@ -8,7 +8,7 @@ import pytest
 from pydrake.trajectories import PiecewisePolynomial
 from simulated_board import SimulatedBoard
 
-from calibration import CalibrationError, calibrate
+from calibration import CalibrationError
 from calibration.collecting.collect import (
     collect_first_contact,
     collect_warm_up,
@@ -55,8 +55,8 @@ def test_bounds_around_a_law_contain_wires_in_warm_silicone():
     """From cold to a lasting heat, and while it cools."""
     limb = LimbParameters()
     limb.wires[1].law = TwoMassLaw()
-    duty = PiecewisePolynomial.ZeroOrderHold([0.0, 120.0, 240.0], [[0.0, 0.0, 0.0], [0.2, 0, 0]])
-    recording = simulate(Limb(limb), duty, 240.0)
+    duty = PiecewisePolynomial.ZeroOrderHold([0.0, 90.0, 180.0], [[0.0, 0.0, 0.0], [0.2, 0, 0]])
+    recording = simulate(Limb(limb), duty, 180.0)
     observer = heat.WireObserver(0.0)
     observer.bounds = dataclasses.astuple(limb.heat_bounds[1])
     step = recording.time[1]
@@ -65,27 +65,18 @@ def test_bounds_around_a_law_contain_wires_in_warm_silicone():
         assert observer.least_reading < wire - 25.0 < observer.most + 0.5
 
 
-def test_a_wire_that_was_not_heated_keeps_its_bounds():
+def test_bounds_follow_the_margin_and_stay_where_there_is_no_heat():
     limb = LimbParameters()
-    left, right = fit_heat_bounds([simulate(Limb(limb), [0.0, 0.3], 20.0)], limb)
+    recording = simulate(Limb(limb), [0.0, 0.3], 20.0)
+    left, narrow = fit_heat_bounds([recording], limb, 0.05)
+    _, wide = fit_heat_bounds([recording], limb, 0.25)
     assert left == limb.heat_bounds[0]
-    assert right != limb.heat_bounds[1]
+    assert wide.least_heating < narrow.least_heating != limb.heat_bounds[1].least_heating
+    assert wide.slowest_cooling < narrow.slowest_cooling
 
 
-def test_a_wider_margin_makes_wider_bounds():
-    limb = LimbParameters()
-    recording = simulate(Limb(limb), [0.2, 0.3], 20.0)
-    for narrow, wide in zip(
-        fit_heat_bounds([recording], limb, 0.05),
-        fit_heat_bounds([recording], limb, 0.25),
-        strict=True,
-    ):
-        assert wide.least_heating < narrow.least_heating
-        assert wide.slowest_cooling < narrow.slowest_cooling
-
-
-@pytest.mark.parametrize("seed", [2, 7])
-def test_an_emulated_limb_is_warmed_up_and_then_hot_within_its_bounds(seed):
+def test_an_emulated_limb_is_warmed_up_and_then_hot_within_its_bounds():
+    seed = 7
     warm_up = collect_warm_up(LimbTwin(seed=seed))
     assert warm_up.measured_temperature.max() < 100.0
     parameters = LimbParameters()
@@ -121,8 +112,8 @@ def test_a_limb_that_is_not_as_described_has_wider_bounds(described):
             assert fitted.least_heating < around.least_heating
 
 
-def test_calibration_has_bounds_and_keeps_them_in_its_file(model_recordings, tmp_path):
-    calibrated = calibrate(model_recordings, method="paper").parameters
+def test_calibration_has_bounds_and_keeps_them_in_its_file(by_the_paper, tmp_path):
+    calibrated = by_the_paper.parameters
     calibrated.save(tmp_path / "limb.yaml")
     loaded = LimbParameters.load(tmp_path / "limb.yaml")
     for wire, bounds in zip(loaded.wires, calibrated.heat_bounds, strict=True):

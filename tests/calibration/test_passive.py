@@ -49,7 +49,7 @@ def limb_with_ten_degrees_of_sag(links, sensor):
     limb = LimbParameters(gravity=[0.0, -9.81, 0.0])
     limb.segments[0].links = links
     low, high = 0.02, 0.5
-    for _ in range(60):
+    for _ in range(15):
         limb.segments[0].stiffness = (low + high) / 2
         sag = -sensor.apparent_bend_angle(static_equilibrium(limb)[0])
         low, high = (
@@ -63,24 +63,22 @@ def limb_with_ten_degrees_of_sag(links, sensor):
     return limb
 
 
-@pytest.mark.parametrize(
-    ("sensor", "links", "factor"),
-    [
+def test_correction_factor_is_the_papers_and_stiffness_the_one_that_sags():
+    for sensor, links, factor in (
         (ChordSensor(), 4, 1.20),  # the paper's
         (ChordSensor(), 5, 1.22),
         (ChordSensor(), 6, 1.23),
         (TipTangentSensor(), 5, 1.22 * 1.5),  # the chord's angle is 1.5 times α/2 (beam theory)
         (ChordSensor(gain=1.2, offset=0.05), 5, 1.22),
-    ],
-)
-def test_correction_factor_is_the_papers_and_stiffness_the_one_that_sags(sensor, links, factor):
-    limb = limb_with_ten_degrees_of_sag(links, sensor)
-    start = LimbParameters()
-    start.segments[0].links = links
-    fit = fit_stiffness(start, sagging(start, -np.deg2rad(10.0), sensor=sensor))
-    assert fit.correction_factor == pytest.approx(factor, abs=0.01)
-    assert fit.stiffness.value == pytest.approx(limb.segments[0].stiffness, rel=0.01)
-    assert fit.simulated_sag == pytest.approx(-np.deg2rad(10.0), rel=0.01)
+    ):
+        limb = limb_with_ten_degrees_of_sag(links, sensor)
+        start = LimbParameters()
+        start.segments[0].links = links
+        fit = fit_stiffness(start, sagging(start, -np.deg2rad(10.0), sensor=sensor))
+        assert fit.correction_factor == pytest.approx(factor, abs=0.01)
+        assert fit.stiffness.value == pytest.approx(limb.segments[0].stiffness, rel=0.01)
+        assert fit.simulated_sag == pytest.approx(-np.deg2rad(10.0), rel=0.01)
+    np.testing.assert_allclose(shape_factors(5), np.array([25, 16, 9, 4, 1]) / 55)
 
 
 def test_taking_half_the_tip_tangent_for_the_chord_would_make_the_limb_half_as_stiff_again():
@@ -114,9 +112,9 @@ def seen_by(sensor, recording):
     )
 
 
-@pytest.mark.parametrize("sensor", [TipTangentSensor(), ChordSensor(gain=0.8, offset=0.1)])
-def test_fits_are_of_what_the_sensor_shows(sensor, true_limb, model_recordings):
+def test_fits_are_of_what_the_sensor_shows(true_limb, model_recordings):
     """The model behind a sensor, at rest and ringing down, has the model's own parameters."""
+    sensor = TipTangentSensor(gain=0.8, offset=0.1)
     start = copy.deepcopy(true_limb)
     start.segments[0].stiffness = 0.2
     fit = fit_stiffness(start, [seen_by(sensor, model_recordings["sag"][0])])
@@ -136,10 +134,6 @@ def test_fits_are_of_what_the_sensor_shows(sensor, true_limb, model_recordings):
     assert by_sensor == pytest.approx(by_chord, rel=0.01)
 
 
-def test_shape_factors_are_those_of_the_corrected_denominator():
-    np.testing.assert_allclose(shape_factors(5), np.array([25, 16, 9, 4, 1]) / 55)
-
-
 def test_stiffness_is_as_uncertain_as_its_trials_scatter():
     """k is about inversely proportional to the sag, so relative errors are the same."""
     limb = LimbParameters()
@@ -157,11 +151,11 @@ def test_few_or_scattered_trials_are_remarked():
     assert "differs by 6.9° between trials" in wide.remarks[0].sentence
 
 
-@pytest.mark.parametrize("trials", [1, 3])
-def test_trials_that_are_all_the_same_leave_the_sensor_s_drift(trials):
+def test_trials_that_are_all_the_same_leave_the_sensor_s_drift():
     limb = LimbParameters()
-    stiffness = fit_stiffness(limb, sagging(limb, -np.deg2rad(10.0)) * trials).stiffness
-    assert stiffness.standard_error / stiffness.value == pytest.approx(0.1, rel=0.1)
+    for trials in (1, 3):
+        stiffness = fit_stiffness(limb, sagging(limb, -np.deg2rad(10.0)) * trials).stiffness
+        assert stiffness.standard_error / stiffness.value == pytest.approx(0.1, rel=0.1)
 
 
 def test_scatter_of_the_trials_does_not_make_the_limb_softer():
@@ -206,29 +200,34 @@ def ring_down(time, frequency=4.6, damping_ratio=0.1, offset=0.0, phase=0.4, rel
     return offset + 45.0 * np.exp(-damping_ratio * natural * since) * wave
 
 
-@pytest.mark.parametrize("offset", [0.0, -12.0])
-@pytest.mark.parametrize("release", [0.0, 1.3])
-@pytest.mark.parametrize("phase", [np.pi / 2, 0.6])  # with and without velocity at the release
-@pytest.mark.parametrize(("frequency", "damping_ratio"), [(4.6, 0.12), (7.7, 0.05), (2.0, 0.3)])
-def test_damped_sinusoid_is_found(frequency, damping_ratio, phase, release, offset):
+def test_damped_sinusoid_is_found():
+    """With and without velocity at the release, a hold before it, and an offset."""
     time = np.arange(500) / 100
-    signal = ring_down(time, frequency, damping_ratio, offset, phase, release)
-    fit = fit_damped_sinusoid(time, signal)
-    assert fit.frequency == pytest.approx(frequency, rel=5e-3)
-    assert fit.damping_ratio == pytest.approx(damping_ratio, rel=2e-2)
-    assert fit.offset == pytest.approx(offset, abs=0.3)
-    assert release - 0.02 <= fit.start < release + 0.5
-    np.testing.assert_allclose(fit(time[-300:]), signal[-300:], atol=0.5)
+    for frequency, damping_ratio, phase, release, offset in (
+        (4.6, 0.12, np.pi / 2, 0.0, 0.0),
+        (4.6, 0.12, 0.6, 1.3, -12.0),
+        (7.7, 0.05, 0.6, 0.0, -12.0),
+        (7.7, 0.05, np.pi / 2, 1.3, 0.0),
+        (2.0, 0.3, np.pi / 2, 1.3, -12.0),
+        (2.0, 0.3, 0.6, 0.0, 0.0),
+    ):
+        signal = ring_down(time, frequency, damping_ratio, offset, phase, release)
+        fit = fit_damped_sinusoid(time, signal)
+        assert fit.frequency == pytest.approx(frequency, rel=5e-3)
+        assert fit.damping_ratio == pytest.approx(damping_ratio, rel=2e-2)
+        assert fit.offset == pytest.approx(offset, abs=0.3)
+        assert release - 0.02 <= fit.start < release + 0.5
+        np.testing.assert_allclose(fit(time[-300:]), signal[-300:], atol=0.5)
 
 
 def test_standard_error_of_the_decay_covers_the_truth():
     time, generator, inside = np.arange(400) / 100, np.random.default_rng(0), 0
     decay = 0.1 * 2 * np.pi * 4.6 / np.sqrt(1 - 0.1**2)
     clean = ring_down(time, phase=np.pi / 2)
-    for _ in range(100):
+    for _ in range(50):
         fit = fit_damped_sinusoid(time, clean + generator.normal(0.0, 1.0, 400))
         inside += abs(fit.decay_rate.value - decay) < 1.96 * fit.decay_rate.standard_error
-    assert 88 <= inside <= 100
+    assert 43 <= inside <= 50
 
 
 def test_noise_is_no_ring_down():
@@ -237,22 +236,20 @@ def test_noise_is_no_ring_down():
         fit_damped_sinusoid(time, np.random.default_rng(0).normal(size=300))
 
 
-@pytest.mark.parametrize(
-    ("name", "frequency", "damping_ratio"),
-    [("gravity", 7.7, 0.05), ("load52", 4.3, 0.055), ("load101", 3.3, 0.07)],
-)
-def test_real_silicone_beam(name, frequency, damping_ratio):
+def test_real_silicone_beam():
     """Raw motion capture, hold included, against careful fits that are known to two digits.
 
     The beam hangs along x; the tip marker's path is projected on its main direction.
     """
-    table = np.loadtxt(RING_DOWNS / f"{name}.csv", delimiter=",", skiprows=1)
-    tip = table[:, 1:4] - table[:, 1:4].mean(axis=0)
-    main = np.linalg.svd(tip, full_matrices=False)[2][0]
-    fit = fit_damped_sinusoid(table[:, 0], tip @ main)
-    # "About 3.3" and "4.3" Hz are rounded by up to 1.5%.
-    assert fit.frequency == pytest.approx(frequency, rel=0.02 + 0.05 / frequency)
-    assert fit.damping_ratio == pytest.approx(damping_ratio, rel=0.15)
+    beams = ("gravity", 7.7, 0.05), ("load52", 4.3, 0.055), ("load101", 3.3, 0.07)
+    for name, frequency, damping_ratio in beams:
+        table = np.loadtxt(RING_DOWNS / f"{name}.csv", delimiter=",", skiprows=1)
+        tip = table[:, 1:4] - table[:, 1:4].mean(axis=0)
+        main = np.linalg.svd(tip, full_matrices=False)[2][0]
+        fit = fit_damped_sinusoid(table[:, 0], tip @ main)
+        # "About 3.3" and "4.3" Hz are rounded by up to 1.5%.
+        assert fit.frequency == pytest.approx(frequency, rel=0.02 + 0.05 / frequency)
+        assert fit.damping_ratio == pytest.approx(damping_ratio, rel=0.15)
 
 
 def test_damping_is_the_one_that_generated_the_ring_down(true_limb, model_recordings):
@@ -291,10 +288,9 @@ def swing(true_limb, model_recordings):
     return held(seen_by(true_limb.segments[0].bend_sensor, model_recordings["ring_down"][0]))
 
 
-@pytest.mark.parametrize("sample", [50, 99, 150])
-def test_a_glitch_before_or_after_the_release_does_not_count(true_limb, swing, sample):
+def test_glitches_before_and_after_the_release_do_not_count(true_limb, swing):
     glitched = dataclasses.replace(swing, bend_angle=swing.bend_angle.copy())
-    glitched.bend_angle[0, sample] -= np.deg2rad(40.0)
+    glitched.bend_angle[0, [50, 99, 150]] -= np.deg2rad(40.0)
     fit = fit_damping(true_limb, [glitched])
     assert fit.damping.value == pytest.approx(8e-4, rel=0.01)
     assert fit.measured[0].start == pytest.approx(1.06, abs=0.02)
@@ -302,7 +298,7 @@ def test_a_glitch_before_or_after_the_release_does_not_count(true_limb, swing, s
 
 def test_damping_of_noisy_ring_downs_is_right_on_average_and_within_its_error(true_limb, swing):
     random = np.random.default_rng(0)
-    noise = np.deg2rad(0.5) * random.normal(size=(6, *swing.bend_angle.shape))
+    noise = np.deg2rad(0.5) * random.normal(size=(4, *swing.bend_angle.shape))
     noisy = [dataclasses.replace(swing, bend_angle=swing.bend_angle + n) for n in noise]
     found = fit_damping(true_limb, noisy).damping
     assert found.value == pytest.approx(8e-4, rel=0.015)

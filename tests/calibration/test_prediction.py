@@ -1,6 +1,8 @@
 """Calibration by prediction error, on data of known laws."""
 
 import dataclasses
+import functools
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration import CalibrationError, calibrate
 from calibration.collecting.excitation import excitations
 from calibration.prediction.heated_run import HeatedRun
-from calibration.prediction.law_fit import fit_law
+from calibration.prediction.law_fit import LawFit, fit_law
 from calibration.prediction.selection import beaten, compare_laws, simplest_unbeaten
 from limb_systems import (
     HystereticLaw,
@@ -19,6 +21,7 @@ from limb_systems import (
     Recording,
     RestMemory,
     SaturatingLaw,
+    SegmentParameters,
     ThresholdLaw,
     TwoMassLaw,
     simulate,
@@ -37,47 +40,52 @@ LAWS = {
 
 def limb_with(law) -> LimbParameters:
     limb = LimbParameters(ambient_temperature=AMBIENT)
+    limb.segments[0].links = 2  # which Drake simulates fast
     left, right = limb.wires
     left.law, right.law = law(), law()
     right.law.a2 *= 1.1
     return limb
 
 
-def recordings_of(limb: LimbParameters, *names: str) -> list[Recording]:
-    """Of the model itself, by Drake, with some of the excitations.
+SEGMENT = SegmentParameters(links=2)
+
+
+@functools.cache
+def recording_of(name: str, excitation: str) -> Recording:
+    """A recording of the model itself, by Drake, with a law and one of the excitations.
 
     Duty changes just after samples, as that of controllers does, so that the sample after shows it.
     """
-    recordings = []
-    for excitation in excitations(2):
-        if excitation.name in names:
-            course = later(excitation.duty)
-            recordings.append(simulate(Limb(limb), course, sample_rate=10.0))
-    return recordings
+    with mock.patch("calibration.collecting.excitation.LEVEL_STEP", 2.0):  # each takes Drake long
+        (duty,) = [e.duty for e in excitations(2) if e.name == excitation]
+    return simulate(Limb(limb_with(LAWS[name])), later(duty), sample_rate=10.0)
 
 
-def later(course: PiecewisePolynomial) -> PiecewisePolynomial:
+@functools.cache
+def fit_of(name: str, *names: str) -> LawFit:
+    """The law of that name, fitted to such recordings from other values."""
+    runs = [HeatedRun.of(recording_of(name, excitation)) for excitation in names]
+    return fit_law(type(LAWS[name]()), runs, SEGMENT, AMBIENT + 0.3)
+
+
+def later(run: PiecewisePolynomial) -> PiecewisePolynomial:
     """Steps of duty, each 1 ms later."""
-    times = np.array(course.get_segment_times())
-    levels = [course.value(t)[:, 0] for t in times]
+    times = np.array(run.get_segment_times())
+    levels = [run.value(t)[:, 0] for t in times]
     times[1:] += 1e-3
     return PiecewisePolynomial.ZeroOrderHold(times, np.transpose(levels))
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_a_law_is_found_again_in_its_own_data(name, monkeypatch):
-    """By another integrator than Drake's, from other values; "told" within their errors."""
-    monkeypatch.setattr(
-        "calibration.collecting.excitation.LEVEL_STEP", 2.0
-    )  # each step takes Drake long
-    limb = limb_with(LAWS[name])
-    courses = [HeatedRun.of(r) for r in recordings_of(limb, "conditioning", "ramps")]
-    fit = fit_law(type(limb.wires[0].law), courses, LimbParameters().segments[0], AMBIENT + 0.3)
-    applied = LimbParameters().segments[0]
-    fit.apply(applied)
-    for wire, law in zip(limb.wires, (w.law for w in applied.wires), strict=True):
-        for field in dataclasses.fields(law):
+def test_a_law_is_found_again_in_its_own_data(name):
+    """By another integrator than Drake's, from other values; within their errors."""
+    true, fit = limb_with(LAWS[name]), fit_of(name, "conditioning", "ramps")
+    found = SegmentParameters(links=2)
+    fit.apply(found)
+    for wire, fitted in zip(true.wires, found.wires, strict=True):
+        for field in dataclasses.fields(fitted.law):
             estimate = fit.estimates[f"{wire.name}.{field.name}"]
+            assert estimate.value == getattr(fitted.law, field.name)
             away = abs(estimate.value - getattr(wire.law, field.name))
             assert away < max(0.02 * abs(estimate.value), 1.5 * estimate.standard_error), estimate
     assert max(p.bend_error for p in fit.predicted) < np.deg2rad(0.15)
@@ -85,34 +93,35 @@ def test_a_law_is_found_again_in_its_own_data(name, monkeypatch):
 
 
 def test_spikes_do_not_pull():
-    limb = limb_with(LAWS["two masses"])
-    (recording,) = recordings_of(limb, "conditioning")
-    clean = fit_law(TwoMassLaw, [HeatedRun.of(recording)], LimbParameters().segments[0], AMBIENT)
+    clean, recording = (
+        fit_of("two masses", "conditioning"),
+        recording_of("two masses", "conditioning"),
+    )
     bend, measured = recording.bend_angle.copy(), recording.measured_temperature.copy()
     bend[0, ::97] += np.deg2rad(60.0)
     measured[1, ::53] = 200.0
     spoiled = dataclasses.replace(recording, bend_angle=bend, measured_temperature=measured)
-    fit = fit_law(TwoMassLaw, [HeatedRun.of(spoiled)], LimbParameters().segments[0], AMBIENT)
+    fit = fit_law(TwoMassLaw, [HeatedRun.of(spoiled)], SEGMENT, AMBIENT + 0.3)
     for name, estimate in clean.estimates.items():
         assert abs(fit.estimates[name].value - estimate.value) < 1.5 * estimate.standard_error
 
 
 def test_the_simplest_law_that_predicts_as_well_is_used():
-    limb = limb_with(LAWS["two masses"])
-    *heated, motion = recordings_of(limb, "conditioning", "pulses", "motion_1")
+    names = "conditioning", "pulses", "motion_1"
+    *heated, motion = (recording_of("two masses", name) for name in names)
     noise = np.random.default_rng(0)
-    courses = []
+    runs = []
     for recording in (*heated, motion):
         noisy = dataclasses.replace(
             recording,
             bend_angle=recording.bend_angle + noise.normal(0, 0.008, recording.bend_angle.shape),
         )
-        courses.append(HeatedRun.of(noisy))
+        runs.append(HeatedRun.of(noisy))
     candidates, best = compare_laws(
         (LinearLaw, TwoMassLaw, SaturatingLaw),
-        courses[:-1],
-        courses[-1:],
-        LimbParameters().segments[0],
+        runs[:-1],
+        runs[-1:],
+        SEGMENT,
         AMBIENT,
         options=("rest_memory",),
     )
@@ -130,23 +139,21 @@ def test_the_open_loop_is_the_diagram_with_rubber_that_remembers():
     segment = limb.segments[0]
     segment.rest_angle, segment.stiffening = 0.05, 0.3
     segment.rest_memory = RestMemory(0.03, 2.0)
-    (recording,) = recordings_of(limb, "conditioning")
-    course = HeatedRun.of(recording)
+    (duty,) = [e.duty for e in excitations(2) if e.name == "conditioning"]
+    run = HeatedRun.of(simulate(Limb(limb), later(duty), sample_rate=10.0))
     law, ambient, rubber = stacked([limb])
     cold = [np.full((1, 1, 2), value) for value in law.cold_states(AMBIENT)]
-    open_loop = OpenLoop(course.duty[:, np.newaxis], 0.5, segment)
+    open_loop = OpenLoop(run.duty[:, np.newaxis], 0.5, segment)
     _, readings, bends = open_loop.simulate(
         law, ambient[:, np.newaxis], [*cold, np.full((1, 1, 2), AMBIENT)], rubber
     )
-    reading, bend = course.interpolated(readings[:, 0, 0], bends[:, 0, 0])
-    assert np.abs(reading - course.temperature).max() < 0.8
-    assert np.rad2deg(np.abs(bend - course.bend)).mean() < 0.1
+    reading, bend = run.interpolated(readings[:, 0, 0], bends[:, 0, 0])
+    assert np.abs(reading - run.temperature).max() < 0.8
+    assert np.rad2deg(np.abs(bend - run.bend)).mean() < 0.1
 
 
 def test_draws_scatter_as_the_covariance_says():
-    limb = limb_with(LAWS["threshold"])
-    courses = [HeatedRun.of(r) for r in recordings_of(limb, "conditioning")]
-    fit = fit_law(ThresholdLaw, courses, LimbParameters().segments[0], AMBIENT)
+    fit = fit_of("threshold", "conditioning", "ramps")
     known = fit.calibrated(LimbParameters())
     draws = draw_ensemble(known, 2000)
     for wire in (0, 1):
@@ -159,9 +166,9 @@ def test_draws_scatter_as_the_covariance_says():
 
 
 def test_calibrates_from_any_heated_recordings():
-    limb = limb_with(LAWS["two masses"])
-    heated = recordings_of(limb, "conditioning")
-    calibration = calibrate({"heated": heated}, LimbParameters(), laws=(TwoMassLaw,))
+    heated = [recording_of("two masses", "conditioning")]
+    described = LimbParameters(segments=[SEGMENT])
+    calibration = calibrate({"heated": heated}, described, laws=(TwoMassLaw,))
     assert calibration.parameters.wires[1].law.a2 == pytest.approx(22.0 * 1.2, rel=0.05)
     assert calibration.prediction is not None
     assert "last part of each recording" in calibration.prediction.judges
@@ -171,7 +178,7 @@ def test_calibrates_from_any_heated_recordings():
     assert record.temperature_error > 0
     assert LimbParameters.from_yaml(calibration.parameters.to_yaml()) == calibration.parameters
     with pytest.raises(CalibrationError, match="There are no recordings"):
-        calibrate({"ring_down": []} | {"sag": recordings_of(limb)}, LimbParameters())
+        calibrate({"ring_down": [], "sag": []}, LimbParameters())
 
 
 def test_a_course_has_even_steps_of_any_samples():
@@ -193,8 +200,8 @@ def test_what_is_held_out_has_heat():
     """Though most of the end is rest: an eighth of the heat, which is in the first half."""
     limb = limb_with(LAWS["linear"])
     levels = PiecewisePolynomial.ZeroOrderHold([0.0, 30.0, 60.0], [[0.3, 0, 0], [0.1, 0, 0]])
-    course = HeatedRun.of(simulate(Limb(limb), levels, sample_rate=5.0))
-    early, late = course.held_out(0.12, 0.4)
+    run = HeatedRun.of(simulate(Limb(limb), levels, sample_rate=5.0))
+    early, late = run.held_out(0.12, 0.4)
     assert late.times[0] == pytest.approx(36.0, abs=0.5)
-    assert len(early.times) + len(late.times) == len(course.times)
-    assert len(late.duty) == len(course.duty)
+    assert len(early.times) + len(late.times) == len(run.times)
+    assert len(late.duty) == len(run.duty)

@@ -3,7 +3,6 @@
 import copy
 
 import numpy as np
-import pytest
 
 from calibration import Estimate, Validation
 from calibration.remarks import (
@@ -33,40 +32,30 @@ def validation_that_misses_by(fraction: float) -> Validation:
     return Validation(limb, model, fraction * np.ptp(limb.bend_angle), 0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize(
-    ("fraction", "words"),
-    [
+def test_the_validation_s_error_counts_by_the_range_of_bend():
+    for fraction, words in (
         (0.09, "Good enough to plan with: the model is 3.6° (9% of its range) from"),
         (0.11, "Use with care: the model is 4.4° (11% of its range) from"),
         (0.24, "Use with care: the model is 9.6° (24% of its range) from"),
         (0.26, "Do not plan with this: the model is 10.4° (26% of its range) from"),
-    ],
-)
-def test_the_validation_s_error_counts_by_the_range_of_bend(fraction, words):
-    validation = validation_that_misses_by(fraction)
-    assert validation.verdict.startswith(words)
+    ):
+        assert validation_that_misses_by(fraction).verdict.startswith(words)
+    resting = validation_that_misses_by(0.0)
+    resting.recording.bend_angle *= 0
+    assert resting.verdict.startswith("Good enough")  # no division by zero
 
 
-def test_a_validation_at_rest_is_no_division_by_zero():
-    validation = validation_that_misses_by(0.0)
-    validation.recording.bend_angle *= 0
-    assert validation.verdict.startswith("Good enough")
-
-
-@pytest.mark.parametrize("kind", RULES)
-def test_the_worst_remark_decides(kind):
-    validation = validation_that_misses_by(0.01)
-    said = verdict(
-        [Remark(kind, "Something is so."), Remark("unused", "So what.")], validation.in_words
-    )
-    severity, phrase = RULES[kind]
-    start = {
+def test_the_worst_remark_decides():
+    words = validation_that_misses_by(0.01).in_words
+    starts = {
         Severity.NOTE: "Good enough to plan with: ",
         Severity.CARE: "Use with care: ",
         Severity.STOP: "Do not plan with this: ",
-    }[severity]
-    assert said.startswith(f"{start}{phrase}")
-    assert said.endswith("the model is 0.4° (1% of its range) from the limb's bend on average.")
+    }
+    for kind, (severity, phrase) in RULES.items():
+        said = verdict([Remark(kind, "Something is so."), Remark("unused", "So what.")], words)
+        assert said.startswith(starts[severity] + phrase)
+        assert said.endswith("the model is 0.4° (1% of its range) from the limb's bend on average.")
 
 
 def test_what_the_data_do_not_tell_stops():
