@@ -47,9 +47,10 @@ class Validation:
     @property
     def in_words(self) -> str:
         """How far the model is from the limb, as part of a sentence."""
+        degrees, percent = np.rad2deg(self.mean), 100 * self.relative_error
         return (
-            f"the model is {np.rad2deg(self.mean):.1f}° ({100 * self.relative_error:.0f}% of its range) "
-            "from the limb's bend on average"
+            f"the model is {degrees:.1f}° ({percent:.0f}% of its range) from the limb's bend on "
+            "average"
         )
 
     @property

@@ -103,12 +103,12 @@ def _check_time(recording: Recording) -> None:
     constant = np.abs(np.diff(recording.duty, axis=1)).max(axis=0) <= least
     gaps = (steps > 1.5 * period) & ~((steps <= max(longest, 2.5 * period)) & constant)
     if gaps.any():
-        worst, count = int(np.argmax(np.where(gaps, steps, 0.0))), int(gaps.sum())
+        worst = int(np.argmax(np.where(gaps, steps, 0.0)))
         raise CalibrationError(
-            f"there {'is a gap' if count == 1 else f'are {count} gaps'} in the samples, the "
-            f"longest of {steps[worst]:.2f} s after {recording.time[worst]:.2f} s; what happened "
-            "meanwhile is not known, so record it again, or, if the duty is known, add rows that "
-            "have it and empty cells for the readings."
+            f"there is a gap in the samples, of {steps[worst]:.2f} s after "
+            f"{recording.time[worst]:.2f} s; what happened meanwhile is not known, so record it "
+            "again, or, if the duty is known, add rows that have it and empty cells for the "
+            "readings."
         )
 
 
@@ -158,11 +158,9 @@ def _check_pace(recording: Recording) -> None:
         )
     times, window = recording.time, max(1, len(recording.time) // 200)
     steepest, rise = STEEPEST
+    names = recording.parameters.wire_names
     for name, duty, measured in zip(
-        recording.parameters.wire_names,
-        recording.duty,
-        recording.measured_temperature,
-        strict=True,
+        names, recording.duty, recording.measured_temperature, strict=True
     ):
         slope = (measured[window:] - measured[:-window]) / (times[window:] - times[:-window])
         if duty.any() and np.ptp(measured) > rise and np.abs(slope).max() < steepest:
@@ -276,14 +274,12 @@ def _check_wires(recording: Recording) -> None:
         if dose[other] < HEATED and rise[other] >= RISE:
             angle = recording.bend_angle[0]
             bent = angle[np.argmax(smooth[other])] - np.median(angle[:width])
+            side, what = "", "thermocouples"
             if np.sign(directions[index]) * bent < -BENT:
-                raise CalibrationError(
-                    f"duty for the {name} wire warms the {names[other]} thermocouple and bends the "
-                    "limb away from its own side: the wires' outputs are swapped."
-                )
+                side, what = " and bends the limb away from its own side", "wires' outputs"
             raise CalibrationError(
-                f"duty for the {name} wire warms the {names[other]} thermocouple: the "
-                "thermocouples are swapped."
+                f"duty for the {name} wire warms the {names[other]} thermocouple{side}: the {what} "
+                "are swapped."
             )
         raise CalibrationError(
             f"the {name} thermocouple is dead: it moves by {max(rise[index], 0.0):.1f} °C while "
