@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration.errors import CalibrationError
-from calibration.estimate import Estimate
+from calibration.estimate import Estimate, record_of
 from calibration.heat_bounds import fit_heat_bounds
 from calibration.prediction.selection import LAWS, Prediction, fit_by_prediction
 from calibration.recordings.at_rest import ambient_temperature, rest_angle
@@ -350,26 +350,21 @@ def _record(calibration: Calibration) -> CalibrationRecord:
     judged = calibration.prediction and calibration.prediction.best
     covariance = calibration.covariance
     np.fill_diagonal(covariance, [estimate.standard_error**2 for estimate in estimates.values()])
-    return CalibrationRecord(
-        names=list(estimates),
-        values=[estimate.value for estimate in estimates.values()],
-        standard_errors=[estimate.standard_error for estimate in estimates.values()],
-        covariance=covariance.tolist(),
+    words = ""
+    if validation:  # in ASCII, as YAML files have all else escaped
+        degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
+        words = (
+            "bend angle off by {:.2f} deg on average, {:.2f} deg at the median, {:.2f} deg at the "
+            "90th percentile; measured temperature off by {:.1f} deg C on average"
+        ).format(*degrees, validation.temperature_mean)
+    return record_of(
+        estimates,
+        covariance,
         recordings=[
             f"{len(sources)} of {kind}: {', '.join(sorted(set(sources)))}"
             for kind, sources in calibration.sources.items()
         ],
-        validation=_validated(validation) if validation else "",
+        validation=words,
         bend_error=judged.bend_error if judged else 0.0,
         temperature_error=judged.temperature_error if judged else 0.0,
-    )
-
-
-def _validated(validation: Validation) -> str:
-    """The validation's errors in ASCII, as YAML files have all else escaped."""
-    degrees = np.rad2deg([validation.mean, validation.median, validation.percentile_90])
-    return (
-        "bend angle off by {:.2f} deg on average, {:.2f} deg at the median, {:.2f} deg at the 90th "
-        "percentile; ".format(*degrees)
-        + f"measured temperature off by {validation.temperature_mean:.1f} deg C on average"
     )

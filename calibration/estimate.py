@@ -5,6 +5,8 @@ import dataclasses
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
+from limb_systems import CalibrationRecord
+
 
 @dataclasses.dataclass(frozen=True)
 class Estimate:
@@ -31,6 +33,17 @@ class Estimate:
         if not self.is_determined:
             return f"{self.value:.4g} {self.unit} (the data do not determine it)"
         return f"{self.value:.4g} ± {self.standard_error:.2g} {self.unit}"
+
+
+def record_of(estimates: dict[str, Estimate], covariance: np.ndarray, **more) -> CalibrationRecord:
+    """Estimates as a limb's parameters have them, and what more their record has."""
+    return CalibrationRecord(
+        names=list(estimates),
+        values=[estimate.value for estimate in estimates.values()],
+        standard_errors=[estimate.standard_error for estimate in estimates.values()],
+        covariance=covariance.tolist(),
+        **more,
+    )
 
 
 def standard_error(values: np.ndarray) -> float:

@@ -15,11 +15,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 
-from calibration.estimate import Estimate
+from calibration.estimate import Estimate, record_of
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.unknowns import Unknown, prior_factor, unknowns_of
 from limb_systems import (
-    CalibrationRecord,
     LimbParameters,
     RestMemory,
     SegmentParameters,
@@ -132,13 +131,7 @@ class LawFit:
         limb.ambient_temperature = self.ambient
         limb.segments[0].stiffness = self.segment.stiffness
         self.apply(limb.segments[0])
-        estimates = self.estimates
-        limb.calibration = CalibrationRecord(
-            list(estimates),
-            [estimate.value for estimate in estimates.values()],
-            [estimate.standard_error for estimate in estimates.values()],
-            self.value_covariance.tolist(),
-        )
+        limb.calibration = record_of(self.estimates, self.value_covariance)
         return limb
 
     @property
