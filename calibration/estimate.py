@@ -1,6 +1,7 @@
 """Estimates with their uncertainty."""
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtri, stdtrit
@@ -35,7 +36,9 @@ class Estimate:
         return f"{self.value:.4g} ± {self.standard_error:.2g} {self.unit}"
 
 
-def record_of(estimates: dict[str, Estimate], covariance: np.ndarray, **more) -> CalibrationRecord:
+def record_of(
+    estimates: dict[str, Estimate], covariance: np.ndarray, **more: Any
+) -> CalibrationRecord:
     """Estimates as a limb's parameters have them, and what more their record has."""
     return CalibrationRecord(
         names=list(estimates),
