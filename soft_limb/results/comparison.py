@@ -42,9 +42,15 @@ class Change:
     def relative(self) -> list[float | None]:
         """The difference of each run from the first, over the first; None if it has none."""
         first, *others = self.values
-        if self.name.split(".")[-1] == "seed":  # a name rather than a size
-            return [None] * len(self.values)
-        return [None, *(_relative(first, value) for value in others)]
+        # A seed is a name rather than a size.
+        known = self.name.split(".")[-1] != "seed" and _is_size(first) and first != 0
+        return [
+            None,
+            *(
+                float((value - first) / abs(first)) if known and _is_size(value) else None
+                for value in others
+            ),
+        ]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,6 +68,13 @@ class Difference:
     mean: float
     median: float
     percentile_90: float
+
+    @classmethod
+    def of(cls, run: int, signal: str, values: np.ndarray) -> "Difference":
+        """The statistics of differences in the unit of a signal."""
+        size = np.abs(values)
+        numbers = (size.mean(), np.median(size), np.percentile(size, 90))
+        return cls(run, signal, SIGNALS[signal], *map(float, numbers))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -184,9 +197,9 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
     _check_shapes(results)
     curves = _curves([result.value for result in results])
     differences = [
-        _difference(run, signal, unit, curves[run][signal].differences)
+        Difference.of(run, signal, curves[run][signal].differences)
         for run in range(1, len(results))
-        for signal, unit in SIGNALS.items()
+        for signal in SIGNALS
     ]
     return Comparison(results, changes, differences, _tracking(results), curves)
 
@@ -239,35 +252,27 @@ def _changed(runs: Sequence[dict[str, tuple[Any, str]]]) -> list[Change]:
     changes = []
     for name in dict.fromkeys(itertools.chain.from_iterable(runs)):
         values = [run[name][0] if name in run else None for run in runs]
-        if any(not _same(value, values[0]) for value in values):
-            unit = next(run[name][1] for run in runs if name in run)
-            changes.append(Change(name, unit, values))
+        first = values[0]
+        # NaN is like NaN.
+        if any(value != first and (value == value or first == first) for value in values):
+            changes.append(Change(name, next(run[name][1] for run in runs if name in run), values))
     return changes
 
 
-def _same(value: Any, first: Any) -> bool:
-    return value == first or (value != value and first != first)  # NaN is like NaN
-
-
-def _relative(first: Any, value: Any) -> float | None:
-    numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in (first, value))
-    if not numbers or first == 0 or not np.isfinite([first, value]).all():
-        return None
-    return float((value - first) / abs(first))
+def _is_size(value: Any) -> bool:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return is_number and bool(np.isfinite(value))
 
 
 def _check_shapes(results: Sequence[ResultFile]) -> None:
-    first, *others = [
-        (len(result.value.parameters.segments), len(result.value.parameters.wires))
-        for result in results
-    ]
-    for result, shape in zip(results[1:], others, strict=True):
-        if shape != first:
+    limbs = [result.value.parameters for result in results]
+    shapes = [(len(limb.segments), len(limb.wires)) for limb in limbs]
+    for result, shape in zip(results, shapes, strict=True):
+        if shape != shapes[0]:
             raise ComparisonError(
-                f"{results[0].path} is of {first[0]} segments and {first[1]} wires, but "
+                f"{results[0].path} is of {shapes[0][0]} segments and {shapes[0][1]} wires, but "
                 f"{result.path} of {shape[0]} and {shape[1]}; compare runs of limbs alike."
             )
-    for result in results:
         if len(result.value.time) < 2:
             raise ComparisonError(f"{result.path} has fewer than two samples to compare.")
 
@@ -318,18 +323,6 @@ def _at(run: Recording | Trajectory, times: np.ndarray) -> dict[str, np.ndarray]
     if isinstance(run, Trajectory) and len(times):
         found["bend_angle"] = np.rad2deg(run.bend_angle_at(times))  # cubic between knots
     return found
-
-
-def _difference(run: int, signal: str, unit: str, values: np.ndarray) -> Difference:
-    size = np.abs(values)
-    return Difference(
-        run,
-        signal,
-        unit,
-        float(size.mean()),
-        float(np.median(size)),
-        float(np.percentile(size, 90)),
-    )
 
 
 def _tracking(results: Sequence[ResultFile]) -> list[Difference]:
