@@ -69,7 +69,7 @@ def draw(
     Args:
         stream: source of the curves that have a column. The panel has no tools then: what moves
             is not looked into.
-        x_range: of the horizontal axis; that of the curves if None.
+        x_range: range of the horizontal axis; the curves' if None.
     """
     plot = figure(
         height=panel.height,

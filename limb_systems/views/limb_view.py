@@ -130,8 +130,8 @@ class LimbView:
     def __init__(self, parameters: LimbParameters, ghosts: list[Ghost], root: str = ""):
         """
         Args:
-            ghosts: what is shown beside the limb.
-            root: of the limb's folders in Meshcat; empty, or ends with a slash.
+            ghosts: poses to compare the limb's with.
+            root: beginning of the limb's paths in Meshcat; empty, or ends with a slash.
         """
         self._parameters, self._ghosts, self._root = parameters, ghosts, root
         self._segments = [s for s in parameters.segments for _ in range(s.links)]
@@ -149,7 +149,7 @@ class LimbView:
         """Puts the limb into a scene, in place of one with the same root.
 
         Args:
-            base_pose: of the limb's frame (E1, E2, E3) in Meshcat's world; there if None.
+            base_pose: pose of the limb's frame (E1, E2, E3) in the world; its origin if None.
         """
         for folder in ("visualizer", "ghosts", "duty"):
             meshcat.Delete(f"{self._root}{folder}")
@@ -167,7 +167,7 @@ class LimbView:
         Args:
             joint_angles: θ (n), rad.
             duty: D (W); the bars stay as they are if None.
-            time: of the ghosts, s.
+            time: time for the ghosts, s.
         """
         directions = np.cumsum(joint_angles)
         steps = self._lengths * np.array([np.cos(directions), np.sin(directions)])
@@ -219,7 +219,7 @@ class LimbView:
 
         Args:
             joint_angles: θ, (n, K), rad; bends of up to 90° if None.
-            base_pose: as of `add_to`.
+            base_pose: pose that `add_to` took.
 
         Returns:
             Width by height of the narrowest window that shows all of it.

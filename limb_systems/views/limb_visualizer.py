@@ -49,13 +49,13 @@ class LimbVisualizer(LeafSystem):
         """
         Args:
             parameters: the limb.
-            meshcat: where it is shown; background, lights and camera are set.
-            plan: to show as a ghost, with its reference.
-            prefix: of the limb's paths in Meshcat, ``visualizer``, ``ghosts`` and
-                ``duty``, and of the system's name.
-            base_pose: of the limb's frame (E1, E2, E3) in Meshcat's world; there
-                if None.
-            publish_period: from one update of the view to the next, s.
+            meshcat: scene to show it in; background, lights and camera are set.
+            plan: trajectory to show as a ghost, with its reference.
+            prefix: beginning of the limb's paths in Meshcat, ``visualizer``, ``ghosts``
+                and ``duty``, and of the system's name.
+            base_pose: pose of the limb's frame (E1, E2, E3) in Meshcat's world; its
+                origin if None.
+            publish_period: time from one update of the view to the next, s.
 
         Raises:
             LimbError: if the plan is for a limb of another shape.

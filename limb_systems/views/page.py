@@ -45,11 +45,11 @@ def write_page(
     """Writes a page, whole or not at all; one of many sections has a list of them.
 
     Args:
-        path: of the HTML file.
+        path: the HTML file.
         title: plain text, also used as the heading.
-        parts: of its body.
-        provenance: what made it, for the last section, and for programs in a script of JSON
-            with the id "provenance"; None if it is not known.
+        parts: parts and sections, in their order.
+        provenance: origin of the results, for the last section and, for programs, in a script
+            of JSON with the id "provenance"; None if it is not known.
     """
     if provenance:
         facts = table(["", ""], list(provenance.summary().texts().items()))
@@ -112,7 +112,7 @@ def links(report: str | Path, targets: Mapping[str, str | Path]) -> Markup:
     """Links to files, which hold as long as the files stay where they are from the report.
 
     Args:
-        report: the path of the page.
+        report: path of the page.
         targets: files by what they hold, plain text.
     """
     folder = Path(report).parent
@@ -129,7 +129,7 @@ def chart(panels: Sequence[Panel], description: str) -> Markup:
     """Panels as a chart to look into; the same panels give the same text.
 
     Args:
-        description: for readers who cannot see it.
+        description: text for readers who cannot see it.
     """
     # Bokeh takes as long to import as all the rest.
     from bokeh.embed import json_item
@@ -153,7 +153,7 @@ def picture(figure: "Figure", description: str) -> Markup:
     """A figure of Matplotlib's, sharp at any size.
 
     Args:
-        description: for readers who cannot see it.
+        description: text for readers who cannot see it.
     """
     import matplotlib
 
@@ -169,7 +169,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "
     Args:
         header: a text for each column; no line of them if all are empty.
         rows: each with a text for each column.
-        caption: below the table.
+        caption: text below the table.
     """
     columns = [[row[i] for row in rows if row[i]] for i in range(len(header))]
     numeric = [

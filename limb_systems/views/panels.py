@@ -31,7 +31,7 @@ TIME = "time (s)"
 class Curve:
     """A curve of a panel.
 
-    - ``name``: in the legend and, in a chart, under the pointer; curves with one name share
+    - ``name``: text in the legend and, in a chart, under the pointer; curves with one name share
       an entry, and a curve without a name has none.
     - ``x``, ``y``: samples (K,), in the units of the panel's labels.
     - ``color``: one that is seen on white and on black.
@@ -61,11 +61,11 @@ class Curve:
 class Panel:
     """Curves over one pair of axes. Panels with the same horizontal label share its range.
 
-    - ``label``: of the vertical axis, with its unit in brackets.
+    - ``label``: text beside the vertical axis, with its unit in brackets.
     - ``curves``: drawn in their order.
     - ``height``: px, with the legend.
-    - ``x_label``: of the horizontal axis, with its unit in brackets.
-    - ``y_range``: of the vertical axis; that of the curves if None.
+    - ``x_label``: text below the horizontal axis, with its unit in brackets.
+    - ``y_range``: range of the vertical axis; the curves' if None.
     - ``from_zero``: whether the vertical axis begins at zero.
     - ``x_ticks``: texts below the horizontal axis by where they stand; numbers if None.
     - ``limits``: lines whose names stand beside them in a picture, in the legend of a chart.
@@ -85,9 +85,9 @@ class Panel:
 class Signal:
     """A signal that runs are drawn and compared by.
 
-    - ``symbol``, ``name``, ``unit``: as in labels.
-    - ``height``: of its panel, px.
-    - ``y_range``: of its panel, if it is always the same.
+    - ``symbol``, ``name``, ``unit``: texts in labels.
+    - ``height``: height of its panel, px.
+    - ``y_range``: range of its panel, if it is always the same.
     """
 
     symbol: str
@@ -170,12 +170,12 @@ def measured_panels(
     """Bend angle, temperatures and duty of each segment, with those of a plan.
 
     Args:
-        parameters: of the limb.
+        parameters: the limb.
         measured: curves of a signal's row, from the names of both, the row's as it begins
             curves' names ("left, "), and a colour.
-        plan: what the limb follows, its time since its start.
-        limits: of temperature.
-        bands: edges of the plan's bands by signal, low and high (2, rows, K), if there are such.
+        plan: trajectory that the limb follows, from time 0 on.
+        limits: lines in the panels of temperature.
+        bands: edges of the plan's bands by signal, low and high (2, rows, K), as far as known.
     """
     panels, bands = [], bands or {}
 

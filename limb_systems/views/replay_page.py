@@ -48,13 +48,13 @@ def write_meshcat_replay(
     a plan the reference in the motion.
 
     Args:
-        path: of the HTML file, which is written whole or not at all.
-        motion: what to replay.
-        plan: to show as a ghost. A recording's time starts with the plan, as
+        path: the HTML file, which is written whole or not at all.
+        motion: recording or trajectory to replay.
+        plan: trajectory to show as a ghost. A recording's time starts with the plan, as
             for `tracking_errors`; after its end the plan stays in its last
             pose.
-        title: of the page.
-        frames_per_second: about how many poses to store, Hz; the browser
+        title: title of the page.
+        frames_per_second: rate of the poses that are stored, about, Hz; the browser
             interpolates. 20 Hz and five links take 30 kB per second, and nearly as
             much again for two ghosts.
 

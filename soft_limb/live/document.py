@@ -33,17 +33,6 @@ SILENCE = 1.0  # s, after which a limb that runs is missed
 WINDOW = 60.0  # s, that are shown of what has no end
 LIMIT_COLOR, WARM_COLOR = "#c62828", "#b08900"
 
-STYLE = """
-:host, .bk-clearfix { width: 100%; }
-table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums; }
-td { text-align: right; padding: .15rem .5rem; border-bottom: 1px solid var(--line); }
-td:first-child { text-align: left; padding-left: 0; }
-tr:first-child { font-weight: bold; }
-p { margin: .6rem 0; }
-b.big { font-size: 1.35rem; line-height: 1.25; display: block; }
-b.armed { color: var(--hot); } b.bad { color: var(--bad); } b.off { color: var(--good); }
-"""
-
 
 class LiveDocument:
     """Keeps a browser's document up to date with a `Run`."""
@@ -51,13 +40,13 @@ class LiveDocument:
     def __init__(self, document: Document, run: Run, stop: Callable[[], None]):
         """
         Args:
-            document: of a browser that has just come.
-            run: what is known.
-            stop: is called when the button is pressed.
+            document: document of a browser that has just come.
+            run: state of the run.
+            stop: function that the button calls.
         """
         self._run, self._stop = run, stop
         self._number = self._sent = 0
-        style = InlineStyleSheet(css=STYLE)
+        style = InlineStyleSheet(css=(TEMPLATES / "style.css").read_text("utf-8"))
         self._state, self._facts = (
             Div(name=name, sizing_mode="stretch_width", margin=0, stylesheets=[style])
             for name in ("state", "facts")

@@ -38,13 +38,13 @@ class LivePage:
 
     When that ends, the page says why and keeps its curves.
 
-    - ``url``: where it is. Its token, if it has one, is like a password.
+    - ``url``: address of the page. Its token, if it has one, is like a password.
     """
 
     def __init__(self, address: str = LOOPBACK, *, open_browser: bool = True):
         """
         Args:
-            address: to listen on, HOST or HOST:PORT; a free port if none is given. For
+            address: HOST or HOST:PORT to listen on; a free port if none is given. For
                 another host than the loopback, the URL has a token.
             open_browser: whether to open the page, where there is a display.
 
@@ -153,7 +153,7 @@ class LivePage:
 
 
 def _host_and_port(address: str) -> tuple[str, int]:
-    """Of HOST or HOST:PORT; port 0 is any that is free.
+    """Host and port of HOST or HOST:PORT; port 0 is any that is free.
 
     Raises:
         LimbError: if it is something else.

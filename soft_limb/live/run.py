@@ -20,14 +20,14 @@ ENDED_WITHOUT_A_WORD = (
 class Run:
     """What was heard, and how it ended.
 
-    - ``said``: what runs, in words.
+    - ``said``: name of what runs.
     - ``phase``: the last that began; None before one. ``number`` counts them.
-    - ``reading``: the newest of the phase, if there is one.
+    - ``reading``: newest reading of the phase, if there is one.
     - ``is_running``: whether a limb runs.
-    - ``readings``: of the phase, as many as its curves show; ``count`` is how many there were.
+    - ``readings``: newest readings of the phase, for its curves; ``count`` is how many there were.
     - ``highest``: the highest V of each wire so far, °C.
-    - ``heard``: when something was heard last, s of the monotonic clock.
-    - ``ended``: why it ended; empty until then.
+    - ``heard``: time when something was heard last, s of the monotonic clock.
+    - ``ended``: reason why it ended; empty until then.
     """
 
     def __init__(self):

@@ -47,7 +47,7 @@ LARGEST_DATAGRAM = 65_536
 class Gate:
     """Who may see the page.
 
-    - ``token``: that is needed; empty if the page is for this computer alone.
+    - ``token``: word that is needed; empty if the page is for this computer alone.
     """
 
     def __init__(self, loopback: bool, port: int):
@@ -143,9 +143,9 @@ class Server:
     def __init__(self, host: str, port: int, messages: socket.socket, program: int):
         """
         Args:
-            host, port: to listen on.
-            messages: from the program that runs the limb.
-            program: its process.
+            host, port: address to listen on.
+            messages: socket of the program that runs the limb.
+            program: number of its process.
 
         Raises:
             OSError: if it cannot listen there.

@@ -58,7 +58,7 @@ def write_report(
     """Writes one HTML page: verdict, what to do next, result, and every fit over its data.
 
     Args:
-        path: of the page.
+        path: path of the page.
         data: files that the page links to, by what they are.
     """
     sources = sorted({source for group in calibration.sources.values() for source in group})

@@ -41,7 +41,7 @@ def write_report(
 
     Args:
         trajectory: the plan; times are since its start.
-        path: of the page.
+        path: path of the page.
         data: files that the page links to, by what they are.
     """
     trajectory = trajectory.since_start()

@@ -55,7 +55,7 @@ def write_rollout_report(
     """Writes one HTML page: verdict, chart of plan and recording, facts and links to the data.
 
     Args:
-        summary: what the command prints, such as `Rollout.summary`.
+        summary: statements that the command prints, such as `Rollout.summary`.
         path: path of the page.
         data: files that the page links to, by what they are.
     """
@@ -96,7 +96,7 @@ def write_learning_report(
     Args:
         recordings: the files of repetitions by their numbers, one or more.
         state: file of the learner.
-        path: of the page.
+        path: path of the page.
     """
     numbers = sorted(recordings)
     first, last = (Recording.load(recordings[number]) for number in (numbers[0], numbers[-1]))
