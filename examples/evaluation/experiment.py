@@ -55,8 +55,8 @@ class Settings:
     - ``rollouts``: how often each plan is driven, open loop and with each controller; once
       with the receding horizon, which takes ten times as long as the others.
     - ``repetitions``: how often a plan that is learned is driven.
-    - ``closed_loop``: those of `CLOSED_LOOP` in which each motion is driven, too.
-    - ``disturbances``: those of `DISTURBANCES` under which feedback drives the first motion.
+    - ``closed_loop``: ways of `CLOSED_LOOP` in which each motion is driven, too.
+    - ``disturbances``: names in `DISTURBANCES` under which feedback drives the first motion.
     - ``compare``: whether to plan with the paper's calibration and with other laws, too;
       plans by the latter are rolled out once.
     - ``protocol``, ``num_angles``: "all" recordings or the "paper"'s alone, and how many
