@@ -40,7 +40,7 @@ DOCUMENTS = [
     ("<<: {format: 2}", ["<< is not a known field"]),
     (f"{'x' * 900}: 1", ["'xxx", "... is not a known field"]),
     (f"board: [{'1, ' * 900}]", ["board must be one of", "'1', '...."]),
-    ("[" * 50_000, ["nested too deeply"]),
+    ("[" * 5000, ["nested too deeply"]),
 ]
 
 
@@ -52,7 +52,7 @@ def test_no_document_ends_in_a_traceback(refused):
 
 def test_many_fields_are_read_once_each(refused, monkeypatch):
     """As many as fit; a comparison of each with all others would take minutes."""
-    text = "".join(f"f{number}: 1\n" for number in range(20_000))
+    text = "".join(f"f{number}: 1\n" for number in range(2000))
     compared = []
 
     class Name(str):
@@ -68,7 +68,7 @@ def test_many_fields_are_read_once_each(refused, monkeypatch):
     )
     with refused(ParameterError, "f0 is not a known field"):
         LimbParameters.from_yaml(text)
-    assert len(compared) < 50_000
+    assert len(compared) < 5000
 
 
 def test_more_text_than_is_stated_is_neither_read_nor_written(refused):
