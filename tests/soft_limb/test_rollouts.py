@@ -43,6 +43,7 @@ def test_deadlines_that_were_missed_are_counted(short_plan, tmp_path):
     counts = np.array([8.0, 2.0, 1.0])
     summary = Rollout("mpc", short_plan, rollout.recording, late, 3, counts).summary()
     timing = summary.to_json()["timing"]
+    assert timing["late_median_ms"] == pytest.approx(3.05)
     assert timing["missed_deadline"] == 2
     assert timing["missed_deadline_share"] == 0.5
     assert "2 (50.0%) by more than 5 ms; 3 samples were lost\nsource" in str(summary)
