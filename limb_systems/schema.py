@@ -269,9 +269,11 @@ def _convert_fields(data: Any, schema: type, path: str, where: str) -> Any:
     values = {}
     for field in fields:
         if field.name in given:
-            values[field.name] = _convert(
-                given[field.name], hints[field.name], f"{prefix}{field.name}", field.metadata
-            )
+            before, hint, name = given[field.name], hints[field.name], f"{prefix}{field.name}"
+            values[field.name] = after = _convert(before, hint, name, field.metadata)
+            if made and after != before and after == after:  # a text is no number in an object
+                kind = "a number" if hint in (int, float) else f"of the type {hint}"
+                raise SchemaError(f"{name} is {shown(before)}; it must be {kind}.")
         elif field.default is field.default_factory is dataclasses.MISSING:
             raise SchemaError(f"{prefix}{field.name} is missing.")
     return data if made else schema(**values)

@@ -6,7 +6,7 @@ import math
 from limb_systems import EmulatedLimb, LimbParameters
 from limb_systems.input import LARGEST_TEXT
 from limb_systems.model.parameters import ParameterError
-from limb_systems.schema import SchemaError, dump_typed, load_typed
+from limb_systems.schema import SchemaError, dump_typed, load_typed, validate
 
 BOMB = "a: &a [x, x, x, x, x, x, x, x, x]\n" + "".join(
     f"{name}: &{name} [{', '.join([f'*{before}'] * 9)}]\n"
@@ -113,6 +113,17 @@ def test_values_have_the_type_of_their_field():
     assert math.isnan(load_typed(Fields, "number: .nan").number)
     made = Fields(text="~", number=math.inf, count=-1, choice=True, other=None)
     assert load_typed(Fields, dump_typed(made)) == dataclasses.replace(made, other=0)
+
+
+def test_what_files_hold_as_text_is_no_value_of_an_object(refused):
+    for name, value in (("count", "3"), ("number", "1.5"), ("choice", "true"), ("other", "null")):
+        with refused(SchemaError, f"{name} is {value!r}; it must be"):
+            validate(Fields(**{name: value}))
+    limb = LimbParameters()
+    limb.segments[0].rest_memory = {"shift": 0.1}
+    with refused(ParameterError, "segments[0].rest_memory is {'shift': 0.1}"):
+        limb.validate()
+    validate(Fields(number=math.nan, other=None))
 
 
 def test_descriptions_have_lines_and_nothing_else_that_is_not_printed(refused):
