@@ -31,7 +31,16 @@ REAL_TIME = (
     "tests/examples/test_examples.py::test_plan_export_replay",
 )
 CALIBRATION = "tests/calibration/"  # its tests share recordings that take long to make
-LONGEST = "tests/examples/test_reproduce_paper.py"
+# What takes long goes first, so that both processes end with short files, and about together.
+LONG = (
+    "tests/examples/test_reproduce_paper.py",
+    CALIBRATION,
+    "tests/examples/",
+    "tests/test_wheel.py",
+    "tests/planners/",
+    "tests/test_docs.py",
+    "tests/hardware/",
+)
 
 
 class Scheduling(LoadScopeScheduling):
@@ -57,7 +66,8 @@ def pytest_collection_modifyitems(items):
             raise pytest.UsageError(f"{item.nodeid} is timed; name it in REAL_TIME of conftest.py.")
 
     def order(item):
-        return not item.nodeid.startswith(REAL_TIME), not item.nodeid.startswith(LONGEST)
+        places = (place for place, start in enumerate(LONG) if item.nodeid.startswith(start))
+        return not item.nodeid.startswith(REAL_TIME), next(places, len(LONG))
 
     items.sort(key=order)
 
