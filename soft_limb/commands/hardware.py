@@ -348,7 +348,7 @@ COMMANDS = {
     "board-check": Command(
         _board_check,
         "Tests whether a board keeps the rules of docs/protocol.md, also one with firmware of your "
-        "own. Takes three minutes, and wires reach 60 °C. Rules for faults of sensors need a hand "
+        "own. Takes three minutes, and wires reach 75 °C. Rules for faults of sensors need a hand "
         "at the robot, and are not run without one; with it, wires reach 90 °C. Exit status 0 if "
         "all that ran passed.",
         "board json",

@@ -20,7 +20,7 @@ from hardware import BoardLink, HardwareError, SerialLimb, replay
 from hardware.firmware import guard, heat
 from limb_systems import Recording, simulate
 from soft_limb.command import run_command
-from soft_limb.commands.hardware import main
+from soft_limb.command import main
 
 from .conftest import BOUNDS, Heating, wait_for
 
