@@ -19,8 +19,7 @@ from pydrake.systems.framework import LeafSystem
 from hardware import BoardLink, HardwareError, SerialLimb, replay
 from hardware.firmware import guard, heat
 from limb_systems import Recording, simulate
-from soft_limb.command import run_command
-from soft_limb.command import main
+from soft_limb.command import main, run_command
 
 from .conftest import BOUNDS, Heating, wait_for
 
