@@ -28,7 +28,7 @@ class Severity(enum.IntEnum):
 # For each kind of remark: its severity, and the reason that the verdict gives.
 RULES = {
     # If the uncertainty is larger than the value, the value could be anything.
-    "untold": (Severity.STOP, "a parameter is unknown"),
+    "unknown": (Severity.STOP, "a parameter is unknown"),
     # If a fit ends at its bound, the true value is beyond it by an unknown amount.
     "bound": (Severity.STOP, "a parameter is at its bound"),
     # What follows from a wrong start is wrong as well: heat is that of the start.
@@ -46,7 +46,7 @@ RULES = {
     # The lag relates T to the measured temperature. Plans bound T, without using the lag.
     "lag": (Severity.CARE, "the thermocouples' lag is unknown"),
     # Uncertain by a third or more, and so is the temperature that a plan reaches.
-    "hardly told": (Severity.CARE, "a parameter is uncertain"),
+    "uncertain": (Severity.CARE, "a parameter is uncertain"),
     # Motions beyond the recorded range are extrapolated.
     "range": (Severity.CARE, "the recordings span little"),
     # β is fitted as a multiple of k, so the bend is right in spite of k, except for gravity.
@@ -86,7 +86,7 @@ def remarks_on_estimate(name: str, estimate: Estimate) -> list[Remark]:
     """A remark if the data do not determine a quantity, which cannot be zero."""
     if estimate.is_determined:
         return []
-    return [Remark("untold", f"The data do not determine {name}; record more trials of it.")]
+    return [Remark("unknown", f"The data do not determine {name}; record more trials of it.")]
 
 
 def remarks_on_start(what: str, value: float, room: float, readings: np.ndarray) -> list[Remark]:

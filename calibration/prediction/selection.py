@@ -103,7 +103,7 @@ class Prediction:
 
     @property
     def remarks(self) -> list[Remark]:
-        """Remarks on impossible starts, on values at their bounds, and on what is hardly told."""
+        """Remarks on impossible starts, on values at their bounds, and on uncertain ones."""
         return [*self._remarks_on_starts(), *self._remarks_on_parameters()]
 
     def _remarks_on_parameters(self) -> Iterator[Remark]:
@@ -118,7 +118,7 @@ class Prediction:
                 )
             elif unknown.form and estimate.standard_error > 0.5 * abs(estimate.value):
                 yield Remark(
-                    "hardly told",
+                    "uncertain",
                     f"The recordings hardly determine {unknown.name}: it is what is expected of "
                     f"such limbs, {estimate}.",
                 )

@@ -327,7 +327,7 @@ def _remarks(name: str, duty, rise, x, covariance) -> Iterator[Remark]:
             )
         elif error > 0.3:
             yield Remark(
-                "untold" if error > 1.0 else "hardly told",
+                "unknown" if error > 1.0 else "uncertain",
                 f"The recording {'does not determine' if error > 1.0 else 'hardly determines'} "
                 f"{rate} of the {name} wire; record more equilibria.",
             )

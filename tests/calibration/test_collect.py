@@ -7,11 +7,14 @@ import re
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
+from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import (
     BendAngleController,
+    CalibrationError,
     EquilibriumSchedule,
     Knowledge,
+    LimitedDuty,
     calibrate,
     collect_equilibria,
     collect_excitation,
@@ -23,6 +26,7 @@ from calibration import (
 )
 from hardware import LimbTwin
 from limb_systems import (
+    CalibrationRecord,
     HystereticLaw,
     Limb,
     LimbError,
@@ -208,6 +212,7 @@ def short_excitations(monkeypatch):
     monkeypatch.setattr("calibration.collecting.collect.CONTACT_TIME", 15.0)
     monkeypatch.setattr("calibration.collecting.collect.CONTACT_END", 50.0)
     monkeypatch.setattr("calibration.collecting.knowledge.Knowledge.LAW", TwoMassLaw)
+    return monkeypatch
 
 
 def test_excitations_tell_how_well_they_were_predicted(short_excitations):
@@ -278,6 +283,53 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     calibration = calibrate(recordings, laws=(LinearLaw,))
     assert calibration.prediction.judges == "1 motion left out of the fit"
     assert calibration.parameters.wires[1].law.a2 == pytest.approx(22.0, rel=0.03)
+
+
+def test_a_robot_whose_thermocouple_shows_no_heat_is_not_warmed_up(short_excitations, tmp_path):
+    """Nor is it ever told more than it needs: any wire, and little duty."""
+    protocol = "calibration.collecting.protocol"
+    short_excitations.setattr(f"{protocol}.SAG_TRIALS", 0)
+    short_excitations.setattr(f"{protocol}.RING_DOWNS", 0)
+    connected = []
+
+    class Robot(Limb):
+        __slots__ = ()
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    def connect(known):
+        connected.append(known)
+        limb = LimbParameters()
+        limb.segments[0].links = 2
+        limb.wires[0].law.a2 = 1.0
+        return Robot(limb)
+
+    with pytest.raises(CalibrationError, match=r"left wire was heated, .*first_contact\.csv and"):
+        collect_from_robot(connect, LimbParameters(), tmp_path, lambda what: None)
+    (known,) = connected
+    assert known.total_duty == 0.3
+    assert known.heat_bounds[0].most_heating == 65.0
+
+
+def test_the_hottest_of_the_limbs_that_cannot_be_told_apart_limits_the_duty():
+    """Also while thermocouples show nothing."""
+    limb = LimbParameters()
+    covariance = np.diag([64.0, 64.0])
+    names = ["left.a2", "right.a2"]
+    limb.calibration = CalibrationRecord(names, [20.0, 20.0], [8.0, 8.0], covariance.tolist())
+    wanted = PiecewisePolynomial.ZeroOrderHold([0.0, 30.0], np.full((2, 2), 0.9))
+    limited = LimitedDuty(limb, wanted)
+    context = limited.CreateDefaultContext()
+    limited.get_input_port().FixValue(context, [25.0, 25.0])
+    Simulator(limited, context).AdvanceTo(30.0)
+    temperatures = context.get_discrete_state_vector().value()[:-2]
+    assert temperatures.size == 2 * 16
+    assert 95.0 < temperatures.max() < 100.5
+    assert temperatures.min() < 70.0
 
 
 def test_duty_is_limited_by_the_hottest_limb_that_recordings_allow():
