@@ -9,6 +9,7 @@ norm-optimal iterative learning control, with a gain that falls as repetitions a
 import copy
 import dataclasses
 import hashlib
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -155,7 +156,7 @@ class Learner:
     - ``repetitions``: all `Repetition` so far.
     - ``correction``: change of the plan's duty in the next repetition (M + 1, W), at
       ``nodes`` (M + 1,), s since the start of the plan.
-    - ``provenance``: what made the learner; None if its file does not say.
+    - ``provenance``: what made the learner.
     """
 
     def __init__(self, trajectory: Trajectory):
@@ -205,11 +206,7 @@ class Learner:
     @property
     def finished(self) -> str:
         """Why another repetition does not pay, in a sentence; empty if it does."""
-        failures = 0
-        for repetition in reversed(self.repetitions):
-            if not repetition.failed:
-                break
-            failures += 1
+        failures = len(list(itertools.takewhile(lambda r: r.failed, reversed(self.repetitions))))
         if failures >= MOST_FAILURES:
             return f"The last {failures} repetitions were interrupted or got worse."
         if not self.repetitions or self.repetitions[-1].failed:
@@ -271,7 +268,13 @@ class Learner:
 
     def _seen(self, recording: Recording) -> Repetition:
         """What a recording says about a repetition."""
-        self._check(recording)
+        limbs = self.trajectory.parameters, recording.parameters
+        planned, recorded = ((len(limb.segments), len(limb.wires)) for limb in limbs)
+        if planned != recorded:
+            raise LimbError(
+                f"The recording is of {recorded[0]} segments and {recorded[1]} wires, but the "
+                f"plan of {planned[0]} and {planned[1]}; give a recording of this plan."
+            )
         program = self._program
         spacing = self.nodes[1] - self.nodes[0]
         interrupted = recording.interrupted
@@ -294,18 +297,6 @@ class Learner:
             bend_angle=bend,
             measured_temperature=readings,
         )
-
-    def _check(self, recording: Recording) -> None:
-        planned = self.trajectory.parameters
-        shapes = [
-            (len(parameters.segments), len(parameters.wires))
-            for parameters in (planned, recording.parameters)
-        ]
-        if shapes[0] != shapes[1]:
-            raise LimbError(
-                f"The recording is of {shapes[1][0]} segments and {shapes[1][1]} wires, but the "
-                f"plan of {shapes[0][0]} and {shapes[0][1]}; give a recording of this plan."
-            )
 
     def _estimate_afresh(self) -> None:
         """Estimates before the first repetition."""
@@ -393,7 +384,7 @@ class Learner:
 
     def save(self, path: str | Path) -> None:
         """Writes plan and repetitions whole or not at all; `load` goes on from there."""
-        state: dict[str, Any] = {
+        state = {
             "plan": self.trajectory.to_text(),
             "repetitions": [
                 {
@@ -403,9 +394,8 @@ class Learner:
                 for repetition in self.repetitions
             ],
             "correction": self.correction.tolist(),
+            "provenance": self.provenance and dataclasses.asdict(self.provenance),
         }
-        if self.provenance:
-            state["provenance"] = dataclasses.asdict(self.provenance)
         body = json.dumps(state, allow_nan=False)
         write_atomically(path, f"{_FIRST_LINE}{_digest(body)}\n{body}\n")
 
@@ -424,7 +414,7 @@ class Learner:
                 repetition = Repetition(**learner._with_arrays(item))
                 learner._learn(repetition)
                 learner.repetitions.append(repetition)
-            learner.provenance = Provenance.from_json(state.get("provenance"))
+            learner.provenance = Provenance.from_json(state["provenance"])
             learner.correction = learner._with_arrays(state)["correction"]
         except (KeyError, TypeError, ValueError) as error:
             raise FileFormatError(
