@@ -1,7 +1,6 @@
 """All that a controller knows is in its Context, and comes from the ports of a limb."""
 
 import numpy as np
-import pytest
 from pydrake.systems.framework import DiagramBuilder
 
 from controllers import (
@@ -45,26 +44,26 @@ def assert_alike(one, other):
             np.testing.assert_array_equal(values, getattr(other, name), name)
 
 
-@pytest.mark.parametrize("make", CONTROLLERS.values(), ids=CONTROLLERS)
-def test_a_copy_of_the_context_goes_on_alike(fed, short_plan, make):
+def test_a_copy_of_the_context_goes_on_alike(fed, short_plan):
     """In the same system, though that went on meanwhile, and in one that is made anew."""
-    controller = make(short_plan)
-    inputs = course(controller, 30)
-    early, late = part(inputs, slice(17)), part(inputs, slice(17, None))
-    middle = fed(controller, early).context
-    at_once = fed(controller, late, middle.Clone())
-    assert np.ptp(next(iter(vars(at_once).values())), axis=0).max() > 0.0
-    assert_alike(at_once, fed(controller, late, middle.Clone()))
+    for make in CONTROLLERS.values():
+        controller = make(short_plan)
+        inputs = course(controller, 30)
+        early, late = part(inputs, slice(17)), part(inputs, slice(17, None))
+        middle = fed(controller, early).context
+        at_once = fed(controller, late, middle.Clone())
+        assert np.ptp(next(iter(vars(at_once).values())), axis=0).max() > 0.0
+        assert_alike(at_once, fed(controller, late, middle.Clone()))
 
-    another = make(short_plan)
-    context = another.CreateDefaultContext()
-    context.SetTime(middle.get_time())
-    for index in range(middle.num_discrete_state_groups()):
-        context.SetDiscreteState(index, middle.get_discrete_state(index).value())
-    assert_alike(at_once, fed(another, late, context))
+        another = make(short_plan)
+        context = another.CreateDefaultContext()
+        context.SetTime(middle.get_time())
+        for index in range(middle.num_discrete_state_groups()):
+            context.SetDiscreteState(index, middle.get_discrete_state(index).value())
+        assert_alike(at_once, fed(another, late, context))
 
-    beginning = fed(another, late).context.get_discrete_state(0).value()
-    assert not np.array_equal(beginning, at_once.context.get_discrete_state(0).value())
+        beginning = fed(another, late).context.get_discrete_state(0).value()
+        assert not np.array_equal(beginning, at_once.context.get_discrete_state(0).value())
 
 
 def behind_its_ports(limb):

@@ -189,16 +189,15 @@ def hysteretic() -> LimbParameters:
     return parameters
 
 
-@pytest.mark.parametrize("kind", ["linear", "hysteretic", "two segments"])
-def test_error_falls_on_limbs_that_differ_from_their_model(kind, two_segments):
-    known = {"linear": limb(), "hysteretic": hysteretic(), "two segments": two_segments}[kind]
-    learner, plant = Learner(plan_of(known)), Plant(wrong(known))
-    errors = []
-    for _ in range(4):
-        learner.update(plant.repeat(learner))
-        errors.append(plant.error(learner))
-    assert errors[0] > 1.0
-    assert errors[-1] < 0.5 * errors[0]
+def test_error_falls_on_limbs_that_differ_from_their_model(two_segments):
+    for known in (limb(), hysteretic(), two_segments):
+        learner, plant = Learner(plan_of(known)), Plant(wrong(known))
+        errors = []
+        for _ in range(4):
+            learner.update(plant.repeat(learner))
+            errors.append(plant.error(learner))
+        assert errors[0] > 1.0
+        assert errors[-1] < 0.5 * errors[0]
 
 
 def test_bounds_hold_also_where_the_model_is_too_cold():

@@ -1,7 +1,6 @@
 """The limb without its swinging, against the whole limb and closed forms."""
 
 import numpy as np
-import pytest
 from pydrake.trajectories import PiecewisePolynomial
 
 from controllers import ReducedModel
@@ -82,40 +81,42 @@ def test_a_torque_bends_by_the_springs():
     np.testing.assert_allclose(model.bend_by_torque * torque, [bend], rtol=1e-9)
 
 
-@pytest.mark.parametrize(
-    "limb",
-    [
-        *LIMBS,
-        lambda: limb_of(ThresholdLaw, stiffening=0.4),
-        lambda: limb_of(TwoMassLaw, rest_memory=RestMemory()),
-    ],
-)
-def test_derivatives_are_those_of_differences(limb):
-    model = ReducedModel(limb())
-    rng = np.random.default_rng(3)
-    heat = model.heated(np.array([60.0, 71.0])) + 0.02 * model.scales * rng.normal(size=model.size)
-    duty = np.array([0.3, 0.7])
-    after, by_heat, by_duty = model.linearized_step(heat, duty)
-    bend, slopes = model.bend_slopes(heat)
-    np.testing.assert_allclose(after, model.step(heat, duty), rtol=1e-12)
-    np.testing.assert_allclose(bend, model.bend_angle(heat), rtol=1e-12)
-    for index, scale in enumerate(model.scales):
-        move = 1e-5 * scale * np.eye(model.size)[index]
-        difference = model.step(heat + move, duty) - model.step(heat - move, duty)
-        np.testing.assert_allclose(
-            by_heat[:, index] / model.scales,
-            difference / (2e-5 * scale) / model.scales,
-            rtol=1e-5,
-            atol=1e-9,
+CURVED = [
+    *LIMBS,
+    lambda: limb_of(ThresholdLaw, stiffening=0.4),
+    lambda: limb_of(TwoMassLaw, rest_memory=RestMemory()),
+]
+
+
+def test_derivatives_are_those_of_differences():
+    for limb in CURVED:
+        model = ReducedModel(limb())
+        rng = np.random.default_rng(3)
+        heat = model.heated(np.array([60.0, 71.0])) + 0.02 * model.scales * rng.normal(
+            size=model.size
         )
-        difference = model.bend_angle(heat + move) - model.bend_angle(heat - move)
-        np.testing.assert_allclose(
-            slopes[:, index], difference / (2e-5 * scale), rtol=1e-4, atol=1e-8
-        )
-    for wire in range(2):
-        move = 1e-5 * np.eye(2)[wire]
-        difference = model.step(heat, duty + move) - model.step(heat, duty - move)
-        np.testing.assert_allclose(by_duty[:, wire], difference / 2e-5, rtol=1e-6, atol=1e-9)
+        duty = np.array([0.3, 0.7])
+        after, by_heat, by_duty = model.linearized_step(heat, duty)
+        bend, slopes = model.bend_slopes(heat)
+        np.testing.assert_allclose(after, model.step(heat, duty), rtol=1e-12)
+        np.testing.assert_allclose(bend, model.bend_angle(heat), rtol=1e-12)
+        for index, scale in enumerate(model.scales):
+            move = 1e-5 * scale * np.eye(model.size)[index]
+            difference = model.step(heat + move, duty) - model.step(heat - move, duty)
+            np.testing.assert_allclose(
+                by_heat[:, index] / model.scales,
+                difference / (2e-5 * scale) / model.scales,
+                rtol=1e-5,
+                atol=1e-9,
+            )
+            difference = model.bend_angle(heat + move) - model.bend_angle(heat - move)
+            np.testing.assert_allclose(
+                slopes[:, index], difference / (2e-5 * scale), rtol=1e-4, atol=1e-8
+            )
+        for wire in range(2):
+            move = 1e-5 * np.eye(2)[wire]
+            difference = model.step(heat, duty + move) - model.step(heat, duty - move)
+            np.testing.assert_allclose(by_duty[:, wire], difference / 2e-5, rtol=1e-6, atol=1e-9)
 
 
 def test_points_are_evaluated_together():

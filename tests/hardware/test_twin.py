@@ -214,23 +214,23 @@ def test_readings_are_those_they_have_always_been():
             np.testing.assert_allclose(10 * degrees, expected[2:], atol=1e-6)
 
 
-@pytest.mark.parametrize("make", [LimbTwin, lambda: SensedLimb(Limb())])
-def test_copies_of_a_context_go_on_alike(make):
-    limb = make()
-    simulator = make_simulator(limb, 1e-2)
-    limb.GetInputPort("duty").FixValue(simulator.get_mutable_context(), [0.1, 0.4])
-    simulator.AdvanceTo(1.0)
-    contexts = [simulator.get_context().Clone() for _ in range(2)]
-    copies = [Simulator(limb, context) for context in contexts]
-    readings = [[], []]
-    for end in np.arange(1.1, 2.0, 0.1):  # in turn, as if one were a look ahead
-        for ahead, seen in zip(copies, readings, strict=True):
-            ApplySimulatorConfig(ExtractSimulatorConfig(simulator), ahead)
-            ahead.Initialize(InitializeParams(suppress_initialization_events=True))
-            ahead.AdvanceTo(end)
-            seen.append(limb.GetOutputPort("measurement").Eval(ahead.get_context()))
-    np.testing.assert_array_equal(*readings)
-    assert np.ptp(readings[0], axis=0).min() > 0.0
+def test_copies_of_a_context_go_on_alike():
+    for make in (LimbTwin, lambda: SensedLimb(Limb())):
+        limb = make()
+        simulator = make_simulator(limb, 1e-2)
+        limb.GetInputPort("duty").FixValue(simulator.get_mutable_context(), [0.1, 0.4])
+        simulator.AdvanceTo(1.0)
+        contexts = [simulator.get_context().Clone() for _ in range(2)]
+        copies = [Simulator(limb, context) for context in contexts]
+        readings = [[], []]
+        for end in np.arange(1.1, 2.0, 0.1):  # in turn, as if one were a look ahead
+            for ahead, seen in zip(copies, readings, strict=True):
+                ApplySimulatorConfig(ExtractSimulatorConfig(simulator), ahead)
+                ahead.Initialize(InitializeParams(suppress_initialization_events=True))
+                ahead.AdvanceTo(end)
+                seen.append(limb.GetOutputPort("measurement").Eval(ahead.get_context()))
+        np.testing.assert_array_equal(*readings)
+        assert np.ptp(readings[0], axis=0).min() > 0.0
 
 
 def test_measurement_is_both_readings(two_segments):
