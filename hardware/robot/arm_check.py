@@ -82,7 +82,7 @@ def check_wires(
             )
         if not passed:
             return False
-        rates = [_rates([course], wire) for wire, course in enumerate(contacts)]
+        rates = [_rates([contact], wire) for wire, contact in enumerate(contacts)]
         hottest = max(rate.heating for rate in rates)
         for _ in range(round(REST / PERIOD)):
             link.next_sample()

@@ -221,7 +221,7 @@ class Bench:
         ticks = [round(protocol.FULL_DUTY * duty) for duty in (left, right)]
         self.send(2 * protocol.encode(protocol.COMMAND, session, sequence, heard, *ticks))
 
-    def drive(
+    def hold(
         self,
         left: float,
         right: float,

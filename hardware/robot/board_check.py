@@ -324,11 +324,11 @@ def _arm_arms(bench: Bench) -> None:
     _expect_armed(bench)
     expect(bench.last.reason == 0, f"it is armed with reason {bench.last.reason}; expected 0")
     bench.arm()
-    bench.drive(GENTLE, GENTLE, 0.2)
+    bench.hold(GENTLE, GENTLE, 0.2)
     bench.off()
     bench.arm()
     _expect_duty(bench.fresh(0.05), 0, 0, "after ARM, before any COMMAND")
-    bench.drive(GENTLE, GENTLE, 0.15)
+    bench.hold(GENTLE, GENTLE, 0.15)
     number = bench.sequence
     bench.send_arm(total=0.01, challenge=bench.session)
     bench.command(GENTLE, GENTLE, sequence=number + 1)
@@ -401,7 +401,7 @@ def _duty_goes_to_its_wire(bench: Bench) -> None:
         (0.06, (0.09, 0.03), (0.045, 0.015)),
     ):
         bench.arm(total=total)
-        bench.drive(*asked, 0.15)
+        bench.hold(*asked, 0.15)
         _expect_duty(bench.fresh(), *applied, f"for {_percent(asked)} and a sum of {total:g}")
         bench.off()
 
@@ -432,7 +432,7 @@ def _stale_commands_do_nothing(bench: Bench) -> None:
         bench.command(GENTLE, GENTLE, sequence=1000, session=session)
         _expect_off(bench.fresh(), "after a COMMAND while it was off")
     bench.arm()
-    bench.drive(0.02, 0.02, 0.4)
+    bench.hold(0.02, 0.02, 0.4)
     commands: list[tuple[str, dict]] = [
         (f"of session {session}", {"sequence": 10**6, "session": session})
         for session in {before, bench.session ^ 1, 0} - {bench.session}
@@ -451,7 +451,7 @@ def _stale_commands_do_nothing(bench: Bench) -> None:
 def _last_command(bench: Bench) -> float:
     """Ends a series of commands; the time of the SAMPLE that the last one answered, s."""
     bench.arm()
-    bench.drive(GENTLE, GENTLE, 0.3)
+    bench.hold(GENTLE, GENTLE, 0.3)
     answered = bench.fresh().board_time
     bench.command(GENTLE, GENTLE)
     return answered
@@ -485,11 +485,11 @@ def _off_has_its_reason(bench: Bench) -> None:
     """DISARM and a duty above 10000 switch off at once; SAMPLE says why the board is off."""
     for duty in ((1.0001, 0.0), (0.0, 6.5535)):
         bench.arm()
-        bench.drive(GENTLE, GENTLE, 0.1)
+        bench.hold(GENTLE, GENTLE, 0.1)
         bench.command(*duty)
         _expect_off(bench.fresh(0.03), f"after a duty of {_percent(duty)}", 2)
     bench.arm()
-    bench.drive(GENTLE, GENTLE, 0.1)
+    bench.hold(GENTLE, GENTLE, 0.1)
     bench.switch_off()
     _expect_off(bench.fresh(0.03), "after DISARM", 3)
     bench.arm()
@@ -513,7 +513,7 @@ def _make_fault(bench: Bench) -> None:
     bench.arm(STRONG)
     left, right = bench.last.temperature
     duty = (0.3, 0.0) if left < right else (0.0, 0.3)
-    bench.drive(*duty, 6.0, until=lambda sample: not sample.armed)
+    bench.hold(*duty, 6.0, until=lambda sample: not sample.armed)
     _expect_off(bench.last, "where ARM said that the wire warms by 60 °C/s at least", 21)
 
 
@@ -540,7 +540,7 @@ def _warmth_without_heat_latches(bench: Bench) -> None:
     bench.arm(WEAK)
     left, right = bench.last.warmest  # of which the board knows the less heat is taken
     duty = (0.3, 0.0) if left <= right else (0.0, 0.3)
-    bench.drive(*duty, 15.0, until=lambda sample: not sample.armed)
+    bench.hold(*duty, 15.0, until=lambda sample: not sample.armed)
     seen = bench.last
     bench.switch_off()
     bench.cool(max)  # or else a board takes the thermocouple for a wrong one
@@ -552,7 +552,7 @@ def _prove(bench: Bench) -> None:
     """Has both thermocouples follow some heat, as they must after a start; then it is off."""
     if bench.last.warmest.max() >= 127:
         bench.arm(NOMINAL)
-        bench.drive(0.25, 0.25, 4.0)
+        bench.hold(0.25, 0.25, 4.0)
         bench.off()
 
 
@@ -563,7 +563,7 @@ def _heated_wire_is_the_one_that_warms(bench: Bench) -> None:
     for wire, side in ((1, "right"), (0, "left")):
         before = bench.fresh()
         bench.arm()
-        bench.drive(0.3 * (wire == 0), 0.3 * (wire == 1), 7.0)
+        bench.hold(0.3 * (wire == 0), 0.3 * (wire == 1), 7.0)
         after = bench.fresh(0.05)
         bench.switch_off()
         own, other = (after.temperature - before.temperature)[[wire, 1 - wire]]
@@ -585,7 +585,7 @@ def _detached_thermocouple_latches(bench: Bench) -> None:
         bench.fresh()
         bench.clear()  # it may have jumped
         bench.arm(NOMINAL)
-        bench.drive(0.15, 0.15, 10.0, until=lambda sample: not sample.armed)
+        bench.hold(0.15, 0.15, 10.0, until=lambda sample: not sample.armed)
         _expect_off(bench.last, "10 s after it was heated", 21)
 
 
@@ -604,7 +604,7 @@ def _bend_that_does_not_follow_latches(bench: Bench) -> None:
             return not sample.armed or np.ptp(pulls) > 65 or sample.temperature.max() > WARM
 
         for left, right, seconds in ((0.5, 0.0, 4.5), (0.0, 0.0, 20.0), (0.0, 0.5, 9.0)):
-            if bench.drive(left, right, seconds, until=ends):
+            if bench.hold(left, right, seconds, until=ends):
                 break
         if bench.last.armed and np.ptp(pulls) <= 65:
             raise NotRunError("these wires would become too warm; they are stronger than others")
@@ -619,8 +619,8 @@ def _warmest_follows_the_heat(bench: Bench) -> None:
     bench.command(0.0, 0.0)
     start = bench.fresh()
     count = len(bench.samples) - 1
-    bench.drive(0.1, 0.0, 3.0)
-    bench.drive(0.0, 0.08, 3.0)
+    bench.hold(0.1, 0.0, 3.0)
+    bench.hold(0.0, 0.08, 3.0)
     given = sum(
         100.0 * (after.board_time - before.board_time) * before.duty
         for before, after in itertools.pairwise(bench.samples[count:])
@@ -646,8 +646,8 @@ def _duty_is_reduced_before_127_c(bench: Bench) -> None:
     """The duty is reduced so that the most a wire can have stays below 127 °C."""
     _prove(bench)
     bench.arm(BUDGET)
-    bench.drive(0.0, 0.25, 8.0, until=lambda sample: 0 < sample.duty[1] < 0.2)
-    bench.drive(0.0, 0.25, 1.0)
+    bench.hold(0.0, 0.25, 8.0, until=lambda sample: 0 < sample.duty[1] < 0.2)
+    bench.hold(0.0, 0.25, 1.0)
     seen = bench.fresh()
     expect(
         seen.armed and seen.duty[1] < 0.2 and seen.warmest.max() <= 129,
@@ -735,14 +735,14 @@ def _little_heat_after_a_start(bench: Bench) -> None:
     bench.reset()
     bench.fresh(0.6)
     bench.arm(NOMINAL)
-    bench.drive(0.3, 0.3, 0.3)
+    bench.hold(0.3, 0.3, 0.3)
     seen = bench.fresh()
     expect(
         seen.warmest.min() >= 120 and seen.duty.max() <= 0.12,
         f"{_percent(seen.duty)} after a reset, where the wires can have {seen.warmest} °C; "
         "expected 12% at most, and 120 °C or more",
     )
-    bench.drive(0.3, 0.3, 10.0, until=lambda sample: sample.duty.min() == 0.3)
+    bench.hold(0.3, 0.3, 10.0, until=lambda sample: sample.duty.min() == 0.3)
     seen = bench.last
     _expect_duty(seen, 0.3, 0.3, "after ten seconds of the duty that was asked for")
     hottest = seen.warmest.max()

@@ -76,18 +76,18 @@ def acceptable(bounds: HeatBounds) -> HeatBounds:
 
 
 def fit_heat_rates(
-    courses: Sequence[tuple[np.ndarray, np.ndarray, float]],
+    heatings: Sequence[tuple[np.ndarray, np.ndarray, float]],
 ) -> HeatRates | None:
     """The rates that come closest to what was read of a wire.
 
     Args:
-        courses: duty (K), how far the reading is above that of the cold wire after each step
-            (K), °C, and the interval of the steps, s.
+        heatings: for each, duty (K), reading above that of the cold wire after each step (K),
+            °C, and interval of the steps, s.
 
     Returns:
         rates; None if the wire was not heated.
     """
-    if not any(duty.any() for duty, _, _ in courses):
+    if not any(duty.any() for duty, _, _ in heatings):
         return None
 
     def errors(logarithms: np.ndarray) -> np.ndarray:
@@ -96,7 +96,7 @@ def fit_heat_rates(
         return np.concatenate(
             [
                 heating * _read(warmth(duty, cooling, share, interval), reading, interval) - rise
-                for duty, rise, interval in courses
+                for duty, rise, interval in heatings
             ]
         )
 

@@ -57,13 +57,13 @@ def test_the_emulated_board_passes_and_what_is_done_by_hand_is_waited_for(
 
 def test_a_stopped_check_leaves_the_wires_off(emulator, some_rules, monkeypatch, capsys):
     some_rules("duty-goes-to-its-wire")
-    drive = Bench.drive
+    hold = Bench.hold
 
     def interrupt(bench, *arguments):
-        drive(bench, *arguments)
+        hold(bench, *arguments)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Bench, "drive", interrupt)
+    monkeypatch.setattr(Bench, "hold", interrupt)
     assert main(["board-check", emulator.port]) == 130
     assert capsys.readouterr().err == "stopped; wires are off\n"
     *_, heated = (e["time"] for e in emulator.events("duty") if e["right"] > 0)

@@ -216,7 +216,7 @@ def test_an_emulated_board_whose_computer_was_busy_switches_off_in_time():
     bench = Bench(cable, cable.ask)
     bench.wait(0.7)
     bench.arm()
-    bench.drive(0.0, 1.0, 4.0)
+    bench.hold(0.0, 1.0, 4.0)
     before = cable.emulation.board.wire_temperature()[1]
     duty = bench.last.duty[1]
     cable.milliseconds += 3000
