@@ -1,4 +1,4 @@
-"""Which law a limb's recordings call for: the simplest that predicts others best."""
+"""The law that a limb's recordings call for: the simplest that predicts others best."""
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -11,7 +11,7 @@ A board is an object with
 - ``keep_supply()``: holds the relay in the wires' supply for some passes of the loop;
 - ``feed()``: the watchdog;
 - ``remember(reason)``: a byte, which outlives a reset, and is ``remembered`` after it;
-- ``reset_cause``: of the last reset, as below;
+- ``reset_cause``: cause of the last reset, as below;
 - ``serial_number``: 8 bytes; ``random``: 16 bits, other ones at each start.
 """
 

@@ -101,7 +101,7 @@ def journaled(
         path: file; there is no journal if it is None.
         duty: the port that drives the limb.
         reference: port of the bend angle that is asked for.
-        provenance: of the recording; None if it is not known.
+        provenance: origin of the recording; None if it is not known.
         ended_by_hand: whether what there is when Ctrl-C comes is a recording: the file then
             gets its name.
 

@@ -34,7 +34,7 @@ class ActiveConstraint:
 class PlanCheck:
     """How a plan was found, and how far a simulation of its duty is from it.
 
-    - ``solver``, ``status``: which solver found it, and the solver's status.
+    - ``solver``, ``status``: name of the solver that found it, and its status.
     - ``iterations``, ``solve_time``: iterations and time of the solver, s.
     - ``total_time``: time from the request to the checked plan, s.
     - ``refinements``: how often knots were added to meet the tolerance.

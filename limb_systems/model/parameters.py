@@ -149,7 +149,7 @@ class TemperatureLimits(Strict):
 
 
 class Board(Tagged):
-    """Which particular limb the parameters belong to: `NoBoard`, or one of its subclasses."""
+    """Identity of the limb that the parameters belong to: `NoBoard`, or one of its subclasses."""
 
     @property
     def identity(self) -> str:

@@ -164,7 +164,7 @@ class TrajectoryProgram:
         )
 
     def broken_constraint(self, x: np.ndarray) -> str:
-        """Which of the constraints that were ``added`` is exceeded most, as words, or ""."""
+        """The constraint of those ``added`` that is exceeded most, in words, or ""."""
         worst, most = "", ADDED_TOLERANCE
         for number, binding in enumerate(self.added, 1):
             evaluator, values = binding.evaluator(), self.prog.EvalBinding(binding, x)

@@ -99,7 +99,7 @@ def _errors_so_far(learner: Learner) -> str:
 def rested_twins(
     twin: LimbTwin, trajectory: Trajectory, learner: Learner
 ) -> Callable[[], LimbSystem]:
-    """For `repeat`: an emulated limb, `PAUSE` after each repetition.
+    """An emulated limb for `repeat`, `PAUSE` after each repetition.
 
     The time of repetitions before, in a program that ended, passes first: its
     sensors do not have the same noise again.
@@ -117,7 +117,7 @@ def rested_twins(
 def rested_robots(
     port: str, trajectory: Trajectory, live: LivePage | None = None
 ) -> Callable[[], LimbSystem]:
-    """For `repeat`: the robot on a port, when its wires have cooled; a page says so."""
+    """The robot on a port for `repeat`, when its wires have cooled; a page says so."""
     tell = live.say if live else lambda _: None
 
     def rested() -> LimbSystem:
