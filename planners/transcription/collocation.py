@@ -258,17 +258,20 @@ class LimbDefects:
         """Scaled derivatives (K - 1, 2n + M, 2P + 1) of the defects by [p0, p1, h]."""
         values, slopes, _, mid_slopes = self._expand(points, time_steps)
         n, P, h = self._mechanics.num_joints, points.shape[1], time_steps[:, None, None]
-        size, joints = values.shape[1], np.arange(n)
-        before, after, heat = slopes[:-1], slopes[1:], slopes[:, n:, 2 * n :]
-        rows = np.zeros((len(h), n + size, 2 * P + 1))
-        rows[:, :n, :P], rows[:, :n, P:-1] = -h / 8 * before[:, :n], h / 8 * after[:, :n]
-        rows[:, n:, :P], rows[:, n:, P:-1] = -0.25 * before, -0.25 * after
-        rows[:, n:, :-1] -= _by_knots(mid_slopes, n, heat[:-1], heat[1:], h)
-        rows[:, joints, n + joints] -= 0.75
-        rows[:, joints, P + n + joints] -= 0.75
-        states = np.arange(n + size)
-        rows[:, states, states] -= 1.5 / h[:, 0]
-        rows[:, states, P + states] += 1.5 / h[:, 0]
+        size, heat = values.shape[1], slopes[:, n:, 2 * n :]
+        on_angles, on_values = self._scale[:n, :n], self._scale[n:, n:]
+        # Scaled first, where they are fewer than in the rows.
+        slopes, scaled_middle = on_values @ slopes, on_values @ mid_slopes
+        rows = np.empty((len(h), n + size, 2 * P + 1))
+        np.multiply(slopes[:-1, :n], -h / self._typical_h, out=rows[:, :n, :P])
+        np.multiply(slopes[1:, :n], h / self._typical_h, out=rows[:, :n, P:-1])
+        _by_knots(-scaled_middle, n, heat[:-1], heat[1:], h, out=rows[:, n:, :-1])
+        slopes *= 0.25
+        for knot, sign, own in ((0, -1.0, slopes[:-1]), (P, 1.0, slopes[1:])):
+            rows[:, n:, knot : knot + P] -= own
+            rows[:, :n, knot : knot + n] += sign * 1.5 / h * on_angles
+            rows[:, :n, knot + n : knot + 2 * n] -= 0.75 * on_angles
+            rows[:, n:, knot + n : knot + n + size] += sign * 1.5 / h * on_values
 
         steps, value_steps = np.diff(points, axis=0), np.diff(values, axis=0)
         h = h[:, 0]
@@ -276,14 +279,20 @@ class LimbDefects:
         middle_by_step[:, :n] = -steps[:, n : 2 * n] / 8
         middle_by_step[:, n : 2 * n] = -1.5 / h**2 * steps[:, :n]
         middle_by_step[:, 2 * n : n + size] = -value_steps[:, n:] / 8
-        rows[:, :, -1] = -1.5 / h**2 * steps[:, : n + size]
-        rows[:, :n, -1] += value_steps[:, :n] / 8
-        rows[:, n:, -1] -= (mid_slopes @ middle_by_step[:, :, None])[:, :, 0]
-        return self._scale @ rows
+        by_step = -1.5 / h**2 * steps[:, : n + size]
+        by_step[:, :n] += value_steps[:, :n] / 8
+        by_step[:, n:] -= (mid_slopes @ middle_by_step[:, :, None])[:, :, 0]
+        rows[:, :, -1] = by_step @ self._scale.T
+        return rows
 
 
 def _by_knots(
-    slopes: np.ndarray, n: int, first: np.ndarray, second: np.ndarray, h: np.ndarray | float
+    slopes: np.ndarray,
+    n: int,
+    first: np.ndarray,
+    second: np.ndarray,
+    h: np.ndarray | float,
+    out: np.ndarray | None = None,
 ) -> np.ndarray:
     """Derivatives by the points at the knots (K, m, 2P), of those by the middle's (K, m, P).
 
@@ -291,20 +300,18 @@ def _by_knots(
         n: number of joints whose angles and rates the points begin with.
         first, second: derivatives of the heat's rates at the knots by [y, D], (K, M, M + W).
         h: time steps (K, 1, 1).
+        out: where to write them.
     """
+    P = slopes.shape[2]
+    if out is None:
+        out = np.empty((*slopes.shape[:2], 2 * P))
     by_angle, by_rate, rest = np.split(slopes, [n, 2 * n], axis=2)
     by_heat = h / 8 * rest[:, :, : first.shape[1]]
-    return np.concatenate(
-        [
-            0.5 * by_angle - 1.5 / h * by_rate,
-            h / 8 * by_angle - 0.25 * by_rate,
-            0.5 * rest + by_heat @ first,
-            0.5 * by_angle + 1.5 / h * by_rate,
-            -h / 8 * by_angle - 0.25 * by_rate,
-            0.5 * rest - by_heat @ second,
-        ],
-        axis=2,
-    )
+    for knot, sign, heat in ((0, 1.0, first), (P, -1.0, second)):
+        out[:, :, knot : knot + n] = 0.5 * by_angle - sign * 1.5 / h * by_rate
+        out[:, :, knot + n : knot + 2 * n] = sign * h / 8 * by_angle - 0.25 * by_rate
+        out[:, :, knot + 2 * n : knot + P] = 0.5 * rest + sign * (by_heat @ heat)
+    return out
 
 
 def linear_defect(A: np.ndarray, B: np.ndarray, h: float) -> np.ndarray:

@@ -105,13 +105,16 @@ class PlanarChain:
         self, angles: np.ndarray, rates: np.ndarray, forces: np.ndarray
     ) -> np.ndarray:
         """θ̈ (K, n) for θ, θ̇ and generalized forces f, each (K, n)."""
-        return self._link_accelerations(angles, rates, forces)[0] @ self._E.T
+        load, _, _, mass, _ = self._loads(angles, rates, forces)
+        return np.linalg.solve(mass, load[:, :, None])[:, :, 0] @ self._E.T
 
     def derivatives(
         self, angles: np.ndarray, rates: np.ndarray, forces: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """θ̈ (K, n) and its derivatives by θ, θ̇ and f, each (K, n, n)."""
-        accelerations, links, link_rates, mass, H = self._link_accelerations(angles, rates, forces)
+        load, links, link_rates, mass, H = self._loads(angles, rates, forces)
+        inverse_mass = np.linalg.inv(mass)
+        accelerations = (inverse_mass @ load[:, :, None])[:, :, 0]
         # M φ̈ = Q - H φ̇², differentiated by φ at fixed φ̈. M and H have no
         # φ-dependence on their diagonals.
         moving_mass = mass * (1 - np.eye(self.num_joints))
@@ -123,7 +126,7 @@ class PlanarChain:
         ) - self._gravity_cos * np.sin(links)
         by_rate = -2 * H * link_rates[:, None, :] - self._E.T @ np.diag(self.damping) @ self._E
 
-        inverse = self._E @ np.linalg.inv(mass)
+        inverse = self._E @ inverse_mass
         return (
             accelerations @ self._E.T,
             inverse @ by_angle @ self._L,
@@ -141,16 +144,15 @@ class PlanarChain:
         cosine, sine = np.cos(difference), np.sin(difference)
         return self._C * cosine + self._S * sine, self._C * sine - self._S * cosine
 
-    def _link_accelerations(self, angles, rates, forces):
-        """φ̈, φ, φ̇ (K, n), M and H (K, n, n)."""
+    def _loads(self, angles, rates, forces):
+        """M φ̈, φ, φ̇ (K, n), M and H (K, n, n)."""
         links, link_rates = angles @ self._L.T, rates @ self._L.T
         mass, H = self._mass(links)
         torques = forces + self._spring_load - self.stiffness * angles - self.damping * rates
         load = torques @ self._E
         load += self._gravity_cos * np.cos(links) + self._gravity_sin * np.sin(links)
         load -= np.einsum("kij,kj->ki", H, link_rates**2)
-        accelerations = np.linalg.solve(mass, load[:, :, None])[:, :, 0]
-        return accelerations, links, link_rates, mass, H
+        return load, links, link_rates, mass, H
 
 
 def _differences(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
