@@ -38,17 +38,17 @@ def test_first_derivatives_are_exact_and_second_ones_nearly():
 
 
 def test_variables_that_are_moved_at_once_are_told_apart():
-    """b and c are in no value together, but each is in one with a."""
-    pattern = np.array([[1, 1, 0], [1, 0, 1]], bool)
-    curvature = np.array([[0, 1, 1], [1, 0, 0], [1, 0, 0]], bool)
+    """a and b are in no value together, but each is in one with c."""
+    pattern = np.array([[1, 0, 1], [0, 1, 1]], bool)
+    curvature = np.array([[0, 0, 1], [0, 0, 1], [1, 1, 0]], bool)
 
     def products(points):
-        return points[..., :1] * points[..., 1:] * [3.0, 5.0]
+        return points[..., 2:] * points[..., :2] * [3.0, 5.0]
 
-    points = np.array([[2.0, 7.0, 11.0]])
+    points = np.array([[7.0, 11.0, 2.0]])
     derivatives = Derivatives(pattern, curvature, np.ones(3))
     first = derivatives.first(products, points)
-    np.testing.assert_allclose(first, [[[21.0, 6.0, 0.0], [55.0, 0.0, 10.0]]], rtol=1e-14)
+    np.testing.assert_allclose(first, [[[6.0, 0.0, 21.0], [0.0, 10.0, 55.0]]], rtol=1e-14)
     second = derivatives.second(products, points, np.array([[1.0, 10.0]]))
-    expected = [[[0.0, 3.0, 50.0], [3.0, 0.0, 0.0], [50.0, 0.0, 0.0]]]
+    expected = [[[0.0, 0.0, 3.0], [0.0, 0.0, 50.0], [3.0, 50.0, 0.0]]]
     np.testing.assert_allclose(second, expected, rtol=1e-9)
