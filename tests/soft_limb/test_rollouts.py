@@ -52,7 +52,7 @@ def test_deadlines_that_were_missed_are_counted(short_plan, tmp_path):
 
 def test_what_was_taught_is_followed(tmp_path, capsys):
     """A motion that the limb cannot do in full: the report tells plan and reference apart."""
-    (tmp_path / "taught.csv").write_text("0,0\n3,6\n4,6\n")
+    (tmp_path / "taught.csv").write_text("0,0\n0.5,25\n4,25\n")
     folder = tmp_path / "followed"
     arguments = ["follow", str(tmp_path / "taught.csv"), "-o", str(folder)]
     assert main([*arguments, "--json"]) == 0
@@ -65,12 +65,12 @@ def test_what_was_taught_is_followed(tmp_path, capsys):
     planned = Trajectory.load(folder / "plan.csv")
     recording = Recording.load(folder / "recording.csv")
     assert said["controller"] == "pi"
-    assert planned.duty.max() <= 0.9 + 1e-6  # the margin of a plan for feedback
-    wanted = np.interp(recording.time, [0.0, 3.0, 4.0], [0.0, 6.0, 6.0])
+    assert planned.duty.max() == pytest.approx(0.6)  # at the margin of a plan for feedback
+    wanted = np.interp(recording.time, [0.0, 0.5, 4.0], [0.0, 25.0, 25.0])
     missed = np.abs(wanted - np.rad2deg(recording.bend_angle[0])).mean()
     assert said["reference_distance_deg"] == pytest.approx(missed, rel=1e-6)
     assert f"|φ_ref - φ|: mean {missed:.2f}°, of which the plan has " in report
-    wanted = np.interp(planned.time, [0.0, 3.0, 4.0], [0.0, 6.0, 6.0])
+    wanted = np.interp(planned.time, [0.0, 0.5, 4.0], [0.0, 25.0, 25.0])
     missed = np.abs(wanted - np.rad2deg(planned.bend_angle[0])).mean()
     assert said["planned_distance_deg"] == pytest.approx(missed, rel=1e-6)
     assert said["highest_readings_c"] == recording.measured_temperature.max(axis=1).tolist()
