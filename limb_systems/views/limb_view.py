@@ -59,11 +59,11 @@ class Ghost:
     """A translucent limb without wires, which shows how the limb should bend.
 
     - ``name``: ``reference`` or ``plan``.
-    - ``course``: θ (n) over the time of the view, rad; held before and after.
+    - ``joint_angles``: θ (n) over the time of the view, rad; held before and after.
     """
 
     name: str
-    course: PiecewisePolynomial
+    joint_angles: PiecewisePolynomial
 
     @property
     def color(self) -> tuple[float, ...]:
@@ -72,11 +72,11 @@ class Ghost:
         return tuple(value / 255 for value in bytes.fromhex(code[1:]))
 
 
-def joint_angle_course(motion: Recording | Trajectory) -> PiecewisePolynomial:
+def joint_angle_trajectory(motion: Recording | Trajectory) -> PiecewisePolynomial:
     """θ over time: cubic between samples where rates are known, else linear."""
     if motion.joint_state is None:
         shown = ~np.isnan(motion.bend_angle).any(axis=0)
-        return _bend_angle_course(
+        return _bend_angle_trajectory(
             motion.parameters, motion.time[shown], motion.bend_angle[:, shown]
         )
     angles, rates = np.split(motion.joint_state, 2)
@@ -96,18 +96,20 @@ def ghosts_of_plan(parameters: LimbParameters, plan: Trajectory, start: float = 
             "cannot be shown together."
         )
     plan = plan.since_start()
-    ghosts = [ghost_of_reference(plan), Ghost("plan", joint_angle_course(plan))]
+    ghosts = [ghost_of_reference(plan), Ghost("plan", joint_angle_trajectory(plan))]
     for ghost in ghosts:
-        ghost.course.shiftRight(-start)
+        ghost.joint_angles.shiftRight(-start)
     return ghosts
 
 
 def ghost_of_reference(motion: Recording | Trajectory) -> Ghost:
     """The reference in a motion, by eqn (11), over the motion's time."""
-    return Ghost("reference", _bend_angle_course(motion.parameters, motion.time, motion.reference))
+    return Ghost(
+        "reference", _bend_angle_trajectory(motion.parameters, motion.time, motion.reference)
+    )
 
 
-def _bend_angle_course(parameters, time, bend_angle) -> PiecewisePolynomial:
+def _bend_angle_trajectory(parameters, time, bend_angle) -> PiecewisePolynomial:
     """θ over time for bend angles (S, K), rad, by eqn (11), linear between samples."""
     angles = joint_angles_from_bend_angle(parameters, bend_angle)
     return PiecewisePolynomial.FirstOrderHold(time, angles)
@@ -177,7 +179,7 @@ class LimbView:
             meshcat.SetTransform(path, pose, time)
         for ghost in self._ghosts:
             origin = 0.0
-            angles = ghost.course.value(time)[:, 0]
+            angles = ghost.joint_angles.value(time)[:, 0]
             for path, angle, length in zip(
                 self._ghost_paths(ghost), angles, self._lengths, strict=True
             ):

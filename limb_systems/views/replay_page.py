@@ -24,7 +24,7 @@ from limb_systems.views.limb_view import (
     LimbView,
     ghost_of_reference,
     ghosts_of_plan,
-    joint_angle_course,
+    joint_angle_trajectory,
 )
 from limb_systems.views.template import template
 
@@ -76,10 +76,10 @@ def write_meshcat_replay(
     shown = ~np.isnan(temperature).any(axis=0)
     rate = (len(times) - 1) / (end - start)
     frames = _Frames(
-        joint_angle_course(motion).vector_values(times),
+        joint_angle_trajectory(motion).vector_values(times),
         np.array([np.interp(times, motion.time[shown], row[shown]) for row in temperature]),
         np.array([np.interp(times, motion.time, row) for row in motion.duty]),
-        [ghost.course.vector_values(times - start) for ghost in ghosts],
+        [ghost.joint_angles.vector_values(times - start) for ghost in ghosts],
     )
     page, aspect = _animate(parameters, frames, ghosts, rate)
     how = "planned" if isinstance(motion, Trajectory) else motion.how
@@ -129,7 +129,7 @@ def _ghosts_beside(motion: Recording | Trajectory, plan: Trajectory | None) -> l
     if motion.reference is None:
         return []
     ghost = ghost_of_reference(motion)
-    ghost.course.shiftRight(-motion.time[0])
+    ghost.joint_angles.shiftRight(-motion.time[0])
     return [ghost]
 
 

@@ -76,14 +76,14 @@ def _panels(comparison: Comparison) -> list[Panel]:
                 color = _COLORS[number % len(_COLORS)]
                 for row, wire, dash in zip(rows, called, itertools.cycle(_DASHES), strict=False):
                     name = ", ".join(filter(None, [names[number], wire]))
-                    course: Curves = curves[signal]
-                    values.append(Curve(name, course.time, course.values[row], color, dash))
+                    run: Curves = curves[signal]
+                    values.append(Curve(name, run.time, run.values[row], color, dash))
                     if number:
                         differences.append(
                             Curve(
                                 name,
-                                course.difference_time,
-                                course.differences[row],
+                                run.difference_time,
+                                run.differences[row],
                                 color,
                                 dash,
                             )
