@@ -25,13 +25,10 @@ from limb_systems import Limb, LimbParameters, LinearLaw, joint_angles_from_bend
 
 
 def calibrate_twin(seed: int):
-    """Validation errors with heat from the bend and from temperature, degrees and °C."""
+    """Validation errors, degrees and °C."""
     recordings = collect_from_twin(LimbTwin(seed=seed), seed=seed)
-    rows = []
-    for heat in ("bend", "temperature"):
-        v = calibrate(recordings, method="paper", heat=heat).validation
-        rows.append([*np.rad2deg([v.mean, v.median, v.percentile_90]), v.temperature_mean])
-    return rows
+    v = calibrate(recordings, method="paper").validation
+    return [*np.rad2deg([v.mean, v.median, v.percentile_90]), v.temperature_mean]
 
 
 def true_limb() -> LimbParameters:
@@ -88,15 +85,9 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=100)
     options = parser.parse_args()
     with multiprocessing.get_context("spawn").Pool(2) as pool:
-        print("twin  heat from    |φ - φ_sim|: mean  median    90%   |V - V_sim|: mean")
-        for seed, rows in enumerate(pool.imap(calibrate_twin, range(options.twins))):
-            for heat, row in zip(("bend", "temperature"), rows, strict=True):
-                print(
-                    "{:>4}  {:<12}{:>17.2f}°{:>7.2f}°{:>6.2f}°{:>18.1f} °C".format(
-                        seed, heat, *row
-                    ),
-                    flush=True,
-                )
+        print("twin  |φ - φ_sim|: mean  median    90%   |V - V_sim|: mean")
+        for seed, row in enumerate(pool.imap(calibrate_twin, range(options.twins))):
+            print("{:>4}{:>18.2f}°{:>7.2f}°{:>6.2f}°{:>18.1f} °C".format(seed, *row), flush=True)
         results = list(pool.imap(calibrate_model, range(options.seeds)))
     print(f"\n{'parameter':<22}{'error: median':>14}{'90%':>8}{'largest':>9}{'covered':>9}")
     for name in results[0] if results else []:

@@ -24,7 +24,8 @@ from calibration import BendAngleController, EquilibriumSchedule, calibrate, col
 from controllers import PlanFeedback
 from hardware import LimbTwin, replay
 from limb_systems import Limb, LimbParameters
-from limb_systems.views.plots import LEFT_RIGHT_COLORS, save_figure
+from limb_systems.views.colors import LEFT_RIGHT_COLORS
+from limb_systems.views.plots import save_figure
 from planners import Task, plan, references
 from planners.diagnostics import plot_diagnostics
 from soft_limb.live.page import LivePage
