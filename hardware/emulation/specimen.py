@@ -45,7 +45,7 @@ from limb_systems import (
     WireLaw,
     joint_angles_from_bend_angle,
 )
-from limb_systems.model.parameters import Board
+from limb_systems.model.parameters import BoardIdentity
 
 EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor")
 EXTRA_EFFECTS = ("memory", "bond")  # that a limb has on request only
@@ -354,7 +354,7 @@ class Specimen:
         return parameters
 
 
-def emulated_limb(board: Board) -> EmulatedLimb | None:
+def emulated_limb(board: BoardIdentity) -> EmulatedLimb | None:
     """The emulated limb that a board is or has on it, as far as its serial number tells.
 
     Limbs that are calibrated through the port of an emulated board carry its

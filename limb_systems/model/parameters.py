@@ -148,7 +148,7 @@ class TemperatureLimits(Strict):
     measured_maximum: float = quantity(110.0, "°C", -50.0, 500.0)
 
 
-class Board(Tagged):
+class BoardIdentity(Tagged):
     """Identity of the limb that the parameters belong to: `NoBoard`, or one of its subclasses."""
 
     @property
@@ -158,12 +158,12 @@ class Board(Tagged):
 
 
 @dataclasses.dataclass
-class NoBoard(Board):
+class NoBoard(BoardIdentity):
     """No particular limb, but a kind of them."""
 
 
 @dataclasses.dataclass
-class SerialBoard(Board):
+class SerialBoard(BoardIdentity):
     """The limb on a board with this serial number."""
 
     serial_number: str
@@ -175,7 +175,7 @@ class SerialBoard(Board):
 
 
 @dataclasses.dataclass
-class EmulatedLimb(Board):
+class EmulatedLimb(BoardIdentity):
     """An emulated limb.
 
     - ``seed``: seed of the random numbers that it was drawn with.
@@ -270,7 +270,7 @@ class LimbParameters(Strict):
     gravity: list[float] = quantity((0.0, 0.0, 0.0), "m/s²", -100.0, 100.0)
     temperature_limits: TemperatureLimits = dataclasses.field(default_factory=TemperatureLimits)
     total_duty: float = quantity(1.5, "of full duty", 0.01, 100.0)
-    board: NoBoard | Board = dataclasses.field(default_factory=NoBoard)
+    board: NoBoard | BoardIdentity = dataclasses.field(default_factory=NoBoard)
     calibration: CalibrationRecord | None = None
 
     @classmethod
