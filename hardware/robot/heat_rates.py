@@ -81,7 +81,7 @@ def fit_heat_rates(
     """The rates that come closest to what was read of a wire.
 
     Args:
-        heatings: for each, duty (K), reading above that of the cold wire after each step (K),
+        heatings: duty (K) of each, reading above that of the cold wire after each step (K),
             °C, and interval of the steps, s.
 
     Returns:
