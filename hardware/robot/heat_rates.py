@@ -4,7 +4,6 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from hardware.firmware import heat
 from limb_systems.model.heat_bounds import SPREAD, HeatBounds
@@ -89,6 +88,7 @@ def fit_heat_rates(
     """
     if not any(duty.any() for duty, _, _ in heatings):
         return None
+    from scipy.optimize import least_squares  # takes longer to import than all the rest
 
     def errors(logarithms: np.ndarray) -> np.ndarray:
         heating, cooling, faster, share = np.exp(logarithms)
@@ -107,7 +107,7 @@ def fit_heat_rates(
 
 def warmth(duty: np.ndarray, cooling: float, share: float, interval: float) -> np.ndarray:
     """Temperature above the room of a wire whose a2 is one, after each step (K), °C."""
-    from scipy.signal import lfilter  # takes longer to import than all the rest
+    from scipy.signal import lfilter  # as above
 
     silicone = heat.SILICONE_RATE
     steps = interval * np.array([[-cooling, cooling], [silicone * share, -silicone]]) + np.eye(2)

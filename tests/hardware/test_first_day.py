@@ -1,12 +1,15 @@
 """What arm-check finds; benchmarks/first_day.py goes on from there to replays."""
 
 import first_day
+import numpy as np
 import pytest
 from other_limbs import OtherLimb
 from simulated_board import SimulatedBoard
 
 from hardware import LimbTwin
+from hardware.robot import arm_check
 from hardware.robot.arm_check import check_wires
+from hardware.robot.heat_rates import HeatRates
 from limb_systems import LimbError
 
 
@@ -39,3 +42,16 @@ def test_arm_check_finds_a_thermocouple_that_shows_a_share():
 def test_the_board_ends_arm_check_where_no_heat_shows():
     with pytest.raises(LimbError, match="does not show it: it is off the wire or badly bonded"):
         check(LimbTwin(seed=1), "detach left")
+
+
+def test_thermocouples_are_compared_by_heat_and_by_bend():
+    duty, bend = np.full((200, 2), 0.2), np.deg2rad(np.linspace(0.0, 10.0, 200))
+    heatings = [(duty, np.zeros((200, 2)), side * bend) for side in (-1, 1)]
+    for shown, good in ((14.0, False), (18.0, True)):
+        rates = [HeatRates(heating, 0.07, 1.0) for heating in (20.0, shown)]
+        said = []
+        arm_check._judge_likeness(rates, heatings, lambda ok, what: said.append((ok, what)))
+        ((passed, what),) = said
+        assert passed == good
+        assert f"right thermocouple shows {shown / 20:.0%} of what the other does" in what
+        assert ("Bond the thermocouple anew" in what) != good
