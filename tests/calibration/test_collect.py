@@ -211,7 +211,6 @@ def short_excitations(monkeypatch):
     monkeypatch.setattr("calibration.collecting.collect.WARM_UP_END", 40.0)
     monkeypatch.setattr("calibration.collecting.collect.CONTACT_TIME", 15.0)
     monkeypatch.setattr("calibration.collecting.collect.CONTACT_END", 50.0)
-    monkeypatch.setattr("calibration.collecting.knowledge.Knowledge.LAW", TwoMassLaw)
     return monkeypatch
 
 
@@ -249,6 +248,7 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     monkeypatch.setattr(
         "calibration.collecting.protocol._wait", lambda pause, _: waited.append(pause)
     )
+    monkeypatch.setattr("calibration.collecting.knowledge.Knowledge.LAW", TwoMassLaw)
 
     class Robot(Limb):
         __slots__ = ()
