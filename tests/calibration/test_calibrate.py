@@ -218,7 +218,7 @@ def test_command_fits_a_folder_and_validates(folder, tmp_path, capsys, monkeypat
     places = [page.index(html.escape(line)) for line in (verdict, *ranked)]
     assert places == sorted(places)
     assert places[-1] < page.index("<table")
-    links = [tmp_path / link for link in re.findall(r'<a href="([^"]+)">', page)]
+    links = [tmp_path / link for link in re.findall(r'<a href="([^"#]+)">', page)]
     assert [limb, *sorted(folder.glob("*.csv"))] == [link.resolve() for link in links]
 
     look_at(report)

@@ -49,7 +49,7 @@ def test_plans_and_writes_a_trajectory_pictures_and_a_report(quick, tmp_path, ca
     assert verdict.startswith("Checked: simulated again, the limb stays within 0.0")
     assert f"missed by {missed.mean():.2f}° on average, {missed.max():.2f}° at most" in verdict
     assert f"limits: {max(times, key=times.get)} for {max(times.values()):.1f} s" in verdict
-    links = [report.parent / link for link in re.findall(r'<a href="([^"]+)">', text)]
+    links = [report.parent / link for link in re.findall(r'<a href="([^"#]+)">', text)]
     files = [output, tmp_path / "reference.csv", tmp_path / "limb.yaml"]
     assert [link.resolve() for link in links] == files
     look_at(report)
