@@ -29,8 +29,8 @@ from evaluation.tables import (
     table_1,
 )
 from evaluation.ways import PAUSE
-from limb_systems.views import page
 from limb_systems.views.plots import Figure
+from soft_limb.reports import page
 from soft_limb.reports.calibration import parameter_table
 from soft_limb.results.summaries import plan_summary, validation_summary
 

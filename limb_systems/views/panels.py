@@ -1,7 +1,7 @@
 """Panels of pictures: curves, bands, limits, labels, units and colours, declared once.
 
 `limb_systems.views.plots` draws panels as a picture, by Matplotlib, and
-`limb_systems.views.charts` as a chart to look into, by Bokeh. Importing this needs neither.
+`soft_limb.reports.charts` as a chart to look into, by Bokeh. Importing this needs neither.
 """
 
 import dataclasses

@@ -83,7 +83,7 @@ def write_meshcat_replay(
     )
     page, aspect = _animate(parameters, frames, ghosts, rate)
     how = "planned" if isinstance(motion, Trajectory) else motion.how
-    caption = template("replay.html").render(
+    caption = template("replay.html", Path(__file__).parent / "templates").render(
         title=title,
         motion=_motion_in_words(motion),
         poses=[(how, None)] + [(ghost.name, _css(ghost.color)) for ghost in ghosts],

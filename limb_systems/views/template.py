@@ -8,12 +8,10 @@ if TYPE_CHECKING:  # few programs make pages
     from jinja2 import Template
     from markupsafe import Markup
 
-FOLDER = Path(__file__).parent / "templates"
-
 
 @functools.cache
-def template(name: str, folder: Path = FOLDER) -> "Template":
-    """A template of Jinja's by the name of its file; one that is left without a value fails."""
+def template(name: str, folder: Path) -> "Template":
+    """A template of Jinja's by its file in a folder; one that is left without a value fails."""
     import jinja2
 
     environment = jinja2.Environment(
@@ -27,6 +25,6 @@ def template(name: str, folder: Path = FOLDER) -> "Template":
     return environment.get_template(name)
 
 
-def part(name: str, *content: Any, folder: Path = FOLDER) -> "Markup":
+def part(name: str, *content: Any, folder: Path) -> "Markup":
     """A part of a page, by a macro of ``parts.html``."""
     return getattr(template("parts.html", folder).module, name)(*content)

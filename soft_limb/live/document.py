@@ -21,11 +21,11 @@ from bokeh.models import (
 
 from hardware.live.messages import BoardReading, Reading, RunHeader
 from hardware.robot.serial_limb import DEADLINE
-from limb_systems.views import charts
 from limb_systems.views.colors import REFERENCE_COLOR
 from limb_systems.views.panels import Curve, Panel, measured_panels
 from limb_systems.views.template import part, template
 from soft_limb.live.run import MOST_POINTS, Run
+from soft_limb.reports import charts
 
 TEMPLATES = Path(__file__).parent / "templates"
 PERIOD = 200  # ms, of what browsers are told

@@ -12,10 +12,10 @@ from calibration.prediction.selection import Prediction
 from calibration.section_v.damping import DampingFit
 from calibration.section_v.heat import HeatFit
 from calibration.validation import Validation
-from limb_systems.views import page
 from limb_systems.views.colors import wire_colors
 from limb_systems.views.panels import Panel
 from soft_limb.reports import calibration_panels as panels
+from soft_limb.reports import page
 from soft_limb.results.summaries import ranked, validation_summary
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from limb_systems.provenance import Provenance
-from limb_systems.views import page
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
 from limb_systems.views.panels import SIGNALS, Curve, Panel
+from soft_limb.reports import page
 from soft_limb.results.comparison import Comparison, Curves
 from soft_limb.results.reading import TRAJECTORY, ResultFile
 

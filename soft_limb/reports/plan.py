@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from limb_systems import Trajectory
-from limb_systems.views import page
 from limb_systems.views.panels import tracking_panels
 from planners.checks import far_from_reference
 from planners.checks import missed as missed_by
+from soft_limb.reports import page
 from soft_limb.results.summaries import active_times, plan_summary, spans
 
 

@@ -8,9 +8,9 @@ import numpy as np
 from controllers import Learner
 from limb_systems import Recording
 from limb_systems.summary import Summary
-from limb_systems.views import page
 from limb_systems.views.panels import repetition_panels, tracking_panels
 from planners.checks import far_from_reference
+from soft_limb.reports import page
 from soft_limb.runs.rollout import Rollout
 
 

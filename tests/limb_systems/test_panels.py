@@ -13,7 +13,7 @@ from matplotlib.colors import to_hex
 
 from hardware import LimbTwin, SensedLimb
 from limb_systems import Limb, LimbError, PlanCheck, Recording, Trajectory, simulate
-from limb_systems.views import charts, page, plots
+from limb_systems.views import plots
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
     PLAN_COLOR,
@@ -23,6 +23,7 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.panels import Curve, Panel, repetition_panels, tracking_panels
 from limb_systems.views.plots import Figure, save_figure
+from soft_limb.reports import charts, page
 
 
 def items_of(html: str) -> list[dict]:

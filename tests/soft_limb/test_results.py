@@ -22,8 +22,8 @@ from limb_systems import (
     joint_angles_from_bend_angle,
 )
 from limb_systems.summary import Summary
-from limb_systems.views import page
 from soft_limb.command import main
+from soft_limb.reports import page
 from soft_limb.results.comparison import Change, compare, flattened
 from soft_limb.results.reading import ResultFile, read_result
 

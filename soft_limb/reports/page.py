@@ -5,6 +5,7 @@ Functions make parts of a page from plain text; their HTML is in ``templates/par
 
 import base64
 import dataclasses
+import functools
 import io
 import json
 import os
@@ -18,11 +19,15 @@ from markupsafe import Markup
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.output import write_atomically
 from limb_systems.provenance import Provenance
+from limb_systems.views import template as templates
 from limb_systems.views.panels import Panel
-from limb_systems.views.template import part, template
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+TEMPLATES = Path(__file__).parent / "templates"
+_part = functools.partial(templates.part, folder=TEMPLATES)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -63,7 +68,7 @@ def write_page(
         bokeh = Resources(mode="inline", components=["bokeh"], log_level="warn").render_js()
     write_atomically(
         path,
-        template("report.html").render(
+        templates.template("report.html", TEMPLATES).render(
             title=title,
             parts=parts,
             provenance=provenance and dataclasses.asdict(provenance),
@@ -79,22 +84,22 @@ def section(heading: str, *parts: Markup) -> Section:
 
 def paragraph(text: str) -> Markup:
     """A paragraph."""
-    return part("paragraph", text)
+    return _part("paragraph", text)
 
 
 def verdict(text: str) -> Markup:
     """What a report begins with: what came of it, in a sentence or two."""
-    return part("verdict", text)
+    return _part("verdict", text)
 
 
 def items(texts: Sequence[str]) -> Markup:
     """A list."""
-    return part("items", texts)
+    return _part("items", texts)
 
 
 def preformatted(text: str) -> Markup:
     """Text whose lines and spaces count, such as a file."""
-    return part("preformatted", text)
+    return _part("preformatted", text)
 
 
 def limb(parameters: LimbParameters) -> Markup:
@@ -116,7 +121,7 @@ def links(report: str | Path, targets: Mapping[str, str | Path]) -> Markup:
         targets: files by what they hold, plain text.
     """
     folder = Path(report).parent
-    return part(
+    return _part(
         "links",
         {
             text: Path(os.path.relpath(target, folder)).as_posix()
@@ -134,7 +139,7 @@ def chart(panels: Sequence[Panel], description: str) -> Markup:
     # Bokeh takes as long to import as all the rest.
     from bokeh.embed import json_item
 
-    from limb_systems.views import charts
+    from soft_limb.reports import charts
 
     numbers: dict[str, str] = {}
 
@@ -146,7 +151,7 @@ def chart(panels: Sequence[Panel], description: str) -> Markup:
 
     item = json.loads(json.dumps(json_item(charts.chart(panels))), object_hook=renumber)
     item["root_id"], item["target_id"] = numbers[item["root_id"]], None
-    return part("chart", item, description)
+    return _part("chart", item, description)
 
 
 def picture(figure: "Figure", description: str) -> Markup:
@@ -160,7 +165,7 @@ def picture(figure: "Figure", description: str) -> Markup:
     buffer = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "limb"}):  # the same picture, the same bytes
         figure.savefig(buffer, format="svg", metadata={"Date": None})
-    return part("picture", base64.b64encode(buffer.getvalue()).decode(), description)
+    return _part("picture", base64.b64encode(buffer.getvalue()).decode(), description)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> Markup:
@@ -176,4 +181,4 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "
         bool(cells) and all(cell.lstrip("-+±−")[:1].isdigit() for cell in cells)
         for cells in columns
     ]
-    return part("table", header, rows, numeric, caption)
+    return _part("table", header, rows, numeric, caption)

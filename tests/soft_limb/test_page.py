@@ -6,7 +6,7 @@ from html.parser import HTMLParser
 
 from matplotlib.figure import Figure
 
-from limb_systems.views import page
+from soft_limb.reports import page
 
 
 class Reader(HTMLParser):
