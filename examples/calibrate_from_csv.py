@@ -55,7 +55,6 @@ recordings = {
     for kind in calibration.kinds_of(options.limb)
 }
 result = calibration.calibrate(recordings, options.limb)
-print(calibration_summary(result))
 result.parameters.save(options.out / "limb.yaml")
 write_report(result, options.out / "calibration.html")
-print(f"{'written':<22}limb.yaml, calibration.html in {options.out}, from {folder}")
+print(calibration_summary(result), f"written               {options.out}, from {folder}", sep="\n")

@@ -13,6 +13,8 @@ from typing import Any
 from limb_systems.errors import LimbError
 from limb_systems.signals import SIGNALS, came, stop
 
+EXIT_STATUS = "exit status: 0 done, 1 it could not be done, 2 wrong usage, 130 stopped by Ctrl-C"
+
 # For each command: its module in `soft_limb.commands`, which is imported when the command runs,
 # and what it does.
 COMMANDS = {
@@ -80,7 +82,7 @@ def _door(prog: str, names: Sequence[str]) -> argparse.ArgumentParser:
         description="Calibrates, plans for and drives soft limbs that are bent by heat.",
         epilog="commands:\n"
         + "".join(f"  {name:<{width}}  {COMMANDS[name][1]}\n" for name in names)
-        + f"\n{prog} COMMAND --help explains each of them.",
+        + f"\n{prog} COMMAND --help explains each of them.\n{EXIT_STATUS}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"soft-limb {version('soft-limb')}")

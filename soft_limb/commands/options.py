@@ -11,6 +11,7 @@ from typing import Any
 
 from hardware.emulation.specimen import EXTRA_EFFECTS
 from limb_systems.summary import Entry, Summary
+from soft_limb.command import EXIT_STATUS
 from soft_limb.live.page import LOOPBACK, LivePage
 from soft_limb.runs.rollout import CONTROLLERS, OPEN
 
@@ -58,7 +59,6 @@ def shared(key: str, **settings: Any) -> Option:
     return Option(*option.names, **option.settings | settings)
 
 
-EXIT_STATUS = "exit status: 0 done, 1 it could not be done, 2 wrong usage, 130 stopped by Ctrl-C"
 PORT_HELP = "a serial port or any URL that pyserial accepts"
 EMULATED = Option(
     "--emulated",
