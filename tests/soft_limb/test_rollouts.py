@@ -1,5 +1,6 @@
 """Controllers from the shell: replay with one, and teach and go."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -9,7 +10,7 @@ from hardware import LimbTwin
 from limb_systems import LimbParameters, Recording, Trajectory, simulate
 from planners import plan, references
 from soft_limb.command import main
-from soft_limb.runs.rollout import DEADLINE, Rollout, roll_out
+from soft_limb.runs.rollout import DEADLINE, Rollout, reduced_time, roll_out
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +49,17 @@ def test_deadlines_that_were_missed_are_counted(short_plan, tmp_path):
     assert timing["missed_deadline_share"] == 0.5
     assert "2 (50.0%) by more than 5 ms; 3 samples were lost\nsource" in str(summary)
     assert "replans     8 begun, 2 late, 1 failed" in str(summary)
+
+
+def test_the_time_in_which_the_board_reduced_the_duty():
+    """10 samples at 20 Hz; a command that has just changed is applied a sample later."""
+    commanded = np.zeros((2, 61))
+    commanded[1, 5:] = 0.3
+    applied = np.roll(commanded, 1, axis=1)
+    applied[1, 20:30] = 0.1
+    recording = simulate(LimbTwin(), [0.0, 0.3], 3.0)
+    recording = dataclasses.replace(recording, duty=commanded, applied_duty=applied)
+    assert reduced_time(recording) == pytest.approx(0.5)
 
 
 def test_what_was_taught_is_followed(tmp_path, capsys):
