@@ -143,7 +143,7 @@ def test_standard_errors_cover_the_truth(true_limb, model_recordings):
     wire = true_limb.segments[0].wire("right").law
     covered = dict.fromkeys(("a1", "a2", "a3"), 0)
     values, told = [], []
-    for seed in range(12):
+    for seed in range(15):
         fit = fit_heat_transfer(noisy(model_recordings["right"][0], seed), 1, 23.0)
         for name in covered:
             estimate, truth = getattr(fit, name), getattr(wire, name)
@@ -151,9 +151,9 @@ def test_standard_errors_cover_the_truth(true_limb, model_recordings):
             covered[name] += abs(estimate.value - truth) < 1.96 * estimate.standard_error
         values.append([fit.a1.value, fit.a2.value, fit.a3.value])
         told.append(fit.covariance)
-    # 95% of 12 are 11.4; the readings here are not late, unlike what a3's fit expects.
-    assert min(covered["a1"], covered["a2"]) >= 9
-    assert covered["a3"] >= 5
+    # 95% of 15 are 14.25; the readings here are not late, unlike what a3's fit expects.
+    assert min(covered["a1"], covered["a2"]) >= 11
+    assert covered["a3"] >= 7
     # What is said of errors that go together is how the estimates scatter together.
     said = np.mean(told, axis=0)
     said /= np.sqrt(np.outer(np.diag(said), np.diag(said)))

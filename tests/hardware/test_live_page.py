@@ -122,7 +122,7 @@ def test_browsers_show_what_is_recorded_and_their_button_switches_off(
     clocks_differ = time.monotonic() - time.time()
     off = emulator.off_after(page.evaluate("pressed") / 1000 + clocks_differ)
     print(f"off {1000 * off:.0f} ms after the button was pressed")
-    assert off < 1.0  # on a computer that is busy, too
+    assert off < 0.3
     page.get_by_text("Ended: stopped by Ctrl-C, by a signal or on the page").wait_for()
     at_the_end = page.evaluate(READ)  # the curves stay
     page.context.close()
@@ -169,7 +169,7 @@ def test_a_page_that_freezes_and_dies_changes_nothing(emulator, beginning, tmp_p
             live.end("done")
     assert len(recording.time) == len(Recording.load(tmp_path / "journal.csv").time) == 21
     assert limb.link.lost_samples == 0
-    assert np.median(limb.timing_errors) < 0.05
+    assert np.median(limb.timing_errors) < 0.02
 
 
 class Told:

@@ -98,7 +98,7 @@ def test_a_limb_that_was_hot_is_still_warm():
     twin = LimbTwin(seed=2)
     cold = simulate(twin, [0.0, 0.3], 30.0)
     now = simulate(twin.again(), [0.0, 0.0], 5.0)
-    later = simulate(twin.again(200.0), [0.0, 0.0], 5.0)
+    later = simulate(twin.again(300.0), [0.0, 0.0], 5.0)
     end, start = cold.measured_temperature[1, -1], now.measured_temperature[1, 0]
     assert abs(start - end) < 2.0
     assert abs(now.bend_angle[0, 0] - cold.bend_angle[0, -1]) < np.deg2rad(5.0)
@@ -106,7 +106,7 @@ def test_a_limb_that_was_hot_is_still_warm():
     assert np.abs(np.diff(first)).max() < 4.0
     assert np.ptp(first) < 6.0
     room = cold.measured_temperature[1, 0]
-    assert room + 0.5 < later.measured_temperature[1].mean() < room + 12.0
+    assert room + 0.5 < later.measured_temperature[1].mean() < room + 10.0
     # Another limb of the same kind has not been heated.
     assert simulate(LimbTwin(seed=2), [0.0, 0.0], 1.0).measured_temperature[1, 0] < room + 1.5
 

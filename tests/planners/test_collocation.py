@@ -131,10 +131,10 @@ def test_intervals_of_a_long_trajectory_are_those_of_short_ones():
         S, W = states.shape[1], duty.shape[1]
         for k in range(3):
             part = states[k : k + 2], duty[k : k + 2], steps[k : k + 1]
-            np.testing.assert_allclose(values[k], short.evaluate(*part)[0], rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(values[k], short.evaluate(*part)[0], rtol=1e-10, atol=1e-10)
             own = np.r_[k * S : (k + 2) * S, 4 * S + np.arange(k * W, (k + 2) * W), 4 * (S + W) + k]
             rows = jacobian[k * S : (k + 1) * S]
-            np.testing.assert_allclose(rows[:, own], short.jacobian(*part), rtol=1e-9, atol=1e-9)
+            np.testing.assert_allclose(rows[:, own], short.jacobian(*part), rtol=1e-10, atol=1e-10)
             assert not np.delete(rows, own, axis=1).any()
 
 
