@@ -86,7 +86,7 @@ class ThresholdLaw(_TwoMassHeat):
     - ``a1``, ``a2``, ``a3``, ``silicone_warming``, ``silicone_cooling``: as of `TwoMassLaw`.
     - ``beta``: joint torque per degree far above the knee, N·m/°C.
     - ``knee``: T_k, about which torque sets in, °C.
-    - ``width``: w, of the knee, °C.
+    - ``width``: w, width of the knee, °C.
     """
 
     beta: float = quantity(7.0e-4, "N·m/°C", 1e-8, 1.0)
