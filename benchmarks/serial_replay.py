@@ -5,7 +5,7 @@ controller, by how much commands left late, how many by more than 5 ms, how many
 samples were lost and how many plans of a horizon were late; the target on an
 idle machine is 99% within 5 ms, and none lost.
 
-    python benchmarks/serial_replay.py [--controller open pi mpc] [--repetitions 3]
+    python benchmarks/serial_replay.py [--controller open-loop plan-feedback] [--repetitions 3]
 """
 
 import argparse
@@ -31,8 +31,8 @@ def main() -> None:
     reference = references.from_samples(times, 0.3 * np.sin(times / 3))
     trajectory = plan(limb, reference, task=Task.closed_loop())
     print(
-        "controller  commands   late: median       99%    largest   by more than 5 ms   samples "
-        "lost   replans begun, late   load"
+        "controller          commands   late: median       99%    largest   by more than 5 ms   "
+        "samples lost   replans begun, late   load"
     )
     for name in options.controller:
         for _ in range(options.repetitions):
@@ -48,7 +48,7 @@ def main() -> None:
             median, most, largest = *np.percentile(late, [50, 99]), late.max()
             replans = "" if rollout.replans is None else f"{rollout.replans[:2].astype(int)}"
             print(
-                f"{name:<10}{len(late):>10}{median:>13.2f} ms{most:>7.2f} ms{largest:>8.2f} ms"
+                f"{name:<18}{len(late):>10}{median:>13.2f} ms{most:>7.2f} ms{largest:>8.2f} ms"
                 f"{np.mean(late > 5.0):>20.1%}{rollout.lost_samples:>15}{replans:>22}"
                 f"{os.getloadavg()[0]:>7.1f}",
                 flush=True,

@@ -304,7 +304,7 @@ def photograph_live_page(path: Path) -> None:
             page = browser.new_page(viewport={"width": 1280, "height": 860})
             page.goto(live.url)
             page.frame_locator("iframe").locator("#meshcat-pane canvas").wait_for()
-            live.say("Replay of plan.csv, controller pi")
+            live.say("Replay of plan.csv, controller plan-feedback")
             controller = PlanFeedback(trajectory)
             run = threading.Thread(
                 target=replay,

@@ -16,8 +16,8 @@ from limb_systems import LimbParameters, Recording, Trajectory
 
 OPEN_LOOP, FEEDBACK, REGULATOR, HORIZON, LEARNING = (
     "open loop",
-    "feedback",
-    "regulator (LQR)",
+    "plan feedback",
+    "plan regulator",
     "receding horizon",
     "learning",
 )

@@ -381,7 +381,7 @@ COMMANDS = {
         "the plan by a controller, a robot in real time. The folder has plan.csv, recording.csv, "
         "tracking.png and report.html.",
         "reference folder limb driven smooth live address json force",
-        [shared("controller", default="pi")],
+        [shared("controller", default="plan-feedback")],
     ),
     "learn": Command(
         _learn,

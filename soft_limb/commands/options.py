@@ -120,8 +120,9 @@ SHARED: dict[str, Option | list[Option]] = {
         "--controller",
         choices=CONTROLLERS,
         default=OPEN,
-        help="what drives it: open, the plan's duty; pi, feedback about the plan; lqr, "
-        "time-varying LQR about the plan; mpc, plans of the coming seconds towards the reference "
+        help="what drives it: open-loop, the plan's duty; plan-feedback, feedback about the plan; "
+        "plan-regulator, a time-varying linear-quadratic regulator about the plan; "
+        "receding-horizon, plans of the coming seconds towards the reference "
         "(default %(default)s)",
     ),
     "live": Option(

@@ -18,8 +18,13 @@ from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import tracking_errors
 from soft_limb.live.page import LivePage
 
-OPEN = "open"
-CONTROLLERS = {OPEN: None, "pi": PlanFeedback, "lqr": PlanRegulator, "mpc": RecedingHorizon}
+OPEN = "open-loop"
+CONTROLLERS = {
+    OPEN: None,
+    "plan-feedback": PlanFeedback,
+    "plan-regulator": PlanRegulator,
+    "receding-horizon": RecedingHorizon,
+}
 
 
 @dataclasses.dataclass(frozen=True)

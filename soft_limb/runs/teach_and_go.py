@@ -23,7 +23,7 @@ def teach_and_go(
     *,
     limb: Path | None = None,
     smoothing_time: float = 0.5,
-    controller: str = "pi",
+    controller: str = "plan-feedback",
     real_time: bool = False,
     live: LivePage | None = None,
 ) -> tuple[Rollout, Summary]:

@@ -139,7 +139,7 @@ def test_table_1_is_that_of_the_files(demo):
         assert_followed(summary["ways"][motion]["open loop"], trajectory, path, said)
     trajectory = Trajectory.load(folder / "limb_0" / "validation" / "feedback_trajectory.csv")
     assert trajectory.wire_temperature.max() < 90.0  # it leaves room for feedback
-    names = {"feedback_rollout_1": summary["ways"]["Validation"]["feedback"]}
+    names = {"plan_feedback_rollout_1": summary["ways"]["Validation"]["plan feedback"]}
     for number, followed in enumerate(summary["repetitions"]["Validation"], 1):
         names[f"learning_rollout_{number}"] = followed
     assert len(names) == 3
@@ -344,10 +344,10 @@ def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions(evaluation):
         learned = [followed(3.0 - 0.1 * number + worse) for number in range(10)]
         motions = tables.PAPER_TABLE_1
         disturbed = {
-            "payload": {"feedback": followed(1.0 + worse), "open loop": followed(4.0)},
-            "no bend": {"feedback": followed(1.5, 2)},
+            "payload": {"plan feedback": followed(1.0 + worse), "open loop": followed(4.0)},
+            "no bend": {"plan feedback": followed(1.5, 2)},
         }
-        ways["feedback"] = followed(0.5)
+        ways["plan feedback"] = followed(0.5)
         return tables.Summary(
             seed,
             (),
@@ -364,7 +364,7 @@ def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions(evaluation):
     rows = tables.table_1(summaries)[:6]
     assert [row[1].removeprefix("2 emulated limbs, ") for row in rows] == [
         "open loop",
-        "feedback",
+        "plan feedback",
         "learning, repetition 1",
         "learning, repetition 4",
         "learning, repetition 10",

@@ -76,8 +76,8 @@ def test_a_host_that_is_told_to_stop(emulator, fig5_plan, tmp_path, record_prope
     command = ["replay", str(tmp_path / "plan.csv"), "--port", emulator.port, "--force"]
     for number, controller in (
         (signal.SIGTERM, "open"),
-        (signal.SIGINT, "mpc"),
-        (signal.SIGHUP, "pi"),
+        (signal.SIGINT, "receding-horizon"),
+        (signal.SIGHUP, "plan-feedback"),
     ):
         told = Sender(number, lambda: emulator.duty()[1] > 0.0)
         output = ["-o", str(tmp_path / "out.csv"), "--controller", controller]

@@ -219,7 +219,7 @@ def test_commands_say_where_the_page_is_and_what_runs(monkeypatch, tmp_path, cap
     assert main(["learn", path, "-o", str(tmp_path / "l"), "-n", "2", "--live", "--json"]) == 0
     assert "live        http://127.0.0.1:1/\n" in capsys.readouterr().err
     replayed, learned = pages
-    assert replayed.said == [f"Replay of {path}, controller open"]
+    assert replayed.said == [f"Replay of {path}, controller open-loop"]
     assert replayed.ended == ["done", "left"]
     first, second = learned.said
     assert first == "Repetition 1 of 2"

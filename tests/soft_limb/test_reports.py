@@ -54,7 +54,7 @@ def rollout() -> Rollout:
         source="limb <b>7</b>",
         interrupted="the <i>a</i> wire is open",
     )
-    return Rollout("pi", plan, recording, np.array([0.0, 6e-3, 0.0, 0.0]), 2, None)
+    return Rollout("plan-feedback", plan, recording, np.array([0.0, 6e-3, 0.0, 0.0]), 2, None)
 
 
 @pytest.mark.filterwarnings("ignore:Left out of the tracking errors")

@@ -18,7 +18,9 @@ def short_plan():
     return plan(LimbParameters(), references.from_samples([0.0, 2.0], [0.0, 0.05]))
 
 
-@pytest.mark.parametrize(("name", "called"), [("pi", "PlanFeedback"), ("mpc", "RecedingHorizon")])
+@pytest.mark.parametrize(
+    ("name", "called"), [("plan-feedback", "PlanFeedback"), ("receding-horizon", "RecedingHorizon")]
+)
 def test_replay_by_a_controller_says_so(short_plan, name, called, tmp_path, capsys):
     short_plan.save(tmp_path / "plan.csv")
     output = tmp_path / "recording.csv"
@@ -33,7 +35,9 @@ def test_replay_by_a_controller_says_so(short_plan, name, called, tmp_path, caps
     planned = simulate(LimbTwin(), short_plan).duty
     assert np.abs(recording.duty - planned).max() > 0.02
     # Every 0.25 s, from the start to the last moment.
-    assert said["replans"] == ({"begun": 8, "late": 0, "failed": 0} if name == "mpc" else None)
+    assert said["replans"] == (
+        {"begun": 8, "late": 0, "failed": 0} if name == "receding-horizon" else None
+    )
 
 
 def test_deadlines_that_were_missed_are_counted(short_plan, tmp_path):
@@ -42,7 +46,7 @@ def test_deadlines_that_were_missed_are_counted(short_plan, tmp_path):
     assert rollout.replans is None
     late = np.array([0.0, 1e-3, DEADLINE + 1e-4, 9e-3])
     counts = np.array([8.0, 2.0, 1.0])
-    summary = Rollout("mpc", short_plan, rollout.recording, late, 3, counts).summary()
+    summary = Rollout("receding-horizon", short_plan, rollout.recording, late, 3, counts).summary()
     timing = summary.to_json()["timing"]
     assert timing["late_median_ms"] == pytest.approx(3.05)
     assert timing["missed_deadline"] == 2
@@ -76,7 +80,7 @@ def test_what_was_taught_is_followed(tmp_path, capsys):
     assert all(f'<a href="{name}">' in report for name in names[:-1])
     planned = Trajectory.load(folder / "plan.csv")
     recording = Recording.load(folder / "recording.csv")
-    assert said["controller"] == "pi"
+    assert said["controller"] == "plan-feedback"
     assert planned.duty.max() == pytest.approx(0.6)  # at the margin of a plan for feedback
     wanted = np.interp(recording.time, [0.0, 0.5, 4.0], [0.0, 25.0, 25.0])
     missed = np.abs(wanted - np.rad2deg(recording.bend_angle[0])).mean()
