@@ -30,7 +30,6 @@ import contextlib
 import copy
 import functools
 import itertools
-import multiprocessing
 import random
 import sys
 import time
@@ -59,6 +58,7 @@ from limb_systems import (
     simulate,
 )
 from planners import Task, plan, references
+from soft_limb.runs.jobs import local_executor, run_each
 from soft_limb.runs.rollout import CONTROLLERS, OPEN, controller_of
 
 STEP = 25  # ms, between two passes of the firmware's loop, a slow one
@@ -441,9 +441,9 @@ def main() -> None:
     results = []
     with (
         contextlib.suppress(KeyboardInterrupt),  # which shows what there is
-        multiprocessing.get_context("spawn").Pool(options.jobs) as pool,
+        local_executor(options.jobs) as executor,
     ):
-        for number, result in enumerate(pool.imap_unordered(run, jobs), 1):
+        for number, result in enumerate(run_each(run, jobs, executor), 1):
             results.append(result)
             for alarm in result.get("alarms", ()) if isinstance(result, dict) else ():
                 print(f"\nlimb {result['job'][0]}: {alarm}", file=sys.stderr)

@@ -12,7 +12,6 @@
 
 import argparse
 import copy
-import multiprocessing
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from calibration.collecting.protocol import SAG_TRIALS
 from hardware import LimbTwin
 from hardware.emulation.sensors import SensedLimb
 from limb_systems import Limb, LimbParameters, LinearLaw, joint_angles_from_bend_angle, simulate
+from soft_limb.runs.jobs import local_executor
 
 
 def calibrate_twin(seed: int):
@@ -84,11 +84,11 @@ def main() -> None:
     parser.add_argument("--twins", type=int, default=10)
     parser.add_argument("--seeds", type=int, default=100)
     options = parser.parse_args()
-    with multiprocessing.get_context("spawn").Pool(2) as pool:
+    with local_executor(2) as executor:
         print("twin  |φ - φ_sim|: mean  median    90%   |V - V_sim|: mean")
-        for seed, row in enumerate(pool.imap(calibrate_twin, range(options.twins))):
+        for seed, row in enumerate(executor.map(calibrate_twin, range(options.twins))):
             print("{:>4}{:>18.2f}°{:>7.2f}°{:>6.2f}°{:>18.1f} °C".format(seed, *row), flush=True)
-        results = list(pool.imap(calibrate_model, range(options.seeds)))
+        results = list(executor.map(calibrate_model, range(options.seeds)))
     print(f"\n{'parameter':<22}{'error: median':>14}{'90%':>8}{'largest':>9}{'covered':>9}")
     for name in results[0] if results else []:
         errors, standard = np.array([result[name] for result in results]).T

@@ -12,7 +12,6 @@ import argparse
 import copy
 import dataclasses
 import functools
-import multiprocessing
 
 import numpy as np
 from calibration_accuracy import true_limb
@@ -33,6 +32,7 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
+from soft_limb.runs.jobs import local_executor, run_each
 
 TRIALS = {"sag": 10, "ring_down": 3, "right": 1, "left": 1}
 HOLD = 1.0  # s before the release
@@ -134,8 +134,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=100)
     options = parser.parse_args()
-    with multiprocessing.get_context("spawn").Pool(2) as pool:
-        results = list(pool.imap_unordered(estimates, range(options.seeds)))
+    with local_executor(2) as executor:
+        results = list(run_each(estimates, range(options.seeds), executor))
     head = ("parameter", "true", "bias/true", "bias/σ", "scatter/σ", "covered")
     print("{:<22}{:>10}{:>11}{:>9}{:>11}{:>9}".format(*head))
     for name, true in truth().items():

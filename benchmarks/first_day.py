@@ -13,7 +13,6 @@ reduced the duty in replays. It is an emulation, not a measurement of wires.
 
 import argparse
 import itertools
-import multiprocessing
 import os
 import random
 import sys
@@ -42,6 +41,7 @@ from hardware.robot.link import Sample
 from hardware.robot.reasons import REASONS
 from limb_systems import LimbError, LimbParameters, simulate
 from planners import plan, references
+from soft_limb.runs.jobs import local_executor, run_each
 
 PAUSE = 180.0  # s without heat before each recording
 HOTTEST = 130.0  # °C, true, that no wire should pass
@@ -193,8 +193,8 @@ def main() -> None:
         for seed, share, family in itertools.product(seeds, options.shares, options.family)
     ]
     results = []
-    with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
-        for result in pool.imap_unordered(take, jobs):
+    with local_executor(options.jobs) as executor:
+        for result in run_each(take, jobs, executor):
             results.append(result)
             show(result)
     for family, share in itertools.product(options.family, options.shares):

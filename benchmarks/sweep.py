@@ -15,7 +15,7 @@ other limb has wires as those in published recordings, which heat faster.
 import argparse
 import collections
 import functools
-import multiprocessing
+import os
 import sys
 
 import numpy as np
@@ -30,6 +30,7 @@ from limb_systems.model.two_mass_laws import (
 from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.progress import Progress
 from planners import Planner, Task, references
+from soft_limb.runs.jobs import local_executor, run_each
 
 LAWS: dict[str, type[WireLaw]] = {
     "linear": LinearLaw,
@@ -139,8 +140,12 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     seeds = range(options.seed, options.seed + options.cases)
     results = []
-    with multiprocessing.Pool() as pool, Progress("sweep", len(seeds), "cases") as progress:
-        for result in pool.imap_unordered(functools.partial(solve, law=options.law), seeds):
+    work, processes = functools.partial(solve, law=options.law), os.cpu_count() or 1
+    with (
+        local_executor(processes) as executor,
+        Progress("sweep", len(seeds), "cases") as progress,
+    ):
+        for result in run_each(work, seeds, executor):
             results.append(result)
             progress.update(len(results))
 

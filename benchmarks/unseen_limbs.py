@@ -23,7 +23,6 @@ import argparse
 import dataclasses
 import functools
 import json
-import multiprocessing
 import os
 import re
 import sys
@@ -43,13 +42,13 @@ from hardware import LimbTwin
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbError, LimbParameters, band
 from limb_systems.progress import Progress
+from soft_limb.runs.jobs import local_executor, run_each
 
 TOLD = re.compile(r"(?P<name>.+): predicted to (?P<bend>[\d.]+)° and (?P<heat>[\d.]+) °C")
 
 
 def take(seed: int, feedback: bool) -> dict:
     """A limb from its first recording to its last rollout; angles in degrees."""
-    sys.stderr = open(os.devnull, "w")  # noqa: SIM115 - progress of several limbs at once
     specimen, told = Specimen(LimbParameters(), seed), []
     recordings = collect_from_twin(
         LimbTwin(specimen=specimen), seed=seed, num_angles=NUM_ANGLES, tell=told.append
@@ -181,9 +180,11 @@ def main() -> None:
     seeds = set(range(options.first, options.first + options.limbs))
     seeds -= {limb["seed"] for limb in limbs}
     work = functools.partial(take, feedback=options.feedback)
-    context = multiprocessing.get_context("spawn")
-    with context.Pool(options.jobs) as pool, Progress("limbs", len(seeds), "limbs") as progress:
-        for done, limb in enumerate(pool.imap_unordered(work, sorted(seeds)), 1):
+    with (
+        local_executor(options.jobs) as executor,
+        Progress("limbs", len(seeds), "limbs") as progress,
+    ):
+        for done, limb in enumerate(run_each(work, sorted(seeds), executor), 1):
             limbs.append(limb)
             with options.file.open("a") as file:
                 file.write(json.dumps(limb, ensure_ascii=False) + "\n")

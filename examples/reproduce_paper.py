@@ -9,7 +9,7 @@ true, and the split of the error, knows what an emulated limb is made of.
 
     python examples/reproduce_paper.py [FOLDER] [--quick] [--limbs N] [--protocol paper]
 
-`reproduce` does the same on any executor, such as that of a cluster.
+`reproduce` does the same on any executor; with --cluster it is that of a Dask cluster.
 """
 
 import argparse
@@ -37,7 +37,6 @@ from evaluation.experiment import (
     evaluate,
 )
 from evaluation.figures import figures
-from evaluation.jobs import local_executor, run_all
 from evaluation.report import EMULATED, write_report
 from evaluation.tables import (
     APPROACH_HEADER,
@@ -59,6 +58,7 @@ from limb_systems.views.plots import save_figure
 from soft_limb.command import run_command
 from soft_limb.reports.calibration import write_report as write_calibration_report
 from soft_limb.results.summaries import calibration_summary
+from soft_limb.runs.jobs import executor_of, run_all
 
 
 def main() -> int:
@@ -109,6 +109,12 @@ def main() -> int:
         choices=EXTRA_EFFECTS,
         help="an effect that all limbs have beside those of every limb",
     )
+    parser.add_argument(
+        "--cluster",
+        metavar="ADDRESS",
+        help="of a Dask scheduler, whose workers have this folder on their PYTHONPATH; "
+        "processes on this machine if left out",
+    )
     options = parser.parse_args()
     if min(options.limbs, options.rollouts, options.repetitions, options.angles) < 1:
         parser.error("--limbs, --rollouts, --repetitions and --angles must be one or more")
@@ -125,9 +131,9 @@ def _reproduce(options) -> int:
         if len(jobs) == 1:
             print(f"{next(steps)}/{NUM_STEPS + 1} {step} ...", flush=True)
 
-    with local_executor(min(os.cpu_count() or 1, 3 * len(jobs))) as executor:
-        # One more than can be worked on, so that there is always something to do.
-        at_once = (os.cpu_count() or 1) + 1
+    with executor_of(options.cluster, min(os.cpu_count() or 1, 3 * len(jobs))) as executor:
+        # One more than can be worked on here, so that there is always something to do.
+        at_once = None if options.cluster else (os.cpu_count() or 1) + 1
         summaries, shown = reproduce(jobs, executor, folder, at_once=at_once, tell=tell)
         tell("drawing figures, and writing the report")
         pictures = figures(shown)
@@ -203,15 +209,9 @@ def reproduce(
 ) -> tuple[list[Summary], Experiment]:
     """The evaluation of limbs on an executor; files are written where this is called.
 
-    On a cluster, with this folder on the workers' path::
-
-        client = distributed.Client(...)
-        jobs = [Settings(seed) for seed in range(1000)]
-        reproduce(jobs, client.get_executor(), Path("out"))
-
     Args:
         jobs: what is done with each limb; the first is without nothing.
-        executor: as for `evaluation.jobs.run_all`.
+        executor: as for `soft_limb.runs.jobs.run_all`.
         folder: gets a folder of files of each limb, and ``results.json`` with the limbs that
             are finished.
         at_once: how many limbs are begun before one is finished; all if None.

@@ -13,7 +13,6 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration import Calibration, calibrate, collect_from_twin
 from evaluation.disturbances import DISTURBANCES
 from evaluation.error_split import error_split
-from evaluation.jobs import Evaluation
 from evaluation.ways import (
     CLOSED_LOOP,
     FEEDBACK,
@@ -29,6 +28,7 @@ from hardware import LimbTwin, watch
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, Recording, Trajectory
 from planners import Task, plan, references
+from soft_limb.runs.jobs import Evaluation
 
 # Table I has the distance of each plan from its reference.
 warnings.filterwarnings("ignore", "The plan is far from its reference")

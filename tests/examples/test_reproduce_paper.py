@@ -7,11 +7,9 @@ import dataclasses
 import functools
 import io
 import json
-import os
 import re
 import runpy
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from unittest import mock
@@ -31,7 +29,6 @@ from hardware import LimbTwin, replay
 from hardware.emulation.specimen import Specimen
 from limb_systems import (
     Limb,
-    LimbError,
     LimbParameters,
     LinearLaw,
     Recording,
@@ -49,13 +46,12 @@ def evaluation():
     """The modules beside the script, which are no package of the distribution."""
     sys.path.insert(0, str(EXAMPLES))
     try:
-        from evaluation import disturbances, error_split, experiment, jobs, tables, ways
+        from evaluation import disturbances, error_split, experiment, tables, ways
 
         yield SimpleNamespace(
             disturbances=disturbances,
             error_split=error_split,
             experiment=experiment,
-            jobs=jobs,
             tables=tables,
             ways=ways,
         )
@@ -85,7 +81,7 @@ def demo(tmp_path_factory, evaluation):
     with (
         # In this process, where recordings, fits and rests can be kept short, which take most of
         # the time.
-        mock.patch("reproduce_paper.local_executor", return_value=AtOnce()),
+        mock.patch("soft_limb.runs.jobs.local_executor", return_value=AtOnce()),
         mock.patch("evaluation.experiment.collect_from_twin", collect),
         mock.patch("evaluation.experiment.calibrate", functools.partial(calibrate, laws=LAWS)),
         mock.patch("calibration.prediction.law_fit.MOST_ITERATIONS", 4),
@@ -437,73 +433,3 @@ def test_a_disturbed_controller_has_the_ports_of_a_controller(evaluation, fig5_p
     temperatures, bends = np.split(np.array(shown), [2], axis=1)
     assert (temperatures > 15.0).all()
     assert np.isnan(bends).sum() == 40
-
-
-def _twice(number):
-    return 2 * number
-
-
-def _steps(start, told):
-    (first,) = yield [functools.partial(_twice, start)]
-    told.append(start)
-    both = yield [functools.partial(_twice, first), functools.partial(_twice, first + 1)]
-    return both
-
-
-def test_evaluations_run_on_any_executor_a_few_at_once(evaluation):
-    told = []
-    with concurrent.futures.ThreadPoolExecutor(2) as pool:
-        many = [_steps(start, told) for start in range(20)]
-        found = evaluation.jobs.run_all(many, pool, at_once=2)
-        assert next(found) in [(0, [0, 2]), (1, [4, 6])]
-        assert max(told) <= 2
-        rest = dict(found)
-    assert len(rest) == 19
-    assert all(values == [4 * start, 4 * start + 2] for start, values in rest.items())
-
-
-def test_the_demo_has_processes_of_its_own_that_keep_off_the_terminal(evaluation):
-    with evaluation.jobs.local_executor(1) as pool:
-        assert pool.submit(os.getpid).result() != os.getpid()
-        assert pool.submit(os.readlink, "/proc/self/fd/2").result() == os.devnull
-
-
-def test_a_call_that_fails_ends_the_run_and_cancels_what_has_not_begun(evaluation):
-    ran = []
-
-    def work(number):
-        time.sleep(0.05)
-        if number == 0:
-            raise LimbError("this limb is broken")
-        ran.append(number)
-
-    def steps():
-        yield [functools.partial(work, number) for number in range(20)]
-
-    with (
-        concurrent.futures.ThreadPoolExecutor(1) as pool,
-        pytest.raises(LimbError, match="this limb is broken"),
-    ):
-        list(evaluation.jobs.run_all([steps()], pool))
-    assert len(ran) <= 2
-
-
-def test_rollouts_on_a_cluster_are_those_of_this_process(evaluation, fig5_plan):
-    distributed = pytest.importorskip(
-        "distributed", reason="Dask is not installed: pip install -e '.[cluster]'"
-    )
-    specimen = Specimen(LimbParameters(), 0)
-    call = functools.partial(evaluation.ways.roll_out, specimen, fig5_plan, "open loop", 1)
-
-    def steps():
-        return (yield [call])
-
-    with (
-        distributed.LocalCluster(
-            n_workers=1, threads_per_worker=1, dashboard_address=None
-        ) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        ((_, (there,)),) = evaluation.jobs.run_all([steps()], client.get_executor())
-    here = call()
-    np.testing.assert_array_equal(there.rollouts[0].bend_angle, here.rollouts[0].bend_angle)

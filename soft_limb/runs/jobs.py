@@ -1,12 +1,15 @@
-"""Many evaluations at once, in calls that any of Python's executors can run."""
+"""Many runs at once, in calls that any of Python's executors can run."""
 
 import concurrent.futures
 import contextlib
+import functools
 import multiprocessing
 import os
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
+
+from limb_systems.errors import LimbError
 
 # Yields calls that do not need each other, gets their results, and returns its own.
 Evaluation = Generator[list[Callable[[], Any]], list[Any], Any]
@@ -22,7 +25,7 @@ def run_all(
     The calls and what they return are pickled if the executor has other processes or other
     machines, as have `concurrent.futures.ProcessPoolExecutor`, Dask's
     ``Client.get_executor()`` and mpi4py's ``MPIPoolExecutor``; these need the modules of
-    this folder on their path. Between calls, evaluations run where this is called.
+    the calls on their path. Between calls, evaluations run where this is called.
 
     Args:
         evaluations: generators, each of which yields lists of calls without arguments.
@@ -48,7 +51,7 @@ def run_all(
     try:
         while True:
             while at_once is None or len(running) < at_once:
-                number, evaluation = next(waiting, (None, None))
+                number, evaluation = next(waiting, (0, None))
                 if evaluation is None:
                     break
                 proceed(number, evaluation, None)
@@ -72,6 +75,48 @@ def run_all(
         for _, futures in running.values():
             for future in futures:
                 future.cancel()
+
+
+def run_each(
+    function: Callable[[Any], Any], arguments: Iterable[Any], executor: concurrent.futures.Executor
+) -> Iterator[Any]:
+    """Calls a function with each of some arguments on an executor, and yields results as they come.
+
+    Raises:
+        Exception: as `run_all` does.
+    """
+    for _, result in run_all((_one_call(function, each) for each in arguments), executor):
+        yield result
+
+
+def _one_call(function: Callable[[Any], Any], argument: Any) -> Evaluation:
+    (result,) = yield [functools.partial(function, argument)]
+    return result
+
+
+@contextlib.contextmanager
+def executor_of(cluster: str | None, num_processes: int) -> Iterator[concurrent.futures.Executor]:
+    """The executor of a command: Dask's at an address, or processes on this machine if None.
+
+    Raises:
+        LimbError: if Dask is not installed, or its scheduler does not answer.
+    """
+    if cluster is None:
+        with local_executor(num_processes) as executor:
+            yield executor
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise LimbError(
+            "A cluster needs Dask, which is not installed: pip install 'soft-limb[cluster]'"
+        ) from None
+    try:
+        client = Client(cluster)
+    except (OSError, ValueError) as error:
+        raise LimbError(f"There is no Dask scheduler at {cluster}: {error}") from error
+    with client:
+        yield client.get_executor()
 
 
 @contextlib.contextmanager

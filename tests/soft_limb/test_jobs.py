@@ -1,0 +1,91 @@
+"""Many runs at once, on this machine and on others."""
+
+import concurrent.futures
+import functools
+import os
+import sys
+import time
+from unittest import mock
+
+import numpy as np
+import pytest
+
+from hardware import LimbTwin, replay
+from limb_systems import LimbError
+from soft_limb.runs.jobs import executor_of, local_executor, run_all, run_each
+
+
+def _twice(number):
+    return 2 * number
+
+
+def _steps(start, told):
+    (first,) = yield [functools.partial(_twice, start)]
+    told.append(start)
+    both = yield [functools.partial(_twice, first), functools.partial(_twice, first + 1)]
+    return both
+
+
+def test_evaluations_run_on_any_executor_a_few_at_once():
+    told = []
+    with concurrent.futures.ThreadPoolExecutor(2) as pool:
+        many = [_steps(start, told) for start in range(20)]
+        found = run_all(many, pool, at_once=2)
+        assert next(found) in [(0, [0, 2]), (1, [4, 6])]
+        assert max(told) <= 2
+        rest = dict(found)
+    assert len(rest) == 19
+    assert all(values == [4 * start, 4 * start + 2] for start, values in rest.items())
+
+
+def test_the_demo_has_processes_of_its_own_that_keep_off_the_terminal():
+    with local_executor(1) as pool:
+        assert pool.submit(os.getpid).result() != os.getpid()
+        assert pool.submit(os.readlink, "/proc/self/fd/2").result() == os.devnull
+
+
+def test_a_call_that_fails_ends_the_run_and_cancels_what_has_not_begun():
+    ran = []
+
+    def work(number):
+        time.sleep(0.05)
+        if number == 0:
+            raise LimbError("this limb is broken")
+        ran.append(number)
+
+    def steps():
+        yield [functools.partial(work, number) for number in range(20)]
+
+    with (
+        concurrent.futures.ThreadPoolExecutor(1) as pool,
+        pytest.raises(LimbError, match="this limb is broken"),
+    ):
+        list(run_all([steps()], pool))
+    assert len(ran) <= 2
+
+
+def _driven(plan):
+    return replay(plan, LimbTwin(seed=0))
+
+
+def test_runs_on_a_cluster_are_those_of_this_process(fig5_plan):
+    distributed = pytest.importorskip(
+        "distributed", reason="Dask is not installed: pip install -e '.[cluster]'"
+    )
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
+        executor_of(cluster.scheduler_address, 1) as executor,
+    ):
+        (there,) = run_each(_driven, [fig5_plan], executor)
+    np.testing.assert_array_equal(there.bend_angle, _driven(fig5_plan).bend_angle)
+
+
+def test_a_cluster_needs_dask():
+    with (
+        mock.patch.dict(sys.modules, {"distributed": None}),
+        pytest.raises(LimbError, match="needs Dask, which is not installed"),
+        executor_of("tcp://somewhere:8786", 1),
+    ):
+        pass
