@@ -154,7 +154,16 @@ class Specimen:
 
     A new specimen is unused: its wires are cold, its rubber is at rest, and its
     noise is at the beginning.
+
+    - ``physics``: name of the physics, of which `LimbTwin` has several.
+    - ``effects``, ``extra_effects``: effects that can be taken out, and added on request.
     """
+
+    physics = "lumped"
+    effects: tuple[str, ...] = EFFECTS
+    extra_effects: tuple[str, ...] = EXTRA_EFFECTS
+    wires: list[Any]
+    segments: list[Any]
 
     def __init__(self, description: LimbParameters, seed: int, extra: Sequence[str] = ()):
         """
@@ -173,7 +182,7 @@ class Specimen:
                 not say its `WireLaw.typical_rates`.
         """
         description.validate()
-        _check_effects(extra, EXTRA_EFFECTS)
+        _check_effects(extra, self.extra_effects)
         if seed < 0:
             raise LimbError(f"The seed of an emulated limb is {seed}; it must be zero or more.")
         draw_seed, noise_seed, extra_seed = np.random.SeedSequence(seed).spawn(3)
@@ -188,18 +197,23 @@ class Specimen:
         self.disturbances: dict[str, float] = {}
         self.noise = Noise(np.random.default_rng(noise_seed))
         self.state: dict[str, np.ndarray] = {}
-        self.segments = [_draw_segment(generator.uniform, s) for s in description.segments]
-        self.wires = [_draw_wire(generator.uniform, w.law, description) for w in description.wires]
-        self.ambient = description.ambient_temperature + generator.uniform(-3.0, 3.0)  # °C, ours
+        self._draw(generator.uniform, extra_seed)
+
+    def _draw(self, uniform, extra_seed: np.random.SeedSequence) -> None:
+        """Draws the limb from a generator's uniform numbers, and what it has on request."""
+        description = self.description
+        self.segments = [_draw_segment(uniform, s) for s in description.segments]
+        self.wires = [_draw_wire(uniform, w.law, description) for w in description.wires]
+        self.ambient = description.ambient_temperature + uniform(-3.0, 3.0)  # °C, ours
         uniform = np.random.default_rng(extra_seed).uniform  # [records], but how often is ours
         memories = [
             {"memory_angle": np.deg2rad(uniform(0.75, 2.0)), "memory_share": uniform(1.1, 2.6)}
             for _ in self.segments
         ]
         bonds = [(uniform(0.0, 1.0) < 0.1, uniform(3.0, 9.0)) for _ in self.wires]
-        if "memory" in extra:
+        if "memory" in self.extra:
             self.segments = list(map(_changed, self.segments, memories))
-        if "bond" in extra:
+        if "bond" in self.extra:
             times = [{"bond_time": time if is_bad else 0.0} for is_bad, time in bonds]
             self.wires = list(map(_changed, self.wires, times))
 
@@ -220,7 +234,9 @@ class Specimen:
         """The limb's identity, from which `of` makes it again."""
         changes = [f"{name} {value!r}" for name, value in self.disturbances.items()]
         absent, extra = list(self.absent), list(self.extra)
-        return EmulatedLimb(self.seed, self._drawn_around, absent, extra, changes)
+        return EmulatedLimb(
+            self.seed, self._drawn_around, absent, extra, changes, physics=self.physics
+        )
 
     def without(self, *effects: str) -> "Specimen":
         """This limb in its present state and with the same noise, without some of its effects.
@@ -241,7 +257,7 @@ class Specimen:
         Raises:
             LimbError: if an effect is unknown.
         """
-        _check_effects(effects, EFFECTS + EXTRA_EFFECTS)
+        _check_effects(effects, self.effects + self.extra_effects)
         specimen = copy.deepcopy(self)
         for effect in effects:
             if effect == "hysteresis":
@@ -296,7 +312,13 @@ class Specimen:
         change = DISTURBANCES | {name: float(value) for name, value in changes.items()}
         specimen.disturbances = self.disturbances | {name: change[name] for name in changes}
         specimen.ambient += change["ambient"]
-        specimen.wires = [
+        specimen._change(change)
+        specimen._move_state(change["ambient"], specimen.rest_angles() - self.rest_angles())
+        return specimen
+
+    def _change(self, change: dict[str, float]) -> None:
+        """Changes wires and segments by all of `DISTURBANCES`."""
+        self.wires = [
             dataclasses.replace(
                 wire,
                 heating=wire.heating * change["supply"],
@@ -305,7 +327,7 @@ class Specimen:
             )
             for wire in self.wires
         ]
-        specimen.segments = [
+        self.segments = [
             dataclasses.replace(
                 segment,
                 stiffness=segment.stiffness * change["stiffness"],
@@ -315,8 +337,6 @@ class Specimen:
             )
             for segment in self.segments
         ]
-        specimen._move_state(change["ambient"], specimen.rest_angles() - self.rest_angles())
-        return specimen
 
     def _move_state(self, warmer: float, bent: np.ndarray) -> None:
         """Adds to the temperatures, °C, and the joint angles (n,), rad, of a limb that was used."""
@@ -377,6 +397,10 @@ def emulated_limb(board: BoardIdentity) -> EmulatedLimb | None:
 
 def _check_effects(effects: Sequence[str], known: Sequence[str]) -> None:
     for effect in effects:
+        if not known:
+            raise LimbError(
+                f"A limb of this physics has no effect {effect!r}, nor any other choice."
+            )
         if effect not in known:
             raise LimbError(f"{effect!r} is not one of the effects {', '.join(known)}.")
 

@@ -9,12 +9,15 @@ from pydrake import trajectories
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem, Multiplexer
 
+from hardware.emulation.continuum import PERIOD as CONTINUUM_PERIOD
+from hardware.emulation.continuum import ContinuumLimb, ContinuumSpecimen, WalkingSensors
 from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
 from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
 from hardware.emulation.wires import ShapeMemoryWires
 from hardware.firmware import guard
 from limb_systems import (
+    LimbError,
     LimbParameters,
     ThermocoupleLag,
     make_manipulator,
@@ -23,6 +26,7 @@ from limb_systems import (
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 
+SPECIMENS = {specimen.physics: specimen for specimen in (Specimen, ContinuumSpecimen)}
 SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
 
 
@@ -42,6 +46,9 @@ class LimbTwin(Diagram):
                   │            │           └─ Rubber ◀──┤
                   │            └────────────────────────┘
                   └─▶ ThermocoupleLag ──▶ sensor ──▶ measured_temperature
+
+    All this is its physics "lumped". That called "continuum" shares nothing with it but the
+    ports, see `ContinuumLimb`.
 
     For a limb of S segments, n joints in all and W wires:
 
@@ -74,6 +81,7 @@ class LimbTwin(Diagram):
         *,
         seed: int = 0,
         extra: Sequence[str] = (),
+        physics: str = "lumped",
         specimen: Specimen | None = None,
         hand: trajectories.Trajectory | None = None,
         bend_rate: float = 20.0,
@@ -87,25 +95,33 @@ class LimbTwin(Diagram):
                 the seed draws all other values around the given ones.
             seed: seed of the particular limb and its sensors' noise.
             extra: effects that it has beside those of every limb, see `Specimen`.
-            specimen: the particular limb, in place of these three.
+            physics: one of `SPECIMENS`.
+            specimen: the particular limb, in place of these four.
             hand: bend angle over time, rad, to which a hand bends the limb until
                 the end of the trajectory.
             bend_rate: rate at which the bend sensors are read, Hz.
-            wire_period: s, of the steps of `ShapeMemoryWires`.
+            wire_period: s, of the steps of `ShapeMemoryWires`, or of `ContinuumLimb` if they
+                are longer than its own.
             truth: whether it shows, and recordings have, what no sensor of a robot could.
 
         Raises:
             ParameterError: if a parameter is out of its range.
+            LimbError: if there is no such physics, or it has no such limb.
         """
         super().__init__()
-        specimen = specimen or Specimen(LimbParameters.of(parameters), seed, extra)
+        if specimen is None:
+            specimen = _specimens(physics)(LimbParameters.of(parameters), seed, extra)
         self.specimen, self.parameters = specimen, copy.deepcopy(specimen.description)
         self.parameters.board = specimen.board
         names = [f"with {name}" for name in specimen.extra]
         names += [f"without {name}" for name in specimen.absent]
         names += [f"{name} changed by {value:.4g}" for name, value in specimen.disturbances.items()]
         names += ["not the calibrated one"] * specimen.around_calibrated
+        names += [f"physics {specimen.physics}"] * (specimen.physics != "lumped")
         self.source = ", ".join([f"emulated limb, seed {specimen.seed}", *names])
+        if isinstance(specimen, ContinuumSpecimen):
+            self._build_continuum(specimen, hand, bend_rate, wire_period, truth)
+            return
         mechanics, num_joints = specimen.mechanics(), self.parameters.num_joints
 
         builder = DiagramBuilder()
@@ -194,6 +210,41 @@ class LimbTwin(Diagram):
         builder.BuildInto(self)
         self.set_name("limb_twin")
 
+    def _build_continuum(
+        self,
+        specimen: ContinuumSpecimen,
+        hand: trajectories.Trajectory | None,
+        bend_rate: float,
+        wire_period: float,
+        truth: bool,
+    ) -> None:
+        builder = DiagramBuilder()
+        # It keeps its own time, but for fast samples and pauses.
+        period = wire_period if wire_period > PERIOD else min(CONTINUUM_PERIOD, 1 / bend_rate)
+        limb = builder.AddSystem(ContinuumLimb(specimen, period, hand))
+        sensors = builder.AddSystem(WalkingSensors(specimen, bend_rate))
+        cut_out = builder.AddSystem(CutOut(len(specimen.wires), wire_period))
+        for name in ("thermocouples", "bend"):
+            builder.Connect(limb.GetOutputPort(name), sensors.GetInputPort(name))
+        builder.Connect(
+            sensors.GetOutputPort("measured_temperature"),
+            cut_out.GetInputPort("measured_temperature"),
+        )
+        builder.Connect(cut_out.GetOutputPort("duty"), limb.GetInputPort("duty"))
+        builder.ExportInput(cut_out.GetInputPort("duty"), "duty")
+        ports = {
+            "measured_temperature": sensors,
+            "bend_angle": sensors,
+            "applied_duty": limb,
+            "measurement": sensors,
+            "cut_out": cut_out,
+        }
+        ports |= {"wire_temperature": limb, "joint_state": limb} if truth else {}
+        for name, system in ports.items():
+            builder.ExportOutput(system.GetOutputPort(name), name)
+        builder.BuildInto(self)
+        self.set_name("limb_twin")
+
     @classmethod
     def of(cls, parameters: LimbParameters, seed: int = 0) -> "LimbTwin":
         """The emulated limb that parameters were calibrated on, unused.
@@ -209,7 +260,7 @@ class LimbTwin(Diagram):
                 say which limb it is.
         """
         if board := emulated_limb(parameters.board):
-            return cls(specimen=Specimen.of(board))
+            return cls(specimen=_specimens(board.physics).of(board))
         return cls(parameters, seed=seed)
 
     def again(
@@ -243,6 +294,12 @@ class LimbTwin(Diagram):
         cut_out = self.GetSubsystemByName("heater_cut_out")
         limit = cut_out.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0)
         limit.SetAtIndex(0, np.inf)
+
+
+def _specimens(physics: str) -> type[Specimen]:
+    if physics not in SPECIMENS:
+        raise LimbError(f"{physics!r} is not one of the physics {', '.join(SPECIMENS)}.")
+    return SPECIMENS[physics]
 
 
 class CutOut(LeafSystem):

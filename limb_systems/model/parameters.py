@@ -184,6 +184,7 @@ class EmulatedLimb(BoardIdentity):
     - ``absent``: effects that were taken out of it.
     - ``extra``: effects that it has beside those of every emulated limb.
     - ``disturbances``: later changes, each a name and a number.
+    - ``physics``: name of its physics, "lumped" or "continuum".
     """
 
     seed: int
@@ -191,18 +192,21 @@ class EmulatedLimb(BoardIdentity):
     absent: list[str] = dataclasses.field(default_factory=list)
     extra: list[str] = dataclasses.field(default_factory=list)
     disturbances: list[str] = dataclasses.field(default_factory=list)
+    physics: str = "lumped"
 
     @property
     def identity(self) -> str:
         """All fields, since each of them makes another limb."""
-        fields = self.seed, self.description, self.absent, self.extra
-        return repr((*fields, self.disturbances) if self.disturbances else fields)
+        fields = [self.seed, self.description, self.absent, self.extra]
+        fields += [self.disturbances] if self.disturbances else []
+        fields += [self.physics] if self.physics != "lumped" else []
+        return repr(tuple(fields))
 
     @property
     def serial_number(self) -> str:
         """Serial number of the emulated board that the limb is on: eight letters and digits."""
         special = self.description or self.absent or self.extra or self.disturbances
-        if not special and self.seed < 10_000:
+        if not special and self.physics == "lumped" and self.seed < 10_000:
             return f"twin{self.seed:04d}"
         return f"t{hashlib.sha256(self.identity.encode()).hexdigest()[:7]}"
 

@@ -1,0 +1,805 @@
+"""An emulated limb of another physics: heat diffuses, wires have true minor loops, rubber ages.
+
+It shares none of its laws with the model, nor with the emulated limb of lumped masses
+(`ShapeMemoryWires`, `EmulatedRubber`), so that what works on both owes less to either. A seed
+draws a `ContinuumSpecimen` by ranges that are listed below with their sources; "ours" marks
+ranges without a published source. No range was fitted to make a calibration or a controller
+look good or bad.
+
+Sources, beside those of `specimen`:
+
+- [Mayergoyz] Mayergoyz: Mathematical models of hysteresis and their applications, 2003: the
+  Preisach operator, return-point memory and congruency of minor loops.
+- [Ortin] Ortín: Preisach modeling of hysteresis for a pseudoelastic Cu-Zn-Al single crystal,
+  1992; minor loops of shape-memory alloy by relays.
+- [Flexinol] as there: wires of 70 and 90 °C with hysteresis of 15 to 30 °C, 7 to 14 MPa/°C,
+  latent heat; resistance of austenite 10 to 20% below that of martensite.
+- [Uchil] Uchil et al.: Electrical resistivity of NiTi with high transformation strain, 2002;
+  R-phase loops of 2 to 5 °C hysteresis beside the main one.
+- [Sylgard] Dow: Sylgard 184, and Smooth-On: Dragon Skin, data sheets: 0.16 to 0.27 W/(m K),
+  1.1 to 1.5 kJ/(kg K), 1030 to 1100 kg/m³.
+- [Incropera] Incropera, DeWitt: Fundamentals of heat and mass transfer: free convection of
+  3 to 10 W/(m² K), with the fourth root of the temperature difference; radiation.
+- [Yeoh] Yeoh: Some forms of the strain energy function for rubber, 1993: a modulus that falls,
+  then rises with strain.
+- [Ogden] Ogden, Roxburgh: A pseudo-elastic model for the Mullins effect in filled rubber, 1999.
+- [Schapery] Schapery, Park: Methods of interconversion between linear viscoelastic functions,
+  1999: power laws as Prony series of geometric times.
+- [Dahl] Dahl: Solid friction damping of mechanical vibrations, 1976.
+"""
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Context, LeafSystem
+from pydrake.trajectories import Trajectory
+from scipy.linalg import eigh, expm
+from scipy.special import ndtri
+
+from hardware.emulation.sensors import THERMOCOUPLE_NOISE, THERMOCOUPLE_PERIOD, THERMOCOUPLE_STEP
+from hardware.emulation.specimen import Specimen
+from limb_systems import LimbError
+from limb_systems.model.ownership import weak_method
+from limb_systems.model.parameters import SegmentParameters
+
+SIDES = np.array([-1.0, 1.0])  # of the two wires
+JOINTS = 8  # of the chain, whatever the links of the description
+SHELLS = 7  # of silicone around each wire
+RELAYS = 1000  # of each wire
+CREEP_TIMES = 0.2 * 8.0 ** np.arange(4)  # s, of the Prony series: 0.2 to 100 s
+PERIOD = 0.02  # s, of heat and transformation
+SUBSTEPS = 2  # of the beam in each of them
+PWM_STEP = 1 / 1000  # of a timer of ten bits, nearly
+BEND_STEP = 2 * np.pi / 4096 / 2  # of a magnetic encoder of twelve bits that reads α
+GRIP, GRIP_TIME = 20.0, 0.05  # stiffness of a hand over that of the limb, and its damping, s
+STEFAN_BOLTZMANN = 5.67e-8  # W/(m² K⁴)
+ZERO_CELSIUS = 273.15  # K
+GOLDEN = (np.sqrt(5) - 1) / 2  # multiples of it fill an interval evenly
+WIRE_ARRAYS = (
+    *("lead_share", "resistance_drop", "resistance_slope", "latent_heat", "stress_shift"),
+    *("relief", "martensite_pull", "lag", "second_lag", "leak", "pick_up"),
+)
+STIFFEST = 2.0  # largest x² of `ContinuumBeam.stiffening`, 64° of bend, beyond which it is linear
+# Share of the stiffness that is added to what is integrated exactly, and taken off the moments,
+# because friction and stiff rubber would make steps with moments of the beginning unstable.
+ADDED = 0.4
+
+
+@dataclasses.dataclass(frozen=True)
+class ContinuumWire:
+    """One wire, its thermocouple and the silicone around it.
+
+    - ``heating``: heating rate at full duty, as martensite and without losses, °C/s.
+    - ``contact_time``: time constant to the silicone's innermost shell, s.
+    - ``radius``: radius of the wire's coil, m.
+    - ``heat_capacity``: heat capacity of the coil per volume of its cylinder, J/(m³ K).
+    - ``lead_share``: share of the resistance that is outside the coil.
+    - ``resistance_drop``: share of the coil's resistance that austenite lacks.
+    - ``resistance_slope``: relative rise of the coil's resistance, 1/°C.
+    - ``latent_heat``: heat of the whole transformation, as °C of the wire.
+    - ``middle``, ``middle_spread``: mean and standard deviation of the middle of the relays'
+      two switching temperatures, °C.
+    - ``half_width``, ``half_width_spread``: median of half their distance, °C, and standard
+      deviation of its logarithm.
+    - ``r_share``, ``r_middle``: share of the relays that make the R-phase's loop, and its
+      middle, °C.
+    - ``r_half_width``: half the width of that loop, °C.
+    - ``stress_shift``: shift of all switching temperatures at full pull, °C.
+    - ``bend``: bend at which the limb's linear rubber would hold the full pull of a wire
+      that is not relieved, rad.
+    - ``relief``: share of the pull that austenite loses per rad of bend to its side.
+    - ``martensite_pull``: pull of martensite, as share of the full one, per rad of stretch
+      before it yields.
+    - ``lag``, ``second_lag``: time constants of the thermocouple, s.
+    - ``leak``: share of the reading that is the innermost shell's temperature.
+    - ``pick_up``: °C that full duty's current adds to the reading.
+    """
+
+    heating: float
+    contact_time: float
+    radius: float
+    heat_capacity: float
+    lead_share: float
+    resistance_drop: float
+    resistance_slope: float
+    latent_heat: float
+    middle: float
+    middle_spread: float
+    half_width: float
+    half_width_spread: float
+    r_share: float
+    r_middle: float
+    r_half_width: float
+    stress_shift: float
+    bend: float
+    relief: float
+    martensite_pull: float
+    lag: float
+    second_lag: float
+    leak: float
+    pick_up: float
+
+
+@dataclasses.dataclass(frozen=True)
+class ContinuumBeam:
+    """The silicone of the limb, as beam and as conductor of heat, and its bend sensor.
+
+    - ``stiffness``: bending stiffness EI over the described one.
+    - ``taper``: share by which EI at the base is above its mean, and at the tip below.
+    - ``damping_ratio``: damping ratio of the first mode by viscous damping alone.
+    - ``softening``, ``stiffening``: a, b of the moment k θ (1 - a x² + b x⁴), where x is 1 at
+      a bend of 45°.
+    - ``mullins``: share of the stiffness that is lost well below the largest bend so far.
+    - ``creep``: share of the stiffness that relaxes per term of the Prony series.
+    - ``friction``: bend that dry friction can hold, rad.
+    - ``friction_yield``: change of bend over which friction turns, rad.
+    - ``rest_offset``: offset of the bend angle at rest from the described one, rad.
+    - ``anchor``: share of the pull's moment that is missing at the last joint.
+    - ``conductivity``: W/(m K).
+    - ``heat_capacity``: J/(m³ K).
+    - ``convection``: W/(m² K) at 10 °C above the room.
+    - ``emissivity``: emissivity of the surface.
+    - ``crossing``: conductance between the outermost shells of the two wires over that of a
+      silicone cube's two faces.
+    - ``cooling``: factor of convection and radiation.
+    - ``sensor_gain``, ``sensor_offset``: slope of the bend sensor, and what it shows at 0, rad.
+    - ``sensor_play``: width of its backlash, rad.
+    - ``sensor_warming``: change of its gain per °C of the outermost shells, 1/°C.
+    - ``sensor_shift``: what it shows per °C between the two sides' outermost shells, rad/°C.
+    - ``sensor_noise``: standard deviation of a sample, rad.
+    - ``sensor_walk``: random walk since it was switched on, rad/√s.
+    - ``missing``: share of samples that are missing, so that the one before is shown again.
+    """
+
+    stiffness: float
+    taper: float
+    damping_ratio: float
+    softening: float
+    stiffening: float
+    mullins: float
+    creep: float
+    friction: float
+    friction_yield: float
+    rest_offset: float
+    anchor: float
+    conductivity: float
+    heat_capacity: float
+    convection: float
+    emissivity: float
+    crossing: float
+    cooling: float
+    sensor_gain: float
+    sensor_offset: float
+    sensor_play: float
+    sensor_warming: float
+    sensor_shift: float
+    sensor_noise: float
+    sensor_walk: float
+    missing: float
+
+
+class ContinuumSpecimen(Specimen):
+    """A particular limb of `ContinuumLimb`'s physics, and the state in which it was left.
+
+    Geometry, mass, stiffness, sensors and limits are drawn around those of the description;
+    what its wires do does not depend on the description's laws.
+
+    - ``wires``: two `ContinuumWire`, left and right.
+    - ``segments``: one `ContinuumBeam`.
+    """
+
+    physics = "continuum"
+    effects: tuple[str, ...] = ()
+    extra_effects: tuple[str, ...] = ()
+    wires: list[ContinuumWire]
+    segments: list[ContinuumBeam]
+
+    def _draw(self, uniform, _):
+        if [w.direction for w in self.description.wires] != [-1, 1] or len(
+            self.description.segments
+        ) != 1:
+            raise LimbError(
+                "An emulated limb of the physics continuum has one segment with a left and a right "
+                "wire, in this order; describe such a limb, or take the physics lumped."
+            )
+        self.segments = [_draw_beam(uniform)]
+        self.wires = [_draw_wire(uniform) for _ in SIDES]
+        self.ambient = self.description.ambient_temperature + uniform(-3.0, 3.0)  # °C, ours
+
+    def _change(self, change: dict[str, float]) -> None:
+        self.wires = [
+            dataclasses.replace(wire, heating=wire.heating * change["supply"])
+            for wire in self.wires
+        ]
+        (beam,) = self.segments
+        changed = dataclasses.replace(
+            beam,
+            stiffness=beam.stiffness * change["stiffness"],
+            # A torque on a spring is another angle at rest.
+            rest_offset=beam.rest_offset + change["payload"] / change["stiffness"],
+            cooling=beam.cooling * change["cooling"],
+            sensor_noise=beam.sensor_noise * change["noise"],
+        )
+        # The wires pull as before, which their bend of a limb of this stiffness says otherwise.
+        self.wires = [
+            dataclasses.replace(wire, bend=wire.bend / change["stiffness"]) for wire in self.wires
+        ]
+        self.segments = [changed]
+
+    def _move_state(self, warmer: float, bent: np.ndarray) -> None:
+        if not self.state:
+            return
+        state = self.state
+        self.state = state | {
+            "heat": state["heat"] + warmer,
+            "thermocouples": state["thermocouples"] + warmer,
+            "beam": state["beam"] + np.concatenate([bent, 0 * bent, *[bent] * len(CREEP_TIMES)]),
+        }
+
+    def rest_angles(self) -> np.ndarray:
+        """Joint angles at rest (8), rad."""
+        (segment,), (beam,) = self.description.segments, self.segments
+        return (segment.rest_angle + beam.rest_offset) * equal_joint_angles(segment)
+
+
+def equal_joint_angles(segment: SegmentParameters) -> np.ndarray:
+    """Equal angles (8) of the chain's joints that an exact bend sensor shows as one radian."""
+    return np.full(JOINTS, 1 / bend_gradient(segment, JOINTS).sum())
+
+
+def bend_gradient(segment: SegmentParameters, joints: int) -> np.ndarray:
+    """Derivatives (joints,) of what an exact bend sensor shows of a chain, where it is straight."""
+    step = 1e-6
+    return segment.bend_sensor.exact_bend_angle(step * np.eye(joints)) / step
+
+
+class Preisach:
+    """The Preisach operator: relays that switch up and down at temperatures of their own.
+
+        r_i = 1 where T ≥ α_i,  r_i = 0 where T ≤ β_i,  else as before,   x = Σ r_i / n
+
+    with α_i > β_i, so that x has return-point memory, and its minor loops between the same
+    two temperatures are congruent [Mayergoyz].
+    """
+
+    def __init__(self, up: ArrayLike, down: ArrayLike):
+        """
+        Args:
+            up, down: α and β, (n,) or (wires, n), °C.
+        """
+        self.up, self.down = np.asarray(up, float), np.asarray(down, float)
+
+    @classmethod
+    def of(cls, wires: list[ContinuumWire]) -> "Preisach":
+        """Relays that fill the densities of wires evenly, (wires, `RELAYS`)."""
+        return cls(*np.swapaxes([_relays(wire) for wire in wires], 0, 1))
+
+    def after(self, relays: np.ndarray, temperature: np.ndarray) -> np.ndarray:
+        """The relays, True where they are up, at the next temperature (..., 1), °C."""
+        return (relays | (temperature >= self.up)) & (temperature > self.down)
+
+
+def _relays(wire: ContinuumWire) -> tuple[np.ndarray, np.ndarray]:
+    """Switching temperatures up and down (`RELAYS`), °C."""
+    parts = []
+    in_r = round(wire.r_share * RELAYS)
+    for count, middle, spread, half_width, half_spread in (
+        (RELAYS - in_r, wire.middle, wire.middle_spread, wire.half_width, wire.half_width_spread),
+        (in_r, wire.r_middle, wire.middle_spread / 3, wire.r_half_width, 0.2),
+    ):
+        # A lattice of the quantiles, without the last 1% at either end.
+        first = 0.01 + 0.98 * (np.arange(count) + 0.5) / count
+        second = 0.01 + 0.98 * ((np.arange(count) * GOLDEN) % 1.0)
+        middles = middle + spread * ndtri(first)
+        halves = half_width * np.exp(half_spread * ndtri(second))
+        parts.append((middles + halves, middles - halves))
+    up, down = np.concatenate(parts, axis=1)
+    return up, down
+
+
+class RadialShells:
+    """Heat of two wires and of the silicone around each, in finite volumes per metre of limb.
+
+    Each wire is surrounded by `SHELLS` cylindrical shells, whose radii grow by one factor up to
+    that of half the limb's cross-section. Heat flows from the wire over a contact resistance
+    into the first, on to the next by conduction, and from the last to the room by free
+    convection and radiation, and to the other wire's last shell:
+
+        C_0 Ṫ_0 = P - g (T_0 - T_1)
+        C_i Ṫ_i = g_(i-1) (T_(i-1) - T_i) - g_i (T_i - T_(i+1)),   g_i = 2π λ / ln(r_(i+1) / r_i)
+
+    with r_i at the volumes' middles by their logarithms. Integrated by Euler's method.
+
+    - ``capacities``: C (2, 1 + `SHELLS`), J/(m K).
+    - ``conductances``: g (2, `SHELLS`), W/(m K), from each to the next.
+    """
+
+    def __init__(self, specimen: ContinuumSpecimen):
+        (segment,), (beam,) = specimen.description.segments, specimen.segments
+        outside = np.sqrt(segment.width * segment.thickness / 2 / np.pi)
+        self.capacities = np.empty((2, 1 + SHELLS))
+        self.conductances = np.empty((2, SHELLS))
+        self._last = np.empty(2)  # from the last shell's middle to the surface
+        for index, wire in enumerate(specimen.wires):
+            radii = np.geomspace(wire.radius, max(outside, 2 * wire.radius), SHELLS + 1)
+            own = wire.heat_capacity * np.pi * wire.radius**2
+            shells = beam.heat_capacity * np.pi * np.diff(radii**2)
+            one = 2 * np.pi * beam.conductivity / np.log(radii[1] / radii[0])
+            contact = 1 / (wire.contact_time / own + 0.5 / one)
+            self.capacities[index] = own, *shells
+            self.conductances[index] = contact, *np.full(SHELLS - 1, one)
+            self._last[index] = 2 * one
+        self._power = np.array([wire.heating for wire in specimen.wires]) * self.capacities[:, 0]
+        self._room, self._beam = specimen.ambient, beam
+        self._surface = segment.width + segment.thickness  # m² per m, half the perimeter
+        self._crossing = beam.crossing * beam.conductivity
+
+    def power(self, heating: np.ndarray) -> np.ndarray:
+        """Heat into the wires (2), W/m, at a share of the full power of each."""
+        return self._power * heating
+
+    def after(self, temperatures: np.ndarray, power: np.ndarray, step: float) -> np.ndarray:
+        """Temperatures (2, 1 + `SHELLS`) after a step, °C, with heat into the wires (2), W/m."""
+        flows = self.conductances * (temperatures[:, :-1] - temperatures[:, 1:])
+        net = np.empty_like(temperatures)
+        net[:, 0] = power
+        net[:, 1:] = flows
+        net[:, :-1] -= flows
+        last = temperatures[:, -1]
+        net[:, -1] -= self.loss(last)
+        crossing = self._crossing * (last[0] - last[1])
+        net[0, -1] -= crossing
+        net[1, -1] += crossing
+        return temperatures + step * net / self.capacities
+
+    def loss(self, last: np.ndarray) -> np.ndarray:
+        """Heat from the last shells, at temperatures (2), °C, to the room (2), W/m."""
+        rise = last - self._room
+        convection = self._beam.convection * ((np.abs(rise) + 0.1) / 10) ** 0.25
+        mean = (last + self._room) / 2 + ZERO_CELSIUS
+        radiation = 4 * self._beam.emissivity * STEFAN_BOLTZMANN * mean**3
+        surface = self._beam.cooling * self._surface * (convection + radiation)
+        return rise / (1 / surface + 1 / self._last)
+
+
+class Chain:
+    """The beam as a chain of eight joints, whose stiffness varies along it.
+
+        M θ̈ + C θ̇ + K ((1 + s) (θ - θ_0) + v Σ_j (θ - q_j)) = moments,   q̇_j = (θ - q_j) / τ_j
+
+    with the inertia of the straight chain and creep in a Prony series. This, what is linear, is
+    integrated exactly, with moments that are constant over each step, to which K s (θ - θ_0)
+    is to be added, see `ADDED`.
+
+    - ``stiffness``: k (8), N·m/rad.
+    - ``gradient``: derivatives (8) of the bend by the joint angles.
+    """
+
+    def __init__(self, specimen: ContinuumSpecimen):
+        (segment,), (beam,) = specimen.description.segments, specimen.segments
+        self.segment, self.gradient = segment, bend_gradient(segment, JOINTS)
+        self.rest = specimen.rest_angles()
+        along = (np.arange(JOINTS) + 0.5) / JOINTS
+        mean = segment.stiffness * beam.stiffness * JOINTS / segment.links
+        self.stiffness = mean * (1 + beam.taper * (1 - 2 * along))
+        self._link, self._link_mass = segment.length / JOINTS, segment.mass / JOINTS
+        gravity = self._link_mass * np.array(specimen.description.gravity[:2])
+        self._gravity = gravity if gravity.any() else None
+        turned = np.tril(np.ones((JOINTS, JOINTS)))  # directions of the links by joint angles
+        lateral = self._link * (np.tril(np.ones((JOINTS, JOINTS)), -1) + 0.5 * np.eye(JOINTS))
+        inertia = lateral.T @ lateral + self._link**2 / 12 * np.eye(JOINTS)
+        self._inertia = self._link_mass * turned.T @ inertia @ turned
+        squares = eigh(np.diag(self.stiffness), self._inertia, eigvals_only=True)
+        self._creep = beam.creep
+        self._damping = 2 * beam.damping_ratio / np.sqrt(squares[0]) * np.diag(self.stiffness)
+
+    def propagator(self, step: float, held: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """The chain's state after a step, s, with or without a hand.
+
+        Returns:
+            Φ (48, 48) and Γ (48, 8) of the state [θ - θ_0, θ̇, q_1 - θ_0, ...] and the moments.
+        """
+        count, size = len(CREEP_TIMES), (2 + len(CREEP_TIMES)) * JOINTS
+        springs, damping = np.diag(self.stiffness), self._damping
+        creep = self._creep * springs
+        stiffness = (1 + ADDED) * springs + count * creep
+        if held:
+            hand = self.hand * np.outer(self.gradient, self.gradient)
+            stiffness, damping = stiffness + hand, damping + GRIP_TIME * hand
+        inverse = np.linalg.inv(self._inertia)
+        blocks = [-stiffness, -damping, *[creep] * count, np.eye(JOINTS)]
+        system = np.zeros((size + JOINTS, size + JOINTS))
+        system[:JOINTS, JOINTS : 2 * JOINTS] = np.eye(JOINTS)
+        system[JOINTS : 2 * JOINTS] = inverse @ np.hstack(blocks)
+        rates = np.repeat(1 / CREEP_TIMES, JOINTS)
+        system[2 * JOINTS : size, :JOINTS] = np.tile(np.eye(JOINTS), (count, 1)) * rates[:, None]
+        system[2 * JOINTS : size, 2 * JOINTS : size] = np.diag(-rates)
+        after = expm(step * system)[:size]
+        return after[:, :size].copy(), after[:, size:].copy()
+
+    @property
+    def hand(self) -> float:
+        """Stiffness of a hand's grip against the bend, N·m/rad."""
+        return GRIP / (self.gradient**2 / self.stiffness).sum()
+
+    def bend(self, angles: np.ndarray) -> float:
+        """What an exact bend sensor shows of joint angles (8), rad."""
+        return float(self.segment.bend_sensor.exact_bend_angle(angles))
+
+    def weight(self, angles: np.ndarray) -> np.ndarray | float:
+        """Moments of gravity (8), N·m, at joint angles (8); 0 where there is none."""
+        if self._gravity is None:
+            return 0.0
+        directions = np.cumsum(angles)
+        links = self._link * np.array([np.cos(directions), np.sin(directions)])
+        ends = np.cumsum(links, axis=1)
+        # Weights of all links beyond a joint, and their moment about it.
+        beyond = np.arange(JOINTS, 0, -1)
+        centres = np.cumsum((ends - links / 2)[:, ::-1], axis=1)[:, ::-1]
+        lever = centres - beyond * (ends - links)
+        return lever[0] * self._gravity[1] - lever[1] * self._gravity[0]
+
+    def resampled(self, joints: int) -> tuple[np.ndarray, np.ndarray]:
+        """Another chain of this shape, which shows the same bend.
+
+        Returns:
+            matrix (joints, 8) from these angles to its angles, and equal angles of it (joints,)
+            that an exact bend sensor shows as one radian.
+        """
+        ends, wanted = np.linspace(0.0, 1.0, JOINTS + 1), np.linspace(0.0, 1.0, joints + 1)
+        turned = np.vstack([np.zeros(JOINTS), np.tril(np.ones((JOINTS, JOINTS)))])
+        tangent = np.array([np.interp(wanted, ends, column) for column in turned.T]).T
+        angles, gradient = np.diff(tangent, axis=0), bend_gradient(self.segment, joints)
+        one = np.full(joints, 1 / gradient.sum())
+        return angles + np.outer(one, self.gradient - gradient @ angles), one
+
+
+class ContinuumLimb(LeafSystem):
+    """Wires and beam of a `ContinuumSpecimen`, and what its sensors would show but for noise.
+
+    The wires' pull is
+
+        p = x (1 - r b) - (1 - x) s tanh(b / b_0)
+
+    with the share of austenite x, a `Preisach` operator of T - Δ p, and the bend b to the wire's
+    own side. Heat is that of `RadialShells`, the latent heat taken from the wire. Power falls
+    with the resistance, which depends on phase and temperature. The beam is a `Chain`, each of
+    whose joints has the moment
+
+        k θ η(x) (1 - a x² + b x⁴) + k v Σ_j (θ - q_j) + F z
+
+    softer below its largest bend so far by η, as Mullins saw, with creep by a power law in q_j,
+    and dry friction z by Dahl.
+
+    - input 0 ``duty``: D (2), in [0, 1]
+    - output 0 ``thermocouples``: V (2), °C, before noise and steps
+    - output 1 ``bend``: φ (1), rad, before noise, walk and steps
+    - output 2 ``wire_temperature``: T (2), °C
+    - output 3 ``joint_state``: [θ, θ̇] (2n), rad and rad/s, of a chain as described that shows
+      the same bend
+    - output 4 ``applied_duty``: D (2) in the steps of the PWM
+    - state, discrete: what `_unused` lists
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(
+        self,
+        specimen: ContinuumSpecimen,
+        period: float = PERIOD,
+        hand: Trajectory | None = None,
+    ):
+        """
+        Args:
+            specimen: the limb, with the state after its last use, which this keeps up to date.
+            period: s, of the steps of heat; those of the beam are half as long.
+            hand: bend angle over time, rad, to which a hand bends the limb until its end.
+        """
+        super().__init__()
+        self._specimen, self._period, self._hand = specimen, period, hand
+        (beam,), wires = specimen.segments, specimen.wires
+        self._beam, self._room = beam, specimen.ambient
+        self._heat, self._preisach, self._chain = (
+            RadialShells(specimen),
+            Preisach.of(wires),
+            chain := Chain(specimen),
+        )
+        step = period / SUBSTEPS
+        self._free, self._held = chain.propagator(step), chain.propagator(step, held=True)
+        for name in WIRE_ARRAYS:
+            setattr(self, f"_{name}", np.array([getattr(wire, name) for wire in wires]))
+        # A moment along the beam, less at the last joint, that would bend it as drawn.
+        profile = np.ones(JOINTS)
+        profile[-1] -= beam.anchor
+        one = chain.gradient @ (profile / chain.stiffness)
+        self._moments = profile[:, None] * SIDES * [wire.bend / one for wire in wires]
+        equal = equal_joint_angles(chain.segment)
+        self._at_45 = np.pi / 4 * equal
+        self._friction = beam.friction * equal * chain.stiffness
+        self._friction_yield = beam.friction_yield * equal
+        joints = chain.segment.links
+        self._shown, self._one_shown = chain.resampled(joints)
+        # The beam's state counts angles from where it rests.
+        self._rest = np.concatenate([chain.rest, 0 * chain.rest, *[chain.rest] * len(CREEP_TIMES)])
+        self._gripped = chain.hand * chain.gradient
+
+        unused = self._unused()
+        ends = np.cumsum([len(part) for part in unused.values()]).tolist()
+        self._parts = {
+            name: slice(end - len(part), end)
+            for (name, part), end in zip(unused.items(), ends, strict=True)
+        }
+        first = np.concatenate([specimen.state.get(name, part) for name, part in unused.items()])
+        state = self.DeclareDiscreteState(first)
+        duty = self.DeclareVectorInputPort("duty", 2)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weak_method(self._update))
+        tickets = {self.discrete_state_ticket(state)}
+        for name, size, calc in (
+            ("thermocouples", 2, self._calc_thermocouples),
+            ("bend", 1, self._calc_bend),
+            ("wire_temperature", 2, self._calc_temperature),
+            ("joint_state", 2 * joints, self._calc_joints),
+        ):
+            self.DeclareVectorOutputPort(name, size, weak_method(calc), tickets)
+        self.DeclareVectorOutputPort(
+            "applied_duty",
+            2,
+            weak_method(self._calc_duty),
+            {self.input_port_ticket(duty.get_index())},
+        )
+        self.set_name("shape_memory_wires")  # by which a board finds the wires' temperature
+
+    def _unused(self) -> dict[str, np.ndarray]:
+        """The state of a limb that was never used, by the names of its parts."""
+        return {
+            "heat": np.full(2 * (1 + SHELLS), self._room),
+            "relays": np.zeros(2 * RELAYS),
+            "share": np.zeros(2),
+            "beam": self._rest,
+            "friction": np.zeros(JOINTS),
+            "largest": np.zeros(JOINTS),
+            "thermocouples": np.full(4, self._room),  # after the first lag, after both
+            "pulls": np.zeros(2),
+            "play": np.array([self._chain.bend(self._chain.rest)]),
+            "duty": np.zeros(2),
+        }
+
+    def _part(self, context: Context, name: str) -> np.ndarray:
+        return context.get_discrete_state_vector().value()[self._parts[name]]
+
+    def _applied_duty(self, context: Context) -> np.ndarray:
+        return PWM_STEP * np.rint(self.get_input_port(0).Eval(context) / PWM_STEP)
+
+    def _update(self, context, discrete_state):
+        values = context.get_discrete_state_vector().value().copy()
+        state = {name: values[part] for name, part in self._parts.items()}  # views of the values
+        state["duty"][:] = self._applied_duty(context)
+        self._after_heat(state)
+        now, hand, wanted = context.get_time(), self._hand, None
+        if hand is not None and now < hand.end_time():
+            wanted = hand.value(now).item()
+        for _ in range(SUBSTEPS):
+            self._after_beam(state, wanted)
+        bend = self._chain.bend(state["beam"][:JOINTS])
+        half = self._beam.sensor_play / 2
+        state["play"][:] = min(max(state["play"][0], bend - half), bend + half)
+        self._specimen.state = self._specimen.state | state
+        discrete_state.set_value(values)
+
+    def _after_heat(self, state: dict[str, np.ndarray]) -> None:
+        """Advances the wires and thermocouples."""
+        temperatures, share = state["heat"].reshape(2, -1), state["share"]
+        warm = 1 + self._resistance_slope * (temperatures[:, 0] - 25.0)
+        coil = (1 - self._resistance_drop * share) * warm
+        resistance = self._lead_share + (1 - self._lead_share) * coil
+        power = self._heat.power(state["duty"] / resistance)
+        after = self._heat.after(temperatures, power, self._period)
+        shifted = after[:, :1] - (self._stress_shift * state["pulls"])[:, None]
+        relays = self._preisach.after(state["relays"].reshape(2, -1) > 0.5, shifted)
+        changed = np.array([np.count_nonzero(row) for row in relays]) / RELAYS
+        after[:, 0] -= self._latent_heat * (changed - share)
+        share[:] = changed
+        state["heat"][:] = after.ravel()
+        state["relays"][:] = relays.ravel()
+        first, second = state["thermocouples"][:2], state["thermocouples"][2:]
+        bonded = after[:, 0] + self._leak * (after[:, 1] - after[:, 0])
+        second += (1 - np.exp(-self._period / self._second_lag)) * (first - second)
+        first += (1 - np.exp(-self._period / self._lag)) * (bonded - first)
+
+    def _after_beam(self, state: dict[str, np.ndarray], wanted: float | None) -> None:
+        """Advances the beam by a step of its own, with or without a hand."""
+        chain, beam = self._chain, self._beam
+        relative = state["beam"] - self._rest
+        bent, share = relative[:JOINTS], state["share"]
+        own_bend = SIDES * (chain.gradient @ state["beam"][:JOINTS])
+        yielding = MARTENSITE_YIELD * np.tanh(own_bend / MARTENSITE_YIELD)
+        pulls = share * (1 - self._relief * own_bend)
+        pulls -= (1 - share) * self._martensite_pull * yielding
+        squares = (bent / self._at_45) ** 2
+        largest = np.maximum(state["largest"], squares)
+        healthy = 1 - beam.mullins * np.tanh((largest - squares) / MULLINS_RANGE)
+        capped = np.minimum(squares, STIFFEST)
+        shape = healthy * (1 - (beam.softening - beam.stiffening * capped) * capped)
+        friction = state["friction"]
+        moments = self._moments @ pulls - chain.stiffness * (shape - 1 - ADDED) * bent
+        moments += chain.weight(state["beam"][:JOINTS]) - self._friction * friction
+        free, forced = self._free if wanted is None else self._held
+        if wanted is not None:
+            moments += self._gripped * (wanted - chain.gradient @ chain.rest)
+        after = free @ relative + forced @ moments
+        turned = after[:JOINTS] - bent
+        side = np.sign(turned)
+        slip = np.exp(-np.abs(turned) / self._friction_yield)
+        state["friction"][:] = side + (friction - side) * slip
+        state["largest"][:], state["pulls"][:] = largest, pulls
+        state["beam"][:] = after + self._rest
+
+    def _calc_thermocouples(self, context, output):
+        read = self._part(context, "thermocouples")[2:]
+        output.SetFromVector(read + self._pick_up * self._part(context, "duty"))
+
+    def _calc_bend(self, context, output):
+        beam = self._beam
+        left, right = self._part(context, "heat").reshape(2, -1)[:, -1]
+        gain = beam.sensor_gain + beam.sensor_warming * ((left + right) / 2 - self._room)
+        shift = beam.sensor_shift * (right - left) + beam.sensor_offset
+        output.SetFromVector(gain * self._part(context, "play") + shift)
+
+    def _calc_temperature(self, context, output):
+        output.SetFromVector(self._part(context, "heat").reshape(2, -1)[:, 0])
+
+    def _calc_joints(self, context, output):
+        angles, rates = self._part(context, "beam")[: 2 * JOINTS].reshape(2, -1)
+        shown, chain = self._shown @ angles, self._chain
+        # Exact already for a sensor that adds up angles; one that sees the chord is curved.
+        sensor = chain.segment.bend_sensor
+        shown += self._one_shown * (chain.bend(angles) - sensor.exact_bend_angle(shown))
+        output.SetFromVector(np.append(shown, self._shown @ rates))
+
+    def _calc_duty(self, context, output):
+        output.SetFromVector(self._applied_duty(context))
+
+
+class WalkingSensors(LeafSystem):
+    """Samples thermocouples and bend, with noise, steps, a random walk and missing samples.
+
+    - input 0 ``thermocouples``: V (2), °C
+    - input 1 ``bend``: φ (1), rad
+    - output 0 ``measured_temperature``: V (2), °C
+    - output 1 ``bend_angle``: φ (1), rad
+    - output 2 ``measurement``: [V (2), φ (1)]
+    - state, discrete: the same; the walk, rad; how many numbers of the noise were used
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, specimen: ContinuumSpecimen, bend_rate: float):
+        """
+        Args:
+            specimen: the limb, whose state counts the numbers of the noise.
+            bend_rate: rate at which the bend sensor is read, Hz.
+        """
+        super().__init__()
+        self._specimen, (self._beam,) = specimen, specimen.segments
+        (self._draws,) = specimen.state.get("draws", np.zeros(1))
+        self._walk_step = self._beam.sensor_walk / np.sqrt(bend_rate)
+        self._missing_below = ndtri(self._beam.missing)
+        readings = self.DeclareDiscreteState(3)
+        self.DeclareDiscreteState(1)
+        self.DeclareDiscreteState([self._draws])
+        self.DeclareVectorInputPort("thermocouples", 2)
+        self.DeclareVectorInputPort("bend", 1)
+        self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
+        for period, sample in (
+            (THERMOCOUPLE_PERIOD, self._sample_temperature),
+            (1 / bend_rate, self._sample_bend),
+        ):
+            self.DeclarePeriodicDiscreteUpdateEvent(period, period, weak_method(sample))
+        tickets = {self.discrete_state_ticket(readings)}
+        for name, size, calc in (
+            ("measured_temperature", 2, self._calc_temperature),
+            ("bend_angle", 1, self._calc_bend),
+        ):
+            self.DeclareVectorOutputPort(name, size, weak_method(calc), tickets)
+        self.DeclareStateOutputPort("measurement", readings)
+        self.set_name("sensors")
+
+    def _draw(self, state, count: int) -> np.ndarray:
+        draws = state.get_mutable_value(2)
+        start = int(draws[0])
+        draws[0] = start + count
+        self._specimen.state = self._specimen.state | {"draws": np.array([draws[0]])}
+        return self._specimen.noise.read(start, count)
+
+    def _start(self, context, state):
+        state.get_mutable_value(1)[:] = 0.0
+        self._read_temperature(context, state)
+        self._read_bend(context, state, 0.0)
+
+    def _sample_temperature(self, context, state):
+        if self._draw(state, 1)[0] > self._missing_below:
+            self._read_temperature(context, state)
+
+    def _sample_bend(self, context, state):
+        missing, walk = self._draw(state, 2)
+        state.get_mutable_value(1)[0] += self._walk_step * walk
+        if missing > self._missing_below:
+            self._read_bend(context, state, state.get_mutable_value(1)[0])
+
+    def _read_temperature(self, context, state):
+        read = self.get_input_port(0).Eval(context) + THERMOCOUPLE_NOISE * self._draw(state, 2)
+        state.get_mutable_value(0)[:2] = THERMOCOUPLE_STEP * np.rint(read / THERMOCOUPLE_STEP)
+
+    def _read_bend(self, context, state, walk: float):
+        read = self.get_input_port(1).Eval(context) + walk
+        read = read + self._beam.sensor_noise * self._draw(state, 1)
+        state.get_mutable_value(0)[2:] = BEND_STEP * np.rint(read / BEND_STEP)
+
+    def _calc_temperature(self, context, output):
+        output.SetFromVector(context.get_discrete_state(0).value()[:2])
+
+    def _calc_bend(self, context, output):
+        output.SetFromVector(context.get_discrete_state(0).value()[2:])
+
+
+MARTENSITE_YIELD = 0.25  # rad of stretch, at which detwinning martensite yields; ours
+MULLINS_RANGE = 0.3  # of x², over which rubber stiffens to its virgin curve; ours
+
+
+def _draw_wire(uniform) -> ContinuumWire:
+    return ContinuumWire(
+        heating=uniform(15.0, 25.0),  # °C/s [records]
+        contact_time=uniform(11.0, 19.0),  # s, of the first cooling [records]
+        radius=uniform(0.6e-3, 0.9e-3),  # ours, coils of 1.2 to 1.8 mm
+        heat_capacity=uniform(1.8e6, 2.8e6),  # between silicone and NiTi, 3 to 5e6
+        lead_share=uniform(0.05, 0.2),  # ours
+        resistance_drop=uniform(0.08, 0.2),  # [Flexinol]
+        resistance_slope=uniform(2e-4, 8e-4),  # [Uchil]
+        latent_heat=uniform(8.0, 20.0),  # below [Flexinol]'s 29 °C: filled coils share heat
+        middle=uniform(52.0, 62.0),  # [Flexinol], between wires of 70 and 90 °C
+        middle_spread=uniform(6.5, 10.0),  # ours: stress and heat differ along a coil
+        half_width=uniform(5.0, 9.0),  # [Flexinol]
+        half_width_spread=uniform(0.2, 0.5),  # ours [Ortin]
+        r_share=uniform(0.05, 0.15),  # [Uchil]
+        r_middle=uniform(38.0, 46.0),
+        r_half_width=uniform(1.0, 2.5),
+        stress_shift=uniform(5.0, 12.0),  # 70 to 170 MPa at 7 to 14 MPa/°C [Flexinol]
+        bend=np.deg2rad(uniform(38.0, 62.0)),  # ours
+        relief=uniform(0.1, 0.3),  # ours
+        martensite_pull=uniform(0.1, 0.25),  # ours
+        lag=uniform(0.5, 1.5),  # s [records]
+        second_lag=uniform(0.15, 0.6),  # s [records]
+        leak=uniform(0.0, 0.12),  # ours
+        pick_up=uniform(-0.5, 1.5),  # ours
+    )
+
+
+def _draw_beam(uniform) -> ContinuumBeam:
+    return ContinuumBeam(
+        stiffness=uniform(0.85, 1.15),
+        taper=uniform(-0.15, 0.3),  # ours: wires and glue at the base
+        damping_ratio=uniform(0.03, 0.09),  # creep and friction add to it
+        softening=uniform(0.0, 0.12),  # [Yeoh]
+        stiffening=uniform(0.02, 0.06),  # [Yeoh]
+        mullins=uniform(0.02, 0.10),  # [Ogden], little of it in silicone that is hardly filled
+        creep=uniform(0.015, 0.05),  # [Schapery]
+        friction=np.deg2rad(uniform(0.2, 0.8)),  # ours [Dahl]
+        friction_yield=np.deg2rad(uniform(2.0, 5.0)),  # ours
+        rest_offset=np.deg2rad(uniform(-4.0, 4.0)),  # ours
+        anchor=uniform(0.1, 0.5),  # ours
+        conductivity=uniform(0.16, 0.27),  # [Sylgard]
+        heat_capacity=uniform(1.2e6, 1.6e6),  # [Sylgard]
+        convection=uniform(4.0, 8.0),  # [Incropera]
+        emissivity=uniform(0.8, 0.95),  # [Incropera]
+        crossing=uniform(0.5, 1.5),  # ours
+        cooling=1.0,
+        sensor_gain=uniform(0.97, 1.03),
+        sensor_offset=np.deg2rad(uniform(-0.5, 0.5)),
+        sensor_play=np.deg2rad(uniform(0.2, 1.0)),  # ours
+        sensor_warming=uniform(-1e-3, 5e-4),  # 1/°C, ours
+        sensor_shift=np.deg2rad(uniform(-0.04, 0.04)),  # rad/°C, ours
+        sensor_noise=np.deg2rad(uniform(0.1, 0.3)),  # ours
+        sensor_walk=np.deg2rad(uniform(0.01, 0.05)),  # rad/√s, 0.1 to 0.4° in a minute, ours
+        missing=uniform(0.0, 0.01),  # ours
+    )
