@@ -27,7 +27,7 @@ from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.files.csv_format import FileFormatError
 from limb_systems.input import LARGEST_TABLE, read_bytes
 from limb_systems.output import write_atomically
-from limb_systems.tracking import tracking_errors
+from limb_systems.tracking import reference_distances, tracking_errors
 
 READING_NOISE = 0.3  # °C, of a mean of some readings of a thermocouple
 MEANS = 0.25  # of a sample's variance, left in the mean of those around a node
@@ -43,7 +43,7 @@ SURELY = 3.0  # standard deviations, by which a repetition must be worse to coun
 COOLER = 3.0  # °C, by which bounds are lowered after a wire was read too hot
 WORTH = 0.01  # of the sensor's error; what another repetition must promise at least
 MOST_FAILURES = 3  # in a row
-_FIRST_LINE = "# limb learning, format 2, sha256 "
+_FIRST_LINE = "# limb learning, format 3, sha256 "
 
 
 def wandering(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.ndarray:
@@ -110,7 +110,8 @@ class RepeatingError:
 class Repetition:
     """What a repetition of a plan has shown, of S segments and W wires.
 
-    - ``mean_error``: mean of |φ* - φ| as it was read, rad; as far as it came.
+    - ``reference_distance``, ``mean_error``: means of |φ_ref - φ| and of |φ* - φ| as it was
+      read, rad; as far as it came.
     - ``interrupted``: why it ended before its time; empty if it did not.
     - ``remark``: what was done about it, if it was interrupted or undone; else empty.
     - ``correction``: change of the plan's duty, at the M + 1 nodes of `DutyCorrection`
@@ -121,6 +122,7 @@ class Repetition:
       and (M + 1, W), °C; NaN where there are none.
     """
 
+    reference_distance: float
     mean_error: float
     interrupted: str
     remark: str
@@ -287,7 +289,10 @@ class Learner:
             _around(self.nodes, spacing, time, signals[:, seen])
             for signals in (recording.bend_angle, recording.measured_temperature)
         )
+        distances = reference_distances(self.trajectory, [recording])
+        assert distances.done is not None  # of recordings
         return Repetition(
+            reference_distance=distances.done,
             mean_error=tracking_errors(self.trajectory, [recording]).mean,
             interrupted=interrupted,
             remark="",

@@ -1,14 +1,16 @@
-"""How well a limb followed its plan: the numbers of Table I."""
+"""How near a limb came to its reference and to its plan: the numbers of Table I."""
 
 import dataclasses
 import warnings
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
+from limb_systems.simulation import PERIOD
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,8 +22,23 @@ class TrackingErrors:
     percentile_90: float
 
 
+@dataclasses.dataclass(frozen=True)
+class ReferenceDistances:
+    """Mean distances of bend angles from the reference over the same samples, rad.
+
+    - ``done``: |φ_ref - φ| of what was recorded; None without recordings.
+    - ``planned``: |φ_ref - φ*| of the plan.
+    - ``nearest``: distance that the limb's limits leave, of the best plan within them; None if
+      it is not known.
+    """
+
+    done: float | None
+    planned: float
+    nearest: float | None
+
+
 def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> TrackingErrors:
-    """The tracking errors of Table I.
+    """How well rollouts followed their plan: |φ* - φ|, as in Table I.
 
     Args:
         trajectory: the plan φ*.
@@ -32,18 +49,70 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
     Raises:
         LimbError: if there is nothing to compare.
     """
-    errors, plan = [], trajectory.since_start()
     for recording in recordings:
         if recording.implausible.any():
             warnings.warn(f"Left out of the tracking errors: {recording.doubt}.", stacklevel=2)
-        during = (recording.time <= trajectory.duration) & recording.usable
-        planned = plan.bend_angle_at(recording.time[during])
-        errors.append(np.abs(planned - recording.bend_angle[:, during]).ravel())
-    if not sum(error.size for error in errors):
-        raise LimbError("There are no recorded samples during the plan to compare it with.")
-    all_errors = np.concatenate(errors)
-    return TrackingErrors(
-        mean=float(all_errors.mean()),
-        median=float(np.median(all_errors)),
-        percentile_90=float(np.percentile(all_errors, 90)),
+    plan = trajectory.since_start()
+    samples = _samples(plan, recordings)
+    errors = np.concatenate(
+        [np.abs(plan.bend_angle_at(times) - bend).ravel() for times, bend in samples]
     )
+    return TrackingErrors(
+        mean=float(errors.mean()),
+        median=float(np.median(errors)),
+        percentile_90=float(np.percentile(errors, 90)),
+    )
+
+
+def reference_distances(
+    trajectory: Trajectory,
+    recordings: Sequence[Recording] = (),
+    nearest: ArrayLike | None = None,
+) -> ReferenceDistances:
+    """How near rollouts, their plan and the best plan are to the reference, on average.
+
+    Args:
+        trajectory: the plan φ*, with its reference φ_ref, which is linear between the knots.
+        recordings: recordings of rollouts, of which the samples count that count in
+            `tracking_errors`; without any the plan counts over its whole time, at 20 Hz.
+        nearest: bend angles of the best plan at the knots (S, K), rad, as of
+            `planners.nearest_bend_angle`; None if it is not known.
+
+    Raises:
+        LimbError: if there are recordings, and nothing to compare in them.
+    """
+    plan = trajectory.since_start()
+    if recordings:
+        samples = _samples(plan, recordings)
+    else:
+        times = np.linspace(0.0, plan.duration, int(np.ceil(plan.duration / PERIOD)) + 1)
+        samples = [(times, plan.bend_angle_at(times))]
+    times = np.concatenate([times for times, _ in samples])
+    wanted = _between_knots(plan, plan.reference, times)
+
+    def distance(bend: np.ndarray) -> float:
+        return float(np.abs(wanted - bend).mean())
+
+    return ReferenceDistances(
+        done=distance(np.hstack([bend for _, bend in samples])) if recordings else None,
+        planned=distance(plan.bend_angle_at(times)),
+        nearest=None if nearest is None else distance(_between_knots(plan, nearest, times)),
+    )
+
+
+def _samples(
+    plan: Trajectory, recordings: Sequence[Recording]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Times (M,), s, and bend angles (S, M), rad, of each recording that count."""
+    samples = []
+    for recording in recordings:
+        during = (recording.time <= plan.duration) & recording.usable
+        samples.append((recording.time[during], recording.bend_angle[:, during]))
+    if not sum(times.size for times, _ in samples):
+        raise LimbError("There are no recorded samples during the plan to compare it with.")
+    return samples
+
+
+def _between_knots(plan: Trajectory, angles: ArrayLike, times: np.ndarray) -> np.ndarray:
+    """Angles at the knots (S, K) at other times (M,), (S, M)."""
+    return np.array([np.interp(times, plan.time, row) for row in np.asarray(angles)])

@@ -2,6 +2,7 @@
 
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from planners import references
+from planners.nearest import nearest_bend_angle
 from planners.planning import Planner, plan
 from planners.task import Phase, Task, TaskError
 from planners.transcription.ipopt import ExactHessianIpoptSolver
@@ -18,6 +19,7 @@ __all__ = [
     "Task",
     "TaskError",
     "TrajectoryProgram",
+    "nearest_bend_angle",
     "plan",
     "references",
 ]

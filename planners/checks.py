@@ -23,6 +23,7 @@ from limb_systems.model.statics import static_equilibrium
 from limb_systems.model.wire_blocks import make_blocks
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
 from limb_systems.simulation import MAX_STEP_SIZE, failure_told, make_simulator
+from limb_systems.tracking import reference_distances
 from planners.task import Task
 from planners.transcription.program import reading_bounds
 
@@ -118,11 +119,6 @@ def _heat_then_motion(trajectory: Trajectory, rate: float) -> tuple[np.ndarray, 
     return log.sample_times(), bend_angle(parameters, log.data()[:n])
 
 
-def missed(trajectory: Trajectory) -> np.ndarray:
-    """|φ_ref - φ*| at the knots (S, K), degrees."""
-    return np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))
-
-
 def far_from_reference(trajectory: Trajectory) -> str | None:
     """How far, where and why a plan is far from its reference, or None if it is not."""
     reference, planned = trajectory.reference, trajectory.bend_angle
@@ -134,8 +130,8 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
         ]
     )
     is_short = short.max() > max(LITTLE, SHARE_OF_LARGEST * largest)
-    distance = np.abs(reference - planned)
-    if not is_short and distance.mean() <= max(LITTLE, SHARE_ON_AVERAGE * largest):
+    distance, mean = np.abs(reference - planned), reference_distances(trajectory).planned
+    if not is_short and mean <= max(LITTLE, SHARE_ON_AVERAGE * largest):
         return None
     if is_short:
         side, segment = map(int, np.unravel_index(np.argmax(short), short.shape))
@@ -148,11 +144,10 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
     asked, has = np.rad2deg([reference[segment, knot], planned[segment, knot]])
     time = trajectory.time[knot]
     of_segment = f" of segment {segment + 1}" if len(reference) > 1 else ""
-    misses = missed(trajectory)
+    average, most = np.rad2deg([mean, distance.max()])
     said = (
-        f"The plan is far from its reference: {misses.mean():.1f}° on average, {misses.max():.1f}° "
-        f"at most. At {time:.1f} s, {asked:.1f}°{of_segment} are asked for, and the plan has "
-        f"{has:.1f}°"
+        f"The plan is far from its reference: {average:.1f}° on average, {most:.1f}° at most. "
+        f"At {time:.1f} s, {asked:.1f}°{of_segment} are asked for, and the plan has {has:.1f}°"
     )
     active = [
         constraint.bound

@@ -218,25 +218,33 @@ def measured_panels(
 
 
 def repetition_panels(
-    trajectory: Trajectory, errors: Sequence[float], first: Recording, last: Recording
+    trajectory: Trajectory,
+    distances: Sequence[float],
+    errors: Sequence[float],
+    first: Recording,
+    last: Recording,
 ) -> list[Panel]:
-    """How the error fell over repetitions of a plan, and the bend in the first and the last.
+    """How distance and error fell over repetitions, and the bend in the first and the last.
 
     Args:
         trajectory: the plan.
-        errors: mean of |φ* - φ| in each repetition, as it was read, rad.
+        distances, errors: means of |φ_ref - φ| and of |φ* - φ| in each repetition, as it was
+            read, rad.
         first, last: recordings of repetitions.
     """
     trajectory = trajectory.since_start()
-    numbers, degrees = np.arange(1, len(errors) + 1), np.rad2deg(errors)
-    name = "mean error, as read"
+    numbers = np.arange(1, len(errors) + 1)
     fell = [
-        Curve(name, numbers, degrees, ROLLOUT_COLOR),
-        Curve(name, numbers, degrees, ROLLOUT_COLOR, width=2.0, marks=True),
+        Curve(name, numbers, np.rad2deg(values), color, width=width, marks=marks)
+        for name, values, color in (
+            ("from the reference, |φ_REF − φ|", distances, ROLLOUT_COLOR),
+            ("from the plan, |φ* − φ|", errors, PLAN_COLOR),
+        )
+        for width, marks in ((1.5, False), (2.0, True))
     ]
     panels = [
         Panel(
-            "mean |φ* − φ| (°)",
+            "mean distance, as read (°)",
             fell,
             x_label="repetition",
             from_zero=True,
@@ -245,11 +253,12 @@ def repetition_panels(
     ]
     for segment, suffix in enumerate(trajectory.parameters.segment_suffixes):
         curves = [
-            Curve(name, time, np.rad2deg(angle[segment]), color, dash)
-            for name, time, angle, color, dash in (
-                ("first repetition", first.time, first.bend_angle, LEFT_RIGHT_COLORS[1], "solid"),
-                ("last repetition", last.time, last.bend_angle, ROLLOUT_COLOR, "solid"),
-                ("plan φ*", trajectory.time, trajectory.bend_angle, PLAN_COLOR, "dashed"),
+            Curve(name, run.time, np.rad2deg(angle[segment]), color, dash)
+            for name, run, angle, color, dash in (
+                ("reference φ_REF", trajectory, trajectory.reference, REFERENCE_COLOR, "solid"),
+                ("first repetition", first, first.bend_angle, LEFT_RIGHT_COLORS[1], "solid"),
+                ("last repetition", last, last.bend_angle, ROLLOUT_COLOR, "solid"),
+                ("plan φ*", trajectory, trajectory.bend_angle, PLAN_COLOR, "dashed"),
             )
         ]
         panels.append(SIGNALS["bend_angle"].panel(curves, suffix))

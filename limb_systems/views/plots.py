@@ -44,10 +44,14 @@ def plot_tracking(
 
 
 def plot_repetitions(
-    trajectory: Trajectory, errors: Sequence[float], first: Recording, last: Recording
+    trajectory: Trajectory,
+    distances: Sequence[float],
+    errors: Sequence[float],
+    first: Recording,
+    last: Recording,
 ) -> Figure:
     """Learning as a picture; see `limb_systems.views.panels.repetition_panels`."""
-    return draw(repetition_panels(trajectory, errors, first, last))
+    return draw(repetition_panels(trajectory, distances, errors, first, last))
 
 
 def draw(panels: Sequence[Panel], title: str = "") -> Figure:

@@ -269,7 +269,8 @@ def _learn(options: argparse.Namespace) -> int:
     def say(number: int, repetition: Repetition) -> None:
         if options.json:
             return
-        said = [f"mean |φ* - φ| {np.rad2deg(repetition.mean_error):.2f}° as read"]
+        distance, error = np.rad2deg([repetition.reference_distance, repetition.mean_error])
+        said = [f"as read mean |φ_ref - φ| {distance:.2f}°, |φ* - φ| {error:.2f}°"]
         said += filter(None, [repetition.interrupted, repetition.remark])
         print(f"repetition  {number}: {'; '.join(said)}", flush=True)
 

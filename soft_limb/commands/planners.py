@@ -41,14 +41,15 @@ def _plan(options: argparse.Namespace) -> int:
             save_figure(plot_tracking(trajectory), options.plot)
         if options.diagnostics:
             save_figure(plot_diagnostics(trajectory), options.diagnostics)
+    summary = plan_summary(trajectory)
     if options.report:
         data = {"trajectory": options.output}
         if reference.is_file():
             data["reference"] = reference
         if options.limb:
             data["limb"] = options.limb
-        write_report(trajectory, options.report, data)
-    print_summary(options, plan_summary(trajectory), outputs)
+        write_report(trajectory, summary, options.report, data)
+    print_summary(options, summary, outputs)
     return 0
 
 

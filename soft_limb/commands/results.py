@@ -40,6 +40,11 @@ def _compare(options: argparse.Namespace) -> int:
 
 
 def _print_comparison(comparison: Comparison) -> None:
+    if comparison.distances:
+        _print_table("mean |φ_ref - φ| from the plan's reference", comparison.distances_table())
+    if tracking := comparison.tracking:
+        rows = comparison.differences_table(tracking, "|{0}* - {0}|")
+        _print_table("tracking errors of the plan's recordings", rows)
     if comparison.changes:
         _print_table("what changed", comparison.changes_table())
     else:
@@ -47,9 +52,6 @@ def _print_comparison(comparison: Comparison) -> None:
     if differences := comparison.differences:
         rows = comparison.differences_table(differences, "|Δ{}|")
         _print_table("absolute differences from the first", rows)
-    if tracking := comparison.tracking:
-        rows = comparison.differences_table(tracking, "|{0}* - {0}|")
-        _print_table("tracking errors of the plan's recordings", rows)
 
 
 def _print_table(title: str, rows: Sequence[Sequence[str]]) -> None:

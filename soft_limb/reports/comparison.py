@@ -48,7 +48,13 @@ def _signals(comparison: Comparison) -> list[page.Section]:
     parts = [page.table(head, rows, f"Absolute differences from {first} over their common time.")]
     if comparison.tracking:
         head, *rows = comparison.differences_table(comparison.tracking, "|{0}* − {0}|")
-        parts.append(page.table(head, rows, "Tracking errors of the recordings of the plan."))
+        parts.insert(0, page.table(head, rows, "Tracking errors of the recordings of the plan."))
+        head, *rows = comparison.distances_table()
+        caption = (
+            "Mean distance from the reference of the plan: of what was recorded, of the plan, and "
+            "of the best plan that the limits of the limb leave."
+        )
+        parts.insert(0, page.table(head, rows, caption))
     chart = page.chart(_panels(comparison), f"All runs, and what differs from {first}")
     return [
         page.section("How far apart they are", *parts),

@@ -4,43 +4,46 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from limb_systems import Trajectory
+from limb_systems.summary import Summary
 from limb_systems.views.panels import tracking_panels
 from planners.checks import far_from_reference
-from planners.checks import missed as missed_by
 from soft_limb.reports import page
-from soft_limb.results.summaries import active_times, plan_summary, spans
+from soft_limb.results.summaries import active_times, spans
 
 
-def plan_verdict(trajectory: Trajectory) -> str:
+def plan_verdict(trajectory: Trajectory, summary: Summary) -> str:
     """Whether a plan was checked, how far it is from its reference, and what holds it there."""
-    check, missed = trajectory.check, missed_by(trajectory)
-    said = (
+    check = trajectory.check
+    said = f"The reference is {summary.texts()['reference']}. "
+    said += (
         f"Not to be used: {failure}"
         if (failure := check.failure())
         else "Checked: simulated again, the limb stays within "
         f"{check.largest_difference_deg:.4f}° of the plan."
     )
-    said += f" The reference is missed by {missed.mean():.2f}° on average, {missed.max():.2f}° at"
-    said += " most"
     if far := far_from_reference(trajectory):
-        return f"{said}. {far}"
+        return f"{said} {far}"
     times = active_times(trajectory)
     if not times:
-        return f"{said}, and no limit is active."
+        return f"{said} No limit is active."
     longest = sorted(times, key=lambda bound: -sum(end - start for start, end in times[bound]))[:3]
     named = [
         f"{bound} for {sum(end - start for start, end in times[bound]):.1f} s" for bound in longest
     ]
-    return f"{said}; it runs along limits: {', '.join(named)}."
+    return f"{said} It runs along limits: {', '.join(named)}."
 
 
 def write_report(
-    trajectory: Trajectory, path: str | Path, data: Mapping[str, str | Path] | None = None
+    trajectory: Trajectory,
+    summary: Summary,
+    path: str | Path,
+    data: Mapping[str, str | Path],
 ) -> None:
     """Writes one HTML page: verdict, chart, limits, how the plan was found, and the limb.
 
     Args:
         trajectory: the plan; times are since its start.
+        summary: its `plan_summary`, which the command prints, too.
         path: path of the page.
         data: files that the page links to, by what they are.
     """
@@ -58,10 +61,10 @@ def write_report(
         f"Duty is from 0 to 1 (18). No wire is planned above T_max = {limits.maximum:g} °C (19), "
         f"and none below T_warm = {limits.warm:g} °C from {limits.warm_up_time:g} s on (20)."
     )
-    texts = plan_summary(trajectory).texts()
+    texts = summary.texts()
     del texts["limits"]  # they have a section of their own
     parts: list[page.Part] = [
-        page.verdict(plan_verdict(trajectory)),
+        page.verdict(plan_verdict(trajectory, summary)),
         page.chart(tracking_panels(trajectory), "Bend angle, temperatures and duty of the plan"),
         page.section(
             "Limits",
@@ -73,6 +76,5 @@ def write_report(
         page.section("How it was found", page.table(["", ""], list(texts.items()))),
         page.section("Limb", page.limb(trajectory.parameters)),
     ]
-    if data:
-        parts.append(page.section("Data", page.links(path, data)))
+    parts.append(page.section("Data", page.links(path, data)))
     page.write_page(path, "Plan of a limb's motion", parts, trajectory.provenance)

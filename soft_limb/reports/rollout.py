@@ -15,12 +15,17 @@ from soft_limb.runs.rollout import Rollout
 
 
 def rollout_verdict(rollout: Rollout) -> str:
-    """How well a limb followed its plan, and what went wrong."""
+    """How near a limb came to its reference and to its plan, and what went wrong."""
     values, check = rollout.summary().to_json(), rollout.trajectory.check
-    tracking, timing = values["tracking"], values["timing"]
+    tracking, timing, nearest = (
+        values[name] for name in ("tracking", "timing", "nearest_distance_deg")
+    )
     said = [
+        f"On average {values['reference_distance_deg']:.2f}° from the reference; the plan asks for "
+        f"{values['planned_distance_deg']:.2f}°"
+        + ("." if nearest is None else f", and the limits of the limb leave {nearest:.2f}°."),
         f"Followed the plan to {tracking['mean_deg']:.2f}° on average, and to "
-        f"{tracking['percentile_90_deg']:.2f}° for nine tenths of the samples."
+        f"{tracking['percentile_90_deg']:.2f}° for nine tenths of the samples.",
     ]
     if check.bend_band_deg:
         said.append(
@@ -70,15 +75,20 @@ def write_rollout_report(
 
 
 def learning_verdict(learner: Learner) -> str:
-    """How far the error fell, and why it ended."""
+    """How far distance and error fell, and why learning ended."""
     repetitions = learner.repetitions
-    first, last = (np.rad2deg(repetitions[n].mean_error) for n in (0, -1))
-    said = [f"The mean error was {first:.2f}° in the first repetition."]
-    if len(repetitions) > 1:
-        said = [
-            f"The mean error went from {first:.2f}° in the first repetition to {last:.2f}° in the "
+    said = []
+    for what, values in (
+        ("distance from the reference", [r.reference_distance for r in repetitions]),
+        ("error", [r.mean_error for r in repetitions]),
+    ):
+        first, last = np.rad2deg([values[0], values[-1]])
+        said.append(
+            f"The mean {what} went from {first:.2f}° in the first repetition to {last:.2f}° in the "
             f"last of {len(repetitions)}."
-        ]
+            if len(repetitions) > 1
+            else f"The mean {what} was {first:.2f}° in the first repetition."
+        )
     if broken := [n for n, repetition in enumerate(repetitions, 1) if repetition.interrupted]:
         said.append(f"Interrupted: {', '.join(map(str, broken))}.")
     if far := far_from_reference(learner.trajectory):
@@ -100,29 +110,32 @@ def write_learning_report(
     """
     numbers = sorted(recordings)
     first, last = (Recording.load(recordings[number]) for number in (numbers[0], numbers[-1]))
+    distances = [repetition.reference_distance for repetition in learner.repetitions]
     errors = [repetition.mean_error for repetition in learner.repetitions]
     rows = [
         [
             str(number),
+            f"{np.rad2deg(repetition.reference_distance):.2f}",
             f"{np.rad2deg(repetition.mean_error):.2f}",
             "; ".join(filter(None, [repetition.interrupted, repetition.remark])),
         ]
         for number, repetition in enumerate(learner.repetitions, 1)
     ]
     learned = page.chart(
-        repetition_panels(learner.trajectory, errors, first, last),
-        "Mean error of each repetition; bend angle in the first, in the last and in the plan",
+        repetition_panels(learner.trajectory, distances, errors, first, last),
+        "Mean distances of each repetition; bend angle in the first, in the last and in the plan",
     )
     tracked = page.chart(
         tracking_panels(learner.trajectory, [last]),
         "Bend angle, temperatures and duty of the plan and the last repetition",
     )
     data = {f"repetition {number}": recordings[number] for number in numbers}
+    header = ["repetition", "mean |φ_REF − φ|, °", "mean |φ* − φ|, °", "remark"]
     parts: list[page.Part] = [
         page.verdict(learning_verdict(learner)),
         learned,
         page.section(f"Repetition {numbers[-1]}", tracked),
-        page.section("Repetitions", page.table(["repetition", "mean |φ* − φ|, °", "remark"], rows)),
+        page.section("Repetitions", page.table(header, rows)),
         page.section("Data", page.links(path, {"what was learned": state, **data})),
     ]
     page.write_page(path, "A plan, learned", parts, last.provenance)

@@ -11,8 +11,10 @@ from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.parameters import CalibrationRecord, LimbParameters
-from limb_systems.tracking import tracking_errors
+from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
+from planners import nearest_bend_angle
 from soft_limb.results.reading import LIMB, RECORDING, TRAJECTORY, ResultFile
+from soft_limb.results.summaries import distances_summary
 
 NONE = "-"  # for a value that one of the runs does not have
 SIGNALS = {"bend_angle": "°", "measured_temperature": "°C", "duty": ""}  # that runs are compared by
@@ -100,6 +102,8 @@ class Comparison:
     - ``results``: R of them; the first is what the others are compared with.
     - ``changes``: values that are not the same in all of them.
     - ``differences``: differences of the signals of the other runs from the first.
+    - ``distances``: mean distances from the reference by the number of the run, of each
+      recording, if there is one plan.
     - ``tracking``: |φ* - φ| of each recording, if there is one plan.
     - ``curves``: signals of each run by their names.
     """
@@ -107,6 +111,7 @@ class Comparison:
     results: Sequence[ResultFile]
     changes: list[Change]
     differences: list[Difference]
+    distances: dict[int, ReferenceDistances]
     tracking: list[Difference]
     curves: list[dict[str, Curves]]
 
@@ -117,6 +122,10 @@ class Comparison:
             "kinds": [result.kind for result in self.results],
             "changes": [{**dataclasses.asdict(c), "relative": c.relative} for c in self.changes],
             "differences": [dataclasses.asdict(item) for item in self.differences],
+            "distances": [
+                {"run": run, **distances_summary(distances).to_json()}
+                for run, distances in self.distances.items()
+            ],
             "tracking": [dataclasses.asdict(item) for item in self.tracking],
         }
 
@@ -143,6 +152,20 @@ class Comparison:
                 for value, relative in zip(change.values, change.relative, strict=True)
             ]
             rows.append([change.name, change.unit, *cells])
+        return rows
+
+    def distances_table(self) -> list[list[str]]:
+        """A head, and a row for each recording: its distance from the reference, and what could be.
+
+        The recorded bend's, the plan's, and that of the best plan within the limits.
+        """
+        rows = [["run", "done", "the plan asks for", "the limits leave"]]
+        for run, distances in self.distances.items():
+            cells = [
+                NONE if distance is None else f"{np.rad2deg(distance):.2f}°"
+                for distance in (distances.done, distances.planned, distances.nearest)
+            ]
+            rows.append([self.names[run], *cells])
         return rows
 
     def differences_table(self, differences: Sequence[Difference], symbol: str) -> list[list[str]]:
@@ -193,7 +216,7 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
     limbs = [r.value if r.kind == LIMB else r.value.parameters for r in results]
     changes += _changed([flattened(limb) for limb in limbs])
     if first.kind == LIMB:
-        return Comparison(results, changes, [], [], [])
+        return Comparison(results, changes, [], {}, [], [])
     _check_shapes(results)
     curves = _curves([result.value for result in results])
     differences = [
@@ -201,7 +224,7 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
         for run in range(1, len(results))
         for signal in SIGNALS
     ]
-    return Comparison(results, changes, differences, _tracking(results), curves)
+    return Comparison(results, changes, differences, *_tracking(results), curves)
 
 
 def flattened(parameters: LimbParameters) -> dict[str, tuple[Any, str]]:
@@ -325,17 +348,23 @@ def _at(run: Recording | Trajectory, times: np.ndarray) -> dict[str, np.ndarray]
     return found
 
 
-def _tracking(results: Sequence[ResultFile]) -> list[Difference]:
-    """|φ* - φ| of each recording, if there is one plan."""
+def _tracking(
+    results: Sequence[ResultFile],
+) -> tuple[dict[int, ReferenceDistances], list[Difference]]:
+    """How near each recording is to the reference and to the plan, if there is one plan."""
     plans = [result.value for result in results if result.kind == TRAJECTORY]
-    if len(plans) != 1:
-        return []
-    tracked = []
-    for number, result in enumerate(results):
-        if result.kind == RECORDING:
-            errors = dataclasses.astuple(tracking_errors(plans[0], [result.value]))
-            tracked.append(Difference(number, "bend_angle", "°", *np.rad2deg(errors).tolist()))
-    return tracked
+    recordings = {n: result.value for n, result in enumerate(results) if result.kind == RECORDING}
+    distances: dict[int, ReferenceDistances] = {}
+    tracked: list[Difference] = []
+    if len(plans) != 1 or not recordings:
+        return distances, tracked
+    (plan,) = plans
+    nearest = nearest_bend_angle(plan)
+    for number, recording in recordings.items():
+        errors = dataclasses.astuple(tracking_errors(plan, [recording]))
+        tracked.append(Difference(number, "bend_angle", "°", *np.rad2deg(errors).tolist()))
+        distances[number] = reference_distances(plan, [recording], nearest)
+    return distances, tracked
 
 
 def _text(value: Any) -> str:

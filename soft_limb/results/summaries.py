@@ -6,14 +6,21 @@ from calibration import Calibration, Prediction, Validation
 from controllers import Learner
 from limb_systems import Trajectory
 from limb_systems.summary import Entry, Summary
-from planners.checks import far_from_reference, missed
+from limb_systems.tracking import ReferenceDistances, reference_distances
+from planners import nearest_bend_angle
+from planners.checks import far_from_reference
 
 
 def plan_summary(trajectory: Trajectory) -> Summary:
     """How a plan was found and checked, how far it is from its reference, and what limits it."""
-    check, parameters, misses = trajectory.check, trajectory.parameters, missed(trajectory)
+    check, parameters = trajectory.check, trajectory.parameters
     segments, knots = len(parameters.segments), len(trajectory.time)
+    distances = reference_distances(trajectory, nearest=nearest_bend_angle(trajectory))
+    missed, nearest = np.rad2deg(distances.planned), _degrees(distances.nearest)
+    most = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference).max())
     texts = {
+        "reference": f"missed by {missed:.2f}° on average, {most:.2f}° at most"
+        + ("" if nearest is None else f"; the limits leave {nearest:.2f}° on average"),
         "limb": f"{segments} segment{'s' * (segments > 1)}, {parameters.num_joints} joints, "
         f"{len(parameters.wires)} wires",
         "plan": f"{trajectory.duration:g} s, {knots} knots, from request to checked plan in "
@@ -23,7 +30,6 @@ def plan_summary(trajectory: Trajectory) -> Summary:
         "check": f"{'failed, ' * bool(check.failure())}simulated again: within "
         f"{check.largest_difference_deg:.4f}° of the plan (allowed {check.tolerance_deg:g}°); "
         f"largest defect {check.largest_defect:.1e}",
-        "reference": f"missed by {misses.mean():.2f}° on average, {misses.max():.2f}° at most",
     }
     if check.is_missing:
         texts["solver"], texts["check"] = f"{check.solver or 'unknown'}: {check.status}", "none"
@@ -50,8 +56,9 @@ def plan_summary(trajectory: Trajectory) -> Summary:
         "largest_defect": check.largest_defect,
         "largest_difference_deg": check.largest_difference_deg,
         "tolerance_deg": check.tolerance_deg,
-        "reference_missed_mean_deg": float(misses.mean()),
-        "reference_missed_largest_deg": float(misses.max()),
+        "reference_missed_mean_deg": float(missed),
+        "reference_missed_largest_deg": float(most),
+        "nearest_distance_deg": nearest,
         "far_from_reference": far_from_reference(trajectory),
         "bend_band_deg": check.bend_band_deg if check.highest_readings else None,
         "highest_readings_c": check.highest_readings,
@@ -61,6 +68,34 @@ def plan_summary(trajectory: Trajectory) -> Summary:
         ],
     }
     return Summary.of(texts, values)
+
+
+def distances_summary(distances: ReferenceDistances) -> Summary:
+    """How near a limb came to its reference, beside what its plan asks for and its limits leave."""
+    done = _degrees(distances.done)
+    return Summary.of(
+        {"reference": _beside(f"{done:.2f}°", distances)},
+        {"reference_distance_deg": done, **_plan_distances(distances)},
+    )
+
+
+def _beside(done: str, distances: ReferenceDistances) -> str:
+    """Distances that were done, in words, beside those of the plan and of the best plan."""
+    said = f"|φ_ref - φ|: mean {done} done; " if done else ""
+    said += f"the plan asks for {_degrees(distances.planned):.2f}°"
+    nearest = _degrees(distances.nearest)
+    return said if nearest is None else f"{said}, the limits leave {nearest:.2f}°"
+
+
+def _plan_distances(distances: ReferenceDistances) -> dict[str, float | None]:
+    return {
+        "planned_distance_deg": _degrees(distances.planned),
+        "nearest_distance_deg": _degrees(distances.nearest),
+    }
+
+
+def _degrees(distance: float | None) -> float | None:
+    return None if distance is None else float(np.rad2deg(distance))
 
 
 def active_times(trajectory: Trajectory) -> dict[str, list[tuple[float, float]]]:
@@ -77,20 +112,28 @@ def spans(times: list[tuple[float, float]]) -> str:
 
 
 def repetitions_summary(learner: Learner) -> Summary:
-    """The mean error of each repetition, and why learning ended."""
+    """How near each repetition came to the reference and to the plan, and why learning ended."""
     values = [
         {
+            "reference_distance_deg": float(np.rad2deg(repetition.reference_distance)),
             "mean_deg": float(np.rad2deg(repetition.mean_error)),
             "interrupted": repetition.interrupted,
             "remark": repetition.remark,
         }
         for repetition in learner.repetitions
     ]
-    errors = ", ".join(f"{value['mean_deg']:.2f}°" for value in values)
+    done, errors = (
+        ", ".join(f"{value[name]:.2f}°" for value in values)
+        for name in ("reference_distance_deg", "mean_deg")
+    )
     undone = sum(repetition.failed for repetition in learner.repetitions)
     said = f"mean |φ* - φ| {errors}{f'; {undone} were undone' * bool(undone)}" if values else "none"
-    finished = Entry("finished", learner.finished)
-    return Summary.of({"errors": said}, {"repetitions": values}) + Summary([finished])
+    plan = learner.trajectory
+    distances = reference_distances(plan, nearest=nearest_bend_angle(plan))
+    return Summary.of(
+        {"reference": _beside(done, distances), "errors": said},
+        {"repetitions": values, **_plan_distances(distances)},
+    ) + Summary([Entry("finished", learner.finished)])
 
 
 def calibration_summary(calibration: Calibration) -> Summary:

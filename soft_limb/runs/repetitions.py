@@ -214,8 +214,10 @@ def draw_repetitions(learner: Learner, folder: Path) -> list[Path]:
     # Matplotlib takes as long to import as all the rest.
     from limb_systems.views.plots import plot_repetitions, save_figure
 
+    distances = [repetition.reference_distance for repetition in learner.repetitions]
     errors = [repetition.mean_error for repetition in learner.repetitions]
     first, last = (Recording.load(complete[choose(complete)]) for choose in (min, max))
-    save_figure(plot_repetitions(learner.trajectory, errors, first, last), folder / PICTURE)
+    figure = plot_repetitions(learner.trajectory, distances, errors, first, last)
+    save_figure(figure, folder / PICTURE)
     write_learning_report(learner, complete, folder / STATE, folder / REPORT)
     return [folder / PICTURE, folder / REPORT]

@@ -1,6 +1,7 @@
 """Rollouts: a limb is driven along a plan by what the command line names, and how that went."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,8 +16,10 @@ from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 from limb_systems.summary import Entry, Summary
-from limb_systems.tracking import tracking_errors
+from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
+from planners import nearest_bend_angle
 from soft_limb.live.page import LivePage
+from soft_limb.results.summaries import distances_summary
 
 OPEN = "open-loop"
 CONTROLLERS = {
@@ -45,18 +48,22 @@ class Rollout:
     lost_samples: int | None
     replans: np.ndarray | None
 
+    @functools.cached_property
+    def distances(self) -> ReferenceDistances:
+        """How near limb, plan and the best plan within the limits are to the reference."""
+        nearest = nearest_bend_angle(self.trajectory)
+        return reference_distances(self.trajectory, [self.recording], nearest)
+
     def summary(self) -> Summary:
-        """How well the limb followed the plan, and what went wrong."""
+        """How near the limb came to the reference and to the plan, and what went wrong."""
         recording = self.recording
         errors = tracking_errors(self.trajectory, [recording])
         mean, median, most = np.rad2deg([errors.mean, errors.median, errors.percentile_90]).tolist()
-        return Summary(
+        names = recording.parameters.wire_names
+        hottest = recording.measured_temperature[:, recording.usable].max(axis=1).tolist()
+        heat = (f"{name} {value:.0f} °C" for name, value in zip(names, hottest, strict=True))
+        return distances_summary(self.distances) + Summary(
             [
-                self._timing(),
-                Entry("source", recording.source),
-                Entry("controller", self.controller, sentence=None),
-                self._replans(),
-                *troubles(recording).entries,
                 Entry(
                     "tracking",
                     {"mean_deg": mean, "median_deg": median, "percentile_90_deg": most},
@@ -64,6 +71,13 @@ class Rollout:
                     f"|φ* - φ|: mean {mean:.2f}°, median {median:.2f}°, 90th percentile "
                     f"{most:.2f}°",
                 ),
+                Entry("highest_readings_c", hottest, sentence=None),
+                Entry("heat", sentence=f"read at most: {', '.join(heat)}"),
+                self._timing(),
+                Entry("source", recording.source),
+                Entry("controller", self.controller, sentence=None),
+                self._replans(),
+                *troubles(recording).entries,
             ]
         )
 

@@ -3,8 +3,6 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from limb_systems import LimbParameters, LimbSystem
 from limb_systems.summary import Summary
 from planners import Task
@@ -60,30 +58,7 @@ def teach_and_go(
     from limb_systems.views.plots import plot_tracking, save_figure
 
     save_figure(plot_tracking(trajectory, [rollout.recording]), folder / PICTURE)
-    summary = rollout.summary() + distances(rollout)
+    summary = rollout.summary()
     data = {"plan": folder / PLAN, "recording": folder / RECORDING, "picture": folder / PICTURE}
     write_rollout_report(rollout, summary, folder / REPORT, data)
     return rollout, summary
-
-
-def distances(rollout: Rollout) -> Summary:
-    """How far limb and plan were from the reference, and how hot the wires were read."""
-    recording, plan = rollout.recording, rollout.trajectory.since_start()
-    good = recording.usable
-    wanted = np.array([np.interp(recording.time[good], plan.time, row) for row in plan.reference])
-    distance = float(np.rad2deg(np.abs(wanted - recording.bend_angle[:, good]).mean()))
-    planned = float(np.rad2deg(np.abs(plan.reference - plan.bend_angle).mean()))
-    hottest = recording.measured_temperature[:, good].max(axis=1).tolist()
-    names = recording.parameters.wire_names
-    heat = (f"{name} {value:.0f} °C" for name, value in zip(names, hottest, strict=True))
-    return Summary.of(
-        {
-            "reference": f"|φ_ref - φ|: mean {distance:.2f}°, of which the plan has {planned:.2f}°",
-            "heat": f"read at most: {', '.join(heat)}",
-        },
-        {
-            "reference_distance_deg": distance,
-            "planned_distance_deg": planned,
-            "highest_readings_c": hottest,
-        },
-    )

@@ -21,7 +21,7 @@ from limb_systems import (
     SerialBoard,
     simulate,
 )
-from limb_systems.tracking import tracking_errors
+from limb_systems.tracking import reference_distances, tracking_errors
 from planners import plan, references
 from soft_limb.command import main
 
@@ -77,6 +77,22 @@ def test_tracking_errors_are_those_counted_by_hand(fig5_plan):
     assert np.rad2deg(errors.mean) == pytest.approx(4.5)
     assert np.rad2deg(errors.median) == pytest.approx(4.5)
     assert np.rad2deg(errors.percentile_90) == pytest.approx(8.1)
+
+
+def test_distances_from_the_reference_are_those_counted_by_hand(fig5_plan):
+    """A reference 3° above a plan that starts late, and a best plan 1° above it."""
+    plan = dataclasses.replace(
+        fig5_plan, time=fig5_plan.time + 7.0, reference=fig5_plan.bend_angle + np.deg2rad(3.0)
+    )
+    rollouts = [shifted(fig5_plan, [0, -1, 2, -3, 4]), shifted(fig5_plan, [5, 6, -7, 8, -9])]
+    rollouts[1].bend_angle[0, 2] = np.nan  # missing
+    found = reference_distances(plan, rollouts, fig5_plan.bend_angle + np.deg2rad(1.0))
+    # |3 - 0|, |3 + 1|, |3 - 2|, |3 + 3|, |3 - 4|; |3 - 5|, |3 - 6|, |3 - 8|, |3 + 9|
+    assert np.rad2deg(found.done) == pytest.approx((3 + 4 + 1 + 6 + 1 + 2 + 3 + 5 + 12) / 9)
+    assert np.rad2deg([found.planned, found.nearest]) == pytest.approx([3.0, 2.0])
+    alone = reference_distances(plan)
+    assert (alone.done, alone.nearest) == (None, None)
+    assert np.rad2deg(alone.planned) == pytest.approx(3.0, abs=1e-3)  # linear between knots
 
 
 def test_what_no_limb_does_is_left_out_of_tracking_errors(fig5_plan):

@@ -263,9 +263,11 @@ def test_pictures_and_charts_show_their_panels(model_recording, rollouts, tmp_pa
 def test_repetitions_are_errors_and_the_first_and_the_last(model_recording):
     last = dataclasses.replace(model_recording, bend_angle=model_recording.bend_angle + 0.1)
     plan = plan_like(model_recording)
-    panels = repetition_panels(plan, np.deg2rad([2.0, 1.0]), model_recording, last)
-    errors, bend = panels
-    assert {(*curve.x, *curve.y.round(9)) for curve in errors.curves} == {(1, 2, 2.0, 1.0)}
+    distances, errors = np.deg2rad([[3.0, 2.5], [2.0, 1.0]])
+    panels = repetition_panels(plan, distances, errors, model_recording, last)
+    means, bend = panels
+    drawn = {(curve.name[:12], *curve.x, *curve.y.round(9)) for curve in means.curves}
+    assert drawn == {("from the ref", 1, 2, 3.0, 2.5), ("from the pla", 1, 2, 2.0, 1.0)}
     difference = by_name(bend)["last repetition"].y - by_name(bend)["first repetition"].y
     np.testing.assert_allclose(difference, np.rad2deg(0.1))
     above, below = plots.draw(panels).axes

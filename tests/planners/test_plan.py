@@ -20,12 +20,14 @@ from limb_systems import (
     simulate,
 )
 from limb_systems.model.statics import static_equilibrium
+from limb_systems.tracking import reference_distances
 from planners import (
     InfeasibleError,
     Planner,
     PlanningError,
     Task,
     checks,
+    nearest_bend_angle,
     plan,
     planning,
     references,
@@ -35,6 +37,7 @@ from planners.transcription import ipopt, solving
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import solve_quasi_static
 from soft_limb.reports.plan import plan_verdict
+from soft_limb.results.summaries import plan_summary
 
 
 def paper_cost(angles, duty, angles_ref):
@@ -387,12 +390,23 @@ def test_a_plan_far_from_its_reference_says_how_far_where_and_why():
     assert "wire left = T_warm, wire right = T_max" in said
     # (4) of joints alike, (11): φ = (n + 1) / 2 β (T_max - T_warm) / k
     assert "this limb can hold -35.7° to 35.7°" in said
-    assert said in plan_verdict(trajectory)
+    assert said in plan_verdict(trajectory, plan_summary(trajectory))
+    # The best plan that the limits leave ends there, too, but for the last heating.
+    nearest = nearest_bend_angle(trajectory)
+    assert np.rad2deg(nearest.max()) == pytest.approx(35.7, abs=0.1)
 
 
 def test_a_plan_near_its_reference_warns_of_nothing(fig5_plan):
     assert far_from_reference(fig5_plan) is None
-    assert "far from" not in plan_verdict(fig5_plan)
+    assert "far from" not in plan_verdict(fig5_plan, plan_summary(fig5_plan))
+
+
+def test_what_the_limits_leave_is_what_the_program_leaves_without_a_price_of_duty(fig5_plan):
+    free = plan(LimbParameters(), references.step_and_decaying_sine(), task=Task(duty_weight=1e-3))
+    found = reference_distances(fig5_plan, nearest=nearest_bend_angle(fig5_plan))
+    left = np.rad2deg(reference_distances(free).planned)
+    assert np.rad2deg(found.nearest) == pytest.approx(left, abs=0.05)
+    assert left < np.rad2deg(found.planned) - 0.5
 
 
 def test_a_planner_whose_knots_are_too_few_says_so():

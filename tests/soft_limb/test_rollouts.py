@@ -85,10 +85,15 @@ def test_what_was_taught_is_followed(tmp_path, capsys):
     wanted = np.interp(recording.time, [0.0, 0.5, 4.0], [0.0, 25.0, 25.0])
     missed = np.abs(wanted - np.rad2deg(recording.bend_angle[0])).mean()
     assert said["reference_distance_deg"] == pytest.approx(missed, rel=1e-6)
-    assert f"|φ_ref - φ|: mean {missed:.2f}°, of which the plan has " in report
-    wanted = np.interp(planned.time, [0.0, 0.5, 4.0], [0.0, 25.0, 25.0])
-    missed = np.abs(wanted - np.rad2deg(planned.bend_angle[0])).mean()
-    assert said["planned_distance_deg"] == pytest.approx(missed, rel=1e-6)
+    asked = np.abs(wanted - np.rad2deg(planned.bend_angle_at(recording.time)[0])).mean()
+    assert said["planned_distance_deg"] == pytest.approx(asked, rel=1e-6)
+    # Without the margins for feedback it could be nearer.
+    nearest = said["nearest_distance_deg"]
+    assert nearest < asked - 1.0
+    assert (
+        f"mean {missed:.2f}° done; the plan asks for {asked:.2f}°, the limits leave {nearest:.2f}°"
+        in report
+    )
     assert said["highest_readings_c"] == recording.measured_temperature.max(axis=1).tolist()
 
     assert main(arguments) == 1

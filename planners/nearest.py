@@ -1,0 +1,47 @@
+"""How near a limb could have come to a reference: the best plan that its limits leave."""
+
+import numpy as np
+
+from limb_systems import LimbError, Trajectory, Wires, bend_angle, split_state
+from limb_systems.model.statics import static_equilibrium
+from planners.task import Task
+from planners.transcription.quasi_static import quasi_static_angles, solve_quasi_static
+
+# R → 0, and neither margins nor what smooths the end of a plan.
+NEAREST = Task(duty_weight=1e-3, terminal_factor=1.0, duty_hold=0.0)
+KNOT_RATE = 5.0  # Hz; ten knots per second change the mean distance by 0.02°
+
+
+def nearest_bend_angle(trajectory: Trajectory) -> np.ndarray | None:
+    """Bend angles of the plan nearest to a trajectory's reference that the limits allow.
+
+    The quasi-static program is solved with next to no weight on duty, from where the trajectory
+    starts and within (18)-(20) and ``measured_maximum`` alone, whatever the trajectory's own task
+    was. It takes below a second for a minute.
+
+    Returns:
+        φ at the knots (S, K), rad; None if there is no such plan.
+    """
+    parameters, plan = trajectory.parameters, trajectory.since_start()
+    num_knots = min(len(plan.time), int(np.ceil(plan.duration * KNOT_RATE)) + 1)
+    times = np.linspace(0.0, plan.duration, max(2, num_knots))
+    reference = np.array([np.interp(times, plan.time, row) for row in plan.reference])
+    warm_up = max(0.0, parameters.temperature_limits.warm_up_time - float(trajectory.time[0]))
+    _, _, states, readings = split_state(parameters, plan.state[:, 0])
+    try:
+        rest_angles, compliance = static_equilibrium(parameters)
+        heat, _ = solve_quasi_static(
+            parameters,
+            times,
+            reference,
+            np.concatenate([states, readings]),
+            rest_angles,
+            compliance,
+            NEAREST,
+            warm_up,
+        )
+    except LimbError:  # infeasible, or the limb folds
+        return None
+    angles, _ = quasi_static_angles(Wires(parameters), heat.T, rest_angles, compliance)
+    nearest = bend_angle(parameters, angles.T)
+    return np.array([np.interp(plan.time, times, row) for row in nearest])
