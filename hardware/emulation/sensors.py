@@ -188,6 +188,7 @@ class ExactBend(LeafSystem):
 def limb_sensors(
     parameters: LimbParameters,
     bend_rate: float,
+    thermocouple_period: float = THERMOCOUPLE_PERIOD,
     *,
     bend_response: Callable[[np.ndarray], np.ndarray],
     bend_noise: ArrayLike,
@@ -198,13 +199,14 @@ def limb_sensors(
     Args:
         parameters: description of the limb.
         bend_rate: rate at which bend sensors are read, Hz.
+        thermocouple_period: time between readings of a thermocouple, s.
         bend_response: what they read where exact ones would show angles (S,), rad.
         bend_noise, bend_drift: their standard deviations, rad.
     """
     thermocouples = Sensor(
         "measured_temperature",
         len(parameters.wires),
-        THERMOCOUPLE_PERIOD,
+        thermocouple_period,
         THERMOCOUPLE_STEP,
         noise=THERMOCOUPLE_NOISE,
     )

@@ -12,22 +12,27 @@ from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem, Multi
 from hardware.emulation.continuum import PERIOD as CONTINUUM_PERIOD
 from hardware.emulation.continuum import ContinuumLimb, ContinuumSpecimen, WalkingSensors
 from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
-from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
+from hardware.emulation.sensors import (
+    THERMOCOUPLE_PERIOD,
+    ExactBend,
+    SampledSensors,
+    limb_sensors,
+)
 from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
-from hardware.emulation.wires import ShapeMemoryWires
+from hardware.emulation.wires import LONGEST_STEP, ShapeMemoryWires
 from hardware.firmware import guard
 from limb_systems import (
     LimbError,
     LimbParameters,
     ThermocoupleLag,
     make_manipulator,
-    simulate,
 )
 from limb_systems.model.ownership import weak_method
-from limb_systems.simulation import PERIOD
+from limb_systems.simulation import PERIOD, make_simulator
 
 SPECIMENS = {specimen.physics: specimen for specimen in (Specimen, ContinuumSpecimen)}
 SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
+SWING_TIME, REST_STEPS = 30.0, 270  # of a pause: s with fine steps, and how many coarse ones
 
 
 class LimbTwin(Diagram):
@@ -100,8 +105,8 @@ class LimbTwin(Diagram):
             hand: bend angle over time, rad, to which a hand bends the limb until
                 the end of the trajectory.
             bend_rate: rate at which the bend sensors are read, Hz.
-            wire_period: s, of the steps of `ShapeMemoryWires`, or of `ContinuumLimb` if they
-                are longer than its own.
+            wire_period: period of `ShapeMemoryWires`, s, or of `ContinuumLimb` if it is longer
+                than its own.
             truth: whether it shows, and recordings have, what no sensor of a robot could.
 
         Raises:
@@ -134,9 +139,8 @@ class LimbTwin(Diagram):
         bend_angle = builder.AddSystem(ExactBend(self.parameters))
         split = builder.AddSystem(Demultiplexer([num_joints, num_joints]))
         one = np.eye(num_joints)
-        smooth = builder.AddSystem(
-            LinearSystem(-one / SMOOTHING_TIME, one / SMOOTHING_TIME, one, 0 * one)
-        )
+        rate = one / max(SMOOTHING_TIME, wire_period / 2)
+        smooth = builder.AddSystem(LinearSystem(-rate, rate, one, 0 * one))
         builder.Connect(wires.GetOutputPort("generalized_force"), smooth.get_input_port())
         forces = [smooth.get_output_port(), split.get_output_port(0)]
         joint_state = manipulator.get_state_output_port()
@@ -168,6 +172,7 @@ class LimbTwin(Diagram):
         readings = limb_sensors(
             self.parameters,
             bend_rate,
+            max(THERMOCOUPLE_PERIOD, wire_period),
             bend_response=_bend_response(specimen.segments),
             bend_noise=[segment.sensor_noise for segment in specimen.segments],
             bend_drift=[segment.sensor_drift for segment in specimen.segments],
@@ -283,11 +288,21 @@ class LimbTwin(Diagram):
         if gravity is not None:
             self.specimen.description.gravity = list(gravity)
         if pause > 0:
-            off = np.zeros(len(self.specimen.wires))
             # Without heat only the first swing is fast, so coarse steps are enough.
-            resting = LimbTwin(specimen=self.specimen, bend_rate=1.0, wire_period=0.1)
-            simulate(resting, off, pause, sample_rate=1.0)
+            swing = min(pause, SWING_TIME)
+            self._rest(swing, LONGEST_STEP)
+            if pause > swing:
+                self._rest(pause - swing, max(LONGEST_STEP, (pause - swing) / REST_STEPS))
         return LimbTwin(specimen=self.specimen, hand=hand, bend_rate=bend_rate, truth=truth)
+
+    def _rest(self, duration: float, period: float) -> None:
+        """Lets the limb rest without heat, with steps of the wires of a period, both s."""
+        limb = LimbTwin(specimen=self.specimen, bend_rate=1.0, wire_period=period)
+        simulator = make_simulator(limb, limb.accuracy)
+        simulator.get_mutable_integrator().set_maximum_step_size(period)
+        duty = limb.GetInputPort("duty")
+        duty.FixValue(simulator.get_mutable_context(), np.zeros(duty.size()))
+        simulator.AdvanceTo(duration)
 
     def without_cut_out(self, context: Context) -> None:
         """Lets the heaters on in a Context, however hot: for a board that sees to it itself."""

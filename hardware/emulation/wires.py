@@ -12,6 +12,7 @@ from limb_systems.model.ownership import weak_method
 # and far below the limb's 4.6 Hz mode, which hardly feels smoothed steps at 20 Hz.
 from limb_systems.simulation import PERIOD
 
+LONGEST_STEP = 0.1  # s, of Euler's method
 PWM_STEP = 1 / 255  # of a timer of eight bits
 
 
@@ -42,7 +43,8 @@ class ShapeMemoryWires(LeafSystem):
     with the strain ε = -r φ_own, which bending towards the wire's own side
     reduces. The torque on each joint of the segment is proportional to τ. A
     straight limb at the temperature of the room is free of torque. All this is
-    integrated by Euler's method, at 20 Hz by default.
+    integrated by Euler's method, at 20 Hz by default; while a limb rests, several of
+    its steps are in a period, in which the strain changes evenly.
 
     - input 0 ``duty``: D (W), in [0, 1]
     - input 1 ``joint_state``: [θ, θ̇] (2n), rad and rad/s; only angles are used
@@ -59,10 +61,11 @@ class ShapeMemoryWires(LeafSystem):
         """
         Args:
             specimen: the limb, with the state after its last use.
-            period: s, of the steps.
+            period: s, after which they see duty and bend again, and show another torque.
         """
         super().__init__()
-        self._period = period
+        self._num_steps = max(1, round(period / LONGEST_STEP))
+        self._step_size = period / self._num_steps
         parameters, wires = specimen.description, specimen.wires
         num_wires, num_joints = len(wires), parameters.num_joints
         self._room, self._num_wires, self._num_joints = specimen.ambient, num_wires, num_joints
@@ -106,10 +109,13 @@ class ShapeMemoryWires(LeafSystem):
 
     def _step(self, context, discrete_state):
         strain = self._strain @ self.get_input_port(1).Eval(context)[: self._num_joints]
-        duty = self._applied_duty(context)
-        parts = self._wires, self._rates, duty.tolist(), strain.tolist(), *self._state(context)
-        after = [self._after_step(*part) for part in zip(*parts, strict=True)]
-        discrete_state.set_value(np.array(after).T.ravel())
+        duty, state = self._applied_duty(context).tolist(), np.array(self._state(context))
+        change = (strain - state[3]) / self._num_steps
+        for _ in range(self._num_steps):
+            strains = (state[3] + change).tolist()
+            parts = self._wires, self._rates, duty, strains, *state.tolist()
+            state = np.array([self._after_step(*part) for part in zip(*parts, strict=True)]).T
+        discrete_state.set_value(state.ravel())
 
     # Numbers of one wire, because arrays of two take several times as long.
     def _after_step(
@@ -125,7 +131,7 @@ class ShapeMemoryWires(LeafSystem):
     ) -> tuple[float, float, float, float]:
         """T, S, ξ and ε of a wire after a step from the latter four."""
         to_silicone, from_wire, to_room = rates
-        strain_rate = (strain - strain_before) / self._period
+        strain_rate = (strain - strain_before) / self._step_size
 
         # Without transformation T' would change at this rate, and its sign is that of Ṫ'.
         heating = wire.heating * duty - to_silicone * (temperature - silicone)
@@ -148,9 +154,9 @@ class ShapeMemoryWires(LeafSystem):
         temperature_rate = heating + wire.latent_heat * martensite_rate
         silicone_rate = from_wire * (temperature - silicone) - to_room * (silicone - self._room)
         return (
-            temperature + self._period * temperature_rate,
-            silicone + self._period * silicone_rate,
-            martensite + self._period * martensite_rate,
+            temperature + self._step_size * temperature_rate,
+            silicone + self._step_size * silicone_rate,
+            martensite + self._step_size * martensite_rate,
             strain,
         )
 

@@ -94,6 +94,19 @@ def test_readings_come_in_steps_and_are_held_between_samples():
     assert len(np.unique(recording.bend_angle)) > 30
 
 
+def test_a_rest_is_a_simulation_without_heat():
+    twin = LimbTwin(seed=2, extra=("memory",))
+    simulate(twin, [0.0, 0.3], 30.0)
+    rested = LimbTwin(specimen=copy.deepcopy(twin.specimen)).again(120.0).specimen.state
+    waited = LimbTwin(specimen=twin.specimen)
+    simulate(waited, [0.0, 0.0], 120.0)
+    after = waited.specimen.state
+    for name, tolerance in (("wires", 5e-3), ("measured", 0.02), ("rest", 1e-4)):
+        np.testing.assert_allclose(rested[name], after[name], rtol=0, atol=tolerance)
+    bend = [3 * state["joints"][:5].mean() for state in (rested, after)]  # (11)
+    assert abs(bend[0] - bend[1]) < np.deg2rad(0.01)
+
+
 def test_a_limb_that_was_hot_is_still_warm():
     twin = LimbTwin(seed=2)
     cold = simulate(twin, [0.0, 0.3], 30.0)
