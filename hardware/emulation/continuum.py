@@ -190,6 +190,7 @@ class ContinuumSpecimen(Specimen):
     """
 
     physics = "continuum"
+    rest_period = 0.1
     effects: tuple[str, ...] = ()
     extra_effects: tuple[str, ...] = ()
     wires: list[ContinuumWire]

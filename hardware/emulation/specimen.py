@@ -156,10 +156,12 @@ class Specimen:
     noise is at the beginning.
 
     - ``physics``: name of the physics, of which `LimbTwin` has several.
+    - ``rest_period``: longest step of a rest without heat, s.
     - ``effects``, ``extra_effects``: effects that can be taken out, and added on request.
     """
 
     physics = "lumped"
+    rest_period = 1.0
     effects: tuple[str, ...] = EFFECTS
     extra_effects: tuple[str, ...] = EXTRA_EFFECTS
     wires: list[Any]

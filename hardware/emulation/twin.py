@@ -32,7 +32,7 @@ from limb_systems.simulation import PERIOD, make_simulator
 
 SPECIMENS = {specimen.physics: specimen for specimen in (Specimen, ContinuumSpecimen)}
 SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
-SWING_TIME, REST_STEPS = 30.0, 270  # of a pause: s with fine steps, and how many coarse ones
+SWING_TIME, REST_STEPS = 30.0, 270  # of a pause: s with fine steps, and least number of coarse ones
 
 
 class LimbTwin(Diagram):
@@ -291,8 +291,10 @@ class LimbTwin(Diagram):
             # Without heat only the first swing is fast, so coarse steps are enough.
             swing = min(pause, SWING_TIME)
             self._rest(swing, LONGEST_STEP)
-            if pause > swing:
-                self._rest(pause - swing, max(LONGEST_STEP, (pause - swing) / REST_STEPS))
+            if rest := pause - swing:
+                self._rest(
+                    rest, min(self.specimen.rest_period, max(LONGEST_STEP, rest / REST_STEPS))
+                )
         return LimbTwin(specimen=self.specimen, hand=hand, bend_rate=bend_rate, truth=truth)
 
     def _rest(self, duration: float, period: float) -> None:
