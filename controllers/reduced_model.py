@@ -7,11 +7,9 @@ its wires' torque and its rubber hold it, θ = K⁻¹ f(x) by (2) and (4).
 
 import numpy as np
 
-from limb_systems import LimbParameters, Wires
-from limb_systems.model.statics import static_equilibrium
+from limb_systems import LimbParameters
+from limb_systems.model.statics import HeldAngles
 from limb_systems.simulation import PERIOD
-
-_COMPLEX_STEP = 1e-30
 
 
 class ReducedModel:
@@ -36,15 +34,13 @@ class ReducedModel:
 
     def __init__(self, parameters: LimbParameters, period: float = PERIOD):
         self.parameters, self.period = parameters, period
-        wires = self._wires = Wires(parameters)
+        self._held = HeldAngles(parameters)
+        wires = self._wires = self._held.wires
         W = self.num_wires = wires.num_wires
         self.num_segments = len(parameters.segments)
         self.size = wires.num_states + W
         self.cold = np.concatenate([wires.cold_states, wires.cold_states[:W]])
         self.scales = wires.heat_scales
-        self._rest_angles, self._compliance = static_equilibrium(parameters)
-        self._n = len(self._rest_angles)
-        self._cold_force = wires.forces(wires.cold_states, self._rest_angles)
         self._to_bend = np.zeros((self.num_segments, parameters.num_joints))
         self.sides = np.zeros((self.num_segments, W))
         for index, (segment, joints, around) in enumerate(
@@ -53,7 +49,7 @@ class ReducedModel:
             self._to_bend[index, joints] = (segment.links + 1) / (2 * segment.links)  # (11)
             self.sides[index, around] = [wire.direction for wire in segment.wires]
         in_segment = (self._to_bend > 0).T
-        self.bend_by_torque = np.diag(self._to_bend @ self._compliance @ in_segment).copy()
+        self.bend_by_torque = np.diag(self._to_bend @ self._held.compliance @ in_segment).copy()
 
     @property
     def heating_rates(self) -> np.ndarray:
@@ -83,23 +79,7 @@ class ReducedModel:
 
     def joint_angles(self, heat: np.ndarray) -> np.ndarray:
         """θ (..., n) that the wires hold, rad."""
-        states = heat[..., : -self.num_wires]
-        angles = self._rest_angles + self._held(states, self._rest_angles)
-        if self._wires.torque_needs_angle:
-            for _ in range(2):  # Newton's method; torque changes little with its joint's angle
-                missed = self._rest_angles + self._held(states, angles) - angles
-                angles = angles + (self._softness(states, angles) @ missed[..., None])[..., 0]
-        return angles
-
-    def _held(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """K⁻¹ f (..., n), by which wires with these joint angles turn the joints, rad."""
-        force = self._wires.forces(states, np.broadcast_to(angles, (*states.shape[:-1], self._n)))
-        return (force - self._cold_force) @ self._compliance.T
-
-    def _softness(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """How much more than by K⁻¹ joints turn as torque depends on their angle (..., n, n)."""
-        by_angle = self._wires.forces(states, angles + 1j * _COMPLEX_STEP).imag / _COMPLEX_STEP
-        return np.linalg.inv(np.eye(self._n) - self._compliance * by_angle[..., None, :])
+        return self._held.angles(heat[..., : -self.num_wires])
 
     def bend_angle(self, heat: np.ndarray) -> np.ndarray:
         """φ (..., S) that the wires hold, rad, by (11)."""
@@ -114,19 +94,22 @@ class ReducedModel:
             The heat a period later (..., H), its derivatives by the heat
             (..., H, H) and by duty (..., H, W).
         """
-        H, W = self.size, self.num_wires
-        moved = 1j * _COMPLEX_STEP * np.eye(H + W)
-        after = self.step(heat[..., None, :] + moved[:, :H], duty[..., None, :] + moved[:, H:])
-        slopes = after.imag.swapaxes(-1, -2) / _COMPLEX_STEP
-        return after[..., 0, :].real, slopes[..., :H], slopes[..., H:]
+        H, half = self.size, 0.5 * self.period
+        rates, by_start = self._wires.expanded_heat_rates(heat, duty)
+        rates, by_middle = self._wires.expanded_heat_rates(heat + half * rates, duty)
+        slopes = by_middle + half * by_middle[..., :H] @ by_start
+        slopes *= self.period
+        slopes[..., np.arange(H), np.arange(H)] += 1.0
+        after = heat + self.period * rates
+        N = self._wires.num_states
+        kept = self._wires.within(after[..., :N])
+        slopes[..., :N, :][kept != after[..., :N]] = 0.0
+        after[..., :N] = kept
+        return after, slopes[..., :H], slopes[..., H:]
 
     def bend_slopes(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """φ (..., S), rad, and its derivatives by the heat (..., S, H)."""
-        angles, states = self.joint_angles(heat), heat[..., : -self.num_wires]
-        moved = states[..., None, :] + 1j * _COMPLEX_STEP * np.eye(states.shape[-1])
-        by_state = self._held(moved, angles[..., None, :]).imag.swapaxes(-1, -2) / _COMPLEX_STEP
-        if self._wires.torque_needs_angle:
-            by_state = self._softness(states, angles) @ by_state
+        angles, by_state = self._held.expanded(heat[..., : -self.num_wires])
         slopes = np.zeros((*heat.shape[:-1], self.num_segments, self.size))
         slopes[..., : -self.num_wires] = self._to_bend @ by_state
         return angles @ self._to_bend.T, slopes

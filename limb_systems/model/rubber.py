@@ -30,6 +30,8 @@ class NonlinearRubber:
     - ``state_names``: such as ``rest_shift_2``, R.
     - ``stiffens``, ``remembers``: whether any segment does.
     - ``force_by_shift``: derivative of the force by r (n, R), N·m/rad.
+    - ``bend_by_torque``: bend angle that a torque of each wire alone holds (W,), rad/(N·m).
+    - ``pace``: λ of each wire on each shift (R, W), 1/rad.
 
     Args:
         parameters: description of the limb.
@@ -43,8 +45,8 @@ class NonlinearRubber:
         self._rest = rest_joint_angles(parameters)
         self._cubic = np.zeros(num_joints)
         self.force_by_shift = np.zeros((num_joints, num_shifts))
-        self._bend_by_torque = np.zeros(num_wires)
-        self._pace, self._towards = np.zeros((2, num_shifts, num_wires))
+        self.bend_by_torque = np.zeros(num_wires)
+        self.pace, self._towards = np.zeros((2, num_shifts, num_wires))
         for segment, suffix, joints, wires in zip(
             parameters.segments,
             parameters.segment_suffixes,
@@ -61,15 +63,10 @@ class NonlinearRubber:
             directions = [wire.direction for wire in segment.wires]
             torque_by_bend = 2 * segment.stiffness / (segment.links + 1)
             self.force_by_shift[joints, row] = torque_by_bend
-            self._bend_by_torque[wires] = np.abs(directions) / torque_by_bend
-            self._pace[row, wires] = memory.rate
+            self.bend_by_torque[wires] = np.abs(directions) / torque_by_bend
+            self.pace[row, wires] = memory.rate
             self._towards[row, wires] = memory.rate * memory.shift * np.sign(directions)
         self.stiffens = bool(self._cubic.any())
-
-    @property
-    def key(self) -> tuple:
-        """Equal for limbs whose `rates` are equal."""
-        return self._bend_by_torque.tobytes(), self._pace.tobytes(), self._towards.tobytes()
 
     def forces(self, shifts: np.ndarray, angles: np.ndarray) -> np.ndarray:
         """Generalized force (..., n), N·m, of r (..., R) and θ (..., n), rad."""
@@ -82,16 +79,20 @@ class NonlinearRubber:
 
     def progress(self, torque_rates: Any, wires: slice | np.ndarray) -> Any:
         """p(g_i') of some wires, rad/s, from the rates of their torques, N·m/s."""
-        return ramp(self._bend_by_torque[wires] * torque_rates)
+        return ramp(self.bend_by_torque[wires] * torque_rates)
 
     def rates(self, shifts: np.ndarray, progress: np.ndarray) -> np.ndarray:
         """r' (..., R), rad/s, of r (..., R) and the `progress` of all wires (..., W)."""
-        return progress @ self._towards.T - (progress @ self._pace.T) * shifts
+        return progress @ self._towards.T - (progress @ self.pace.T) * shifts
+
+    def rates_by_progress(self, shifts: np.ndarray) -> np.ndarray:
+        """Derivatives of `rates` by the `progress` of all wires (..., R, W)."""
+        return self._towards - self.pace * shifts[..., None]
 
     def settled(self, torques: np.ndarray) -> np.ndarray:
         """r (R,) after wires heated from cold, all at once and in proportion, to torques (W,)."""
-        bends = np.maximum(self._bend_by_torque * torques, 0.0)
-        paths = self._pace @ bends
+        bends = np.maximum(self.bend_by_torque * torques, 0.0)
+        paths = self.pace @ bends
         gone = np.divide(-np.expm1(-paths), paths, out=np.zeros_like(paths), where=paths > 0)
         return gone * (self._towards @ bends)
 

@@ -11,6 +11,8 @@ from limb_systems.model.manipulator import make_manipulator
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wires import Wires
 
+NEWTON_STEPS = 2  # of angles that torques depend on
+
 
 def static_equilibrium(
     parameters: LimbParameters, wire_temperature: ArrayLike | None = None
@@ -55,6 +57,55 @@ def static_equilibrium(
     if np.linalg.eigvalsh((stiffness + stiffness.T) / 2).min() <= 0:
         raise LimbError("The limb's equilibrium is unstable: gravity folds it; is it too soft?")
     return angles, np.linalg.inv(stiffness)
+
+
+class HeldAngles:
+    """Joint angles that wires hold at rest, θ = θ_rest + K⁻¹ (f(x, θ) - f(x_cold, θ_rest)).
+
+    K, with gravity, is that of the limb at rest with cold wires, from which wires bend it by
+    (2) and (4). Arrays have any number of points before their last axis.
+
+    - ``rest_angles``: θ_rest (n,), rad.
+    - ``compliance``: K⁻¹ (n, n), rad/(N·m).
+    - ``wires``: the limb's `Wires`.
+
+    Args:
+        parameters: description of the limb.
+    """
+
+    def __init__(self, parameters: LimbParameters):
+        self.wires = Wires(parameters)
+        self.rest_angles, self.compliance = static_equilibrium(parameters)
+        self._cold = self.wires.forces(self.wires.cold_states, self.rest_angles)
+
+    def angles(self, states: np.ndarray) -> np.ndarray:
+        """θ (..., n), rad, at states x (..., N) of the wires."""
+        at_rest = np.broadcast_to(self.rest_angles, (*states.shape[:-1], len(self.rest_angles)))
+        angles = at_rest + self._turned(states, at_rest)
+        if self.wires.torque_needs_angle:
+            for _ in range(NEWTON_STEPS):  # torque changes little with its joint's angle
+                missed = at_rest + self._turned(states, angles) - angles
+                _, by_angle = self.wires.force_derivatives(states, angles)
+                assert by_angle is not None
+                step = np.linalg.solve(self._stiffness(by_angle), missed[..., None])
+                angles = angles + step[..., 0]
+        return angles
+
+    def expanded(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """θ (..., n), and its derivatives by the states, (..., n, N) or (1, ..., n, N)."""
+        angles = self.angles(states)
+        by_state, by_angle = self.wires.force_derivatives(states, angles)
+        slopes = self.compliance @ by_state
+        if by_angle is not None:
+            slopes = np.linalg.solve(self._stiffness(by_angle), slopes)
+        return angles, slopes
+
+    def _turned(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        return (self.wires.forces(states, angles) - self._cold) @ self.compliance.T
+
+    def _stiffness(self, force_by_angle: np.ndarray) -> np.ndarray:
+        """How much stiffer than K the joints are whose torques depend on their angles."""
+        return np.eye(len(self.compliance)) - self.compliance * force_by_angle[..., None, :]
 
 
 def _spring_and_gravity(

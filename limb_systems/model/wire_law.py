@@ -24,9 +24,11 @@ class WireLaw(Tagged):
     A law is written for one wire and evaluated for many at once: each state x,
     the duty D in [0, 1] and the joint angle θ in rad may be numbers or arrays
     of floats, complex numbers (whose imaginary parts are infinitesimal),
-    AutoDiffXd or Expression. The law's own fields may be arrays, too. The
-    methods must therefore work element by element, with arithmetic and numpy's
-    functions (`numpy.exp`, `numpy.tanh`, ...), without branches, and be smooth.
+    AutoDiffXd or Expression. The law's own fields that are numbers may be such
+    arrays, too. The methods must therefore work element by element, with arithmetic and
+    numpy's functions (`numpy.exp`, `numpy.tanh`, ...), without branches, and be smooth.
+    They are called once with symbols, and differentiated; floats then take the
+    code that comes of it.
 
     - ``states``: names of the wire's states, the wire temperature ``T``, °C,
       first. The value of each is a typical change, by which solvers scale it.

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from pydrake.symbolic import Expression, Variable
 
-from limb_systems.model.derivatives import Derivatives
+from limb_systems.model.derivatives import CompiledFunction, Part, SideBySide
 from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.rubber import REST_SCALE, NonlinearRubber, num_rest_shifts
+from limb_systems.model.rubber import REST_SCALE, NonlinearRubber, num_rest_shifts, ramp
 from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw, runge_kutta, within
 
 LONGEST_STEP = 0.1  # s, of an integration
@@ -49,7 +49,9 @@ class Wires:
     - ``rates_are_affine``: whether heat rates are affine in states, readings and duty.
     - ``torque_is_affine``: whether forces are affine in the states, and no function of the angle.
     - ``torque_needs_angle``: whether any force depends on the joint's angle.
-    - ``heat_derivatives``: pattern of `heat_rates` in [x, V, D]; `Derivatives`.
+    - ``heat_pattern``: true where `heat_rates` depend on [x, V, D] (N + W, N + 2W).
+    - ``heat_curvature``: true where a pair of [x, V, D] may have a second derivative in
+      `heat_rates` (N + 2W, N + 2W).
     - ``torque_curvature``: true where a pair of states may have a second derivative in
       `forces` (N, N).
 
@@ -106,27 +108,28 @@ class Wires:
             parameters.joint_slices, parameters.wire_slices, parameters.segments, strict=True
         ):
             self.directions[joints, wires_of] = [wire.direction for wire in segment.wires]
-        # Symbols take longer than all else here, and a plan makes many `Wires` of the same laws.
-        key = (self._ambient, rubber.key, *((type(law), *vars(law).values()) for law in laws))
-        if key not in _FORMS:
-            _FORMS[key] = self._form()
-            if len(_FORMS) > _MOST_FORMS:
-                del _FORMS[next(iter(_FORMS))]
-        self.heat_derivatives, self._torque_derivatives = _FORMS[key]
-        self.torque_curvature = self._torque_derivatives.curvature[:-1, :-1]
-        self._laws_need_angle = bool(self._torque_derivatives.pattern[:, -1].any())
-        self.rates_are_affine = not self.heat_derivatives.curvature.any()
+        self._compile()
+        N = self.num_states
+        self.torque_curvature = self._torque.curvature[:N, :N]
+        self._laws_need_angle = bool(self._torque.pattern[:, N:].any())
+        self.rates_are_affine = not self.heat_curvature.any()
         self.torque_needs_angle = self._laws_need_angle or rubber.stiffens
         self.torque_is_affine = not (self.torque_needs_angle or self.torque_curvature.any())
-        zero, off = np.zeros(self.num_states + self.num_wires), np.zeros(self.num_wires)
+        zero = np.zeros(N + 2 * self.num_wires)
         if self.rates_are_affine:
-            self._heat_slopes = self._heat_jacobian(zero, off)
+            _, self._heat_slopes = self._expanded(zero)
         if self.torque_is_affine:
             straight = np.zeros(len(self.directions))
-            self._force_slopes, _ = self._force_derivatives(zero[: self.num_states], straight)
+            self._force_slopes, _ = self._force_derivatives(zero[:N], straight)
 
     def rates(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """ẋ (..., N) of the states (..., N) under the duty (..., W), per second."""
+        if states.dtype == duty.dtype == float:
+            shape = np.broadcast_shapes(states.shape[:-1], duty.shape[:-1])
+            points = np.zeros((*shape, self.num_states + 2 * self.num_wires))
+            points[..., : self.num_states] = states
+            points[..., -self.num_wires :] = duty
+            return self._heat_values(points)[..., : self.num_states]
         result = np.empty(states.shape, np.result_type(states, duty))
         progress = np.empty((*states.shape[:-1], self.num_wires), result.dtype)
         for group in self._groups:
@@ -135,7 +138,8 @@ class Wires:
             for column, rate in zip(group.states, rates, strict=True):
                 result[..., column] = rate
             if self._rubber.remembers:
-                progress[..., group.wires] = self._progress(group, x, rates)
+                torque_rates = _torque_rate(group.law, x, rates, self._ambient)
+                progress[..., group.wires] = self._rubber.progress(torque_rates, group.wires)
         if self._rubber.remembers:
             shifts = slice(self._first_shift, None)
             result[..., shifts] = self._rubber.rates(states[..., shifts], progress)
@@ -144,21 +148,6 @@ class Wires:
     def within(self, states: np.ndarray) -> np.ndarray:
         """States (..., N) kept in the ranges of the laws' ``memory``, which steps may leave."""
         return within(states, *self._ranges)
-
-    def _progress(self, group: _Alike, x: Sequence[Any], rates: Sequence[Any]) -> Any:
-        """`Rubber.progress` of a group's wires, whose states x change with these rates.
-
-        The torque's rate is a central difference, which there is for all scalar types.
-        """
-        ahead, behind = (
-            group.law.torque(
-                [value + time * rate for value, rate in zip(x, rates, strict=True)],
-                self._ambient,
-                0.0,
-            )
-            for time in (_TIME_STEP, -_TIME_STEP)
-        )
-        return self._rubber.progress((ahead - behind) / (2 * _TIME_STEP), group.wires)
 
     def torques(self, states: np.ndarray, angles: np.ndarray | None = None) -> np.ndarray:
         """Torque of each wire (..., W), N·m, as if it ran at +E2.
@@ -201,6 +190,8 @@ class Wires:
 
     def heat_rates(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """`rates` and `reading_rates` of heat = [x, V] (..., N + W), side by side."""
+        if heat.dtype == duty.dtype == float:
+            return self._heat_values(_points(heat, duty))
         states, readings = np.split(heat, [self.num_states], axis=-1)
         return np.concatenate(
             [self.rates(states, duty), self.reading_rates(readings, states)], axis=-1
@@ -214,15 +205,40 @@ class Wires:
         """
         if self.rates_are_affine:
             return self._heat_slopes.reshape((1,) * (heat.ndim - 1) + self._heat_slopes.shape)
-        return self._heat_jacobian(heat, duty)
+        return self.expanded_heat_rates(heat, duty)[1]
 
-    def _heat_jacobian(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        return self.heat_derivatives.first(self._heat_rates_at, np.concatenate([heat, duty], -1))
+    def expanded_heat_rates(
+        self, heat: np.ndarray, duty: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """`heat_rates` (..., N + W), and their derivative at each point, as `heat_jacobian`."""
+        if not self.rates_are_affine:
+            return self._expanded(_points(heat, duty))
+        rates, slopes = self.heat_rates(heat, duty), self._heat_slopes
+        return rates, np.broadcast_to(slopes, (*rates.shape[:-1], *slopes.shape))
 
-    def _heat_rates_at(self, points: np.ndarray) -> np.ndarray:
-        """`heat_rates` at points [x, V, D]."""
-        heat, duty = np.split(points, [self.num_states + self.num_wires], axis=-1)
-        return self.heat_rates(heat, duty)
+    def _expanded(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        N, W = self.num_states, self.num_wires
+        values, slopes = self._heat.first(points)
+        rates, by_point = self._whole_rates(points, values), slopes[..., : N + W, :]
+        if self._rubber.remembers:
+            shifts, own = slice(self._first_shift, N), np.arange(self._first_shift, N)
+            by_progress = self._rubber.rates_by_progress(points[..., shifts])
+            by_point[..., shifts, :] = by_progress @ slopes[..., N + W :, :]
+            by_point[..., own, own] -= values[..., N + W :] @ self._rubber.pace.T
+        return rates, by_point
+
+    def _heat_values(self, points: np.ndarray) -> np.ndarray:
+        """`heat_rates` at points [x, V, D] (..., N + 2W) of floats."""
+        return self._whole_rates(points, self._heat.values(points))
+
+    def _whole_rates(self, points: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """`heat_rates` from the values of the laws."""
+        if not self._rubber.remembers:
+            return values
+        rates, progress = np.split(values, [self.num_states + self.num_wires], axis=-1)
+        shifts = slice(self._first_shift, self.num_states)
+        rates[..., shifts] = self._rubber.rates(points[..., shifts], progress)
+        return rates
 
     def force_derivatives(
         self, states: np.ndarray, angles: np.ndarray
@@ -241,29 +257,27 @@ class Wires:
     def _force_derivatives(
         self, states: np.ndarray, angles: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        by_torque = self._torque_derivatives.first(
-            self._torques_at, self._torque_points(states, angles)
-        )
-        by_angle = None
+        _, by_torque = self._torque.first(self._torque_points(states, angles))
+        by_angle, N = None, self.num_states
         if self._laws_need_angle:
-            slopes = np.einsum("nw,...nwk->...nk", self.directions, by_torque)
-            by_states, by_angle = slopes[..., :-1], slopes[..., -1]
+            by_states = np.einsum("nw,...nwk->...nk", self.directions, by_torque[..., :N])
+            by_angle = np.einsum("nw,...nww->...n", self.directions, by_torque[..., N:])
         else:
-            by_states = self.directions @ by_torque[..., :-1]
+            by_states = self.directions @ by_torque[..., :N]
         by_states[..., self._first_shift :] = self._rubber.force_by_shift
         if self._rubber.stiffens:
             by_angle = self._rubber.force_by_angle(angles) + (0.0 if by_angle is None else by_angle)
         return by_states, by_angle
 
     def _torque_points(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Points [x, θ] (..., N + 1), for each joint (..., n, N + 1) if laws need its angle."""
+        """Points [x, θ] (..., N + W) with θ for each wire, and for each joint (..., n, N + W)
+        if laws need its angle."""
+        W = self.num_wires
         if not self._laws_need_angle:
-            return np.append(states, np.zeros((*states.shape[:-1], 1)), axis=-1)
+            return np.concatenate([states, np.zeros((*states.shape[:-1], W))], axis=-1)
         states = np.broadcast_to(states[..., None, :], (*angles.shape, self.num_states))
-        return np.concatenate([states, angles[..., None]], axis=-1)
-
-    def _torques_at(self, points: np.ndarray) -> np.ndarray:
-        return self._torques(points[..., :-1], points[..., -1:])
+        angles = np.broadcast_to(angles[..., None], (*angles.shape, W))
+        return np.concatenate([states, angles], axis=-1)
 
     def heat_hessian(self, heat: np.ndarray, duty: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Second derivatives of weights · `heat_rates` by [x, V, D], (..., N + 2W, N + 2W).
@@ -272,8 +286,22 @@ class Wires:
             heat, duty: as for `heat_rates`.
             weights: (..., N + W).
         """
-        points = np.concatenate([heat, duty], axis=-1)
-        return self.heat_derivatives.second(self._heat_rates_at, points, weights)
+        points = _points(heat, duty)
+        if not self._rubber.remembers:
+            return self._heat.second(points, weights)
+        shifts = slice(self._first_shift, self.num_states)
+        on_progress = weights[..., None, shifts] @ self._rubber.rates_by_progress(
+            points[..., shifts]
+        )
+        result = self._heat.second(
+            points, np.concatenate([weights, on_progress[..., 0, :]], axis=-1)
+        )
+        by_progress = self._heat.first(points)[1][..., weights.shape[-1] :, :]
+        # d² r' / dr dp, which the progress has a part in
+        mixed = -(self._rubber.pace @ by_progress) * weights[..., shifts, None]
+        result[..., shifts, :] += mixed
+        result[..., :, shifts] += mixed.swapaxes(-1, -2)
+        return result
 
     def force_hessian(
         self, states: np.ndarray, angles: np.ndarray, weights: np.ndarray
@@ -288,9 +316,8 @@ class Wires:
             on_torques = weights[..., None] * self.directions
         else:
             on_torques = weights @ self.directions
-        points = self._torque_points(states, angles)
-        result = self._torque_derivatives.second(self._torques_at, points, on_torques)
-        result = result[..., :-1, :-1]
+        N = self.num_states
+        result = self._torque.second(self._torque_points(states, angles), on_torques)[..., :N, :N]
         return result.sum(axis=-3) if self._laws_need_angle else result
 
     def affine_rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -361,21 +388,45 @@ class Wires:
         states[N:] = self._rubber.settled(self.torques(states) - self.torques(self.cold_states))
         return states
 
-    def _form(self) -> tuple[Derivatives, Derivatives]:
-        """The pattern of `heat_rates` in [x, V, D], and that of `torques` in [x, θ]."""
-        num_heat = self.num_states + self.num_wires
-        point = _variables("y", num_heat + self.num_wires)
-        angle = _variables("theta", 1)
-        with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
-            rates = self._heat_rates_at(point)
-            torques = self._torques(point[: self.num_states], angle)
-        states = point[: self.num_states]
-        return (
-            _derivatives(rates, point, np.append(self.heat_scales, np.ones(self.num_wires))),
-            _derivatives(
-                torques, np.append(states, angle), np.append(self.heat_scales[: len(states)], 1.0)
-            ),
-        )
+    def _compile(self) -> None:
+        """The laws as functions of [x, V, D], and of [x, θ] with θ for each wire."""
+        N, W, remembers = self.num_states, self.num_wires, self._rubber.remembers
+        heat, torque = [], []
+        every_state = np.arange(N)
+        for group in self._groups:
+            wires = np.arange(W)[group.wires]
+            states = np.array([every_state[column] for column in group.states])
+            fields, numbers, key = _numbers_of(group.law)
+            key += (remembers,)
+            if key not in _COMPILED:
+                _COMPILED[key] = _compiled(group.law, fields, remembers)
+                if len(_COMPILED) > _MOST_COMPILED:
+                    del _COMPILED[next(iter(_COMPILED))]
+            ambient = np.full((1, len(wires)), float(self._ambient))
+            constants = np.concatenate([ambient, numbers.reshape(-1, len(wires))])
+            by_torque = self._rubber.bend_by_torque[None, wires]
+            of_heat, of_torque = _COMPILED[key]
+            rows = [states, N + wires[None]]
+            rows += [N + W + wires[None]] if remembers else []
+            columns = np.concatenate([states, N + wires[None], N + W + wires[None]])
+            heat.append(
+                Part(of_heat, columns, np.concatenate(rows), np.concatenate([constants, by_torque]))
+            )
+            torque.append(
+                Part(of_torque, np.concatenate([states, N + wires[None]]), wires[None], constants)
+            )
+        self._heat = SideBySide(heat, N + W + (W if remembers else 0), N + 2 * W)
+        self._torque = SideBySide(torque, W, N + W)
+        self.heat_pattern = self._heat.pattern[: N + W].copy()
+        self.heat_curvature = self._heat.curvature.copy()
+        if remembers:
+            shifts = np.arange(self._first_shift, N)
+            moving = self._rubber.pace != 0
+            self.heat_pattern[shifts] = moving @ self._heat.pattern[N + W :]
+            self.heat_pattern[shifts, shifts] = True
+            self.heat_curvature[shifts] |= self.heat_pattern[shifts]
+            self.heat_curvature[shifts, shifts] = False
+            self.heat_curvature |= self.heat_curvature.T
 
 
 def num_wire_states(parameters: LimbParameters) -> int:
@@ -385,8 +436,71 @@ def num_wire_states(parameters: LimbParameters) -> int:
 
 
 _TIME_STEP = 1e-3  # s, of differences along the states' rates
-_FORMS: dict[tuple, tuple[Derivatives, Derivatives]] = {}
-_MOST_FORMS = 64
+_COMPILED: dict[tuple, tuple[CompiledFunction, CompiledFunction]] = {}
+_MOST_COMPILED = 64
+
+
+def _points(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    return np.concatenate([heat, duty], axis=-1)
+
+
+def _torque_rate(law: WireLaw, x: Sequence[Any], rates: Sequence[Any], ambient: Any) -> Any:
+    """How fast a law's torque changes, N·m/s, while its states x change with these rates.
+
+    It is a central difference, which there is for all scalar types.
+    """
+    ahead, behind = (
+        law.torque(
+            [value + time * rate for value, rate in zip(x, rates, strict=True)], ambient, 0.0
+        )
+        for time in (_TIME_STEP, -_TIME_STEP)
+    )
+    return (ahead - behind) / (2 * _TIME_STEP)
+
+
+def _numbers_of(law: WireLaw) -> tuple[list[str], np.ndarray, tuple]:
+    """Names of a stacked law's fields that are numbers, their values, and what else it is."""
+    values = {field.name: getattr(law, field.name) for field in dataclasses.fields(law)}  # type: ignore[arg-type]
+    numbers = {
+        name: value
+        for name, value in values.items()
+        if value.ndim == 1 and value.dtype.kind in "fi"
+    }
+    others = tuple((name, repr(value)) for name, value in values.items() if name not in numbers)
+    return list(numbers), np.array(list(numbers.values()), float), (type(law), others)
+
+
+def _compiled(
+    law: WireLaw, fields: Sequence[str], remembers: bool
+) -> tuple[CompiledFunction, CompiledFunction]:
+    """A law's rates, reading rate and progress by [x, V, D], and its torque by [x, θ].
+
+    Constants are the ambient temperature, the law's fields and, for the former, the bend by
+    torque.
+    """
+    names = [*(f"x{number}" for number in range(len(law.states))), "V", "D", "theta", "T0"]
+    symbols = {name: Variable(name) for name in [*names, *fields, "bend_by_torque"]}
+    *x, V, D, theta, T0 = (np.array([Expression(symbols[name])]) for name in names)
+    of_symbols = copy.copy(law)
+    for name in fields:
+        setattr(of_symbols, name, np.array([Expression(symbols[name])]))
+    with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
+        rates = list(of_symbols.rates(x, D, T0))
+        values = [*rates, of_symbols.reading_rate(V, x)]
+        if remembers:
+            bend = symbols["bend_by_torque"] * _torque_rate(of_symbols, x, rates, T0)
+            values.append(ramp(bend))
+        torque = of_symbols.torque(x, T0, theta)
+    states = [symbols[name] for name in names[: len(x)]]
+    constants = [symbols["T0"], *(symbols[name] for name in fields)]
+    return (
+        CompiledFunction(
+            [np.ravel(value)[0] for value in values],
+            [*states, symbols["V"], symbols["D"]],
+            [*constants, symbols["bend_by_torque"]],
+        ),
+        CompiledFunction([np.ravel(torque)[0]], [*states, symbols["theta"]], constants),
+    )
 
 
 def _as_slice(indices: list[int]) -> slice | np.ndarray:
@@ -402,22 +516,3 @@ def _stacked(laws: list[WireLaw]) -> WireLaw:
     for field in dataclasses.fields(together):  # type: ignore[arg-type]
         setattr(together, field.name, np.array([getattr(law, field.name) for law in laws]))
     return together
-
-
-def _variables(name: str, size: int) -> np.ndarray:
-    return np.array([Expression(Variable(f"{name}{index}")) for index in range(size)])
-
-
-def _derivatives(values: np.ndarray, variables: np.ndarray, scales: np.ndarray) -> Derivatives:
-    """What Q expressions depend on, and which pairs of variables have second derivatives."""
-    symbols = [next(iter(variable.GetVariables())) for variable in variables]
-    pattern = np.zeros((len(values), len(variables)), bool)
-    curvature = np.zeros((len(variables), len(variables)), bool)
-    for value, depends in zip(values, pattern, strict=True):
-        expression = Expression(0.0) + value  # some are plain numbers yet
-        for index in np.flatnonzero([symbol in expression.GetVariables() for symbol in symbols]):
-            depends[index] = True
-            slope = expression.Differentiate(symbols[index])
-            slope = slope.Expand() if slope.is_polynomial() else slope
-            curvature[index] |= [symbol in slope.GetVariables() for symbol in symbols]
-    return Derivatives(pattern, curvature, scales)

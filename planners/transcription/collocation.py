@@ -81,7 +81,7 @@ class LimbDefects:
         P = self._points.shape[1]
         pattern = np.zeros((n + M, P))
         pattern[:n, : 2 * n + wires.num_states] = 1.0
-        pattern[n:, 2 * n :] = wires.heat_derivatives.pattern
+        pattern[n:, 2 * n :] = wires.heat_pattern
         heat = pattern[None, n:, 2 * n :]
         self._to_middle = np.abs(_by_knots(np.eye(P)[None], n, heat, heat, 0.1)[0, :, :P])
         nonzero = np.ones((2 * n + M, 2 * P + 1))
@@ -97,7 +97,7 @@ class LimbDefects:
         n, wires, P = self._mechanics.num_joints, self._wires, self._points.shape[1]
         self._curved_joints = n if of_mechanics else 0
         pattern = np.zeros((P, P))
-        pattern[2 * n :, 2 * n :] = wires.heat_derivatives.curvature
+        pattern[2 * n :, 2 * n :] = wires.heat_curvature
         moving = 2 * n + wires.num_states
         pattern[2 * n : moving, 2 * n : moving] += wires.torque_curvature
         pattern[: 2 * self._curved_joints, :moving] = 1.0
@@ -205,10 +205,11 @@ class LimbDefects:
         n, W = self._mechanics.num_joints, self._wires.num_wires
         heat, duty = points[:, 2 * n : -W], points[:, -W:]
         accelerations, by_moving = self._acceleration_slopes(points)
-        values = np.hstack([accelerations, self._wires.heat_rates(heat, duty)])
+        heat_rates, by_heat = self._wires.expanded_heat_rates(heat, duty)
+        values = np.hstack([accelerations, heat_rates])
         slopes = np.zeros((*values.shape, points.shape[1]))
         slopes[:, :n, : by_moving.shape[2]] = by_moving
-        slopes[:, n:, 2 * n :] = self._wires.heat_jacobian(heat, duty)
+        slopes[:, n:, 2 * n :] = by_heat
         return values, slopes
 
     def _curvature(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:

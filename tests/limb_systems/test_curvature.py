@@ -92,7 +92,7 @@ def test_of_the_rates_of_heat_and_of_the_rest_angle(point):
     expected = quotient(weighted, points, sizes)
     found = sizes[:, None] * wires.heat_hessian(heat, duty, weights) * sizes
     np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
-    assert not found[:, ~wires.heat_derivatives.curvature].any()
+    assert not found[:, ~wires.heat_curvature].any()
     is_shift = sizes == 0.03
     assert np.abs(expected[:, is_shift]).max() > 1e-3
 
