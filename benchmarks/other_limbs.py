@@ -1,23 +1,27 @@
-"""Limbs of another physics than the emulated ones, from the first recording to their motions.
+"""Limbs of several physics, from the first recording to their motions.
 
-`LimbTwin` and the model grew up together, so what works on it may work on nothing else. An
-`OtherLimb` shares none of its physics: its wires follow Liang and Rogers' cosine kinetics, with
+`LimbTwin`'s physics "lumped" and the model grew up together, so what works on it may work on
+nothing else. Its physics "continuum" shares none of its laws, and neither does an `OtherLimb`,
+whose wires follow Liang and Rogers' cosine kinetics, with
 heat that flows through three masses to a room by natural convection, a resistance that changes
 with the phase, and thermocouples that lag twice; its body is one bending mode on a cubic
 spring with a Maxwell element. Its numbers are ours, within what is published of such wires
-and silicones. It is an emulation, and not a measurement of limbs.
+and silicones. All are emulations, and not measurements of limbs.
 
 Each limb is recorded by `excitations` alone, calibrated, and driven along three motions, in open
 loop and with feedback. Shown are mean distances, as read and of the true bend, from the plan and
-from the reference, and the highest reading and temperature. A limb takes some two minutes.
+from the reference, the highest reading and temperature, and the processor's time to simulate a
+motion in open loop. A limb takes some two minutes.
 
-    python benchmarks/other_limbs.py [--limbs 6] [--first 0] [--jobs 2]
+    python benchmarks/other_limbs.py [--physics continuum] [--limbs 6] [--first 0] [--jobs 2]
 """
 
 import argparse
+import functools
 import math
 import multiprocessing
 import os
+import time
 import types
 from collections.abc import Sequence
 
@@ -29,14 +33,16 @@ from pydrake.trajectories import PiecewisePolynomial, Trajectory
 
 from calibration import calibrate, collect_from_twin
 from controllers import PlanFeedback
-from hardware import replay, watch
+from hardware import LimbTwin, replay, watch
 from hardware.emulation.sensors import Noise, SampledSensors, limb_sensors
+from hardware.emulation.twin import SPECIMENS
 from limb_systems import LimbError, LimbParameters, simulate
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import EmulatedLimb
 from limb_systems.tracking import tracking_errors
 from planners import Task, plan, references
 
+OTHER, OPEN_LOOP = "other", "open loop"
 STEP = 0.005  # s, of the limb's own integration
 SEED = 900_000  # of the first limb, far from those of `LimbTwin`
 PAUSE = 300.0  # s without heat before each recording of a motion
@@ -288,9 +294,9 @@ def _bend(
     ]
 
 
-def take(seed: int) -> dict:
+def take(physics: str, seed: int) -> dict:
     """A limb from its first recording to its last motion; angles in degrees."""
-    limb = OtherLimb(seed)
+    limb = OtherLimb(seed) if physics == OTHER else LimbTwin(seed=seed, physics=physics)
     recordings = collect_from_twin(
         limb, seed=seed, sag_trials=0, ring_downs=1, protocol="excitation"
     )
@@ -305,18 +311,20 @@ def take(seed: int) -> dict:
         motions[name] = references.from_recording(taught, 1.0)
     runs = []
     for name, reference in motions.items():
-        for way, task in (("open loop", Task.paper()), ("feedback", Task.closed_loop())):
+        for way, task in ((OPEN_LOOP, Task.paper()), ("feedback", Task.closed_loop())):
             run = {"motion": name, "way": way}
             runs.append(run)
             try:
                 trajectory = plan(calibration.parameters, reference, task=task)
                 controller = PlanFeedback(trajectory) if way == "feedback" else None
-                driven = replay(trajectory, limb.again(PAUSE, truth=True), controller=controller)
+                rested, start = limb.again(PAUSE, truth=True), time.process_time()
+                driven = replay(trajectory, rested, controller=controller)
             except LimbError as error:
                 run["failure"] = str(error)
                 continue
-            joints = limb.parameters.num_joints
-            true = driven.joint_state[:joints].sum(axis=0) * (joints + 1) / (2 * joints)
+            run["time"] = time.process_time() - start
+            (segment,) = limb.parameters.segments
+            true = segment.bend_sensor.exact_bend_angle(driven.joint_state[: segment.links])
             asked = np.interp(driven.time, trajectory.time, trajectory.reference[0])
             errors = {
                 "read": tracking_errors(trajectory, [driven]).mean,
@@ -336,8 +344,8 @@ def take(seed: int) -> dict:
     }
 
 
-def show(limbs: list[dict]) -> None:
-    print(f"{len(limbs)} limbs of another physics")
+def show(physics: str, limbs: list[dict]) -> None:
+    print(f"{len(limbs)} limbs, physics {physics}")
     for limb in limbs:
         print(
             f"  {limb['seed']}: {limb['law']}, motions predicted to {limb['bend error']:.1f}° and "
@@ -357,16 +365,23 @@ def show(limbs: list[dict]) -> None:
             means = [np.mean([run[column] for run in done]) for column in columns]
             print(f"{motion + ', ' + way:<24}" + "".join(f"{m:>22.2f}" for m in means), end="")
             print("".join(f"{max(r[f'highest {x}'] for r in done):>8.1f}" for x in "VT"))
+    times = [r["time"] for r in runs if r["way"] == OPEN_LOOP and "time" in r]
+    print(f"a motion in open loop takes {np.median(times):.1f} s of the processor (median)")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "--physics", choices=(OTHER, *SPECIMENS), default=OTHER, help="default %(default)s"
+    )
     parser.add_argument("--limbs", type=int, default=6, help="default %(default)s")
     parser.add_argument("--first", type=int, default=0, help="number of the first limb")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default %(default)s)")
     options = parser.parse_args()
+    seeds = range(options.first, options.first + options.limbs)
+    taking = functools.partial(take, options.physics)
     with multiprocessing.get_context("spawn").Pool(options.jobs) as pool:
-        show(pool.map(take, range(options.first, options.first + options.limbs), chunksize=1))
+        show(options.physics, pool.map(taking, seeds, chunksize=1))
 
 
 if __name__ == "__main__":

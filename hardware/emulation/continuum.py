@@ -235,6 +235,7 @@ class ContinuumSpecimen(Specimen):
         self.state = state | {
             "heat": state["heat"] + warmer,
             "thermocouples": state["thermocouples"] + warmer,
+            "play": state["play"] + bend_gradient(self.description.segments[0], JOINTS) @ bent,
             "beam": state["beam"] + np.concatenate([bent, 0 * bent, *[bent] * len(CREEP_TIMES)]),
         }
 
@@ -361,7 +362,7 @@ class RadialShells:
         mean = (last + self._room) / 2 + ZERO_CELSIUS
         radiation = 4 * self._beam.emissivity * STEFAN_BOLTZMANN * mean**3
         surface = self._beam.cooling * self._surface * (convection + radiation)
-        return rise / (1 / surface + 1 / self._last)
+        return rise * surface * self._last / (surface + self._last)
 
 
 class Chain:
@@ -389,7 +390,8 @@ class Chain:
         self._gravity = gravity if gravity.any() else None
         turned = np.tril(np.ones((JOINTS, JOINTS)))  # directions of the links by joint angles
         lateral = self._link * (np.tril(np.ones((JOINTS, JOINTS)), -1) + 0.5 * np.eye(JOINTS))
-        inertia = lateral.T @ lateral + self._link**2 / 12 * np.eye(JOINTS)
+        own = (self._link**2 + segment.thickness**2) / 12  # of a box, over its mass
+        inertia = lateral.T @ lateral + own * np.eye(JOINTS)
         self._inertia = self._link_mass * turned.T @ inertia @ turned
         squares = eigh(np.diag(self.stiffness), self._inertia, eigvals_only=True)
         self._creep = beam.creep

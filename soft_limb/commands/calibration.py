@@ -52,7 +52,7 @@ def _collect(options: argparse.Namespace) -> int:
         )
     with live_page(options) as live:
         recordings = collect_from_twin(
-            LimbTwin(limb, seed=options.emulated, extra=options.extra),
+            LimbTwin(limb, seed=options.emulated, extra=options.extra, physics=options.physics),
             seed=options.seed,
             num_angles=options.angles,
             protocol=options.protocol,
@@ -114,7 +114,7 @@ COMMANDS = {
         "in some 65 minutes, or 30 without equilibria; the program says when to remount or hold "
         "the limb. Started again, it keeps recordings that are complete. An emulated limb takes a "
         "minute.",
-        "folder limb port emulated extra live address force",
+        "folder limb port emulated extra physics live address force",
         [
             Option(
                 "--angles",

@@ -326,7 +326,8 @@ def _recover(options: argparse.Namespace) -> int:
 
 def _emulate(options: argparse.Namespace) -> int:
     check_outputs([options.log], inputs=[options.limb], force=options.force)
-    twin = LimbTwin(LimbParameters.of(options.limb), seed=options.emulated, extra=options.extra)
+    limb = LimbParameters.of(options.limb)
+    twin = LimbTwin(limb, seed=options.emulated, extra=options.extra, physics=options.physics)
     emulate(twin, options.do, options.log)
     return 0
 
@@ -424,7 +425,7 @@ COMMANDS = {
         "Runs the board's firmware on an emulated board with an emulated limb, in real time, and "
         "prints the port to connect to. Reads orders for faults from standard input, one in each "
         f"line: {ORDERS}.",
-        "emulated extra limb force",
+        "emulated extra physics limb force",
         [
             Option(
                 "--do", action="append", default=[], metavar="ORDER", help="an order to start with"

@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from hardware.emulation.specimen import EXTRA_EFFECTS
+from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
+from hardware.emulation.twin import SPECIMENS
 from limb_systems.summary import Entry, Summary
 from soft_limb.command import EXIT_STATUS
 from soft_limb.live.page import LOOPBACK, LivePage
@@ -100,6 +101,12 @@ SHARED: dict[str, Option | list[Option]] = {
         default=[],
         choices=EXTRA_EFFECTS,
         help="an effect that the emulated limb has beside those of every limb",
+    ),
+    "physics": Option(
+        "--physics",
+        choices=list(SPECIMENS),
+        default=Specimen.physics,
+        help="physics of the emulated limb (default %(default)s)",
     ),
     "driven": [  # the limb that a plan drives
         PORT,

@@ -21,6 +21,7 @@ from hardware import LimbTwin
 from hardware.emulation.emulated_board import EmulatedBoard
 from hardware.emulation.sensors import Noise, SampledSensors, SensedLimb, Sensor
 from hardware.emulation.specimen import Specimen
+from hardware.emulation.twin import SPECIMENS
 from hardware.firmware import guard
 from limb_systems import (
     ChordSensor,
@@ -57,6 +58,11 @@ def test_has_the_ports_of_the_limb(two_segments):
             assert twin_outputs.pop("applied_duty", None) in (None, twin_inputs["duty"])
             assert twin_outputs.pop("cut_out", None) in (None, 1)
             assert twin_outputs == sensed | {"measurement": sum(sensed.values())}
+
+
+def test_limbs_of_all_physics_have_the_same_ports():
+    lumped, *others = (port_sizes(LimbTwin(physics=name, truth=True)) for name in SPECIMENS)
+    assert others == [lumped]
 
 
 def test_each_wire_warms_and_bends_its_own_segment_to_its_side(two_segments):

@@ -1,0 +1,297 @@
+"""The emulated limb of physics "continuum": relays, heat that diffuses, a chain that ages."""
+
+import copy
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh, expm
+from scipy.optimize import fsolve
+
+from hardware import LimbTwin
+from hardware.emulation.continuum import (
+    ADDED,
+    CREEP_TIMES,
+    JOINTS,
+    SHELLS,
+    Chain,
+    ContinuumLimb,
+    ContinuumSpecimen,
+    Preisach,
+    RadialShells,
+)
+from limb_systems import ChordSensor, LimbError, LimbParameters, SegmentParameters, simulate
+from limb_systems.model.manipulator import make_manipulator
+
+EXACT = {  # a beam whose stiffness is even, and a sensor without errors
+    **dict.fromkeys(("taper", "creep", "mullins", "softening", "stiffening", "friction"), 0.0),
+    **dict.fromkeys(("anchor", "sensor_offset", "sensor_play", "sensor_warming"), 0.0),
+    **dict.fromkeys(("sensor_shift", "sensor_noise", "sensor_walk", "missing"), 0.0),
+    **{"sensor_gain": 1.0, "stiffness": 1.0, "rest_offset": 0.0},
+}
+
+
+def specimen_with(seed=3, description=None, **beam) -> ContinuumSpecimen:
+    specimen = ContinuumSpecimen(description or LimbParameters(), seed)
+    specimen.segments = [dataclasses.replace(specimen.segments[0], **beam)]
+    return specimen
+
+
+# Wires
+
+
+def course_of(preisach, relays, temperatures):
+    """Shares and relays after each turning point of a course, in steps of 0.1 °C."""
+    shares, now = [], temperatures[0]
+    for turn in temperatures[1:]:
+        for temperature in np.linspace(now, turn, 1 + round(10 * abs(turn - now))):
+            relays = preisach.after(relays, np.full((2, 1), temperature))
+        now = turn
+        shares.append(relays.mean(axis=1))
+    return np.array(shares), relays
+
+
+def test_minor_loops_return_to_where_they_began_and_are_wiped_out():
+    """Madelung's rules: the end of a loop is its beginning, and then the path is the old one."""
+    preisach = Preisach.of(ContinuumSpecimen(LimbParameters(), 0).wires)
+    cold = np.zeros(preisach.up.shape, bool)
+    shares, relays = course_of(preisach, cold, [20, 75, 50, 65, 50])
+    np.testing.assert_array_equal(shares[3], shares[1])  # back at 50 °C, where it turned
+    assert (shares[2] > shares[1] + 0.02).all()  # the loop is not nothing
+    looped, _ = course_of(preisach, relays, [50, 75])
+    np.testing.assert_array_equal(looped[0], shares[0])
+    straight, _ = course_of(preisach, cold, [20, 75])
+    np.testing.assert_array_equal(looped[0], straight[0])
+
+
+def test_minor_loops_between_the_same_temperatures_are_congruent():
+    preisach = Preisach.of(ContinuumSpecimen(LimbParameters(), 1).wires)
+    cold = np.zeros(preisach.up.shape, bool)
+    from_below, _ = course_of(preisach, cold, [20, 55, 66, 55])
+    from_above, _ = course_of(preisach, cold, [20, 95, 55, 66, 55])
+    assert (np.abs(from_above[1] - from_below[0]) > 0.1).all()  # elsewhere
+    # The first rise from below is not of a loop; the way back down closes one.
+    np.testing.assert_allclose(from_above[2] - from_above[3], from_below[1] - from_below[2])
+
+
+def test_wires_are_martensite_when_cold_and_mostly_austenite_at_their_limit():
+    for seed in range(20):
+        preisach = Preisach.of(ContinuumSpecimen(LimbParameters(), seed).wires)
+        assert (preisach.up > preisach.down).all()
+        cold = np.zeros(preisach.up.shape, bool)
+        shares, _ = course_of(preisach, cold, [20, 30, 100, 25])
+        assert (shares[0] < 0.01).all()
+        assert (shares[1] > 0.95).all()
+        assert (shares[2] < 0.1).all()
+
+
+# Heat
+
+
+def test_heat_that_comes_in_is_stored_or_lost():
+    shells = RadialShells(specimen := ContinuumSpecimen(LimbParameters(), 2))
+    temperatures = first = np.full((2, 1 + SHELLS), specimen.ambient)
+    power, step, lost = np.array([8.0, 2.0]), 0.1, 0.0
+    for number in range(3000):
+        heat = power * (number < 1500)
+        lost += step * shells.loss(temperatures[:, -1]).sum()
+        temperatures = shells.after(temperatures, heat, step)
+    stored = (shells.capacities * (temperatures - first)).sum()
+    assert stored + lost == pytest.approx(power.sum() * 1500 * step, rel=1e-9)
+    assert lost > 0.1 * stored > 0
+
+
+def test_steady_heat_falls_by_the_logarithm_of_the_radius():
+    """Closed form of a cylinder's wall, between the contact and the surface."""
+    specimen = specimen_with(seed=2, crossing=0.0)
+    shells, (beam,) = RadialShells(specimen), specimen.segments
+    power = np.array([10.0, 5.0])
+
+    def change(temperatures):
+        before = temperatures.reshape(2, -1)
+        return ((shells.after(before, power, 1.0) - before) * shells.capacities).ravel()
+
+    steady = fsolve(change, np.full(2 * (1 + SHELLS), 60.0), xtol=1e-12).reshape(2, -1)
+    np.testing.assert_allclose(shells.loss(steady[:, -1]), power, rtol=1e-6)
+    for wire, temperatures, heat in zip(specimen.wires, steady, power, strict=True):
+        outside = np.sqrt(0.02 * 0.01 / 2 / np.pi)
+        volumes = (outside / wire.radius) ** ((np.arange(SHELLS) + 0.5) / SHELLS)
+        wall = heat * np.log(volumes) / (2 * np.pi * beam.conductivity)
+        contact = heat * wire.contact_time / (wire.heat_capacity * np.pi * wire.radius**2)
+        np.testing.assert_allclose(temperatures[0] - temperatures[1:], contact + wall, rtol=1e-6)
+
+
+def test_shells_warm_as_the_equation_of_heat_says():
+    """The same volumes, cut ten times as fine, with steps solved exactly."""
+    specimen = specimen_with(seed=4, crossing=0.0, convection=0.0, emissivity=0.0)
+    shells, (beam,), wire = RadialShells(specimen), specimen.segments, specimen.wires[0]
+    temperatures, power = np.zeros((2, 1 + SHELLS)) + 25.0, np.array([10.0, 0.0])
+    for _ in range(1000):
+        temperatures = shells.after(temperatures, power, 0.02)
+    fine = 10 * SHELLS
+    radii = np.geomspace(wire.radius, np.sqrt(0.02 * 0.01 / 2 / np.pi), fine + 1)
+    capacities = beam.heat_capacity * np.pi * np.diff(radii**2)
+    between = 2 * np.pi * beam.conductivity / np.log(radii[1] / radii[0])
+    own = wire.heat_capacity * np.pi * wire.radius**2
+    contact = 1 / (wire.contact_time / own + 0.5 / between)
+    conductances = np.array([contact, *np.full(fine - 1, between)])
+    flows = np.diag(conductances, 1) + np.diag(conductances, -1)
+    flows -= np.diag(flows.sum(axis=1))
+    system = flows / np.array([own, *capacities])[:, None]
+    heat = np.zeros(fine + 1)
+    heat[0] = power[0] / own
+    whole = np.zeros((fine + 2, fine + 2))
+    whole[:-1, :-1], whole[:-1, -1] = system, heat
+    exact = 25.0 + expm(20.0 * whole)[:-1, -1]
+    assert exact[0] > 40.0
+    assert temperatures[0, 0] == pytest.approx(exact[0], abs=0.5)
+    assert temperatures[0, -1] == pytest.approx(exact[-10:].mean(), abs=0.5)
+
+
+# Beam
+
+
+def test_weight_is_the_gradient_of_the_potential():
+    description = LimbParameters(gravity=[1.0, -9.81, 0.0])
+    chain, angles = Chain(specimen_with(description=description)), np.linspace(-0.2, 0.3, JOINTS)
+
+    def potential(angles):
+        directions = np.cumsum(angles)
+        links = 0.1 / JOINTS * np.array([np.cos(directions), np.sin(directions)])
+        centres = np.cumsum(links, axis=1) - links / 2
+        return -0.025 / JOINTS * (np.array([1.0, -9.81]) @ centres).sum()
+
+    steps = 1e-6 * np.eye(JOINTS)
+    slope = [(potential(angles + s) - potential(angles - s)) / 2e-6 for s in steps]
+    np.testing.assert_allclose(chain.weight(angles), -np.array(slope), atol=1e-9)
+
+
+def test_inertia_and_stiffness_are_those_of_drake_s_chain():
+    """Frequencies, of the same links as a MultibodyPlant."""
+    chain = Chain(specimen_with(**EXACT | {"damping_ratio": 0.0}))
+    free, _ = chain.propagator(1e-4)
+    rates = np.abs(np.angle(np.linalg.eigvals(free[: 2 * JOINTS, : 2 * JOINTS]))) / 1e-4
+    links = LimbParameters(segments=[SegmentParameters(links=JOINTS)])
+    plant = make_manipulator(links)
+    inertia = plant.CalcMassMatrix(plant.CreateDefaultContext())
+    exact = np.sqrt(eigh(np.diag(chain.stiffness), inertia, eigvals_only=True))
+    # What is added to the linear part makes it stiffer by that.
+    np.testing.assert_allclose(np.sort(rates)[::2], exact * np.sqrt(1 + ADDED), rtol=0.01)
+
+
+def test_creep_is_that_of_its_prony_series():
+    share = 0.05
+    chain = Chain(specimen_with(**EXACT | {"creep": share, "damping_ratio": 0.7}))
+    free, forced = chain.propagator(0.05)
+    state, held = np.zeros(len(free)), {}
+    for number in range(4000):
+        # The moment of a spring that is bent by 0.02 rad, and what was added to the linear part.
+        state = free @ state + forced @ (chain.stiffness * (0.02 + ADDED * state[:JOINTS]))
+        held[number + 1] = state[0]
+
+    def rates(_, q):
+        angle = (0.02 + share * q.sum()) / (1 + share * len(q))
+        return (angle - q) / CREEP_TIMES
+
+    crept = solve_ivp(rates, (0, 200.0), np.zeros(len(CREEP_TIMES)), rtol=1e-8, t_eval=[2, 20, 200])
+    exact = (0.02 + share * crept.y.sum(axis=0)) / (1 + share * len(CREEP_TIMES))
+    np.testing.assert_allclose([held[40], held[400], held[4000]], exact, rtol=2e-3)
+    assert exact[0] < 0.95 * exact[2]
+
+
+def test_any_chain_shows_the_bend_of_this_one():
+    for sensor in (None, ChordSensor()):
+        segment = SegmentParameters(**({"bend_sensor": sensor} if sensor else {}))
+        specimen = specimen_with(description=LimbParameters(segments=[segment]))
+        twin = LimbTwin(specimen=specimen, truth=True)
+        limb = twin.GetSubsystemByName("shape_memory_wires")
+        assert isinstance(limb, ContinuumLimb)
+        recording = simulate(twin, [0.0, 0.4], 14.0)
+        shown = segment.bend_sensor.exact_bend_angle(recording.joint_state[:5, -1])
+        (beam,), state = specimen.segments, specimen.state
+        true = segment.bend_sensor.exact_bend_angle(state["beam"][:JOINTS])
+        assert abs(true) > 0.3
+        assert shown == pytest.approx(true, abs=1e-4)
+        assert state["play"][0] == pytest.approx(true, abs=beam.sensor_play / 2 + 1e-6)
+
+
+def test_large_bends_are_stable_in_short_and_long_steps():
+    for seed in (0, 2):
+        twin = LimbTwin(seed=seed, physics="continuum", truth=True)
+        hot = simulate(twin, [0.0, 0.3], 20.0, sample_rate=50.0)
+        swing = np.rad2deg(np.abs(hot.joint_state[5:]))
+        assert 10.0 < np.abs(np.rad2deg(hot.bend_angle)).max() < 75.0
+        assert swing[:, -50:].max() < 20.0  # °/s of a joint
+        now = simulate(twin.again(10.0), [0.0, 0.0], 1.0)
+        assert np.abs(np.rad2deg(now.bend_angle)).max() < 60.0
+
+
+# The limb as a whole
+
+
+def test_a_seed_is_one_limb_and_noise_is_by_numbers():
+    def read(specimen):
+        return simulate(LimbTwin(specimen=copy.deepcopy(specimen)), [0.0, 0.4], 5.0)
+
+    first = ContinuumSpecimen(LimbParameters(), 5)
+    same, kept = ContinuumSpecimen(LimbParameters(), 5), pickle.loads(pickle.dumps(first))
+    for other in (same, kept):
+        np.testing.assert_array_equal(read(other).bend_angle, read(first).bend_angle)
+    assert (read(ContinuumSpecimen(LimbParameters(), 6)).bend_angle != read(first).bend_angle).any()
+    one, two = first.with_noise(1), first.with_noise(2)
+    np.testing.assert_array_equal(read(one).bend_angle, read(first.with_noise(1)).bend_angle)
+    difference = read(one).bend_angle - read(two).bend_angle
+    assert 0 < np.rad2deg(difference.std()) < 1.0
+    # A run leaves its limb warm; copies from before are as they were.
+    simulate(LimbTwin(specimen=one), [0.0, 0.4], 5.0)
+    assert one.state["heat"][1 + SHELLS] > first.ambient + 20.0
+    assert not first.state
+
+
+def test_the_limb_is_made_again_from_its_identity(tmp_path):
+    twin = LimbTwin(seed=5, physics="continuum")
+    twin.parameters.save(tmp_path / "limb.yaml")
+    again = LimbTwin.of(LimbParameters.load(tmp_path / "limb.yaml"))
+    assert again.specimen.wires == twin.specimen.wires
+    assert again.source == twin.source == "emulated limb, seed 5, physics continuum"
+    lumped = LimbTwin(seed=5)
+    assert lumped.parameters.board.serial_number != twin.parameters.board.serial_number
+
+
+def test_limbs_that_it_cannot_be_are_refused(two_segments):
+    with pytest.raises(LimbError, match="'clay' is not one of the physics lumped, continuum"):
+        LimbTwin(physics="clay")
+    with pytest.raises(LimbError, match=r"one segment .* take the physics lumped"):
+        LimbTwin(two_segments, physics="continuum")
+    with pytest.raises(LimbError, match="has no effect 'memory'"):
+        LimbTwin(physics="continuum", extra=["memory"])
+
+
+def test_a_changed_limb_begins_where_the_change_leaves_it():
+    specimen = specimen_with(**EXACT)
+    specimen.wires = [dataclasses.replace(wire, martensite_pull=0.0) for wire in specimen.wires]
+    simulate(LimbTwin(specimen=specimen), [0.0, 0.0], 0.5)
+    bent, warm = specimen.disturbed(payload=0.1), specimen.disturbed(ambient=5.0)
+    recording = simulate(LimbTwin(specimen=bent, truth=True), [0.0, 0.0], 2.0)
+    angles = np.rad2deg(recording.bend_angle[0])
+    assert angles.mean() == pytest.approx(np.rad2deg(0.1), abs=0.05)
+    assert np.ptp(angles) < 0.2
+    read = simulate(LimbTwin(specimen=warm), [0.0, 0.0], 5.0).measured_temperature.mean()
+    assert read == pytest.approx(specimen.ambient + 5.0, abs=0.2)
+
+
+def test_thermocouples_read_the_current_and_lag():
+    specimen = specimen_with(missing=0.0)
+    limb = LimbTwin(specimen=specimen, truth=True)
+    heated = simulate(limb, [0.0, 0.5], 4.0)
+    lag = heated.wire_temperature[1] - heated.measured_temperature[1]
+    assert lag[-20:].mean() > 5.0
+    (pick_up, end) = specimen.wires[1].pick_up, specimen.state["duty"].copy()
+    before = specimen.state["thermocouples"][3]
+    limb = LimbTwin(specimen=specimen)
+    context = limb.CreateDefaultContext()
+    inner = limb.GetSubsystemByName("shape_memory_wires")
+    read = inner.GetOutputPort("thermocouples").Eval(inner.GetMyContextFromRoot(context))
+    assert read[1] == pytest.approx(before + pick_up * end[1])
