@@ -2,8 +2,8 @@
 
 Each limb stands behind the emulated board with the firmware's own files, in simulated time, is
 described as the nominal limb, and goes through `soft-limb arm-check`, `collect` (first contact,
-warm-up, equilibria), `calibrate` and replays of two plans. Limbs are `LimbTwin` and, with
-another physics, `other_limbs.OtherLimb`. A share is that of its rise which the thermocouple of
+warm-up, equilibria), `calibrate` and replays of two plans. Limbs are `LimbTwin`, of both of its
+physics, and `other_limbs.OtherLimb`. A share is that of its rise which the thermocouple of
 one wire shows. Printed are, for each limb, what arm-check and the first contact said, why the board
 switched off, the highest reading and true temperature of each step, and for how long the board
 reduced the duty in replays. It is an emulation, not a measurement of wires.
@@ -12,6 +12,7 @@ reduced the duty in replays. It is an emulation, not a measurement of wires.
 """
 
 import argparse
+import functools
 import itertools
 import os
 import random
@@ -44,6 +45,11 @@ from planners import plan, references
 from soft_limb.runs.jobs import local_executor, run_each
 
 PAUSE = 180.0  # s without heat before each recording
+FAMILIES = {
+    "twin": functools.partial(LimbTwin, extra=["memory", "bond"]),
+    "continuum": functools.partial(LimbTwin, physics="continuum"),
+    "other": OtherLimb,
+}
 HOTTEST = 130.0  # °C, true, that no wire should pass
 
 
@@ -85,7 +91,7 @@ def take(job: tuple[str, int, float]) -> dict:
     """A limb through all steps, or until one of them says that a thermocouple is wrong."""
     family, seed, share = job
     random.seed(repr(job))
-    limb = OtherLimb(seed) if family == "other" else LimbTwin(seed=seed, extra=["memory", "bond"])
+    limb = FAMILIES[family](seed=seed)
     described = LimbParameters()
     board = SimulatedBoard(limb, described, step=STEP)
     result: dict = {"job": job, "found": [], "steps": {}, "reduced": 0.0, "replayed": 0.0}
@@ -181,7 +187,7 @@ def show(result: dict) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--family", nargs="*", choices=("twin", "other"), default=["twin", "other"])
+    parser.add_argument("--family", nargs="*", choices=FAMILIES, default=list(FAMILIES))
     parser.add_argument("--shares", nargs="*", type=float, default=[1.0])
     parser.add_argument("--limbs", type=int, default=8)
     parser.add_argument("--first", type=int, default=0)

@@ -205,7 +205,8 @@ class ContinuumSpecimen(Specimen):
                 "wire, in this order; describe such a limb, or take the physics lumped."
             )
         self.segments = [_draw_beam(uniform)]
-        self.wires = [_draw_wire(uniform) for _ in SIDES]
+        kind = _draw_wire(uniform)
+        self.wires = [_draw_side(uniform, kind) for _ in SIDES]
         self.ambient = self.description.ambient_temperature + uniform(-3.0, 3.0)  # °C, ours
 
     def _change(self, change: dict[str, float]) -> None:
@@ -750,7 +751,22 @@ MARTENSITE_YIELD = 0.25  # rad of stretch, at which detwinning martensite yields
 MULLINS_RANGE = 0.3  # of x², over which rubber stiffens to its virgin curve; ours
 
 
+def _draw_side(uniform, kind: ContinuumWire) -> ContinuumWire:
+    """One of a limb's wires, which are of one spool, but coiled and bonded by hand."""
+    shares = {  # by which the sides may differ from their kind, ours
+        **dict.fromkeys(("heating", "bend"), 0.08),  # length of the coil, its place in the limb
+        **dict.fromkeys(("radius", "latent_heat", "resistance_drop"), 0.05),
+        **dict.fromkeys(("contact_time", "relief", "lag", "second_lag"), 0.15),  # glue
+    }
+    changes = {
+        name: getattr(kind, name) * uniform(1 - share, 1 + share) for name, share in shares.items()
+    }
+    changes["middle"] = kind.middle + uniform(-1.5, 1.5)  # °C, by the stress at rest
+    return dataclasses.replace(kind, **changes, leak=uniform(0.0, 0.12), pick_up=uniform(-0.5, 1.5))
+
+
 def _draw_wire(uniform) -> ContinuumWire:
+    """The kind of both wires."""
     return ContinuumWire(
         heating=uniform(15.0, 25.0),  # °C/s [records]
         contact_time=uniform(11.0, 19.0),  # s, of the first cooling [records]
