@@ -154,12 +154,18 @@ def _reproduce(options) -> int:
             figure.result()
 
     print(f"\n{calibration_summary(shown.calibration)}\n")
-    print(f"Table I: tracking error |φ* - φ|, rollouts per plan: {options.rollouts}, in degrees")
+    print(
+        "Table I: mean |φ_REF - φ| from the reference, |φ* - φ| from the plan, in degrees; "
+        f"rollouts per plan: {options.rollouts}"
+    )
     _print_table([TABLE_1_HEADER, *table_1(summaries)])
     if rows := disturbance_table(summaries):
-        print("\nDisturbances, in the motion of Fig. 5: mean |φ* - φ| in degrees")
+        print("\nDisturbances, in the motion of Fig. 5: mean distances in degrees")
         _print_table([DISTURBANCE_HEADER, *rows])
-    print("\nMean errors, read / true, of plans with each calibrated model:")
+    print(
+        "\nPlans with each calibrated model: mean distance of the true bend from the reference; "
+        "of the bend from the plan, read / true, in degrees"
+    )
     _print_table([APPROACH_HEADER, *approach_table(summaries)])
     print(EMULATED, *findings(summaries), sep="\n")
     print(f"\nwritten in {time.perf_counter() - started:.0f} s:")

@@ -3,10 +3,12 @@
 import numpy as np
 
 from evaluation.experiment import Experiment, Motion
-from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, true_bend
+from evaluation.tables import Followed, nearest_distance
+from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way, true_bend
 from limb_systems import Recording, joint_angles_from_bend_angle
 from limb_systems.views.colors import (
     PLAN_COLOR,
+    REFERENCE_COLOR,
     ROLLOUT_COLOR,
     wire_colors,
 )
@@ -51,7 +53,11 @@ def _plot_poses(axis, recording: Recording, color: str) -> None:
 
 
 def plot_ways(motion: Motion) -> Figure:
-    """Open loop, feedback and the last repetition, side by side: bend as read and true, and V."""
+    """Open loop, feedback and the last repetition, side by side: bend as read and true, and V.
+
+    Titles have mean distances of the true bend from the reference and from the plan, and
+    above all is what the limits leave.
+    """
     shown = {
         OPEN_LOOP: motion.open_loop.rollouts[0],
         FEEDBACK: motion.ways[FEEDBACK].rollouts[0],
@@ -65,13 +71,16 @@ def plot_ways(motion: Motion) -> Figure:
         axes.T, shown.items(), (OPEN_LOOP, FEEDBACK, LEARNING), strict=True
     ):
         plan = motion.ways[way].trajectory.since_start()
-        during = rollout.time <= plan.time[-1]
         angles = rollout.bend_angle[0], true_bend(rollout).bend_angle[0]
-        missed = [
-            np.rad2deg(np.abs(plan.bend_angle_at(rollout.time)[0] - angle)[during].mean())
-            for angle in angles
-        ]
-        bend.set_title(f"{name}\n{missed[0]:.2f}° read, {missed[1]:.2f}° true", fontsize=9)
+        followed = Followed.of(Way(plan, [rollout]))
+        bend.set_title(
+            f"{name}\nfrom the reference: {followed.true_reference:.2f}° true, plan "
+            f"{followed.planned:.2f}°\nfrom the plan: {followed.true:.2f}° true, "
+            f"{followed.read:.2f}° read",
+            fontsize=9,
+        )
+        wanted = np.rad2deg(plan.reference[0])
+        bend.plot(plan.time, wanted, color=REFERENCE_COLOR, lw=1.0, label="reference")
         bend.plot(rollout.time, np.rad2deg(angles[0]), color=ROLLOUT_COLOR, lw=0.6, label="read")
         bend.plot(rollout.time, np.rad2deg(angles[1]), color="k", lw=1.0, label="true")
         bend.plot(plan.time, np.rad2deg(plan.bend_angle[0]), "--", color=PLAN_COLOR, label="plan")
@@ -84,6 +93,10 @@ def plot_ways(motion: Motion) -> Figure:
         for axis in (bend, heat):
             axis.grid(alpha=0.25)
             axis.spines[["top", "right"]].set_visible(False)
+    if (left := nearest_distance(motion.open_loop.trajectory)) is not None:
+        figure.suptitle(
+            f"Mean distances; the limits leave {left:.2f}° from the reference", fontsize=10
+        )
     axes[0, 0].set_ylabel("bend angle (°)")
     axes[1, 0].set_ylabel("temperature (°C)")
     for axis in axes[:, 0]:

@@ -6,8 +6,15 @@ import numpy as np
 
 from evaluation.error_split import STEPS
 from evaluation.experiment import Experiment, Motion
-from evaluation.tables import PAPER_TABLE_1, STATISTICS, Summary, complete, mean_and_margin
-from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, true_bend
+from evaluation.tables import (
+    PAPER_TABLE_1,
+    STATISTICS,
+    Followed,
+    Summary,
+    complete,
+    mean_and_margin,
+)
+from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way, true_bend
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
     NEUTRAL_COLOR,
@@ -24,22 +31,46 @@ MOTION_TICKS = dict(enumerate(PAPER_TABLE_1))
 
 def limbs_panels(summaries: Sequence[Summary]) -> list[Panel]:
     """Table I as a chart: every limb, their mean with its interval, and the paper's robot."""
-    whole, panels = complete(summaries), []
+    whole = complete(summaries)
     at = np.arange(len(PAPER_TABLE_1), dtype=float)
+    away = np.array([[s.ways[m][OPEN_LOOP].true_reference for m in PAPER_TABLE_1] for s in whole])
+    left = np.array([[s.nearest[m] for m in PAPER_TABLE_1] for s in whole], float)
+    panels = [
+        _by_motion(
+            "mean |φ_REF − φ| of the true bend (°)",
+            [
+                *_limbs_and_mean(at, away),
+                Curve(
+                    "best plan within the limits, mean",
+                    at - 0.1,
+                    left.mean(axis=0),
+                    PLAN_COLOR,
+                    marks=True,
+                ),
+            ],
+        )
+    ]
     for index, statistic in enumerate(STATISTICS):
         values = np.array(
             [[s.ways[m][OPEN_LOOP].tracking[index] for m in PAPER_TABLE_1] for s in whole]
         )
-        mean, margin = np.transpose([mean_and_margin(column) for column in values.T])
         paper = np.array([row[index] for row in PAPER_TABLE_1.values()])
-        every = {"marks": True, "alpha": 0.4}
         curves = [
-            Curve("each limb", np.tile(at, len(whole)), values.ravel(), ROLLOUT_COLOR, **every),
-            Curve("mean, 95% interval", at + 0.1, mean, NEUTRAL_COLOR, band=margin, marks=True),
+            *_limbs_and_mean(at, values),
             Curve("the paper's robot", at - 0.1, paper, PLAN_COLOR, marks=True),
         ]
         panels.append(_by_motion(f"{statistic} of |φ* − φ| (°)", curves))
     return panels
+
+
+def _limbs_and_mean(at: np.ndarray, values: np.ndarray) -> list[Curve]:
+    """Values of each limb (limbs, motions), and their mean with its interval."""
+    mean, margin = np.transpose([mean_and_margin(column) for column in values.T])
+    every = {"marks": True, "alpha": 0.4}
+    return [
+        Curve("each limb", np.tile(at, len(values)), values.ravel(), ROLLOUT_COLOR, **every),
+        Curve("mean, 95% interval", at + 0.1, mean, NEUTRAL_COLOR, band=margin, marks=True),
+    ]
 
 
 def split_panels(summaries: Sequence[Summary]) -> list[Panel]:
@@ -99,17 +130,35 @@ def ways_panels(motion: Motion) -> list[Panel]:
         (LEARNING, f"repetition {len(repetitions)}", repetitions[-1]),
     ):
         plan = motion.ways[way].trajectory.since_start()
-        during = rollout.time <= plan.time[-1]
-        curves = []
-        for what, color, angle in (
-            ("read", ROLLOUT_COLOR, rollout.bend_angle[0]),
-            ("true", NEUTRAL_COLOR, true_bend(rollout).bend_angle[0]),
-        ):
-            missed = np.rad2deg(np.abs(plan.bend_angle_at(rollout.time)[0] - angle)[during].mean())
-            label = f"{what}, {missed:.2f}° off"
-            curves.append(Curve(label, rollout.time, np.rad2deg(angle), color))
-        planned = np.rad2deg(plan.bend_angle[0])
-        curves.append(Curve("plan", plan.time, planned, PLAN_COLOR, "dashed"))
+        followed = Followed.of(Way(plan, [rollout]))
+        curves = [
+            Curve(name, run.time, np.rad2deg(angle[0]), color, dash)
+            for name, run, angle, color, dash in (
+                ("reference", plan, plan.reference, REFERENCE_COLOR, "solid"),
+                (
+                    f"read, {followed.reference:.2f}° from the reference, "
+                    f"{followed.read:.2f}° from the plan",
+                    rollout,
+                    rollout.bend_angle,
+                    ROLLOUT_COLOR,
+                    "solid",
+                ),
+                (
+                    f"true, {followed.true_reference:.2f}° and {followed.true:.2f}°",
+                    rollout,
+                    true_bend(rollout).bend_angle,
+                    NEUTRAL_COLOR,
+                    "solid",
+                ),
+                (
+                    f"plan, {followed.planned:.2f}° from the reference",
+                    plan,
+                    plan.bend_angle,
+                    PLAN_COLOR,
+                    "dashed",
+                ),
+            )
+        ]
         bends.append(Panel(f"{name}: bend (°)", curves))
         names = rollout.parameters.wire_names
         readings = [
@@ -125,15 +174,19 @@ def ways_panels(motion: Motion) -> list[Panel]:
 
 
 def learning_panels(summaries: Sequence[Summary]) -> list[Panel]:
-    """Mean error of each repetition: each limb thin, their mean thick, as read and true."""
+    """Mean distances of each repetition: each limb thin, their mean thick, as read and true."""
     whole, panels = [s for s in complete(summaries) if s.repetitions], []
     for motion in whole[0].repetitions:
         curves = []
-        for what, color in (("read", ROLLOUT_COLOR), ("true", NEUTRAL_COLOR)):
+        for what, color, name in (
+            ("true_reference", PLAN_COLOR, "true, from the reference"),
+            ("read", ROLLOUT_COLOR, "read, from the plan"),
+            ("true", NEUTRAL_COLOR, "true, from the plan"),
+        ):
             errors = np.array([[getattr(f, what) for f in s.repetitions[motion]] for s in whole])
             numbers = np.arange(1, errors.shape[1] + 1)
             curves += [Curve("", numbers, row, color, width=0.7, alpha=0.4) for row in errors]
-            curves.append(Curve(what, numbers, errors.mean(axis=0), color, width=2.0))
+            curves.append(Curve(name, numbers, errors.mean(axis=0), color, width=2.0))
         ticks = {int(number): str(number) for number in numbers}
         panels.append(
             Panel(f"{motion} (°)", curves, x_label="repetition", from_zero=True, x_ticks=ticks)

@@ -9,17 +9,20 @@ from scipy.stats import t as student
 from evaluation.error_split import STEPS
 from evaluation.experiment import Experiment
 from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way, true_bend
-from limb_systems import Provenance, Recording, Trajectory
-from limb_systems.tracking import tracking_errors
+from limb_systems import Provenance, Trajectory
+from limb_systems.tracking import reference_distances, tracking_errors
+from planners import nearest_bend_angle
 
 STATISTICS = ("mean", "median", "90th percentile")
 ABORTED = "aborted rollouts"
 TABLE_1_HEADER = [
     "trajectory",
     "",
-    *STATISTICS,
-    "true bend",
-    "from the reference",
+    "from the reference: true",
+    "as read",
+    "plan",
+    *(f"{'from the plan: ' * (name == 'mean')}{name}" for name in STATISTICS),
+    "true",
     "highest V",
     "highest T",
     ABORTED,
@@ -27,11 +30,13 @@ TABLE_1_HEADER = [
 SHOWN_REPETITIONS = (1, 4, 10)
 DISTURBANCE_HEADER = [
     "disturbance",
-    "feedback: read / true",
+    "feedback: from the reference, true",
+    "from the plan: read / true",
     "highest V",
     "highest T",
     "aborted",
-    "open loop: read / true",
+    "open loop: from the reference, true",
+    "from the plan: read / true",
     "highest T",
     "aborted",
 ]
@@ -43,7 +48,7 @@ PAPER_TABLE_1 = {  # degrees
 PREDICTION = "the law that predicts best"
 APPROACH_HEADER = [
     "calibrated model",
-    *(f"{motion}: read / true" for motion in PAPER_TABLE_1),
+    *PAPER_TABLE_1,
     "V, °C",
     "aborted",
 ]
@@ -54,20 +59,21 @@ class Followed:
     """How rollouts of a plan went, as far as they came; angles in degrees.
 
     - ``rollouts``, ``aborted``: how many there were, and were ended at the board's limit.
+    - ``true_reference``, ``reference``: mean |φ_REF - φ| of the true bend, and as it was read.
+    - ``planned``: mean |φ_REF - φ*|, what the plan asks for.
     - ``tracking``: `STATISTICS` of |φ* - φ| as the bend was read.
     - ``true``: mean |φ* - φ| of the true bend.
-    - ``reference``: mean |φ_REF - φ| as the bend was read.
-    - ``true_reference``: the same of the true bend.
     - ``reading``: mean |V* - V| of all wires, °C.
     - ``highest_reading``, ``highest_temperature``: V and the true T of the hottest wire, °C.
     """
 
     rollouts: int
     aborted: int
+    true_reference: float
+    reference: float
+    planned: float
     tracking: tuple[float, ...]
     true: float
-    reference: float
-    true_reference: float
     reading: float
     highest_reading: float
     highest_temperature: float
@@ -78,13 +84,16 @@ class Followed:
         truths = [true_bend(rollout) for rollout in rollouts]
         errors = tracking_errors(trajectory, rollouts)
         statistics = np.rad2deg([errors.mean, errors.median, errors.percentile_90])
+        read, true = (reference_distances(trajectory, runs) for runs in (rollouts, truths))
+        distances = np.rad2deg([true.done, read.done, read.planned]).tolist()
         return cls(
             rollouts=len(rollouts),
             aborted=sum(bool(rollout.interrupted) for rollout in rollouts),
+            true_reference=distances[0],
+            reference=distances[1],
+            planned=distances[2],
             tracking=tuple(statistics.tolist()),
             true=float(np.rad2deg(tracking_errors(trajectory, truths).mean)),
-            reference=_from_reference(trajectory, rollouts),
-            true_reference=_from_reference(trajectory, truths),
             reading=_mean_reading_error(way),
             highest_reading=float(max(r.measured_temperature.max() for r in rollouts)),
             highest_temperature=float(max(r.wire_temperature.max() for r in rollouts)),
@@ -94,18 +103,6 @@ class Followed:
     def read(self) -> float:
         """Mean |φ* - φ| as it was read."""
         return self.tracking[0]
-
-
-def _from_reference(trajectory: Trajectory, rollouts: Sequence[Recording]) -> float:
-    """Mean |φ_REF - φ| of a limb of one segment, degrees."""
-    away = [
-        np.abs(
-            np.interp(rollout.time, trajectory.time, trajectory.reference[0])
-            - rollout.bend_angle[0]
-        )[rollout.time <= trajectory.duration]
-        for rollout in rollouts
-    ]
-    return float(np.rad2deg(np.concatenate(away).mean()))
 
 
 def _mean_reading_error(way: Way) -> float:
@@ -125,6 +122,8 @@ class Summary:
     """The numbers of one experiment, angles in degrees.
 
     - ``seed``, ``absent``: the limb's number, and which effects it was without.
+    - ``nearest``: mean distance from the reference that the limits leave of each motion, of the
+      best plan; None if it is not known.
     - ``ways``: how each motion went in each way to drive it; learning is all its repetitions.
     - ``repetitions``: how each repetition of each motion that was learned went.
     - ``disturbed``: how the first motion went under each disturbance, in each way.
@@ -137,6 +136,7 @@ class Summary:
 
     seed: int
     absent: tuple[str, ...]
+    nearest: dict[str, float | None]
     ways: dict[str, dict[str, Followed]]
     repetitions: dict[str, list[Followed]]
     disturbed: dict[str, dict[str, Followed]]
@@ -176,6 +176,7 @@ def summarize(experiment: Experiment) -> Summary:
     return Summary(
         specimen.seed,
         specimen.absent,
+        {motion.name: nearest_distance(motion.open_loop.trajectory) for motion in motions},
         ways,
         repetitions,
         {
@@ -190,16 +191,22 @@ def summarize(experiment: Experiment) -> Summary:
     )
 
 
+def nearest_distance(trajectory: Trajectory) -> float | None:
+    """Mean |φ_REF - φ| of the best plan that the limits leave, degrees; None if there is none."""
+    nearest = reference_distances(trajectory, nearest=nearest_bend_angle(trajectory)).nearest
+    return None if nearest is None else float(np.rad2deg(nearest))
+
+
 def approach_table(summaries: Sequence[Summary]) -> list[list[str]]:
-    """Rows of each approach: for each motion mean errors as read and true, then V, then aborted."""
+    """Rows of each approach: for each motion mean distances, then V, then aborted."""
     whole = complete(summaries)
     rows = []
     for name in dict.fromkeys(name for s in whole for name in s.approaches):
         limbs = [s.approaches[name] for s in whole if name in s.approaches]
         cells = []
         for motion in PAPER_TABLE_1:
-            read, true = np.mean([(limb[motion].read, limb[motion].true) for limb in limbs], axis=0)
-            cells.append(f"{read:.2f} / {true:.2f}")
+            group = [limb[motion] for limb in limbs]
+            cells.append("; ".join(_distances(group)))
         driven = [followed for limb in limbs for followed in limb.values()]
         heat = np.mean([followed.reading for followed in driven])
         aborted = np.mean([followed.aborted / followed.rollouts for followed in driven])
@@ -232,10 +239,14 @@ def table_1(summaries: Sequence[Summary]) -> list[list[str]]:
         for summary in whole:
             for name, followed in _rows_of(summary, motion).items():
                 groups.setdefault(name, []).append(followed)
-        for name, group in groups.items():
-            rows.append([motion, f"{limbs}, {name}", *_cells(group)])
-            motion = ""
-        rows.append(["", "the paper's robot", *(f"{value:.2f}" for value in paper), *[""] * 5])
+        left = [nearest for s in whole if (nearest := s.nearest[motion]) is not None]
+        cell = _with_margin(*mean_and_margin(left)) if left else ""
+        rest = [""] * (len(TABLE_1_HEADER) - 3)
+        rows.append([motion, f"{limbs}, best plan within the limits", cell, *rest])
+        rows += [["", f"{limbs}, {name}", *_cells(group)] for name, group in groups.items()]
+        of_paper = [*[""] * 3, *(f"{value:.2f}" for value in paper)]
+        rest = [""] * (len(TABLE_1_HEADER) - 2 - len(of_paper))
+        rows.append(["", "the paper's robot", *of_paper, *rest])
     return rows
 
 
@@ -251,9 +262,11 @@ def _cells(group: Sequence[Followed]) -> list[str]:
     statistics = np.transpose([followed.tracking for followed in group])
     aborted, rollouts = (sum(getattr(f, name) for f in group) for name in ("aborted", "rollouts"))
     return [
+        _with_margin(*mean_and_margin([followed.true_reference for followed in group])),
+        f"{np.mean([followed.reference for followed in group]):.2f}",
+        f"{np.mean([followed.planned for followed in group]):.2f}",
         *(_with_margin(*mean_and_margin(values)) for values in statistics),
         f"{np.mean([followed.true for followed in group]):.2f}",
-        f"{np.mean([followed.reference for followed in group]):.2f}",
         *_hottest(group),
         f"{aborted} of {rollouts}",
     ]
@@ -276,19 +289,21 @@ def disturbance_table(summaries: Sequence[Summary]) -> list[list[str]]:
     rows = []
     for name, limbs in groups.items():
         closed = [limb[FEEDBACK] for limb in limbs]
-        row = [name, _read_and_true(closed), *_hottest(closed), _aborted(closed)]
+        row = [name, *_distances(closed), *_hottest(closed), _aborted(closed)]
         if OPEN_LOOP in limbs[0]:
             opened = [limb[OPEN_LOOP] for limb in limbs]
-            row += [_read_and_true(opened), _hottest(opened)[1], _aborted(opened)]
+            row += [*_distances(opened), _hottest(opened)[1], _aborted(opened)]
         rows.append(row + [""] * (len(DISTURBANCE_HEADER) - len(row)))
     every = [limb[FEEDBACK] for limbs in groups.values() for limb in limbs]
-    rows.append(["all, the worst", "", *_hottest(every), _aborted(every), "", "", ""])
+    row = ["all, the worst", "", "", *_hottest(every), _aborted(every)]
+    rows.append(row + [""] * (len(DISTURBANCE_HEADER) - len(row)))
     return rows
 
 
-def _read_and_true(group: Sequence[Followed]) -> str:
-    read, true = np.mean([(followed.read, followed.true) for followed in group], axis=0)
-    return f"{read:.2f} / {true:.2f}"
+def _distances(group: Sequence[Followed]) -> tuple[str, str]:
+    """Mean distance of the true bend from the reference; that from the plan, read / true."""
+    away, read, true = np.mean([(f.true_reference, f.read, f.true) for f in group], axis=0)
+    return f"{away:.2f}", f"{read:.2f} / {true:.2f}"
 
 
 def _aborted(group: Sequence[Followed]) -> str:

@@ -133,7 +133,7 @@ def test_table_1_is_that_of_the_files(demo):
         assert trajectory.check.failure() is None
         (path,) = (folder / "limb_0" / name).glob("rollout_*.csv")
         assert_followed(summary["ways"][motion]["open loop"], trajectory, path, said)
-    trajectory = Trajectory.load(folder / "limb_0" / "validation" / "feedback_trajectory.csv")
+    trajectory = Trajectory.load(folder / "limb_0" / "validation" / "plan_feedback_trajectory.csv")
     assert trajectory.wire_temperature.max() < 90.0  # it leaves room for feedback
     names = {"plan_feedback_rollout_1": summary["ways"]["Validation"]["plan feedback"]}
     for number, followed in enumerate(summary["repetitions"]["Validation"], 1):
@@ -157,11 +157,17 @@ def assert_followed(followed, trajectory, path, said):
     true = 6 / 11 * (joints.sum(axis=0) + joints[-1] / 2)
     assert followed["true"] == pytest.approx(np.rad2deg(np.abs(planned - true)).mean(), abs=0.01)
     wanted = np.interp(rollout.time, trajectory.time, trajectory.reference[0])
-    away = np.rad2deg(np.abs(wanted - rollout.bend_angle[0])).mean()
-    assert followed["reference"] == pytest.approx(away, abs=0.01)
+    for name, bend in (
+        ("true_reference", true),
+        ("reference", rollout.bend_angle[0]),
+        ("planned", planned),
+    ):
+        away = np.rad2deg(np.abs(wanted - bend)).mean()
+        assert followed[name] == pytest.approx(away, abs=0.01), name
     assert followed["highest_reading"] == pytest.approx(rollout.measured_temperature.max())
     assert followed["highest_temperature"] == pytest.approx(rollout.wire_temperature.max())
-    row = [*followed["tracking"], followed["true"], followed["reference"]]
+    row = [followed[name] for name in ("true_reference", "reference", "planned")]
+    row += [*followed["tracking"], followed["true"]]
     assert " ".join(f"{value:.2f}" for value in row) in re.sub(" +", " ", said)
 
 
@@ -283,7 +289,8 @@ def test_rollouts_that_were_aborted_are_counted_and_compared_up_to_then(evaluati
         == ["the whole error"] + [f"{summary.first[name]:.2f}" for name in names]
     )
     rows = evaluation.tables.table_1([summary, summary])
-    assert [row[-1] for row in rows] == ["2 of 4", "", "0 of 4", "", "4 of 4", ""]
+    aborted = [row[-1] for row in rows if row[1].endswith("open loop")]
+    assert aborted == ["2 of 4", "0 of 4", "4 of 4"]
 
 
 def test_absences_are_compared_limb_by_limb(evaluation):
@@ -291,7 +298,9 @@ def test_absences_are_compared_limb_by_limb(evaluation):
         motions = ("Validation", "T&R 1", "T&R 2")
         split = {m: dict.fromkeys(evaluation.error_split.STEPS, (1.0, 1.0)) for m in motions}
         first = dict.fromkeys(motions, error)
-        return evaluation.tables.Summary(seed, absent, {}, {}, {}, first, split, {}, "LinearLaw")
+        return evaluation.tables.Summary(
+            seed, absent, {}, {}, {}, {}, first, split, {}, "LinearLaw"
+        )
 
     summaries = [summary(0, (), 2.0), summary(1, (), 6.0)]
     summaries += [summary(0, ("silicone",), 3.0), summary(1, ("silicone",), 7.2)]
@@ -333,7 +342,9 @@ def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions(evaluation):
     tables = evaluation.tables
 
     def followed(error, aborted=0):
-        return tables.Followed(5, aborted, (error,) * 3, error / 2, 2.0, 1.0, 0.5, 90.0, 95.0)
+        return tables.Followed(
+            5, aborted, error + 2, 2.0, 1.5, (error,) * 3, error / 2, 0.5, 90.0, 95.0
+        )
 
     def summary(seed, worse):
         ways = {"open loop": followed(2.0 + worse, 1), "learning": followed(9.0)}
@@ -347,6 +358,7 @@ def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions(evaluation):
         return tables.Summary(
             seed,
             (),
+            dict.fromkeys(motions, 1.25),
             dict.fromkeys(motions, ways),
             dict.fromkeys(motions, learned),
             disturbed,
@@ -357,8 +369,10 @@ def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions(evaluation):
         )
 
     summaries = [summary(0, 0.0), summary(1, 0.0)]
-    rows = tables.table_1(summaries)[:6]
+    rows = tables.table_1(summaries)[:7]
+    assert {len(row) for row in rows} == {len(tables.TABLE_1_HEADER)}
     assert [row[1].removeprefix("2 emulated limbs, ") for row in rows] == [
+        "best plan within the limits",
         "open loop",
         "plan feedback",
         "learning, repetition 1",
@@ -366,22 +380,32 @@ def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions(evaluation):
         "learning, repetition 10",
         "the paper's robot",
     ]
-    assert rows[0][2:] == ["2.00 ± 0.00"] * 3 + ["1.00", "2.00", "90", "95", "2 of 10"]
-    assert [row[2] for row in rows[2:5]] == ["3.00 ± 0.00", "2.70 ± 0.00", "2.10 ± 0.00"]
+    assert rows[0][:3] == [
+        "Validation",
+        "2 emulated limbs, best plan within the limits",
+        "1.25 ± 0.00",
+    ]
+    from_reference = ["4.00 ± 0.00", "2.00", "1.50"]
+    from_plan = ["2.00 ± 0.00"] * 3 + ["1.00"]
+    assert rows[1][2:] == [*from_reference, *from_plan, "90", "95", "2 of 10"]
+    assert [row[5] for row in rows[3:6]] == ["3.00 ± 0.00", "2.70 ± 0.00", "2.10 ± 0.00"]
+    assert rows[6][2:7] == ["", "", "", "3.44", "2.33"]
     table = tables.disturbance_table(summaries)
     assert [row[0] for row in table] == ["payload", "no bend", "all, the worst"]
     assert table[0] == [
         "payload",
+        "3.00",
         "1.00 / 0.50",
         "90",
         "95",
         "0 of 10",
+        "6.00",
         "4.00 / 2.00",
         "95",
         "0 of 10",
     ]
-    assert table[1][4:] == ["4 of 10", "", "", ""]
-    assert table[2][4] == "4 of 20"
+    assert table[1][5:] == ["4 of 10", "", "", "", ""]
+    assert table[2][5] == "4 of 20"
 
 
 def test_bend_is_read_late_absent_or_held(evaluation):
