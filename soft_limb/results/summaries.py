@@ -73,25 +73,21 @@ def plan_summary(trajectory: Trajectory) -> Summary:
 def distances_summary(distances: ReferenceDistances) -> Summary:
     """How near a limb came to its reference, beside what its plan asks for and its limits leave."""
     done = _degrees(distances.done)
-    return Summary.of(
-        {"reference": _beside(f"{done:.2f}°", distances)},
-        {"reference_distance_deg": done, **_plan_distances(distances)},
-    )
+    of_plan = _beside(f"{done:.2f}°", distances)
+    return Summary([of_plan[0], Entry("reference_distance_deg", done, "°", None), *of_plan[1:]])
 
 
-def _beside(done: str, distances: ReferenceDistances) -> str:
-    """Distances that were done, in words, beside those of the plan and of the best plan."""
+def _beside(done: str, distances: ReferenceDistances) -> list[Entry]:
+    """What was done, in words, beside the distances of the plan and of the best plan."""
+    planned, nearest = _degrees(distances.planned), _degrees(distances.nearest)
     said = f"|φ_ref - φ|: mean {done} done; " if done else ""
-    said += f"the plan asks for {_degrees(distances.planned):.2f}°"
-    nearest = _degrees(distances.nearest)
-    return said if nearest is None else f"{said}, the limits leave {nearest:.2f}°"
-
-
-def _plan_distances(distances: ReferenceDistances) -> dict[str, float | None]:
-    return {
-        "planned_distance_deg": _degrees(distances.planned),
-        "nearest_distance_deg": _degrees(distances.nearest),
-    }
+    said += f"the plan asks for {planned:.2f}°"
+    said += "" if nearest is None else f", the limits leave {nearest:.2f}°"
+    return [
+        Entry("reference", sentence=said),
+        Entry("planned_distance_deg", planned, "°", None),
+        Entry("nearest_distance_deg", nearest, "°", None),
+    ]
 
 
 def _degrees(distance: float | None) -> float | None:
@@ -130,10 +126,14 @@ def repetitions_summary(learner: Learner) -> Summary:
     said = f"mean |φ* - φ| {errors}{f'; {undone} were undone' * bool(undone)}" if values else "none"
     plan = learner.trajectory
     distances = reference_distances(plan, nearest=nearest_bend_angle(plan))
-    return Summary.of(
-        {"reference": _beside(done, distances), "errors": said},
-        {"repetitions": values, **_plan_distances(distances)},
-    ) + Summary([Entry("finished", learner.finished)])
+    return Summary(
+        [
+            *_beside(done, distances),
+            Entry("repetitions", values, sentence=None),
+            Entry("errors", sentence=said),
+            Entry("finished", learner.finished),
+        ]
+    )
 
 
 def calibration_summary(calibration: Calibration) -> Summary:
