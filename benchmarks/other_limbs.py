@@ -9,9 +9,10 @@ spring with a Maxwell element. Its numbers are ours, within what is published of
 and silicones. All are emulations, and not measurements of limbs.
 
 Each limb is recorded by `excitations` alone, calibrated, and driven along three motions, in open
-loop and with feedback. Shown are mean distances from the reference, of the true bend, of the plan and of
-the best plan that the limits leave; from the plan, as read and of the true bend; the highest reading and temperature, and the processor's time to simulate a
-motion in open loop. A limb takes some two minutes.
+loop and with feedback. Shown are mean distances from the reference: of the true bend, of the plan,
+and of the best plan that the limits leave; from the plan, as read and of the true bend; the highest
+reading and temperature, and the processor's time to simulate a motion in open loop. A limb takes
+some two minutes.
 
     python benchmarks/other_limbs.py [--physics continuum] [--limbs 6] [--first 0] [--jobs 2]
 """
