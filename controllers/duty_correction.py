@@ -13,29 +13,54 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from controllers.reduced_model import ReducedModel
 from limb_systems import Trajectory
-from limb_systems.simulation import PERIOD
+from limb_systems.model.kinematics import bend_angle
 from planners.transcription.descent import descend, first_that_reduces
 
 ROUNDING = 1e-9  # s, of knots and nodes at the same time
-STEPS = 4  # of the model, from a node to the next: nodes at about 5 Hz
+STEPS = 2  # of the model, from a node to the next
+NODES_APART = 0.2  # s, about
 READING_MARGIN = 5.0  # °C, of what is expected below the reading at which a board switches off
 LEVEL_COST, CHANGE_COST = 0.3, 1.0  # of a duty, and of its change between nodes: (1°)²
 EXCESS_COST = 300.0  # (1°)²/°C beyond a temperature bound at a node; more than tracking pays
 TANGENTS = 3  # at most
+TARGETS = ("plan", "reference")
+ANOTHER_DUTY = 0.02  # at a node, by which a duty is not that of a correction
 LITTLE = 0.01  # relative; a tangent that reduces the cost by less is the last
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Errors:
-    """What a limb has more than the model, at the M + 1 nodes.
+    """What a limb has more than the model, at the M + 1 nodes, about a correction.
 
     - ``bend_angle``: (M + 1, S), rad.
     - ``wire_temperature``, ``measured_temperature``: (M + 1, W), °C.
+    - ``about``: the correction where this is known (M + 1, W).
+    - ``gains``: changes of each segment's bend over those of the model, as the duty of each
+      wire changes from there (S, W).
+    - ``doubt``: share of `DutyCorrection.changes` that is wrong at random (S,).
     """
 
     bend_angle: np.ndarray
     wire_temperature: np.ndarray
     measured_temperature: np.ndarray
+    about: np.ndarray
+    gains: np.ndarray
+    doubt: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Prediction:
+    """What a limb is expected to do under a correction.
+
+    - ``duty``, ``heat``: in the model's steps (L, W) and (L + 1, H).
+    - ``missed``: φ* - φ (M + 1, S), degrees.
+    - ``unsure``: standard deviation of φ by the change of each wire's duty (M + 1, S, W), degrees.
+    """
+
+    duty: np.ndarray
+    heat: np.ndarray
+    missed: np.ndarray
+    unsure: np.ndarray
 
 
 class DutyCorrection:
@@ -48,14 +73,16 @@ class DutyCorrection:
     - ``none``: no correction (M + 1, W).
     """
 
-    def __init__(self, trajectory: Trajectory):
+    def __init__(self, trajectory: Trajectory, target: str = "plan"):
         self.plan = plan = trajectory.since_start()
-        num_nodes = max(2, round(plan.duration / (STEPS * PERIOD))) + 1
+        num_nodes = max(2, round(plan.duration / NODES_APART)) + 1
         self.nodes = np.linspace(0.0, plan.duration, num_nodes)
         period = plan.duration / (STEPS * (num_nodes - 1))
         self.model = ReducedModel(plan.parameters, period)
         self.middles = (np.arange(STEPS * (num_nodes - 1)) + 0.5) * period
         self.target = plan.bend_angle_at(self.nodes).T
+        if target == "reference":
+            self.target = np.array([np.interp(self.nodes, plan.time, r) for r in plan.reference]).T
         self._planned = plan.duty_trajectory().vector_values(self.nodes).T
         self.none = np.zeros_like(self._planned)
         limits = plan.parameters.temperature_limits
@@ -69,15 +96,10 @@ class DutyCorrection:
         duty = self.plan.duty_trajectory().vector_values(times)
         duty = duty + [np.interp(times, self.nodes, column) for column in correction.T]
         duty = np.clip(duty, 0.0, 1.0)
-        allowed = np.maximum(self._total(times), 1e-9)
+        total = np.maximum(duty.sum(axis=0), 1e-9)
         return PiecewisePolynomial.FirstOrderHold(
-            times, duty * np.minimum(1.0, allowed / np.maximum(duty.sum(axis=0), 1e-9))
+            times, duty * np.minimum(1.0, self.plan.parameters.total_duty / total)
         )
-
-    def _total(self, times: np.ndarray) -> np.ndarray:
-        """The largest sum of duties at times; the plan's own, should that be larger."""
-        planned = self.plan.duty_trajectory().vector_values(times).sum(axis=0)
-        return np.maximum(self.plan.parameters.total_duty, planned)
 
     def start(self, readings: np.ndarray | None = None) -> np.ndarray:
         """Heat of the model (H,) at the start of the plan, or with other readings (W,), °C."""
@@ -97,6 +119,53 @@ class DutyCorrection:
     def steps(self, correction: np.ndarray) -> np.ndarray:
         """The corrected duty of the model's steps (L, W)."""
         return self.duty_trajectory(correction).vector_values(self.middles).T
+
+    def correction_of(self, duty: np.ndarray, correction: np.ndarray) -> np.ndarray:
+        """The correction (M + 1, W) whose duty is that of the model's steps (L, W).
+
+        Args:
+            correction: the one that was asked for; where feedback or a board changed its duty,
+                it is not the one that was applied.
+        """
+        shares = np.array(
+            [np.interp(self.middles, self.nodes, one) for one in np.eye(len(self.nodes))]
+        )
+        changed = shares @ (duty - self.steps(correction)) / shares.sum(axis=1, keepdims=True)
+        return correction + np.where(np.abs(changed) > ANOTHER_DUTY, changed, 0.0)
+
+    def corrected(self, correction: np.ndarray, start: np.ndarray, errors: Errors) -> Trajectory:
+        """The plan with corrected duty, and what the limb is expected to do under it."""
+        plan, predicted = self.plan, self._predict(correction, start, errors)
+        heat = predicted.heat[::STEPS]
+        angles = self.model.joint_angles(heat).T
+        missed = (
+            self.target.T - np.deg2rad(predicted.missed.T) - bend_angle(plan.parameters, angles)
+        )
+        for segment, joints, more in zip(
+            plan.parameters.segments, plan.parameters.joint_slices, missed, strict=True
+        ):
+            angles[joints] += 2 / (segment.links + 1) * more  # (11)
+        at_knots = PiecewisePolynomial.CubicShapePreserving(self.nodes, angles, True)
+        rates = at_knots.derivative()
+        knots = plan.time
+        T, V = self.model.temperatures(heat), self.model.readings(heat)
+        states = [
+            np.array([np.interp(knots, self.nodes, row) for row in rows.T])
+            for rows in (
+                T + errors.wire_temperature,
+                V + errors.measured_temperature,
+                heat[:, T.shape[1] : -T.shape[1]],
+            )
+        ]
+        return dataclasses.replace(
+            plan,
+            duty=self.duty_trajectory(correction).vector_values(knots),
+            joint_state=np.vstack([at_knots.vector_values(knots), rates.vector_values(knots)]),
+            wire_temperature=states[0],
+            measured_temperature=states[1],
+            other_wire_state=states[2] if len(states[2]) else None,
+            check=dataclasses.replace(plan.check, status="learned", active_constraints=[]),
+        )
 
     def lag(self) -> np.ndarray:
         """Matrix from errors of T at the nodes to errors of V there (W, M + 1, M + 1)."""
@@ -126,11 +195,19 @@ class DutyCorrection:
             cooler: margin of temperature below the bounds, °C.
         """
 
+        predictions: dict[bytes, _Prediction] = {}
+
+        def predicted(tried: np.ndarray) -> _Prediction:
+            key = tried.tobytes()
+            if key not in predictions:
+                predictions[key] = self._predict(tried, start, errors)
+            return predictions[key]
+
         def cost_of(tried: np.ndarray) -> float:
-            return self._cost(tried, start, errors, cooler)
+            return self._cost(tried, predicted(tried), errors, cooler)
 
         def solve(tried: np.ndarray) -> np.ndarray | None:
-            return self._solve(tried, start, errors, cooler)
+            return self._solve(tried, predicted(tried), errors, cooler)
 
         step = first_that_reduces((1.0, 0.5, 0.25), cost_of)
         return descend(correction, cost_of(correction), solve, step, TANGENTS, LITTLE)[0]
@@ -139,8 +216,41 @@ class DutyCorrection:
         self, correction: np.ndarray, start: np.ndarray, errors: Errors
     ) -> np.ndarray:
         """φ of the limb at the nodes (M + 1, S), rad, under a correction."""
-        heat = self.rollout(start, self.steps(correction))
-        return self.model.bend_angle(heat) + errors.bend_angle
+        return self.target - np.deg2rad(self._predict(correction, start, errors).missed)
+
+    def _predict(self, correction: np.ndarray, start: np.ndarray, errors: Errors) -> "_Prediction":
+        duty = self.steps(correction)
+        heat, changes = self._one_by_one(start, self.steps(errors.about), duty)
+        bend = self.model.bend_angle(heat[::STEPS]) + errors.bend_angle
+        bend = bend + ((errors.gains - 1) * changes).sum(axis=-1)
+        unsure = errors.doubt[:, np.newaxis] * errors.gains * changes
+        return _Prediction(duty, heat, np.rad2deg(self.target - bend), np.rad2deg(unsure))
+
+    def changes(self, start: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """Changes of the model's φ as the duty of one wire after the other changes, rad.
+
+        Args:
+            start: heat at the start (H,).
+            before, after: duty of the model's steps (L, W) and (L, ..., W).
+
+        Returns:
+            (M + 1, ..., S, W).
+        """
+        return self._one_by_one(start, before, after)[1]
+
+    def _one_by_one(
+        self, start: np.ndarray, before: np.ndarray, after: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Heat under the duty after, at the model's steps (L + 1, ..., H), and `changes`."""
+        W = before.shape[1]
+        before = np.broadcast_to(before.reshape(-1, *[1] * (after.ndim - 2), W), after.shape)
+        one = np.eye(W, dtype=bool)
+        some = np.where(one, after[..., np.newaxis, :], before[..., np.newaxis, :])
+        duty = np.concatenate([some, before[..., np.newaxis, :], after[..., np.newaxis, :]], -2)
+        heat = self.model.rollout(np.broadcast_to(start, (*duty.shape[1:-1], len(start))), duty)
+        bend = self.model.bend_angle(heat[::STEPS, ..., :-1, :])  # (M + 1, ..., W + 1, S)
+        changes = bend[..., :W, :] - bend[..., W:, :]
+        return heat[..., -1, :], np.swapaxes(changes, -1, -2)
 
     def _bounds(self, errors: Errors, cooler: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Bounds of the model's T, from below and above, and of its V, at the nodes (M + 1, W)."""
@@ -150,32 +260,33 @@ class DutyCorrection:
         coolest = self._coolest[:, np.newaxis] - errors.wire_temperature
         return np.minimum(coolest, hottest), hottest, highest - errors.measured_temperature
 
-    def _cost(self, correction, start, errors: Errors, cooler: float) -> float:
-        heat = self.rollout(start, self.steps(correction))
-        missed = np.rad2deg(self.target - errors.bend_angle - self.model.bend_angle(heat))
+    def _cost(self, correction, predicted: "_Prediction", errors: Errors, cooler: float) -> float:
+        heat = predicted.heat[::STEPS]
         coolest, hottest, highest = self._bounds(errors, cooler)
         T, V = self.model.temperatures(heat), self.model.readings(heat)
         excess = np.maximum(0.0, np.maximum.reduce([T - hottest, coolest - T, V - highest]))
         return float(
-            (missed**2).sum()
+            (predicted.missed**2).sum()
+            + (predicted.unsure**2).sum()
             + LEVEL_COST * (correction**2).sum()
             + CHANGE_COST * (np.diff(correction, axis=0) ** 2).sum()
             + EXCESS_COST * excess[1:].sum()
         )
 
-    def _solve(self, correction, start, errors: Errors, cooler: float) -> np.ndarray | None:
+    def _solve(
+        self, correction, predicted: "_Prediction", errors: Errors, cooler: float
+    ) -> np.ndarray | None:
         """The best correction where the model is linear along the rollout of this one."""
-        model = self.model
-        duty = self.steps(correction)
-        heats = model.rollout(start, duty)
-        by_heat, by_first, by_second = self._slopes(heats[:-1], duty)
-        heat = heats[::STEPS]
-        bend, bend_by_heat = model.bend_slopes(heat)
-        missed = np.rad2deg(self.target - errors.bend_angle - bend)
+        model, missed, unsure = self.model, predicted.missed, predicted.unsure
+        by_heat, by_first, by_second = self._slopes(predicted.heat[:-1], predicted.duty)
+        heat = predicted.heat[::STEPS]
+        bend_by_heat = model.bend_slopes(heat)[1]
+        # Shares of wires in the changes of a state: of one wire, or of all whose duty changes it.
+        heated_by = (np.abs(by_second).max(axis=0) > 0).astype(float)  # (H, W)
+        heated_by /= np.maximum(heated_by.sum(axis=1, keepdims=True), 1.0)
         coolest, hottest, highest = self._bounds(errors, cooler)
         M, H, W = len(heat) - 1, model.size, model.num_wires
         scales = model.scales
-
         prog = MathematicalProgram()
         x = prog.NewContinuousVariables(M, H, "x")  # change of heat at nodes 1 to M, scaled
         c = prog.NewContinuousVariables(M + 1, W, "c")
@@ -184,11 +295,9 @@ class DutyCorrection:
         largest = np.maximum(1.0 - self._planned, correction)
         prog.AddBoundingBoxConstraint(lowest, largest, c)
         prog.AddBoundingBoxConstraint(0.0, np.inf, excess)
-        room = self._total(self.nodes) - self._planned.sum(axis=1)
+        room = self.plan.parameters.total_duty - self._planned.sum(axis=1)
         for k in range(M + 1):
-            prog.AddLinearConstraint(
-                np.ones((1, W)), [-np.inf], [max(room[k], correction[k].sum())], c[k]
-            )
+            prog.AddLinearConstraint(np.ones((1, W)), [-np.inf], room[k : k + 1], c[k])
             prog.AddQuadraticCost(2 * LEVEL_COST * np.eye(W), np.zeros(W), c[k], is_convex=True)
         one = np.eye(W)
         change = 2 * CHANGE_COST * np.block([[one, -one], [-one, one]])
@@ -205,8 +314,12 @@ class DutyCorrection:
             prog.AddQuadraticCost(
                 change, np.zeros(2 * W), np.concatenate(variables[:2]), is_convex=True
             )
-            C = np.rad2deg(bend_by_heat[k + 1]) * scales
-            prog.AddQuadraticCost(2 * C.T @ C, -2 * C.T @ missed[k + 1], x[k], is_convex=True)
+            slopes = np.rad2deg(bend_by_heat[k + 1]) * scales  # (S, H)
+            of_wires = slopes[:, np.newaxis] * errors.gains[..., np.newaxis] * heated_by.T
+            doubted = errors.doubt[:, np.newaxis, np.newaxis] * of_wires  # (S, W, H)
+            rows = np.vstack([of_wires.sum(axis=1), *doubted])
+            wanted = np.concatenate([missed[k + 1], -unsure[k + 1].ravel()])
+            prog.AddQuadraticCost(2 * rows.T @ rows, -2 * rows.T @ wanted, x[k], is_convex=True)
             T, V = model.temperatures(heat[k + 1]), model.readings(heat[k + 1])
             bounded = np.concatenate([x[k], excess[k]])
             for rows, bound in (

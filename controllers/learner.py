@@ -6,7 +6,6 @@ the duty for a limb with the repeating errors, within all bounds of the plan. Th
 norm-optimal iterative learning control, with a gain that falls as repetitions add up.
 """
 
-import copy
 import dataclasses
 import hashlib
 import itertools
@@ -19,8 +18,10 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from scipy.linalg import block_diag
+from scipy.signal import detrend
 
-from controllers.duty_correction import READING_MARGIN, DutyCorrection, Errors
+from controllers.duty_correction import READING_MARGIN, TARGETS, DutyCorrection, Errors
 from controllers.estimator import DRIFT_TIME
 from limb_systems import LimbError, Provenance, Recording, Trajectory
 from limb_systems.band import MEAN_TO_DEVIATION
@@ -33,17 +34,24 @@ READING_NOISE = 0.3  # °C, of a mean of some readings of a thermocouple
 MEANS = 0.25  # of a sample's variance, left in the mean of those around a node
 ROUNDING = 1e-10  # rad², so that sensors without noise leave no singular matrix
 SMOOTH = 2.0  # s, in which the correlation of the model's errors falls to 1/e
+REMEMBERED = 10.0  # s, in which limbs forget a change of what they did
 REST_ERROR = np.deg2rad(1.0)  # of the model's bend with cold wires
 UNKNOWN_BEND, UNKNOWN_TEMPERATURE = np.deg2rad(5.0), 10.0  # errors of uncalibrated models
-CHANGED_SHARE = 0.15  # of a change of bend or temperature, which the model has wrong
 CHANGED_REST = np.deg2rad(0.1)  # by which a limb changes between repetitions
 CHANGED_TEMPERATURE = 0.3  # °C, likewise
+# Shares of a change of the model that may be wrong; the one of temperatures; the least that is
+# expected of changes of the bend, and by what factor it is known, before anything was seen.
+SHARES = np.geomspace(0.1, 1.6, 9)
+TEMPERATURE_SHARE, EXPECTED_SHARE, KNOWN_TO = 0.15, 0.3, 2.0
+LATELY = 0.8  # of what a repetition has shown of that share, in what is known after another one
+GAIN, LEAST_GAIN, LARGEST_GAIN = 0.5, 0.4, 2.5  # of the limb over the model: deviation, bounds
 SPREAD = 0.6  # of the mean of |x| over the standard deviation of x, if x is normal
-SURELY = 3.0  # standard deviations, by which a repetition must be worse to count as worse
+WORSE = 0.25  # standard deviations, by which a repetition that is kept may be read to be worse
 COOLER = 3.0  # °C, by which bounds are lowered after a wire was read too hot
-WORTH = 0.01  # of the sensor's error; what another repetition must promise at least
-MOST_FAILURES = 3  # in a row
-_FIRST_LINE = "# limb learning, format 3, sha256 "
+WORTH = 0.05  # of the sensor's error; by what another repetition must change the bend at least
+MOST_INTERRUPTED, MOST_FAILURES = 3, 5  # in a row; the latter with those that were not better
+SHORTEST = 0.25  # of a step, after repetitions that were not better
+_FIRST_LINE = "# limb learning, format 4, sha256 "
 
 
 def wandering(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.ndarray:
@@ -58,52 +66,87 @@ def wandering(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.nd
     return np.outer(deviation, deviation) * np.exp(-apart / duration)
 
 
-class RepeatingError:
-    """A Kalman filter over repetitions, for an error d (M,) over time that nearly repeats.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Estimate:
+    """What repetitions have shown about an error, as changes of duty leave it.
 
-    Repetition j shows H d + noise, and d changes a little between repetitions. Of
-    each repetition's error, the filter believes what the covariances say: most of the
-    first one's, ever less of later ones'.
-
-    - ``mean``: estimate of d (M,), zero at first.
-    - ``covariance``: covariance of the estimate's error (M, M).
-
-    Args:
-        covariance: covariance of d before the first repetition (M, M).
-        shows: H (R, M).
-        noise: covariance of a repetition's noise (R, R).
+    - ``error``: d (M,), zero before the first repetition.
+    - ``gains``: changes of the limb over those of the model, for each wire (W,).
+    - ``covariance``: covariance of both (M + W, M + W).
     """
 
-    def __init__(self, covariance: np.ndarray, shows: np.ndarray, noise: np.ndarray):
-        self.mean, self.covariance = np.zeros(len(covariance)), covariance
-        self._shows, self._noise = shows, noise
+    error: np.ndarray
+    gains: np.ndarray
+    covariance: np.ndarray
 
-    def change(self, covariance: np.ndarray) -> None:
-        """Between two repetitions d has changed by something of this covariance (M, M)."""
-        self.covariance = self.covariance + covariance
 
-    def observe(self, shown: np.ndarray) -> None:
-        """A repetition has shown these errors (R,), NaN where it showed none."""
+class RepeatingError:
+    """Bayesian regression for an error d (M,) over time that nearly repeats.
+
+    Repetition j shows H (d + Σ (g_w - 1) ψ_w + δ) + noise. ψ_w (M,) is the change of the
+    model as the duty of wire w is that of j, and not the one about which d is asked for. By
+    g_w times as much changes the limb, but for δ, which is a share of the ψ_w.
+
+    Args:
+        times: (M,), s.
+        covariance: covariance of d before the first repetition (M, M).
+        shows: H (M, M).
+        noise: covariance of the noise (M, M).
+        changed: standard deviation of δ without any change of duty.
+    """
+
+    def __init__(
+        self,
+        times: np.ndarray,
+        covariance: np.ndarray,
+        shows: np.ndarray,
+        noise: np.ndarray,
+        changed: float,
+    ):
+        self._times, self._covariance, self._shows = times, covariance, shows
+        self._noise = noise + shows @ wandering(times, changed, DRIFT_TIME) @ shows.T
+
+    def estimate(self, shown: np.ndarray, changes: np.ndarray, share: float) -> Estimate:
+        """The error and the gains that J repetitions have shown.
+
+        Args:
+            shown: (J, M), NaN where there was nothing to see.
+            changes: ψ (J, M, W).
+            share: share of them that is wrong at random.
+        """
+        M, W = changes.shape[1:]
+        information = block_diag(np.linalg.inv(self._covariance), np.eye(W) / GAIN**2)
+        known = np.zeros(M + W)
+        for values, change in zip(shown, changes, strict=True):
+            H, spread, seen = self._observation(values, change)
+            weighted = np.linalg.solve(spread(share), H).T
+            information += weighted @ H
+            known += weighted @ values[seen]
+        covariance = np.linalg.inv(information)
+        mean = covariance @ known
+        gains = np.clip(1 + mean[M:], LEAST_GAIN, LARGEST_GAIN)
+        return Estimate(mean[:M], gains, covariance)
+
+    def likelihoods(self, before: Estimate, shown: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Logarithms of how likely a repetition was before it was seen, for each of `SHARES`."""
+        H, spread, seen = self._observation(shown, change)
+        surprise = shown[seen] - H @ np.append(before.error, before.gains - 1)
+        known, found = H @ before.covariance @ H.T, []
+        for share in SHARES:
+            factor = np.linalg.cholesky(known + spread(share))
+            white = np.linalg.solve(factor, surprise)
+            found.append(-np.log(np.diag(factor)).sum() - 0.5 * white @ white)
+        return np.array(found)
+
+    def _observation(self, shown: np.ndarray, change: np.ndarray):
+        """What a repetition shows of d and g, the covariance beside it by the share, and where."""
         seen = np.isfinite(shown)
-        H = self._shows[seen]
-        together = H @ self.covariance
-        of_errors = together @ H.T + self._noise[np.ix_(seen, seen)]
-        gain = np.linalg.solve(of_errors, together).T
-        self.mean = self.mean + gain @ (shown[seen] - H @ self.mean)
-        after = self.covariance - gain @ together
-        self.covariance = 0.5 * (after + after.T)
-
-    @property
-    def deviation(self) -> np.ndarray:
-        """Standard deviation of the estimate's error (M,)."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-    def after_another(self, change: np.ndarray) -> "RepeatingError":
-        """The estimate after a change and another whole repetition that shows what it expects."""
-        other = copy.copy(self)
-        other.change(change)
-        other.observe(self._shows @ self.mean)
-        return other
+        H, noise = self._shows[seen], self._noise[np.ix_(seen, seen)]
+        forgotten = np.exp(-self._times[-1] / max(1, len(change) - 1) / REMEMBERED)
+        size = np.linalg.norm(change, axis=1)
+        lasting = list(itertools.accumulate(size, lambda before, now: max(now, forgotten * before)))
+        wrong = H @ wandering(self._times, np.array(lasting), SMOOTH) @ H.T
+        return np.hstack([H, H @ change]), lambda share: noise + share**2 * wrong, seen
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -138,6 +181,20 @@ class Repetition:
         return bool(self.remark)
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Belief:
+    """What is known about the duty of a repetition.
+
+    - ``bend``: `Estimate` of each segment's bend (S).
+    - ``errors``: the same for `DutyCorrection`.
+    - ``error``: mean distance of the bend from the target, rad.
+    """
+
+    bend: list[Estimate]
+    errors: Errors
+    error: float
+
+
 class Learner:
     """Learns from repetitions of a plan the duty with which a limb follows it.
 
@@ -154,29 +211,35 @@ class Learner:
     controller as well, such as a feedback for which ``duty_trajectory()`` is what is
     fed forward.
 
-    - ``trajectory``: the plan, which stays what is to be followed.
+    - ``trajectory``: the plan.
+    - ``target``: one of `TARGETS`, what the limb is to be near to.
     - ``repetitions``: all `Repetition` so far.
     - ``correction``: change of the plan's duty in the next repetition (M + 1, W), at
       ``nodes`` (M + 1,), s since the start of the plan.
     - ``provenance``: what made the learner.
     """
 
-    def __init__(self, trajectory: Trajectory):
+    def __init__(self, trajectory: Trajectory, target: str = "plan"):
         """
         Args:
             trajectory: the plan.
+            target: one of `TARGETS`: whether the limb is to follow the plan, or to be as near to
+                the plan's reference as the bounds of duty and temperature allow.
 
         Raises:
             LimbError: if the plan failed its check.
         """
         if not trajectory.check.is_missing and (failure := trajectory.check.failure()):
             raise LimbError(f"This trajectory failed its check and is not learned: {failure}")
-        self.trajectory = trajectory
+        if target not in TARGETS:
+            raise LimbError(f"The target is {target!r}; it must be one of {', '.join(TARGETS)}.")
+        self.trajectory, self.target = trajectory, target
         self.provenance: Provenance | None = Provenance.now(trajectory.parameters)
         self.repetitions: list[Repetition] = []
-        self._program = DutyCorrection(trajectory)
+        self._program = DutyCorrection(trajectory, target)
         self.nodes, self.correction = self._program.nodes, self._program.none
         self._start = self._program.start()
+        self._belief: _Belief
         self._estimate_afresh()
 
     def duty_trajectory(self) -> PiecewisePolynomial:
@@ -192,81 +255,121 @@ class Learner:
         diagram.set_name("learned_duty")
         return diagram
 
+    def learned_trajectory(self) -> Trajectory:
+        """The plan with the duty of the next repetition, and what is expected of it.
+
+        Feedback that holds the limb to it is `PlanFeedback(learner.learned_trajectory())`:
+        what it adds to the duty is learned, too, as recordings have the duty that was applied.
+        """
+        return self._program.corrected(self.correction, self._start, self._belief.errors)
+
     def expected_bend_angle(self) -> np.ndarray:
         """φ that is expected of the next repetition, at ``nodes`` (M + 1, S), rad.
 
-        It is the plan's where the limb can follow it, and else what it can do
+        It is the target where the limb can follow it, and else what it can do
         within the bounds: what a feedback should hold it to.
         """
-        return self._program.expected_bend(self.correction, self._start, self._errors())
+        return self._program.expected_bend(self.correction, self._start, self._belief.errors)
 
     @property
     def expected_error(self) -> float:
-        """Mean of |φ* - φ| that is expected of the next repetition, but for what is unknown."""
+        """Mean distance of the bend from the target that is expected of the next repetition."""
         return float(np.abs(self._program.target - self.expected_bend_angle()).mean())
 
     @property
     def finished(self) -> str:
         """Why another repetition does not pay, in a sentence; empty if it does."""
-        failures = len(list(itertools.takewhile(lambda r: r.failed, reversed(self.repetitions))))
-        if failures >= MOST_FAILURES:
-            return f"The last {failures} repetitions were interrupted or got worse."
-        if not self.repetitions or self.repetitions[-1].failed:
+        for most, what, has_failed in (
+            (MOST_INTERRUPTED, "interrupted", lambda repetition: repetition.interrupted),
+            (MOST_FAILURES, "interrupted or not better", lambda repetition: repetition.failed),
+        ):
+            if len(self.repetitions) >= most and all(map(has_failed, self.repetitions[-most:])):
+                return f"The last {most} repetitions were {what}."
+        if self.best is None:
             return ""
-        rest, worth = self.expected_error, WORTH * self._sensor_error
-        change = wandering(self.nodes, CHANGED_REST, DRIFT_TIME)
-        next_time = [part.after_another(change) for part in self._bend]
-        now, after = (
-            np.mean([np.hypot(part.deviation, rest).mean() for part in parts])
-            for parts in (self._bend, next_time)
+        before = self._program.expected_bend(
+            self._belief.errors.about, self._start, self._belief.errors
         )
-        if now - after > worth:
+        worth = WORTH * self._sensor_error
+        if np.abs(self.expected_bend_angle() - before).mean() > worth:
             return ""
+        rest = self.expected_error
         left = (
             f" The bounds of duty and temperature leave {np.rad2deg(rest):.2f}°."
             if rest > self._sensor_error / 4
             else ""
         )
         return (
-            f"Another repetition is expected to make the error smaller by less than "
-            f"{np.rad2deg(worth):.2g}°, as the sensor has noise and drift.{left}"
+            f"Another repetition would change the bend by less than {np.rad2deg(worth):.2g}°, as "
+            f"the sensor has noise and drift.{left}"
         )
+
+    @property
+    def best(self) -> int | None:
+        """Index of the repetition that is taken to be the best one; None before there is one."""
+        kept = [n for n, repetition in enumerate(self.repetitions) if not repetition.failed]
+        return kept[-1] if kept else None
 
     def update(self, recording: Recording) -> Repetition:
         """Learns from a repetition that was driven by ``source()``, or from its beginning.
 
-        A repetition that was interrupted, or that was worse than the best one by more
-        than noise and drift explain, is undone: the next one has the best one's duty,
-        and steps are half as long from then on.
+        A repetition that was interrupted, or that was not better than the best one as far as
+        all repetitions together can tell, is undone: the next one begins with the best one's
+        duty again, and its step is half as long.
 
         Raises:
             LimbError: if the recording is of a limb of another shape, or has no
                 plausible samples during the plan; nothing is learned then.
         """
         repetition = self._seen(recording)
-        good = [other for other in self.repetitions if not other.failed]
-        best = min(good, key=lambda other: other.mean_error, default=None)
-        by_chance = SURELY * SPREAD * np.sqrt(2) * self._sensor_error  # a difference of two
-        if repetition.interrupted:
-            back = "back to the best repetition" if best else "its readings were learned"
-            repetition = dataclasses.replace(repetition, remark=f"interrupted; {back}")
-        elif best and repetition.mean_error > best.mean_error + by_chance:
-            repetition = dataclasses.replace(
-                repetition,
-                remark=f"worse than {np.rad2deg(best.mean_error):.2f}°, by more than noise; back "
-                "to that repetition, with shorter steps",
-            )
+        number, best = len(self.repetitions), self.best
         self._learn(repetition)
-        self.repetitions.append(repetition)
-        if repetition.failed and best:
-            self.correction = best.correction
+        if best is not None and not repetition.interrupted:
+            # The shares, by how the bend has changed from the best repetition.
+            about = self.repetitions[best].duty
+            changes = self._program.changes(self._start, about, repetition.duty)
+            for s, part in enumerate(self._bend):
+                before, shown = self._belief.bend[s], self._shown[-1][0][:, s]
+                found = part.likelihoods(before, shown, changes[:, s])
+                self._evidence[s] = LATELY * self._evidence[s] + found - found.max()
+        remark = ""
+        if best is not None:
+            self._belief = self._about(best)
+        if repetition.interrupted:
+            back = "its readings were learned" if best is None else "back to the best repetition"
+            remark = f"interrupted; {back}"
+        if best is None or not repetition.interrupted:
+            belief = self._about(number)
+            if best is None or self._is_better(belief, repetition, self.repetitions[best]):
+                self._belief = belief
+            else:
+                remark = (
+                    f"not better than {np.rad2deg(self._belief.error):.2f}°, as far as can be told "
+                    "from all repetitions; back to that one, with a shorter step"
+                )
+        self.repetitions[-1] = repetition = dataclasses.replace(repetition, remark=remark)
+        errors = self._belief.errors
+        if best is not None and repetition.interrupted:
+            self.correction = errors.about
             return repetition
-        gain = 0.5 ** sum(other.failed and not other.interrupted for other in self.repetitions)
-        found = self._program.improve(
-            repetition.correction, self._start, self._errors(), self._cooler()
-        )
-        self.correction = repetition.correction + gain * (found - repetition.correction)
+        found = self._program.improve(errors.about, self._start, errors, self._cooler())
+        step = max(SHORTEST, 0.5 ** self._undone())
+        self.correction = errors.about + step * (found - errors.about)
         return repetition
+
+    def _is_better(self, belief: "_Belief", repetition: Repetition, best: Repetition) -> bool:
+        """Whether a repetition is better than the best one, and not worse as it was read."""
+        target = self._program.target
+        now, before = (np.nanmean(abs(target - r.bend_angle)) for r in (repetition, best))
+        by_chance = WORSE * SPREAD * np.sqrt(2) * self._sensor_error  # a difference of two
+        if now > before + by_chance:
+            return False
+        return belief.error < self._belief.error
+
+    def _undone(self) -> int:
+        """Number of repetitions since the last one that was kept, or since the first one."""
+        failed = itertools.takewhile(lambda r: r.failed, reversed(self.repetitions))
+        return 0 if self.best is None else len(list(failed))
 
     def _seen(self, recording: Recording) -> Repetition:
         """What a recording says about a repetition."""
@@ -289,6 +392,7 @@ class Learner:
             _around(self.nodes, spacing, time, signals[:, seen])
             for signals in (recording.bend_angle, recording.measured_temperature)
         )
+        applied = np.array([np.interp(program.middles, recording.time, row) for row in duty]).T
         distances = reference_distances(self.trajectory, [recording])
         assert distances.done is not None  # of recordings
         return Repetition(
@@ -296,8 +400,8 @@ class Learner:
             mean_error=tracking_errors(self.trajectory, [recording]).mean,
             interrupted=interrupted,
             remark="",
-            correction=self.correction,
-            duty=np.array([np.interp(program.middles, recording.time, row) for row in duty]).T,
+            correction=program.correction_of(applied, self.correction),
+            duty=applied,
             start=recording.measured_temperature[:, seen][:, :3].mean(axis=1),
             bend_angle=bend,
             measured_temperature=readings,
@@ -314,8 +418,9 @@ class Learner:
         sensors = [segment.bend_sensor for segment in parameters.segments]
         self._sensor_error = max(np.hypot(sensor.noise, sensor.drift) for sensor in sensors)
         # The torque's error is about in proportion to the heat, which no wire has at first.
-        heat = self._program.model.temperatures(
-            self._program.rollout(self._start, self._program.steps(self.correction))
+        program = self._program
+        heat = program.model.temperatures(
+            program.rollout(self._start, program.steps(self.correction))
         )
         ambient = parameters.ambient_temperature
         share = np.clip((heat - ambient) / (limits.maximum - ambient), 0.0, 1.0)
@@ -324,58 +429,89 @@ class Learner:
         one = np.eye(len(nodes))
         self._bend = [
             RepeatingError(
+                nodes,
                 bend_error,
                 one,
                 (MEANS * sensor.noise**2 + ROUNDING) * one
                 + wandering(nodes, sensor.drift, DRIFT_TIME),
+                CHANGED_REST,
             )
             for sensor in sensors
         ]
-        self._lag = self._program.lag()
+        self._lag = program.lag()
         self._heat = [
             RepeatingError(
+                nodes,
                 wandering(nodes, of_heat * np.maximum(share[:, wire], 0.1), SMOOTH),
                 lag,
                 READING_NOISE**2 * one,
+                CHANGED_TEMPERATURE,
             )
             for wire, lag in enumerate(self._lag)
         ]
-        self._last: tuple[np.ndarray, np.ndarray] | None = None  # φ and T of the model
+        # What the calibration's predictions missed of the bend is expected of changes at least.
+        bend = np.sqrt(np.mean(program.target**2)) + ROUNDING
+        expected = np.clip(of_bend / bend, EXPECTED_SHARE, SHARES[-1])
+        unlikely = np.log(SHARES / expected) / np.log(KNOWN_TO)
+        self._evidence = np.tile(-0.5 * unlikely**2, (len(sensors), 1))
+        self._shown: list[tuple[np.ndarray, ...]] = []
+        errors = Errors(
+            np.zeros_like(program.target),
+            self._program.none,
+            self._program.none,
+            self.correction,
+            np.ones((len(sensors), len(parameters.wires))),
+            self._shares(),
+        )
+        self._belief = _Belief([], errors, 0.0)
+
+    def _shares(self) -> np.ndarray:
+        """Share of a change of each segment's bend which is wrong at random (S,)."""
+        weights = np.exp(self._evidence - self._evidence.max(axis=1, keepdims=True))
+        return np.sqrt(weights @ SHARES**2 / weights.sum(axis=1))
 
     def _learn(self, repetition: Repetition) -> None:
-        """Updates the estimates of the repeating errors."""
+        """Takes what a repetition has shown."""
         program = self._program
         self._start = program.start(repetition.start)
         heat = program.rollout(self._start, repetition.duty)
-        model, nodes = program.model, self.nodes
-        bend, temperatures = model.bend_angle(heat), model.temperatures(heat)
-        if self._last is not None and not repetition.interrupted:
-            for parts, now, before, anyway in (
-                (self._bend, bend, self._last[0], CHANGED_REST),
-                (self._heat, temperatures, self._last[1], CHANGED_TEMPERATURE),
-            ):
-                changes = CHANGED_SHARE * np.abs(now - before)
-                for part, change in zip(parts, changes.T, strict=True):
-                    part.change(wandering(nodes, change, SMOOTH))
-                    part.change(wandering(nodes, anyway, DRIFT_TIME))
-        if not repetition.interrupted:
-            self._last = bend, temperatures
-        for part, shown in zip(self._bend, (repetition.bend_angle - bend).T, strict=True):
-            part.observe(shown)
-        readings = model.readings(heat)
-        for part, shown in zip(
-            self._heat, (repetition.measured_temperature - readings).T, strict=True
-        ):
-            part.observe(shown)
+        bend = program.model.bend_angle(heat)
+        readings = repetition.measured_temperature - program.model.readings(heat)
+        self.repetitions.append(repetition)
+        temperatures = program.model.temperatures(heat)
+        self._shown.append((repetition.bend_angle - bend, readings, temperatures, bend))
 
-    def _errors(self) -> Errors:
-        """The repeating errors, as far as they are known."""
-        heat = np.array([part.mean for part in self._heat])
-        return Errors(
-            bend_angle=np.array([part.mean for part in self._bend]).T,
-            wire_temperature=heat.T,
-            measured_temperature=np.einsum("wij,wj->iw", self._lag, heat),
+    def _about(self, index: int) -> "_Belief":
+        """What all repetitions have shown about the duty of one of them."""
+        program, about = self._program, self.repetitions[index]
+        duty = np.stack([other.duty for other in self.repetitions], axis=1)
+        changes = np.moveaxis(program.changes(self._start, about.duty, duty), 1, 0)
+        shown, readings, temperatures, modelled = (
+            np.array(part) for part in zip(*self._shown, strict=True)
         )
+        bend = [
+            part.estimate(shown[..., s], changes[:, :, s], share)
+            for s, (part, share) in enumerate(zip(self._bend, self._shares(), strict=True))
+        ]
+        warmer = temperatures - temperatures[index]
+        heat = []
+        for part, seen, change in zip(
+            self._heat, np.moveaxis(readings, -1, 0), np.moveaxis(warmer, -1, 0), strict=True
+        ):
+            heat.append(part.estimate(seen, change[..., np.newaxis], TEMPERATURE_SHARE).error)
+        errors = Errors(
+            bend_angle=np.array([part.error for part in bend]).T,
+            wire_temperature=np.array(heat).T,
+            measured_temperature=np.einsum("wij,wj->iw", self._lag, heat),
+            about=about.correction,
+            gains=np.array([part.gains for part in bend]),
+            doubt=self._shares(),
+        )
+        # Of what was read to be unlike what is expected, a line is drift, and the rest the limb.
+        expected = modelled[index] + errors.bend_angle
+        seen = np.isfinite(about.bend_angle).all(axis=1)
+        expected[seen] += detrend((about.bend_angle - expected)[seen], axis=0)
+        return _Belief(bend, errors, float(np.abs(program.target - expected).mean()))
 
     def _cooler(self) -> float:
         """Margin of temperature, °C, as interrupted repetitions were read too hot."""
@@ -399,6 +535,8 @@ class Learner:
                 for repetition in self.repetitions
             ],
             "correction": self.correction.tolist(),
+            "target": self.target,
+            "evidence": self._evidence.tolist(),
             "provenance": self.provenance and dataclasses.asdict(self.provenance),
         }
         body = json.dumps(state, allow_nan=False)
@@ -414,13 +552,14 @@ class Learner:
         data = read_bytes(path, "learning", LARGEST_TABLE, FileFormatError)
         try:
             state = _parse(data)
-            learner = cls(Trajectory.from_text(state["plan"]))
+            learner = cls(Trajectory.from_text(state["plan"]), state["target"])
             for item in state["repetitions"]:
-                repetition = Repetition(**learner._with_arrays(item))
-                learner._learn(repetition)
-                learner.repetitions.append(repetition)
+                learner._learn(Repetition(**learner._with_arrays(item)))
             learner.provenance = Provenance.from_json(state["provenance"])
-            learner.correction = learner._with_arrays(state)["correction"]
+            arrays = learner._with_arrays(state)
+            learner.correction, learner._evidence = arrays["correction"], arrays["evidence"]
+            if learner.repetitions:
+                learner._belief = learner._about(-1 if learner.best is None else learner.best)
         except (KeyError, TypeError, ValueError) as error:
             raise FileFormatError(
                 f"{path}: this is not what a learner saved, though its checksum is right: {error}"
@@ -438,6 +577,7 @@ class Learner:
             "start": (wires,),
             "bend_angle": (nodes, len(self.trajectory.parameters.segments)),
             "measured_temperature": (nodes, wires),
+            "evidence": self._evidence.shape,
         }
         arrays = {name: np.array(item[name], float) for name in shapes if name in item}
         for name, array in arrays.items():
@@ -474,6 +614,10 @@ def _listed(values: np.ndarray) -> list:
 def _parse(data: bytes) -> dict[str, Any]:
     """The state in a file."""
     first, _, body = data.decode("utf-8", errors="replace").partition("\n")
+    if first.startswith(_FIRST_LINE.split("format")[0]) and not first.startswith(_FIRST_LINE):
+        raise FileFormatError(
+            "an earlier version saved this, which learned otherwise; start anew in another folder."
+        )
     if not first.startswith(_FIRST_LINE):
         raise FileFormatError(
             f"this is not what a learner saved: its first line is not '{_FIRST_LINE}...'."
