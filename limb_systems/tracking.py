@@ -100,6 +100,21 @@ def reference_distances(
     )
 
 
+def true_bend(recording: Recording) -> Recording:
+    """A recording that has the truth, as bend sensors without errors would have made it.
+
+    Args:
+        recording: of an emulated limb, with its ``joint_state``.
+    """
+    assert recording.joint_state is not None
+    limb = recording.parameters
+    bend = [
+        segment.bend_sensor.exact_bend_angle(recording.joint_state[joints])
+        for segment, joints in zip(limb.segments, limb.joint_slices, strict=True)
+    ]
+    return dataclasses.replace(recording, bend_angle=np.array(bend))
+
+
 def _samples(
     plan: Trajectory, recordings: Sequence[Recording]
 ) -> list[tuple[np.ndarray, np.ndarray]]:

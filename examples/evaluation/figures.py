@@ -4,8 +4,9 @@ import numpy as np
 
 from evaluation.experiment import Experiment, Motion
 from evaluation.tables import Followed, nearest_distance
-from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way, true_bend
+from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way
 from limb_systems import Recording, joint_angles_from_bend_angle
+from limb_systems.tracking import true_bend
 from limb_systems.views.colors import (
     PLAN_COLOR,
     REFERENCE_COLOR,

@@ -14,7 +14,8 @@ from evaluation.tables import (
     complete,
     mean_and_margin,
 )
-from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way, true_bend
+from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way
+from limb_systems.tracking import true_bend
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
     NEUTRAL_COLOR,

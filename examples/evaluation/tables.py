@@ -8,9 +8,9 @@ from scipy.stats import t as student
 
 from evaluation.error_split import STEPS
 from evaluation.experiment import Experiment
-from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way, true_bend
+from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way
 from limb_systems import Provenance, Trajectory
-from limb_systems.tracking import reference_distances, tracking_errors
+from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import nearest_bend_angle
 
 STATISTICS = ("mean", "median", "90th percentile")

@@ -102,14 +102,3 @@ def _run(limb: Specimen, trajectory: Trajectory, controller) -> Recording:
 def _read(recording: Recording) -> Recording:
     """A recording without the truth, as one of a robot is."""
     return dataclasses.replace(recording, joint_state=None, wire_temperature=None)
-
-
-def true_bend(recording: Recording) -> Recording:
-    """A recording with the truth, as a bend sensor without errors would have made it.
-
-    For limbs of one segment.
-    """
-    (segment,) = recording.parameters.segments
-    angles = recording.joint_state[: segment.links]
-    bend = segment.bend_sensor.exact_bend_angle(angles)
-    return dataclasses.replace(recording, bend_angle=bend[None])

@@ -178,3 +178,13 @@ def print_summary(
         print(json.dumps(summary.to_json(), ensure_ascii=False), flush=True)
     elif told := str(summary):
         print(told, flush=True)
+
+
+def print_table(title: str, rows: Sequence[Sequence[str]]) -> None:
+    """Prints columns that are as wide as they must be."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    print(f"{title}:")
+    for row in rows:
+        cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True))
+        print(f"  {'  '.join(cells)}".rstrip())
+    print()

@@ -2,14 +2,13 @@
 
 import argparse
 import json
-from collections.abc import Sequence
 from pathlib import Path
 
 from limb_systems.errors import LimbError
 from limb_systems.files.export import FORMATS, write_mcap, write_parquet
 from limb_systems.output import OutputError, check_outputs
 from limb_systems.summary import Summary
-from soft_limb.commands.options import Command, Option, print_summary, shared
+from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
 from soft_limb.results.comparison import Comparison, compare
 from soft_limb.results.reading import RECORDING, TRAJECTORY, read_result
 
@@ -41,27 +40,17 @@ def _compare(options: argparse.Namespace) -> int:
 
 def _print_comparison(comparison: Comparison) -> None:
     if comparison.distances:
-        _print_table("mean |φ_ref - φ| from the plan's reference", comparison.distances_table())
+        print_table("mean |φ_ref - φ| from the plan's reference", comparison.distances_table())
     if tracking := comparison.tracking:
         rows = comparison.differences_table(tracking, "|{0}* - {0}|")
-        _print_table("tracking errors of the plan's recordings", rows)
+        print_table("tracking errors of the plan's recordings", rows)
     if comparison.changes:
-        _print_table("what changed", comparison.changes_table())
+        print_table("what changed", comparison.changes_table())
     else:
         print("nothing changed")
     if differences := comparison.differences:
         rows = comparison.differences_table(differences, "|Δ{}|")
-        _print_table("absolute differences from the first", rows)
-
-
-def _print_table(title: str, rows: Sequence[Sequence[str]]) -> None:
-    """Prints columns that are as wide as they must be."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    print(f"{title}:")
-    for row in rows:
-        cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True))
-        print(f"  {'  '.join(cells)}".rstrip())
-    print()
+        print_table("absolute differences from the first", rows)
 
 
 def _export(options: argparse.Namespace) -> int:

@@ -5,7 +5,6 @@ import contextlib
 import functools
 import multiprocessing
 import os
-import sys
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
@@ -122,8 +121,12 @@ def executor_of(cluster: str | None, num_processes: int) -> Iterator[concurrent.
 @contextlib.contextmanager
 def local_executor(num_processes: int) -> Iterator[concurrent.futures.Executor]:
     """Processes on this machine, which end at once if something fails or Ctrl-C is pressed."""
-    # A copy of this process has imported Drake already, which takes seconds otherwise.
-    context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
+    # Copies of a process that has imported the package, which takes seconds, and done nothing else:
+    # copies of this one might wait for ever for threads that only this one has.
+    method = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+    context = multiprocessing.get_context(method)
+    if method == "forkserver":
+        context.set_forkserver_preload(["calibration", "soft_limb.runs.rollout"])
     with concurrent.futures.ProcessPoolExecutor(
         num_processes, mp_context=context, initializer=_hush
     ) as pool:

@@ -27,12 +27,13 @@ def plan_from_files(
         PlanningError: if there is no plan, as of `planners.plan`.
         LimbError: if a file cannot be read.
     """
-    parameters, course = LimbParameters.of(limb), _reference(reference, smoothing_time)
+    parameters, course = LimbParameters.of(limb), reference_from_file(reference, smoothing_time)
     with ended_at_once():
         return plan(parameters, course, **settings)
 
 
-def _reference(name: str, smoothing_time: float) -> trajectories.Trajectory:
+def reference_from_file(name: str, smoothing_time: float) -> trajectories.Trajectory:
+    """A reference by what a command calls it; see `plan_from_files`."""
     if name == "fig5":
         return references.step_and_decaying_sine()
     path = Path(name)

@@ -1,0 +1,73 @@
+"""Sweeps: all combinations in one table, which goes on where it ended."""
+
+import csv
+
+import numpy as np
+import pytest
+
+from hardware import LimbTwin, replay
+from limb_systems import LimbParameters
+from planners import plan, references
+from soft_limb.command import main
+
+
+@pytest.fixture
+def sweep(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.csv").write_text("0,0\n21,0\n23,8\n25,8\n")
+
+    def run(*words):
+        return main(["sweep", "mine.csv", "-j", "1", "-o", "sweep.csv", *words])
+
+    return run
+
+
+def rows(path):
+    with (path / "sweep.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_row_is_what_plan_and_replay_make(sweep, tmp_path, capsys):
+    words = ("--vary", "segments.0.stiffness=0.11,0.12", "--seeds")
+    assert sweep("--vary", "segments.0.stiffness=0.11", "--seeds", "3") == 0
+    (only,) = rows(tmp_path)
+    limb = LimbParameters()
+    limb.segments[0].stiffness = 0.11
+    trajectory = plan(limb, references.load("mine.csv"))
+    recording = replay(trajectory, LimbTwin(limb, seed=3, truth=True))
+    bend = 3 * recording.joint_state[:5].mean(axis=0)  # (11), of the true joints
+    wanted = np.interp(recording.time, [21.0, 23.0], np.deg2rad([0.0, 8.0]))
+    error = np.rad2deg(np.abs(wanted - bend).mean())
+    assert float(only["reference_deg"]) == pytest.approx(error, abs=0.05)
+    assert float(only["highest_wire_c"]) == pytest.approx(recording.wire_temperature.max(), abs=0.1)
+    # Again, with more: what is there stays, and a row that was half-written is run once more.
+    table = (tmp_path / "sweep.csv").read_text().replace(only["planning_s"], "0.123")
+    (tmp_path / "sweep.csv").write_text(table + "half,0.1")
+    assert sweep(*words, "3") == 0
+    assert "means over limbs" in capsys.readouterr().out
+    first, second = rows(tmp_path)
+    assert first == only | {"planning_s": "0.123"}
+    assert [row["segments.0.stiffness"] for row in (first, second)] == ["0.11", "0.12"]
+    assert first["problem"] != second["problem"]
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "sentence"),
+    [
+        (["--vary", "segments.0.stiff=1"], 1, "'segments.0.stiff' is no number in the description"),
+        (["--vary", "segments.0.stiffness=-1:1:3"], 1, "stiffness is -1.0; it must be a number"),
+        (["--vary", "segments.0.stiffness=1:2"], 2, "from, to and how many"),
+        (["--seeds", "0..9"], 2, "'0..9' is not seeds, such as 0-9"),
+        (["--task", "none.yaml"], 1, "Cannot read the task"),
+        ([], 1, "sweep.csv is not the table of a sweep of these fields"),
+    ],
+)
+def test_what_makes_no_sense_is_one_sentence(words, status, sentence, sweep, tmp_path, capsys):
+    (tmp_path / "sweep.csv").write_text("time,bend\n1,2\n")
+    try:
+        ended = sweep(*words)
+    except SystemExit as exit:
+        ended = exit.code
+    assert ended == status
+    assert sentence in capsys.readouterr().err
+    assert (tmp_path / "sweep.csv").read_text() == "time,bend\n1,2\n"
