@@ -104,7 +104,7 @@ def true_bend(recording: Recording) -> Recording:
     """A recording that has the truth, as bend sensors without errors would have made it.
 
     Args:
-        recording: of an emulated limb, with its ``joint_state``.
+        recording: emulated limb's, with its ``joint_state``.
     """
     assert recording.joint_state is not None
     limb = recording.parameters

@@ -119,10 +119,10 @@ def cases(
         limb: the description, around which limbs are drawn by their seeds, or the calibrated limb.
         motions, smoothing_time: as of `Problem`.
         vary: fields of the limb, such as ``segments.0.stiffness``, and their values.
-        tasks: by name; if None the default one, and with a controller `Task.closed_loop`.
+        tasks: tasks by name; if None the default, and with a controller `Task.closed_loop`.
         controllers: keys in `CONTROLLERS`.
         physics: keys in `hardware.emulation.twin.SPECIMENS`.
-        seeds: those of the limbs; if None the limb that this one was calibrated on, or seed 0.
+        seeds: limbs' seeds; if None the limb that this one was calibrated on, or seed 0.
 
     Raises:
         LimbError: if there is no such field, or a value is not possible, or if there are seeds,
