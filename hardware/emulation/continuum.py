@@ -183,7 +183,8 @@ class ContinuumSpecimen(Specimen):
     """A particular limb of `ContinuumLimb`'s physics, and the state in which it was left.
 
     Geometry, mass, stiffness, sensors and limits are drawn around those of the description;
-    what its wires do does not depend on the description's laws.
+    what its wires do does not depend on the description's laws. A change of "cooling" is one of
+    its surface alone.
 
     - ``wires``: two `ContinuumWire`, left and right.
     - ``segments``: one `ContinuumBeam`.
