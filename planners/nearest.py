@@ -17,7 +17,7 @@ def nearest_bend_angle(trajectory: Trajectory) -> np.ndarray | None:
 
     The quasi-static program is solved with next to no weight on duty, from where the trajectory
     starts and within (18)-(20) and ``measured_maximum`` alone, whatever the trajectory's own task
-    was. It takes below a second for a minute.
+    was. It takes about a second for a minute.
 
     Returns:
         φ at the knots (S, K), rad; None if there is no such plan.
