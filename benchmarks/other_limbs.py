@@ -18,7 +18,6 @@ some two minutes.
 """
 
 import argparse
-import dataclasses
 import functools
 import math
 import multiprocessing
@@ -41,7 +40,7 @@ from hardware.emulation.twin import SPECIMENS
 from limb_systems import LimbError, LimbParameters, simulate
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import EmulatedLimb
-from limb_systems.tracking import reference_distances, tracking_errors
+from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import Task, nearest_bend_angle, plan, references
 
 OTHER, OPEN_LOOP = "other", "open loop"
@@ -325,9 +324,7 @@ def take(physics: str, seed: int) -> dict:
                 run["failure"] = str(error)
                 continue
             run["time"] = time.process_time() - start
-            (segment,) = limb.parameters.segments
-            true = segment.bend_sensor.exact_bend_angle(driven.joint_state[: segment.links])
-            truth = dataclasses.replace(driven, bend_angle=true[None])
+            truth = true_bend(driven)
             nearest = nearest_bend_angle(trajectory)
             distances = reference_distances(trajectory, [truth], nearest)
             errors = {

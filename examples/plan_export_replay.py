@@ -19,7 +19,7 @@ import numpy as np
 
 from hardware import SerialLimb, emulated_port, replay
 from limb_systems import LimbError, LimbParameters, Trajectory
-from limb_systems.tracking import tracking_errors
+from limb_systems.tracking import reference_distances, tracking_errors
 from limb_systems.views.plots import plot_tracking, save_figure
 from planners import plan, references
 
@@ -38,10 +38,12 @@ def main(options):
         limb = SerialLimb(port, trajectory.parameters)
         recording = replay(trajectory, limb, journal=options.out / "replay.csv")
     source = recording.source if options.port else f"{recording.source}, emulated"
-    errors = tracking_errors(trajectory, [recording])
+    distance = reference_distances(trajectory, [recording]).done
+    error = tracking_errors(trajectory, [recording]).mean
     print(f"recorded    {source}: {len(recording.time)} samples, {limb.link.lost_samples} lost")
     print(f"commands    99% within {1000 * np.percentile(limb.timing_errors, 99):.1f} ms")
-    print(f"tracking    |φ* - φ|: mean {np.rad2deg(errors.mean):.2f}°")
+    print(f"reference   |φ_ref - φ|: mean {np.rad2deg(distance):.2f}°")
+    print(f"tracking    |φ* - φ|: mean {np.rad2deg(error):.2f}°")
     save_figure(plot_tracking(trajectory, [recording], source), options.out / "replay.png")
     print(f"written     replay.csv, replay.png in {options.out}")
 
