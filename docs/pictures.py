@@ -156,7 +156,7 @@ def diagram_dot(
 PLANNING = """
 reference [label="reference φ_ref\\nneed not be feasible", fillcolor=white];
 feasible [label="check_temperature_limits\\nfull and zero duty:\\ncan (19), (20) be met?"];
-guess [label="solve_quasi_static\\nconvex QP of T and D,\\nK θ = f(T); Clarabel"];
+guess [label="solve_quasi_static\\nheat and duty alone,\\nK θ = f(x)"];
 program [label="TrajectoryProgram\\n(15)-(20) by\\nDirectCollocation"];
 solve [label="solve_program\\nIPOPT, Gauss-Newton;\\nthen its fallbacks"];
 check [label="simulated_differences\\nthe duty again, radau3"];

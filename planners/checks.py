@@ -2,9 +2,14 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.symbolic import Expression, MakeVectorContinuousVariable
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.systems.primitives import (
+    Adder,
+    LogVectorOutput,
+    SymbolicVectorSystem,
+    TrajectorySource,
+)
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
@@ -20,9 +25,8 @@ from limb_systems import (
 )
 from limb_systems.model.manipulator import make_manipulator
 from limb_systems.model.statics import static_equilibrium
-from limb_systems.model.wire_blocks import make_blocks
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
-from limb_systems.simulation import MAX_STEP_SIZE, failure_told, make_simulator
+from limb_systems.simulation import SimulationError, failure_told, make_simulator
 from limb_systems.tracking import reference_distances
 from planners.task import Task
 from planners.transcription.program import reading_bounds
@@ -32,8 +36,7 @@ from planners.transcription.program import reading_bounds
 # steps to 170°. Ten times finer takes three times as long.
 CHECK_ACCURACY = 3e-4
 CHECK_RATE = 20.0  # Hz, of the comparison, or that of the knots if it is higher
-HEAT_ACCURACY = 3e-5  # of the wires alone
-FORCE_STEP = 0.01  # s, between which forces are linear
+HEAT_STEP = 1 / 30  # s, of the wires alone, between which their forces are linear
 
 # A plan is far if a side's largest angle is missed by more than a share of the largest that is
 # asked for, or the mean of the misses is more than another; but not by less than a degree.
@@ -54,7 +57,7 @@ def simulated_differences(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarra
     rate = max(CHECK_RATE, 1 / np.diff(trajectory.time).min())
     wires = Wires(trajectory.parameters)
     runs_in_python = not (wires.rates_are_affine and wires.torque_is_affine)
-    if runs_in_python and not wires.torque_needs_angle:
+    if runs_in_python and not wires.laws_need_angle:
         times, simulated = _heat_then_motion(trajectory, rate)
     else:
         recording = simulate(
@@ -77,41 +80,48 @@ def _heat_then_motion(trajectory: Trajectory, rate: float) -> tuple[np.ndarray, 
     """
     parameters, plan = trajectory.parameters, trajectory.since_start()
     angles, rates, states, _ = split_state(parameters, plan.state[:, 0])
-    duration, n = plan.duration, parameters.num_joints
-
-    builder = DiagramBuilder()
-    heating = builder.AddSystem(make_blocks(parameters)[0])
-    duty = builder.AddSystem(TrajectorySource(plan.duty_trajectory()))
-    builder.Connect(duty.get_output_port(), heating.get_input_port())
-    simulator = Simulator(builder.Build())
-    config = SimulatorConfig(
-        integration_scheme="runge_kutta3",
-        accuracy=HEAT_ACCURACY,
-        max_step_size=MAX_STEP_SIZE,
-        use_error_control=True,
-    )
-    ApplySimulatorConfig(config, simulator)
-    simulator.get_mutable_context().SetContinuousState(states)
-    integrator = simulator.get_mutable_integrator()
-    with failure_told(simulator, duration):
-        simulator.Initialize()
-        integrator.StartDenseIntegration()
-        simulator.AdvanceTo(duration)
-    times = np.linspace(0.0, duration, int(np.ceil(duration / FORCE_STEP)) + 1)
-    courses = integrator.StopDenseIntegration().vector_values(times).T
-    forces = Wires(parameters).forces(courses, np.zeros((1, n)))
+    duration, n, wires = plan.duration, parameters.num_joints, Wires(parameters)
+    counts = np.ceil(np.diff(plan.time) / HEAT_STEP - 1e-9).astype(int)
+    places = np.concatenate([k + np.arange(count) / count for k, count in enumerate(counts)])
+    times = np.append(np.interp(places, np.arange(len(plan.time)), plan.time), duration)
+    duty = plan.duty_trajectory().vector_values(times).T
+    courses = wires.under_duty(states, duty, times)
+    if (lost := ~np.isfinite(courses).all(axis=1)).any():
+        raise SimulationError(
+            f"The simulation stopped at {times[lost.argmax()]:.3g} s of {duration:g} s: the wires' "
+            "states are no numbers from there on."
+        )
+    straight = np.zeros(n)
+    forces = wires.forces(courses, np.zeros((1, n)))
 
     builder = DiagramBuilder()
     manipulator = builder.AddSystem(make_manipulator(parameters))
     course = PiecewisePolynomial.FirstOrderHold(times, forces.T)
     source = builder.AddSystem(TrajectorySource(course))
+    if wires.torque_needs_angle:
+        # What stiffens, as an expression that Drake evaluates in C++, with the state that it wants.
+        state = MakeVectorContinuousVariable(2 * n, "q")
+        cold = wires.cold_states
+        with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
+            more = wires.forces(cold, state[:n]) - wires.forces(cold, straight)
+        unused = MakeVectorContinuousVariable(1, "unused")
+        rubber = builder.AddSystem(
+            SymbolicVectorSystem(state=unused, input=state, dynamics=[Expression(0.0)], output=more)
+        )
+        total = builder.AddSystem(Adder(2, n))
+        builder.Connect(manipulator.get_state_output_port(), rubber.get_input_port())
+        builder.Connect(rubber.get_output_port(), total.get_input_port(0))
+        builder.Connect(source.get_output_port(), total.get_input_port(1))
+        source = total
     builder.Connect(
         source.get_output_port(), manipulator.get_applied_generalized_force_input_port()
     )
     sink = LogVectorOutput(manipulator.get_state_output_port(), builder, 1 / rate)
     simulator = make_simulator(builder.Build(), CHECK_ACCURACY)
     context = simulator.get_mutable_context()
-    context.SetContinuousState(np.concatenate([angles, rates]))
+    manipulator.SetPositionsAndVelocities(
+        manipulator.GetMyMutableContextFromRoot(context), np.concatenate([angles, rates])
+    )
     num_samples = int(np.floor(duration * rate + 1e-6)) + 1
     with failure_told(simulator, duration):
         simulator.AdvanceTo(max(duration, (num_samples - 1) / rate))

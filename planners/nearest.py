@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from limb_systems import LimbError, Trajectory, Wires, bend_angle, split_state
-from limb_systems.model.statics import static_equilibrium
+from limb_systems import LimbError, Trajectory, bend_angle, split_state
+from limb_systems.model.statics import HeldAngles
 from planners.task import Task
-from planners.transcription.quasi_static import quasi_static_angles, solve_quasi_static
+from planners.transcription.quasi_static import solve_quasi_static
 
 # R → 0, and neither margins nor what smooths the end of a plan.
 NEAREST = Task(duty_weight=1e-3, terminal_factor=1.0, duty_hold=0.0)
@@ -29,19 +29,18 @@ def nearest_bend_angle(trajectory: Trajectory) -> np.ndarray | None:
     warm_up = max(0.0, parameters.temperature_limits.warm_up_time - float(trajectory.time[0]))
     _, _, states, readings = split_state(parameters, plan.state[:, 0])
     try:
-        rest_angles, compliance = static_equilibrium(parameters)
+        held = HeldAngles(parameters)
         heat, _ = solve_quasi_static(
             parameters,
             times,
             reference,
             np.concatenate([states, readings]),
-            rest_angles,
-            compliance,
+            held,
             NEAREST,
             warm_up,
         )
     except LimbError:  # infeasible, or the limb folds
         return None
-    angles, _ = quasi_static_angles(Wires(parameters), heat.T, rest_angles, compliance)
+    angles = held.angles(heat[: len(states)].T)
     nearest = bend_angle(parameters, angles.T)
     return np.array([np.interp(plan.time, times, row) for row in nearest])

@@ -15,18 +15,14 @@ from limb_systems import (
     PlanCheck,
     Provenance,
     Trajectory,
-    Wires,
     band,
-    split_state,
 )
-from limb_systems.model.statics import static_equilibrium
+from limb_systems.model.statics import HeldAngles
 from planners.checks import active_constraints, far_from_reference, simulated_differences
 from planners.task import Task
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import (
     check_temperature_limits,
-    quasi_static_angles,
-    readings_along,
     solve_quasi_static,
 )
 from planners.transcription.solving import LONGEST_SOLVE, PlanningError, Solution, solve_program
@@ -159,8 +155,7 @@ class Planner:
             raise PlanningError(f"times start at {self.times[0]:g} s; they must start at 0 s.")
         self._tolerance_deg, self._solver = tolerance_deg, solver
         self._margin = _measured_margin(measured_margin, len(parameters.wires))
-        self._rest_angles, self._compliance = static_equilibrium(parameters)
-        self._wires = Wires(parameters)
+        self._held = HeldAngles(parameters)
         # Once for all plans, of which a control loop makes many.
         self._provenance = Provenance.now(parameters)
         self._program: TrajectoryProgram | None = None
@@ -205,28 +200,24 @@ class Planner:
         """
         parameters, times = self.parameters, self.times
         angles_ref = _sample_reference(reference, times, len(parameters.segments))
-        state = _initial_state(self._wires, initial_state, self._rest_angles)
+        state = _initial_state(self._held, initial_state)
         heat = state[2 * parameters.num_joints :]
         warm_up = max(0.0, parameters.temperature_limits.warm_up_time - elapsed)
         check_temperature_limits(parameters, times, heat, warm_up, self.task, self._margin)
-        guess_states, guess_duty = solve_quasi_static(
-            parameters,
-            times,
-            angles_ref,
-            heat,
-            self._rest_angles,
-            self._compliance,
-            self.task,
-            warm_up,
-            self._margin,
+        guess_heat, guess_duty = solve_quasi_static(
+            parameters, times, angles_ref, heat, self._held, self.task, warm_up, self._margin
         )
         if self._program is None:
             self._program = TrajectoryProgram(
-                parameters, times, self.task, measured_margin=self._margin
+                parameters,
+                times,
+                self.task,
+                measured_margin=self._margin,
+                with_constraints=self._solver is not None or self.task.customize is not None,
             )
         program = self._program
         program.update(angles_ref, state, warm_up)
-        guess = program.variables(self._fill_in(state, guess_states, guess_duty), guess_duty)
+        guess = program.variables(self._fill_in(state, guess_heat, guess_duty), guess_duty)
         solution = self._solve(program, guess, angles_ref, state)
         trajectory = self._trajectory(program, solution, angles_ref)
         trajectory.check.guess_cost = program.cost(guess)
@@ -269,14 +260,12 @@ class Planner:
             provenance=self._provenance,
         )
 
-    def _fill_in(self, initial_state, wire_states: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        """States (2n + M, K) for a quasi-static plan's x (N, K) and D (W, K)."""
-        wires, x = self._wires, wire_states.T
-        angles, slopes = quasi_static_angles(wires, x, self._rest_angles, self._compliance)
-        rates = np.einsum("kij,kj->ki", slopes, wires.rates(x, duty.T))
-        first = split_state(self.parameters, initial_state)[3]
-        measured = readings_along(wires, x, first, self.times)
-        states = np.hstack([angles, rates, x, measured]).T
+    def _fill_in(self, initial_state, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """States (2n + M, K) for a quasi-static plan's [x, V] (M, K) and D (W, K)."""
+        wires, x = self._held.wires, heat[: self._held.wires.num_states].T
+        angles, slopes = self._held.expanded(x)
+        rates = (slopes @ wires.rates(x, duty.T)[:, :, None])[:, :, 0]
+        states = np.vstack([angles.T, rates.T, heat])
         states[:, 0] = initial_state
         return states
 
@@ -363,9 +352,10 @@ def _sample_reference(reference, times: np.ndarray, num_segments: int) -> np.nda
     return angles
 
 
-def _initial_state(wires: Wires, initial_state, rest_angles) -> np.ndarray:
-    cold, readings = wires.cold_states, wires.cold_states[: wires.num_wires]
-    rest = np.concatenate([rest_angles, np.zeros_like(rest_angles), cold, readings])
+def _initial_state(held: HeldAngles, initial_state) -> np.ndarray:
+    cold = held.wires.cold_states
+    still, readings = np.zeros_like(held.rest_angles), cold[: held.wires.num_wires]
+    rest = np.concatenate([held.rest_angles, still, cold, readings])
     if initial_state is None:
         return rest
     state = np.asarray(initial_state, float)

@@ -51,8 +51,10 @@ def draw_ensemble(parameters: LimbParameters, count: int, seed: int = 0) -> list
     steps = (normal * np.sqrt(np.maximum(roots, 0.0))) @ axes.T
     drawn = np.where(signed, values * np.exp(np.clip(steps, -3.0, 3.0)), values + steps)
     result = []
+    plain = dataclasses.replace(parameters, calibration=None)  # whose record takes long to copy
     for numbers in np.clip(drawn, ranges[:, 0], ranges[:, 1]):
-        limb = copy.deepcopy(parameters)
+        limb = copy.deepcopy(plain)
+        limb.calibration = record
         for name, number in zip(record.names, numbers, strict=True):
             owner, field = _owner(limb, name)
             setattr(owner, field, float(number))

@@ -92,13 +92,26 @@ class HeldAngles:
         return angles
 
     def expanded(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """θ (..., n), and its derivatives by the states, (..., n, N) or (1, ..., n, N)."""
+        """θ (..., n), and its derivatives by the states (..., n, N)."""
         angles = self.angles(states)
         by_state, by_angle = self.wires.force_derivatives(states, angles)
         slopes = self.compliance @ by_state
         if by_angle is not None:
             slopes = np.linalg.solve(self._stiffness(by_angle), slopes)
-        return angles, slopes
+        return angles, np.broadcast_to(slopes, (*angles.shape, states.shape[-1]))
+
+    def curvature(self, states: np.ndarray, angles: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Second derivatives of weights · θ by the states (..., N, N), but for what stiffens.
+
+        Args:
+            states, angles: x (..., N), and their θ (..., n).
+            weights: (..., n).
+        """
+        _, by_angle = self.wires.force_derivatives(states, angles)
+        if by_angle is not None:
+            stiffness = self._stiffness(by_angle).swapaxes(-1, -2)
+            weights = np.linalg.solve(stiffness, weights[..., None])[..., 0]
+        return self.wires.force_hessian(states, angles, weights @ self.compliance)
 
     def _turned(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
         return (self.wires.forces(states, angles) - self._cold) @ self.compliance.T

@@ -48,7 +48,8 @@ class Wires:
       or zero for joints of other segments.
     - ``rates_are_affine``: whether heat rates are affine in states, readings and duty.
     - ``torque_is_affine``: whether forces are affine in the states, and no function of the angle.
-    - ``torque_needs_angle``: whether any force depends on the joint's angle.
+    - ``laws_need_angle``: whether the torque of any law depends on the joint's angle.
+    - ``torque_needs_angle``: whether any force does, also that of the rubber.
     - ``heat_pattern``: true where `heat_rates` depend on [x, V, D] (N + W, N + 2W).
     - ``heat_curvature``: true where a pair of [x, V, D] may have a second derivative in
       `heat_rates` (N + 2W, N + 2W).
@@ -111,9 +112,9 @@ class Wires:
         self._compile()
         N = self.num_states
         self.torque_curvature = self._torque.curvature[:N, :N]
-        self._laws_need_angle = bool(self._torque.pattern[:, N:].any())
+        self.laws_need_angle = bool(self._torque.pattern[:, N:].any())
         self.rates_are_affine = not self.heat_curvature.any()
-        self.torque_needs_angle = self._laws_need_angle or rubber.stiffens
+        self.torque_needs_angle = self.laws_need_angle or rubber.stiffens
         self.torque_is_affine = not (self.torque_needs_angle or self.torque_curvature.any())
         zero = np.zeros(N + 2 * self.num_wires)
         if self.rates_are_affine:
@@ -125,7 +126,9 @@ class Wires:
     def rates(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """ẋ (..., N) of the states (..., N) under the duty (..., W), per second."""
         if states.dtype == duty.dtype == float:
-            shape = np.broadcast_shapes(states.shape[:-1], duty.shape[:-1])
+            shape = states.shape[:-1]
+            if duty.shape[:-1] != shape:
+                shape = np.broadcast_shapes(shape, duty.shape[:-1])
             points = np.zeros((*shape, self.num_states + 2 * self.num_wires))
             points[..., : self.num_states] = states
             points[..., -self.num_wires :] = duty
@@ -172,7 +175,7 @@ class Wires:
 
         The force of `NonlinearRubber` is part of it.
         """
-        if self._laws_need_angle:
+        if self.laws_need_angle:
             force = (self.torques(states, angles) * self.directions).sum(axis=-1)
         else:
             force = self.torques(states) @ self.directions.T
@@ -259,7 +262,7 @@ class Wires:
     ) -> tuple[np.ndarray, np.ndarray | None]:
         _, by_torque = self._torque.first(self._torque_points(states, angles))
         by_angle, N = None, self.num_states
-        if self._laws_need_angle:
+        if self.laws_need_angle:
             by_states = np.einsum("nw,...nwk->...nk", self.directions, by_torque[..., :N])
             by_angle = np.einsum("nw,...nww->...n", self.directions, by_torque[..., N:])
         else:
@@ -273,7 +276,7 @@ class Wires:
         """Points [x, θ] (..., N + W) with θ for each wire, and for each joint (..., n, N + W)
         if laws need its angle."""
         W = self.num_wires
-        if not self._laws_need_angle:
+        if not self.laws_need_angle:
             return np.concatenate([states, np.zeros((*states.shape[:-1], W))], axis=-1)
         states = np.broadcast_to(states[..., None, :], (*angles.shape, self.num_states))
         angles = np.broadcast_to(angles[..., None], (*angles.shape, W))
@@ -312,13 +315,13 @@ class Wires:
             states, angles: as for `forces`.
             weights: (..., n).
         """
-        if self._laws_need_angle:
+        if self.laws_need_angle:
             on_torques = weights[..., None] * self.directions
         else:
             on_torques = weights @ self.directions
         N = self.num_states
         result = self._torque.second(self._torque_points(states, angles), on_torques)[..., :N, :N]
-        return result.sum(axis=-3) if self._laws_need_angle else result
+        return result.sum(axis=-3) if self.laws_need_angle else result
 
     def affine_rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.

@@ -46,7 +46,7 @@ class LimbDefects:
     - ``acceleration_to_angle``: K⁻¹ M(0) (n, n), s².
 
     Args:
-        mechanics: joint accelerations of the limb.
+        mechanics: joint accelerations of the limb; without, points are [y, D], and n is 0.
         wires: heat and forces of the limb.
         states, duty, time_steps: indices of the knots' states (K, 2n + M) and
             duty (K, W), and of the time steps (K - 1), among the program's variables.
@@ -56,7 +56,7 @@ class LimbDefects:
 
     def __init__(
         self,
-        mechanics: Mechanics,
+        mechanics: Mechanics | None,
         wires: Wires,
         states: np.ndarray,
         duty: np.ndarray,
@@ -67,8 +67,13 @@ class LimbDefects:
         self._mechanics, self._wires = mechanics, wires
         self._points, self._time_steps = np.hstack([states, duty]), time_steps
         self._typical_h, self.replaces = typical_time_step, replaces
-        self.acceleration_to_angle = mechanics.straight_mass_matrix / mechanics.stiffness[:, None]
-        n, M, h = mechanics.num_joints, len(wires.heat_scales), typical_time_step
+        self.acceleration_to_angle = np.zeros((0, 0))
+        if mechanics is not None:
+            self.acceleration_to_angle = (
+                mechanics.straight_mass_matrix / mechanics.stiffness[:, None]
+            )
+        n = self._n = len(self.acceleration_to_angle)
+        M, h = len(wires.heat_scales), typical_time_step
         self._scale = np.zeros((2 * n + M, 2 * n + M))
         self._scale[:n, :n] = 8 / h * self.acceleration_to_angle
         self._scale[n : 2 * n, n : 2 * n] = self.acceleration_to_angle
@@ -91,15 +96,16 @@ class LimbDefects:
         first_rows = (2 * n + M) * np.arange(len(time_steps))
         self.rows = (first_rows[:, None] + self._nonzeros[0]).ravel()
         self.columns = self._variables[:, self._nonzeros[1]].ravel()
-        self._lay_out_hessian(of_mechanics=True)
+        self._lay_out_hessian(of_mechanics=mechanics is not None)
 
     def _lay_out_hessian(self, of_mechanics: bool) -> None:
-        n, wires, P = self._mechanics.num_joints, self._wires, self._points.shape[1]
+        n, wires, P = self._n, self._wires, self._points.shape[1]
         self._curved_joints = n if of_mechanics else 0
         pattern = np.zeros((P, P))
         pattern[2 * n :, 2 * n :] = wires.heat_curvature
         moving = 2 * n + wires.num_states
-        pattern[2 * n : moving, 2 * n : moving] += wires.torque_curvature
+        if n:
+            pattern[2 * n : moving, 2 * n : moving] += wires.torque_curvature
         pattern[: 2 * self._curved_joints, :moving] = 1.0
         pattern[:moving, : 2 * self._curved_joints] = 1.0
         nonzero = np.full((2 * P + 1, 2 * P + 1), float(of_mechanics))
@@ -119,7 +125,7 @@ class LimbDefects:
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         """Scaled defects, all zero for a feasible trajectory."""
         points, h = x[self._points], x[self._time_steps][:, None]
-        n, values = self._mechanics.num_joints, self._values(points)
+        n, values = self._n, self._values(points)
         steps, sums = np.diff(points, axis=0), points[:-1] + points[1:]
         rows = np.hstack(
             [
@@ -140,7 +146,7 @@ class LimbDefects:
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Nonzeros of the Hessian of multipliers · `evaluate`."""
         points, time_steps = x[self._points], x[self._time_steps]
-        n, P, h = self._mechanics.num_joints, points.shape[1], time_steps[:, None]
+        n, P, h = self._n, points.shape[1], time_steps[:, None]
         multipliers = multipliers.reshape(len(h), -1)
         on_angles, on_values = np.split(multipliers @ self._scale, [n], axis=1)
         _, slopes, middle, mid_slopes = self._expand(points, time_steps)
@@ -179,20 +185,22 @@ class LimbDefects:
 
     def accelerations(self, states: np.ndarray) -> np.ndarray:
         """θ̈ (K, n) of states (K, 2n + M), rad/s²."""
-        n, N = self._mechanics.num_joints, self._wires.num_states
+        n, N = self._n, self._wires.num_states
         angles, rates, x = np.split(states[:, : 2 * n + N], [n, 2 * n], axis=1)
+        assert self._mechanics is not None
         return self._mechanics.accelerations(angles, rates, self._wires.forces(x, angles))
 
     def _values(self, points: np.ndarray) -> np.ndarray:
         """F (K, n + M) at points (K, P)."""
-        n, W = self._mechanics.num_joints, self._wires.num_wires
+        n, W = self._n, self._wires.num_wires
         heat_rates = self._wires.heat_rates(points[:, 2 * n : -W], points[:, -W:])
-        return np.hstack([self.accelerations(points), heat_rates])
+        return np.hstack([self.accelerations(points), heat_rates]) if n else heat_rates
 
     def _acceleration_slopes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """θ̈ (K, n), and its derivatives by [θ, θ̇, x] (K, n, 2n + N)."""
-        n, N = self._mechanics.num_joints, self._wires.num_states
+        n, N = self._n, self._wires.num_states
         angles, rates, x = np.split(points[:, : 2 * n + N], [n, 2 * n], axis=1)
+        assert self._mechanics is not None
         forces = self._wires.forces(x, angles)
         force_by_state, force_by_angle = self._wires.force_derivatives(x, angles)
         values, by_angle, by_rate, by_force = self._mechanics.derivatives(angles, rates, forces)
@@ -202,10 +210,12 @@ class LimbDefects:
 
     def _slopes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """F (K, n + M), and its derivatives by the points (K, n + M, P)."""
-        n, W = self._mechanics.num_joints, self._wires.num_wires
+        n, W = self._n, self._wires.num_wires
         heat, duty = points[:, 2 * n : -W], points[:, -W:]
-        accelerations, by_moving = self._acceleration_slopes(points)
         heat_rates, by_heat = self._wires.expanded_heat_rates(heat, duty)
+        if not n:
+            return heat_rates, by_heat
+        accelerations, by_moving = self._acceleration_slopes(points)
         values = np.hstack([accelerations, heat_rates])
         slopes = np.zeros((*values.shape, points.shape[1]))
         slopes[:, :n, : by_moving.shape[2]] = by_moving
@@ -214,12 +224,13 @@ class LimbDefects:
 
     def _curvature(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Second derivatives of weights · F by the points (K, P, P)."""
-        n, N, W = self._mechanics.num_joints, self._wires.num_states, self._wires.num_wires
+        n, N, W = self._n, self._wires.num_states, self._wires.num_wires
         angles, x = points[:, :n], points[:, 2 * n : 2 * n + N]
         result = np.zeros((*points.shape, points.shape[1]))
-        on_forces = (self._mechanics.mobilities(angles) @ weights[:, :n, None])[:, :, 0]
         moving = slice(2 * n, 2 * n + N)
-        result[:, moving, moving] = self._wires.force_hessian(x, angles, on_forces)
+        if self._mechanics is not None:
+            on_forces = (self._mechanics.mobilities(angles) @ weights[:, :n, None])[:, :, 0]
+            result[:, moving, moving] = self._wires.force_hessian(x, angles, on_forces)
         if not self._wires.rates_are_affine:
             heat, duty = points[:, 2 * n : -W], points[:, -W:]
             result[:, 2 * n :, 2 * n :] += self._wires.heat_hessian(heat, duty, weights[:, n:])
@@ -236,7 +247,7 @@ class LimbDefects:
 
     def _middle(self, points: np.ndarray, values: np.ndarray, h: np.ndarray) -> np.ndarray:
         """Points (K - 1, P) in the middle of each interval, from those at the knots and F there."""
-        n = self._mechanics.num_joints
+        n = self._n
         steps, middle = np.diff(points, axis=0), 0.5 * (points[:-1] + points[1:])
         middle[:, n : 2 * n] = 1.5 / h * steps[:, :n] - 0.5 * middle[:, n : 2 * n]
         middle[:, :n] -= h / 8 * steps[:, n : 2 * n]
@@ -258,7 +269,7 @@ class LimbDefects:
     def _jacobian(self, points: np.ndarray, time_steps: np.ndarray) -> np.ndarray:
         """Scaled derivatives (K - 1, 2n + M, 2P + 1) of the defects by [p0, p1, h]."""
         values, slopes, _, mid_slopes = self._expand(points, time_steps)
-        n, P, h = self._mechanics.num_joints, points.shape[1], time_steps[:, None, None]
+        n, P, h = self._n, points.shape[1], time_steps[:, None, None]
         size, heat = values.shape[1], slopes[:, n:, 2 * n :]
         on_angles, on_values = self._scale[:n, :n], self._scale[n:, n:]
         # Scaled first, where they are fewer than in the rows.

@@ -92,6 +92,23 @@ class ConstraintBlock(Protocol):
         """The nonzeros of the Hessian of multipliers · g."""
 
 
+class CostBlock(Protocol):
+    """A cost g(x) that is evaluated at once; attributes as of a `ConstraintBlock` of one row."""
+
+    columns: np.ndarray
+    hessian_rows: np.ndarray
+    hessian_columns: np.ndarray
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        """g(x) (1,)."""
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """The nonzeros of dg/dx, in the order of ``columns``."""
+
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """The nonzeros of the Hessian's lower triangle, without multipliers."""
+
+
 @dataclasses.dataclass
 class IpoptDetails:
     """IPOPT's status in words, iterations, and time, s.
@@ -154,6 +171,7 @@ class ExactHessianIpoptSolver:
         nonlinear: evaluates those constraints of the program that it
             ``replaces`` instead of themselves, up to a scaling of their rows. The
             Hessian of the others is then added in any case.
+        cost: is added to the program's costs.
         on_iteration: function that is called with iteration, cost and constraint violation.
     """
 
@@ -162,9 +180,11 @@ class ExactHessianIpoptSolver:
         *,
         exact: bool = False,
         nonlinear: ConstraintBlock | None = None,
+        cost: CostBlock | None = None,
         on_iteration: Callable[[int, float, float], None] | None = None,
     ):
-        self._exact, self._nonlinear, self._on_iteration = exact, nonlinear, on_iteration
+        self._exact, self._nonlinear, self._cost = exact, nonlinear, cost
+        self._on_iteration = on_iteration
 
     def Solve(
         self,
@@ -189,7 +209,9 @@ class ExactHessianIpoptSolver:
         """
         guess = prog.initial_guess() if initial_guess is None else np.asarray(initial_guess)
         guess = np.nan_to_num(guess)
-        problem = _ScaledProblem(prog, guess, self._exact, self._nonlinear, self._on_iteration)
+        problem = _ScaledProblem(
+            prog, guess, self._exact, self._nonlinear, self._cost, self._on_iteration
+        )
         options, arguments = dict(OPTIONS), {}
         if solver_options is not None:
             options |= solver_options.options.get(IpoptSolver.id().name(), {})
@@ -269,7 +291,7 @@ class _Constraints(_Evaluators):
 class _ScaledProblem:
     """A program in IPOPT's form: y = x / scale, the objective of size 100."""
 
-    def __init__(self, prog, guess, exact, nonlinear, on_iteration):
+    def __init__(self, prog, guess, exact, nonlinear, cost, on_iteration):
         linear = [*prog.linear_constraints(), *prog.linear_equality_constraints()]
         curved = [
             *prog.generic_constraints(),
@@ -283,7 +305,7 @@ class _ScaledProblem:
                 "This solver takes bounds, linear, quadratic and generic constraints and Lorentz "
                 "cones; the program has others."
             )
-        self.cost = _Cost(prog)
+        self.cost = _Cost(prog, cost)
         self._linear = _Constraints(prog, linear)
         replaced = set() if nonlinear is None else set(nonlinear.replaces)
         others = _Constraints(prog, [b for b in curved if b not in replaced])
@@ -380,7 +402,7 @@ class _Cost:
     - ``rows``, ``columns``: places of the nonzeros of the Hessian's lower triangle.
     """
 
-    def __init__(self, prog: MathematicalProgram):
+    def __init__(self, prog: MathematicalProgram, block: CostBlock | None = None):
         self._b, self._c = np.zeros(prog.num_vars()), 0.0
         rows, columns, values = [], [], []
         for binding in [*prog.quadratic_costs(), *prog.linear_costs()]:
@@ -398,31 +420,33 @@ class _Cost:
         self._rows, self._columns = _concatenate(rows, int), _concatenate(columns, int)
         self._values = _concatenate(values)
         known = len(prog.quadratic_costs()) + len(prog.linear_costs())
-        self._others = _Evaluators(
-            prog,
-            [
-                binding
-                for binding in (prog.GetAllCosts() if known < len(prog.GetAllCosts()) else [])
-                if not hasattr(binding.evaluator(), "Q") and not hasattr(binding.evaluator(), "a")
-            ],
-        )
+        generic = [
+            binding
+            for binding in (prog.GetAllCosts() if known < len(prog.GetAllCosts()) else [])
+            if not hasattr(binding.evaluator(), "Q") and not hasattr(binding.evaluator(), "a")
+        ]
+        self._others: list[_Evaluators | CostBlock] = [_Evaluators(prog, generic)]
+        self._others += [] if block is None else [block]
         self._triangle = self._rows >= self._columns
-        self.rows = np.append(self._rows[self._triangle], self._others.hessian_rows)
-        self.columns = np.append(self._columns[self._triangle], self._others.hessian_columns)
+        self.rows, self.columns = (
+            np.concatenate([own[self._triangle], *(getattr(part, name) for part in self._others)])
+            for own, name in ((self._rows, "hessian_rows"), (self._columns, "hessian_columns"))
+        )
 
     def evaluate(self, x: np.ndarray) -> float:
         # No dot product of BLAS: its threads have been seen to stall on busy machines.
         quadratic = (x * (0.5 * self._times(x) + self._b)).sum() + self._c
-        return float(quadratic + self._others.evaluate(x).sum())
+        return float(quadratic + sum(part.evaluate(x).sum() for part in self._others))
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         gradient = self._times(x) + self._b
-        np.add.at(gradient, self._others.columns, self._others.jacobian(x))
+        for part in self._others:
+            np.add.at(gradient, part.columns, part.jacobian(x))
         return gradient
 
     def hessian(self, x: np.ndarray) -> np.ndarray:
-        others = self._others.hessian(x, np.ones(self._others.rows.max(initial=-1) + 1))
-        return np.append(self._values[self._triangle], others)
+        others = [part.hessian(x, np.ones(len(part.evaluate(x)))) for part in self._others]
+        return np.concatenate([self._values[self._triangle], *others])
 
     def _times(self, x: np.ndarray) -> np.ndarray:
         products = self._values * x[self._columns]

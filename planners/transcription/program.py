@@ -32,7 +32,7 @@ class TrajectoryProgram:
     The reference and the initial state are those of the last `update`.
 
     - ``prog``: the `MathematicalProgram`.
-    - ``collocation``: the `DirectCollocation` that built it.
+    - ``collocation``: the `DirectCollocation` that built it; None without its constraints.
     - ``limb``, ``wires``: the `Limb` whose dynamics are its constraints, and its `Wires`.
     - ``times``: times of the knots (N,), s, before they are stretched.
     - ``states``, ``duty``, ``time_steps``: indices of x_k, u_k and h_k among
@@ -49,6 +49,8 @@ class TrajectoryProgram:
         measured_margin: how far readings V stay below ``measured_maximum``, °C,
             one number or one for each wire (W,).
         mechanics: joint accelerations of the limb; those of its `PlanarChain` if None.
+        with_constraints: whether ``prog`` has (17) as Drake's constraints, which building
+            takes most of the time; ``defects`` stand for them anyway.
 
     Raises:
         LimbError: if the mechanics is not that of the limb's plant.
@@ -62,10 +64,11 @@ class TrajectoryProgram:
         *,
         measured_margin: ArrayLike = 0.0,
         mechanics: Mechanics | None = None,
+        with_constraints: bool = True,
     ):
         self.parameters, self.times, self.task = parameters, times, task or Task()
         self.limb, self.wires = Limb(parameters), Wires(parameters)
-        self._add_dynamics()
+        self._add_dynamics(with_constraints)
         self._add_cost()
         self._initial_state = self.prog.AddBoundingBoxConstraint(0.0, 0.0, self._states[0])
         self._warm_up = add_wires(
@@ -198,22 +201,36 @@ class TrajectoryProgram:
         """The largest of `defects_of`."""
         return float(np.abs(self.defects_of(x)).max())
 
-    def _add_dynamics(self) -> None:
+    def _add_dynamics(self, with_constraints: bool) -> None:
         """(17), and the decision variables."""
         num_knots, steps = len(self.times), np.diff(self.times)
-        shortest, longest = self.task.stretch or (1.0, 1.0)
-        self.collocation = collocation = DirectCollocation(
-            self.limb,
-            self.limb.CreateDefaultContext(),
-            num_time_samples=num_knots,
-            minimum_time_step=shortest * steps.min(),
-            maximum_time_step=longest * steps.max(),
-            input_port_index=self.limb.GetInputPort("duty").get_index(),
-        )
-        self.prog = prog = collocation.prog()
-        self._states = np.array([collocation.state(k) for k in range(num_knots)])
-        self._duty = np.array([collocation.input(k) for k in range(num_knots)])
-        time_steps = np.array([collocation.time_step(k)[0] for k in range(num_knots - 1)])
+        factors = self.task.stretch or (1.0, 1.0)
+        shortest, longest = factors[0] * steps.min(), factors[1] * steps.max()
+        self.collocation = None
+        if with_constraints:
+            self.collocation = collocation = DirectCollocation(
+                self.limb,
+                self.limb.CreateDefaultContext(),
+                num_time_samples=num_knots,
+                minimum_time_step=shortest,
+                maximum_time_step=longest,
+                input_port_index=self.limb.GetInputPort("duty").get_index(),
+            )
+            self.prog = prog = collocation.prog()
+            self._states = np.array([collocation.state(k) for k in range(num_knots)])
+            self._duty = np.array([collocation.input(k) for k in range(num_knots)])
+            time_steps = np.array([collocation.time_step(k)[0] for k in range(num_knots - 1)])
+        else:
+            self.prog = prog = MathematicalProgram()
+            time_steps = prog.NewContinuousVariables(num_knots - 1, "h")
+            prog.AddBoundingBoxConstraint(shortest, longest, time_steps)
+            self._states, self._duty = (
+                prog.NewContinuousVariables(num_knots * size, name).reshape(num_knots, size)
+                for size, name in (
+                    (self.limb.num_continuous_states(), "x"),
+                    (self.wires.num_wires, "u"),
+                )
+            )
 
         def indices(variables: np.ndarray) -> np.ndarray:
             flat = prog.FindDecisionVariableIndices(variables.ravel())

@@ -1,10 +1,14 @@
-"""The quasi-static plan: a convex program, from which the trajectory program starts.
+"""The quasi-static plan, from which the trajectory program starts.
 
 The mechanics is fast (5 Hz) and the heat is slow (0.1 Hz), so the joint angles
-nearly are where the wires' torques hold them: K θ = f(x). With this, the cost
-(15) is quadratic in the wires' states and duty, whose dynamics (6) and bounds
-(18)-(20) are linear. A torque that is not affine is replaced by its chord from
-T_warm to T_max, which has a slope if the wire can move the limb at all, and then
+nearly are where the wires' torques hold them: K θ = f(x). With this, the program has
+heat and duty alone. Where torque and rates are affine it is convex: the cost (15)
+is quadratic in the wires' states and duty, whose dynamics (6) and bounds (18)-(20)
+are linear. Else it is solved with a few of the knots, by the collocation and the solver
+of the whole program, and read between them.
+
+That begins with a convex program, too: torque is replaced by its chord from T_warm
+to T_max, which has a slope if the wire can move the limb at all, and then
 by tangents, with steps that reduce the cost. If rates are not affine, as with
 hysteresis, torque is that of wires heated from cold to T, and all states are
 integrated under the duty that was found.
@@ -16,15 +20,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.solvers import (
     ClarabelSolver,
+    IpoptSolver,
     LinearEqualityConstraint,
     MathematicalProgram,
     SolverOptions,
 )
+from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbParameters, Wires, joint_angles_from_bend_angle
+from limb_systems.model.statics import HeldAngles
 from planners.task import Task
-from planners.transcription.collocation import linear_defect
+from planners.transcription.collocation import LimbDefects, linear_defect
 from planners.transcription.descent import descend, first_that_reduces
+from planners.transcription.ipopt import ExactHessianIpoptSolver
 from planners.transcription.program import add_wires, reading_bounds, temperature_weights
 from planners.transcription.solving import PlanningError
 
@@ -36,6 +44,9 @@ LITTLE = 0.02  # relative; a tangent that reduces the cost by less is the last
 CHORD_POINTS = 9
 TABLE_SIZE = 200  # of torque over temperature
 CHECK_STEP = 0.5  # s, of an integration that says whether limits can be met
+# s, between the knots of the program that is not convex: plans with half of it are as good a start.
+SPACING = 0.3
+CURVED_OPTIONS = {"mu_strategy": "monotone", "mu_init": 0.01, "tol": 1e-3, "max_iter": 100}
 
 
 class InfeasibleError(PlanningError):
@@ -124,55 +135,137 @@ def solve_quasi_static(
     times: np.ndarray,
     reference: np.ndarray,
     initial_heat: np.ndarray,
-    rest_angles: np.ndarray,
-    compliance: np.ndarray,
+    held: HeldAngles,
     task: Task,
     warm_up_time: float,
     measured_margin: ArrayLike = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """States and duty of the wires in the best quasi-static plan.
+    """Heat and duty of the wires in the best quasi-static plan.
 
     Args:
         times, initial_heat, warm_up_time, measured_margin: as for `check_temperature_limits`.
         reference: φ_ref at the knots (S, K), rad.
-        rest_angles: θ with cold wires (n,), rad.
-        compliance: joint deflection per generalized force (n, n), rad/(N·m).
+        held: angles that the wires hold.
 
     Returns:
-        x (N, K), of which the first W are T in °C, and D (W, K).
+        [x, V] (N + W, K), of which the first W are T in °C, and D (W, K).
 
     Raises:
-        InfeasibleError: if the convex program has no solution.
+        InfeasibleError: if it has no solution.
     """
-    wires, limits = Wires(parameters), parameters.temperature_limits
-    initial_states = initial_heat[: wires.num_states]
+    wires = held.wires
     target = joint_angles_from_bend_angle(parameters, reference).T
-    program = _ConvexProgram(
-        parameters, times, target, initial_heat, task, warm_up_time, measured_margin
-    )
-
-    def held(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return quasi_static_angles(wires, states, rest_angles, compliance)
-
     if wires.rates_are_affine and wires.torque_is_affine:
+        program = _ConvexProgram(
+            parameters, times, target, initial_heat, held, task, warm_up_time, measured_margin
+        )
+        limits = parameters.temperature_limits
         middle = 0.5 * (limits.warm + limits.maximum)
         at = np.tile(wires.settled_states(np.full(wires.num_wires, middle)), (len(times), 1))
-        states, duty = program.solve(*held(at), at)
-        return states.T, duty.T
-    if wires.rates_are_affine:
-        states, duty = program.minimize(held)
-        return states.T, duty.T
-    heated, offset = _heated_angles(parameters, rest_angles, compliance), np.zeros(1)
+        states, duty = program.solve(*held.expanded(at), at)
+        readings = readings_along(wires, states, initial_heat[wires.num_states :], times)
+        return np.hstack([states, readings]).T, duty.T
+    num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
+    grid = np.linspace(times[0], times[-1], num_intervals + 1)
+    few = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
+    arguments = (
+        *(parameters, times[few], target[few], initial_heat),
+        *(held, task, warm_up_time, measured_margin),
+    )
+    _, duty = _ConvexProgram(*arguments).minimize(
+        held.expanded if wires.rates_are_affine else _heated_angles(parameters, held)
+    )
+    heat, duty = _CurvedProgram(*arguments).solve(duty)
+    course = PiecewisePolynomial.CubicHermite(times[few], heat.T, wires.heat_rates(heat, duty).T)
+    duty = np.array([np.interp(times, times[few], of_wire) for of_wire in duty.T])
+    return course.vector_values(times), duty
 
-    def corrected(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        angles, slopes = heated(states)
-        return angles + offset, slopes
 
-    states, duty = program.minimize(corrected)
-    states = wires.under_duty(initial_states, duty, times)
-    offset = held(states)[0] - heated(states)[0]
-    _, duty = program.minimize(corrected, (states, duty), max_tangents=1)
-    return wires.under_duty(initial_states, duty, times).T, duty.T
+class _CurvedProgram:
+    """The quasi-static program where torque or rates are not affine, of heat and duty alone.
+
+    Args: as of `_ConvexProgram`.
+    """
+
+    def __init__(
+        self, parameters, times, target, initial_heat, held, task, warm_up_time, measured_margin
+    ):
+        wires = held.wires
+        self._wires, self._times, self._initial_heat = wires, times, initial_heat
+        self._highest_duty = 1.0 - task.duty_margin
+        self._prog = prog = MathematicalProgram()
+        heat = prog.NewContinuousVariables(len(times), len(initial_heat), "y")
+        duty = prog.NewContinuousVariables(len(times), wires.num_wires, "D")
+        steps = prog.NewContinuousVariables(len(times) - 1, "h")
+        self._heat, self._duty, self._steps = (
+            np.array(prog.FindDecisionVariableIndices(variables.ravel())).reshape(variables.shape)
+            for variables in (heat, duty, steps)
+        )
+        prog.AddBoundingBoxConstraint(np.diff(times), np.diff(times), steps)
+        prog.AddBoundingBoxConstraint(initial_heat, initial_heat, heat[0])
+        add_wires(prog, parameters, times, heat, duty, task, warm_up_time, measured_margin)
+        for variables, scale in zip(heat.T, wires.heat_scales, strict=True):
+            for variable in variables:
+                prog.SetVariableScaling(variable, scale)
+        typical = float(np.median(np.diff(times)))
+        defects = LimbDefects(None, wires, self._heat, self._duty, self._steps, typical)
+        angle_weights, _ = task.weights(times)
+        cost = _HeldCost(held, self._heat[:, : wires.num_states], target, angle_weights)
+        self._solver = ExactHessianIpoptSolver(exact=True, nonlinear=defects, cost=cost)
+
+    def solve(self, duty: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The optimal [x, V] (K, N + W) and D (K, W), or what comes of this duty (K, W)."""
+        N, start = self._wires.num_states, self._initial_heat
+        states = self._wires.under_duty(start[:N], duty, self._times)
+        readings = readings_along(self._wires, states, start[N:], self._times)
+        guess = np.zeros(self._prog.num_vars())
+        guess[self._heat], guess[self._duty] = np.hstack([states, readings]), duty
+        guess[self._steps] = np.diff(self._times)
+        options = SolverOptions()
+        for option, value in CURVED_OPTIONS.items():
+            options.SetOption(IpoptSolver.id(), option, value)
+        result = self._solver.Solve(self._prog, guess, options)
+        x = result.get_x_val() if result.is_success() else guess
+        return x[self._heat], np.clip(x[self._duty], 0.0, self._highest_duty)
+
+
+class _HeldCost:
+    """(15) of the angles that wires hold, as a `planners.transcription.ipopt.CostBlock`.
+
+    Args:
+        held: angles that the wires hold.
+        states: indices of x (K, N) among the program's variables.
+        target: θ_ref (K, n), rad.
+        weights: Q at the knots (K,).
+    """
+
+    def __init__(
+        self, held: HeldAngles, states: np.ndarray, target: np.ndarray, weights: np.ndarray
+    ):
+        self._held, self._states, self._target = held, states, target
+        self._weights = weights[:, None]
+        self.columns = states.ravel()
+        self._triangle = rows, columns = np.tril_indices(states.shape[1])
+        self.hessian_rows = states[:, rows].ravel()
+        self.hessian_columns = states[:, columns].ravel()
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        missed = self._held.angles(x[self._states]) - self._target
+        return np.array([0.5 * (self._weights * missed**2).sum()])
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        angles, slopes = self._held.expanded(x[self._states])
+        weighted = self._weights * (angles - self._target)
+        return (weighted[:, None, :] @ slopes).ravel()
+
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        states = x[self._states]
+        angles, slopes = self._held.expanded(states)
+        hessian = self._weights[:, None] * slopes.swapaxes(1, 2) @ slopes
+        weighted = self._weights * (angles - self._target)
+        hessian = hessian + self._held.curvature(states, angles, weighted)
+        rows, columns = self._triangle
+        return hessian[:, rows, columns].ravel()
 
 
 class _ConvexProgram:
@@ -181,14 +274,15 @@ class _ConvexProgram:
     Args:
         target: θ_ref (K, n), rad.
         initial_heat: x and V at the start (N + W,).
+        held: angles that the wires hold.
         parameters, times, task, warm_up_time, measured_margin: as for
             `solve_quasi_static`.
     """
 
     def __init__(
-        self, parameters, times, target, initial_heat, task, warm_up_time, measured_margin
+        self, parameters, times, target, initial_heat, held, task, warm_up_time, measured_margin
     ):
-        wires = self._wires = Wires(parameters)
+        wires = self._wires = held.wires
         self._task, self._target = task, target
         self._limits = parameters.temperature_limits
         self._angle_weights, self._duty_weights = task.weights(times)
@@ -253,18 +347,11 @@ class _ConvexProgram:
         duty = np.clip(duty, 0.0, 1.0 - self._task.duty_margin)
         return result.GetSolution(self._states).reshape(self._states.shape), duty
 
-    def minimize(
-        self,
-        angles_at: AngleMap,
-        start: tuple[np.ndarray, np.ndarray] | None = None,
-        max_tangents: int = MAX_TANGENTS,
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def minimize(self, angles_at: AngleMap) -> tuple[np.ndarray, np.ndarray]:
         """x (K, N) and D (K, W) of about least cost where angles are not linear in x.
 
         Args:
             angles_at: the angles (K, n) at states (K, N), and their derivatives (K, n, N).
-            start: x and D; those of the chord if None.
-            max_tangents: after which it stops.
         """
         num_states = self._wires.num_states
 
@@ -278,9 +365,9 @@ class _ConvexProgram:
             states, _ = split(point)
             return np.hstack(self.solve(*angles_at(states), states))
 
-        found = np.hstack(start or self.solve(*self._chord(angles_at)))
+        found = np.hstack(self.solve(*self._chord(angles_at)))
         step = first_that_reduces((1.0, 0.5, 0.25, 0.125), cost_of)
-        found, _, _ = descend(found, cost_of(found), solve, step, max_tangents, LITTLE)
+        found, _, _ = descend(found, cost_of(found), solve, step, MAX_TANGENTS, LITTLE)
         states, duty = split(found)
         return states, duty
 
@@ -310,11 +397,9 @@ def _affine_heat(wires: Wires, size: int) -> tuple[np.ndarray, np.ndarray, np.nd
     return A, B, wires.heat_rates(cold, off)[:size] - A @ cold[:size]
 
 
-def _heated_angles(
-    parameters: LimbParameters, rest_angles: np.ndarray, compliance: np.ndarray
-) -> AngleMap:
+def _heated_angles(parameters: LimbParameters, held: HeldAngles) -> AngleMap:
     """Angles that wires hold which were heated from cold to T, by a table."""
-    wires, T0 = Wires(parameters), parameters.ambient_temperature
+    wires, T0 = held.wires, parameters.ambient_temperature
     W, N = wires.num_wires, wires.num_states
     warmest = 2 * parameters.temperature_limits.maximum - T0
     grid = np.linspace(T0, warmest, TABLE_SIZE)
@@ -322,7 +407,7 @@ def _heated_angles(
     table = [
         np.array([law.torque(law.warm_states(float(T), T0), T0, 0.0) for T in grid]) for law in laws
     ]
-    to_angles = compliance @ wires.directions
+    to_angles = held.compliance @ wires.directions
 
     def angles_at(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         T = states[:, :W]
@@ -332,7 +417,7 @@ def _heated_angles(
         by_T = np.column_stack([np.diff(table[w])[steps[:, w]] for w in range(W)])
         slopes = np.zeros((len(states), len(to_angles), N))
         slopes[:, :, :W] = to_angles * (by_T / (grid[1] - grid[0]))[:, None, :]
-        return rest_angles + (torques - cold) @ to_angles.T, slopes
+        return held.rest_angles + (torques - cold) @ to_angles.T, slopes
 
     return angles_at
 
@@ -356,24 +441,6 @@ def readings_along(
         offset = measured[k] - settled[0] - behind
         measured[k + 1] = settled[1] + behind + np.exp(rate * step) * offset
     return measured
-
-
-def quasi_static_angles(
-    wires: Wires, states: np.ndarray, rest_angles: np.ndarray, compliance: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Joint angles that the wires hold, θ = K⁻¹ f(x) by eqns (2), (4), near the limb at rest.
-
-    Args:
-        states: x (K, N).
-        rest_angles, compliance: as for `solve_quasi_static`.
-
-    Returns:
-        θ (K, n), rad, and its derivatives by x (K, n, N).
-    """
-    rest = np.broadcast_to(rest_angles, (len(states), len(rest_angles)))
-    forces = wires.forces(states, rest) - wires.forces(wires.cold_states, rest_angles)
-    slopes = compliance @ wires.force_derivatives(states, rest)[0]
-    return rest + forces @ compliance.T, np.broadcast_to(slopes, (len(states), *slopes.shape[1:]))
 
 
 def _settling_time(wires: Wires) -> float:

@@ -12,7 +12,15 @@ from limb_systems.progress import Progress
 from planners.transcription.ipopt import ExactHessianIpoptSolver
 from planners.transcription.program import TrajectoryProgram
 
-CURVATURE_ITERATIONS = 80  # most plans need 10 to 30
+# Where the quasi-static plan nearly is the plan, most need 10 to 20 iterations from it, with a
+# barrier that leaves it near its bounds; as IPOPT begins they need twice as many.
+NEAR = {
+    "mu_strategy": "monotone",
+    "mu_init": 1e-4,
+    "bound_push": 1e-5,
+    "bound_frac": 1e-5,
+    "max_iter": 40,
+}
 # Hysteresis and references far out of reach may need hundreds, of which each is cheap. With a
 # barrier that begins this small they are half as many as with IPOPT's own, 0.1.
 PATIENT_ITERATIONS = 600
@@ -56,8 +64,8 @@ def solve_program(
 
     1. unless the duration is free, where less than all curvature is not enough:
        IPOPT with the Hessian of the cost alone (Gauss-Newton), or, if the wires'
-       laws are not affine, with their curvature as well, then the same with a
-       monotone barrier and with patience; with hysteresis, at once with these;
+       laws are not affine, with their curvature as well, from a start that nearly is the
+       plan unless the task has limits of the motion, then with patience;
     2. IPOPT with the Hessian of the Lagrangian;
     3. the same with a monotone barrier.
 
@@ -126,20 +134,17 @@ def _attempts(program: TrajectoryProgram, guess, multipliers, solver, report: Ca
     wires = program.wires
     if program.task.stretch is None and not (wires.rates_are_affine and wires.torque_is_affine):
         of_wires = program.defects.with_curvature_of_wires()
-        longer = {"max_iter": CURVATURE_ITERATIONS}
-        monotone = {
+        name = "IPOPT, curvature of the wires"
+        task = program.task
+        far = task.customize or task.reach or task.final_hold or task.max_bend_rate is not None
+        if not far:
+            yield name, lambda: ipopt(True, NEAR, multipliers, of_wires)
+        patient = {
             "mu_strategy": "monotone",
             "mu_init": PATIENT_BARRIER,
             "max_iter": PATIENT_ITERATIONS,
         }
-        name = "IPOPT, curvature of the wires"
-        if not wires.rates_are_affine:  # as with hysteresis
-            # IPOPT's adaptive barrier takes twice as many iterations with hysteresis as soon as
-            # they are more than some fifty, and only a few less before.
-            yield name, lambda: ipopt(True, monotone, multipliers, of_wires)
-        else:
-            yield name, lambda: ipopt(True, longer, multipliers, of_wires)
-            yield f"{name}, monotone barrier", lambda: ipopt(True, monotone, None, of_wires)
+        yield f"{name}, patient", lambda: ipopt(True, patient, multipliers, of_wires)
     elif program.task.stretch is None:
         yield "IPOPT, Gauss-Newton", lambda: ipopt(False, limit, multipliers)
     yield "IPOPT, exact Hessian", lambda: ipopt(True)

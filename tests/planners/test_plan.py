@@ -19,7 +19,7 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
-from limb_systems.model.statics import static_equilibrium
+from limb_systems.model.statics import HeldAngles
 from limb_systems.tracking import reference_distances
 from planners import (
     InfeasibleError,
@@ -130,7 +130,7 @@ def test_plan_is_better_than_its_quasi_static_start(fig5_plan):
         times,
         fig5_plan.reference,
         heat,
-        *static_equilibrium(parameters),
+        HeldAngles(parameters),
         Task.paper(),
         20.0,
     )
