@@ -19,6 +19,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.linalg import block_diag
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import detrend
 
 from controllers.duty_correction import READING_MARGIN, TARGETS, DutyCorrection, Errors
@@ -46,7 +47,8 @@ TEMPERATURE_SHARE, EXPECTED_SHARE, KNOWN_TO = 0.15, 0.3, 2.0
 LATELY = 0.8  # of what a repetition has shown of that share, in what is known after another one
 GAIN, LEAST_GAIN, LARGEST_GAIN = 0.5, 0.4, 2.5  # of the limb over the model: deviation, bounds
 SPREAD = 0.6  # of the mean of |x| over the standard deviation of x, if x is normal
-WORSE = 0.25  # standard deviations, by which a repetition that is kept may be read to be worse
+NODES_OF_NOISE = 5  # over which the mean of readings has little of it
+WORSE = 0.5  # standard deviations, by which a repetition that is kept may be read to be worse
 COOLER = 3.0  # °C, by which bounds are lowered after a wire was read too hot
 WORTH = 0.05  # of the sensor's error; by what another repetition must change the bend at least
 MOST_INTERRUPTED, MOST_FAILURES = 3, 5  # in a row; the latter with those that were not better
@@ -256,12 +258,13 @@ class Learner:
         return diagram
 
     def learned_trajectory(self) -> Trajectory:
-        """The plan with the duty of the next repetition, and what is expected of it.
+        """The plan with the duty of the best repetition, and what the limb does under it.
 
         Feedback that holds the limb to it is `PlanFeedback(learner.learned_trajectory())`:
         what it adds to the duty is learned, too, as recordings have the duty that was applied.
         """
-        return self._program.corrected(self.correction, self._start, self._belief.errors)
+        errors = self._belief.errors
+        return self._program.corrected(errors.about, self._start, errors)
 
     def expected_bend_angle(self) -> np.ndarray:
         """φ that is expected of the next repetition, at ``nodes`` (M + 1, S), rad.
@@ -507,10 +510,12 @@ class Learner:
             gains=np.array([part.gains for part in bend]),
             doubt=self._shares(),
         )
-        # Of what was read to be unlike what is expected, a line is drift, and the rest the limb.
+        # Of what was read to be unlike what is expected, a line is drift, and the rest the limb
+        # but for noise.
         expected = modelled[index] + errors.bend_angle
         seen = np.isfinite(about.bend_angle).all(axis=1)
-        expected[seen] += detrend((about.bend_angle - expected)[seen], axis=0)
+        unlike = detrend((about.bend_angle - expected)[seen], axis=0)
+        expected[seen] += uniform_filter1d(unlike, NODES_OF_NOISE, axis=0)
         return _Belief(bend, errors, float(np.abs(program.target - expected).mean()))
 
     def _cooler(self) -> float:

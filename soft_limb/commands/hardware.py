@@ -289,7 +289,8 @@ def _learn(options: argparse.Namespace) -> int:
         repetitions.draw_repetitions(learner, folder)
         raise
     drawn = repetitions.draw_repetitions(learner, folder)
-    print_summary(options, repetitions_summary(learner), [folder / repetitions.STATE, *drawn])
+    written = [folder / repetitions.STATE, folder / repetitions.LEARNED, *drawn]
+    print_summary(options, repetitions_summary(learner), written)
     return 0
 
 
@@ -388,10 +389,10 @@ COMMANDS = {
     "learn": Command(
         _learn,
         "Replays a trajectory again and again, a robot in real time, each time when its wires are "
-        "cool. Corrects the duty after each repetition, so that the limb follows the plan. Ends "
-        "early when another repetition does not pay. The folder has a recording of each "
-        "repetition, a picture, a report and what was learned: started again, it goes on from "
-        "there.",
+        "cool. Corrects the duty after each repetition, so that the limb follows the plan, and "
+        "goes back where that was not better. Ends early when another repetition does not pay. The "
+        "folder has a recording of each repetition, a picture, a report, the best duty as a "
+        "trajectory, learned.csv, and what was learned: started again, it goes on from there.",
         "trajectory folder driven live address json force",
         [
             Option(

@@ -21,7 +21,8 @@ from soft_limb.live.page import LivePage
 from soft_limb.reports.rollout import write_learning_report
 from soft_limb.runs.rollout import record_replay
 
-STATE, PICTURE, REPORT = "learning.txt", "learning.png", "learning.html"
+STATE, LEARNED = "learning.txt", "learned.csv"
+PICTURE, REPORT = "learning.png", "learning.html"
 PAUSE = 300.0  # s, without heat, between two repetitions on an emulated limb
 COOL = 3.0  # °C, by which a wire may be warmer than where the plan starts
 LONGEST_REST = 1200.0  # s
@@ -40,10 +41,10 @@ def repeat(
 ) -> None:
     """Repeats a plan until a number of repetitions is reached, or another does not pay.
 
-    The folder has ``learning.txt``, which `Learner.load` reads, and a recording of each
-    repetition, ``repetition_1.csv`` and so on. Nothing is lost whenever this ends: a
-    recording that is complete is learned from the next time. If a robot fails, its
-    repetition is kept as an unfinished recording, which counts as interrupted.
+    The folder has ``learning.txt``, which `Learner.load` reads, ``learned.csv``, a trajectory with
+    the best repetition's duty, and a recording of each repetition, ``repetition_1.csv`` and so on.
+    Nothing is lost whenever this ends: a recording that is complete is learned from the next time.
+    If a robot fails, its repetition is kept as an unfinished recording, which counts as interrupted.
 
     Args:
         learner: learner of the plan, also with repetitions before.
@@ -81,6 +82,7 @@ def repeat(
                 failure, recording = error, Recording.load(new.pop(), unfinished=True)
         repetition = learner.update(recording)
         learner.save(folder / STATE)
+        learner.learned_trajectory().save(folder / LEARNED)
         tell(number, repetition)
         if failure:
             raise failure

@@ -34,7 +34,7 @@ def test_command_repeats_and_goes_on(plan_file, tmp_path, capsys, monkeypatch, l
     lines = capsys.readouterr().out.splitlines()
     assert re.fullmatch(r"repetition  1: mean \|φ\* - φ\| \d\.\d\d° as read", lines[0])
     assert lines[1].startswith("repetition  2: ")
-    written = [f"learning.{end}" for end in ("txt", "png", "html")]
+    written = ["learning.txt", "learned.csv", "learning.png", "learning.html"]
     assert lines[2].startswith("errors      mean |φ* - φ| ")
     assert lines[3] == f"written     {', '.join(str(folder / name) for name in written)}"
     made = {path.name for path in folder.iterdir()}
@@ -44,6 +44,8 @@ def test_command_repeats_and_goes_on(plan_file, tmp_path, capsys, monkeypatch, l
         assert f'<a href="repetition_{number}.csv">' in report
         assert re.search(r"mean .* (\d\.\d\d)°", said)[1] in report
     look_at(folder / "learning.html")
+    learned = Trajectory.load(folder / "learned.csv")
+    assert learned.check.status == "learned"
     first, second = (Recording.load(folder / f"repetition_{n}.csv") for n in (1, 2))
     assert first.source == second.source == "emulated limb, seed 0"
     assert np.abs(first.duty - second.duty).max() > 1e-3  # the second had learned
