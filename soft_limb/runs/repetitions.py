@@ -44,7 +44,7 @@ def repeat(
     The folder has ``learning.txt``, which `Learner.load` reads, ``learned.csv``, a trajectory with
     the best repetition's duty, and a recording of each repetition, ``repetition_1.csv`` and so on.
     Nothing is lost whenever this ends: a recording that is complete is learned from the next time.
-    If a robot fails, its repetition is kept as an unfinished recording, which counts as interrupted.
+    If a robot fails, its repetition is kept as an unfinished recording and counts as interrupted.
 
     Args:
         learner: learner of the plan, also with repetitions before.
