@@ -7,7 +7,7 @@ ten repetitions, disturbs the limbs, and writes Table I, Figs. 4 to 7, where
 the error comes from, and all the data to a folder. Nothing but what is called
 true, and the split of the error, knows what an emulated limb is made of.
 
-    python examples/reproduce_paper.py [FOLDER] [--quick] [--limbs N] [--protocol paper]
+    python examples/reproduce_paper.py [FOLDER] [--quick] [--limbs N] [--others N]
 
 `reproduce` does the same on any executor; with --cluster it is that of a Dask cluster.
 """
@@ -69,6 +69,12 @@ def main() -> int:
     parser.add_argument("folder", nargs="?", default="out", type=Path, help="for all results")
     parser.add_argument("--limbs", type=int, default=10, help="how many (default %(default)s)")
     parser.add_argument(
+        "--others",
+        type=int,
+        default=0,
+        help="how many limbs of another physics besides (default %(default)s)",
+    )
+    parser.add_argument(
         "--quick",
         action="store_true",
         help="one limb, --no-compare, and of closed loop feedback and learning of Fig. 5 alone",
@@ -116,6 +122,8 @@ def main() -> int:
         "processes on this machine if left out",
     )
     options = parser.parse_args()
+    if options.others < 0:
+        parser.error("--others must be zero or more")
     if min(options.limbs, options.rollouts, options.repetitions, options.angles) < 1:
         parser.error("--limbs, --rollouts, --repetitions and --angles must be one or more")
     stopped = f"stopped; limbs that were finished are in {options.folder}"
@@ -190,6 +198,10 @@ def _jobs(options) -> list[Settings]:
         closed_loop = {next(iter(PAPER_TABLE_1)): (FEEDBACK, LEARNING)}
         whole = dataclasses.replace(whole, closed_loop=closed_loop, disturbances=())
     jobs = [dataclasses.replace(whole, seed=seed) for seed in seeds]
+    other = dataclasses.replace(
+        whole, physics="continuum", extra=(), compare=False, disturbances=()
+    )
+    jobs += [dataclasses.replace(other, seed=seed) for seed in range(options.others)]
     if options.effects:
         # What limbs are without, to see what each effect costs; all of them at last.
         absences = [(effect,) for effect in EFFECTS + extra if effect != "stress"]
@@ -232,7 +244,8 @@ def reproduce(
         found[number] = summary = summarize(experiment)
         shown = experiment if number == 0 else shown
         if not jobs[number].absent:
-            _save(experiment, folder / f"limb_{summary.seed}")
+            kind = "limb" if summary.physics == "lumped" else summary.physics
+            _save(experiment, folder / f"{kind}_{summary.seed}")
         _write_results(folder, [found[done] for done in sorted(found)])
         if len(jobs) > 1:
             print(f"{len(found):>3} of {len(jobs)}: {_line(summary)}", flush=True)
@@ -253,7 +266,8 @@ def _line(summary: Summary) -> str:
     aborted = sum(way.aborted for ways in summary.ways.values() for way in ways.values())
     if aborted:
         parts.append(f"{aborted} rollouts aborted")
-    return f"limb {summary.seed}{without}: {'; '.join(parts)}"
+    kind = "limb" if summary.physics == "lumped" else f"{summary.physics} limb"
+    return f"{kind} {summary.seed}{without}: {'; '.join(parts)}"
 
 
 def _print_table(rows: Sequence[Sequence[str]]) -> None:

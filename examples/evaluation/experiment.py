@@ -35,6 +35,7 @@ warnings.filterwarnings("ignore", "The plan is far from its reference")
 
 PAPER = "LinearLaw, calibrated as in Sec. V"
 NUM_ROLLOUTS = 5
+NUM_CLOSED_LOOP = 2
 NUM_REPETITIONS = 10
 NUM_ANGLES = 6  # equilibria of each calibration recording
 SMOOTHING_TIME = 0.5  # s, of taught bend angles
@@ -52,13 +53,14 @@ class Settings:
     """What is done with a limb.
 
     - ``seed``, ``extra``, ``absent``: arguments of the limb's `Specimen`.
-    - ``rollouts``: how often each plan is driven, open loop and with each controller; once
-      with the receding horizon, which takes ten times as long as the others.
+    - ``physics``: family of the limb, as of `LimbTwin`.
+    - ``rollouts``: how often each plan is driven open loop; twice with a controller, whose
+      rollouts differ by the sensors' noise alone, and once with the receding horizon.
     - ``repetitions``: how often a plan that is learned is driven.
     - ``closed_loop``: ways of `CLOSED_LOOP` in which each motion is driven, too.
     - ``disturbances``: names in `DISTURBANCES` under which feedback drives the first motion.
     - ``compare``: whether to plan with the paper's calibration and with other laws, too;
-      plans by the latter are rolled out once.
+      these plans are rolled out once.
     - ``protocol``, ``num_angles``: "all" recordings or the "paper"'s alone, and how many
       equilibria each of Sec. V has; see `collect_from_twin`.
     """
@@ -75,6 +77,7 @@ class Settings:
     compare: bool = True
     protocol: str = "all"
     num_angles: int = NUM_ANGLES
+    physics: str = "lumped"
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -166,10 +169,11 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
     num_runs = len(MOTIONS) + len(runs)
     tell(f"driving the limb along its plans in several ways, and splitting the error: {num_runs}")
     opened = {motion: plans[motion, OPEN_LOOP, ""] for motion in MOTIONS}
-    counts = {LEARNING: settings.repetitions, HORIZON: 1}
+    counts = dict.fromkeys(CLOSED_LOOP, min(NUM_CLOSED_LOOP, settings.rollouts))
+    counts |= {LEARNING: settings.repetitions, HORIZON: 1}
     calls = [functools.partial(open_loop, rested, calibration, opened, settings.rollouts)]
     for motion, way, limb in runs:
-        count = counts.get(way, settings.rollouts if limb in ("", PAPER) else 1)
+        count = counts.get(way, 1)
         trajectory = plans[motion, OPEN_LOOP if way == OPEN_LOOP else FEEDBACK, limb]
         number = MOTIONS.index(motion)
         calls.append(functools.partial(roll_out, rested, trajectory, way, count, number))
@@ -202,8 +206,8 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
 
 def record(settings: Settings) -> tuple[Specimen, dict[str, list[Recording]]]:
     """A new limb, and its recordings for calibration."""
-    specimen = Specimen(LimbParameters(), settings.seed, settings.extra)
-    specimen = specimen.without(*settings.absent)
+    limb = LimbTwin(seed=settings.seed, extra=settings.extra, physics=settings.physics)
+    specimen = limb.specimen.without(*settings.absent)
     recordings = collect_from_twin(
         LimbTwin(specimen=specimen),
         seed=settings.seed,

@@ -197,7 +197,7 @@ def _error_split(summaries: Sequence[Summary]) -> page.Section:
             "back.",
         ),
     ]
-    if len(complete(summaries)) < len(summaries):
+    if any(s.absent for s in summaries):
         parts += [
             page.paragraph(
                 "The next table splits the error of the model's form. An effect that it lacks "

@@ -132,6 +132,7 @@ class Summary:
     - ``approaches``: how each motion went by each approach to calibration, open loop.
     - ``law``: name of the law that the limb was calibrated with.
     - ``provenance``: what made them.
+    - ``physics``: family of the limb.
     """
 
     seed: int
@@ -145,6 +146,7 @@ class Summary:
     approaches: dict[str, dict[str, Followed]]
     law: str
     provenance: Provenance | None = None
+    physics: str = "lumped"
 
 
 def summarize(experiment: Experiment) -> Summary:
@@ -188,6 +190,7 @@ def summarize(experiment: Experiment) -> Summary:
         approaches,
         prediction.best.name if prediction else "",
         Provenance.now(experiment.calibration.parameters, specimen.seed),
+        specimen.physics,
     )
 
 
@@ -215,9 +218,9 @@ def approach_table(summaries: Sequence[Summary]) -> list[list[str]]:
     return rows
 
 
-def complete(summaries: Sequence[Summary]) -> list[Summary]:
-    """The summaries of limbs that are without nothing."""
-    return [s for s in summaries if not s.absent]
+def complete(summaries: Sequence[Summary], physics: str = "lumped") -> list[Summary]:
+    """The summaries of a family's limbs that are without nothing."""
+    return [s for s in summaries if not s.absent and s.physics == physics]
 
 
 def mean_and_margin(values: Sequence[float]) -> tuple[float, float]:
@@ -231,23 +234,33 @@ def mean_and_margin(values: Sequence[float]) -> tuple[float, float]:
 
 def table_1(summaries: Sequence[Summary]) -> list[list[str]]:
     """Rows of Table I, of each motion and each way, as of `TABLE_1_HEADER`; angles in degrees."""
-    whole = complete(summaries)
-    limbs = "emulated limb" if len(whole) == 1 else f"{len(whole)} emulated limbs"
     rows = []
     for motion, paper in PAPER_TABLE_1.items():
-        groups: dict[str, list[Followed]] = {}
-        for summary in whole:
-            for name, followed in _rows_of(summary, motion).items():
-                groups.setdefault(name, []).append(followed)
-        left = [nearest for s in whole if (nearest := s.nearest[motion]) is not None]
-        cell = _with_margin(*mean_and_margin(left)) if left else ""
-        rest = [""] * (len(TABLE_1_HEADER) - 3)
-        rows.append([motion, f"{limbs}, best plan within the limits", cell, *rest])
-        rows += [["", f"{limbs}, {name}", *_cells(group)] for name, group in groups.items()]
+        for physics in dict.fromkeys(summary.physics for summary in summaries):
+            rows += _family_rows(complete(summaries, physics), motion)
         of_paper = [*[""] * 3, *(f"{value:.2f}" for value in paper)]
         rest = [""] * (len(TABLE_1_HEADER) - 2 - len(of_paper))
-        rows.append(["", "the paper's robot", *of_paper, *rest])
-    return rows
+        rows.append([motion, "the paper's robot", *of_paper, *rest])
+    # The motion's name is in its first row alone.
+    return [
+        ["" if number and row[0] == rows[number - 1][0] else row[0], *row[1:]]
+        for number, row in enumerate(rows)
+    ]
+
+
+def _family_rows(whole: Sequence[Summary], motion: str) -> list[list[str]]:
+    limbs = "emulated limb" if len(whole) == 1 else f"{len(whole)} emulated limbs"
+    if whole[0].physics != "lumped":
+        limbs = limbs.replace("emulated", f"{whole[0].physics}")
+    groups: dict[str, list[Followed]] = {}
+    for summary in whole:
+        for name, followed in _rows_of(summary, motion).items():
+            groups.setdefault(name, []).append(followed)
+    left = [nearest for s in whole if (nearest := s.nearest[motion]) is not None]
+    cell = _with_margin(*mean_and_margin(left)) if left else ""
+    rest = [""] * (len(TABLE_1_HEADER) - 3)
+    rows = [[motion, f"{limbs}, best plan within the limits", cell, *rest]]
+    return rows + [[motion, f"{limbs}, {name}", *_cells(group)] for name, group in groups.items()]
 
 
 def _rows_of(summary: Summary, motion: str) -> dict[str, Followed]:
@@ -334,7 +347,7 @@ def absence_table(summaries: Sequence[Summary]) -> list[list[str]]:
     whole = {s.seed: s for s in complete(summaries)}
     rows = []
     for absent in dict.fromkeys(s.absent for s in summaries):
-        group = [s for s in summaries if s.absent == absent]
+        group = [s for s in summaries if (s.absent, s.physics) == (absent, "lumped")]
         cells = []
         for motion in PAPER_TABLE_1:
             error, _ = mean_and_margin([s.first[motion] for s in group])

@@ -390,6 +390,15 @@ def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions(evaluation):
     assert rows[1][2:] == [*from_reference, *from_plan, "90", "95", "2 of 10"]
     assert [row[5] for row in rows[3:6]] == ["3.00 ± 0.00", "2.70 ± 0.00", "2.10 ± 0.00"]
     assert rows[6][2:7] == ["", "", "", "3.44", "2.33"]
+    # Limbs of another physics have rows of their own, and change no others.
+    other = dataclasses.replace(summary(0, 5.0), physics="continuum")
+    both = tables.table_1([*summaries, other])
+    assert both[:6] == [[*rows[0]], *rows[1:6]]
+    assert [row[1].removeprefix("continuum limb, ") for row in both[6:8]] == [
+        "best plan within the limits",
+        "open loop",
+    ]
+    assert tables.disturbance_table([*summaries, other]) == tables.disturbance_table(summaries)
     table = tables.disturbance_table(summaries)
     assert [row[0] for row in table] == ["payload", "no bend", "all, the worst"]
     assert table[0] == [
