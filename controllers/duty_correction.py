@@ -22,7 +22,7 @@ NODES_APART = 0.2  # s, about
 READING_MARGIN = 5.0  # °C, of what is expected below the reading at which a board switches off
 LEVEL_COST, CHANGE_COST = 0.3, 1.0  # of a duty, and of its change between nodes: (1°)²
 EXCESS_COST = 300.0  # (1°)²/°C beyond a temperature bound at a node; more than tracking pays
-TANGENTS = 3  # at most
+TANGENTS = 5  # at most
 TARGETS = ("plan", "reference")
 ANOTHER_DUTY = 0.02  # at a node, by which a duty is not that of a correction
 LITTLE = 0.01  # relative; a tangent that reduces the cost by less is the last
@@ -209,7 +209,7 @@ class DutyCorrection:
         def solve(tried: np.ndarray) -> np.ndarray | None:
             return self._solve(tried, predicted(tried), errors, cooler)
 
-        step = first_that_reduces((1.0, 0.5, 0.25), cost_of)
+        step = first_that_reduces((1.0, 0.5, 0.25, 0.1), cost_of)
         return descend(correction, cost_of(correction), solve, step, TANGENTS, LITTLE)[0]
 
     def expected_bend(
