@@ -122,6 +122,7 @@ class HorizonPlanner:
         heat: np.ndarray,
         bend_offset: np.ndarray,
         previous: HorizonPlan | None = None,
+        gains: np.ndarray | None = None,
     ) -> HorizonPlan:
         """A plan from a time on.
 
@@ -130,11 +131,12 @@ class HorizonPlanner:
             heat: [x, V] at that time (H,).
             bend_offset: bend angle of the limb less that of the model (S,), rad.
             previous: a plan that begins before, to start from; wires that are off if None.
+            gains: factors of the wires' torque (W,); one if None.
         """
         times = time + self._times
         reference = self._reference.vector_values(np.minimum(times, self._reference.end_time()))
         warm = np.where(times > self._limits.warm_up_time, self._limits.warm, -np.inf)
-        aims = reference.T[1:] - bend_offset, warm[1:]
+        aims = reference.T[1:] - bend_offset, warm[1:], gains
         if previous is None:
             duty = np.zeros((len(times) - 1, self._model.num_wires))
         else:
@@ -162,7 +164,7 @@ class HorizonPlanner:
             time=times,
             duty=duty,
             heat=heats,
-            bend_angle=self._model.bend_angle(heats) + bend_offset,
+            bend_angle=self._model.bend_angle(heats, gains) + bend_offset,
             cost=float(cost),
             success=success,
         )
@@ -182,7 +184,12 @@ class HorizonPlanner:
         )
 
     def _costs(
-        self, rollouts: np.ndarray, duty: np.ndarray, target: np.ndarray, warm: np.ndarray
+        self,
+        rollouts: np.ndarray,
+        duty: np.ndarray,
+        target: np.ndarray,
+        warm: np.ndarray,
+        gains: np.ndarray | None,
     ) -> np.ndarray:
         """The cost (B,) of heats (K + 1, B, H) under duty (B, K, W).
 
@@ -190,7 +197,7 @@ class HorizonPlanner:
             target: bend of the model that is wanted at the knots but the first (K, S), rad.
             warm: T_warm at these knots, or -inf (K,), °C.
         """
-        missed = self._model.bend_angle(rollouts[1:]) - target[:, None]
+        missed = self._model.bend_angle(rollouts[1:], gains) - target[:, None]
         T = self._model.temperatures(rollouts[1:])
         beyond = np.maximum(T - self._hottest, 0.0) + np.maximum(warm[:, None, None] - T, 0.0)
         return (
@@ -201,11 +208,16 @@ class HorizonPlanner:
         )
 
     def _solve(
-        self, heats: np.ndarray, duty: np.ndarray, target: np.ndarray, warm: np.ndarray
+        self,
+        heats: np.ndarray,
+        duty: np.ndarray,
+        target: np.ndarray,
+        warm: np.ndarray,
+        gains: np.ndarray | None,
     ) -> np.ndarray | None:
         """The best duty (K, W) where the model is linear about heats (K + 1, H); None if none."""
         self._set_dynamics(heats, duty)
-        self._set_bend(heats[1:], target)
+        self._set_bend(heats[1:], target, gains)
         for binding, lowest in zip(self._warm, warm, strict=True):
             binding.evaluator().UpdateLowerBound(lowest / self._scales[: self._model.num_wires])
         result = ClarabelSolver().Solve(self._prog, None, SolverOptions())
@@ -274,9 +286,9 @@ class HorizonPlanner:
             row = [-A[k], one, -B[k]] if k else [one, -B[k]]
             binding.evaluator().UpdateCoefficients(np.hstack(row), c[k])
 
-    def _set_bend(self, heats: np.ndarray, target: np.ndarray) -> None:
+    def _set_bend(self, heats: np.ndarray, target: np.ndarray, gains: np.ndarray | None) -> None:
         """e = φ(x) - target (K, S) at each knot, about heats (K, H)."""
-        bend, slopes = self._model.bend_slopes(heats)
+        bend, slopes = self._model.bend_slopes(heats, gains)
         C = slopes[:, :, : self._num_states] * self._scales
         x = heats[:, : self._num_states] / self._scales
         rest = target - bend + np.einsum("kij,kj->ki", C, x)

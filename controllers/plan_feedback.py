@@ -18,8 +18,8 @@ from limb_systems.simulation import PERIOD
 PROPORTIONAL = 2.5  # 1/s
 COMMON_MODE = 0.5  # 1/s
 # °C, that a wire of a limb that is calibrated, or is not, may be warmer than planned within these s
-WARMER, WARMER_UNCALIBRATED, AHEAD = 8.0, 20.0, 2.0
-LUKEWARM = 30.0  # °C above T_warm, that it may have in any case
+WARMER, WARMER_UNCALIBRATED, AHEAD = 4.0, 20.0, 2.0
+LUKEWARM = 10.0  # °C above T_warm, that it may have in any case
 # Deviations that cost alike; (15) has no weight on temperature, but feedback runs out of heat.
 BEND = np.deg2rad(0.5)  # rad
 DUTY = 0.2
@@ -42,9 +42,9 @@ class PlanFeedback(PlanController):
         D* - k_c max(0, mean T - mean T*) / a2
 
     No duty is beyond what `TemperatureLimiter` allows, and no wire is heated to more than
-    8 °C beyond the most that it has in the next 2 s of the plan, and what holds p (20 °C if
+    4 °C beyond the most that it has in the next 2 s of the plan, and what holds p (20 °C if
     the limb is not calibrated): a bend that needs more is left, as heat would stay for long
-    after it. Up to 30 °C above T_warm there is no such limit, as wires cool from there soon.
+    after it. Up to 10 °C above T_warm there is no such limit, as wires cool from there soon.
 
     Ports and state are those of `PlanController`.
     """
@@ -81,7 +81,8 @@ class PlanFeedback(PlanController):
 
     def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
         k, model = self._plan.index(time), self._estimator.model
-        missed = self._plan.bend_angle[k] - estimate.offset - model.bend_angle(estimate.heat)
+        bend = model.bend_angle(estimate.heat, estimate.gains) + estimate.offset
+        missed = self._plan.bend_angle[k] - bend
         warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
         base = self._plan.duty[k] - COMMON_MODE * np.maximum(warmer, 0.0) / self._heating
         base = np.clip(base, 0.0, caps)
@@ -136,7 +137,9 @@ class PlanRegulator(PlanController):
 
     def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
         k, N = self._plan.index(time), estimate.heat.size - len(caps)
-        offset = estimate.offset + self._unlike_plan[k]
+        model = self._estimator.model
+        more = model.bend_angle(estimate.heat, estimate.gains) - model.bend_angle(estimate.heat)
+        offset = estimate.offset + more + self._unlike_plan[k]
         deviation = np.append((estimate.heat - self._plan.heat[k])[:N], offset)
         wanted = self._plan.duty[k] - self._regulator[k] @ deviation
         possible = np.clip(wanted, 0.0, caps)

@@ -7,9 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from limb_systems import LimbError
+from limb_systems import LimbError, LimbParameters, bend_angle
+from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.input import read_text
+from limb_systems.model.statics import HeldAngles
 from limb_systems.schema import load_typed
+
+UNCALIBRATED_MARGIN = 15.0  # °C, of plans for feedback
 
 
 class TaskError(LimbError):
@@ -124,13 +128,22 @@ class Task:
         return cls(terminal_factor=1000.0, duty_hold=0.0)
 
     @classmethod
-    def closed_loop(cls) -> "Task":
+    def closed_loop(cls, parameters: LimbParameters | None = None) -> "Task":
         """Weights and margins of plans that feedback follows: they leave it heat and duty.
 
-        With more weight on duty wires stay cooler, and a limb that lags behind its plan can
-        catch up before both wires are hot.
+        The temperature margin is what it takes to make up for errors that are twice the
+        standard deviations with which the calibration predicted motions and temperatures.
+
+        Args:
+            parameters: description of the limb; a margin for limbs that are not calibrated if
+                None.
         """
-        return cls(duty_weight=10.0, temperature_margin=15.0, duty_margin=0.4)
+        record, margin = parameters and parameters.calibration, UNCALIBRATED_MARGIN
+        if parameters and record and record.bend_error > 0:
+            per_degree = _least_bend_by_temperature(parameters)
+            error = record.bend_error / per_degree + record.temperature_error  # °C
+            margin = min(margin, float(2.0 * MEAN_TO_DEVIATION * error))
+        return cls(duty_weight=3.0, temperature_margin=margin, duty_margin=0.3)
 
     @classmethod
     def load(cls, path: str | Path) -> "Task":
@@ -168,6 +181,27 @@ class Task:
         widest = steps.max()
         # Spacings that are equal except for rounding get exactly the weight one.
         return np.append(np.where(np.isclose(steps, widest, rtol=1e-9), 1.0, steps / widest), 1.0)
+
+
+def _least_bend_by_temperature(parameters: LimbParameters) -> float:
+    """Bend of a segment by a wire's temperature, rad/°C, of the wire that bends it least.
+
+    It is the mean from T_warm to T_max, on a limb whose other wires are at T_warm.
+    """
+    limits, held = parameters.temperature_limits, HeldAngles(parameters)
+
+    def bend(temperature: np.ndarray) -> np.ndarray:
+        angles = held.angles(held.wires.settled_states(temperature))
+        return bend_angle(parameters, angles[:, None])[:, 0]
+
+    warm = np.full(len(parameters.wires), limits.warm)
+    least, rise = np.inf, limits.maximum - limits.warm
+    for wires, segment in zip(parameters.wire_slices, range(len(parameters.segments)), strict=True):
+        for wire in range(wires.start, wires.stop):
+            hot = warm.copy()
+            hot[wire] = limits.maximum
+            least = min(least, abs(bend(hot)[segment] - bend(warm)[segment]) / rise)
+    return least
 
 
 def _check_weights(task: Task | Phase, whose: str) -> None:
