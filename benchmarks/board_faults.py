@@ -349,7 +349,9 @@ def calibrated_limb(seed: int) -> tuple[Specimen, LimbParameters]:
 def run_feedback(seed: int) -> list[dict]:
     """A limb with all controllers and faults."""
     specimen, parameters = calibrated_limb(seed)
-    trajectory = plan(parameters, references.step_and_decaying_sine(), task=Task.closed_loop())
+    trajectory = plan(
+        parameters, references.step_and_decaying_sine(), task=Task.closed_loop(parameters)
+    )
     return [
         result
         for name in CONTROLLERS

@@ -28,7 +28,9 @@ def main() -> None:
     parameters.segments[0].stiffening = 0.05
     for wire in parameters.wires:
         wire.law = HystereticLaw()
-    trajectory = plan(parameters, references.step_and_decaying_sine(), task=Task.closed_loop())
+    trajectory = plan(
+        parameters, references.step_and_decaying_sine(), task=Task.closed_loop(parameters)
+    )
     recording = replay(trajectory, LimbTwin(), controller=PlanFeedback(trajectory))
     print(f"{'one step':<24}{'median':>10}{'99%':>10}{'largest':>10}")
     for controller in (

@@ -43,7 +43,7 @@ from limb_systems.model.parameters import EmulatedLimb
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import Task, nearest_bend_angle, plan, references
 
-OTHER, OPEN_LOOP = "other", "open loop"
+OTHER, OPEN_LOOP, FEEDBACK = "other", "open loop", "plan feedback"
 STEP = 0.005  # s, of the limb's own integration
 SEED = 900_000  # of the first limb, far from those of `LimbTwin`
 PAUSE = 300.0  # s without heat before each recording of a motion
@@ -312,12 +312,15 @@ def take(physics: str, seed: int) -> dict:
         motions[name] = references.from_recording(taught, 1.0)
     runs = []
     for name, reference in motions.items():
-        for way, task in ((OPEN_LOOP, Task.paper()), ("feedback", Task.closed_loop())):
+        for way, task in (
+            (OPEN_LOOP, Task.paper()),
+            (FEEDBACK, Task.closed_loop(calibration.parameters)),
+        ):
             run = {"motion": name, "way": way}
             runs.append(run)
             try:
                 trajectory = plan(calibration.parameters, reference, task=task)
-                controller = PlanFeedback(trajectory) if way == "feedback" else None
+                controller = PlanFeedback(trajectory) if way == FEEDBACK else None
                 rested, start = limb.again(PAUSE, truth=True), time.process_time()
                 driven = replay(trajectory, rested, controller=controller)
             except LimbError as error:

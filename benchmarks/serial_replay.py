@@ -29,7 +29,7 @@ def main() -> None:
     limb = LimbParameters()
     times = np.linspace(0.0, 20.0, 201)
     reference = references.from_samples(times, 0.3 * np.sin(times / 3))
-    trajectory = plan(limb, reference, task=Task.closed_loop())
+    trajectory = plan(limb, reference, task=Task.closed_loop(limb))
     print(
         "controller          commands   late: median       99%    largest   by more than 5 ms   "
         "samples lost   replans begun, late   load"

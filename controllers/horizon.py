@@ -6,7 +6,9 @@ has a fifth of the states of (17), by sequential convex programs: the heat is
 linearized along the best duty known, a program with linear dynamics is solved, and
 the best of some steps towards its solution is taken, by the cost of the curved
 model. What has to be feasible once, T_max and T_warm, costs here instead, so
-that there is always a plan.
+that there is always a plan. So does heat beyond that of a plan of the whole motion,
+which knows what comes after the horizon: a wire that was too hot holds the limb for
+longer than that.
 """
 
 import dataclasses
@@ -27,6 +29,8 @@ ROUNDS = 1  # of linearizing and solving, from a plan before; two are not better
 FIRST_ROUNDS = 8  # from wires that are off
 SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.1, 0.03])  # of the way to a program's solution
 LITTLE = 1e-3  # relative; a round that reduces the cost by less is the last
+# °C, that a wire may be warmer than in the plan of the whole motion; 1/°C beyond that, of each knot.
+WARMER, WARMER_WEIGHT = 3.0, 0.03
 LIMIT_WEIGHT = 1.0  # 1/°C, of each knot beyond T_max or T_warm; as much as 11° of bend
 
 
@@ -84,6 +88,7 @@ class HorizonPlanner:
         task: its weights of angles, duty, temperature and the end, and its margins
             count; `horizon_task()` if None. T_max and T_warm may be passed, at a cost.
         duration, knot_rate: length of the horizon, s, and rate of its knots, Hz.
+        planned: a plan of the whole motion, from time 0 on, if there is one.
     """
 
     def __init__(
@@ -94,9 +99,10 @@ class HorizonPlanner:
         *,
         duration: float = DURATION,
         knot_rate: float = KNOT_RATE,
+        planned: Trajectory | None = None,
     ):
         task, limits = task or horizon_task(), parameters.temperature_limits
-        self._reference, self._limits = reference, limits
+        self._reference, self._limits, self._planned = reference, limits, planned
         self._times = times = np.arange(max(1, round(duration * knot_rate)) + 1) / knot_rate
         self._model = model = ReducedModel(parameters, 1.0 / knot_rate)
         self._num_states = model.size - model.num_wires
@@ -114,7 +120,7 @@ class HorizonPlanner:
     def of(cls, trajectory: Trajectory, task: Task | None = None) -> "HorizonPlanner":
         """A planner towards the reference of a `Planner`'s plan that starts at time 0."""
         reference = references.from_samples(trajectory.time, trajectory.reference)
-        return cls(trajectory.parameters, reference, task)
+        return cls(trajectory.parameters, reference, task, planned=trajectory)
 
     def plan(
         self,
@@ -136,7 +142,7 @@ class HorizonPlanner:
         times = time + self._times
         reference = self._reference.vector_values(np.minimum(times, self._reference.end_time()))
         warm = np.where(times > self._limits.warm_up_time, self._limits.warm, -np.inf)
-        aims = reference.T[1:] - bend_offset, warm[1:], gains
+        aims = reference.T[1:] - bend_offset, warm[1:], self._warmest(times[1:]), gains
         if previous is None:
             duty = np.zeros((len(times) - 1, self._model.num_wires))
         else:
@@ -183,12 +189,20 @@ class HorizonPlanner:
             success=True,
         )
 
+    def _warmest(self, times: np.ndarray) -> np.ndarray:
+        """How warm wires may be without a cost (K, W), °C, at times since the reference began."""
+        if self._planned is None:
+            return np.full((len(times), self._model.num_wires), np.inf)
+        T, at = self._planned.wire_temperature, self._planned.time
+        return WARMER + np.column_stack([np.interp(times, at, row) for row in T])
+
     def _costs(
         self,
         rollouts: np.ndarray,
         duty: np.ndarray,
         target: np.ndarray,
         warm: np.ndarray,
+        warmest: np.ndarray,
         gains: np.ndarray | None,
     ) -> np.ndarray:
         """The cost (B,) of heats (K + 1, B, H) under duty (B, K, W).
@@ -196,6 +210,8 @@ class HorizonPlanner:
         Args:
             target: bend of the model that is wanted at the knots but the first (K, S), rad.
             warm: T_warm at these knots, or -inf (K,), °C.
+            warmest: temperatures of the plan, with what wires may be warmer (K, W), °C.
+            gains: as for `plan`.
         """
         missed = self._model.bend_angle(rollouts[1:], gains) - target[:, None]
         T = self._model.temperatures(rollouts[1:])
@@ -205,6 +221,7 @@ class HorizonPlanner:
             + 0.5 * self._duty_weight * (duty**2).sum(axis=(1, 2))
             + (self._heat_weights[:, None] * (T - self._ambient)).sum(axis=(0, 2))
             + LIMIT_WEIGHT * beyond.sum(axis=(0, 2))
+            + WARMER_WEIGHT * np.maximum(T - warmest[:, None], 0.0).sum(axis=(0, 2))
         )
 
     def _solve(
@@ -213,13 +230,16 @@ class HorizonPlanner:
         duty: np.ndarray,
         target: np.ndarray,
         warm: np.ndarray,
+        warmest: np.ndarray,
         gains: np.ndarray | None,
     ) -> np.ndarray | None:
         """The best duty (K, W) where the model is linear about heats (K + 1, H); None if none."""
         self._set_dynamics(heats, duty)
         self._set_bend(heats[1:], target, gains)
-        for binding, lowest in zip(self._warm, warm, strict=True):
-            binding.evaluator().UpdateLowerBound(lowest / self._scales[: self._model.num_wires])
+        scales = self._scales[: self._model.num_wires]
+        for cool, hot, least, most in zip(self._cool, self._warmer, warm, warmest, strict=True):
+            cool.evaluator().UpdateLowerBound(least / scales)
+            hot.evaluator().UpdateUpperBound(most / scales)
         result = ClarabelSolver().Solve(self._prog, None, SolverOptions())
         if not result.is_success():
             return None
@@ -229,7 +249,8 @@ class HorizonPlanner:
         """The program; `_solve` fills in what depends on heats and aims.
 
         Its variables after each interval are the wires' states over their scales, what
-        each bend misses, rad, and how far each T is above T_max and below T_warm, °C.
+        each bend misses, rad, and how far each T is above T_max and the plan's, and below
+        T_warm, °C.
         """
         W, S, N = self._model.num_wires, self._model.num_segments, self._num_states
         prog = self._prog = MathematicalProgram()
@@ -245,11 +266,16 @@ class HorizonPlanner:
             prog.AddQuadraticCost(np.diag(weights), 0.0 * weights, variables, is_convex=True)
         T, scales = states[:, :W], self._scales[:W]
         prog.AddLinearCost((self._heat_weights * scales).ravel(), 0.0, T.ravel())
-        for excess in (hot, cool):
-            prog.AddLinearCost(np.full(excess.size, LIMIT_WEIGHT), 0.0, excess.ravel())
+        warmer = prog.NewContinuousVariables(K, W, "m")
+        for excess, weight in (
+            (hot, LIMIT_WEIGHT),
+            (cool, LIMIT_WEIGHT),
+            (warmer, WARMER_WEIGHT),
+        ):
+            prog.AddLinearCost(np.full(excess.size, weight), 0.0, excess.ravel())
             prog.AddBoundingBoxConstraint(0.0, np.inf, excess.ravel())
         prog.AddBoundingBoxConstraint(0.0, self._fullest, duty.ravel())
-        self._dynamics, self._bends, self._warm = [], [], []
+        self._dynamics, self._bends, self._cool, self._warmer = [], [], [], []
         below, above = np.full(W, -np.inf), np.full(W, np.inf)
         same, per_degree = np.eye(W), np.diag(1.0 / scales)
         for k in range(K):
@@ -266,7 +292,12 @@ class HorizonPlanner:
             prog.AddLinearConstraint(
                 np.hstack([same, -per_degree]), below, self._hottest / scales, np.r_[T[k], hot[k]]
             )
-            self._warm.append(
+            self._warmer.append(
+                prog.AddLinearConstraint(
+                    np.hstack([same, -per_degree]), below, above, np.r_[T[k], warmer[k]]
+                )
+            )
+            self._cool.append(
                 prog.AddLinearConstraint(
                     np.hstack([same, per_degree]), below, above, np.r_[T[k], cool[k]]
                 )

@@ -294,7 +294,7 @@ def photograph_live_page(path: Path) -> None:
     parameters = calibrate(recordings).parameters
     times = np.linspace(0.0, 12.0, 61)
     reference = references.from_samples(times, np.deg2rad(25.0) * np.sin(times / 2.0))
-    trajectory = plan(parameters, reference, task=Task.closed_loop())
+    trajectory = plan(parameters, reference, task=Task.closed_loop(parameters))
     installed = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
     with sync_playwright() as playwright:
         arguments = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]

@@ -260,4 +260,5 @@ def plan_motion(limb: LimbParameters, taught: Recording | None, loop: str) -> Tr
     reference = references.step_and_decaying_sine()
     if taught:
         reference = references.from_recording(taught, SMOOTHING_TIME)
-    return plan(limb, reference, task=Task.paper() if loop == OPEN_LOOP else Task.closed_loop())
+    task = Task.paper() if loop == OPEN_LOOP else Task.closed_loop(limb)
+    return plan(limb, reference, task=task)

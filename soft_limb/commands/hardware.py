@@ -37,7 +37,7 @@ from soft_limb.live.page import DONE, LivePage
 from soft_limb.reports.rollout import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary
 from soft_limb.runs import repetitions, teach_and_go
-from soft_limb.runs.rollout import roll_out, troubles
+from soft_limb.runs.rollout import NEAREST, roll_out, troubles
 
 
 def _ports(options: argparse.Namespace) -> int:
@@ -384,7 +384,7 @@ COMMANDS = {
         "the plan by a controller, a robot in real time. The folder has plan.csv, recording.csv, "
         "tracking.png and report.html.",
         "reference folder limb driven smooth live address json force",
-        [shared("controller", default="plan-feedback")],
+        [shared("controller", default=NEAREST)],
     ),
     "learn": Command(
         _learn,

@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from limb_systems import LimbParameters
 from limb_systems.output import check_outputs
 from planners import Task
 from planners.planning import MAX_KNOTS
@@ -22,11 +23,12 @@ def _plan(options: argparse.Namespace) -> int:
         tables=[options.output],
         force=options.force,
     )
+    limb = LimbParameters.of(options.limb)
     trajectory = plan_from_files(
         options.reference,
-        options.limb,
+        limb,
         options.smooth,
-        task=Task.closed_loop() if options.closed_loop else _task(options.task),
+        task=Task.closed_loop(limb) if options.closed_loop else _task(options.task),
         knot_rate=options.knot_rate,
         max_knots=options.max_knots,
         tolerance_deg=options.tolerance,

@@ -13,13 +13,16 @@ RECORDED = b"# limb recording"  # beginning of a recording's file
 
 
 def plan_from_files(
-    reference: str, limb: Path | None = None, smoothing_time: float = 0.5, **settings: Any
+    reference: str,
+    limb: LimbParameters | Path | None = None,
+    smoothing_time: float = 0.5,
+    **settings: Any,
 ) -> Trajectory:
     """Plans for a command, which a signal then ends at once.
 
     Args:
         reference: "fig5", or the path of a recording or of a CSV of time and degrees.
-        limb: path of the parameters; None for the nominal limb.
+        limb: parameters, or their path; None for the nominal limb.
         smoothing_time: window over which a recording's bend angle is smoothed, s.
         settings: further arguments of `planners.plan`.
 

@@ -9,7 +9,7 @@ from planners import Task
 from soft_limb.live.page import LivePage
 from soft_limb.reports.rollout import write_rollout_report
 from soft_limb.runs.planning import plan_from_files
-from soft_limb.runs.rollout import Rollout, roll_out
+from soft_limb.runs.rollout import NEAREST, Rollout, roll_out
 
 PLAN, RECORDING, PICTURE, REPORT = "plan.csv", "recording.csv", "tracking.png", "report.html"
 
@@ -21,7 +21,7 @@ def teach_and_go(
     *,
     limb: Path | None = None,
     smoothing_time: float = 0.5,
-    controller: str = "plan-feedback",
+    controller: str = NEAREST,
     real_time: bool = False,
     live: LivePage | None = None,
 ) -> tuple[Rollout, Summary]:
@@ -43,7 +43,9 @@ def teach_and_go(
     folder = Path(folder)
     say = live.say if live else lambda _: None
     say(f"Planning {reference}")
-    trajectory = plan_from_files(reference, limb, smoothing_time, task=Task.closed_loop())
+    parameters = LimbParameters.of(limb)
+    task = Task.closed_loop(parameters)
+    trajectory = plan_from_files(reference, parameters, smoothing_time, task=task)
     trajectory.save(folder / PLAN)
     say(f"Following {reference}, controller {controller}")
     rollout = roll_out(
