@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from pydrake import trajectories
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
 
+from controllers.plan_controller import bend_by_temperature, temperature_to_hold
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters, Trajectory
 from planners import Task, references
@@ -29,7 +30,7 @@ ROUNDS = 1  # of linearizing and solving, from a plan before; two are not better
 FIRST_ROUNDS = 8  # from wires that are off
 SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.1, 0.03])  # of the way to a program's solution
 LITTLE = 1e-3  # relative; a round that reduces the cost by less is the last
-# °C, that a wire may be warmer than in the plan of the whole motion; 1/°C beyond that, of each knot.
+# °C, that a wire may be warmer than in the plan of the whole motion; 1/°C, of each knot beyond.
 WARMER, WARMER_WEIGHT = 3.0, 0.03
 LIMIT_WEIGHT = 1.0  # 1/°C, of each knot beyond T_max or T_warm; as much as 11° of bend
 
@@ -105,6 +106,7 @@ class HorizonPlanner:
         self._reference, self._limits, self._planned = reference, limits, planned
         self._times = times = np.arange(max(1, round(duration * knot_rate)) + 1) / knot_rate
         self._model = model = ReducedModel(parameters, 1.0 / knot_rate)
+        self._bend_by_temperature = bend_by_temperature(model)
         self._num_states = model.size - model.num_wires
         self._scales = model.scales[: self._num_states]
         self._ambient, self._total = parameters.ambient_temperature, parameters.total_duty
@@ -142,7 +144,8 @@ class HorizonPlanner:
         times = time + self._times
         reference = self._reference.vector_values(np.minimum(times, self._reference.end_time()))
         warm = np.where(times > self._limits.warm_up_time, self._limits.warm, -np.inf)
-        aims = reference.T[1:] - bend_offset, warm[1:], self._warmest(times[1:]), gains
+        warmest = self._warmest(times[1:], bend_offset)
+        aims = reference.T[1:] - bend_offset, warm[1:], warmest, gains
         if previous is None:
             duty = np.zeros((len(times) - 1, self._model.num_wires))
         else:
@@ -189,12 +192,13 @@ class HorizonPlanner:
             success=True,
         )
 
-    def _warmest(self, times: np.ndarray) -> np.ndarray:
+    def _warmest(self, times: np.ndarray, bend_offset: np.ndarray) -> np.ndarray:
         """How warm wires may be without a cost (K, W), °C, at times since the reference began."""
         if self._planned is None:
             return np.full((len(times), self._model.num_wires), np.inf)
         T, at = self._planned.wire_temperature, self._planned.time
-        return WARMER + np.column_stack([np.interp(times, at, row) for row in T])
+        held = temperature_to_hold(self._bend_by_temperature, bend_offset)
+        return WARMER + held + np.column_stack([np.interp(times, at, row) for row in T])
 
     def _costs(
         self,

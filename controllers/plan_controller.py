@@ -134,7 +134,12 @@ def allocate(
 
 
 def mean_gains(model: ReducedModel) -> np.ndarray:
-    """g (S, W), rad/s: the bend rate by full duty, on average from T_warm to T_max.
+    """g (S, W), rad/s: the bend rate by full duty, on average from T_warm to T_max."""
+    return bend_by_temperature(model) * model.heating_rates
+
+
+def bend_by_temperature(model: ReducedModel) -> np.ndarray:
+    """Bend of each segment by each wire's temperature (S, W), rad/°C, from T_warm to T_max.
 
     Zero for the wires of other segments, by whose bend gravity bends a segment, too.
     """
@@ -146,7 +151,17 @@ def mean_gains(model: ReducedModel) -> np.ndarray:
         hot = warm.copy()
         hot[wire] = limits.maximum
         slopes.append((model.bend_angle(model.heated(hot)) - bend) / (limits.maximum - limits.warm))
-    return np.transpose(slopes) * model.heating_rates * np.abs(np.sign(model.sides))
+    return np.transpose(slopes) * np.abs(np.sign(model.sides))
+
+
+def temperature_to_hold(by_temperature: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """How much warmer wires are (W,), °C, that hold a limb against a bend from outside (S,), rad.
+
+    Args:
+        by_temperature: as of `bend_by_temperature` (S, W).
+    """
+    against = np.sign(by_temperature) * -offset[:, None]
+    return np.maximum(against, 0.0).max(axis=0) / np.abs(by_temperature).max(axis=0)
 
 
 def planned_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:

@@ -8,8 +8,10 @@ from controllers.plan_controller import (
     PlanController,
     SampledPlan,
     allocate,
+    bend_by_temperature,
     mean_gains,
     planned_gains,
+    temperature_to_hold,
 )
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters, Trajectory
@@ -69,7 +71,7 @@ class PlanFeedback(PlanController):
         self._plan, self._proportional = SampledPlan(trajectory, parameters), proportional
         super().__init__(parameters, self._plan.duty[0])
         model = self._estimator.model
-        self._mean_gains, self._heating = mean_gains(model), model.heating_rates
+        self._bend_by_temperature, self._heating = bend_by_temperature(model), model.heating_rates
         self._gains = planned_gains(model, self._plan)
         planned = self._plan.temperature
         self._planned_mean = self._mean(planned)
@@ -89,9 +91,7 @@ class PlanFeedback(PlanController):
         return allocate(self._proportional * missed, base, self._gains[k], caps)
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
-        by_temperature = self._mean_gains / self._heating  # rad/°C
-        against = np.sign(by_temperature) * -estimate.offset[:, None]
-        held = np.maximum(against, 0.0).max(axis=0) / np.abs(by_temperature).max(axis=0)
+        held = temperature_to_hold(self._bend_by_temperature, estimate.offset)
         lukewarm = self._parameters.temperature_limits.warm + LUKEWARM
         return np.maximum(self._highest[self._plan.index(time)] + held, lukewarm)
 
