@@ -13,6 +13,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from controllers.reduced_model import ReducedModel
 from limb_systems import Trajectory
+from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.model.kinematics import bend_angle
 from planners.transcription.descent import descend, first_that_reduces
 
@@ -88,6 +89,9 @@ class DutyCorrection:
         limits = plan.parameters.temperature_limits
         warm = self.nodes > limits.warm_up_time
         self._coolest = np.where(warm, limits.warm, -np.inf)
+        # °C, by which a wire may be warmer than its readings say: two standard deviations.
+        record = plan.parameters.calibration
+        self._unknown = 2.0 * MEAN_TO_DEVIATION * record.temperature_error if record else 0.0
 
     def duty_trajectory(self, correction: np.ndarray) -> PiecewisePolynomial:
         """The corrected duty since the start of the plan, in [0, 1] and within the total duty."""
@@ -256,7 +260,7 @@ class DutyCorrection:
         """Bounds of the model's T, from below and above, and of its V, at the nodes (M + 1, W)."""
         limits = self.plan.parameters.temperature_limits
         highest = limits.measured_maximum - READING_MARGIN - cooler
-        hottest = limits.maximum - cooler - errors.wire_temperature
+        hottest = limits.maximum - self._unknown - cooler - errors.wire_temperature
         coolest = self._coolest[:, np.newaxis] - errors.wire_temperature
         return np.minimum(coolest, hottest), hottest, highest - errors.measured_temperature
 

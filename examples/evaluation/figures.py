@@ -54,7 +54,7 @@ def _plot_poses(axis, recording: Recording, color: str) -> None:
 
 
 def plot_ways(motion: Motion) -> Figure:
-    """Open loop, feedback and the last repetition, side by side: bend as read and true, and V.
+    """Open loop, feedback and the best repetition, side by side: bend as read and true, and V.
 
     Titles have mean distances of the true bend from the reference and from the plan, and
     above all is what the limits leave.
@@ -62,7 +62,7 @@ def plot_ways(motion: Motion) -> Figure:
     shown = {
         OPEN_LOOP: motion.open_loop.rollouts[0],
         FEEDBACK: motion.ways[FEEDBACK].rollouts[0],
-        f"{LEARNING}, repetition {len(motion.ways[LEARNING].rollouts)}": motion.ways[
+        f"{LEARNING}, best of {len(motion.ways[LEARNING].rollouts)}": motion.ways[
             LEARNING
         ].rollouts[-1],
     }
@@ -132,6 +132,6 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure, str]]:
     if {FEEDBACK, LEARNING} <= driven.keys():
         result["ways"] = (
             plot_ways(validation),
-            "Fig. 5 in open loop, with feedback, and in the last repetition of learning",
+            "Fig. 5 in open loop, with feedback, and in the best repetition of learning",
         )
     return result

@@ -122,13 +122,13 @@ def error_panels(experiment: Experiment) -> list[Panel]:
 
 
 def ways_panels(motion: Motion) -> list[Panel]:
-    """Open loop, feedback and the last repetition: bend as read and true, and V."""
+    """Open loop, feedback and the best repetition: bend as read and true, and V."""
     repetitions = motion.ways[LEARNING].rollouts
     bends, heats = [], []
     for way, name, rollout in (
         (OPEN_LOOP, OPEN_LOOP, motion.open_loop.rollouts[0]),
         (FEEDBACK, FEEDBACK, motion.ways[FEEDBACK].rollouts[0]),
-        (LEARNING, f"repetition {len(repetitions)}", repetitions[-1]),
+        (LEARNING, f"best of {len(repetitions)}", repetitions[-1]),
     ):
         plan = motion.ways[way].trajectory.since_start()
         followed = Followed.of(Way(plan, [rollout]))
@@ -175,7 +175,7 @@ def ways_panels(motion: Motion) -> list[Panel]:
 
 
 def learning_panels(summaries: Sequence[Summary]) -> list[Panel]:
-    """Mean distances of each repetition: each limb thin, their mean thick, as read and true."""
+    """Mean distances of the best repetition so far, as read and true: limbs thin, mean thick."""
     whole, panels = [s for s in complete(summaries) if s.repetitions], []
     for motion in whole[0].repetitions:
         curves = []

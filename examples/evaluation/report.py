@@ -126,7 +126,7 @@ def _closed_loop(summaries: Sequence[Summary]) -> list[page.Section]:
                     "the readings of those before. The sensor's noise and drift do not repeat, and "
                     "stay in what is read; its gain does, and stays in the true bend."
                 ),
-                page.chart(learning_panels(summaries), "Mean distances of each repetition"),
+                page.chart(learning_panels(summaries), "Distances of the best repetition so far"),
             )
         )
     if rows := disturbance_table(summaries):

@@ -124,8 +124,9 @@ class Summary:
     - ``seed``, ``absent``: the limb's number, and which effects it was without.
     - ``nearest``: mean distance from the reference that the limits leave of each motion, of the
       best plan; None if it is not known.
-    - ``ways``: how each motion went in each way to drive it; learning is all its repetitions.
-    - ``repetitions``: how each repetition of each motion that was learned went.
+    - ``ways``: how each motion went in each way to drive it; of learning, the best repetitions
+      so far.
+    - ``repetitions``: how the best repetition went, after each, of each motion that was learned.
     - ``disturbed``: how the first motion went under each disturbance, in each way.
     - ``first``: mean error that was read in the first rollout of each motion, open loop.
     - ``split``: parts of each motion's error, see `error_split`.
@@ -268,7 +269,7 @@ def _rows_of(summary: Summary, motion: str) -> dict[str, Followed]:
     rows = {name: way for name, way in summary.ways[motion].items() if name != LEARNING}
     learned = summary.repetitions.get(motion, [])
     shown = sorted({n for n in SHOWN_REPETITIONS if n < len(learned)} | {len(learned)} - {0})
-    return rows | {f"{LEARNING}, repetition {n}": learned[n - 1] for n in shown}
+    return rows | {f"{LEARNING}, best of {n}": learned[n - 1] for n in shown}
 
 
 def _cells(group: Sequence[Followed]) -> list[str]:

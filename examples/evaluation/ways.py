@@ -47,9 +47,10 @@ def roll_out(
     a degree, and further ones by some hundredths. So the limb rests after the first one, and
     the others begin there; repetitions of learning, whose duty changes, each begin where
     the one before has left it. Noise depends on the number of the motion, too, but not on
-    the way.
+    the way. Of learning, each rollout is the best repetition so far, as the learner takes it.
     """
-    rollouts = []
+    rollouts: list[Recording] = []
+    repetitions: list[Recording] = []
     learner = Learner(trajectory) if way == LEARNING else None
     for number in range(count):
         if learner:
@@ -57,11 +58,14 @@ def roll_out(
         else:
             controller = CONTROLLERS[way](trajectory) if way in CONTROLLERS else None
         limb = specimen.with_noise(motion, number)
-        rollouts.append(_run(limb, trajectory, controller))
+        driven = _run(limb, trajectory, controller)
+        if learner:
+            repetitions.append(driven)
+            learner.update(_read(driven))
+            driven = repetitions[learner.best or 0]
+        rollouts.append(driven)
         if number == count - 1:
             break
-        if learner:
-            learner.update(_read(rollouts[-1]))
         if learner or number == 0:
             LimbTwin(specimen=limb).again(PAUSE)
             specimen = limb

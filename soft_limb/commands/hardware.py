@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from serial.tools import list_ports
 
+from controllers.duty_correction import TARGETS
 from controllers.learner import Repetition
 from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
 from hardware.emulation.emulator import ORDERS, emulate
@@ -262,7 +263,7 @@ def _learn(options: argparse.Namespace) -> int:
     if options.repetitions < 1:
         raise ReplayError(f"--repetitions is {options.repetitions}; it must be 1 or more.")
     trajectory, folder = Trajectory.load(options.trajectory), options.output
-    learner = repetitions.learner_in(folder, trajectory, force=options.force)
+    learner = repetitions.learner_in(folder, trajectory, options.target, force=options.force)
     if far := far_from_reference(trajectory):
         warnings.warn(far, stacklevel=1)
 
@@ -401,7 +402,14 @@ COMMANDS = {
                 type=int,
                 default=10,
                 help="in all, those before included (default %(default)s)",
-            )
+            ),
+            Option(
+                "--target",
+                choices=TARGETS,
+                default=TARGETS[0],
+                help="what the limb is to be near to: what the plan says, or what was asked for as "
+                "far as its limits allow (default %(default)s)",
+            ),
         ],
     ),
     "teach": Command(

@@ -375,9 +375,9 @@ def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions(evaluation):
         "best plan within the limits",
         "open loop",
         "plan feedback",
-        "learning, repetition 1",
-        "learning, repetition 4",
-        "learning, repetition 10",
+        "learning, best of 1",
+        "learning, best of 4",
+        "learning, best of 10",
         "the paper's robot",
     ]
     assert rows[0][:3] == [
