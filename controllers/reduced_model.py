@@ -76,8 +76,9 @@ class ReducedModel:
         """The heat (..., H) a period later, under duty (..., W), by the midpoint method."""
         middle = heat + 0.5 * self.period * self._wires.heat_rates(heat, duty)
         after = heat + self.period * self._wires.heat_rates(middle, duty)
-        states, readings = np.split(after, [self._wires.num_states], axis=-1)
-        return np.concatenate([self._wires.within(states), readings], axis=-1)
+        states = after[..., : self._wires.num_states]
+        states[...] = self._wires.within(states)
+        return after
 
     def joint_angles(self, heat: np.ndarray) -> np.ndarray:
         """θ (..., n) that the wires hold, rad."""

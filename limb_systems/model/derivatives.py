@@ -365,9 +365,10 @@ class SideBySide:
         shape = points.shape[:-1]
         values, derivatives = np.zeros((Q, *shape)), np.empty((size, *shape))
         # Numpy is fast where the points are the last axis, in a row.
-        point, on, done = np.ascontiguousarray(np.moveaxis(points, -1, 0)), None, 0
+        to_front, to_back = (len(shape), *range(len(shape))), (*range(1, len(shape) + 1), 0)
+        point, on, done = np.ascontiguousarray(points.transpose(to_front)), None, 0
         if weights is not None:
-            on = np.ascontiguousarray(np.moveaxis(weights, -1, 0))
+            on = np.ascontiguousarray(weights.transpose(to_front))
         for part in self._parts:
             count = part.variables.shape[1]
             constants = part.constants.reshape(*part.constants.shape, *[1] * len(shape))
@@ -383,7 +384,7 @@ class SideBySide:
             for number, value in enumerate(found):
                 rows[number :: len(found)] = value
             done += len(rows)
-        return np.moveaxis(values, 0, -1), np.moveaxis(derivatives, 0, -1)
+        return values.transpose(to_back), derivatives.transpose(to_back)
 
     def _evaluate_one(
         self, name: str, point: np.ndarray, weights: np.ndarray | None
