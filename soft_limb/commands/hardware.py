@@ -381,9 +381,9 @@ COMMANDS = {
     ),
     "follow": Command(
         _follow,
-        "Teach and go: plans what was taught, with margins for feedback, and drives a limb as near to "
-        "it as it can, or by another controller along the plan; a robot in real time. The folder has "
-        "plan.csv, recording.csv, tracking.png and report.html.",
+        "Teach and go: plans what was taught, with margins for feedback, and drives a limb as near "
+        "to it as it can, or by another controller along the plan; a robot in real time. The "
+        "folder has plan.csv, recording.csv, tracking.png and report.html.",
         "reference folder limb driven smooth live address json force",
         [shared("controller", default=NEAREST)],
     ),
