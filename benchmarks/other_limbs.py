@@ -33,7 +33,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.trajectories import PiecewisePolynomial, Trajectory
 
 from calibration import calibrate, collect_from_twin
-from controllers import PlanFeedback
+from controllers import PlanFeedback, RecedingHorizon
 from hardware import LimbTwin, replay, watch
 from hardware.emulation.sensors import Noise, SampledSensors, limb_sensors
 from hardware.emulation.twin import SPECIMENS
@@ -43,7 +43,8 @@ from limb_systems.model.parameters import EmulatedLimb
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import Task, nearest_bend_angle, plan, references
 
-OTHER, OPEN_LOOP, FEEDBACK = "other", "open loop", "plan feedback"
+OTHER, OPEN_LOOP = "other", "open loop"
+WAYS = {OPEN_LOOP: None, "plan feedback": PlanFeedback, "receding horizon": RecedingHorizon}
 STEP = 0.005  # s, of the limb's own integration
 SEED = 900_000  # of the first limb, far from those of `LimbTwin`
 PAUSE = 300.0  # s without heat before each recording of a motion
@@ -311,16 +312,15 @@ def take(physics: str, seed: int) -> dict:
         taught = watch(limb.again(PAUSE, hand=hand), hand.end_time())
         motions[name] = references.from_recording(taught, 1.0)
     runs = []
+    open_loop, closed_loop = Task.paper(), Task.closed_loop(calibration.parameters)
     for name, reference in motions.items():
-        for way, task in (
-            (OPEN_LOOP, Task.paper()),
-            (FEEDBACK, Task.closed_loop(calibration.parameters)),
-        ):
+        plan_for = functools.cache(functools.partial(plan, calibration.parameters, reference))
+        for way, kind in WAYS.items():
             run = {"motion": name, "way": way}
             runs.append(run)
             try:
-                trajectory = plan(calibration.parameters, reference, task=task)
-                controller = PlanFeedback(trajectory) if way == FEEDBACK else None
+                trajectory = plan_for(task=closed_loop if kind else open_loop)
+                controller = kind(trajectory) if kind else None
                 rested, start = limb.again(PAUSE, truth=True), time.process_time()
                 driven = replay(trajectory, rested, controller=controller)
             except LimbError as error:
