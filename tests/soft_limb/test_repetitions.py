@@ -32,11 +32,14 @@ def test_command_repeats_and_goes_on(plan_file, tmp_path, capsys, monkeypatch, l
     folder = tmp_path / "learned"
     assert main(["learn", plan_file, "-n", "2", "-o", str(folder)]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert re.fullmatch(r"repetition  1: mean \|φ\* - φ\| \d\.\d\d° as read", lines[0])
+    assert re.fullmatch(
+        r"repetition  1: as read mean \|φ_ref - φ\| \d\.\d\d°, \|φ\* - φ\| \d\.\d\d°", lines[0]
+    )
     assert lines[1].startswith("repetition  2: ")
     written = ["learning.txt", "learned.csv", "learning.png", "learning.html"]
-    assert lines[2].startswith("errors      mean |φ* - φ| ")
-    assert lines[3] == f"written     {', '.join(str(folder / name) for name in written)}"
+    assert lines[2].startswith("reference   |φ_ref - φ|: mean ")
+    assert lines[3].startswith("errors      mean |φ* - φ| ")
+    assert lines[4] == f"written     {', '.join(str(folder / name) for name in written)}"
     made = {path.name for path in folder.iterdir()}
     assert made == {*written, "repetition_1.csv", "repetition_2.csv"}
     report = (folder / "learning.html").read_text(encoding="utf-8")
