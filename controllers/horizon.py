@@ -22,6 +22,7 @@ from controllers.plan_controller import bend_by_temperature, temperature_to_hold
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters, Trajectory
 from planners import Task, references
+from planners.nearest import nearest_plan
 from planners.transcription.descent import descend
 from planners.transcription.program import temperature_weights
 
@@ -89,7 +90,8 @@ class HorizonPlanner:
         task: its weights of angles, duty, temperature and the end, and its margins
             count; `horizon_task()` if None. T_max and T_warm may be passed, at a cost.
         duration, knot_rate: length of the horizon, s, and rate of its knots, Hz.
-        planned: a plan of the whole motion, from time 0 on, if there is one.
+        planned: times (L,), s, and temperatures of the wires (W, L), °C, of a plan of the whole
+            motion, if there is one.
     """
 
     def __init__(
@@ -100,7 +102,7 @@ class HorizonPlanner:
         *,
         duration: float = DURATION,
         knot_rate: float = KNOT_RATE,
-        planned: Trajectory | None = None,
+        planned: tuple[np.ndarray, np.ndarray] | None = None,
     ):
         task, limits = task or horizon_task(), parameters.temperature_limits
         self._reference, self._limits, self._planned = reference, limits, planned
@@ -120,9 +122,14 @@ class HorizonPlanner:
 
     @classmethod
     def of(cls, trajectory: Trajectory, task: Task | None = None) -> "HorizonPlanner":
-        """A planner towards the reference of a `Planner`'s plan that starts at time 0."""
+        """A planner towards the reference of a `Planner`'s plan that starts at time 0.
+
+        Its wires are to be as warm as those of the plan that is nearest to the reference.
+        """
         reference = references.from_samples(trajectory.time, trajectory.reference)
-        return cls(trajectory.parameters, reference, task, planned=trajectory)
+        nearest = nearest_plan(trajectory)
+        planned = nearest and (trajectory.time, nearest[1])
+        return cls(trajectory.parameters, reference, task, planned=planned)
 
     def plan(
         self,
@@ -196,7 +203,7 @@ class HorizonPlanner:
         """How warm wires may be without a cost (K, W), °C, at times since the reference began."""
         if self._planned is None:
             return np.full((len(times), self._model.num_wires), np.inf)
-        T, at = self._planned.wire_temperature, self._planned.time
+        at, T = self._planned
         held = temperature_to_hold(self._bend_by_temperature, bend_offset)
         return WARMER + held + np.column_stack([np.interp(times, at, row) for row in T])
 

@@ -12,15 +12,18 @@ NEAREST = Task(duty_weight=1e-3, terminal_factor=1.0, duty_hold=0.0)
 KNOT_RATE = 5.0  # Hz; ten knots per second change the mean distance by 0.02°
 
 
-def nearest_bend_angle(trajectory: Trajectory) -> np.ndarray | None:
-    """Bend angles of the plan nearest to a trajectory's reference that the limits allow.
+def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None:
+    """Bend angles and wire temperatures of the plan nearest to a reference that the limits allow.
 
     The quasi-static program is solved with next to no weight on duty, from where the trajectory
     starts and within (18)-(20) and ``measured_maximum`` alone, whatever the trajectory's own task
     was. It takes about a second for a minute.
 
+    Args:
+        trajectory: a plan for the reference.
+
     Returns:
-        φ at the knots (S, K), rad; None if there is no such plan.
+        φ (S, K), rad, and T (W, K), °C, at the knots; None if there is no such plan.
     """
     parameters, plan = trajectory.parameters, trajectory.since_start()
     num_knots = min(len(plan.time), int(np.ceil(plan.duration * KNOT_RATE)) + 1)
@@ -41,6 +44,15 @@ def nearest_bend_angle(trajectory: Trajectory) -> np.ndarray | None:
         )
     except LimbError:  # infeasible, or the limb folds
         return None
-    angles = held.angles(heat[: len(states)].T)
-    nearest = bend_angle(parameters, angles.T)
-    return np.array([np.interp(plan.time, times, row) for row in nearest])
+    bend = bend_angle(parameters, held.angles(heat[: len(states)].T).T)
+    bend, temperature = (
+        np.array([np.interp(plan.time, times, row) for row in rows])
+        for rows in (bend, heat[: held.wires.num_wires])
+    )
+    return bend, temperature
+
+
+def nearest_bend_angle(trajectory: Trajectory) -> np.ndarray | None:
+    """The bend angles φ (S, K) of `nearest_plan`, rad; None if there is none."""
+    found = nearest_plan(trajectory)
+    return found and found[0]
