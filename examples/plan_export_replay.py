@@ -4,10 +4,9 @@
     python examples/plan_export_replay.py PLAN.csv [-p PORT] [-o FOLDER]
 
 Without a port an emulated limb stands in: the board's firmware in a process of its
-own, behind a pseudo-terminal. With one (`python -m hardware ports` lists them) it is
-your robot whose wires get hot. Ctrl-C switches them off, and every sample up to there
-is in the journal, `replay.unfinished.csv`. The plan of this script is for the nominal limb, which
-the emulated one is not: calibrate first, and see how much nearer it gets.
+own, behind a pseudo-terminal. With one (`python -m hardware ports` lists them) it is your robot
+whose wires get hot. Ctrl-C switches them off, and every sample up to there is in the journal,
+`replay.unfinished.csv`. The plan is for the nominal limb, which the emulated one is not.
 """
 
 import argparse

@@ -13,8 +13,6 @@ from limb_systems.input import read_text
 from limb_systems.model.statics import HeldAngles
 from limb_systems.schema import load_typed
 
-UNCALIBRATED_MARGIN = 15.0  # °C, of plans for feedback
-
 
 class TaskError(LimbError):
     """A field of a task is invalid."""
@@ -131,19 +129,21 @@ class Task:
     def closed_loop(cls, parameters: LimbParameters | None = None) -> "Task":
         """Weights and margins of plans that feedback follows: they leave it heat and duty.
 
-        The temperature margin is what it takes to make up for errors that are twice the
-        standard deviations with which the calibration predicted motions and temperatures.
+        A limb that is calibrated needs less of both. Its temperature margin is what it takes to
+        make up for errors that are twice the standard deviations with which the calibration
+        predicted motions and temperatures.
 
         Args:
-            parameters: description of the limb; a margin for limbs that are not calibrated if
-                None.
+            parameters: description of the limb; one that is not calibrated if None.
         """
-        record, margin = parameters and parameters.calibration, UNCALIBRATED_MARGIN
-        if parameters and record and record.bend_error > 0:
-            per_degree = _least_bend_by_temperature(parameters)
-            error = record.bend_error / per_degree + record.temperature_error  # °C
-            margin = min(margin, float(2.0 * MEAN_TO_DEVIATION * error))
-        return cls(duty_weight=3.0, temperature_margin=margin, duty_margin=0.3)
+        uncalibrated = cls(duty_weight=10.0, temperature_margin=15.0, duty_margin=0.4)
+        record = parameters and parameters.calibration
+        if not (parameters and record and record.bend_error > 0):
+            return uncalibrated
+        per_degree = _least_bend_by_temperature(parameters)
+        error = record.bend_error / per_degree + record.temperature_error  # °C
+        margin = min(2.0 * MEAN_TO_DEVIATION * error, uncalibrated.temperature_margin)
+        return cls(duty_weight=3.0, temperature_margin=float(margin), duty_margin=0.3)
 
     @classmethod
     def load(cls, path: str | Path) -> "Task":

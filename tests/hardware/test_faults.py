@@ -75,7 +75,7 @@ def test_a_host_that_is_told_to_stop(emulator, fig5_plan, tmp_path, record_prope
     fig5_plan.save(tmp_path / "plan.csv")
     command = ["replay", str(tmp_path / "plan.csv"), "--port", emulator.port, "--force"]
     for number, controller in (
-        (signal.SIGTERM, "open"),
+        (signal.SIGTERM, "open-loop"),
         (signal.SIGINT, "receding-horizon"),
         (signal.SIGHUP, "plan-feedback"),
     ):

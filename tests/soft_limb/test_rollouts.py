@@ -81,7 +81,7 @@ def test_what_was_taught_is_followed(tmp_path, capsys):
     planned = Trajectory.load(folder / "plan.csv")
     recording = Recording.load(folder / "recording.csv")
     assert said["controller"] == "receding-horizon"
-    assert planned.duty.max() == pytest.approx(0.7)  # at the margin of a plan for feedback
+    assert planned.duty.max() == pytest.approx(0.6)  # at the margin of a plan for feedback
     wanted = np.interp(recording.time, [0.0, 0.5, 4.0], [0.0, 25.0, 25.0])
     missed = np.abs(wanted - np.rad2deg(recording.bend_angle[0])).mean()
     assert said["reference_distance_deg"] == pytest.approx(missed, rel=1e-6)
