@@ -124,7 +124,7 @@ class HorizonPlanner:
     def of(cls, trajectory: Trajectory, task: Task | None = None) -> "HorizonPlanner":
         """A planner towards the reference of a `Planner`'s plan that starts at time 0.
 
-        Its wires are to be as warm as those of the plan that is nearest to the reference.
+        Its wires are to be hardly warmer than those of the plan that is nearest to the reference.
         """
         reference = references.from_samples(trajectory.time, trajectory.reference)
         nearest = nearest_plan(trajectory)
