@@ -3,13 +3,17 @@ PYTHON ?= python3.11
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test bench browser lint micropython notebooks docs linkcheck coverage clean
+.PHONY: demo test wheel bench browser lint micropython notebooks docs linkcheck coverage clean
 
 demo: $(VENV)/ready
-	$(BIN)/python examples/reproduce_paper.py out --quick
+	$(BIN)/soft-limb demo out --force
 
 test: $(VENV)/ready lint
 	$(BIN)/python -m pytest
+
+# What pip installs, in dist/.
+wheel: $(VENV)/ready
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
 
 bench: $(VENV)/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'

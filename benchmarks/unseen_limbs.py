@@ -25,23 +25,21 @@ import functools
 import json
 import os
 import re
-import sys
 import time
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process for each core
-sys.path.append(str(Path(__file__).parents[1] / "examples"))
 
 import numpy as np
 
 from calibration import calibrate, collect_from_twin
-from evaluation.experiment import MOTIONS, NUM_ANGLES, plan_motion, teach
-from evaluation.tables import Followed
-from evaluation.ways import FEEDBACK, OPEN_LOOP, roll_out
 from hardware import LimbTwin
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbError, LimbParameters, band
 from limb_systems.progress import Progress
+from soft_limb.evaluation.experiment import MOTIONS, NUM_ANGLES, plan_motion, teach
+from soft_limb.evaluation.tables import Followed
+from soft_limb.evaluation.ways import FEEDBACK, OPEN_LOOP, roll_out
 from soft_limb.runs.jobs import local_executor, run_each
 
 TOLD = re.compile(r"(?P<name>.+): predicted to (?P<bend>[\d.]+)° and (?P<heat>[\d.]+) °C")

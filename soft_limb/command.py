@@ -18,6 +18,7 @@ EXIT_STATUS = "exit status: 0 done, 1 it could not be done, 2 wrong usage, 130 s
 # For each command: its module in `soft_limb.commands`, which is imported when the command runs,
 # and what it does.
 COMMANDS = {
+    "demo": ("demo", "plan, calibrate and drive an emulated limb, as in the paper"),
     "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
     "collect": ("calibration", "record all that calibration needs"),
     "fit": ("calibration", "fit a limb to a folder of recordings"),

@@ -36,27 +36,13 @@ from limb_systems import (
     simulate,
 )
 from planners import plan, references
+from soft_limb.command import main
+from soft_limb.evaluation import disturbances, error_split, tables
+from soft_limb.evaluation import experiment as experiments
+from soft_limb.evaluation.ways import Way
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LAWS = (LinearLaw,)  # plans for the others take several times as long
-
-
-@pytest.fixture(scope="module")
-def evaluation():
-    """The modules beside the script, which are no package of the distribution."""
-    sys.path.insert(0, str(EXAMPLES))
-    try:
-        from evaluation import disturbances, error_split, experiment, tables, ways
-
-        yield SimpleNamespace(
-            disturbances=disturbances,
-            error_split=error_split,
-            experiment=experiment,
-            tables=tables,
-            ways=ways,
-        )
-    finally:
-        sys.path.remove(str(EXAMPLES))
 
 
 class AtOnce(concurrent.futures.Executor):
@@ -69,10 +55,8 @@ class AtOnce(concurrent.futures.Executor):
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory, evaluation):
+def demo(tmp_path_factory):
     """The folder that the demo leaves, and what it said, with few and short recordings."""
-    import reproduce_paper  # `evaluation` has put it on the path
-
     folder = tmp_path_factory.mktemp("demo") / "out"
     shorter = {"longest": 30.0, "cooling_time": 60.0, "sag_trials": 2, "ring_downs": 1}
     collect = functools.partial(collect_from_twin, **shorter)
@@ -82,16 +66,20 @@ def demo(tmp_path_factory, evaluation):
         # In this process, where recordings, fits and rests can be kept short, which take most of
         # the time.
         mock.patch("soft_limb.runs.jobs.local_executor", return_value=AtOnce()),
-        mock.patch("evaluation.experiment.collect_from_twin", collect),
-        mock.patch("evaluation.experiment.calibrate", functools.partial(calibrate, laws=LAWS)),
+        mock.patch("soft_limb.evaluation.experiment.collect_from_twin", collect),
+        mock.patch(
+            "soft_limb.evaluation.experiment.calibrate", functools.partial(calibrate, laws=LAWS)
+        ),
         mock.patch("calibration.prediction.law_fit.MOST_ITERATIONS", 4),
-        mock.patch("evaluation.ways.PAUSE", 20.0),
-        mock.patch("evaluation.experiment.PAUSE", 20.0),
+        mock.patch("soft_limb.evaluation.ways.PAUSE", 20.0),
+        mock.patch("soft_limb.evaluation.experiment.PAUSE", 20.0),
         mock.patch.object(sys, "argv", ["reproduce_paper.py", str(folder), "--quick", *few]),
         contextlib.redirect_stdout(said),
         contextlib.redirect_stderr(complained),
+        pytest.raises(SystemExit) as ended,
     ):
-        assert reproduce_paper.main() == 0, complained.getvalue()
+        runpy.run_path(str(EXAMPLES / "reproduce_paper.py"), run_name="__main__")
+    assert ended.value.code == 0, complained.getvalue()
     return folder, said.getvalue(), complained.getvalue()
 
 
@@ -189,15 +177,15 @@ def test_taught_motions_are_what_the_paper_says(demo):
     assert np.median(speed(first)) > 2 * np.median(speed(second))
 
 
-def test_interval_of_the_mean_is_students(evaluation):
+def test_interval_of_the_mean_is_students():
     """Of 1, 2, 3, 4, 5: standard error sqrt(2.5 / 5), and t(97.5%, 4) = 2.776 in any table."""
-    mean, margin = evaluation.tables.mean_and_margin([1.0, 2.0, 3.0, 4.0, 5.0])
+    mean, margin = tables.mean_and_margin([1.0, 2.0, 3.0, 4.0, 5.0])
     assert mean == 3.0
     assert margin == pytest.approx(2.776 * np.sqrt(0.5), rel=1e-3)
 
 
 @pytest.fixture(scope="module")
-def driven(evaluation):
+def driven():
     """A limb that is a model, which was calibrated with other parameters, and its motion."""
     calibrated = LimbParameters()
     times = np.linspace(0.0, 40.0, 401)
@@ -218,14 +206,12 @@ def driven(evaluation):
 
     def experiment(rollouts):
         motions = [
-            evaluation.experiment.Motion(
-                name, None, {"open loop": evaluation.ways.Way(trajectory, recordings)}
-            )
+            experiments.Motion(name, None, {"open loop": Way(trajectory, recordings)})
             for name, recordings in rollouts.items()
         ]
         ways = {motion.name: motion.open_loop for motion in motions}
-        split = evaluation.error_split.error_split(calibration, ways)
-        return evaluation.experiment.Experiment(
+        split = error_split.error_split(calibration, ways)
+        return experiments.Experiment(
             Specimen(calibrated, 0), {}, calibration, motions, {}, split, {}
         )
 
@@ -234,7 +220,7 @@ def driven(evaluation):
     )
 
 
-def test_split_of_a_limb_that_is_a_model_finds_its_parameters(evaluation, driven):
+def test_split_of_a_limb_that_is_a_model_finds_its_parameters(driven):
     """The limb is the model with other a1 and a2, so that its form makes no difference."""
     read = copy.deepcopy(driven.exact)
     noise = np.random.default_rng(0).normal(0.0, 1.0, read.bend_angle.shape)
@@ -254,7 +240,7 @@ def test_split_of_a_limb_that_is_a_model_finds_its_parameters(evaluation, driven
     assert all(abs(part) <= difference for difference, part in steps.values())
 
 
-def test_rollouts_that_were_aborted_are_counted_and_compared_up_to_then(evaluation, driven):
+def test_rollouts_that_were_aborted_are_counted_and_compared_up_to_then(driven):
     exact = driven.exact
     whole = dataclasses.replace(exact, bend_angle=exact.bend_angle + np.deg2rad(0.5))
     signals = ("time", "duty", "measured_temperature", "bend_angle")
@@ -262,14 +248,14 @@ def test_rollouts_that_were_aborted_are_counted_and_compared_up_to_then(evaluati
     half = {name: getattr(exact, name)[..., :401] for name in signals}
     half["bend_angle"] = half["bend_angle"] + np.deg2rad(2.5)
     aborted = dataclasses.replace(exact, **half, interrupted="too hot")
-    names = list(evaluation.tables.PAPER_TABLE_1)
+    names = list(tables.PAPER_TABLE_1)
     rollouts = ([aborted, whole], [whole, whole], [aborted, aborted])
     experiment = driven.experiment(dict(zip(names, rollouts, strict=True)))
-    summary = evaluation.tables.summarize(experiment)
+    summary = tables.summarize(experiment)
     followed = [ways["open loop"] for ways in summary.ways.values()]
     assert [(way.aborted, way.rollouts) for way in followed] == [(1, 2), (0, 2), (2, 2)]
-    assert list(summary.approaches[evaluation.tables.PREDICTION].values()) == followed
-    (row,) = evaluation.tables.approach_table([summary])
+    assert list(summary.approaches[tables.PREDICTION].values()) == followed
+    (row,) = tables.approach_table([summary])
     assert row[-1] == "50%"
     planned = np.interp(exact.time, driven.trajectory.time, driven.trajectory.bend_angle[0])
     away = np.rad2deg(exact.bend_angle[0] - planned)
@@ -282,38 +268,53 @@ def test_rollouts_that_were_aborted_are_counted_and_compared_up_to_then(evaluati
     for name in names:
         parts = [part for _, part in summary.split[name].values()]
         assert sum(parts) == pytest.approx(summary.first[name], abs=1e-9)
-    differences, added = (evaluation.tables.split_table([summary], which) for which in (0, 1))
+    differences, added = (tables.split_table([summary], which) for which in (0, 1))
     assert (
         differences[-1]
         == added[-1]
         == ["the whole error"] + [f"{summary.first[name]:.2f}" for name in names]
     )
-    rows = evaluation.tables.table_1([summary, summary])
+    rows = tables.table_1([summary, summary])
     aborted = [row[-1] for row in rows if row[1].endswith("open loop")]
     assert aborted == ["2 of 4", "0 of 4", "4 of 4"]
 
 
-def test_absences_are_compared_limb_by_limb(evaluation):
+def test_absences_are_compared_limb_by_limb():
     def summary(seed, absent, error):
         motions = ("Validation", "T&R 1", "T&R 2")
-        split = {m: dict.fromkeys(evaluation.error_split.STEPS, (1.0, 1.0)) for m in motions}
+        split = {m: dict.fromkeys(error_split.STEPS, (1.0, 1.0)) for m in motions}
         first = dict.fromkeys(motions, error)
-        return evaluation.tables.Summary(
-            seed, absent, {}, {}, {}, {}, first, split, {}, "LinearLaw"
-        )
+        return tables.Summary(seed, absent, {}, {}, {}, {}, first, split, {}, "LinearLaw")
 
     summaries = [summary(0, (), 2.0), summary(1, (), 6.0)]
     summaries += [summary(0, ("silicone",), 3.0), summary(1, ("silicone",), 7.2)]
-    rows = evaluation.tables.absence_table(summaries)
+    rows = tables.absence_table(summaries)
     assert rows[0] == ["with all effects", "4.00", "4.00", "4.00"]
     # Changes of 1 and 1.2: mean 1.1, standard error 0.1, and t(97.5%, 1) = 12.706.
     assert rows[1] == ["without silicone"] + ["5.10 (+1.10 ± 1.27)"] * 3
-    assert (
-        "changes by +1.10 ± 1.27°, which may be chance" in evaluation.tables.findings(summaries)[1]
+    assert "changes by +1.10 ± 1.27°, which may be chance" in tables.findings(summaries)[1]
+
+
+def test_demo_plans_first_and_then_does_what_quick_does(tmp_path, monkeypatch, capsys):
+    asked = []
+    monkeypatch.setattr("soft_limb.evaluation.reproduce.run_all", lambda *_: asked.append(_) or [])
+    monkeypatch.setattr(
+        "soft_limb.evaluation.reproduce.evaluate", lambda settings, tell: asked.append(settings)
     )
+    with pytest.raises(AssertionError):  # no limb was run
+        main(["demo", str(tmp_path)])
+    assert "check       simulated again" in capsys.readouterr().out
+    planned = Trajectory.load(tmp_path / "first_plan.csv")
+    assert planned.parameters == LimbParameters()
+    monkeypatch.setattr(sys, "argv", ["reproduce_paper.py", str(tmp_path), "--quick"])
+    with pytest.raises(AssertionError):
+        runpy.run_path(str(EXAMPLES / "reproduce_paper.py"), run_name="__main__")
+    assert asked[0] == asked[2]
+    assert main(["demo", str(tmp_path)]) == 1
+    assert "first_plan.csv exists" in capsys.readouterr().err
 
 
-def test_command_refuses_no_limbs(evaluation, monkeypatch, capsys):
+def test_command_refuses_no_limbs(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["reproduce_paper.py", "--limbs", "0"])
     with pytest.raises(SystemExit) as caught:
         runpy.run_path(str(EXAMPLES / "reproduce_paper.py"), run_name="__main__")
@@ -322,13 +323,13 @@ def test_command_refuses_no_limbs(evaluation, monkeypatch, capsys):
     assert "--limbs, --rollouts, --repetitions and --angles must be one or more" in said
 
 
-def test_hands_move_through_their_points(evaluation):
+def test_hands_move_through_their_points():
     """From rest to rest, and never farther than from one point to the next."""
-    for name in evaluation.experiment.HANDS:
-        file = evaluation.experiment.HANDS[name]
-        times, degrees = np.loadtxt(EXAMPLES / "evaluation" / file, delimiter=",").T
+    for name in experiments.HANDS:
+        file = experiments.HANDS[name]
+        times, degrees = np.loadtxt(Path(experiments.__file__).with_name(file), delimiter=",").T
         assert (times[0], times[-1]) == (0.0, 60.0)
-        course = evaluation.experiment.hand_course(name)
+        course = experiments.hand_course(name)
         assert np.rad2deg(course.vector_values(times)[0]) == pytest.approx(degrees)
         rates = course.MakeDerivative().vector_values([0.0, 60.0])
         np.testing.assert_allclose(rates, 0.0, atol=1e-12)
@@ -338,9 +339,7 @@ def test_hands_move_through_their_points(evaluation):
             assert between.max() <= max(ends) + 1e-9
 
 
-def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions(evaluation):
-    tables = evaluation.tables
-
+def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions():
     def followed(error, aborted=0):
         return tables.Followed(
             5, aborted, error + 2, 2.0, 1.5, (error,) * 3, error / 2, 0.5, 90.0, 95.0
@@ -417,14 +416,14 @@ def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions(evaluation):
     assert table[2][5] == "4 of 20"
 
 
-def test_bend_is_read_late_absent_or_held(evaluation):
+def test_bend_is_read_late_absent_or_held():
     """A ramp of one unit in a second, seen where a controller would update, every 0.05 s."""
 
     def seen(**changes):
         builder = DiagramBuilder()
         ramp = PiecewisePolynomial.FirstOrderHold([0.0, 9.0], [[1.0, 10.0]])
         source = builder.AddSystem(TrajectorySource(ramp))
-        path = builder.AddSystem(evaluation.disturbances.BendPath(1, **changes))
+        path = builder.AddSystem(disturbances.BendPath(1, **changes))
         builder.Connect(source.get_output_port(), path.get_input_port())
         log = LogVectorOutput(path.get_output_port(), builder, 0.05)
         simulator = Simulator(builder.Build())
@@ -441,7 +440,7 @@ def test_bend_is_read_late_absent_or_held(evaluation):
     np.testing.assert_allclose(np.delete(held, np.s_[20:30]), np.delete(1 + time, np.s_[20:30]))
 
 
-def test_a_disturbed_controller_has_the_ports_of_a_controller(evaluation, fig5_plan):
+def test_a_disturbed_controller_has_the_ports_of_a_controller(fig5_plan):
     """And drives a limb by what it is shown."""
     shown = []
 
@@ -460,7 +459,7 @@ def test_a_disturbed_controller_has_the_ports_of_a_controller(evaluation, fig5_p
                 )
             )
 
-    controller = evaluation.disturbances.behind_bend_path(Watching(), start=1.0, absence=2.0)
+    controller = disturbances.behind_bend_path(Watching(), start=1.0, absence=2.0)
     recording = replay(fig5_plan, LimbTwin(seed=3), controller=controller)
     assert not np.isnan(recording.bend_angle).any()
     temperatures, bends = np.split(np.array(shown), [2], axis=1)

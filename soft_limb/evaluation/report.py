@@ -6,15 +6,16 @@ import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from evaluation.experiment import NUM_ANGLES, Experiment
-from evaluation.panels import (
+from limb_systems.views.plots import Figure
+from soft_limb.evaluation.experiment import NUM_ANGLES, Experiment
+from soft_limb.evaluation.panels import (
     error_panels,
     learning_panels,
     limbs_panels,
     panels_of,
     split_panels,
 )
-from evaluation.tables import (
+from soft_limb.evaluation.tables import (
     APPROACH_HEADER,
     DISTURBANCE_HEADER,
     PAPER_TABLE_1,
@@ -28,8 +29,7 @@ from evaluation.tables import (
     split_table,
     table_1,
 )
-from evaluation.ways import PAUSE
-from limb_systems.views.plots import Figure
+from soft_limb.evaluation.ways import PAUSE
 from soft_limb.reports import page
 from soft_limb.reports.calibration import parameter_table
 from soft_limb.results.summaries import plan_summary, validation_summary
@@ -59,7 +59,7 @@ def write_report(
     """
     count = len(complete(summaries))
     limbs = f"{count} emulated limbs" if count > 1 else "an emulated limb"
-    parts = [
+    parts: list[page.Part] = [
         page.paragraph(
             "Trajectory optimization for a thermally actuated soft planar limb, after Wertz, "
             f"Sabelhaus and Majidi: {limbs}, recorded, calibrated, taught, planned for and driven "
@@ -107,7 +107,7 @@ def _table_1(summaries: Sequence[Summary]) -> page.Section:
         "bend; highest reading V and true temperature T of any wire, °C; how many rollouts were "
         "aborted as a wire was measured at the board's limit of 110 °C; these count up to then."
     )
-    parts: list[page.Part] = [page.table(TABLE_1_HEADER, table_1(summaries), caption)]
+    parts = [page.table(TABLE_1_HEADER, table_1(summaries), caption)]
     if len(complete(summaries)) > 1:
         parts.append(page.paragraph("± is half of the 95% confidence interval over limbs."))
         text = "Table I for each limb, open loop: from the reference, and from the plan"
@@ -226,7 +226,7 @@ def _parameters(experiment: Experiment) -> page.Section:
         "Parameters and plans",
         page.paragraph(
             f"The limb that is shown, seed {experiment.specimen.seed}. Validation, open loop: "
-            f"{validation_summary(calibration.validation).line()}."
+            f"{validation_summary(experiment.validation).line()}."
         ),
         parameter_table(calibration),
         page.items([remark.sentence for remark in calibration.remarks]),

@@ -22,9 +22,9 @@ from calibration.calibrate import Calibration
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import fit_law
 from calibration.prediction.selection import rubber_of
-from evaluation.ways import Way
 from limb_systems import Limb, simulate
 from limb_systems.tracking import true_bend
+from soft_limb.evaluation.ways import Way
 
 STEPS = {
     "collocation": "plan against the simulated model",

@@ -5,14 +5,14 @@ import dataclasses
 from collections.abc import Sequence
 
 from controllers import Learner, PlanFeedback, PlanRegulator, RecedingHorizon
-from evaluation.disturbances import (
+from hardware import LimbTwin, replay
+from hardware.emulation.specimen import Specimen
+from limb_systems import LimbParameters, Recording, Trajectory
+from soft_limb.evaluation.disturbances import (
     LIMB_DISTURBANCES,
     SENSOR_DISTURBANCES,
     behind_bend_path,
 )
-from hardware import LimbTwin, replay
-from hardware.emulation.specimen import Specimen
-from limb_systems import LimbParameters, Recording, Trajectory
 
 OPEN_LOOP, FEEDBACK, REGULATOR, HORIZON, LEARNING = (
     "open loop",

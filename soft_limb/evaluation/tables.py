@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import t as student
 
-from evaluation.error_split import STEPS
-from evaluation.experiment import Experiment
-from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way
 from limb_systems import Provenance, Trajectory
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import nearest_bend_angle
+from soft_limb.evaluation.error_split import STEPS
+from soft_limb.evaluation.experiment import Experiment
+from soft_limb.evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way
 
 STATISTICS = ("mean", "median", "90th percentile")
 ABORTED = "aborted rollouts"
@@ -81,11 +81,12 @@ class Followed:
     @classmethod
     def of(cls, way: Way) -> "Followed":
         trajectory, rollouts = way.trajectory.since_start(), way.rollouts
+        wires = [rollout.wire_temperature for rollout in rollouts]
         truths = [true_bend(rollout) for rollout in rollouts]
         errors = tracking_errors(trajectory, rollouts)
         statistics = np.rad2deg([errors.mean, errors.median, errors.percentile_90])
         read, true = (reference_distances(trajectory, runs) for runs in (rollouts, truths))
-        distances = np.rad2deg([true.done, read.done, read.planned]).tolist()
+        distances = np.rad2deg(np.array([true.done, read.done, read.planned], float)).tolist()
         return cls(
             rollouts=len(rollouts),
             aborted=sum(bool(rollout.interrupted) for rollout in rollouts),
@@ -96,7 +97,7 @@ class Followed:
             true=float(np.rad2deg(tracking_errors(trajectory, truths).mean)),
             reading=_mean_reading_error(way),
             highest_reading=float(max(r.measured_temperature.max() for r in rollouts)),
-            highest_temperature=float(max(r.wire_temperature.max() for r in rollouts)),
+            highest_temperature=float(max(t.max() for t in wires if t is not None)),
         )
 
     @property
@@ -367,17 +368,17 @@ def findings(summaries: Sequence[Summary]) -> list[str]:
         step: np.mean([[s.split[m][step][0] for m in PAPER_TABLE_1] for s in whole])
         for step in STEPS
     }
-    order = sorted(sizes, key=sizes.get, reverse=True)
+    order = sorted(sizes, key=lambda step: sizes[step], reverse=True)
     sentences = [
         "By what they make of the bend angle, over all motions, the steps rank: "
         + ", ".join(f"{step} {sizes[step]:.2f}°" for step in order)
         + "."
     ]
-    by_absence = {}
+    by_absence: dict[tuple[str, ...], list[float]] = {}
     base = {s.seed: np.mean(list(s.first.values())) for s in whole}
     for s in summaries:
         if s.absent:
-            change = np.mean(list(s.first.values())) - base[s.seed]
+            change = float(np.mean(list(s.first.values())) - base[s.seed])
             by_absence.setdefault(s.absent, []).append(change)
     for absent, changes in by_absence.items():
         change, margin = mean_and_margin(changes)

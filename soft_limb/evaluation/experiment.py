@@ -6,14 +6,20 @@ import functools
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import Calibration, calibrate, collect_from_twin
-from evaluation.disturbances import DISTURBANCES
-from evaluation.error_split import error_split
-from evaluation.ways import (
+from calibration.validation import Validation
+from hardware import LimbTwin, watch
+from hardware.emulation.specimen import Specimen
+from limb_systems import LimbParameters, Recording, Trajectory
+from planners import Task, plan, references
+from soft_limb.evaluation.disturbances import DISTURBANCES
+from soft_limb.evaluation.error_split import error_split
+from soft_limb.evaluation.ways import (
     CLOSED_LOOP,
     FEEDBACK,
     HORIZON,
@@ -24,10 +30,6 @@ from evaluation.ways import (
     roll_out,
     roll_out_disturbed,
 )
-from hardware import LimbTwin, watch
-from hardware.emulation.specimen import Specimen
-from limb_systems import LimbParameters, Recording, Trajectory
-from planners import Task, plan, references
 from soft_limb.runs.jobs import Evaluation
 
 # Table I has the distance of each plan from its reference.
@@ -120,6 +122,12 @@ class Experiment:
     split: dict[str, dict[str, tuple[float, float]]]
     compared: dict[str, list[Motion]]
 
+    @property
+    def validation(self) -> Validation:
+        """The calibration's; recordings of an emulated limb are enough for one."""
+        assert self.calibration.validation is not None
+        return self.calibration.validation
+
 
 def hand_course(name: str) -> PiecewisePolynomial:
     """What the hand moves through for a taught motion, rad; it rests at both ends."""
@@ -171,15 +179,21 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
     opened = {motion: plans[motion, OPEN_LOOP, ""] for motion in MOTIONS}
     counts = dict.fromkeys(CLOSED_LOOP, min(NUM_CLOSED_LOOP, settings.rollouts))
     counts |= {LEARNING: settings.repetitions, HORIZON: 1}
-    calls = [functools.partial(open_loop, rested, calibration, opened, settings.rollouts)]
+    calls: list[Callable[[], Any]] = [
+        functools.partial(open_loop, rested, calibration, opened, settings.rollouts)
+    ]
     for motion, way, limb in runs:
         count = counts.get(way, 1)
         trajectory = plans[motion, OPEN_LOOP if way == OPEN_LOOP else FEEDBACK, limb]
         number = MOTIONS.index(motion)
         calls.append(functools.partial(roll_out, rested, trajectory, way, count, number))
-    both = {loop: plans.get((MOTIONS[0], loop, "")) for loop in (OPEN_LOOP, FEEDBACK)}
+    first = {
+        loop: plan
+        for (motion, loop, limb), plan in plans.items()
+        if motion == MOTIONS[0] and not limb
+    }
     calls += [
-        functools.partial(roll_out_disturbed, rested, both, disturbance)
+        functools.partial(roll_out_disturbed, rested, first, disturbance)
         for disturbance in settings.disturbances
     ]
     (firsts, split), *driven = yield calls

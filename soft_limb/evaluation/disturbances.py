@@ -1,5 +1,7 @@
 """What a limb may meet after its calibration, and what its sensors may do."""
 
+from typing import Any
+
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
@@ -94,7 +96,7 @@ class BendPath(LeafSystem):
         output.SetFromVector(shown)
 
 
-def behind_bend_path(controller: System, **changes) -> Diagram:
+def behind_bend_path(controller: System, **changes: Any) -> Diagram:
     """A controller with the same ports, which the bend reaches by a `BendPath`.
 
     Args:

@@ -1,20 +1,10 @@
 """What came of the evaluation in panels: Figs. 4 to 6, Table I and the split of the error."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from evaluation.error_split import STEPS
-from evaluation.experiment import Experiment, Motion
-from evaluation.tables import (
-    PAPER_TABLE_1,
-    STATISTICS,
-    Followed,
-    Summary,
-    complete,
-    mean_and_margin,
-)
-from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way
 from limb_systems.tracking import true_bend
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
@@ -25,6 +15,17 @@ from limb_systems.views.colors import (
     wire_colors,
 )
 from limb_systems.views.panels import Curve, Panel, tracking_panels
+from soft_limb.evaluation.error_split import STEPS
+from soft_limb.evaluation.experiment import Experiment, Motion
+from soft_limb.evaluation.tables import (
+    PAPER_TABLE_1,
+    STATISTICS,
+    Followed,
+    Summary,
+    complete,
+    mean_and_margin,
+)
+from soft_limb.evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way
 from soft_limb.reports.calibration_panels import validation_panels
 
 MOTION_TICKS = dict(enumerate(PAPER_TABLE_1))
@@ -67,7 +68,7 @@ def limbs_panels(summaries: Sequence[Summary]) -> list[Panel]:
 def _limbs_and_mean(at: np.ndarray, values: np.ndarray) -> list[Curve]:
     """Values of each limb (limbs, motions), and their mean with its interval."""
     mean, margin = np.transpose([mean_and_margin(column) for column in values.T])
-    every = {"marks": True, "alpha": 0.4}
+    every: dict[str, Any] = {"marks": True, "alpha": 0.4}
     return [
         Curve("each limb", np.tile(at, len(values)), values.ravel(), ROLLOUT_COLOR, **every),
         Curve("mean, 95% interval", at + 0.1, mean, NEUTRAL_COLOR, band=margin, marks=True),
@@ -199,7 +200,7 @@ def panels_of(experiment: Experiment) -> dict[str, list[Panel]]:
     """The paper's figures of one limb, as far as there is something to look into; by `figures`."""
     validation, *taught = experiment.motions
     driven = {"fig5": validation, "fig6a": taught[0], "fig6b": taught[1]}
-    result = {"fig4": validation_panels(experiment.calibration.validation)}
+    result = {"fig4": validation_panels(experiment.validation)}
     for name, motion in driven.items():
         way = motion.open_loop
         result[name] = tracking_panels(way.trajectory, way.rollouts)

@@ -2,9 +2,6 @@
 
 import numpy as np
 
-from evaluation.experiment import Experiment, Motion
-from evaluation.tables import Followed, nearest_distance
-from evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way
 from limb_systems import Recording, joint_angles_from_bend_angle
 from limb_systems.tracking import true_bend
 from limb_systems.views.colors import (
@@ -14,17 +11,20 @@ from limb_systems.views.colors import (
     wire_colors,
 )
 from limb_systems.views.plots import WIDTH, Figure, plot_tracking
+from soft_limb.evaluation.experiment import Experiment, Motion
+from soft_limb.evaluation.tables import Followed, nearest_distance
+from soft_limb.evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way
 from soft_limb.reports.calibration import plot_validation
 
 
 def plot_taught(experiment: Experiment) -> Figure:
     """Fig. 7: the limb while it is taught, and while it repeats, every few seconds."""
-    motions = [motion for motion in experiment.motions if motion.taught]
+    motions = [(motion, motion.taught) for motion in experiment.motions if motion.taught]
     figure = Figure(figsize=(WIDTH, 2.6 * len(motions)), layout="constrained")
     axes = figure.subplots(2 * len(motions), 1)
-    for index, motion in enumerate(motions):
+    for index, (motion, by_hand) in enumerate(motions):
         taught, repeated = axes[2 * index : 2 * index + 2]
-        _plot_poses(taught, motion.taught, "0.35")
+        _plot_poses(taught, by_hand, "0.35")
         taught.set_ylabel(f"{motion.name},\ntaught", fontsize=8.5)
         _plot_poses(repeated, motion.open_loop.rollouts[0], ROLLOUT_COLOR)
         repeated.set_ylabel(f"{motion.name},\nrepeated", fontsize=8.5)
@@ -110,7 +110,7 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure, str]]:
     validation, *taught = experiment.motions
     result = {
         "fig4": (
-            plot_validation(experiment.calibration.validation),
+            plot_validation(experiment.validation),
             "Fig. 4: the calibrated model and the emulated limb for the same duty",
         ),
         "fig5": (
