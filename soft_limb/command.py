@@ -21,6 +21,7 @@ COMMANDS = {
     "demo": ("demo", "plan, calibrate and drive an emulated limb, as in the paper"),
     "plan": ("planners", "plan the feasible trajectory nearest to a reference"),
     "collect": ("calibration", "record all that calibration needs"),
+    "import": ("logs", "read logs of other programs as recordings"),
     "fit": ("calibration", "fit a limb to a folder of recordings"),
     "validate": ("calibration", "compare a calibrated limb with a recording, open loop"),
     "replay": ("hardware", "replay a trajectory on a robot or an emulated limb"),

@@ -1,7 +1,9 @@
 """What was measured on a limb, model or robot, over time."""
 
 import dataclasses
-from typing import Any, ClassVar
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -12,6 +14,9 @@ from limb_systems.model.parameters import LimbParameters
 from limb_systems.provenance import Provenance
 from limb_systems.schema import check_text, load_typed
 from limb_systems.summary import Entry, Summary
+
+if TYPE_CHECKING:
+    from limb_systems.logs.mapping import LogMapping
 
 LONGEST_PERIOD, HIGHEST_RATE = 10_000.0, 1e6  # s and Hz, of samples
 
@@ -163,6 +168,48 @@ class Recording(Samples):
         if self.source.startswith("model") or any(s is not None for s in known_to_a_model):
             return "simulated"
         return "recorded"
+
+    @classmethod
+    def from_log(
+        cls,
+        path: str | Path,
+        mapping: "LogMapping | str | Path | None" = None,
+        parameters: LimbParameters | None = None,
+    ) -> "Recording":
+        """Reads a log of another program, as far as one limb goes without a gap.
+
+        What was left out is said in a warning; `limb_systems.logs` has all of it.
+
+        Args:
+            mapping: mapping of the log's columns, or its YAML file; what the log itself shows
+                if None.
+            parameters: the limb's description; the nominal limb, with the wires of the mapping,
+                if None.
+
+        Raises:
+            LogError: with one sentence, if it is no log or lacks what a recording needs.
+        """
+        # They make recordings.
+        from limb_systems.logs.guess import limbs_in_log
+        from limb_systems.logs.mapping import LogMapping
+        from limb_systems.logs.reading import read_log
+
+        said = []
+        if mapping is None:
+            first, *others = limbs_in_log(path)
+            if others:
+                names = ", ".join(limb.name for limb in others)
+                said.append(f"This is {first.name}; mappings would read {names}.")
+            mapping = first.mapping
+        elif not isinstance(mapping, LogMapping):
+            mapping = LogMapping.load(mapping)
+        recordings, remarks = read_log(path, mapping, parameters)
+        longest = max(recordings, key=lambda recording: recording.time[-1])
+        if len(recordings) > 1:
+            said.append(f"This is the longest of {len(recordings)} parts.")
+        if said := [*said, *remarks]:
+            warnings.warn(f"{path}: {' '.join(said)}", stacklevel=2)
+        return longest
 
     @classmethod
     def _from_table(cls, table: Table) -> "Recording":

@@ -1,0 +1,73 @@
+"""What the numbers of a log show: which thermocouple warms with which duty, what bends where."""
+
+import itertools
+
+import numpy as np
+
+MEMORY = 15.0  # s, over which a wire keeps its heat, roughly
+SHOWN = 0.3  # correlation that shows a connection
+
+
+def heat_of(times: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    """Duty (..., K) as wires keep it, through a low-pass filter: what warms and bends follows it."""
+    duty = np.nan_to_num(np.asarray(duty, float))
+    heat = np.zeros_like(duty)
+    keep = np.exp(-np.diff(times) / MEMORY)
+    for k, share in enumerate(keep, 1):
+        heat[..., k] = share * heat[..., k - 1] + (1 - share) * duty[..., k - 1]
+    return heat
+
+
+def correlation(one: np.ndarray, other: np.ndarray) -> float:
+    """Correlation of two signals where both are there; 0 where one does not move."""
+    shown = ~(np.isnan(one) | np.isnan(other))
+    if shown.sum() < 5 or not np.ptp(one[shown]) or not np.ptp(other[shown]):
+        return 0.0
+    return float(np.corrcoef(one[shown], other[shown])[0, 1])
+
+
+def pairing(heats: np.ndarray, readings: np.ndarray) -> list[tuple[int | None, float]]:
+    """The reading that belongs to each wire, by all correlations together, and its own.
+
+    Args:
+        heats: of W wires (W, K), as `heat_of` gives them; zero for those that were never heated.
+        readings: of M thermocouples (M, K).
+
+    Returns:
+        for each wire the index of its reading and their correlation; None for wires without heat,
+        or if there are too few readings.
+    """
+    heated = [i for i, heat in enumerate(heats) if np.ptp(heat) > 0]
+    agreement = np.array([[correlation(heats[i], r) for r in readings] for i in heated])
+    found: list[tuple[int | None, float]] = [(None, 0.0)] * len(heats)
+    if not heated or not len(readings):
+        return found
+    number = min(len(heated), len(readings))
+    best, total = (), -np.inf
+    for wires in itertools.combinations(range(len(heated)), number):
+        for chosen in itertools.permutations(range(len(readings)), number):
+            score = sum(
+                agreement[wire, reading] for wire, reading in zip(wires, chosen, strict=True)
+            )
+            if score > total:
+                best, total = (wires, chosen), score
+    for wire, reading in zip(*best, strict=True):
+        if agreement[wire, reading] > SHOWN:
+            found[heated[wire]] = reading, float(agreement[wire, reading])
+    return found
+
+
+def bending(heats: np.ndarray, bend: np.ndarray) -> np.ndarray:
+    """How a bend follows the heat of each wire (W,), by least squares; 0 for wires without heat."""
+    shown = ~np.isnan(bend)
+    moving = np.ptp(heats, axis=1) > 0
+    slopes = np.zeros(len(heats))
+    if shown.sum() > 5 and moving.any():
+        factors = np.vstack([heats[moving][:, shown], np.ones(shown.sum())]).T
+        slopes[moving] = np.linalg.lstsq(factors, bend[shown], rcond=None)[0][:-1]
+    return slopes
+
+
+def side(slopes: np.ndarray, directions: np.ndarray) -> float:
+    """Sign of a bend that grows where wires of a direction +1 are heated; 0 if no heat shows it."""
+    return float(np.sign(np.dot(slopes, directions)))

@@ -1,0 +1,366 @@
+"""What the columns of any other log may be: by their names, their ranges and how they follow heat."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+
+from limb_systems.logs.evidence import bending, correlation, heat_of, pairing
+from limb_systems.logs.formats import (
+    LimbInLog,
+    base_direction,
+    known_format,
+    points,
+    turned,
+)
+from limb_systems.logs.mapping import (
+    BEND_ANGLE,
+    CHORD,
+    SECONDS,
+    TIP_TANGENT,
+    BendColumns,
+    LogMapping,
+    TimeColumn,
+    WireColumns,
+)
+from limb_systems.logs.reading import DAY, times_of
+from limb_systems.logs.table import OPEN, LogTable, read_table
+
+TIME, DUTY, TEMPERATURE, BEND = "time", "duty", "temperature", "bend"
+WORDS = {  # in names of columns, whole or as their parts
+    TIME: "time timestamp zeit uhrzeit datetime date t ms millis msec sec seconds s elapsed us micros",
+    DUTY: "pwm duty heat heater heating power pow u cmd command out output ctrl gate mosfet sma "
+    "input leistung strom current duties heiz",
+    TEMPERATURE: "temp temperature tc thermo thermocouple max31855 mcp celsius kelvin fahrenheit "
+    "degc degf temperatur t tmp",
+    BEND: "bend bending angle flex phi theta winkel biegung curvature alpha tip tangent tilt chord "
+    "deflection deg degrees rad biege pose",
+}
+NOT_MEASURED = (
+    "setpoint target ref reference desired limit max min goal error unconstrained soll cjc"
+)
+FULLS = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
+PERIODS = (DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
+RATES, DURATIONS = (0.15, 1500.0), (5.0, 2e5)  # Hz and s, of logs
+MOST_WIRES = 2
+MISSING = (-999.0, -9999.0, 999.0, 9999.0, -127.0, 85.0, 2048.0)  # what loggers write for none
+RADIANS = 2.2  # that no bend in degrees stays within, while wires are heated
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Column:
+    """A column of a log: its name, its words, its numbers (K,)."""
+
+    name: str
+    words: list[str]
+    values: np.ndarray
+
+    def said(self, role: str) -> bool:
+        """Whether the name has a word of a role."""
+        return _has(self.words, WORDS[role])
+
+    @property
+    def shown(self) -> np.ndarray:
+        """Its numbers without those that are missing."""
+        return self.values[~np.isnan(self.values)]
+
+
+def _has(words: list[str], known: str) -> bool:
+    return any(
+        word == one or (len(one) > 3 and one in word) for word in words for one in known.split()
+    )
+
+
+def words_of(name: str) -> list[str]:
+    """The parts of a name in small letters, without digits: "pwmLeft_2 (%)" has pwm, left and %."""
+    parts = re.findall(r"[A-ZÄÖÜ]?[a-zäöü]+|[A-ZÄÖÜ]+(?![a-zäöü])|[°%]|max31855", name)
+    return [part.lower() for part in parts]
+
+
+def limbs_in_log(path: str | Path) -> list[LimbInLog]:
+    """The limbs in a log, with mappings: of a known format, or as its columns suggest.
+
+    Raises:
+        LogError: if it is no table of text with rows of numbers.
+    """
+    table = read_table(path)
+    return known_format(table) or [LimbInLog("", *guessed(table))]
+
+
+def guessed(table: LogTable) -> tuple[LogMapping, list[str]]:
+    """A mapping for a log, and what each column is taken for, and why, in lines.
+
+    Columns that are not found are `OPEN` in the mapping.
+    """
+    columns = [Column(name, words_of(name), table.numbers(name)) for name in table.names]
+    notes: dict[str, str] = {}
+    time = _time(table, columns, notes)
+    times, kept = _times(table, time)
+    columns = [
+        Column(column.name, column.words, _shown(column.values[kept]))
+        for column in columns
+        if column.name != time.column and np.isfinite(column.values[kept]).sum() > 5
+    ]
+    duties, fulls = _duties(columns, notes)
+    heats = heat_of(
+        times, np.array([_share(d.values, full) for d, full in zip(duties, fulls, strict=True)])
+    )
+    rest = [column for column in columns if column not in duties]
+    temperatures = _temperatures(rest, heats, notes)
+    bend = _bend(table, [c for c in rest if c not in temperatures], heats, notes)
+    sides = _sides(duties, fulls)
+    readings = np.array([column.values for column in temperatures])
+    wires = []
+    for name, duty, full, (reading, agreement) in zip(
+        sides, duties, fulls, pairing(heats, readings), strict=True
+    ):
+        notes[duty.name] = f"duty of the {name} wire, of which {full:g} is full"
+        if reading is None and len(temperatures) == len(duties):  # it was not heated
+            reading = duties.index(duty)
+        sensor = temperatures[reading] if reading is not None else None
+        unit = _unit(sensor) if sensor else "C"
+        if sensor:
+            why = f"follows its heat by {agreement:.2f}" if agreement else "is the one that is left"
+            notes[sensor.name] = f"temperature of the {name} wire, °{unit}: {why}"
+        wires.append(WireColumns(name, duty.name, full, sensor.name if sensor else "", unit))
+    questions = [_question(duty, full) for duty, full in zip(duties, fulls, strict=True)]
+    if not wires:
+        wires = [WireColumns(name, OPEN) for name in ("left", "right")]
+        questions.append("no column seems to be a duty, which is 0 while wires are off")
+    missing = sorted({v for c in columns for v in MISSING if _stands_out(c, v)})
+    mapping = LogMapping(
+        time, wires, bend, missing=missing, delimiter=table.delimiter, decimal=table.decimal,
+        names_line=table.names_line,
+    )  # fmt: skip
+    if bend.column == OPEN:
+        questions.append("no column seems to be a bend: give an angle, or points of a picture")
+    elif not bend.scale:
+        questions.append("bend.scale is 0: give the degrees of a unit, negative if the limb bends "
+                         "to the right wire's side when it decreases; and bend.zero")  # fmt: skip
+    elif duties:
+        mapping, sign = turned(mapping, table, kept, heats)
+        questions.append(sign)
+    if sides == ["left", "right"] and not any(_side(duty) for duty in duties):
+        questions.append("names do not say which wire is on which side: exchange them if need be")
+    said = [f"{name}: {notes.get(name, 'not used')}" for name in table.names]
+    return mapping, [*said, *filter(None, questions)]
+
+
+def _times(table: LogTable, time: TimeColumn) -> tuple[np.ndarray, np.ndarray]:
+    if time.column == OPEN:  # to see what follows what
+        return 0.1 * np.arange(len(table.cells)), np.ones(len(table.cells), bool)
+    return times_of(table, time)
+
+
+def _stands_out(column: Column, value: float) -> bool:
+    """Whether a number is in a column, far from all others there."""
+    others = column.shown[column.shown != value]
+    if len(others) == len(column.shown) or not len(others):
+        return False
+    low, high = np.quantile(others, [0.01, 0.99])
+    return not low - 2 * (high - low) - 1 < value < high + 2 * (high - low) + 1
+
+
+def _shown(values: np.ndarray) -> np.ndarray:
+    return np.where(np.isin(values, MISSING[:2]), np.nan, values)
+
+
+def _time(table: LogTable, columns: list[Column], notes: dict[str, str]) -> TimeColumn:
+    """The column that increases, in a unit in which its rate and its length are those of logs."""
+    best: tuple[float, TimeColumn] | None = None
+    for column in columns:
+        values, unit = column.values, ""
+        if np.isnan(values).mean() > 0.5:
+            values, unit = table.moments(column.name), "date"
+        shown = values[~np.isnan(values)]
+        if len(shown) < 0.5 * len(values) or len(shown) < 5:
+            continue
+        steps = np.diff(shown)
+        if (steps > 0).mean() < 0.5 or (steps < 0).sum() > 0.02 * len(steps) + 1:
+            continue
+        unit = unit or _unit_of_time(column, shown)
+        if not unit:
+            continue
+        scale, wraps = SECONDS[unit], 0.0
+        for period in PERIODS if (steps < 0).any() else ():
+            if np.abs(steps.min() * scale + period) < 0.01 * period:
+                wraps = period
+        # A column of time says so, has a value of its own in most rows, and is no index.
+        score = 2.0 * column.said(TIME) + (steps > 0).mean() - 1.5 * bool((steps == 1).all())
+        score -= 2.0 * (column.said(TEMPERATURE) and not column.said(TIME))
+        if best is None or score > best[0]:
+            best = score, TimeColumn(column.name, unit, wraps)
+    if best is None:
+        return TimeColumn(OPEN)
+    notes[best[1].column] = f"time, in {best[1].unit}"
+    return best[1]
+
+
+def _unit_of_time(column: Column, shown: np.ndarray) -> str:
+    """The unit that the name says if it can be, else the first in which rate and length can be."""
+    names = {"ms": "ms millis msec milliseconds millisec", "us": "us micros µs microseconds usec",
+             "s": "s sec seconds secs sekunden", "min": "min minutes minuten", "h": "h hours"}  # fmt: skip
+    steps = np.diff(shown)
+    usual, length = float(np.median(steps[steps > 0])), float(np.ptp(shown))
+
+    def can_be(unit: str) -> bool:
+        seconds = SECONDS[unit]
+        rate = 1 / (usual * seconds)
+        return RATES[0] < rate < RATES[1] and DURATIONS[0] < length * seconds < DURATIONS[1]
+
+    said = [unit for unit, words in names.items() if set(column.words) & set(words.split())]
+    likely = [unit for unit in ("s", "ms", "us", "min") if can_be(unit) and _usual(usual, unit)]
+    return next(iter([u for u in said if can_be(u)] + likely), said[0] if said else "")
+
+
+def _usual(step: float, unit: str) -> bool:
+    """Whether a step is of 0.4 to 200 Hz, so that ms are not taken for s."""
+    return 0.4 < 1 / (step * SECONDS[unit]) < 201
+
+
+def _duties(columns: list[Column], notes: dict[str, str]) -> tuple[list[Column], list[float]]:
+    """The columns of duty, and what is full in each; a signed one counts for both wires."""
+    rated = []
+    for column in columns:
+        values = column.shown
+        held = np.mean(np.diff(values) == 0)
+        off = np.mean(values == 0)
+        if not column.said(DUTY) and (off < 0.05 or held < 0.5 or np.ptp(values) == 0):
+            continue
+        if _has(column.words, NOT_MEASURED) or np.abs(values).max() > FULLS[-1] or off == 0:
+            continue
+        score = (
+            2.0 * column.said(DUTY) + off + held - (column.said(TEMPERATURE) or column.said(BEND))
+        )
+        if score > 0.8:
+            rated.append((score, column))
+    heated = [pair for pair in rated if np.ptp(pair[1].shown) > 0] or rated
+    if not heated:
+        return [], []
+    signed = [column for _, column in heated if column.shown.min() < 0 < column.shown.max()]
+    if signed and len(signed) == len(heated):
+        full = _full([signed[0]])
+        return [signed[0], signed[0]], [-full, full]
+    unsigned = [pair for pair in rated if pair[1].shown.min() >= 0]
+    unsigned.sort(key=lambda pair: (-bool(np.ptp(pair[1].shown)), -pair[0]))  # those of heat first
+    names = [column.name for column in columns]
+    chosen = sorted((c for _, c in unsigned[:MOST_WIRES]), key=lambda c: names.index(c.name))
+    for _, column in unsigned[MOST_WIRES:]:
+        notes[column.name] = "perhaps a duty; not used"
+    sides = [_side(column) for column in chosen]
+    if sides == ["right", "left"]:
+        chosen.reverse()
+    return chosen, [_full(chosen)] * len(chosen)
+
+
+def _full(duties: list[Column]) -> float:
+    """The number that means full duty: the least that is possible for all, per cent if said."""
+    most = max(float(np.abs(duty.shown).max()) for duty in duties)
+    words = {word for duty in duties for word in duty.words}
+    possible = [full for full in FULLS if most <= full * 1.001]
+    if most > 1.001 and most <= 100 and "pwm" in words and not words & {"%", "percent", "pct"}:
+        return 255.0
+    return possible[0]
+
+
+def _question(duty: Column, full: float) -> str:
+    most = float(np.abs(duty.shown).max())
+    if most in (0.0, abs(full)) or abs(full) == 1.0:
+        return ""
+    return f"{duty.name} reaches {most:g} only: correct full if full duty is not {abs(full):g}"
+
+
+def _share(values: np.ndarray, full: float) -> np.ndarray:
+    return np.clip(np.nan_to_num(values) / full, 0.0, 1.0)
+
+
+def _side(column: Column) -> str:
+    words = set(column.words) | set(
+        re.findall(r"[lr](?=$|\d|_)", column.name.lower().replace("ctrl", ""))
+    )
+    if words & {"l", "left", "links", "lt", "li", "rev"} or "left" in column.name.lower():
+        return "left"
+    if words & {"r", "right", "rechts", "rt", "re", "fwd"} or "right" in column.name.lower():
+        return "right"
+    return ""
+
+
+def _sides(duties: list[Column], fulls: list[float]) -> list[str]:
+    """The wires' names: left and right as the columns say, or else in the log's order."""
+    if len(duties) == 1:
+        return [_side(duties[0]) or "right"]
+    return ["left", "right"]
+
+
+def _temperatures(columns: list[Column], heats: np.ndarray, notes: dict[str, str]) -> list[Column]:
+    """The columns of thermocouples: of their names, of a room's warmth at least, after heat."""
+    found = []
+    for column in columns:
+        values = column.shown
+        if _has(column.words, NOT_MEASURED) or np.ptp(values) == 0:
+            continue
+        low, high = np.quantile(values, [0.02, 1.0])
+        warm = -10.0 < low < 320.0 and high < 620.0
+        follows = max(correlation(heat, column.values) for heat in heats)
+        dips = np.quantile(values, 0.02) < values[: max(5, len(values) // 50)].mean() - 5.0
+        if not warm or (column.said(BEND) and not _has(column.words, "temp temperature tc thermo")):
+            continue
+        if column.said(TEMPERATURE) or (follows > 0.5 and low > 10.0 and not dips):
+            found.append(column)
+    for column in found:
+        notes[column.name] = "a temperature; not used"
+    return found
+
+
+def _unit(column: Column) -> str:
+    first = float(np.median(column.shown[: max(5, len(column.shown) // 100)]))
+    first = min(first, float(np.quantile(column.shown, 0.1)))
+    if first > 200.0:
+        return "K"
+    return "F" if first > 50.0 or set(column.words) & {"f", "degf", "fahrenheit"} else "C"
+
+
+def _bend(
+    table: LogTable, columns: list[Column], heats: np.ndarray, notes: dict[str, str]
+) -> BendColumns:
+    """The column of the bend, or the points of a picture."""
+    best: tuple[float, Column] | None = None
+    pairs = points(table.names)
+    taken = {name for pair in pairs for name in pair}
+    for column in columns:
+        values = column.shown
+        if np.ptp(values) == 0 or (column.name in taken and not column.said(BEND)):
+            continue
+        if _has(column.words, NOT_MEASURED):
+            continue
+        slopes = bending(heats, column.values)
+        follows = abs(correlation(slopes @ heats, column.values))
+        score = 1.5 * column.said(BEND) + follows - 0.5 * column.said(DUTY)
+        if score > 0.5 and (best is None or score > best[0]):
+            best = score, column
+    if best is None or (len(pairs) > 1 and not best[1].said(BEND)):
+        if len(pairs) < 2:
+            return BendColumns(OPEN)
+        line = [pairs[0], pairs[-1]]
+        notes |= dict.fromkeys(taken, "a point of the limb, in a picture")
+        zero = base_direction(table, pairs)
+        return BendColumns(line=[*line[0], *line[1]], zero=zero, measures=CHORD)
+    column = best[1]
+    measures = BEND_ANGLE
+    if {"tip", "tangent", "alpha", "bendlabs"} & set(column.words):
+        measures = TIP_TANGENT
+    elif "chord" in column.words:
+        measures = CHORD
+    values, scale, unit = column.shown, 1.0, "degrees"
+    whole = np.mean(values == np.round(values)) > 0.99
+    if np.ptp(values) > 360.0 or (
+        whole and ({"raw", "adc", "counts", "count"} & set(column.words))
+    ):
+        scale, unit = 0.0, "counts of a sensor, whose scale the log does not have"
+    elif "rad" in column.words or (
+        np.abs(values - np.median(values)).max() < RADIANS and not set(column.words) & {"deg", "°"}
+    ):
+        scale, unit = float(np.rad2deg(1.0)), "radians"
+    notes[column.name] = f"the bend ({measures}), in {unit}"
+    return BendColumns(column.name, scale=scale, measures=measures)

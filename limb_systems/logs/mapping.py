@@ -1,0 +1,129 @@
+"""A mapping from the columns of a log to a limb's duty, temperatures and bend; its YAML file."""
+
+import dataclasses
+from collections.abc import Iterable
+from pathlib import Path
+
+from limb_systems.errors import LimbError
+from limb_systems.input import read_text
+from limb_systems.logs.table import LogError
+from limb_systems.output import write_atomically
+from limb_systems.schema import Strict, dump_typed, load_typed, quantity
+
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0, "date": 1.0}
+CELSIUS = {"C": (1.0, 0.0), "F": (1 / 1.8, -32 / 1.8), "K": (1.0, -273.15)}  # factor, offset
+BEND_ANGLE, CHORD, TIP_TANGENT = "bend_angle", "chord", "tip_tangent"
+MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
+
+
+@dataclasses.dataclass
+class TimeColumn(Strict):
+    """The column of time.
+
+    - ``unit``: "s", "ms", "us", "min" or "h"; "date" for dates or times of day.
+    - ``wraps_after``: period after which the numbers begin anew, such as a day, s; 0 for never.
+    """
+
+    column: str
+    unit: str = "s"
+    wraps_after: float = quantity(0.0, "s", 0.0, 1e9)
+
+
+@dataclasses.dataclass
+class WireColumns(Strict):
+    """The columns of a wire.
+
+    - ``name``: name of the wire in the limb's description, such as "left".
+    - ``duty``: column of its duty.
+    - ``full``: number in that column that means full duty, such as 1, 100 or 255; a negative
+      one where a signed column heats this wire by negative numbers.
+    - ``temperature``: column of its thermocouple; empty if it has none.
+    - ``unit``: "C", "F" or "K".
+    """
+
+    name: str
+    duty: str
+    full: float = 1.0
+    temperature: str = ""
+    unit: str = "C"
+
+
+@dataclasses.dataclass
+class BendColumns(Strict):
+    """The columns of the bend: of an angle, or of points in a picture.
+
+    - ``column``: column of an angle; empty if the direction of a line between points shows it.
+    - ``line``: columns x, y of a point of the limb and x, y of one nearer to its tip, in a picture
+      whose y points down.
+    - ``base_line``: such a line along the limb's base, whose direction is subtracted.
+    - ``zero``: number, or direction of the line, °, of the straight limb.
+    - ``scale``: degrees that one unit is; negative if the limb bends to its +E2 side, that of
+      the right wire, when numbers decrease.
+    - ``measures``: "bend_angle" for φ; "chord" for the angle of the line from base to tip;
+      "tip_tangent" for α, which is halved (8).
+    """
+
+    column: str = ""
+    line: list[str] = dataclasses.field(default_factory=list)
+    base_line: list[str] = dataclasses.field(default_factory=list)
+    zero: float = 0.0
+    scale: float = 1.0
+    measures: str = BEND_ANGLE
+
+
+@dataclasses.dataclass
+class LogMapping(Strict):
+    """A mapping from a log's columns to a limb of one segment.
+
+    - ``time``, ``wires``, ``bend``: the columns.
+    - ``rate``: rate at which the log is sampled evenly, Hz; 0 for that of most of its rows.
+    - ``missing``: numbers that stand for a reading that is missing, such as -999.
+    - ``delimiter``, ``decimal``, ``names_line``: as in `LogTable`.
+
+    Raises:
+        LogError: at construction, if a word is none of those above.
+    """
+
+    time: TimeColumn
+    wires: list[WireColumns]
+    bend: BendColumns
+    rate: float = quantity(0.0, "Hz", 0.0, 1000.0)
+    missing: list[float] = dataclasses.field(default_factory=list)
+    delimiter: str = ","
+    decimal: str = "."
+    names_line: int = quantity(1, "", 0, 1000)
+
+    def __post_init__(self) -> None:
+        for where, word, known in (
+            ("time.unit", self.time.unit, SECONDS),
+            *((f"wires[{i}].unit", wire.unit, CELSIUS) for i, wire in enumerate(self.wires)),
+            ("bend.measures", self.bend.measures, MEASURES),
+            ("decimal", self.decimal, (".", ",")),
+        ):
+            if word not in known:
+                raise LogError(f"{where} is {word!r}; it must be one of {', '.join(known)}.")
+        for where, line in (("line", self.bend.line), ("base_line", self.bend.base_line)):
+            if len(line) not in (0, 4):
+                raise LogError(f"bend.{where} must have 4 columns, x, y, x and y, or none.")
+        if bool(self.bend.column) == bool(self.bend.line):
+            raise LogError("bend must have either a column or a line.")
+        if not self.wires or not all(wire.full for wire in self.wires):
+            raise LogError("wires must have at least one wire, and full must not be 0.")
+
+    def save(self, path: str | Path, remarks: Iterable[str] = ()) -> None:
+        """Writes YAML, with remarks above it as comments."""
+        comments = "".join(f"# {line}".rstrip() + "\n" for line in remarks)
+        write_atomically(path, comments + dump_typed(self))
+
+    @classmethod
+    def load(cls, path: str | Path) -> "LogMapping":
+        """Reads YAML.
+
+        Raises:
+            LogError: with one sentence naming the file and the field.
+        """
+        text = read_text(path, "mapping", LogError)
+        try:
+            return load_typed(cls, text)
+        except LimbError as error:
+            raise LogError(f"{path}: {error}") from error

@@ -1,0 +1,303 @@
+"""Reads a log by its mapping: times, units, gaps, and recordings in even steps."""
+
+import copy
+from pathlib import Path
+
+import numpy as np
+
+from limb_systems.files.recording import Recording
+from limb_systems.logs.mapping import (
+    BEND_ANGLE,
+    CELSIUS,
+    CHORD,
+    SECONDS,
+    TIP_TANGENT,
+    LogMapping,
+    TimeColumn,
+)
+from limb_systems.logs.table import LogError, LogTable, read_table
+from limb_systems.model.bend_sensor import (
+    ChordSensor,
+    TipTangentSensor,
+    bend_angle_from_tip_tangent,
+)
+from limb_systems.model.parameters import LimbParameters
+
+DAY = 86_400.0  # s
+GAP = 2.0  # s without rows, in which duty may have been anything if it differs before and after
+CHANGE = 0.05  # of duty, that counts as another
+LONGEST_GAP = 30.0  # s, beyond which it may have been anything at all, unless it was off
+SHORTEST = 10.0  # s of a part that is worth keeping
+STALE = 2.6, 0.5  # periods and s, the longer of which a reading may be held
+REPEATED = 5  # rows in which points of a picture are exactly where they were, and were not seen
+OVER = 0.05  # by which duty may exceed full duty, and is cut off
+READABLE = -60.0, 600.0  # °C, of readings that a thermocouple can have
+
+
+def read_log(
+    path: str | Path, mapping: LogMapping, parameters: LimbParameters | None = None
+) -> tuple[list[Recording], list[str]]:
+    """The recordings in a log, and what was lost, in sentences.
+
+    Args:
+        parameters: the limb's description; the nominal limb, with the wires of the mapping, if
+            None.
+
+    Raises:
+        LogError: if the log is not as the mapping says.
+    """
+    table = read_table(path, mapping.delimiter, mapping.decimal, mapping.names_line)
+    try:
+        return _recordings(table, mapping, described(mapping, parameters), Path(path).name)
+    except LogError as error:
+        raise LogError(f"{path}: {error}") from error
+
+
+def described(mapping: LogMapping, parameters: LimbParameters | None) -> LimbParameters:
+    """The limb that a log is of, with the bend sensor that the mapping says.
+
+    Raises:
+        LogError: if the mapping has wires that the description lacks.
+    """
+    limb = copy.deepcopy(parameters or LimbParameters())
+    if len(limb.segments) != 1:
+        raise LogError(f"The limb has {len(limb.segments)} segments; read a log for each of them.")
+    (segment,) = limb.segments
+    names = [wire.name for wire in mapping.wires]
+    for name in names:
+        if name not in limb.wire_names:
+            raise LogError(
+                f"The mapping has a wire {name!r}, but the limb's wires are "
+                f"{', '.join(limb.wire_names)}."
+            )
+    if parameters is None:
+        segment.wires = [wire for wire in segment.wires if wire.name in names]
+    if mapping.bend.measures != BEND_ANGLE:
+        kind = ChordSensor if mapping.bend.measures == CHORD else TipTangentSensor
+        if not isinstance(segment.bend_sensor, kind):
+            segment.bend_sensor = kind()
+    return limb
+
+
+def _recordings(
+    table: LogTable, mapping: LogMapping, limb: LimbParameters, name: str
+) -> tuple[list[Recording], list[str]]:
+    remarks = []
+    if table.odd_rows:
+        remarks.append(f"{_rows(table.odd_rows)} with another number of cells left out.")
+    times, kept = times_of(table, mapping.time)
+    if lost := len(kept) - kept.sum():
+        remarks.append(
+            f"{_rows(lost)} left out, whose time is missing, repeated or earlier than before."
+        )
+    duty = np.zeros((len(limb.wires), len(times)))
+    temperature = np.full_like(duty, np.nan)
+    for wire in mapping.wires:
+        index = limb.wire_names.index(wire.name)
+        duty[index], unknown = _duty(table.numbers(wire.duty)[kept], wire.duty, wire.full)
+        if unknown:
+            remarks.append(f"The {wire.name} wire's duty is missing in {_rows(unknown)}; held.")
+        if wire.temperature:
+            factor, offset = CELSIUS[wire.unit]
+            values = _without(table.numbers(wire.temperature)[kept], mapping.missing)
+            values = factor * values + offset
+            values[(values < READABLE[0]) | (values > READABLE[1])] = np.nan
+            temperature[index] = values
+        else:
+            remarks.append(f"The {wire.name} wire has no thermocouple in this log.")
+    bend = bend_of(table, mapping)[kept]
+    shown = _from_first_reading(duty, bend)
+    if shown:
+        remarks.append(f"{_rows(shown)} without a bend left out at the beginning, without heat.")
+    signals = [times, duty, temperature, bend]
+    times, duty, temperature, bend = (signal[..., shown:] for signal in signals)
+    if len(times) < 2 or np.isnan(bend).all():
+        raise LogError("no row has a bend; correct the mapping's bend.")
+    readings = np.vstack([temperature, bend])
+    rate = mapping.rate or usual_rate(times)
+    measured = ~np.isnan(readings).all(axis=1)
+    if share := np.isnan(readings[measured]).any(axis=0).mean():
+        remarks.append(f"{share:.1%} of rows lack a reading, which stays empty.")
+    cuts = _cuts(times, duty)
+    if len(cuts) > 2:
+        remarks.append(
+            f"Cut at {', '.join(f'{times[c]:.0f} s' for c in cuts[1:-1])}: the duty in the gap "
+            "before is not known."
+        )
+    gaps = np.diff(times)
+    if (long := gaps > GAP).any():
+        remarks.append(
+            f"{long.sum()} gaps of more than {GAP:g} s, the longest of {gaps.max():.1f}."
+        )
+    recordings = []
+    for number, (start, end) in enumerate(zip(cuts[:-1], cuts[1:], strict=True), 1):
+        part = slice(start, end)
+        if end - start < 2 or times[end - 1] - times[start] < SHORTEST:
+            remarks.append(
+                f"{_rows(end - start)} from {times[start]:.0f} s on are too few to keep."
+            )
+            continue
+        where = f", part {number}" if len(cuts) > 2 else ""
+        recordings.append(
+            Recording(
+                **resampled(times[part] - times[start], duty[:, part], readings[:, part], rate),
+                parameters=limb,
+                source=f"log {name}{where}",
+                sample_rate=rate,
+            )
+        )
+    if not recordings:
+        raise LogError(f"no part of {SHORTEST:g} s or more has rows without a gap.")
+    return recordings, remarks
+
+
+def _rows(count: int) -> str:
+    return f"{count} row{'s' * (count != 1)}"
+
+
+def times_of(table: LogTable, column: TimeColumn) -> tuple[np.ndarray, np.ndarray]:
+    """Times of the rows that have one later than all before (K,), s from the first; which those are.
+
+    Raises:
+        LogError: if there are too few.
+    """
+    if column.unit == "date":
+        times = table.moments(column.column)
+        if np.fmax.reduce(times) < 0:  # times of day alone, which are of the year 1900
+            times = _unwrapped(times, DAY)
+    else:
+        times = table.numbers(column.column) * SECONDS[column.unit]
+    if column.wraps_after:
+        times = _unwrapped(times, column.wraps_after)
+    latest = np.fmax.accumulate(np.where(np.isnan(times), -np.inf, times))
+    kept = ~np.isnan(times) & (times > np.append(-np.inf, latest[:-1]))
+    if kept.sum() < 2:
+        raise LogError(f"the column {column.column!r} holds no time that increases.")
+    return times[kept] - times[kept][0], kept
+
+
+def _unwrapped(times: np.ndarray, period: float) -> np.ndarray:
+    shown = ~np.isnan(times)
+    times = times.copy()
+    times[shown] += period * np.cumsum(np.append(0, np.diff(times[shown]) < -period / 2))
+    return times
+
+
+def _duty(values: np.ndarray, column: str, full: float) -> tuple[np.ndarray, int]:
+    """Duty (K,), in [0, 1], held where it is missing; in how many rows it is."""
+    missing = np.isnan(values)
+    if missing.all():
+        raise LogError(f"the column {column!r} holds no duty.")
+    last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(values))))
+    duty = np.nan_to_num(values[last]) / full
+    if duty.max() > 1 + OVER:
+        raise LogError(
+            f"the column {column!r} reaches {np.nanmax(np.sign(full) * values) * np.sign(full):g}, "
+            f"beyond full duty, which is {full:g} by the mapping; correct its full."
+        )
+    return np.clip(duty, 0.0, 1.0), int(missing.sum())
+
+
+def _without(values: np.ndarray, missing: list[float]) -> np.ndarray:
+    return np.where(np.isin(values, missing), np.nan, values)
+
+
+def bend_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
+    """φ in each row (K,), rad; nan where it is missing.
+
+    Raises:
+        LogError: if the mapping does not say what a unit is.
+    """
+    bend = mapping.bend
+    if not bend.scale:
+        raise LogError(
+            f"what a unit of {bend.column!r} is cannot be known: give the degrees that it is as "
+            "bend.scale in the mapping, negative if the limb bends towards the right wire when "
+            "the numbers decrease, and the number of the straight limb as bend.zero."
+        )
+    if bend.line:
+        angle = np.rad2deg(_direction(table, bend.line, mapping.missing))
+        if bend.base_line:
+            angle = angle - np.rad2deg(_direction(table, bend.base_line, mapping.missing))
+        angle = _wrapped(angle - bend.zero) * bend.scale
+    else:
+        angle = (_without(table.numbers(bend.column), mapping.missing) - bend.zero) * bend.scale
+    angle = np.deg2rad(angle)
+    return bend_angle_from_tip_tangent(angle) if bend.measures == TIP_TANGENT else angle
+
+
+def _direction(table: LogTable, line: list[str], missing: list[float]) -> np.ndarray:
+    """Direction of a line in a picture whose y points down (K,), rad; nan where a point is 0, 0."""
+    x0, y0, x1, y1 = (_without(table.numbers(column), missing) for column in line)
+    lost = ((x0 == 0) & (y0 == 0)) | ((x1 == 0) & (y1 == 0))
+    # A tracker that has lost its tags may repeat where it saw them last, to all digits.
+    still = (np.diff([x0, y0, x1, y1], axis=1) == 0).all(axis=0)
+    since = np.arange(len(x0)) - np.maximum.accumulate(
+        np.where(np.append(False, still), 0, np.arange(len(x0)))
+    )
+    return np.where(lost | (since >= REPEATED), np.nan, np.arctan2(y0 - y1, x1 - x0))
+
+
+def _wrapped(degrees: np.ndarray) -> np.ndarray:
+    return (degrees + 180.0) % 360.0 - 180.0
+
+
+def _from_first_reading(duty: np.ndarray, bend: np.ndarray) -> int:
+    """Rows before the first bend; none of them if a wire is heated there."""
+    first = int(np.argmax(~np.isnan(bend)))
+    return 0 if duty[:, :first].any() else first
+
+
+def usual_rate(times: np.ndarray) -> float:
+    """The rate of most rows, Hz, as a round number if it is near one."""
+    rate = 1 / float(np.median(np.diff(times)))
+    near = round(rate) if rate > 3 else round(rate, 1)
+    return float(near) if near and abs(rate / near - 1) < 0.03 else rate
+
+
+def _cuts(times: np.ndarray, duty: np.ndarray) -> list[int]:
+    """Where parts begin, and the end: a part ends before a gap in which the duty is not known."""
+    steps, changes = np.diff(times), np.abs(np.diff(duty, axis=1)).max(axis=0)
+    heated = np.maximum(duty[:, :-1], duty[:, 1:]).max(axis=0) > 0
+    unknown = (steps > GAP) & (changes > CHANGE) | (steps > LONGEST_GAP) & heated
+    return [0, *(np.flatnonzero(unknown) + 1).tolist(), len(times)]
+
+
+def resampled(
+    times: np.ndarray, duty: np.ndarray, readings: np.ndarray, rate: float
+) -> dict[str, np.ndarray]:
+    """Signals of a `Recording` in even steps.
+
+    A row's duty is in force until the next row. Each sample has the readings of the last row
+    before it and their age, and the mean duty since the sample before, so that the heat is
+    that of the log; its applied duty is the mean between the rows.
+
+    Args:
+        times: of rows (K,), s from the first, increasing.
+        duty: (W, K).
+        readings: V of W wires, °C, and φ, rad (W + 1, K).
+        rate: Hz.
+    """
+    grid = np.arange(int(np.floor(times[-1] * rate + 1e-9)) + 1) / rate
+    row = np.searchsorted(times, grid + 1e-9, side="right") - 1
+    age = np.maximum(grid - times[row], 0.0)
+    periods, seconds = STALE
+    held = np.where(age <= max(periods / rate, seconds), readings[:, row], np.nan)
+    dose = np.column_stack([np.zeros(len(duty)), np.cumsum(duty[:, :-1] * np.diff(times), axis=1)])
+
+    def means(ends: np.ndarray) -> np.ndarray:
+        """Mean duty between times, and before the first of them that at the first row."""
+        heat = np.array([np.interp(ends, times, one) for one in dose])
+        return np.clip(
+            np.column_stack([duty[:, 0], np.diff(heat, axis=1) / np.diff(ends)]), 0.0, 1.0
+        )
+
+    shown, index = np.unique(row, return_inverse=True)
+    return {
+        "time": grid,
+        "duty": means(grid),
+        "measured_temperature": held[:-1],
+        "bend_angle": held[-1:],
+        "applied_duty": means(times[shown])[:, index],
+        "sample_age": age,
+    }
