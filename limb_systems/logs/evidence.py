@@ -9,7 +9,7 @@ SHOWN = 0.3  # correlation that shows a connection
 
 
 def heat_of(times: np.ndarray, duty: np.ndarray) -> np.ndarray:
-    """Duty (..., K) as wires keep it, through a low-pass filter: what warms and bends follows it."""
+    """Duty (..., K) through a low-pass filter, as wires keep heat: warmth and bend follow it."""
     duty = np.nan_to_num(np.asarray(duty, float))
     heat = np.zeros_like(duty)
     keep = np.exp(-np.diff(times) / MEMORY)
@@ -43,12 +43,11 @@ def pairing(heats: np.ndarray, readings: np.ndarray) -> list[tuple[int | None, f
     if not heated or not len(readings):
         return found
     number = min(len(heated), len(readings))
-    best, total = (), -np.inf
+    best: tuple[tuple[int, ...], ...] = ()
+    total = -np.inf
     for wires in itertools.combinations(range(len(heated)), number):
         for chosen in itertools.permutations(range(len(readings)), number):
-            score = sum(
-                agreement[wire, reading] for wire, reading in zip(wires, chosen, strict=True)
-            )
+            score = float(agreement[list(wires), list(chosen)].sum())
             if score > total:
                 best, total = (wires, chosen), score
     for wire, reading in zip(*best, strict=True):

@@ -1,4 +1,4 @@
-"""What the columns of any other log may be: by their names, their ranges and how they follow heat."""
+"""What the columns of any other log may be: by names, ranges and what follows the heat."""
 
 import dataclasses
 import re
@@ -29,7 +29,8 @@ from limb_systems.logs.table import OPEN, LogTable, read_table
 
 TIME, DUTY, TEMPERATURE, BEND = "time", "duty", "temperature", "bend"
 WORDS = {  # in names of columns, whole or as their parts
-    TIME: "time timestamp zeit uhrzeit datetime date t ms millis msec sec seconds s elapsed us micros",
+    TIME: "time timestamp zeit uhrzeit datetime date t ms millis msec sec seconds s elapsed us "
+    "micros",
     DUTY: "pwm duty heat heater heating power pow u cmd command out output ctrl gate mosfet sma "
     "input leistung strom current duties heiz",
     TEMPERATURE: "temp temperature tc thermo thermocouple max31855 mcp celsius kelvin fahrenheit "
@@ -103,21 +104,22 @@ def guessed(table: LogTable) -> tuple[LogMapping, list[str]]:
         if column.name != time.column and np.isfinite(column.values[kept]).sum() > 5
     ]
     duties, fulls = _duties(columns, notes)
-    heats = heat_of(
-        times, np.array([_share(d.values, full) for d, full in zip(duties, fulls, strict=True)])
-    )
+    shares = np.zeros((len(duties), len(times)))
+    for share, duty, full in zip(shares, duties, fulls, strict=True):
+        share[:] = np.clip(np.nan_to_num(duty.values) / full, 0.0, 1.0)
+    heats = heat_of(times, shares)
     rest = [column for column in columns if column not in duties]
     temperatures = _temperatures(rest, heats, notes)
     bend = _bend(table, [c for c in rest if c not in temperatures], heats, notes)
     sides = _sides(duties, fulls)
     readings = np.array([column.values for column in temperatures])
+    pairs = pairing(heats, readings)
+    left = [i for i in range(len(temperatures)) if i not in [reading for reading, _ in pairs]]
     wires = []
-    for name, duty, full, (reading, agreement) in zip(
-        sides, duties, fulls, pairing(heats, readings), strict=True
-    ):
+    for name, duty, full, (reading, agreement) in zip(sides, duties, fulls, pairs, strict=True):
         notes[duty.name] = f"duty of the {name} wire, of which {full:g} is full"
-        if reading is None and len(temperatures) == len(duties):  # it was not heated
-            reading = duties.index(duty)
+        if reading is None and len(left) == 1:  # of a wire that was not heated
+            reading = left[0]
         sensor = temperatures[reading] if reading is not None else None
         unit = _unit(sensor) if sensor else "C"
         if sensor:
@@ -200,7 +202,8 @@ def _time(table: LogTable, columns: list[Column], notes: dict[str, str]) -> Time
 def _unit_of_time(column: Column, shown: np.ndarray) -> str:
     """The unit that the name says if it can be, else the first in which rate and length can be."""
     names = {"ms": "ms millis msec milliseconds millisec", "us": "us micros µs microseconds usec",
-             "s": "s sec seconds secs sekunden", "min": "min minutes minuten", "h": "h hours"}  # fmt: skip
+             "s": "s sec seconds secs sekunden", "min": "min minutes minuten",
+             "h": "h hours"}  # fmt: skip
     steps = np.diff(shown)
     usual, length = float(np.median(steps[steps > 0])), float(np.ptp(shown))
 
@@ -269,10 +272,6 @@ def _question(duty: Column, full: float) -> str:
     if most in (0.0, abs(full)) or abs(full) == 1.0:
         return ""
     return f"{duty.name} reaches {most:g} only: correct full if full duty is not {abs(full):g}"
-
-
-def _share(values: np.ndarray, full: float) -> np.ndarray:
-    return np.clip(np.nan_to_num(values) / full, 0.0, 1.0)
 
 
 def _side(column: Column) -> str:

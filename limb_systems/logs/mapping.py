@@ -94,12 +94,13 @@ class LogMapping(Strict):
     names_line: int = quantity(1, "", 0, 1000)
 
     def __post_init__(self) -> None:
-        for where, word, known in (
+        words: list[tuple[str, str, Iterable[str]]] = [
             ("time.unit", self.time.unit, SECONDS),
-            *((f"wires[{i}].unit", wire.unit, CELSIUS) for i, wire in enumerate(self.wires)),
             ("bend.measures", self.bend.measures, MEASURES),
             ("decimal", self.decimal, (".", ",")),
-        ):
+        ]
+        words += [(f"wires[{i}].unit", wire.unit, CELSIUS) for i, wire in enumerate(self.wires)]
+        for where, word, known in words:
             if word not in known:
                 raise LogError(f"{where} is {word!r}; it must be one of {', '.join(known)}.")
         for where, line in (("line", self.bend.line), ("base_line", self.bend.base_line)):

@@ -1,7 +1,9 @@
 """Reads a log by its mapping: times, units, gaps, and recordings in even steps."""
 
 import copy
+import itertools
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -130,17 +132,18 @@ def _recordings(
             f"{long.sum()} gaps of more than {GAP:g} s, the longest of {gaps.max():.1f}."
         )
     recordings = []
-    for number, (start, end) in enumerate(zip(cuts[:-1], cuts[1:], strict=True), 1):
+    for number, (start, end) in enumerate(itertools.pairwise(cuts), 1):
         part = slice(start, end)
         if end - start < 2 or times[end - 1] - times[start] < SHORTEST:
             remarks.append(
                 f"{_rows(end - start)} from {times[start]:.0f} s on are too few to keep."
             )
             continue
+        even = resampled(times[part] - times[start], duty[:, part], readings[:, part], rate)
         where = f", part {number}" if len(cuts) > 2 else ""
         recordings.append(
             Recording(
-                **resampled(times[part] - times[start], duty[:, part], readings[:, part], rate),
+                **even,
                 parameters=limb,
                 source=f"log {name}{where}",
                 sample_rate=rate,
@@ -156,7 +159,7 @@ def _rows(count: int) -> str:
 
 
 def times_of(table: LogTable, column: TimeColumn) -> tuple[np.ndarray, np.ndarray]:
-    """Times of the rows that have one later than all before (K,), s from the first; which those are.
+    """Times of the rows (K,), s from the first, and which rows those are: each later than before.
 
     Raises:
         LogError: if there are too few.
@@ -265,7 +268,7 @@ def _cuts(times: np.ndarray, duty: np.ndarray) -> list[int]:
 
 def resampled(
     times: np.ndarray, duty: np.ndarray, readings: np.ndarray, rate: float
-) -> dict[str, np.ndarray]:
+) -> dict[str, Any]:
     """Signals of a `Recording` in even steps.
 
     A row's duty is in force until the next row. Each sample has the readings of the last row

@@ -81,10 +81,10 @@ def _read(
 COMMANDS = {
     "import": Command(
         _import,
-        "Reads logs of other programs as recordings, which calibration takes. Loggers of this field "
-        "are known; of any other table it says what it takes each column for, by name, range and "
-        "what follows the heat, and writes that as a mapping (NAME.mapping.yaml), which you correct "
-        "and give back. Limbs that share a log get a folder each.",
+        "Reads logs of other programs as recordings, which calibration takes. Some loggers of this "
+        "field are known; of any other table it says what it takes each column for, by name, range "
+        "and what follows the heat. It writes that as a mapping (NAME.mapping.yaml), which you may "
+        "correct and give back. Limbs that share a log get a folder each.",
         "folder json force",
         [
             Option("logs", nargs="+", metavar="LOG", type=Path, help="logs, tables of text"),
