@@ -67,6 +67,6 @@ def bending(heats: np.ndarray, bend: np.ndarray) -> np.ndarray:
     return slopes
 
 
-def side(slopes: np.ndarray, directions: np.ndarray) -> float:
+def side_of(slopes: np.ndarray, directions: np.ndarray) -> float:
     """Sign of a bend that grows where wires of a direction +1 are heated; 0 if no heat shows it."""
     return float(np.sign(np.dot(slopes, directions)))

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 
-from limb_systems.logs.evidence import bending, heat_of, pairing, side
+from limb_systems.logs.evidence import bending, heat_of, pairing, side_of
 from limb_systems.logs.mapping import (
     BEND_ANGLE,
     CHORD,
@@ -99,7 +99,7 @@ def turned(
         heats: of the mapping's wires (W, K), as `heat_of` gives them.
     """
     directions = np.array([1.0 if wire.name == "right" else -1.0 for wire in mapping.wires])
-    sign = side(bending(heats, bend_of(table, mapping)[kept]), directions)
+    sign = side_of(bending(heats, bend_of(table, mapping)[kept]), directions)
     if not sign:
         return mapping, "no heat shows which way the limb bends: check the sign of bend.scale"
     mapping.bend.scale *= sign
@@ -119,9 +119,9 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
         return BendColumns(sensor), "bend: no sensor, and too few tags; give its column"
     bend = BendColumns(line=[*own[0], *own[-1]], measures=CHORD)
     said = f"bend: of the chord from the tag of {own[0][0]} to that of {own[-1][0]}, "
-    if first and len(tags) > first + 1:
-        bend.base_line = [*tags[first - 1], *tags[first + 1]]
-        return bend, said + "from the direction of the tags around its base"
+    if first:
+        bend.base_line = [axis for tag in tags[max(0, first - 2) : first + 1] for axis in tag]
+        return bend, said + "from the direction of the limb before it"
     bend.zero = base_direction(table, own)
     return bend, said + f"from the base, which points to {bend.zero:.1f}° in the picture"
 
@@ -156,34 +156,18 @@ def base_direction(table: LogTable, line: list[tuple[str, str]]) -> float:
 
 
 def _pneumatic(table: LogTable) -> list[LimbInLog]:
-    """The pneumatic successor: signed inputs, pressures, half angles of the tip in degrees."""
-    time = TimeColumn(TIMESTAMP, "ms", DAY)
-    times, kept = times_of(table, time)
-    sensors = [name for name in table.names if name.startswith("MCPtemp_")]
+    """The pneumatic successor: no heat, but the half angles of the limbs' tips, in degrees."""
+    angles = [name for name in table.names if re.fullmatch(r"theta_\d", name)]
     found = []
-    inputs = [name for name in table.names if re.fullmatch(r"u_t\(\d\)", name)]
-    for index, column in enumerate(inputs):
-        angle = f"theta_{index}"
-        if angle not in table.names:
-            continue
-        values = np.nan_to_num(table.numbers(column)[kept])
-        full = max(1.0, float(np.abs(values).max()))
-        duties = np.array([np.maximum(-values, 0.0), np.maximum(values, 0.0)])
-        heats = heat_of(times, duties)
-        readings = np.array([table.numbers(name)[kept] for name in sensors])
-        wires = [
-            WireColumns(name, column, sign * full, "" if reading is None else sensors[reading])
-            for name, sign, (reading, _) in zip(
-                SIDES, (-1, 1), pairing(heats, readings), strict=True
-            )
-        ]
-        mapping = _of(table, time, wires, BendColumns(angle, measures=BEND_ANGLE))
-        mapping, sign = turned(mapping, table, kept, heats)
+    for angle in angles:
+        wires = [WireColumns(name, "") for name in SIDES]
+        bend = BendColumns(angle, measures=BEND_ANGLE)
+        mapping = _of(table, TimeColumn(TIMESTAMP, "ms", DAY), wires, bend)
         lines = [
-            f"limb {index} of a logger of pneumatic limbs: its pressures are no temperatures",
+            f"limb {angle[-1]} of a logger of pneumatic limbs: nothing in it heats a wire, so that "
+            "calibration cannot use it",
             f"bend: {angle}, half of the tip's angle in degrees",
-            f"duty: {column}, of which {full:g} is taken as full, to either side",
-            sign,
+            "soft-limb plan takes the recording as a reference",
         ]
-        found.append(LimbInLog(f"limb_{index}" if len(inputs) > 1 else "", mapping, lines))
+        found.append(LimbInLog(f"limb_{angle[-1]}" if len(angles) > 1 else "", mapping, lines))
     return found

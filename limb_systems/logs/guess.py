@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from limb_systems.logs.evidence import bending, correlation, heat_of, pairing
+from limb_systems.logs.evidence import bending, correlation, heat_of, pairing, side_of
 from limb_systems.logs.formats import (
     LimbInLog,
     base_direction,
@@ -45,7 +45,8 @@ FULLS = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
 PERIODS = (DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
 RATES, DURATIONS = (0.15, 1500.0), (5.0, 2e5)  # Hz and s, of logs
 MOST_WIRES = 2
-MISSING = (-999.0, -9999.0, 999.0, 9999.0, -127.0, 85.0, 2048.0)  # what loggers write for none
+FIRST = 10  # rows, in which a limb rests
+MISSING = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
 RADIANS = 2.2  # that no bend in degrees stays within, while wires are heated
 
 
@@ -98,11 +99,13 @@ def guessed(table: LogTable) -> tuple[LogMapping, list[str]]:
     notes: dict[str, str] = {}
     time = _time(table, columns, notes)
     times, kept = _times(table, time)
+    columns = [column for column in columns if column.name != time.column]
+    missing = sorted({v for c in columns for v in MISSING if _stands_out(c, v)})
     columns = [
-        Column(column.name, column.words, _shown(column.values[kept]))
-        for column in columns
-        if column.name != time.column and np.isfinite(column.values[kept]).sum() > 5
+        Column(c.name, c.words, np.where(np.isin(c.values, missing), np.nan, c.values)[kept])
+        for c in columns
     ]
+    columns = [column for column in columns if len(column.shown) > 5]
     duties, fulls = _duties(columns, notes)
     shares = np.zeros((len(duties), len(times)))
     for share, duty, full in zip(shares, duties, fulls, strict=True):
@@ -111,7 +114,9 @@ def guessed(table: LogTable) -> tuple[LogMapping, list[str]]:
     rest = [column for column in columns if column not in duties]
     temperatures = _temperatures(rest, heats, notes)
     bend = _bend(table, [c for c in rest if c not in temperatures], heats, notes)
-    sides = _sides(duties, fulls)
+    sides = ["left", "right"]
+    if len(duties) < 2:
+        sides = [_side(duty) or "right" for duty in duties]
     readings = np.array([column.values for column in temperatures])
     pairs = pairing(heats, readings)
     left = [i for i in range(len(temperatures)) if i not in [reading for reading, _ in pairs]]
@@ -130,7 +135,6 @@ def guessed(table: LogTable) -> tuple[LogMapping, list[str]]:
     if not wires:
         wires = [WireColumns(name, OPEN) for name in ("left", "right")]
         questions.append("no column seems to be a duty, which is 0 while wires are off")
-    missing = sorted({v for c in columns for v in MISSING if _stands_out(c, v)})
     mapping = LogMapping(
         time, wires, bend, missing=missing, delimiter=table.delimiter, decimal=table.decimal,
         names_line=table.names_line,
@@ -138,8 +142,14 @@ def guessed(table: LogTable) -> tuple[LogMapping, list[str]]:
     if bend.column == OPEN:
         questions.append("no column seems to be a bend: give an angle, or points of a picture")
     elif not bend.scale:
-        questions.append("bend.scale is 0: give the degrees of a unit, negative if the limb bends "
-                         "to the right wire's side when it decreases; and bend.zero")  # fmt: skip
+        (counts,) = (c for c in columns if c.name == bend.column)
+        directions = np.array([-1.0 if side == "left" else 1.0 for side in sides])
+        sign = side_of(bending(heats, counts.values), directions)
+        how = {1.0: "", -1.0: ", as a negative number, for it falls where the right wire is heated"}
+        questions.append(
+            f"bend.scale is 0: give the degrees of a unit of {bend.column}"
+            f"{how.get(sign, ', and its sign')}; bend.zero is what it reads at the beginning"
+        )
     elif duties:
         mapping, sign = turned(mapping, table, kept, heats)
         questions.append(sign)
@@ -157,15 +167,11 @@ def _times(table: LogTable, time: TimeColumn) -> tuple[np.ndarray, np.ndarray]:
 
 def _stands_out(column: Column, value: float) -> bool:
     """Whether a number is in a column, far from all others there."""
-    others = column.shown[column.shown != value]
-    if len(others) == len(column.shown) or not len(others):
+    others = column.shown[~np.isin(column.shown, MISSING)]
+    if value not in column.shown or not len(others):
         return False
     low, high = np.quantile(others, [0.01, 0.99])
     return not low - 2 * (high - low) - 1 < value < high + 2 * (high - low) + 1
-
-
-def _shown(values: np.ndarray) -> np.ndarray:
-    return np.where(np.isin(values, MISSING[:2]), np.nan, values)
 
 
 def _time(table: LogTable, columns: list[Column], notes: dict[str, str]) -> TimeColumn:
@@ -285,13 +291,6 @@ def _side(column: Column) -> str:
     return ""
 
 
-def _sides(duties: list[Column], fulls: list[float]) -> list[str]:
-    """The wires' names: left and right as the columns say, or else in the log's order."""
-    if len(duties) == 1:
-        return [_side(duties[0]) or "right"]
-    return ["left", "right"]
-
-
 def _temperatures(columns: list[Column], heats: np.ndarray, notes: dict[str, str]) -> list[Column]:
     """The columns of thermocouples: of their names, of a room's warmth at least, after heat."""
     found = []
@@ -301,7 +300,7 @@ def _temperatures(columns: list[Column], heats: np.ndarray, notes: dict[str, str
             continue
         low, high = np.quantile(values, [0.02, 1.0])
         warm = -10.0 < low < 320.0 and high < 620.0
-        follows = max(correlation(heat, column.values) for heat in heats)
+        follows = max((correlation(heat, column.values) for heat in heats), default=0.0)
         dips = np.quantile(values, 0.02) < values[: max(5, len(values) // 50)].mean() - 5.0
         if not warm or (column.said(BEND) and not _has(column.words, "temp temperature tc thermo")):
             continue
@@ -362,4 +361,5 @@ def _bend(
     ):
         scale, unit = float(np.rad2deg(1.0)), "radians"
     notes[column.name] = f"the bend ({measures}), in {unit}"
-    return BendColumns(column.name, scale=scale, measures=measures)
+    zero = 0.0 if scale else float(np.median(values[:FIRST]))
+    return BendColumns(column.name, zero=zero, scale=scale, measures=measures)

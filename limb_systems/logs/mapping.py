@@ -6,7 +6,7 @@ from pathlib import Path
 
 from limb_systems.errors import LimbError
 from limb_systems.input import read_text
-from limb_systems.logs.table import LogError
+from limb_systems.logs.table import DELIMITERS, LogError
 from limb_systems.output import write_atomically
 from limb_systems.schema import Strict, dump_typed, load_typed, quantity
 
@@ -34,7 +34,7 @@ class WireColumns(Strict):
     """The columns of a wire.
 
     - ``name``: name of the wire in the limb's description, such as "left".
-    - ``duty``: column of its duty.
+    - ``duty``: column of its duty; empty if it was never heated.
     - ``full``: number in that column that means full duty, such as 1, 100 or 255; a negative
       one where a signed column heats this wire by negative numbers.
     - ``temperature``: column of its thermocouple; empty if it has none.
@@ -55,7 +55,8 @@ class BendColumns(Strict):
     - ``column``: column of an angle; empty if the direction of a line between points shows it.
     - ``line``: columns x, y of a point of the limb and x, y of one nearer to its tip, in a picture
       whose y points down.
-    - ``base_line``: such a line along the limb's base, whose direction is subtracted.
+    - ``base_line``: columns x, y of two or three points before the base and at it, if what the
+      limb is mounted on moves: the direction at the last of them is subtracted.
     - ``zero``: number, or direction of the line, °, of the straight limb.
     - ``scale``: degrees that one unit is; negative if the limb bends to its +E2 side, that of
       the right wire, when numbers decrease.
@@ -98,14 +99,16 @@ class LogMapping(Strict):
             ("time.unit", self.time.unit, SECONDS),
             ("bend.measures", self.bend.measures, MEASURES),
             ("decimal", self.decimal, (".", ",")),
+            ("delimiter", self.delimiter, DELIMITERS),
         ]
         words += [(f"wires[{i}].unit", wire.unit, CELSIUS) for i, wire in enumerate(self.wires)]
         for where, word, known in words:
             if word not in known:
                 raise LogError(f"{where} is {word!r}; it must be one of {', '.join(known)}.")
-        for where, line in (("line", self.bend.line), ("base_line", self.bend.base_line)):
-            if len(line) not in (0, 4):
-                raise LogError(f"bend.{where} must have 4 columns, x, y, x and y, or none.")
+        if len(self.bend.line) not in (0, 4) or len(self.bend.base_line) not in (0, 4, 6):
+            raise LogError(
+                "bend.line must have 4 columns, x, y, x and y, or none; base_line may have 6."
+            )
         if bool(self.bend.column) == bool(self.bend.line):
             raise LogError("bend must have either a column or a line.")
         if not self.wires or not all(wire.full for wire in self.wires):

@@ -88,7 +88,7 @@ def _recordings(
     if table.odd_rows:
         remarks.append(f"{_rows(table.odd_rows)} with another number of cells left out.")
     times, kept = times_of(table, mapping.time)
-    if lost := len(kept) - kept.sum():
+    if lost := int(len(kept) - kept.sum()):
         remarks.append(
             f"{_rows(lost)} left out, whose time is missing, repeated or earlier than before."
         )
@@ -96,16 +96,17 @@ def _recordings(
     temperature = np.full_like(duty, np.nan)
     for wire in mapping.wires:
         index = limb.wire_names.index(wire.name)
-        duty[index], unknown = _duty(table.numbers(wire.duty)[kept], wire.duty, wire.full)
-        if unknown:
-            remarks.append(f"The {wire.name} wire's duty is missing in {_rows(unknown)}; held.")
+        if wire.duty:
+            duty[index], unknown = _duty(table.numbers(wire.duty)[kept], wire.duty, wire.full)
+            if unknown:
+                remarks.append(f"The {wire.name} wire's duty is missing in {_rows(unknown)}; held.")
         if wire.temperature:
             factor, offset = CELSIUS[wire.unit]
             values = _without(table.numbers(wire.temperature)[kept], mapping.missing)
             values = factor * values + offset
             values[(values < READABLE[0]) | (values > READABLE[1])] = np.nan
             temperature[index] = values
-        else:
+        elif wire.duty:
             remarks.append(f"The {wire.name} wire has no thermocouple in this log.")
     bend = bend_of(table, mapping)[kept]
     shown = _from_first_reading(duty, bend)
@@ -129,7 +130,7 @@ def _recordings(
     gaps = np.diff(times)
     if (long := gaps > GAP).any():
         remarks.append(
-            f"{long.sum()} gaps of more than {GAP:g} s, the longest of {gaps.max():.1f}."
+            f"{long.sum()} gap{'s' * (long.sum() != 1)} of more than {GAP:g} s, the longest of {gaps.max():.1f}."
         )
     recordings = []
     for number, (start, end) in enumerate(itertools.pairwise(cuts), 1):
@@ -219,9 +220,11 @@ def bend_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
             "the numbers decrease, and the number of the straight limb as bend.zero."
         )
     if bend.line:
-        angle = np.rad2deg(_direction(table, bend.line, mapping.missing))
+        angle = np.rad2deg(_directions(table, bend.line, mapping.missing)[0])
         if bend.base_line:
-            angle = angle - np.rad2deg(_direction(table, bend.base_line, mapping.missing))
+            links = np.rad2deg(_directions(table, bend.base_line, mapping.missing))
+            turn = _wrapped(links[-1] - links[0])  # none if there is one link only
+            angle = angle - links[-1] - 0.5 * turn
         angle = _wrapped(angle - bend.zero) * bend.scale
     else:
         angle = (_without(table.numbers(bend.column), mapping.missing) - bend.zero) * bend.scale
@@ -229,16 +232,19 @@ def bend_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
     return bend_angle_from_tip_tangent(angle) if bend.measures == TIP_TANGENT else angle
 
 
-def _direction(table: LogTable, line: list[str], missing: list[float]) -> np.ndarray:
-    """Direction of a line in a picture whose y points down (K,), rad; nan where a point is 0, 0."""
-    x0, y0, x1, y1 = (_without(table.numbers(column), missing) for column in line)
-    lost = ((x0 == 0) & (y0 == 0)) | ((x1 == 0) & (y1 == 0))
-    # A tracker that has lost its tags may repeat where it saw them last, to all digits.
-    still = (np.diff([x0, y0, x1, y1], axis=1) == 0).all(axis=0)
-    since = np.arange(len(x0)) - np.maximum.accumulate(
-        np.where(np.append(False, still), 0, np.arange(len(x0)))
-    )
-    return np.where(lost | (since >= REPEATED), np.nan, np.arctan2(y0 - y1, x1 - x0))
+def _directions(table: LogTable, line: list[str], missing: list[float]) -> np.ndarray:
+    """Directions of the links between P points in a picture whose y points down (P - 1, K), rad.
+
+    They are nan where a point is at 0, 0, or all have been where they are, to all digits, for
+    some rows: so do trackers write that they have lost them.
+    """
+    columns = np.array([_without(table.numbers(column), missing) for column in line])
+    x, y = columns[::2], columns[1::2]
+    rows = np.arange(columns.shape[1])
+    moved = np.append(True, (np.diff(columns, axis=1) != 0).any(axis=0))
+    since = rows - np.maximum.accumulate(np.where(moved, rows, 0))
+    lost = ((x == 0) & (y == 0)).any(axis=0) | (since >= REPEATED)
+    return np.where(lost, np.nan, np.arctan2(-np.diff(y, axis=0), np.diff(x, axis=0)))
 
 
 def _wrapped(degrees: np.ndarray) -> np.ndarray:

@@ -13,7 +13,8 @@ import numpy as np
 from limb_systems.errors import LimbError
 from limb_systems.input import LARGEST_TABLE, read_bytes
 
-DELIMITERS = (",", ";", "\t", "|", " ")  # the last one stands for any white space
+# As mappings call them; the last one stands for any white space.
+DELIMITERS = {",": ",", ";": ";", "tab": "\t", "|": "|", "space": None}
 OPEN = "?"  # in place of a column that is not known
 LOOKED_AT = 200  # rows by which the delimiter is told
 FEWEST_ROWS = 10
@@ -36,7 +37,8 @@ class LogTable:
     - ``names``: names of the columns; ``column_1`` and so on where the log has none.
     - ``cells``: rows of as many cells.
     - ``head``: lines before the names.
-    - ``delimiter``, ``decimal``: characters between cells, and in numbers.
+    - ``delimiter``: what is between cells, one of `DELIMITERS`.
+    - ``decimal``: decimal mark of numbers.
     - ``names_line``: number of the line of names, from 1; 0 if there is none.
     - ``odd_rows``: number of rows with another number of cells, which were left out.
     """
@@ -146,9 +148,9 @@ def _text(path: str | Path) -> str:
 
 
 def _split(line: str, delimiter: str) -> list[str]:
-    if delimiter == " ":
+    if not (character := DELIMITERS[delimiter]):
         return line.split()
-    cells = next(csv.reader([line], delimiter=delimiter), [])
+    cells = next(csv.reader([line], delimiter=character), [])
     return [cell.strip() for cell in cells]
 
 
@@ -181,11 +183,11 @@ def _is_of_numbers(row: list[str], decimal: str) -> bool:
 def _names_line(rows: list[list[str]], first: int, width: int) -> int:
     """Number of the line of names before the first row of numbers; 0 if there is none."""
     for index in range(first - 1, -1, -1):
-        row = [cell.lstrip("#% ") for cell in rows[index]]
-        if len(row) not in (width, width + 1) or not all(row[:width]):  # or a "#" of its own
-            if any(row):
-                return 0
+        row = rows[index]
+        if not any(row):
             continue
+        if len(row) not in (width - 1, width, width + 1):  # it may lack a cell, or begin with "#"
+            return 0
         if not all(_UNIT.fullmatch(cell) for cell in row):
             return index + 1
     return 0
@@ -195,8 +197,8 @@ def _unique(names: list[str], width: int) -> list[str]:
     """A name for each column, none twice."""
     names = [name.lstrip("#% ").strip("\"'") for name in names]
     names = [name for name in names if name] if len(names) > width else names
+    names = [""] * (width - len(names)) + names if len(names) < width else names
     given = [name or f"column_{i}" for i, name in enumerate(names, 1)]
-    given += [f"column_{i}" for i in range(len(given) + 1, width + 1)]
     seen: Counter[str] = Counter()
     unique = []
     for name in given[:width]:

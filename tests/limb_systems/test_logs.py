@@ -1,0 +1,273 @@
+"""Logs of other programs, written here from signals that are known, and read back."""
+
+import datetime
+import json
+
+import numpy as np
+import pytest
+
+from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
+from limb_systems.logs.guess import limbs_in_log
+from limb_systems.logs.mapping import LogMapping
+from limb_systems.logs.reading import read_log
+from limb_systems.model.bend_sensor import chord_angle
+from soft_limb.command import main
+
+LINKS = 4
+
+
+class Truth:
+    """A limb's signals at a logger's times: duty steps, wires that warm and cool, a bend."""
+
+    def __init__(self, rate=10.0, duration=240.0, jitter=0.0, seed=0, wires=(0, 1)):
+        random = np.random.default_rng(seed)
+        steps = (1 + jitter * random.uniform(-1, 1, int(duration * rate))) / rate
+        self.time = np.append(0.0, np.cumsum(steps))
+        self.duty = np.zeros((2, len(self.time)))
+        starts = np.arange(5.0, duration - 20, 30.0)
+        for number, start in enumerate(starts):
+            on = (self.time >= start) & (self.time < start + 8.0)
+            self.duty[wires[number % len(wires)], on] = [0.3, 0.5, 0.4][number % 3]
+        warm = np.zeros_like(self.duty)
+        for k, step in enumerate(np.diff(self.time), 1):
+            warm[:, k] = warm[:, k - 1] + step * (20 * self.duty[:, k - 1] - 0.07 * warm[:, k - 1])
+        self.temperature = 22.0 + warm
+        self.bend = np.deg2rad(0.5) * (warm[1] - warm[0])  # rad, right is positive
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return Truth()
+
+
+def write(path, names, columns, *, delimiter=",", head="", decimal=".", form="{:.6g}"):
+    rows = [delimiter.join(names)] if names else []
+    for row in zip(*columns, strict=True):
+        cells = [cell if isinstance(cell, str) else form.format(cell) for cell in row]
+        rows.append(delimiter.join(cell.replace(".", decimal) for cell in cells))
+    path.write_text(head + "\n".join(rows) + "\n")
+    return path
+
+
+def read(path):
+    (limb,) = limbs_in_log(path)
+    recordings, remarks = read_log(path, limb.mapping)
+    return limb, recordings, remarks
+
+
+def check(recording, truth, tolerance_deg=0.1):
+    """A recording has the heat of the truth, and its readings when they were taken."""
+    end = recording.time[-1]
+    dose = [np.trapezoid(np.interp(truth.time, truth.time, d), truth.time) for d in truth.duty]
+    heat = (recording.duty[:, 1:] * np.diff(recording.time)).sum(axis=1)
+    np.testing.assert_allclose(heat, dose, rtol=0.02)
+    taken = recording.time - recording.sample_age
+    shown = ~recording.missing
+    for read_, true in zip(recording.measured_temperature, truth.temperature, strict=True):
+        np.testing.assert_allclose(
+            read_[shown], np.interp(taken, truth.time, true)[shown], atol=0.06
+        )
+    np.testing.assert_allclose(
+        np.rad2deg(recording.bend_angle[0][shown]),
+        np.rad2deg(np.interp(taken, truth.time, truth.bend))[shown],
+        atol=tolerance_deg,
+    )
+    assert end > 0.98 * truth.time[-1]
+
+
+def sma_log(path, truth, *, tags=True, pairs=(0, 1, 3, 2), limb=0, turned=20.0, down=1):
+    """A logger of two limbs in series with nine tags; one limb is heated."""
+    count = len(truth.time)
+    zeros = np.zeros(count)
+    duty = {(limb, "fwd"): truth.duty[1], (limb, "rev"): truth.duty[0]}
+    order = [(0, "rev"), (0, "fwd"), (1, "rev"), (1, "fwd")]
+    sensors = np.full((4, count), 22.0) + 0.01 * np.arange(4)[:, None] * np.ones(count)
+    for wire, sensor in zip(order, pairs, strict=True):
+        if wire[0] == limb:
+            sensors[sensor] = truth.temperature[int(wire[1] == "fwd")]
+    bends = {limb: truth.bend, 1 - limb: zeros}
+    directions, points = np.full(count, np.deg2rad(turned)), [np.full((2, count), 100.0)]
+    for one in (0, 1):
+        for link in range(LINKS):  # constant curvature: the tangent turns by 2 φ over a limb
+            middle = directions + down * 2 * bends[one] * (link + 0.5) / LINKS
+            points.append(points[-1] + 60 * np.array([np.cos(middle), -np.sin(middle)]))
+        directions = directions + down * 2 * bends[one]
+    tagged = np.array(points).reshape(18, count) if tags else np.zeros((18, count))
+    tagged[:, :6] = 0.0
+    names = ["Timestamp (millisec since midnight today)", "Test time"]
+    names += [f"pwm_duty_limb{k}_{w}" for k in (0, 1) for w in ("fwd", "rev")]
+    names += ["temp_limit", "Bendlabs_0", "Bendlabs_1", *[f"MCPtemp_{i}" for i in range(4)]]
+    names += [f"tagid_{axis}_{n}" for n in range(101, 110) for axis in "xy"]
+    stamps = np.round(86_390_000 + 1000 * truth.time) % 86_400_000  # over midnight
+    columns = [stamps, np.maximum(truth.time - 0.2, 0.0)]
+    columns += [duty.get((k, w), zeros) for k in (0, 1) for w in ("fwd", "rev")]
+    bendlabs = [zeros if tags else np.rad2deg(2 * down * bends[k]) for k in (0, 1)]
+    columns += [zeros + 115, *bendlabs, *sensors, *tagged]
+    head = (
+        "ezloophw-py logger started on:,2023-4-5_103045\n"
+        "ctrl_params:,{'u_offset': array([1030., 1030]), 'bookends': ('<', '>')}\n"
+    )
+    return write(path, names, columns, head=head, form="{:.8g}")
+
+
+@pytest.mark.parametrize(
+    ("limb", "tags", "pairs", "down"), [(0, True, (0, 1, 3, 2), -1), (1, True, (2, 0, 1, 3), 1)]
+)
+def test_logger_of_sma_limbs_over_midnight(tmp_path, limb, tags, pairs, down):
+    truth = Truth(rate=5.0)
+    path = sma_log(tmp_path / "log.csv", truth, tags=tags, pairs=pairs, limb=limb, down=down)
+    found, (recording,), _ = read(path)
+    chosen = [wire.temperature for wire in found.mapping.wires]
+    assert chosen == [f"MCPtemp_{sensor}" for sensor in pairs[2 * limb : 2 * limb + 2]]
+    truth.time -= truth.time[6]  # the first rows have no tags
+    for name in ("time", "duty", "temperature", "bend"):
+        setattr(truth, name, getattr(truth, name)[..., 6:])
+    # A chord of four links of constant curvature shows φ exactly.
+    check(recording, truth, tolerance_deg=0.02 + 0.1 * (limb == 1))
+    assert isinstance(recording.parameters.segments[0].bend_sensor, ChordSensor)
+    links = np.full(4, np.deg2rad(5.0))
+    assert chord_angle(links) > 0  # E2 is where positive joints bend to
+
+
+def test_bend_sensors_of_that_logger_show_the_tip_tangent(tmp_path, truth):
+    _, (recording,), remarks = read(sma_log(tmp_path / "log.csv", truth, tags=False))
+    check(recording, truth)
+    assert not remarks
+
+
+def test_both_limbs_of_a_log_get_recordings(tmp_path, truth, capsys):
+    path = sma_log(tmp_path / "two limbs.csv", truth)
+    text = path.read_text().replace("limb1_fwd", "limb2_fwd").replace("limb0_rev", "limb1_fwd")
+    path.write_text(text.replace("limb2_fwd", "limb0_rev"))  # the other limb gets its duty
+    assert main(["import", str(path), "-o", str(tmp_path / "out"), "--json"]) == 0
+    written = json.loads(capsys.readouterr().out)["written"]
+    names = [name.removeprefix(str(tmp_path / "out")) for name in written]
+    assert "/limb_0/two_limbs.csv" in names
+    assert "/limb_1/two_limbs.csv" in names
+
+
+def test_any_table_of_a_spreadsheet(tmp_path):
+    truth = Truth(rate=20.0, jitter=0.3)
+    keep = np.random.default_rng(1).random(len(truth.time)) > 0.03
+    keep[:2] = True
+    start = datetime.datetime(2026, 3, 1, 23, 59, 0)
+    moments = [
+        (start + datetime.timedelta(seconds=t)).strftime("%d.%m.%Y %H:%M:%S.%f") for t in truth.time
+    ]
+    signals = [
+        moments,
+        np.round(255 * truth.duty[0]),
+        np.round(255 * truth.duty[1]),
+        1.8 * truth.temperature[1] + 32,  # the thermocouples are swapped
+        1.8 * truth.temperature[0] + 32,
+        -truth.bend,
+    ]
+    columns = [[c for c, k in zip(column, keep, strict=True) if k] for column in signals]
+    columns[3][50] = "-999"
+    columns[4][60] = "NaN"
+    path = write(
+        tmp_path / "log.csv",
+        ["Zeit", "PWM L", "PWM R", "T1 [F]", "T2 [F]", "Winkel (rad)"],
+        columns,
+        delimiter=";",
+        decimal=",",
+        head="Messung 7;;;;;\n",
+        form="{:.7g}",
+    )
+    found, (recording,), remarks = read(path)
+    assert [wire.temperature for wire in found.mapping.wires] == ["T2 [F]", "T1 [F]"]
+    check(recording, truth)
+    assert recording.sample_rate == pytest.approx(20.0, rel=0.05)
+    assert any("lack a reading" in remark for remark in remarks)
+
+
+def test_counts_of_a_sensor_are_asked_for_and_then_read(tmp_path, truth, capsys):
+    counts = np.round(2048 - 11.4 * np.rad2deg(truth.bend))
+    path = write(
+        tmp_path / "board.txt",
+        ["ms", "duty_r", "duty_l", "flex_raw", "tc0", "tc1"],
+        [1000 * truth.time, 100 * truth.duty[1], 100 * truth.duty[0], counts, *truth.temperature],
+        delimiter="\t",
+    )
+    assert main(["import", str(path), "-o", str(tmp_path / "out")]) == 1
+    assert "as a negative number" in capsys.readouterr().out
+    mapping = tmp_path / "out" / "board.mapping.yaml"
+    text = mapping.read_text()
+    assert "scale: 0.0" in text
+    mapping.write_text(text.replace("scale: 0.0", f"scale: {-1 / 11.4}"))
+    recording = Recording.from_log(path, mapping)
+    check(recording, truth)
+    mapping.write_text(mapping.read_text().replace("full: 100.0", "full: 10.0"))
+    with pytest.raises(LimbError, match=r"duty_l.*reaches 50.*correct its full"):
+        Recording.from_log(path, mapping)
+
+
+def test_gaps_of_unknown_duty_cut_a_log_and_others_do_not(tmp_path, truth):
+    heated = (truth.time > 66.0) & (truth.time < 80.0)  # duty falls to 0 in between
+    off = (truth.time > 91.0) & (truth.time < 94.0)
+    rows = np.flatnonzero(~(heated | off))
+    path = write(
+        tmp_path / "log.csv",
+        ["time_s", "duty_left", "duty_right", "temp_left_c", "temp_right_c", "bend_deg"],
+        [truth.time[rows], *truth.duty[:, rows], *truth.temperature[:, rows],
+         np.rad2deg(truth.bend)[rows]],
+    )  # fmt: skip
+    _, recordings, remarks = read(path)
+    assert [round(recording.time[-1]) for recording in recordings] == [66, 160]
+    assert any("Cut at 80 s" in remark for remark in remarks)
+    gap = (recordings[1].time > 11.6) & (recordings[1].time < 13.9)
+    assert recordings[1].missing[gap].all()
+    with pytest.warns(UserWarning, match="longest of 2 parts"):
+        assert Recording.from_log(path).time[-1] == pytest.approx(160, abs=0.2)
+
+
+def test_signed_duty_and_one_wire(tmp_path, truth):
+    signed = truth.duty[1] - truth.duty[0]
+    readings = [*truth.temperature, np.rad2deg(truth.bend)]
+    names = ["t", "u", "T_a", "T_b", "angle"]
+    _, (recording,), _ = read(write(tmp_path / "a.csv", names, [truth.time, signed, *readings]))
+    check(recording, truth)
+    one = Truth(wires=(1,))
+    columns = [one.time, one.duty[1], one.temperature[1], np.rad2deg(one.bend)]
+    _, (recording,), _ = read(
+        write(tmp_path / "b.csv", ["t", "heater", "temperature", "angle"], columns)
+    )
+    assert recording.parameters.wire_names == ["right"]
+    two = Recording.from_log(
+        tmp_path / "b.csv", limbs_in_log(tmp_path / "b.csv")[0].mapping, LimbParameters()
+    )
+    assert np.isnan(two.measured_temperature[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "is not text"),
+        (b"", "no rows of numbers"),
+        (b"time,duty\n", "no rows of numbers"),
+        (b"time,duty,bend\n" + b"1,0,0\n" * 20, "leaves a column open"),
+        (b"time,bend,temp\n" + b"".join(b"%d,%d,22\n" % (i, i) for i in range(50)), "column open"),
+    ],
+)
+def test_what_is_no_log_is_refused_in_a_sentence(tmp_path, content, said):
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    with pytest.raises(LimbError, match=said) as caught:
+        Recording.from_log(path)
+    assert str(path) in str(caught.value)
+
+
+def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
+    path = write(
+        tmp_path / "log.csv",
+        ["time_s", "duty", "temp_c", "bend_deg"],
+        [truth.time, truth.duty[1], truth.temperature[1], np.rad2deg(truth.bend)],
+    )
+    mapping = limbs_in_log(path)[0].mapping
+    mapping.save(tmp_path / "m.yaml", ["a remark"])
+    assert LogMapping.load(tmp_path / "m.yaml") == mapping
+    text = (tmp_path / "m.yaml").read_text()
+    for wrong, right in (("unit: s", "unit: days"), ("column: time_s", "column: tiem")):
+        (tmp_path / "m.yaml").write_text(text.replace(wrong, right))
+        with pytest.raises(LimbError, match=r"time\.unit is 'days'|no column 'tiem'"):
+            Recording.from_log(path, tmp_path / "m.yaml")
