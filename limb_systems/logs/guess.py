@@ -151,8 +151,8 @@ def guessed(table: LogTable) -> tuple[LogMapping, list[str]]:
             f"{how.get(sign, ', and its sign')}; bend.zero is what it reads at the beginning"
         )
     elif duties:
-        mapping, sign = turned(mapping, table, kept, heats)
-        questions.append(sign)
+        mapping, showed = turned(mapping, table, kept, heats)
+        questions.append(showed)
     if sides == ["left", "right"] and not any(_side(duty) for duty in duties):
         questions.append("names do not say which wire is on which side: exchange them if need be")
     said = [f"{name}: {notes.get(name, 'not used')}" for name in table.names]

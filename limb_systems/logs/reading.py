@@ -128,9 +128,10 @@ def _recordings(
             "before is not known."
         )
     gaps = np.diff(times)
-    if (long := gaps > GAP).any():
+    if long := int((gaps > GAP).sum()):
         remarks.append(
-            f"{long.sum()} gap{'s' * (long.sum() != 1)} of more than {GAP:g} s, the longest of {gaps.max():.1f}."
+            f"{long} gap{'s' * (long != 1)} of more than {GAP:g} s, the longest of "
+            f"{gaps.max():.1f} s."
         )
     recordings = []
     for number, (start, end) in enumerate(itertools.pairwise(cuts), 1):
