@@ -14,7 +14,6 @@ from limb_systems.files.samples import Samples, import_extra
 from limb_systems.output import write_atomically
 
 METADATA = "soft_limb"  # name of what is about the whole file
-FORMATS = (".parquet", ".mcap")
 
 
 def write_parquet(samples: Samples, path: str | Path) -> None:

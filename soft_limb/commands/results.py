@@ -5,14 +5,17 @@ import json
 from pathlib import Path
 
 from limb_systems.errors import LimbError
-from limb_systems.files.export import FORMATS, write_mcap, write_parquet
+from limb_systems.files.export import write_mcap, write_parquet
+from limb_systems.files.runner import write_c_header, write_rows
 from limb_systems.output import OutputError, check_outputs
 from limb_systems.summary import Summary
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
 from soft_limb.results.comparison import Comparison, compare
 from soft_limb.results.reading import RECORDING, TRAJECTORY, read_result
 
-_WRITERS = dict(zip(FORMATS, (write_parquet, write_mcap), strict=True))
+_TABLES = {"parquet": write_parquet, "mcap": write_mcap}
+_ROWS = {"csv": write_rows, "c-header": write_c_header}
+_SUFFIXES = {"parquet": ".parquet", "mcap": ".mcap", "csv": ".csv", "c-header": ".h"}
 
 
 def _show(options: argparse.Namespace) -> int:
@@ -55,13 +58,15 @@ def _print_comparison(comparison: Comparison) -> None:
 
 def _export(options: argparse.Namespace) -> int:
     one = len(options.files) == 1
-    if one and options.output.suffix not in FORMATS:
+    by_name = {suffix: name for name, suffix in _SUFFIXES.items()}
+    name = options.format or (by_name.get(options.output.suffix) if one else "parquet")
+    if name is None:
         raise OutputError(
             f"{options.output} is of no known format; its name must end with "
-            f"{' or '.join(FORMATS)}."
+            f"{', '.join(by_name)}, or --format tell which."
         )
     outputs = [
-        options.output if one else options.output / f"{path.stem}.{options.format}"
+        options.output if one else options.output / f"{path.stem}{_SUFFIXES[name]}"
         for path in options.files
     ]
     check_outputs(outputs, inputs=options.files, force=options.force)
@@ -72,7 +77,10 @@ def _export(options: argparse.Namespace) -> int:
                 f"{result.path} is a {result.kind}; recordings and trajectories are exported."
             )
     for result, path in zip(results, outputs, strict=True):
-        _WRITERS[path.suffix](result.value, path)
+        if name in _ROWS:
+            _ROWS[name](result.value, path, options.rate, options.duty_max)
+        else:
+            _TABLES[name](result.value, path)
     print_summary(options, Summary([]), outputs)
     return 0
 
@@ -104,8 +112,9 @@ COMMANDS = {
     "export": Command(
         _export,
         "Writes recordings and trajectories as Parquet, for tables, or as MCAP, for viewers of "
-        "robots' logs, with units and provenance in their metadata. Needs pip install "
-        "'soft-limb[data]'.",
+        "robots' logs, with units and provenance in their metadata; these need pip install "
+        "'soft-limb[data]'. Writes the duty of trajectories as CSV or as a C header, for a program "
+        "of your own that holds each row for a period: a row is the plan's mean over it.",
         "force",
         [
             Option(
@@ -115,12 +124,25 @@ COMMANDS = {
                 type=Path,
                 help="recordings and trajectories (.csv)",
             ),
-            shared("output", help="file to write (.parquet or .mcap); of several files the folder"),
+            shared("output", help="file to write; of several files the folder"),
             Option(
                 "--format",
-                choices=[suffix[1:] for suffix in FORMATS],
-                default="parquet",
-                help="of several files in a folder (default %(default)s)",
+                choices=list(_SUFFIXES),
+                help="by default what the name of the file ends with, "
+                f"{', '.join(_SUFFIXES.values())}, and parquet in a folder",
+            ),
+            Option(
+                "--rate",
+                type=float,
+                default=20.0,
+                help="rows of csv and c-header per second (default %(default)g)",
+            ),
+            Option(
+                "--duty-max",
+                type=int,
+                default=1,
+                help="number in csv and c-header that stands for full duty, such as 255; "
+                "1 for duty itself (default %(default)s)",
             ),
         ],
         stopped=STOPPED,
