@@ -1,6 +1,7 @@
 """Replays a planned trajectory, or records a limb that is moved by hand."""
 
 import contextlib
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,7 @@ def watch(
     limb: LimbSystem,
     duration: float,
     *,
+    until: Callable[[np.ndarray], bool] | None = None,
     sample_rate: float = 20.0,
     journal: str | Path | None = None,
     live: LiveView | None = None,
@@ -106,7 +108,8 @@ def watch(
     If Ctrl-C ends it, the journal gets its name and says so, and KeyboardInterrupt is raised.
 
     Args:
-        duration: s.
+        duration: at most, s.
+        until: function of V (W), °C; the recording ends when it is true.
         limb, sample_rate, journal, live: as for `replay`.
 
     Raises:
@@ -115,7 +118,9 @@ def watch(
     """
     with _closing(limb):
         off = ConstantVectorSource(np.zeros(len(limb.parameters.wires)))
-        return _run(limb, off, duration, sample_rate, journal, live, ended_by_hand=True)
+        return _run(
+            limb, off, duration, sample_rate, journal, live, until=until, ended_by_hand=True
+        )
 
 
 def _closing(limb: LimbSystem):
@@ -225,6 +230,7 @@ def _run(
     live: LiveView | None,
     plan: Trajectory | None = None,
     *,
+    until: Callable[[np.ndarray], bool] | None = None,
     ended_by_hand: bool = False,
 ) -> Recording:
     builder = DiagramBuilder()
@@ -241,6 +247,11 @@ def _run(
     if may_cut_out:
         end = builder.AddSystem(_EndAtCutOut())
         builder.Connect(limb.GetOutputPort("cut_out"), end.get_input_port())
+
+    def is_over(root: Context) -> bool:
+        measured = limb.GetOutputPort("measured_temperature")
+        assert until
+        return until(measured.Eval(limb.GetMyContextFromRoot(root)))
 
     provenance = Provenance.now(limb.parameters)
     with (
@@ -260,6 +271,7 @@ def _run(
             limb,
             duty,
             duration,
+            until=is_over if until else None,
             real_time=live is not None,
             sample_rate=sample_rate,
             remark=_remark(limb) if limb.real_time else None,

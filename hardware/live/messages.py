@@ -36,6 +36,7 @@ class Reading:
     - ``applied_duty``: duty that the limb had applied, of each wire; or None.
     - ``reference``: bend angle that is asked for, of each segment, rad; or None.
     - ``board``: state of a robot's board; or None.
+    - ``cooling``: whether the run has ended, and its wires cool.
     """
 
     time: float
@@ -45,6 +46,7 @@ class Reading:
     applied_duty: list[float] | None = None
     reference: list[float] | None = None
     board: "BoardReading | None" = None
+    cooling: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

@@ -38,7 +38,8 @@ from soft_limb.live.page import DONE, LivePage
 from soft_limb.reports.rollout import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary
 from soft_limb.runs import repetitions, teach_and_go
-from soft_limb.runs.rollout import NEAREST, roll_out, troubles
+from soft_limb.runs.cooling import cool_down
+from soft_limb.runs.rollout import NEAREST, Rollout, roll_out, troubles
 
 
 def _ports(options: argparse.Namespace) -> int:
@@ -194,19 +195,26 @@ def _replay(options: argparse.Namespace) -> int:
             real_time=bool(options.port),
             live=live,
         )
-        if live:
-            live.end(rollout.recording.interrupted or DONE)
-    summary = rollout.summary()
-    if options.plot:
-        # Matplotlib takes as long to import as all the rest.
-        from limb_systems.views.plots import plot_tracking, save_figure
+        summary = rollout.summary()
+        if options.plot:
+            # Matplotlib takes as long to import as all the rest.
+            from limb_systems.views.plots import plot_tracking, save_figure
 
-        save_figure(plot_tracking(trajectory, [rollout.recording]), options.plot)
-    if options.report:
-        data = {"plan": options.trajectory, "recording": options.output}
-        write_rollout_report(rollout, summary, options.report, data)
-    print_summary(options, summary, outputs)
+            save_figure(plot_tracking(trajectory, [rollout.recording]), options.plot)
+        if options.report:
+            data = {"plan": options.trajectory, "recording": options.output}
+            write_rollout_report(rollout, summary, options.report, data)
+        print_summary(options, summary, outputs)
+        _end(live, rollout, options)
     return 1 if rollout.recording.interrupted else 0  # an emulated limb's that cut out
+
+
+def _end(live: LivePage | None, rollout: Rollout, options: argparse.Namespace) -> None:
+    """Ends a page, if there is one, when the wires have cooled as the command was asked."""
+    if live:
+        if rollout.limb:
+            cool_down(rollout.limb, rollout.recording, live, options.cool_down)
+        live.end(rollout.recording.interrupted or DONE)
 
 
 def _limb(planned: LimbParameters, options: argparse.Namespace) -> LimbSystem:
@@ -253,9 +261,8 @@ def _follow(options: argparse.Namespace) -> int:
             real_time=bool(options.port),
             live=live,
         )
-        if live:
-            live.end(rollout.recording.interrupted or DONE)
-    print_summary(options, summary, outputs)
+        print_summary(options, summary, outputs)
+        _end(live, rollout, options)
     return 1 if rollout.recording.interrupted else 0
 
 
@@ -377,14 +384,14 @@ COMMANDS = {
         "without a port an emulated limb or the plan's model in simulated time. On a robot every "
         "sample is written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the "
         "plan has ended, and the report tells how many commands left more than 5 ms late.",
-        "trajectory output driven controller plot report live address json force",
+        "trajectory output driven controller plot report live cool address json force",
     ),
     "follow": Command(
         _follow,
         "Teach and go: plans what was taught, with margins for feedback, and drives a limb as near "
         "to it as it can, or by another controller along the plan; a robot in real time. The "
         "folder has plan.csv, recording.csv, tracking.png and report.html.",
-        "reference folder limb driven smooth live address json force",
+        "reference folder limb driven smooth live cool address json force",
         [shared("controller", default=NEAREST)],
     ),
     "learn": Command(

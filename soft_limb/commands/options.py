@@ -11,6 +11,7 @@ from typing import Any
 
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
 from hardware.emulation.twin import SPECIMENS
+from limb_systems.errors import LimbError
 from limb_systems.summary import Entry, Summary
 from soft_limb.command import EXIT_STATUS
 from soft_limb.live.page import LOOPBACK, LivePage
@@ -138,6 +139,14 @@ SHARED: dict[str, Option | list[Option]] = {
         help="show the limb on a page of this computer while it runs, in curves and in 3D, with a "
         "button that stops it; an emulated limb runs in real time",
     ),
+    "cool": Option(
+        "--cool-down",
+        type=float,
+        default=0.0,
+        metavar="SECONDS",
+        help="when the run's files are written, show how its wires cool, until they are as cool as "
+        "before, or for so long; Ctrl-C ends that alone (default %(default)g)",
+    ),
     "address": Option(
         "--live-address",
         metavar="HOST[:PORT]",
@@ -152,9 +161,11 @@ def live_page(options: argparse.Namespace) -> Iterator[LivePage | None]:
     """The page that a command was asked for, if any, until it ends; it says where the page is.
 
     Raises:
-        LimbError: if the page cannot be served there.
+        LimbError: if the page cannot be served there, or there is none to show a cool-down on.
     """
     if not (options.live or options.live_address):
+        if vars(options).get("cool_down"):
+            raise LimbError("--cool-down is for the live page; add --live.")
         yield None
         return
     with LivePage(options.live_address or LOOPBACK) as live:

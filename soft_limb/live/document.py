@@ -30,7 +30,9 @@ from soft_limb.reports import charts
 TEMPLATES = Path(__file__).parent / "templates"
 PERIOD = 200  # ms, of what browsers are told
 SILENCE = 1.0  # s, after which a limb that runs is missed
-WINDOW = 60.0  # s, that are shown of what has no end
+WINDOW = 600.0  # s, that are shown of what has no end
+COOLING = 15.0  # s, by which the time axis grows when a limb is shown beyond its run
+NEAR = 10.0  # °C below T_max, from where on a wire is said to be near it
 LIMIT_COLOR, WARM_COLOR = "#c62828", "#b08900"
 
 
@@ -45,7 +47,7 @@ class LiveDocument:
             stop: function that the button calls.
         """
         self._run, self._stop = run, stop
-        self._number = self._sent = 0
+        self._shown, self._sent = (0, 0), 0
         style = InlineStyleSheet(css=(TEMPLATES / "style.css").read_text("utf-8"))
         self._state, self._facts = (
             Div(name=name, sizing_mode="stretch_width", margin=0, stylesheets=[style])
@@ -55,6 +57,7 @@ class LiveDocument:
         self._button = Button(name="stop", label="STOP", button_type="danger", stylesheets=[big])
         self._button.on_event(ButtonClick, lambda _: self._press())
         self._curves = column(name="curves", sizing_mode="stretch_width")
+        self._x_range: Range1d | DataRange1d | None = None
         self._source = ColumnDataSource(name="readings")
         self._pulse = Div(name="pulse", visible=False, tags=[0, False])
         self._look()
@@ -74,20 +77,31 @@ class LiveDocument:
         """Tells the browser what is new."""
         run = self._run
         phase = run.phase
-        if phase is not None and run.number != self._number:
-            self._number, self._sent = run.number, 0
-            self._source = ColumnDataSource(_columns(phase, []), name="readings")
-            self._curves.children = figures(phase, self._source)
-        if phase is not None and run.count > self._sent:
-            new = min(run.count - self._sent, len(run.readings))
-            fresh = itertools.islice(run.readings, len(run.readings) - new, None)
-            self._source.stream(_columns(phase, list(fresh)), MOST_POINTS)
-            self._sent = run.count
+        if phase is not None:
+            number, thinned = self._shown
+            if run.number != number:
+                self._sent = 0
+                self._source = ColumnDataSource(_columns(phase, []), name="readings")
+                self._curves.children = drawn = figures(phase, self._source)
+                self._x_range = drawn[0].x_range
+            elif run.thinned != thinned:
+                self._source.data, self._sent = _columns(phase, list(run.readings)), run.count
+            self._shown = run.number, run.thinned
+            self._stream(phase)
         self._state.text = state(run)
         if phase is not None:
             self._facts.text = facts(run, phase, run.reading)
         self._button.disabled = bool(run.ended)
         self._pulse.tags = [self._pulse.tags[0] + 1, bool(run.ended)]
+
+    def _stream(self, phase: RunHeader) -> None:
+        run = self._run
+        if new := min(run.count - self._sent, len(run.readings)):
+            fresh = list(itertools.islice(run.readings, len(run.readings) - new, None))
+            self._source.stream(_columns(phase, fresh), MOST_POINTS)
+            self._sent = run.count
+            if isinstance(self._x_range, Range1d) and fresh[-1].time > self._x_range.end:
+                self._x_range.end = fresh[-1].time + COOLING
 
 
 def _columns(phase: RunHeader, readings: Sequence[Reading]) -> dict[str, list[float]]:
@@ -183,27 +197,39 @@ def state(run: Run) -> str:
         kind, what = "off", "No limb runs"
     elif silence > SILENCE:
         kind, what = "bad", f"Nothing was heard of the limb for {silence:.0f} s"
+    elif run.reading is not None and run.reading.cooling:
+        kind, what = "off", "The run has ended: wires are off and cooling"
     elif board is None:
         kind, what = "armed", "Running"
     elif board.armed:
         kind, what = "armed", "Armed: wires may be heated"
     else:
         kind, what = "off", f"Wires off: {board.reason}"
-    return part("state", kind, what, run.said, too_hot(run), folder=TEMPLATES)
+    return part("state", kind, what, run.said, alarms(run), folder=TEMPLATES)
 
 
-def too_hot(run: Run) -> list[str]:
-    """A sentence for each wire that is read above T_max."""
+def alarm(phase: RunHeader, temperature: float) -> tuple[str, str]:
+    """The kind of alarm for a reading, "near" or "bad", and its word; both empty for none."""
+    limits = phase.parameters.temperature_limits
+    if temperature >= min(limits.measured_maximum, phase.limit):
+        return "bad", "too hot"
+    if temperature > limits.maximum:
+        return "near", "above T_max"
+    return ("near", "near T_max") if temperature >= limits.maximum - NEAR else ("", "")
+
+
+def alarms(run: Run) -> list[tuple[str, str]]:
+    """Kind and sentence for each wire that is read near T_max or above."""
     if run.phase is None or run.reading is None or not run.is_running:
         return []
-    parameters = run.phase.parameters
+    parameters, said = run.phase.parameters, []
     limit = parameters.temperature_limits.maximum
-    names = (name.replace("_", " ") for name in parameters.wire_names)
-    return [
-        f"The {name} wire is read at {value:.1f} °C, above T_max, {limit:g} °C."
-        for name, value in zip(names, run.reading.measured_temperature, strict=True)
-        if value > limit
-    ]
+    for name, value in zip(parameters.wire_names, run.reading.measured_temperature, strict=True):
+        kind, word = alarm(run.phase, value)
+        if kind:
+            called = name.replace("_", " ")
+            said.append((kind, f"{called}: {value:.1f} °C, {word} (T_max {limit:g} °C)"))
+    return said
 
 
 def facts(run: Run, phase: RunHeader, reading: Reading | None) -> str:
@@ -211,12 +237,11 @@ def facts(run: Run, phase: RunHeader, reading: Reading | None) -> str:
     names = [name.replace("_", " ") for name in phase.parameters.wire_names]
     rows, lines = [], []
     if reading is not None:
-        limit = phase.parameters.temperature_limits.maximum
         rows = [
             (
                 name,
                 [f"{value:.{digits}f}" for value in values],
-                [digits == 1 and value > limit for value in values],
+                [alarm(phase, value) if digits == 1 else ("", "") for value in values],
             )
             for name, values, digits in _wires(run, phase, reading)
         ]

@@ -11,6 +11,7 @@ from hardware.live.messages import Message, Reading, RunHeader
 from limb_systems.simulation import PERIOD
 
 MOST_POINTS = 1500  # of a curve; the browser draws them on the computer that runs the limb
+ENDLESS_STRIDE = 8  # of the readings of what has no end, so that the points are of ten minutes
 ENDED_WITHOUT_A_WORD = (
     "the program has gone without saying why: it was stopped while it planned, it was killed, or "
     "it crashed"
@@ -24,7 +25,9 @@ class Run:
     - ``phase``: the last that began; None before one. ``number`` counts them.
     - ``reading``: newest reading of the phase, if there is one.
     - ``is_running``: whether a limb runs.
-    - ``readings``: newest readings of the phase, for its curves; ``count`` is how many there were.
+    - ``readings``: readings of the phase, for its curves: evenly thinned, all of one with an end,
+      else its last ten minutes. ``count`` is how many were appended since they were thinned, and
+      ``thinned`` how often they were, in all phases.
     - ``highest``: the highest V of each wire so far, °C.
     - ``heard``: time when something was heard last, s of the monotonic clock.
     - ``ended``: reason why it ended; empty until then.
@@ -35,7 +38,7 @@ class Run:
         self.phase: RunHeader | None = None
         self.reading: Reading | None = None
         self.heard = time.monotonic()
-        self.is_running, self.number, self.count = False, 0, 0
+        self.is_running, self.number, self.count, self.thinned = False, 0, 0, 0
         self.readings: collections.deque[Reading] = collections.deque(maxlen=MOST_POINTS)
         self.highest: np.ndarray = np.zeros(0)
         self._stride, self._received = 1, 0
@@ -54,6 +57,8 @@ class Run:
         self.reading = message.reading
         self.highest = np.fmax(self.highest, message.reading.measured_temperature)
         if self._received % self._stride == 0:
+            if len(self.readings) == MOST_POINTS and self._may_thin():
+                self._thin()
             self.readings.append(message.reading)
             self.count += 1
         self._received += 1
@@ -61,6 +66,16 @@ class Run:
     def end(self, reason: str) -> None:
         """Notes the end; without a reason the program was killed."""
         self.ended, self.is_running = reason or ENDED_WITHOUT_A_WORD, False
+
+    def _may_thin(self) -> bool:
+        assert self.phase
+        return self.phase.duration is not None or self._stride < ENDLESS_STRIDE
+
+    def _thin(self) -> None:
+        """Leaves every other reading out, from now on, too."""
+        self.readings = collections.deque(list(self.readings)[::2], MOST_POINTS)
+        self._stride *= 2
+        self.thinned, self.count = self.thinned + 1, len(self.readings)
 
     def _begin(self, phase: RunHeader) -> None:
         self.phase, self.number, self.reading = phase, self.number + 1, None

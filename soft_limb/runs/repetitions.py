@@ -19,12 +19,12 @@ from limb_systems.output import OutputError, check_folder
 from limb_systems.progress import Progress
 from soft_limb.live.page import LivePage
 from soft_limb.reports.rollout import write_learning_report
+from soft_limb.runs.cooling import COOL
 from soft_limb.runs.rollout import record_replay
 
 STATE, LEARNED = "learning.txt", "learned.csv"
 PICTURE, REPORT = "learning.png", "learning.html"
 PAUSE = 300.0  # s, without heat, between two repetitions on an emulated limb
-COOL = 3.0  # °C, by which a wire may be warmer than where the plan starts
 LONGEST_REST = 1200.0  # s
 LOOK_PERIOD = 1.0  # s
 _NAME = re.compile(r"repetition_[0-9]+\.csv")

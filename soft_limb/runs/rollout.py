@@ -41,6 +41,7 @@ class Rollout:
     - ``late``: time by which each command was late, s; None in simulated time.
     - ``lost_samples``: number of samples that the cable lost; None in simulated time.
     - ``replans``: how many plans were begun, late and failed; None if none were to be made.
+    - ``limb``: the limb that was driven; a robot's port is closed.
     """
 
     controller: str
@@ -49,6 +50,7 @@ class Rollout:
     late: np.ndarray | None
     lost_samples: int | None
     replans: np.ndarray | None
+    limb: LimbSystem | None = None
 
     @functools.cached_property
     def distances(self) -> ReferenceDistances:
@@ -159,6 +161,7 @@ def roll_out(
         np.array(robot.timing_errors) if robot else None,
         robot.link.lost_samples if robot else None,
         counts.value if counts else None,
+        limb,
     )
 
 

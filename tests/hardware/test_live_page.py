@@ -1,6 +1,7 @@
 """The live page: what it shows, its button, who may see it, and that no run depends on it."""
 
 import contextlib
+import dataclasses
 import http.client
 import os
 import pickle
@@ -17,6 +18,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bokeh.document import Document
 from bokeh.models import ColumnDataSource
 from pydrake.geometry import Meshcat, MeshcatParams
 
@@ -39,6 +41,7 @@ from soft_limb.commands import options
 from soft_limb.live import document, server, view
 from soft_limb.live.page import LivePage
 from soft_limb.live.run import ENDED_WITHOUT_A_WORD, MOST_POINTS, Run
+from soft_limb.runs.cooling import cool_down
 from soft_limb.runs.repetitions import repeat
 from soft_limb.runs.rollout import roll_out
 
@@ -425,16 +428,63 @@ def test_what_is_lost_leaves_the_rest_in_order():
     assert (run.ended, run.is_running) == (ENDED_WITHOUT_A_WORD, False)
 
 
+def test_a_page_that_is_opened_late_shows_what_was_before(motion):
+    """All of a run with an end, also beyond it, and minutes of what has none."""
+    for duration, first in ((20.0, 0.0), (None, 100.0)):
+        run = Run()
+        run._begin(RunHeader("a limb", motion.parameters, 110.0, duration))
+        early = document.LiveDocument(Document(), run, lambda: None)
+        for step in range(14000):
+            reading = Reading(step / 20, [0.0], [30.0, 20.0], [0.0] * 2)
+            run.take(pickle.dumps(Message("", reading)), [])
+            if step % 2000 == 0:
+                early._look()
+        early._look()
+        late = document.LiveDocument(Document(), run, lambda: None)
+        for page in (early, late):
+            times = np.array(page._source.data["time"])
+            assert times[0] == pytest.approx(first, abs=1.0)
+            assert times[-1] == pytest.approx(700.0, abs=1.0)
+            np.testing.assert_allclose(np.diff(times), times[1] - times[0])
+            assert len(times) <= MOST_POINTS
+        if duration:
+            assert late._x_range.end > 700.0
+
+
+def test_a_limb_is_shown_while_it_cools(motion):
+    told, twin = Told(), LimbTwin(seed=1)
+    recording = replay(motion, twin)
+    cool_down(twin, recording, told, 0.5)
+    assert not told.phases  # the curves go on
+    assert told.rested == 1
+    assert [reading.time for reading in told.readings] == pytest.approx(
+        recording.time[-1] + np.arange(11) / 20
+    )
+    assert all(reading.cooling and reading.duty == [0.0, 0.0] for reading in told.readings)
+    warm = recording.measured_temperature[1, -1]
+    assert warm - 5.0 < told.readings[-1].measured_temperature[1] < warm + 1.0
+    cool_down(LimbTwin(seed=1), recording, told, 5.0)  # which is cool
+    assert len(told.readings) == 12
+
+
 def test_what_is_shown_of_heat_and_of_the_end():
     run = Run()
     run.phase = phase = RunHeader("a limb", LimbParameters(), 110.0, duration=30.0)
     run.reading = Reading(10.0, [0.1], [101.25, 40.0], [0.31, 0.62])
     run.highest, run.is_running = np.array([103.0, 41.0]), True
-    assert "The left wire is read at 101.2 °C, above T_max, 100 °C." in document.state(run)
+    said = '<b class="alarm near">left: 101.2 °C, above T_max (T_max 100 °C)</b>'
+    assert said in document.state(run)
     shown = document.facts(run, phase, run.reading)
-    assert re.findall(r'<b class="bad">([\d.]+)</b>', shown) == ["101.2", "103.0"]
+    assert re.findall(r'<b class="alarm near">([^<]+)</b>', shown) == [
+        "above T_max 101.2",
+        "above T_max 103.0",
+    ]
+    words = [document.alarm(phase, value) for value in (89.9, 90.0, 100.5, 110.0)]
+    assert words == [("", ""), ("near", "near T_max"), ("near", "above T_max"), ("bad", "too hot")]
     assert "0.31" in shown
     assert "20.0 s left" in shown
+    run.reading = dataclasses.replace(run.reading, cooling=True)
+    assert "wires are off and cooling" in document.state(run)
     run.end("done")
     assert "above T_max" not in document.state(run)
     shown = document.facts(run, phase, run.reading)
