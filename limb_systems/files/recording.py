@@ -190,26 +190,24 @@ class Recording(Samples):
             LogError: with one sentence, if it is no log or lacks what a recording needs.
         """
         # They make recordings.
-        from limb_systems.logs.guess import limbs_in_log
+        from limb_systems.logs.importing import import_logs
         from limb_systems.logs.mapping import LogMapping
-        from limb_systems.logs.reading import read_log
+        from limb_systems.logs.table import LogError
 
-        said = []
-        if mapping is None:
-            first, *others = limbs_in_log(path)
-            if others:
-                names = ", ".join(limb.name for limb in others)
-                said.append(f"This is {first.name}; mappings would read {names}.")
-            mapping = first.mapping
-        elif not isinstance(mapping, LogMapping):
+        if isinstance(mapping, (str, Path)):
             mapping = LogMapping.load(mapping)
-        recordings, remarks = read_log(path, mapping, parameters)
-        longest = max(recordings, key=lambda recording: recording.time[-1])
-        if len(recordings) > 1:
-            said.append(f"This is the longest of {len(recordings)} parts.")
-        if said := [*said, *remarks]:
+        log, *others = import_logs([path], mapping, parameters)
+        if log.error:
+            raise LogError(log.error)
+        said = list(log.remarks)
+        if others:
+            names = ", ".join(other.limb.name for other in others)
+            said.append(f"This is {log.limb.name}; mappings would read {names}.")
+        if (count := len(log.recordings)) > 1:
+            said.append(f"This is the longest of {count} parts.")
+        if said:
             warnings.warn(f"{path}: {' '.join(said)}", stacklevel=2)
-        return longest
+        return max(log.recordings, key=lambda recording: recording.time[-1])
 
     @classmethod
     def _from_table(cls, table: Table) -> "Recording":

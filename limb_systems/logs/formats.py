@@ -30,11 +30,19 @@ class LimbInLog:
     - ``name``: its name among those in the log; empty if it is alone.
     - ``mapping``: mapping of the log's columns.
     - ``notes``: what the columns are taken for, and why, in lines.
+    - ``agreement``: correlation of each wire's thermocouple with its heat; 0 where none shows
+      that it is this wire's.
     """
 
     name: str
     mapping: LogMapping
     notes: list[str]
+    agreement: list[float]
+
+    @property
+    def heated(self) -> bool:
+        """Whether heat shows how columns belong together, and which way the bend is counted."""
+        return any(self.agreement)
 
 
 def known_format(table: LogTable) -> list[LimbInLog]:
@@ -67,7 +75,8 @@ def _sma(table: LogTable, limbs: list[int]) -> list[LimbInLog]:
     sensors = [name for name in table.names if name.startswith("MCPtemp_")]
     sensors = [name for name in sensors if np.ptp(np.nan_to_num(table.numbers(name))) > 0]
     readings = np.array([table.numbers(name)[kept] for name in sensors])
-    pairs = [sensors[found] if found is not None else "" for found, _ in pairing(heats, readings)]
+    found_pairs = pairing(heats, readings)
+    pairs = [sensors[found] if found is not None else "" for found, _ in found_pairs]
     notes = [f"MCPtemp of {c}: {p}, which warms with it" for c, p in zip(columns, pairs) if p]  # noqa: B905
     for index, wire in enumerate(wires):
         usual = f"MCPtemp_{USUAL.get(wire)}"
@@ -86,7 +95,8 @@ def _sma(table: LogTable, limbs: list[int]) -> list[LimbInLog]:
         mapping, sign = turned(mapping, table, kept, heats[own])
         lines = [f"limb {limb} of a logger of limbs with shape-memory alloy", *notes, note, sign]
         lines.append("left is its wire rev, right is fwd; exchange the names if they are not")
-        found.append(LimbInLog(f"limb_{limb}" if len(heated or limbs) > 1 else "", mapping, lines))
+        name = f"limb_{limb}" if len(heated or limbs) > 1 else ""
+        found.append(LimbInLog(name, mapping, lines, [found_pairs[i][1] for i in own]))
     return found
 
 
@@ -169,5 +179,7 @@ def _pneumatic(table: LogTable) -> list[LimbInLog]:
             f"bend: {angle}, half of the tip's angle in degrees",
             "soft-limb plan takes the recording as a reference",
         ]
-        found.append(LimbInLog(f"limb_{angle[-1]}" if len(angles) > 1 else "", mapping, lines))
+        found.append(
+            LimbInLog(f"limb_{angle[-1]}" if len(angles) > 1 else "", mapping, lines, [0.0, 0.0])
+        )
     return found

@@ -87,11 +87,11 @@ def limbs_in_log(path: str | Path) -> list[LimbInLog]:
         LogError: if it is no table of text with rows of numbers.
     """
     table = read_table(path)
-    return known_format(table) or [LimbInLog("", *guessed(table))]
+    return known_format(table) or [guessed(table)]
 
 
-def guessed(table: LogTable) -> tuple[LogMapping, list[str]]:
-    """A mapping for a log, and what each column is taken for, and why, in lines.
+def guessed(table: LogTable) -> LimbInLog:
+    """The limb in a log, by a mapping that seems likely.
 
     Columns that are not found are `OPEN` in the mapping.
     """
@@ -123,12 +123,15 @@ def guessed(table: LogTable) -> tuple[LogMapping, list[str]]:
     wires = []
     for name, duty, full, (reading, agreement) in zip(sides, duties, fulls, pairs, strict=True):
         notes[duty.name] = f"duty of the {name} wire, of which {full:g} is full"
-        if reading is None and len(left) == 1:  # of a wire that was not heated
-            reading = left[0]
+        if reading is None and left:  # no heat shows it
+            same = [i for i in left if _side(temperatures[i]) == name]
+            if same or len(left) == len(temperatures) - 1 or len(left) == len(duties):
+                reading = same[0] if same else left[0]
+                left.remove(reading)
         sensor = temperatures[reading] if reading is not None else None
         unit = _unit(sensor) if sensor else "C"
         if sensor:
-            why = f"follows its heat by {agreement:.2f}" if agreement else "is the one that is left"
+            why = f"follows its heat by {agreement:.2f}" if agreement else "no heat shows it"
             notes[sensor.name] = f"temperature of the {name} wire, °{unit}: {why}"
         wires.append(WireColumns(name, duty.name, full, sensor.name if sensor else "", unit))
     questions = [_question(duty, full) for duty, full in zip(duties, fulls, strict=True)]
@@ -156,7 +159,9 @@ def guessed(table: LogTable) -> tuple[LogMapping, list[str]]:
     if sides == ["left", "right"] and not any(_side(duty) for duty in duties):
         questions.append("names do not say which wire is on which side: exchange them if need be")
     said = [f"{name}: {notes.get(name, 'not used')}" for name in table.names]
-    return mapping, [*said, *filter(None, questions)]
+    return LimbInLog(
+        "", mapping, [*said, *filter(None, questions)], [agreement for _, agreement in pairs]
+    )
 
 
 def _times(table: LogTable, time: TimeColumn) -> tuple[np.ndarray, np.ndarray]:
@@ -237,7 +242,7 @@ def _duties(columns: list[Column], notes: dict[str, str]) -> tuple[list[Column],
         off = np.mean(values == 0)
         if not column.said(DUTY) and (off < 0.05 or held < 0.5 or np.ptp(values) == 0):
             continue
-        if _has(column.words, NOT_MEASURED) or np.abs(values).max() > FULLS[-1] or off == 0:
+        if _has(column.words, NOT_MEASURED) or np.abs(values).max() > FULLS[-1]:
             continue
         score = (
             2.0 * column.said(DUTY) + off + held - (column.said(TEMPERATURE) or column.said(BEND))

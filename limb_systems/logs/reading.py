@@ -29,7 +29,7 @@ DAY = 86_400.0  # s
 GAP = 2.0  # s without rows, in which duty may have been anything if it differs before and after
 CHANGE = 0.05  # of duty, that counts as another
 LONGEST_GAP = 30.0  # s, beyond which it may have been anything at all, unless it was off
-SHORTEST = 10.0  # s of a part that is worth keeping
+SHORTEST = 10.0  # s of a part of a log that is worth keeping
 STALE = 2.6, 0.5  # periods and s, the longer of which a reading may be held
 REPEATED = 5  # rows in which points of a picture are exactly where they were, and were not seen
 OVER = 0.05  # by which duty may exceed full duty, and is cut off
@@ -136,7 +136,7 @@ def _recordings(
     recordings = []
     for number, (start, end) in enumerate(itertools.pairwise(cuts), 1):
         part = slice(start, end)
-        if end - start < 2 or times[end - 1] - times[start] < SHORTEST:
+        if end - start < 2 or (len(cuts) > 2 and times[end - 1] - times[start] < SHORTEST):
             remarks.append(
                 f"{_rows(end - start)} from {times[start]:.0f} s on are too few to keep."
             )

@@ -1,16 +1,12 @@
 """The command that reads logs of other programs."""
 
 import argparse
-import re
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from limb_systems import LimbParameters, Recording
-from limb_systems.logs.formats import LimbInLog
-from limb_systems.logs.guess import limbs_in_log
+from limb_systems.logs.importing import ImportedLog, import_logs
 from limb_systems.logs.mapping import LogMapping
-from limb_systems.logs.reading import read_log
-from limb_systems.logs.table import LogError
 from limb_systems.output import check_folder, check_outputs
 from limb_systems.summary import Entry, Summary
 from soft_limb.commands.options import Command, Option, print_summary, shared
@@ -20,58 +16,41 @@ def _import(options: argparse.Namespace) -> int:
     check_folder(options.output)
     parameters = LimbParameters.load(options.limb) if options.limb else None
     given = LogMapping.load(options.mapping) if options.mapping else None
-    told: list[dict[str, Any]] = []
-    written: list[Path] = []
-    for log in options.logs:
-        limbs = [LimbInLog("", given, [])] if given else limbs_in_log(log)
-        for limb in limbs:
-            summary = _read(log, limb, parameters, options, written)
-            told.append(summary.to_json())
-            if not options.json:
-                print(f"{summary}\n")
-    failed = [one for one in told if one["error"]]
+    logs = import_logs(options.logs, given, parameters)
+    mappings = [options.output / log.limb.name / f"{log.stem}.mapping.yaml" for log in logs]
+    recordings = {options.output / file: r for log in logs for file, r in _files(log)}
+    written = [*recordings] if given else [*mappings, *recordings]
+    check_outputs(written, inputs=[*options.logs, options.mapping], force=options.force)
+    told = []
+    for log, mapping in zip(logs, mappings, strict=True):
+        if not given:
+            about = [f"How soft-limb reads {log.path.name}.", *log.limb.notes]
+            log.limb.mapping.save(mapping, about)
+        summary = _summary(log, mapping)
+        told.append(summary.to_json())
+        if not options.json:
+            print(f"{summary}\n")
+    for path, recording in recordings.items():
+        recording.save(path)
+    failed = any(log.error for log in logs)
     text = "" if failed else f"soft-limb fit {options.output} -o limb.yaml"
     print_summary(options, Summary.of({"next": text}, {"logs": told}), written)
-    return 1 if failed else 0
+    return int(failed)
 
 
-def _read(
-    log: Path,
-    limb: LimbInLog,
-    parameters: LimbParameters | None,
-    options: argparse.Namespace,
-    written: list[Path],
-) -> Summary:
-    """Reads a limb of a log into files, and says what was found in it and what was lost."""
-    folder = options.output / limb.name
-    stem = re.sub(r"[^\w.-]+", "_", log.stem)
-    mapping = options.mapping or folder / f"{stem}.mapping.yaml"
-    if not options.mapping:
-        check_outputs([mapping], inputs=[log], force=options.force)
-        limb.mapping.save(mapping, [f"How soft-limb reads {log.name}.", *limb.notes])
-        written.append(mapping)
-    recordings: list[Recording] = []
-    remarks: list[str] = []
-    error = ""
-    try:
-        recordings, remarks = read_log(log, limb.mapping, parameters)
-    except LogError as problem:
-        error = f"{problem} Correct {mapping} and add --mapping {mapping}."
-    several = len(recordings) > 1
-    paths = [
-        folder / (f"{stem}_{number}.csv" if several else f"{stem}.csv")
-        for number in range(1, len(recordings) + 1)
-    ]
-    check_outputs(paths, inputs=[log], force=options.force)
-    for recording, path in zip(recordings, paths, strict=True):
-        recording.save(path)
-    written += paths
-    found = [recording.summary().line() for recording in recordings]
+def _files(log: ImportedLog) -> Iterable[tuple[Path, Recording]]:
+    return zip(log.files, log.recordings, strict=True)
+
+
+def _summary(log: ImportedLog, mapping: Path) -> Summary:
+    """What is in a log, and what was lost."""
+    found = [recording.summary().line() for recording in log.recordings]
+    error = f"{log.error} Correct {mapping} and give it with --mapping." if log.error else ""
     return Summary(
         [
-            Entry("log", " ".join(filter(None, [str(log), limb.name]))),
-            Entry("columns", limb.notes, "", "\n".join(limb.notes)),
-            Entry("lost", remarks, "", "\n".join(remarks)),
+            Entry("log", " ".join(filter(None, [str(log.path), log.limb.name]))),
+            Entry("columns", log.limb.notes, "", "\n".join(log.limb.notes)),
+            Entry("lost", log.remarks, "", "\n".join(log.remarks)),
             Entry("recordings", found, "", "\n".join(found)),
             Entry("error", error),
         ]

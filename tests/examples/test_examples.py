@@ -172,13 +172,13 @@ def test_calibrate_from_csv(tmp_path, monkeypatch):
     }
     logs = by_kind.pop("sag")
     # At rest it is where it is at the end of ring-downs, and where heating of cold wires begins.
-    rest = [log["degrees"][log["ms"] > log["ms"][-1] - 2000] for log in by_kind.pop("ring_down")]
+    rest = [log["bend_deg"][log["ms"] > log["ms"][-1] - 2000] for log in by_kind.pop("ring_down")]
     rest += [
-        log["degrees"][log["ms"] < 1000]
+        log["bend_deg"][log["ms"] < 1000]
         for (log,) in by_kind.values()
         if max(log["temp_l"][0], log["temp_r"][0]) < limb.ambient_temperature + 3
     ]
-    sags = [log["degrees"][-100:].mean() for log in logs]
+    sags = [log["bend_deg"][-100:].mean() for log in logs]
     sag = np.deg2rad(np.median([np.median(angles) for angles in rest]) - np.mean(sags))
     links = segment.links
     # With N links beyond a joint, its torque is that of N² / n² of the weight at half the length.

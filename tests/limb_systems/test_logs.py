@@ -8,8 +8,8 @@ import pytest
 
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
 from limb_systems.logs.guess import limbs_in_log
+from limb_systems.logs.importing import import_logs
 from limb_systems.logs.mapping import LogMapping
-from limb_systems.logs.reading import read_log
 from limb_systems.model.bend_sensor import chord_angle
 from soft_limb.command import main
 
@@ -50,9 +50,8 @@ def write(path, names, columns, *, delimiter=",", head="", decimal=".", form="{:
 
 
 def read(path):
-    (limb,) = limbs_in_log(path)
-    recordings, remarks = read_log(path, limb.mapping)
-    return limb, recordings, remarks
+    (log,) = import_logs([path])
+    return log.limb, log.recordings, log.remarks
 
 
 def check(recording, truth, tolerance_deg=0.1):

@@ -1,0 +1,130 @@
+"""Reads logs of one limb or of several, which may tell more together than each alone."""
+
+import copy
+import dataclasses
+import itertools
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from limb_systems.files.recording import Recording
+from limb_systems.logs.formats import LimbInLog
+from limb_systems.logs.guess import limbs_in_log
+from limb_systems.logs.mapping import LogMapping
+from limb_systems.logs.reading import read_log
+from limb_systems.logs.table import LogError
+from limb_systems.model.parameters import LimbParameters
+
+SAG, EARTH = "sag", 9.81  # beginning of the names of logs of the sag, and m/s²
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ImportedLog:
+    """What a log tells of a limb.
+
+    - ``path``: path of the log.
+    - ``limb``: the limb in it, with the mapping by which it was read.
+    - ``recordings``: as far as duty is known without a gap, in parts; empty if the mapping has
+      to be corrected.
+    - ``remarks``: what was lost, in sentences.
+    - ``error``: why the mapping has to be corrected; empty if it can be read.
+    """
+
+    path: Path
+    limb: LimbInLog
+    recordings: list[Recording]
+    remarks: list[str]
+    error: str
+
+    @property
+    def stem(self) -> str:
+        """The log's name without its ending, of letters that all systems have in files' names."""
+        return re.sub(r"[^\w.-]+", "_", self.path.stem)
+
+    @property
+    def files(self) -> list[Path]:
+        """Names for the recordings, by the limb's and the log's."""
+        names = [self.stem]
+        if len(self.recordings) != 1:
+            names = [f"{self.stem}_{number}" for number in range(1, len(self.recordings) + 1)]
+        return [Path(self.limb.name) / f"{name}.csv" for name in names]
+
+
+def import_logs(
+    paths: Sequence[str | Path],
+    mapping: LogMapping | None = None,
+    parameters: LimbParameters | None = None,
+) -> list[ImportedLog]:
+    """Reads logs.
+
+    A log without heat does not show which way the bend is counted, so that it is read as one
+    with heat that has the same columns. A log whose name begins with "sag" and that has no heat
+    is one of a limb that is mounted so that gravity bends it, to the side where it bends.
+
+    Args:
+        mapping: mapping of all of them; what they show themselves if None.
+        parameters: the limb's description; the nominal limb if None.
+
+    Raises:
+        LogError: if one is no table of text with rows of numbers, or not as the given mapping says.
+    """
+    found = {
+        Path(path): [LimbInLog("", mapping, [], [])] if mapping else limbs_in_log(path)
+        for path in paths
+    }
+    shown: dict[tuple, LimbInLog] = {}
+    for limb in itertools.chain(*found.values()):
+        if limb.heated and not mapping:
+            shown[_columns(limb)] = _joined(limb, shown.get(_columns(limb)))
+    imported = []
+    for path, limbs in found.items():
+        for limb in limbs:
+            if other := shown.get(_columns(limb)):
+                limb = _joined(limb, other)
+            try:
+                recordings, remarks = read_log(path, limb.mapping, parameters)
+                error = ""
+            except LogError as problem:
+                if mapping:
+                    raise
+                recordings, remarks, error = [], [], str(problem)
+            if path.stem.startswith(SAG) and not any(r.duty.any() for r in recordings):
+                recordings = [_sagging(recording) for recording in recordings]
+                remarks.append("By its name, gravity bends the limb here, to the side of its bend.")
+            imported.append(ImportedLog(path, limb, recordings, remarks, error))
+    return imported
+
+
+def _columns(limb: LimbInLog) -> tuple:
+    """What logs that can be read alike have in common."""
+    mapping = limb.mapping
+    duties = tuple(sorted(wire.duty for wire in mapping.wires))
+    return limb.name, mapping.time.column, duties, mapping.bend.column, tuple(mapping.bend.line)
+
+
+def _joined(limb: LimbInLog, other: LimbInLog | None) -> LimbInLog:
+    """A limb in a log, with what only another log of the same columns shows."""
+    if other is None:
+        return limb
+    mapping = copy.deepcopy(limb.mapping if limb.heated else other.mapping)
+    agreement = list(limb.agreement)
+    for own, wire in zip(mapping.wires, other.mapping.wires, strict=True):
+        own.full = max(own.full, wire.full, key=abs)
+    for index, wire in enumerate(other.mapping.wires):
+        if not agreement[index] and other.agreement[index]:
+            mapping.wires[index], agreement[index] = copy.deepcopy(wire), other.agreement[index]
+    if len({wire.temperature for wire in mapping.wires}) < len(mapping.wires):
+        return limb  # they contradict each other
+    notes = limb.notes
+    if mapping != limb.mapping:
+        notes = [*notes, "what no heat shows here is as in another log of the same columns"]
+    return LimbInLog(limb.name, mapping, notes, agreement)
+
+
+def _sagging(recording: Recording) -> Recording:
+    side = float(np.sign(np.nanmedian(recording.bend_angle))) or -1.0
+    parameters = copy.deepcopy(recording.parameters)
+    parameters.gravity = [0.0, side * EARTH, 0.0]
+    return dataclasses.replace(recording, parameters=parameters)
