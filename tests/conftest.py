@@ -29,6 +29,7 @@ REAL_TIME = (
     "tests/hardware/test_replay.py",
     "tests/hardware/test_serial_limb.py",
     "tests/examples/test_examples.py::test_plan_export_replay",
+    "tests/soft_limb/test_bridge.py",
 )
 CALIBRATION = "tests/calibration/"  # its tests share recordings that take long to make
 # What takes long goes first, so that both processes end with short files, and about together.

@@ -1,0 +1,316 @@
+"""Drives a limb by what comes on ROS 2 topics, and publishes what it does."""
+
+import contextlib
+import itertools
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from multiprocessing import Pipe
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.primitives import PassThrough
+
+from hardware.firmware import guard
+from hardware.replay import AMBIENT_TOLERANCE
+from hardware.robot.journal import journaled
+from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
+from limb_systems.model.limb_system import check_limb
+from limb_systems.simulation import PERIOD, make_simulator
+from soft_limb.bridge.messages import LATEST, SILENCE, Heard, Numbers, Topics
+
+READY_TIME = 60.0  # s, in which the other process starts, on a computer that is busy
+DEAF = 1.0  # s, without an answer of the other process
+# Of a duty when a command leaves: the next one leaves a period later.
+OLDEST = LATEST - PERIOD
+ARMED, RUNNING, FAULT, IDLE = "armed", "running", "fault", "idle"
+
+
+class NodeProcess:
+    """The process that speaks to ROS 2, as the loop sees it, which never waits for it.
+
+    Use it as a context manager.
+    """
+
+    def __init__(self, topics: Topics, parameters: LimbParameters):
+        """
+        Args:
+            topics: names of the topics.
+            parameters: description of the limb.
+
+        Raises:
+            LimbError: if there is nothing to speak to ROS 2 with, or no network.
+        """
+        self._pipe, theirs = Pipe()
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "soft_limb.bridge.node", str(theirs.fileno())],
+            stdin=subprocess.DEVNULL,
+            pass_fds=[theirs.fileno()],
+            start_new_session=True,  # the terminal's Ctrl-C is not for it
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+        )
+        theirs.close()
+        self._heard, self._time = Heard(), time.monotonic()
+        try:
+            self._pipe.send((topics, len(parameters.wires), parameters.total_duty))
+            trouble = self._pipe.recv() if self._pipe.poll(READY_TIME) else "it does not start"
+        except BaseException as error:
+            self.close()
+            if isinstance(error, EOFError | OSError):
+                raise LimbError("The process that speaks to ROS 2 has died.") from error
+            raise
+        if trouble:
+            self.close()
+            raise LimbError(
+                f"There is no way to ROS 2: {trouble}. Without ROS 2 on this computer, "
+                "pip install 'soft-limb[ros]' is what is needed."
+            )
+        self._time = time.monotonic()
+
+    def __enter__(self) -> "NodeProcess":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+    def tell(self, messages: dict[str, Numbers | str]) -> None:
+        """Publishes messages on topics.
+
+        Raises:
+            LimbError: if the process has died.
+        """
+        self._do(lambda: self._pipe.send(list(messages.items())))
+
+    def hear(self) -> Heard:
+        """What was heard so far.
+
+        Raises:
+            LimbError: if the process has died, or has not answered for a second.
+        """
+        self._do(self._receive)
+        if time.monotonic() - self._time > DEAF:
+            raise LimbError("The process that speaks to ROS 2 does not answer.")
+        return self._heard
+
+    def close(self) -> None:
+        """Ends the process, once it has published what it was told."""
+        self._pipe.close()
+        try:
+            self._process.wait(DEAF)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _receive(self) -> None:
+        while self._pipe.poll():
+            self._heard, self._time = self._pipe.recv(), time.monotonic()
+
+    def _do(self, action: Callable[[], None]) -> None:
+        try:
+            action()
+        except (EOFError, OSError) as error:
+            raise LimbError("The process that speaks to ROS 2 has died.") from error
+
+
+class Driver:
+    """Chooses the duty at each tick: that of a plan that runs, or a fresh one from the topic.
+
+    - ``state``: `ARMED` or `RUNNING`.
+    - ``why``: why the duty is zero, or what else is to be said; empty if there is nothing.
+    - ``applied``: the duty (W,).
+    - ``age``: age of the newest duty, s; infinite if there was none.
+    - ``plan_time``: time since the start of the plan, s; None if none runs.
+    """
+
+    def __init__(self, parameters: LimbParameters, plan: Trajectory | None = None):
+        """
+        Args:
+            parameters: description of the limb.
+            plan: trajectory that may be started.
+        """
+        self.state, self.why, self.age = ARMED, "", np.inf
+        self.applied = np.zeros(len(parameters.wires))
+        self.plan_time: float | None = None
+        self._parameters, self._plan = parameters, plan.since_start() if plan else None
+        self._start, self._requests = 0.0, 0
+        self._refused_start = ""
+
+    def duty(self, heard: Heard, measured: np.ndarray, now: float) -> np.ndarray:
+        """The duty (W,) to apply from now on for a period.
+
+        Args:
+            heard: what was heard so far.
+            measured: V (W,), °C.
+            now: time, s of the monotonic clock.
+        """
+        self.age = now - heard.born
+        if heard.requests != self._requests:
+            self._requests = heard.requests
+            self._heed(heard, measured, now)
+        duty, why = self._choose(heard, measured, now)
+        self.state = ARMED if duty is None else RUNNING
+        self.why = self._refused_start or why
+        self.applied = np.zeros(len(measured)) if duty is None else duty
+        return self.applied
+
+    def plan_message(self) -> Numbers | None:
+        """What the plan that runs says of now; None if none runs."""
+        if self.plan_time is None:
+            return None
+        assert self._plan
+        time, plan, segments = self.plan_time, self._plan, range(len(self._parameters.segments))
+        names = [f"{what}_{i}_rad" for what in ("reference", "planned") for i in segments]
+        names = ["time_s", *names, *(f"duty_{name}" for name in self._parameters.wire_names)]
+        reference, duty = _between(plan, plan.reference, time), _between(plan, plan.duty, time)
+        bend_angle = plan.bend_angle_at([time])[:, 0]
+        return Numbers(names, np.concatenate([[time], reference, bend_angle, duty]).tolist())
+
+    def _heed(self, heard: Heard, measured: np.ndarray, now: float) -> None:
+        """Starts or stops the plan."""
+        self._refused_start = ""
+        if not heard.run:
+            self.plan_time = None
+        elif self.plan_time is None:
+            self._refused_start = self._why_not_start(heard, measured)
+            if not self._refused_start:
+                self.plan_time, self._start = 0.0, now
+
+    def _why_not_start(self, heard: Heard, measured: np.ndarray) -> str:
+        if self._plan is None:
+            return "the plan was not started: this bridge was given none"
+        if heard.duty is not None and self.age <= LATEST:
+            return "the plan was not started: somebody commands the duty"
+        away = np.abs(measured - self._plan.measured_temperature[:, 0])
+        if away.max() > AMBIENT_TOLERANCE:
+            return (
+                f"the plan was not started: a wire's reading is {away.max():.0f} °C from that at "
+                "the plan's start"
+            )
+        return ""
+
+    def _choose(
+        self, heard: Heard, measured: np.ndarray, now: float
+    ) -> tuple[np.ndarray | None, str]:
+        if self.plan_time is not None:
+            assert self._plan
+            self.plan_time = now - self._start
+            if self.plan_time < self._plan.duration:
+                return _between(self._plan, self._plan.duty, self.plan_time), ""
+            self.plan_time = None
+        if self.age > OLDEST:
+            return None, "" if np.isinf(self.age) else "the newest duty is too old"
+        if heard.duty is None:
+            return None, f"the duty was refused: {heard.refused}"
+        limit = self._parameters.temperature_limits.maximum
+        if measured.max() >= limit:
+            return (
+                None,
+                f"a wire is at {measured.max():.1f} °C; temperature_limits.maximum is {limit:g}",
+            )
+        is_alone = now - heard.other > SILENCE
+        return np.array(heard.duty), "" if is_alone else "another writer of the duty is ignored"
+
+
+def _between(plan: Trajectory, rows: np.ndarray, time: float) -> np.ndarray:
+    """A signal of a plan at a time between its knots, linear as duty is."""
+    return np.array([np.interp(time, plan.time, row) for row in rows])
+
+
+def drive(
+    limb: LimbSystem,
+    *,
+    plan: Trajectory | None = None,
+    topics: Topics | None = None,
+    output: Path | None = None,
+) -> None:
+    """Drives a limb at 20 Hz, in real time, by what comes on ROS 2 topics, until a signal comes.
+
+    Args:
+        limb: a `SerialLimb`, which is closed at the end, or any other `LimbSystem`.
+        plan: trajectory that may be started, which was checked for this limb.
+        topics: names of the topics.
+        output: file of the recording; there is none if None.
+
+    Raises:
+        HardwareError: if the robot fails on the way.
+        LimbError: if an emulated limb cuts out, or there is no way to ROS 2, or no longer.
+        OutputError: if the file cannot be written.
+    """
+    robot: Any = check_limb(limb)
+    close = robot.close if limb.real_time else lambda: None
+    topics, end = topics or Topics(), (IDLE, "the bridge has ended")
+    with contextlib.ExitStack() as stack:
+        stack.callback(close)
+        node = stack.enter_context(NodeProcess(topics, limb.parameters))
+        try:
+            _loop(limb, node, Driver(limb.parameters, plan), topics, output)
+        except LimbError as error:
+            end = FAULT, str(error)
+            raise
+        finally:
+            close()
+            with contextlib.suppress(LimbError):
+                node.tell({topics.state: json.dumps({"state": end[0], "why": end[1]})})
+
+
+def _loop(
+    limb: LimbSystem, node: NodeProcess, driver: Driver, topics: Topics, output: Path | None
+) -> None:
+    builder = DiagramBuilder()
+    builder.AddSystem(limb)
+    entry = builder.AddSystem(PassThrough(len(limb.parameters.wires)))
+    builder.ExportInput(entry.get_input_port(), "duty")
+    builder.Connect(entry.get_output_port(), limb.GetInputPort("duty"))
+    made, port = Provenance.now(limb.parameters), entry.get_output_port()
+    with journaled(builder, output, limb, port, 1 / PERIOD, provenance=made, ended_by_hand=True):
+        simulator = make_simulator(builder.Build(), limb.accuracy)
+        context = simulator.get_mutable_context()
+        duty = simulator.get_system().GetInputPort("duty")
+        duty.FixValue(context, np.zeros(duty.size()))
+        simulator.Initialize()  # arms a robot
+        start = time.monotonic()
+        for due in (PERIOD * tick for tick in itertools.count()):
+            time.sleep(max(0.0, start + due - time.monotonic()))
+            heard, measured = node.hear(), _read(limb, context, "measured_temperature")
+            duty.FixValue(context, driver.duty(heard, measured, time.monotonic()))
+            simulator.AdvanceTo(due + PERIOD / 2)  # so that what is due now is done
+            node.tell(_messages(limb, context, topics, driver, heard))
+            if limb.HasOutputPort("cut_out") and _read(limb, context, "cut_out")[0]:
+                raise LimbError(
+                    f"A wire of the {limb.source} was measured at {guard.TEMPERATURE_LIMIT:g} °C "
+                    "or more, the limit at which a board switches off."
+                )
+
+
+def _read(limb: LimbSystem, context: Context, name: str) -> np.ndarray:
+    return limb.GetOutputPort(name).Eval(limb.GetMyContextFromRoot(context))
+
+
+def _messages(
+    limb: LimbSystem, context: Context, topics: Topics, driver: Driver, heard: Heard
+) -> dict[str, Numbers | str]:
+    """What is published at a tick."""
+    names = [f"{name}_c" for name in limb.parameters.wire_names]
+    names += [f"bend_{index}_rad" for index in range(len(limb.parameters.segments))]
+    readings = [_read(limb, context, name) for name in ("measured_temperature", "bend_angle")]
+    applied = _read(limb, context, "applied_duty") if limb.HasOutputPort("applied_duty") else None
+    state = {
+        "state": driver.state,
+        "why": driver.why,
+        "duty": (driver.applied if applied is None else applied).tolist(),
+        "age": driver.age if np.isfinite(driver.age) else None,
+        "delay": heard.delay,
+        "commands": heard.commands,
+        "plan_time": driver.plan_time,
+    }
+    planned = driver.plan_message()
+    return {
+        topics.sensors: Numbers(names, np.concatenate(readings).tolist()),
+        topics.state: json.dumps(state, ensure_ascii=False),
+        **({topics.plan: planned} if planned else {}),
+    }

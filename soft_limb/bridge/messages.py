@@ -1,0 +1,154 @@
+"""What is written on topics, what is heard there, and who may command."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+LATEST = 0.25  # s, age from which a duty is not applied, and silence after which a topic is free
+LARGEST = 4096  # bytes, of a message that is looked into
+SILENCE = 1.0  # s, without any word on starting, after which a start counts
+
+
+@dataclasses.dataclass(frozen=True)
+class Topics:
+    """Names of topics.
+
+    - ``duty``: Float64MultiArray; D (W), in [0, 1].
+    - ``run``: Bool; true starts the plan, false stops it.
+    - ``sensors``: Float64MultiArray; [V (W), °C, φ (S), rad].
+    - ``plan``: Float64MultiArray; [time s, φ_ref (S), φ* (S), rad, D (W)].
+    - ``state``: String; an object in JSON.
+    """
+
+    duty: str = "/cmd_u_t"
+    run: str = "/limb/run"
+    sensors: str = "/ezloophw_sensors"
+    plan: str = "/limb/plan"
+    state: str = "/limb/state"
+
+
+@dataclasses.dataclass(frozen=True)
+class Numbers:
+    """A Float64MultiArray of one dimension, whose label is ``names`` with commas between them."""
+
+    names: Sequence[str]
+    values: Sequence[float]
+
+
+@dataclasses.dataclass(frozen=True)
+class Written:
+    """The newest message of a writer.
+
+    - ``topic``: name of its topic.
+    - ``writer``: number of the writer; 0 if it is not known.
+    - ``value``: its duty or truth value; a sentence on what is wrong with it.
+    - ``delay``: time from writing to reading by the clocks of both computers, s; 0 if not known.
+    - ``count``: how many the writer wrote since the last one.
+    """
+
+    topic: str
+    writer: int
+    value: Sequence[float] | bool | str
+    delay: float = 0.0
+    count: int = 1
+
+
+class Node(Protocol):
+    """Writes and reads messages, and never waits."""
+
+    def publish(self, topic: str, message: Numbers | str) -> None:
+        """Writes a message."""
+
+    def take(self) -> list[Written]:
+        """The newest message of each writer since the last call."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Heard:
+    """What was heard so far.
+
+    - ``duty``: the newest duty of who has the topic; None if there is none, or it was refused.
+    - ``born``: when it was written, or read if it was refused, s of the monotonic clock.
+    - ``refused``: why the newest duty was refused; empty if it was not.
+    - ``delay``: time from writing to reading of the newest duty, s.
+    - ``commands``: number of duties from who had the topic.
+    - ``other``: when another writer was ignored last, s of the monotonic clock.
+    - ``run``, ``requests``: newest start (true) or stop of the plan, and how many there were.
+    """
+
+    duty: tuple[float, ...] | None = None
+    born: float = -np.inf
+    refused: str = ""
+    delay: float = 0.0
+    commands: int = 0
+    other: float = -np.inf
+    run: bool = False
+    requests: int = 0
+
+
+class Listener:
+    """Who may command, and with what.
+
+    The first writer of a valid duty has the topic until nobody has written a valid one for
+    250 ms. Others are ignored, however many and whatever they write: who takes the topic over
+    must have waited for the silence in which the duty is zero.
+    """
+
+    def __init__(self, topics: Topics, num_wires: int, total_duty: float):
+        """
+        Args:
+            topics: names of the topics.
+            num_wires: W.
+            total_duty: largest sum of a duty.
+        """
+        self.heard = Heard()
+        self._topics, self._num_wires, self._total = topics, num_wires, total_duty
+        self._holder: int | None = None
+        self._last_valid = self._last_run = -np.inf
+
+    def hear(self, written: Written, now: float) -> None:
+        """Takes in a message that was read at a time, s of the monotonic clock."""
+        if written.topic == self._topics.duty:
+            self._hear_duty(written, now)
+        elif isinstance(written.value, bool):
+            # Who repeats a start is not asking for another one after the plan's end.
+            if not written.value or now - self._last_run > SILENCE:
+                self._note(run=written.value, requests=self.heard.requests + 1)
+            self._last_run = now
+
+    def _hear_duty(self, written: Written, now: float) -> None:
+        why = self._refusal(written)
+        is_free = now - self._last_valid > LATEST
+        if not is_free and written.writer != self._holder:
+            self._note(other=now)
+        if not why:
+            self._last_valid = now
+            self._holder = written.writer if is_free else self._holder
+        if is_free or written.writer == self._holder:
+            self._note(
+                duty=None if why else tuple(written.value),  # type: ignore[arg-type]
+                born=now if why else now - max(0.0, written.delay),
+                refused=why,
+                delay=written.delay,
+                commands=self.heard.commands + written.count,
+            )
+
+    def _refusal(self, written: Written) -> str:
+        """Why a duty must not be applied; empty if it may."""
+        if isinstance(written.value, str):
+            return written.value
+        duty = np.array(written.value, float)
+        if duty.shape != (self._num_wires,):
+            return f"it has {duty.size} numbers, not one for each of {self._num_wires} wires"
+        if not ((duty >= 0) & (duty <= 1)).all():
+            return f"it is {duty.tolist()}, not within 0 and 1"
+        if duty.sum() > self._total + 1e-3:
+            return f"its sum is {duty.sum():.3g}, but total_duty is {self._total:g}"
+        if written.delay > LATEST:
+            return f"it was written {written.delay:.2f} s ago, if both computers' clocks agree"
+        return ""
+
+    def _note(self, **changes: object) -> None:
+        self.heard = dataclasses.replace(self.heard, **changes)  # type: ignore[arg-type]
