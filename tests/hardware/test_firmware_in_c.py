@@ -1,160 +1,149 @@
-"""docs/firmware_in_c.md: its pieces of C are the protocol, its table of rules the checks."""
+"""The sketch's core in C keeps the rules, and calls its board as the firmware in Python does."""
 
 import random
 import re
-import shutil
 import struct
-import subprocess
 from pathlib import Path
 
+import fuzz
 import pytest
 
-from hardware.firmware import guard, heat, protocol
-from hardware.robot.board_check import RULES
+from hardware.emulation import emulator
+from hardware.firmware import firmware, guard, heat, protocol
+from hardware.robot.board_check import PASSED, RULES, check_board
+
+from .c_firmware import COMPILER, compile_core, make_both
+from .firmware_checks import PaperBoard
+from .test_board_rules import Cable, EmulatedCable, PaperRobot, fast_checksum  # noqa: F401
 
 PAGE = (Path(__file__).parents[2] / "docs" / "firmware_in_c.md").read_text(encoding="utf-8")
-STRUCTS = {
-    "arm": protocol.ARM,
-    "command": protocol.COMMAND,
-    "clear": protocol.CLEAR,
-    "info": protocol.INFO,
-    "sample": protocol.SAMPLE,
-}
 
-MAIN = r"""
-#include <stdio.h>
-
-static void show(const char *name, const uint8_t *data, int size)
-{
-    printf("%s ", name);
-    for (int i = 0; i < size; i++)
-        printf("%02x", data[i]);
-    printf("\n");
-}
-
-int main(void)
-{
-    printf("sizes %d %d %d %d %d\n", (int)sizeof(struct arm), (int)sizeof(struct command),
-           (int)sizeof(struct clear), (int)sizeof(struct info), (int)sizeof(struct sample));
-    printf("crc %08X\n", (unsigned)crc32((const uint8_t *)"123456789", 9));
-    uint8_t frame[64];
-    struct info info = {3, 50, 440, "mine0001", 2, 5};
-    show("info", frame, make_frame(frame, INFO, &info, sizeof info));
-    struct sample sample = {0x7E7D, 0x03030303, 4711, 1, 16, 0x7D7E, {-3, 440}, -6400,
-                            {10000, 3}, {126, 3}};
-    show("sample", frame, make_frame(frame, SAMPLE, &sample, sizeof sample));
-    struct heat heat = {0.042f, 0.095f, 17, 23, 0.5f};
-    for (int i = 0; i < 2000; i++)
-        heat_step(&heat, 0.2f, 10, 0.05f);
-    printf("heat %f %f %f %f %f\n", heat.least, heat.least_reading, heat.most, heat.shortfall,
-           allowed_duty(&heat, 60));
-    heat_step(&heat, 1, 10, 0.05f);
-    printf("hidden %f\n", heat.hidden);
-    struct heat hiding = {0.2f, 0.5f, 4, 8, 0.1f};
-    printf("shown %d %d %d\n", shown(&heat, 1), shown(&hiding, 1), shown(&hiding, 0.1f));
-    struct guard guard = {1, 0, 0, 7, 7, 0, 1000, 1000};
-    struct command first = {7, 1, 950, {0, 2500}}, late = {7, 2, 900, {9, 9}};
-    take_command(&guard, &first, 1010);
-    take_command(&guard, &late, 1150);
-    tick(&guard, 1259);
-    printf("guard %d %u %g", guard.armed, (unsigned)guard.acknowledged, guard.asked[1]);
-    tick(&guard, 1260);
-    printf(" %d %d %u %g\n", guard.armed, guard.reason, guard.challenge, guard.asked[1]);
-    struct parser parser = {.lost = 1};
-    int byte;
-    while ((byte = getchar()) != EOF) {
-        int size = take_byte(&parser, byte);
-        if (size >= 0)
-            show("frame", parser.body + 1, 1 + size);
-    }
-    return 0;
-}
-"""
+needs_compiler = pytest.mark.skipif(not COMPILER, reason="there is no C compiler here")
 
 
 @pytest.fixture(scope="module")
-def printed(tmp_path_factory):
-    """What a program of the page's C prints: its lines, and what it was fed."""
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if not compiler:
-        pytest.skip("there is no C compiler here")
-    folder = tmp_path_factory.mktemp("c")
-    pieces = re.findall(r"^```c\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
-    (folder / "board.c").write_text("\n".join(pieces) + MAIN, encoding="utf-8")
-    options = ["-std=c11", "-O1", "-Wall", "-Wextra", "-Werror", "-Wno-missing-field-initializers"]
-    command = [compiler, *options, "-o", "board", "board.c"]
-    subprocess.run(command, cwd=folder, check=True)
-    rng = random.Random(0)
-    stream = b""
-    for number in range(300):
-        frame = protocol.encode(protocol.COMMAND, 7, number, rng.getrandbits(32), 3, 0x7E7D)
-        frame += protocol.encode(protocol.ARM, *[rng.getrandbits(16) for _ in range(12)])
-        frame += protocol.encode(rng.choice([protocol.HELLO, protocol.DISARM]))[1:]
-        damaged = bytearray(frame)
-        if number % 3 == 0:
-            damaged[rng.randrange(len(damaged))] = rng.choice([0x7E, 0x7D, rng.getrandbits(8)])
-        stream += rng.randbytes(rng.randrange(50)) * (number % 2) + bytes(damaged)
-    done = subprocess.run([folder / "board"], input=stream, capture_output=True, check=True)
-    return [line.split() for line in done.stdout.decode().splitlines()], stream
+def core(tmp_path_factory):
+    """The core in single precision, as on a board."""
+    return compile_core(tmp_path_factory.mktemp("core"))
 
 
-def line(printed, name):
-    (words,) = (words[1:] for words in printed[0] if words[0] == name)
-    return words
+@needs_compiler
+def test_the_core_keeps_all_rules(core):
+    robot = PaperRobot(core)
+    found = check_board(Cable(robot), ask=robot.ask)
+    assert [(o.rule.name, o.what) for o in found if o.outcome != PASSED] == []
+    assert len(found) == len(RULES)
 
 
-def test_structs_have_the_sizes_of_the_payloads(printed):
-    sizes = [struct.calcsize(protocol._FORMATS[kind]) for kind in STRUCTS.values()]
-    assert [int(size) for size in line(printed, "sizes")] == sizes
-    rows = re.findall(r"^\| `(\w+)` \| (\d+) \|$", PAGE, re.MULTILINE)
-    assert [(name, int(size)) for name, size in rows] == list(zip(STRUCTS, sizes, strict=True))
+@needs_compiler
+def test_the_core_on_the_emulated_board(core, monkeypatch):
+    """It keeps all rules there, too, but they take twelve seconds."""
+    monkeypatch.setattr(emulator, "Firmware", core)
+    cable = EmulatedCable()
+    names = {"bend-in-64ths-of-a-degree", "heated-wire-is-the-one-that-warms"}
+    found = check_board(cable, ask=cable.ask, rules=[r for r in RULES if r.name in names])
+    assert [(o.rule.name, o.what) for o in found if o.outcome != PASSED] == []
 
 
-def test_frames_are_the_same_bytes(printed):
-    assert line(printed, "crc") == ["CBF43926"]
-    info = protocol.encode(protocol.INFO, 3, 50, 440, b"mine0001", 2, 5)
-    values = 0x7E7D, 0x03030303, 4711, 1, 16, 0x7D7E, -3, 440, -6400, 10000, 3, 126, 3
-    assert bytes.fromhex(line(printed, "info")[0]) == info
-    assert bytes.fromhex(line(printed, "sample")[0]) == protocol.encode(protocol.SAMPLE, *values)
+@needs_compiler
+def test_the_core_does_what_the_firmware_in_python_does(tmp_path):
+    """Byte for byte and call for call, in double precision, as Python has it."""
+    both = make_both(compile_core(tmp_path, "double"))
+    robot = PaperRobot(both)
+    check_board(Cable(robot), ask=robot.ask)
+    rng, heated, reasons = random.Random(0), 0, set()
+    for _ in range(40):
+        episode = Episode(rng, both)
+        for _ in range(400):
+            episode.pass_once()
+            heated += episode.duty != [0.0, 0.0]
+            reasons.add(episode.program.guard.reason)
+    assert heated > 4000  # of 16000 passes
+    assert len(reasons) > 14
 
 
-def test_the_parser_takes_the_same_frames(printed):
-    kinds = (protocol.HELLO, protocol.ARM, protocol.COMMAND, protocol.DISARM, protocol.CLEAR)
-    expected = [
-        (bytes([kind]) + struct.pack(protocol._FORMATS[kind], *values)).hex()
-        for kind, values in protocol.Parser(kinds).feed(printed[1])
-    ]
-    assert 600 < len(expected) < 900
-    assert [words[1] for words in printed[0] if words[0] == "frame"] == expected
+class Episode(PaperBoard):
+    """A board on paper and a host that heats, where one thing after the other goes wrong."""
 
+    def __init__(self, rng, program):
+        causes = firmware.POWER_ON, firmware.PIN_RESET, firmware.WATCHDOG_RESET
+        super().__init__(rng.choices(causes, (4, 2, 1))[0], rng.choice([0, 0, 0, guard.TOO_WARM]))
+        self.now = rng.choice([0, 2**32 - 10_000])  # ms; the core's wrap
+        if rng.random() < 0.2:
+            self.junctions = [rng.uniform(9.0, 26.0), rng.choice([10.5, 18.0, 25.0])]
+        self.drift = [rng.choice([0.0, 0.0, rng.uniform(-0.5, 1.0)]) for _ in (0, 1)]  # °C/s
+        tight, wide = (0.07, 0.07, 20.0, 20.0, 1.0), (0.042, 0.085, 6.0, 23.0, 0.5)
+        self.bounds = rng.choices([heat.NOMINAL, tight, wide], k=2)
+        self.total = rng.choice([2.0, 2.0, 1.0, 0.4])
+        self.rng, self.program = rng, program(self)
+        self.asked, self.sequence = (0.0, 0.0), 0
+        self.mend()
 
-def test_the_heat_is_the_same(printed):
-    wire = heat.WireObserver(0.0)
-    for _ in range(2000):
-        wire.advance(0.2, 0.05, 10.0)
-    allowed = wire.allowed_duty(60.0)
-    expected = [wire.least, wire.least_reading, wire.most, wire.shortfall, allowed]
-    assert [float(word) for word in line(printed, "heat")] == pytest.approx(expected, rel=1e-3)
+    def mend(self):
+        self.frozen, self.stuck, self.silent, self.standing = [None, None], None, False, 0
+        self.faults, self.reserved, self.errors = [0, 0], 0, [0.0, 0.0]
 
-    wire.advance(1.0, 0.05, 10.0)
-    assert float(line(printed, "hidden")[0]) == pytest.approx(wire.hidden, rel=1e-3)
-    hiding = (0.2, 0.5, 4.0, 8.0, 0.1)
-    shown = heat.shown(heat.NOMINAL, 1.0), heat.shown(hiding, 1.0), heat.shown(hiding, 0.1)
-    assert [bool(int(word)) for word in line(printed, "shown")] == list(shown)
+    def go_wrong(self):
+        rng, wire = self.rng, self.rng.randrange(2)
+        self.mend()
+        match rng.randrange(9):
+            case 0:
+                self.frozen[wire] = super().read_thermocouple(wire)
+            case 1:
+                self.stuck = rng.randrange(-99, 99), rng.choice([0, 5])  # and its noise
+            case 2:
+                self.silent = True
+            case 3:
+                self.faults[wire] = rng.choice([1, 2, 4])
+            case 4:
+                self.reserved = 8
+            case 5:
+                self.errors[wire] = rng.uniform(-12.0, 12.0)
+            case 6:
+                self.wires[wire] += rng.uniform(0.0, 40.0)
+            case 7:
+                self.standing = rng.choice([50, 60])  # passes
+            case 8:
+                self.drift[wire] = rng.choice([0.0, 6.0, 30.0])
 
+    def read_thermocouple(self, wire):
+        return self.frozen[wire] or super().read_thermocouple(wire)
 
-def test_commands_and_their_time_are_the_same(printed):
-    subject = guard.Guard(0, 7)
-    subject.state, subject.session, subject._total = guard.ARMED, 7, 2.0
-    subject._heard = subject._answered = 1000
-    subject._allowed = [1.0, 1.0]
-    subject.command(7, 1, 950, 0.0, 0.25, 1010)
-    subject.command(7, 2, 900, 9e-4, 9e-4, 1150)
-    subject.tick(1259)
-    seen = [subject.state, subject.acknowledged, subject.duty[1]]
-    subject.tick(1260)
-    seen += [subject.state, subject.reason, subject.challenge, subject.duty[1]]
-    assert [float(word) for word in line(printed, "guard")] == seen
+    def read_bend(self):
+        data = super().read_bend()
+        if self.stuck is None or not data:
+            return data
+        return struct.pack("<bh", 0, self.stuck[0] + self.rng.randint(0, self.stuck[1]))
+
+    def pass_once(self):
+        rng = self.rng
+        interval = rng.choice([50, 50, 50, 25, 110]) if self.standing <= 0 else 0
+        self.standing -= 1
+        self.pass_time(interval)
+        for wire in (0, 1):
+            self.errors[wire] += interval / 1000 * self.drift[wire]
+        if rng.random() < 0.004:
+            self.go_wrong()
+        if rng.random() < 0.01:
+            self.asked = rng.choice([(0.3, 0.3), (0.5, 0.0), (0.0, 0.9), (0.0, 0.0), (1.0, 0.2)])
+        frame = self.frame()
+        self.incoming = frame if rng.random() < 0.9 else fuzz.mutate(frame, rng) + frame
+        self.program.step()
+        self.sent.clear()
+
+    def frame(self):
+        """A COMMAND, or what it takes to arm the board."""
+        subject, rng = self.program.guard, self.rng
+        if subject.state == guard.ARMED:
+            self.sequence += 1
+            ticks = [round(protocol.FULL_DUTY * duty) for duty in self.asked]
+            heard = (self.now - rng.choice([50, 50, 50, 249, 250])) & 0xFFFFFFFF
+            values = subject.session, self.sequence, heard, *ticks
+            return protocol.encode(protocol.COMMAND, *values)
+        self.sequence = 0
+        clear = protocol.encode(protocol.CLEAR, subject.challenge) if rng.random() < 0.05 else b""
+        values = protocol.arm_values(subject.challenge, self.bounds, self.total)
+        return clear + protocol.encode(protocol.ARM, *values)
 
 
 def test_the_table_of_rules_is_the_list_of_checks():

@@ -1,0 +1,105 @@
+/* The board's program, apart from the board: docs/protocol.md in portable C.
+
+It does what protocol.py, readings.py, heat.py, guard.py and firmware.py do, in the same order, and
+a test compares the calls of the two. It needs no heap and nothing of Arduino. */
+
+#ifndef SOFT_LIMB_CORE_H
+#define SOFT_LIMB_CORE_H
+
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#ifndef REAL /* double only to compare it with the Python firmware */
+#define REAL float
+#endif
+typedef REAL real;
+
+enum { CHANNELS = 2 }; /* wires, each with its thermocouple: left, right */
+
+/* Causes of a reset. */
+enum { POWER_ON, PIN_RESET, WATCHDOG_RESET, SOFT_RESET, LOCKUP_RESET, UNKNOWN_RESET };
+
+/* What the program needs of a board. Nothing here may wait. */
+struct board {
+    uint32_t (*ticks)(void);                     /* ms; wraps after 49 days */
+    int (*receive)(uint8_t *data, int room);     /* bytes from the host; how many */
+    void (*send)(const uint8_t *data, int size); /* a whole frame, which may get lost */
+    uint32_t (*read_thermocouple)(int wire);     /* the 32 bits of its MAX31855 */
+    int (*read_bend)(uint8_t *data);             /* 3 bytes of the bend sensor; how many came */
+    void (*set_duty)(int wire, real duty);       /* PWM, duty in [0, 1] */
+    void (*keep_supply)(void);                   /* holds the relay for some passes of the loop */
+    void (*feed)(void);                          /* the watchdog */
+    void (*remember)(uint8_t reason);            /* outlives a reset, is `remembered` after it */
+    uint8_t reset_cause, remembered;
+    uint16_t random; /* another one at each start */
+    uint8_t serial_number[8];
+};
+
+enum { MAX_PAYLOAD = 24, MAX_BODY = 2 + MAX_PAYLOAD + 4, MAX_FRAME = 2 + 2 * MAX_BODY };
+
+struct parser {             /* of frames from the host */
+    uint8_t body[MAX_BODY]; /* version, type, payload, CRC */
+    uint8_t size, escaping, lost; /* lost: skips up to the next flag; 1 at the start */
+};
+
+struct thermocouple {
+    int16_t quarters, sixteenths; /* temperature in 1/4 °C, the amplifier's in 1/16 °C */
+    uint8_t faults;               /* bits 0 to 2 are a MAX31855's; 3: bits that it never sends */
+};
+
+struct wire { /* how warm it is at least and at most, by its duty; °C above the room */
+    real a1_slow, a1_fast, a2_least, a2_most, a3_slow; /* bounds, 1/s and °C/s */
+    real least, least_reading, most, silicone, hidden, shortfall;
+};
+
+struct channel { /* a wire and its thermocouple; °C */
+    struct wire wire;
+    uint8_t proven, hot; /* whether it has followed some heat; samples above the limit */
+    real duty, asked, allowed;
+    real given; /* duty times ms since the last sample */
+    real temperature, average, trend, junction, unheated, offset, room;
+    real still;     /* a reading that may not change, */
+    uint32_t moved; /* and when it last did, ms */
+};
+
+struct guard {
+    uint8_t state, reason, late, faulty;
+    uint8_t samples;              /* how many were taken, up to 11 */
+    uint8_t bend_known, alike;    /* alike: readings of the bend that were the same */
+    int16_t bend;                 /* 1/64 degrees */
+    uint16_t challenge, session;
+    uint32_t acknowledged;        /* sequence of the last command */
+    uint32_t heard, answered;     /* when it came, and the time of its sample, ms */
+    uint32_t since, sampled;      /* up to when heat and samples count, ms */
+    real total;                   /* largest sum of both duties */
+    real tip, tip_before;         /* the bend, averaged: now, and when it last moved; */
+    real pull_low, pull_high;     /* since then, °C of right against left */
+    struct channel channel[CHANNELS];
+};
+
+struct firmware {
+    const struct board *board;
+    struct guard guard;
+    struct parser parser;
+    struct thermocouple thermocouple[CHANNELS];
+    int16_t bend;
+    uint32_t next, now;           /* sample and pass, ms */
+    uint8_t standing, remembered; /* standing: passes in which the clock did not go on */
+    uint16_t sequence;
+    real applied[CHANNELS];
+};
+
+/* Once, before anything else. Both duties are set to zero. */
+void start_firmware(struct firmware *firmware, const struct board *board);
+
+/* One pass of the loop, of which the board makes a hundred per second at least. */
+void step_firmware(struct firmware *firmware);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif
