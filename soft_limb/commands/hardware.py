@@ -33,12 +33,20 @@ from limb_systems.output import check_outputs
 from limb_systems.simulation import PERIOD
 from limb_systems.summary import Summary
 from planners.checks import far_from_reference
-from soft_limb.commands.options import Command, Option, live_page, print_summary, shared
+from soft_limb.commands.options import (
+    TASK_HELP,
+    Command,
+    Option,
+    live_page,
+    print_summary,
+    shared,
+)
 from soft_limb.live.page import DONE, LivePage
 from soft_limb.reports.rollout import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary
 from soft_limb.runs import repetitions, teach_and_go
 from soft_limb.runs.cooling import cool_down
+from soft_limb.runs.planning import task_named
 from soft_limb.runs.rollout import NEAREST, Rollout, roll_out, troubles
 
 
@@ -246,7 +254,10 @@ def _twin(planned: LimbParameters, options: argparse.Namespace) -> LimbTwin:
 def _follow(options: argparse.Namespace) -> int:
     names = (teach_and_go.PLAN, teach_and_go.RECORDING, teach_and_go.PICTURE, teach_and_go.REPORT)
     outputs = [options.output / name for name in names]
-    check_outputs(outputs, inputs=[Path(options.reference), options.limb], force=options.force)
+    inputs = [Path(options.reference), options.limb, options.task and Path(options.task)]
+    check_outputs(outputs, inputs=inputs, force=options.force)
+    limb = LimbParameters.of(options.limb)
+    task = options.task and task_named(options.task, limb)
     if options.port:
         with BoardLink(options.port) as link:  # before the plan is made in vain
             link.sample()
@@ -255,7 +266,9 @@ def _follow(options: argparse.Namespace) -> int:
             options.reference,
             lambda planned: _limb(planned, options),
             options.output,
-            limb=options.limb,
+            limb=limb,
+            task=task,
+            knot_rate=options.knot_rate,
             smoothing_time=options.smooth,
             controller=options.controller,
             real_time=bool(options.port),
@@ -391,8 +404,11 @@ COMMANDS = {
         "Teach and go: plans what was taught, with margins for feedback, and drives a limb as near "
         "to it as it can, or by another controller along the plan; a robot in real time. The "
         "folder has plan.csv, recording.csv, tracking.png and report.html.",
-        "reference folder limb driven smooth live cool address json force",
-        [shared("controller", default=NEAREST)],
+        "reference folder limb driven smooth knot-rate live cool address json force",
+        [
+            shared("controller", default=NEAREST),
+            shared("task", help=f"{TASK_HELP}; closed-loop if left out"),
+        ],
     ),
     "learn": Command(
         _learn,

@@ -62,6 +62,10 @@ def shared(key: str, **settings: Any) -> Option:
 
 
 PORT_HELP = "a serial port or any URL that pyserial accepts"
+TASK_HELP = (
+    "weights and limits: a file (.yaml), 'paper' for the paper's, or 'closed-loop' for margins of "
+    "temperature and duty that feedback needs"
+)
 EMULATED = Option(
     "--emulated",
     type=int,
@@ -80,6 +84,10 @@ SHARED: dict[str, Option | list[Option]] = {
     ),
     "limb": Option(
         "-l", "--limb", type=Path, help="limb parameters (.yaml); the nominal limb if left out"
+    ),
+    "task": Option("--task", help=f"{TASK_HELP}; the defaults of planners.Task if left out"),
+    "knot-rate": Option(
+        "--knot-rate", type=float, default=10.0, help="knots per second (default %(default)g)"
     ),
     "smooth": Option(
         "--smooth",

@@ -5,12 +5,11 @@ from pathlib import Path
 
 from limb_systems import LimbParameters
 from limb_systems.output import check_outputs
-from planners import Task
 from planners.planning import MAX_KNOTS
 from soft_limb.commands.options import Command, Option, print_summary, shared
 from soft_limb.reports.plan import write_report
 from soft_limb.results.summaries import plan_summary
-from soft_limb.runs.planning import plan_from_files
+from soft_limb.runs.planning import plan_from_files, task_named
 
 
 def _plan(options: argparse.Namespace) -> int:
@@ -28,7 +27,7 @@ def _plan(options: argparse.Namespace) -> int:
         options.reference,
         limb,
         options.smooth,
-        task=Task.closed_loop(limb) if options.closed_loop else _task(options.task),
+        task=options.task and task_named(options.task, limb),
         knot_rate=options.knot_rate,
         max_knots=options.max_knots,
         tolerance_deg=options.tolerance,
@@ -55,43 +54,28 @@ def _plan(options: argparse.Namespace) -> int:
     return 0
 
 
-def _task(name: str | None) -> Task | None:
-    if name is None:
-        return None
-    return Task.paper() if name == "paper" else Task.load(name)
-
-
 COMMANDS = {
     "plan": Command(
         _plan,
         "Plans the feasible trajectory of a limb that is nearest to a reference bend angle, checks "
         "it by simulation, and writes it to a file that robots replay.",
-        "reference limb plot report smooth json force",
+        "reference limb plot report smooth knot-rate json force",
         [
             shared("output", help="trajectory file to write (.csv)"),
             [
-                Option(
-                    "--task",
-                    help="weights and limits: a file (.yaml), or 'paper' for the paper's; the "
-                    "defaults of planners.Task if left out",
-                ),
+                shared("task"),
                 Option(
                     "--closed-loop",
-                    action="store_true",
-                    help="plan for feedback: with margins of temperature and duty, "
-                    "Task.closed_loop",
+                    action="store_const",
+                    dest="task",
+                    const="closed-loop",
+                    help="plan for feedback: --task closed-loop",
                 ),
             ],
             Option(
                 "--diagnostics",
                 type=Path,
                 help="picture of constraint violations and the Jacobian's sparsity to write",
-            ),
-            Option(
-                "--knot-rate",
-                type=float,
-                default=10.0,
-                help="knots per second (default %(default)g)",
             ),
             Option(
                 "--max-knots",

@@ -12,9 +12,9 @@ from limb_systems import LimbParameters
 from limb_systems.output import check_outputs
 from limb_systems.progress import Progress
 from limb_systems.summary import Summary
-from planners import Task
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
 from soft_limb.runs.jobs import executor_of
+from soft_limb.runs.planning import task_named
 from soft_limb.runs.rollout import CONTROLLERS, OPEN
 from soft_limb.runs.sweep import cases, means, sweep
 
@@ -25,13 +25,12 @@ def _sweep(options: argparse.Namespace) -> int:
     check_outputs(
         [options.output], inputs=[options.limb, *files], tables=[options.output], force=True
     )
-    named = {"paper": Task.paper, "closed-loop": Task.closed_loop}
     wanted = cases(
         LimbParameters.of(options.limb),
         options.references,
         smoothing_time=options.smooth,
         vary=options.vary,
-        tasks={name: named[name]() if name in named else Task.load(name) for name in tasks},
+        tasks={name: task_named(name) for name in tasks},
         controllers=options.controller or [OPEN],
         physics=options.physics or ["lumped"],
         seeds=options.seeds,

@@ -7,7 +7,7 @@ from pydrake import trajectories
 
 from limb_systems import LimbParameters, Recording, Trajectory
 from limb_systems.signals import ended_at_once
-from planners import plan, references
+from planners import Task, plan, references
 
 RECORDED = b"# limb recording"  # beginning of a recording's file
 
@@ -33,6 +33,20 @@ def plan_from_files(
     parameters, course = LimbParameters.of(limb), reference_from_file(reference, smoothing_time)
     with ended_at_once():
         return plan(parameters, course, **settings)
+
+
+def task_named(name: str, limb: LimbParameters | None = None) -> Task:
+    """The task that a command calls "paper", "closed-loop" or by its file.
+
+    Args:
+        limb: the limb to plan for, by which `Task.closed_loop` chooses margins.
+
+    Raises:
+        LimbError: if the file cannot be read.
+    """
+    if name == "closed-loop":
+        return Task.closed_loop(limb)
+    return Task.paper() if name == "paper" else Task.load(name)
 
 
 def reference_from_file(name: str, smoothing_time: float) -> trajectories.Trajectory:

@@ -19,7 +19,9 @@ def teach_and_go(
     make_limb: Callable[[LimbParameters], LimbSystem],
     folder: str | Path,
     *,
-    limb: Path | None = None,
+    limb: LimbParameters | Path | None = None,
+    task: Task | None = None,
+    knot_rate: float = 10.0,
     smoothing_time: float = 0.5,
     controller: str = NEAREST,
     real_time: bool = False,
@@ -33,6 +35,7 @@ def teach_and_go(
     Args:
         reference, limb, smoothing_time: as for `plan_from_files`.
         make_limb: function that gives the limb for the parameters of the plan.
+        task, knot_rate: as for `planners.plan`; no task stands for `Task.closed_loop`.
         controller, real_time, live: as for `roll_out`.
 
     Raises:
@@ -44,8 +47,13 @@ def teach_and_go(
     say = live.say if live else lambda _: None
     say(f"Planning {reference}")
     parameters = LimbParameters.of(limb)
-    task = Task.closed_loop(parameters)
-    trajectory = plan_from_files(reference, parameters, smoothing_time, task=task)
+    trajectory = plan_from_files(
+        reference,
+        parameters,
+        smoothing_time,
+        task=task or Task.closed_loop(parameters),
+        knot_rate=knot_rate,
+    )
     trajectory.save(folder / PLAN)
     say(f"Following {reference}, controller {controller}")
     rollout = roll_out(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hardware import LimbTwin
-from limb_systems import LimbParameters, Recording, Trajectory, simulate
+from limb_systems import LimbError, LimbParameters, Recording, Trajectory, simulate
 from planners import plan, references
 from soft_limb.command import main
 from soft_limb.runs.rollout import DEADLINE, Rollout, reduced_time, roll_out
@@ -100,11 +100,29 @@ def test_what_was_taught_is_followed(tmp_path, capsys):
     assert "plan.csv exists; give another name, or --force" in capsys.readouterr().err
 
 
+def test_follow_plans_with_the_task_and_the_knots_of_a_user(tmp_path, monkeypatch, capsys):
+    """Up to full duty, which the margins for feedback do not allow."""
+
+    def unplug(*_, **__):
+        raise LimbError("unplugged")
+
+    monkeypatch.setattr("soft_limb.runs.teach_and_go.roll_out", unplug)
+    (tmp_path / "taught.csv").write_text("0,0\n0.5,25\n4,25\n")
+    (tmp_path / "task.yaml").write_text("duty_margin: 0.1\n")
+    words = ["--task", str(tmp_path / "task.yaml"), "--knot-rate", "5"]
+    assert main(["follow", str(tmp_path / "taught.csv"), "-o", str(tmp_path), *words]) == 1
+    assert capsys.readouterr().err == "error: unplugged\n"
+    planned = Trajectory.load(tmp_path / "plan.csv")
+    assert planned.duty.max() == pytest.approx(0.9)
+    assert np.diff(planned.time).max() == pytest.approx(0.2)  # finer at the step
+
+
 def test_without_a_reference_or_a_board_nothing_is_planned(tmp_path, capsys):
     folder = tmp_path / "followed"
     for words, said in (
         (["fig5", "-p", str(tmp_path / "no_port")], "Cannot open"),
         ([str(tmp_path / "none.csv")], "none.csv"),
+        (["fig5", "--task", str(tmp_path / "none.yaml")], "none.yaml"),
     ):
         assert main(["follow", *words, "-o", str(folder)]) == 1
         assert said in capsys.readouterr().err
