@@ -2,8 +2,9 @@
 PYTHON ?= python3.11
 VENV ?= .venv
 BIN := $(VENV)/bin
+CONSTRAINTS ?= -c constraints.txt
 
-.PHONY: demo test wheel bench browser lint micropython notebooks docs linkcheck coverage clean
+.PHONY: demo test newest versions wheel bench browser lint micropython notebooks docs linkcheck coverage clean
 
 demo: $(VENV)/ready
 	$(BIN)/soft-limb demo out --force
@@ -11,12 +12,22 @@ demo: $(VENV)/ready
 test: $(VENV)/ready lint
 	$(BIN)/python -m pytest
 
+# The tests with the newest versions that pyproject.toml allows, in an environment of its own.
+newest:
+	rm -rf build/newest
+	$(MAKE) VENV=build/newest CONSTRAINTS= versions test
+
+versions: $(VENV)/ready
+	@echo "Other than in constraints.txt:"
+	@$(BIN)/python -m pip list --format freeze --exclude-editable --exclude pip \
+	    --disable-pip-version-check | grep -vixFf constraints.txt || echo "nothing"
+
 # What pip installs, in dist/.
 wheel: $(VENV)/ready
 	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
 
 bench: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[bench]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS) -e '.[bench]'
 	$(BIN)/python benchmarks/simulation.py
 	$(BIN)/python benchmarks/replanning.py
 	$(BIN)/python benchmarks/sweep.py
@@ -36,7 +47,7 @@ browser: $(VENV)/ready
 
 # Needs Node.js and npm.
 micropython: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[firmware]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS) -e '.[firmware]'
 	npm install --silent --no-save --prefix $(VENV)/micropython @micropython/micropython-webassembly-pyscript@1.27.0
 	MICROPYTHON=$(VENV)/micropython/node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs \
 	    $(BIN)/python -m pytest -n 0 tests/hardware/test_firmware.py -rsP
@@ -51,17 +62,17 @@ coverage: $(VENV)/ready
 
 # Opens them in JupyterLab.
 notebooks: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[notebooks]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS) -e '.[notebooks]'
 	$(BIN)/jupyter lab examples/notebooks
 
 # One site of all pages, the notebooks and the API, from build/docs/index.html on.
 docs: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS) -e '.[docs]'
 	$(BIN)/python docs/site/make_site.py
 
 # Other sites may be down, or there may be no network.
 linkcheck: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS) -e '.[docs]'
 	-$(BIN)/python docs/site/make_site.py linkcheck
 
 lint: $(VENV)/ready
@@ -72,7 +83,7 @@ lint: $(VENV)/ready
 $(VENV)/ready: pyproject.toml constraints.txt
 	@echo "Setting up $(VENV), once: about a minute, and 700 MB ..."
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --progress-bar on --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	$(BIN)/python -m pip install --progress-bar on --disable-pip-version-check $(CONSTRAINTS) -e '.[dev]'
 	touch $@
 
 clean:
