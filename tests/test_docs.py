@@ -162,7 +162,7 @@ def test_files_targets_and_symbols_that_are_named_exist():
                 there = (ROOT / code).exists() or path.name == "paper_to_code.md"
                 assert there, f"{name_of(path)} names {code}"
             symbol = re.fullmatch(rf"({ANY_PACKAGE})(\.\w+)+", code)
-            if symbol and not code.endswith((".html", ".csv", ".yaml", ".png")):
+            if symbol and not code.endswith((".html", ".csv", ".ino", ".yaml", ".png")):
                 assert exists(code), f"{name_of(path)} names {code}"
 
 

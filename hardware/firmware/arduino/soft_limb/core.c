@@ -4,23 +4,12 @@
 
 #define R(number) ((real)(number)) /* or each double would take a single's place */
 
-/* Times, ms; the reasons for these numbers are in docs/protocol.md, guard.py and heat.py. */
-enum {
-    AVERAGING_TIME = 1000,
-    HEARTBEAT = 250,
-    LONGEST_HOLD = 290,
-    STILL_BEGIN = 5000,
-    STILL_END = 10000,
-    STILL_LATEST = 15000
-};
-/* Samples, and passes of the loop. */
-enum {
-    SETTLING_SAMPLES = 10,
-    HOT_SAMPLES = 4,
-    STUCK_SAMPLES = 10,
-    LONGEST_STANDSTILL = 50,
-    THERMOCOUPLE_TURN = 2 /* samples: a MAX31855 needs 100 ms between readings to convert */
-};
+/* The reasons for these numbers are in guard.py, heat.py and docs/protocol.md. Times are in ms. */
+enum { AVERAGING_TIME = 1000, HEARTBEAT = 250, LONGEST_HOLD = 290 };
+enum { STILL_BEGIN = 5000, STILL_END = 10000, STILL_LATEST = 15000 };
+enum { SETTLING_SAMPLES = 10, HOT_SAMPLES = 4, STUCK_SAMPLES = 10 };
+enum { THERMOCOUPLE_TURN = 2 }; /* samples: a MAX31855 needs 100 ms between readings to convert */
+enum { LONGEST_STANDSTILL = 50 }; /* passes of the loop */
 
 /* Temperatures, °C. */
 #define TEMPERATURE_LIMIT R(110)
@@ -29,29 +18,30 @@ enum {
 #define TAPER R(5)
 #define HIGHEST R(127)
 #define LAST_TAPER R(10)
+#define HIGHEST_RISE R(102)
 #define COLDEST_ROOM R(10)
 #define WARM_ROOM R(25)
+#define COLD R(3)
+#define TOLERANCE R(8)
 #define PROOF R(2)
 #define PROVEN R(10)
+#define SHOWN R(6)
 #define LARGEST_JUMP R(10)
 #define SHORTFALL R(3)
 #define EXCESS R(15)
-#define COLD R(3)
-#define TOLERANCE R(8)
 #define PULL R(60)
-#define HIGHEST_RISE R(102)
-#define SHOWN R(6)
-/* And others. */
+/* The heat of a wire, with rates in 1/s and times in s. */
+#define SILICONE_SHARE R(0.35)
+#define SILICONE_RATE R(0.02)
+#define HEAT_AVERAGING R(1)
+#define LONGEST_STEP R(0.1)
+#define APPROACH_TIME R(0.5)
+#define LITTLE_DUTY R(0.12)
+/* Factors, and 1/64 degrees. */
 #define LEAD R(2.5)
 #define OUTDONE R(1.5)
 #define CROSSTALK R(0.25)
-#define MOVED R(3 * 64) /* 1/64 degrees */
-#define SILICONE_SHARE R(0.35)
-#define SILICONE_RATE R(0.02) /* 1/s */
-#define LITTLE_DUTY R(0.12)
-#define HEAT_AVERAGING R(1)  /* s */
-#define LONGEST_STEP R(0.1)  /* s */
-#define APPROACH_TIME R(0.5) /* s */
+#define MOVED R(3 * 64)
 
 static real least_of(real a, real b)
 {
@@ -280,31 +270,12 @@ static real allowed_duty(const struct wire *wire, real highest)
 /* The guard: whether wires may be heated, and how much. All safety rules are here. */
 
 enum { DISARMED, ARMED }; /* states */
-enum { /* reasons for which the board is off */
-    NO_REASON,
-    NO_COMMAND,
-    OUT_OF_RANGE,
-    BY_HOST,
-    POWER_UP,
-    WAS_RESET,
-    LATE_COMMANDS,
-    BAD_BOUNDS,
-    DISAGREEING,
-    LATCHING = 16, /* from here on */
-    OVER_TEMPERATURE = 16,
-    THERMOCOUPLE_OPEN,
-    THERMOCOUPLE_TO_GROUND,
-    THERMOCOUPLE_TO_SUPPLY,
-    TEMPERATURE_JUMP,
-    NOT_WARMING,
-    BEND_SILENT,
-    BEND_STUCK,
-    TOO_WARM,
-    BELOW_ROOM,
-    AMPLIFIER_FAULT,
-    RESTARTED,
-    CLOCK_STANDS
-};
+/* Reasons for which the board is off; those from LATCHING on stay until they are cleared. */
+enum { NO_REASON, NO_COMMAND, OUT_OF_RANGE, BY_HOST, POWER_UP, WAS_RESET, LATE_COMMANDS };
+enum { BAD_BOUNDS = 7, DISAGREEING, LATCHING = 16 };
+enum { OVER_TEMPERATURE = LATCHING, THERMOCOUPLE_OPEN, THERMOCOUPLE_TO_GROUND };
+enum { THERMOCOUPLE_TO_SUPPLY = 19, TEMPERATURE_JUMP, NOT_WARMING, BEND_SILENT, BEND_STUCK };
+enum { TOO_WARM = 24, BELOW_ROOM, AMPLIFIER_FAULT, RESTARTED, CLOCK_STANDS };
 
 /* Counts the heat that the wires were given up to now. */
 static void account(struct guard *g, uint32_t now)
@@ -674,13 +645,13 @@ static void handle(struct firmware *f, uint8_t type, const uint8_t *payload)
 static void receive(struct firmware *f)
 {
     uint8_t data[64];
-    int count;
-    do { /* what has come; more than a line brings in a pass can wait for the next */
+    int count = sizeof data;
+    for (int turn = 0; turn < 4 && count == sizeof data; turn++) { /* a flood must not hold it up */
         count = f->board->receive(data, sizeof data);
         for (int i = 0; i < count; i++)
             if (take_byte(&f->parser, data[i]) >= 0)
                 handle(f, f->parser.body[1], f->parser.body + 2);
-    } while (count == sizeof data);
+    }
 }
 
 static void read_sensors(struct firmware *f)

@@ -95,7 +95,8 @@ struct firmware {
 /* Once, before anything else. Both duties are set to zero. */
 void start_firmware(struct firmware *firmware, const struct board *board);
 
-/* One pass of the loop, of which the board makes a hundred per second at least. */
+/* One pass of the loop. There must be a hundred per second at least, and so few that the clock goes
+on within fifty of them: else it stands still, and the board switches off. */
 void step_firmware(struct firmware *firmware);
 
 #ifdef __cplusplus

@@ -1,8 +1,8 @@
 // The firmware of a soft limb's board for Teensy 4.0 and 4.1, and for the Arduino UNO R4 Minima.
 //
-// This file has the pins and the chip; what the board does is in core.c. README.md two folders up
-// has the wiring. No board has run this sketch yet: run it first with the wires' supply off, and
-// check it by `soft-limb board-check PORT`.
+// Pins and chips are here, what the board does is in core.c, and the wiring is in README.md two
+// folders up. No board has run this sketch yet: check yours by `soft-limb board-check PORT`, first
+// with the wires' supply off.
 
 #include <SPI.h>
 #include <Wire.h>
@@ -11,14 +11,13 @@
 
 // ---- What you may change -----------------------------------------------------------------------
 
-static const uint8_t HEATERS[] = {3, 5};         // gates of left, right; pins with PWM
-static const uint8_t CHIP_SELECTS[] = {9, 10};   // MAX31855 of left, right; the SPI's other pins are
-                                                 // 13 (SCK) and 12 (MISO) on both boards
+static const uint8_t HEATERS[] = {3, 5};         // gates of left, right: PWM of different timers
+static const uint8_t CHIP_SELECTS[] = {9, 10};   // MAX31855 of left, right; SCK is 13, MISO is 12
 static const uint8_t SUPPLY = 7;                 // charge pump that holds the supply's relay
 static const uint8_t NOISE = A0;                 // leave it open: its noise is the first challenge
 static const uint8_t BEND_ADDRESS = 0x12;        // of the Bend Labs one-axis sensor, at SDA and SCL
 static const char SERIAL_NUMBER[] = "LIMB0001";  // eight characters, other ones for each board
-#define HOST Serial  // the USB port; Serial1 for an adapter at the pins 0 and 1
+#define HOST Serial                              // USB; Serial1 for an adapter at the pins 0 and 1
 
 // ---- The chip: watchdog, cause of the last reset, a word that outlives one, PWM ----------------
 
@@ -54,7 +53,7 @@ static uint32_t kept() { return SNVS_LPGPR0; }
 
 static void keep(uint32_t word) { SNVS_LPGPR0 = word; }
 
-static uint8_t find_reset_cause(bool kept_word)
+static uint8_t find_reset_cause(bool survived)
 {
     uint32_t why = SRC_SRSR;
     SRC_SRSR = why;  // ones clear it
@@ -63,7 +62,7 @@ static uint8_t find_reset_cause(bool kept_word)
     if (why & SRC_SRSR_LOCKUP_SYSRESETREQ)
         return LOCKUP_RESET;  // or Teensy's handler of faults, which does the same
     if (why & SRC_SRSR_IPP_RESET_B)  // by the loader's chip: a power-up, too, looks like this
-        return kept_word ? PIN_RESET : POWER_ON;
+        return survived ? PIN_RESET : POWER_ON;
     return UNKNOWN_RESET;
 }
 
@@ -112,18 +111,18 @@ static void keep(uint32_t word)
     R_BSP_RegisterProtectEnable(BSP_REG_PROTECT_OM_LPC_BATT);
 }
 
-static uint8_t find_reset_cause(bool)
+static uint8_t find_reset_cause(bool survived)
 {
     uint8_t power = R_SYSTEM->RSTSR0;
     uint16_t other = R_SYSTEM->RSTSR1;
     R_SYSTEM->RSTSR0 = 0;  // or a cause would stay for the next start
     R_SYSTEM->RSTSR1 = 0;
-    if (power & R_SYSTEM_RSTSR0_PORF_Msk)
-        return POWER_ON;
     if (other & (R_SYSTEM_RSTSR1_WDTRF_Msk | R_SYSTEM_RSTSR1_IWDTRF_Msk))
         return WATCHDOG_RESET;
-    if (power || other & ~R_SYSTEM_RSTSR1_SWRF_Msk)
-        return UNKNOWN_RESET;  // the voltage, or the memory
+    if (other & ~R_SYSTEM_RSTSR1_SWRF_Msk || power & ~R_SYSTEM_RSTSR0_PORF_Msk)
+        return UNKNOWN_RESET;  // the memory, or the voltage
+    if (power && !survived)
+        return POWER_ON;
     return other ? SOFT_RESET : PIN_RESET;
 }
 
@@ -177,8 +176,12 @@ static int receive(uint8_t *data, int room)
 {
     drain();
     int count = 0;
-    while (count < room && HOST.available() > 0)
-        data[count++] = (uint8_t)HOST.read();
+    while (count < room && HOST.available() > 0) {
+        int byte = HOST.read();
+        if (byte < 0)
+            break;
+        data[count++] = (uint8_t)byte;
+    }
     return count;
 }
 
@@ -215,9 +218,9 @@ static int read_bend(uint8_t *data)
 
 static void keep_supply()
 {
-    static uint8_t level = LOW;
-    level = level == LOW ? HIGH : LOW;
-    digitalWrite(SUPPLY, level == LOW ? LOW : HIGH);
+    static bool high = false;
+    high = !high;
+    digitalWrite(SUPPLY, high ? HIGH : LOW);
 }
 
 static void remember(uint8_t reason)
@@ -237,13 +240,13 @@ static uint16_t first_challenge()
 void setup()
 {
     gates_low();
+    HOST.begin(BAUD);  // a Teensy's USB waits for a computer here, for longer than the watchdog
     start_watchdog();
     pinMode(SUPPLY, OUTPUT);
     for (uint8_t pin : CHIP_SELECTS) {
         digitalWrite(pin, HIGH);
         pinMode(pin, OUTPUT);
     }
-    HOST.begin(BAUD);
     SPI.begin();
     Wire.begin();
     start_chip();
