@@ -3,20 +3,20 @@
 import dataclasses
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from limb_systems.errors import LimbError
 from limb_systems.files.csv_format import Table
 from limb_systems.files.samples import Samples
+from limb_systems.logs.guess import limbs_in_log
+from limb_systems.logs.mapping import LogMapping
+from limb_systems.logs.reading import read_log
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.provenance import Provenance
 from limb_systems.schema import check_text, load_typed
 from limb_systems.summary import Entry, Summary
-
-if TYPE_CHECKING:
-    from limb_systems.logs.mapping import LogMapping
 
 LONGEST_PERIOD, HIGHEST_RATE = 10_000.0, 1e6  # s and Hz, of samples
 
@@ -173,7 +173,7 @@ class Recording(Samples):
     def from_log(
         cls,
         path: str | Path,
-        mapping: "LogMapping | str | Path | None" = None,
+        mapping: LogMapping | str | Path | None = None,
         parameters: LimbParameters | None = None,
     ) -> "Recording":
         """Reads a log of another program, as far as one limb goes without a gap.
@@ -189,25 +189,21 @@ class Recording(Samples):
         Raises:
             LogError: with one sentence, if it is no log or lacks what a recording needs.
         """
-        # They make recordings.
-        from limb_systems.logs.importing import import_logs
-        from limb_systems.logs.mapping import LogMapping
-        from limb_systems.logs.table import LogError
-
-        if isinstance(mapping, (str, Path)):
+        said = []
+        if mapping is None:
+            limb, *others = limbs_in_log(path)
+            mapping = limb.mapping
+            if others:
+                names = ", ".join(other.name for other in others)
+                said.append(f"This is {limb.name}; mappings would read {names}.")
+        elif not isinstance(mapping, LogMapping):
             mapping = LogMapping.load(mapping)
-        log, *others = import_logs([path], mapping, parameters)
-        if log.error:
-            raise LogError(log.error)
-        said = list(log.remarks)
-        if others:
-            names = ", ".join(other.limb.name for other in others)
-            said.append(f"This is {log.limb.name}; mappings would read {names}.")
-        if (count := len(log.recordings)) > 1:
-            said.append(f"This is the longest of {count} parts.")
-        if said:
+        parts, remarks = read_log(path, mapping, parameters)
+        if len(parts) > 1:
+            said.append(f"This is the longest of {len(parts)} parts.")
+        if said := [*said, *remarks]:
             warnings.warn(f"{path}: {' '.join(said)}", stacklevel=2)
-        return max(log.recordings, key=lambda recording: recording.time[-1])
+        return cls(**max(parts, key=lambda part: part["time"][-1]))
 
     @classmethod
     def _from_table(cls, table: Table) -> "Recording":

@@ -30,8 +30,8 @@ def pairing(heats: np.ndarray, readings: np.ndarray) -> list[tuple[int | None, f
     """The reading that belongs to each wire, by all correlations together, and its own.
 
     Args:
-        heats: of W wires (W, K), as `heat_of` gives them; zero for those that were never heated.
-        readings: of M thermocouples (M, K).
+        heats: heat of W wires (W, K), as `heat_of` gives it; zero where a wire was never heated.
+        readings: readings of M thermocouples (M, K).
 
     Returns:
         for each wire the index of its reading and their correlation; None for wires without heat,

@@ -106,7 +106,7 @@ def turned(
     """A mapping whose bend grows where the right wire is heated, and what showed it.
 
     Args:
-        heats: of the mapping's wires (W, K), as `heat_of` gives them.
+        heats: heat of the mapping's wires (W, K), as `heat_of` gives it.
     """
     directions = np.array([1.0 if wire.name == "right" else -1.0 for wire in mapping.wires])
     sign = side_of(bending(heats, bend_of(table, mapping)[kept]), directions)

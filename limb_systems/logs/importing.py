@@ -7,8 +7,6 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from limb_systems.files.recording import Recording
 from limb_systems.logs.formats import LimbInLog
 from limb_systems.logs.guess import limbs_in_log
@@ -16,8 +14,6 @@ from limb_systems.logs.mapping import LogMapping
 from limb_systems.logs.reading import read_log
 from limb_systems.logs.table import LogError
 from limb_systems.model.parameters import LimbParameters
-
-SAG, EARTH = "sag", 9.81  # beginning of the names of logs of the sag, and m/s²
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -84,15 +80,12 @@ def import_logs(
             if other := shown.get(_columns(limb)):
                 limb = _joined(limb, other)
             try:
-                recordings, remarks = read_log(path, limb.mapping, parameters)
-                error = ""
+                parts, remarks = read_log(path, limb.mapping, parameters)
+                recordings, error = [Recording(**part) for part in parts], ""
             except LogError as problem:
                 if mapping:
                     raise
                 recordings, remarks, error = [], [], str(problem)
-            if path.stem.startswith(SAG) and not any(r.duty.any() for r in recordings):
-                recordings = [_sagging(recording) for recording in recordings]
-                remarks.append("By its name, gravity bends the limb here, to the side of its bend.")
             imported.append(ImportedLog(path, limb, recordings, remarks, error))
     return imported
 
@@ -121,10 +114,3 @@ def _joined(limb: LimbInLog, other: LimbInLog | None) -> LimbInLog:
     if mapping != limb.mapping:
         notes = [*notes, "what no heat shows here is as in another log of the same columns"]
     return LimbInLog(limb.name, mapping, notes, agreement)
-
-
-def _sagging(recording: Recording) -> Recording:
-    side = float(np.sign(np.nanmedian(recording.bend_angle))) or -1.0
-    parameters = copy.deepcopy(recording.parameters)
-    parameters.gravity = [0.0, side * EARTH, 0.0]
-    return dataclasses.replace(recording, parameters=parameters)

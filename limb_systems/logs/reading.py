@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from limb_systems.files.recording import Recording
 from limb_systems.logs.mapping import (
     BEND_ANGLE,
     CELSIUS,
@@ -26,6 +25,7 @@ from limb_systems.model.bend_sensor import (
 from limb_systems.model.parameters import LimbParameters
 
 DAY = 86_400.0  # s
+SAG, EARTH = "sag", 9.81  # beginning of the names of logs of the sag, and m/s²
 GAP = 2.0  # s without rows, in which duty may have been anything if it differs before and after
 CHANGE = 0.05  # of duty, that counts as another
 LONGEST_GAP = 30.0  # s, beyond which it may have been anything at all, unless it was off
@@ -38,8 +38,8 @@ READABLE = -60.0, 600.0  # °C, of readings that a thermocouple can have
 
 def read_log(
     path: str | Path, mapping: LogMapping, parameters: LimbParameters | None = None
-) -> tuple[list[Recording], list[str]]:
-    """The recordings in a log, and what was lost, in sentences.
+) -> tuple[list[dict[str, Any]], list[str]]:
+    """The parts of a log, as arguments of `Recording`, and what was lost, in sentences.
 
     Args:
         parameters: the limb's description; the nominal limb, with the wires of the mapping, if
@@ -50,7 +50,7 @@ def read_log(
     """
     table = read_table(path, mapping.delimiter, mapping.decimal, mapping.names_line)
     try:
-        return _recordings(table, mapping, described(mapping, parameters), Path(path).name)
+        return _parts(table, mapping, described(mapping, parameters), Path(path).name)
     except LogError as error:
         raise LogError(f"{path}: {error}") from error
 
@@ -81,9 +81,9 @@ def described(mapping: LogMapping, parameters: LimbParameters | None) -> LimbPar
     return limb
 
 
-def _recordings(
+def _parts(
     table: LogTable, mapping: LogMapping, limb: LimbParameters, name: str
-) -> tuple[list[Recording], list[str]]:
+) -> tuple[list[dict[str, Any]], list[str]]:
     remarks = []
     if table.odd_rows:
         remarks.append(f"{_rows(table.odd_rows)} with another number of cells left out.")
@@ -133,7 +133,7 @@ def _recordings(
             f"{long} gap{'s' * (long != 1)} of more than {GAP:g} s, the longest of "
             f"{gaps.max():.1f} s."
         )
-    recordings = []
+    parts: list[dict[str, Any]] = []
     for number, (start, end) in enumerate(itertools.pairwise(cuts), 1):
         part = slice(start, end)
         if end - start < 2 or (len(cuts) > 2 and times[end - 1] - times[start] < SHORTEST):
@@ -143,17 +143,14 @@ def _recordings(
             continue
         even = resampled(times[part] - times[start], duty[:, part], readings[:, part], rate)
         where = f", part {number}" if len(cuts) > 2 else ""
-        recordings.append(
-            Recording(
-                **even,
-                parameters=limb,
-                source=f"log {name}{where}",
-                sample_rate=rate,
-            )
-        )
-    if not recordings:
+        about = {"parameters": limb, "source": f"log {name}{where}", "sample_rate": rate}
+        parts.append({**even, **about})
+    if not parts:
         raise LogError(f"no part of {SHORTEST:g} s or more has rows without a gap.")
-    return recordings, remarks
+    if name.startswith(SAG) and not duty.any():
+        limb.gravity = [0.0, EARTH * (np.sign(np.nanmedian(bend)) or -1.0), 0.0]
+        remarks.append("By its name, gravity bends the limb here, to the side of its bend.")
+    return parts, remarks
 
 
 def _rows(count: int) -> str:
@@ -283,7 +280,7 @@ def resampled(
     that of the log; its applied duty is the mean between the rows.
 
     Args:
-        times: of rows (K,), s from the first, increasing.
+        times: times of rows (K,), s from the first, increasing.
         duty: (W, K).
         readings: V of W wires, °C, and φ, rad (W + 1, K).
         rate: Hz.
