@@ -23,7 +23,7 @@ from soft_limb.bridge.messages import LARGEST, Numbers, Topics, Written
 
 # Messages of all writers that wait to be read, so that no other writer's displace those of who
 # commands; of each writer only the newest is looked into.
-WAITING = 2000
+WAITING = 5000
 
 
 class Undecoded(bytes):
@@ -70,7 +70,12 @@ class DdsNode:
 
         def quality(depth: int) -> Qos:
             reliable = Policy.Reliability.Reliable(duration(milliseconds=100))
-            return Qos(reliable, Policy.Durability.Volatile, Policy.History.KeepLast(depth))
+            return Qos(
+                reliable,
+                Policy.Durability.Volatile,
+                Policy.History.KeepLast(depth),
+                Policy.WriterDataLifecycle(autodispose=False),
+            )
 
         written = {topics.sensors: Float64MultiArray, topics.plan: Float64MultiArray}
         written[topics.state] = String

@@ -8,6 +8,7 @@ import numpy as np
 
 LATEST = 0.25  # s, age from which a duty is not applied, and silence after which a topic is free
 LARGEST = 4096  # bytes, of a message that is looked into
+LONGEST_TURN = 0.02  # s, between two looks at what was written, on a computer that is not busy
 SILENCE = 1.0  # s, without any word on starting, after which a start counts
 
 
@@ -106,25 +107,28 @@ class Listener:
         self.heard = Heard()
         self._topics, self._num_wires, self._total = topics, num_wires, total_duty
         self._holder: int | None = None
-        self._last_valid = self._last_run = -np.inf
+        self._silence, self._now, self._last_run = np.inf, -np.inf, -np.inf
 
-    def hear(self, written: Written, now: float) -> None:
-        """Takes in a message that was read at a time, s of the monotonic clock."""
-        if written.topic == self._topics.duty:
-            self._hear_duty(written, now)
-        elif isinstance(written.value, bool):
-            # Who repeats a start is not asking for another one after the plan's end.
-            if not written.value or now - self._last_run > SILENCE:
-                self._note(run=written.value, requests=self.heard.requests + 1)
-            self._last_run = now
+    def hear(self, messages: Sequence[Written], now: float) -> None:
+        """Takes in the messages of a turn, if there are any, s of the monotonic clock."""
+        # While this process did not run, nobody was silent.
+        self._silence += min(now - self._now, LONGEST_TURN)
+        self._now = now
+        for written in messages:
+            if written.topic == self._topics.duty:
+                self._hear_duty(written, now)
+            elif isinstance(written.value, bool):
+                # Who repeats a start is not asking for another one after the plan's end.
+                if not written.value or now - self._last_run > SILENCE:
+                    self._note(run=written.value, requests=self.heard.requests + 1)
+                self._last_run = now
 
     def _hear_duty(self, written: Written, now: float) -> None:
-        why = self._refusal(written)
-        is_free = now - self._last_valid > LATEST
+        why, is_free = self._refusal(written), self._silence > LATEST
         if not is_free and written.writer != self._holder:
             self._note(other=now)
         if not why:
-            self._last_valid = now
+            self._silence = 0.0
             self._holder = written.writer if is_free else self._holder
         if is_free or written.writer == self._holder:
             self._note(

@@ -45,8 +45,7 @@ def serve(pipe: Connection) -> None:
         if is_asked:
             for topic, message in pipe.recv():
                 node.publish(topic, message)
-        for written in node.take():
-            listener.hear(written, time.monotonic())
+        listener.hear(node.take(), time.monotonic())
         if is_asked or listener.heard is not before:
             pipe.send(listener.heard)
 

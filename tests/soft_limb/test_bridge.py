@@ -255,10 +255,15 @@ class Network:
         self.now = 100.0
 
     def write(self, *duty, writer=1, **options):
-        self.listener.hear(Written("/cmd_u_t", writer, duty, **options), self.now)
+        self.listener.hear([Written("/cmd_u_t", writer, duty, **options)], self.now)
+
+    def wait(self, seconds):
+        for _ in range(round(seconds / 0.01)):
+            self.now += 0.01
+            self.listener.hear([], self.now)
 
     def duty(self, measured=25.0):
-        self.now += 0.05
+        self.wait(0.05)
         return self.driver.duty(self.listener.heard, np.full(2, measured), self.now).tolist()
 
 
@@ -274,7 +279,10 @@ def test_the_first_writer_has_the_topic():
             assert duty == [0.0, 0.2]
             assert step == 0 or "another writer" in network.driver.why
     assert duty == [0.0, 0.0]  # who has taken nobody's place while it wrote has none after
-    network.now += 0.3
+    network.now += 10.0  # in which this process did not run
+    network.write(0.5, 0.5, writer=2)
+    assert network.duty() == [0.0, 0.0]
+    network.wait(0.3)
     network.write(0.5, 0.5, writer=2)
     assert network.duty() == [0.5, 0.5]
 
@@ -299,7 +307,7 @@ def test_no_duty_is_applied_when_it_is_older_than_250_ms_or_on_hot_wires():
     last = network.now - 0.1
     while network.duty() != [0.0, 0.0]:
         assert network.now + 0.05 <= last + 0.25 + 1e-9  # for which it stays
-    network.now += 1.0
+    network.wait(1.0)
     network.write(0.0, 0.2)
     assert network.duty(measured=101.0) == [0.0, 0.0]
     assert "temperature_limits.maximum" in network.driver.why
@@ -310,17 +318,17 @@ def test_a_plan_starts_when_it_may(fig5_plan):
     network = Network(plan=fig5_plan)
 
     def ask(run):
-        network.listener.hear(Written("/limb/run", 1, run), network.now)
+        network.listener.hear([Written("/limb/run", 1, run)], network.now)
 
     network.write(0.0, 0.2)
     ask(True)
     network.duty()
     assert "somebody commands" in network.driver.why
-    network.now += 2.0
+    network.wait(2.0)
     ask(True)
     network.duty(measured=60.0)
     assert "35 °C" in network.driver.why
-    network.now += 2.0
+    network.wait(2.0)
     ask(True)
     for _ in range(40):
         duty = network.duty()
@@ -329,7 +337,7 @@ def test_a_plan_starts_when_it_may(fig5_plan):
     assert moment == pytest.approx(1.95)
     wanted = [np.interp(moment, fig5_plan.time, row) for row in fig5_plan.duty]
     assert duty == pytest.approx(wanted)
-    network.now += fig5_plan.duration
+    network.now += fig5_plan.duration  # the process did not run
     assert network.duty() == [0.0, 0.0]
     assert network.driver.plan_time is None
     for _ in range(10):  # who repeats it does not start it again
@@ -387,6 +395,6 @@ def test_rclpy_is_used_where_it_is(monkeypatch):
     publishers["/cmd_u_t"] = 2
     waiting.append(lambda: callbacks["/cmd_u_t"](duty))
     listener = Listener(Topics(), 2, 1.5)
-    listener.hear(ours.take()[0], 1.0)
+    listener.hear(ours.take(), 1.0)
     assert "several publishers" in listener.heard.refused
     assert listener.heard.duty is Heard().duty is None
