@@ -19,7 +19,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from soft_limb.bridge.messages import LARGEST, Numbers, Topics, Written
+from soft_limb.bridge.messages import LARGEST, Message, Topics, Written
 
 # Messages of all writers that wait to be read, so that no other writer's displace those of who
 # commands; of each writer only the newest is looked into.
@@ -88,12 +88,12 @@ class DdsNode:
             for name, kind in {topics.duty: Float64MultiArray, topics.run: Bool}.items()
         }
 
-    def publish(self, topic: str, message: Numbers | str) -> None:
+    def publish(self, topic: str, message: Message) -> None:
         """Writes a message."""
-        if isinstance(message, Numbers):
-            size = len(message.values)
-            layout = Layout([Dimension(",".join(message.names), size, size)], 0)
-            self._writers[topic].write(Float64MultiArray(layout, message.values))
+        if isinstance(message, dict):
+            label, size = ",".join(message), len(message)
+            layout = Layout([Dimension(label, size, size)], 0)
+            self._writers[topic].write(Float64MultiArray(layout, list(message.values())))
         else:
             self._writers[topic].write(String(message))
 

@@ -7,7 +7,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Iterable, Iterator
 from multiprocessing import Pipe
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,8 @@ from hardware.replay import AMBIENT_TOLERANCE
 from hardware.robot.journal import journaled
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
 from limb_systems.model.limb_system import check_limb
-from limb_systems.simulation import PERIOD, make_simulator
-from soft_limb.bridge.messages import LATEST, SILENCE, Heard, Numbers, Topics
+from limb_systems.simulation import PERIOD, failure_told, make_simulator
+from soft_limb.bridge.messages import LATEST, SILENCE, Heard, Message, Topics
 
 READY_TIME = 60.0  # s, in which the other process starts, on a computer that is busy
 DEAF = 1.0  # s, without an answer of the other process
@@ -32,10 +32,7 @@ ARMED, RUNNING, FAULT, IDLE = "armed", "running", "fault", "idle"
 
 
 class NodeProcess:
-    """The process that speaks to ROS 2, as the loop sees it, which never waits for it.
-
-    Use it as a context manager.
-    """
+    """The process that speaks to ROS 2, as the loop sees it, which never waits for it."""
 
     def __init__(self, topics: Topics, parameters: LimbParameters):
         """
@@ -55,45 +52,32 @@ class NodeProcess:
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )
         theirs.close()
-        self._heard, self._time = Heard(), time.monotonic()
+        self._heard, self._asked = Heard(), np.inf
         try:
-            self._pipe.send((topics, len(parameters.wires), parameters.total_duty))
-            trouble = self._pipe.recv() if self._pipe.poll(READY_TIME) else "it does not start"
-        except BaseException as error:
+            with _living():
+                self._pipe.send((topics, len(parameters.wires), parameters.total_duty))
+                trouble = self._pipe.recv() if self._pipe.poll(READY_TIME) else "it does not start"
+            if trouble:
+                raise LimbError(
+                    f"There is no way to ROS 2: {trouble}. Without ROS 2 on this computer, "
+                    "pip install 'soft-limb[ros]' is what is needed."
+                )
+        except BaseException:
             self.close()
-            if isinstance(error, EOFError | OSError):
-                raise LimbError("The process that speaks to ROS 2 has died.") from error
             raise
-        if trouble:
-            self.close()
-            raise LimbError(
-                f"There is no way to ROS 2: {trouble}. Without ROS 2 on this computer, "
-                "pip install 'soft-limb[ros]' is what is needed."
-            )
-        self._time = time.monotonic()
 
-    def __enter__(self) -> "NodeProcess":
-        return self
-
-    def __exit__(self, *_) -> None:
-        self.close()
-
-    def tell(self, messages: dict[str, Numbers | str]) -> None:
-        """Publishes messages on topics.
-
-        Raises:
-            LimbError: if the process has died.
-        """
-        self._do(lambda: self._pipe.send(list(messages.items())))
+    def tell(self, messages: dict[str, Message]) -> None:
+        """Publishes messages on topics; LimbError if the process has died."""
+        self._asked = min(self._asked, time.monotonic())
+        with _living():
+            self._pipe.send(list(messages.items()))
 
     def hear(self) -> Heard:
-        """What was heard so far.
-
-        Raises:
-            LimbError: if the process has died, or has not answered for a second.
-        """
-        self._do(self._receive)
-        if time.monotonic() - self._time > DEAF:
+        """What was heard so far; LimbError if the process has died or is silent for a second."""
+        with _living():
+            while self._pipe.poll():
+                self._heard, self._asked = self._pipe.recv(), np.inf
+        if time.monotonic() - self._asked > DEAF:
             raise LimbError("The process that speaks to ROS 2 does not answer.")
         return self._heard
 
@@ -106,15 +90,13 @@ class NodeProcess:
             self._process.kill()
             self._process.wait()
 
-    def _receive(self) -> None:
-        while self._pipe.poll():
-            self._heard, self._time = self._pipe.recv(), time.monotonic()
 
-    def _do(self, action: Callable[[], None]) -> None:
-        try:
-            action()
-        except (EOFError, OSError) as error:
-            raise LimbError("The process that speaks to ROS 2 has died.") from error
+@contextlib.contextmanager
+def _living() -> Iterator[None]:
+    try:
+        yield
+    except (EOFError, OSError) as error:
+        raise LimbError("The process that speaks to ROS 2 has died.") from error
 
 
 class Driver:
@@ -158,17 +140,18 @@ class Driver:
         self.applied = np.zeros(len(measured)) if duty is None else duty
         return self.applied
 
-    def plan_message(self) -> Numbers | None:
+    def plan_message(self) -> dict[str, float] | None:
         """What the plan that runs says of now; None if none runs."""
         if self.plan_time is None:
             return None
         assert self._plan
-        time, plan, segments = self.plan_time, self._plan, range(len(self._parameters.segments))
-        names = [f"{what}_{i}_rad" for what in ("reference", "planned") for i in segments]
-        names = ["time_s", *names, *(f"duty_{name}" for name in self._parameters.wire_names)]
-        reference, duty = _between(plan, plan.reference, time), _between(plan, plan.duty, time)
-        bend_angle = plan.bend_angle_at([time])[:, 0]
-        return Numbers(names, np.concatenate([[time], reference, bend_angle, duty]).tolist())
+        plan, time = self._plan, self.plan_time
+        return {
+            "time_s": time,
+            **_named("reference_{}_rad", _between(plan, plan.reference, time)),
+            **_named("planned_{}_rad", plan.bend_angle_at([time])[:, 0]),
+            **_named("duty_{}", _between(plan, plan.duty, time), self._parameters.wire_names),
+        }
 
     def _heed(self, heard: Heard, measured: np.ndarray, now: float) -> None:
         """Starts or stops the plan."""
@@ -185,11 +168,10 @@ class Driver:
             return "the plan was not started: this bridge was given none"
         if heard.duty is not None and self.age <= LATEST:
             return "the plan was not started: somebody commands the duty"
-        away = np.abs(measured - self._plan.measured_temperature[:, 0])
-        if away.max() > AMBIENT_TOLERANCE:
+        away = np.abs(measured - self._plan.measured_temperature[:, 0]).max()
+        if not away <= AMBIENT_TOLERANCE:
             return (
-                f"the plan was not started: a wire's reading is {away.max():.0f} °C from that at "
-                "the plan's start"
+                f"the plan was not started: a wire's reading is {away:.0f} °C from where it starts"
             )
         return ""
 
@@ -207,11 +189,8 @@ class Driver:
         if heard.duty is None:
             return None, f"the duty was refused: {heard.refused}"
         limit = self._parameters.temperature_limits.maximum
-        if measured.max() >= limit:
-            return (
-                None,
-                f"a wire is at {measured.max():.1f} °C; temperature_limits.maximum is {limit:g}",
-            )
+        if not (highest := measured.max()) < limit:
+            return None, f"a wire is at {highest:.1f} °C; temperature_limits.maximum is {limit:g}"
         is_alone = now - heard.other > SILENCE
         return np.array(heard.duty), "" if is_alone else "another writer of the duty is ignored"
 
@@ -246,10 +225,10 @@ def drive(
     topics, end = topics or Topics(), (IDLE, "the bridge has ended")
     with contextlib.ExitStack() as stack:
         stack.callback(close)
-        node = stack.enter_context(NodeProcess(topics, limb.parameters))
+        node = stack.enter_context(contextlib.closing(NodeProcess(topics, limb.parameters)))
         try:
             _loop(limb, node, Driver(limb.parameters, plan), topics, output)
-        except LimbError as error:
+        except Exception as error:
             end = FAULT, str(error)
             raise
         finally:
@@ -278,7 +257,8 @@ def _loop(
             time.sleep(max(0.0, start + due - time.monotonic()))
             heard, measured = node.hear(), _read(limb, context, "measured_temperature")
             duty.FixValue(context, driver.duty(heard, measured, time.monotonic()))
-            simulator.AdvanceTo(due + PERIOD / 2)  # so that what is due now is done
+            with failure_told(simulator, np.inf):
+                simulator.AdvanceTo(due + PERIOD / 2)  # so that what is due now is done
             node.tell(_messages(limb, context, topics, driver, heard))
             if limb.HasOutputPort("cut_out") and _read(limb, context, "cut_out")[0]:
                 raise LimbError(
@@ -293,24 +273,30 @@ def _read(limb: LimbSystem, context: Context, name: str) -> np.ndarray:
 
 def _messages(
     limb: LimbSystem, context: Context, topics: Topics, driver: Driver, heard: Heard
-) -> dict[str, Numbers | str]:
+) -> dict[str, Message]:
     """What is published at a tick."""
-    names = [f"{name}_c" for name in limb.parameters.wire_names]
-    names += [f"bend_{index}_rad" for index in range(len(limb.parameters.segments))]
-    readings = [_read(limb, context, name) for name in ("measured_temperature", "bend_angle")]
-    applied = _read(limb, context, "applied_duty") if limb.HasOutputPort("applied_duty") else None
+    measured, bend = (_read(limb, context, name) for name in ("measured_temperature", "bend_angle"))
+    is_known = limb.HasOutputPort("applied_duty")
+    applied = _read(limb, context, "applied_duty") if is_known else driver.applied
     state = {
         "state": driver.state,
         "why": driver.why,
-        "duty": (driver.applied if applied is None else applied).tolist(),
+        "duty": applied.tolist(),
         "age": driver.age if np.isfinite(driver.age) else None,
         "delay": heard.delay,
         "commands": heard.commands,
         "plan_time": driver.plan_time,
     }
+    wires = _named("{}_c", measured, limb.parameters.wire_names)
     planned = driver.plan_message()
     return {
-        topics.sensors: Numbers(names, np.concatenate(readings).tolist()),
+        topics.sensors: wires | _named("bend_{}_rad", bend),
         topics.state: json.dumps(state, ensure_ascii=False),
         **({topics.plan: planned} if planned else {}),
     }
+
+
+def _named(form: str, values: np.ndarray, names: Iterable[str | int] | None = None) -> dict:
+    """Numbers by names; those of segments are numbers from zero."""
+    found = itertools.count() if names is None else names
+    return {form.format(name): float(value) for name, value in zip(found, values, strict=False)}

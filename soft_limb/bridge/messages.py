@@ -6,10 +6,12 @@ from typing import Protocol
 
 import numpy as np
 
+# A String, or a Float64MultiArray of numbers by their names, with which its dimension is labelled.
+Message = str | dict[str, float]
 LATEST = 0.25  # s, age from which a duty is not applied, and silence after which a topic is free
 LARGEST = 4096  # bytes, of a message that is looked into
 LONGEST_TURN = 0.02  # s, between two looks at what was written, on a computer that is not busy
-SILENCE = 1.0  # s, without any word on starting, after which a start counts
+SILENCE = 2.0  # s, without any word on starting, after which a start counts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,14 +30,6 @@ class Topics:
     sensors: str = "/ezloophw_sensors"
     plan: str = "/limb/plan"
     state: str = "/limb/state"
-
-
-@dataclasses.dataclass(frozen=True)
-class Numbers:
-    """A Float64MultiArray of one dimension, whose label is ``names`` with commas between them."""
-
-    names: Sequence[str]
-    values: Sequence[float]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -59,7 +53,7 @@ class Written:
 class Node(Protocol):
     """Writes and reads messages, and never waits."""
 
-    def publish(self, topic: str, message: Numbers | str) -> None:
+    def publish(self, topic: str, message: Message) -> None:
         """Writes a message."""
 
     def take(self) -> list[Written]:

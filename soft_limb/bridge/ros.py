@@ -13,7 +13,7 @@ from std_msgs.msg import (
     String,
 )
 
-from soft_limb.bridge.messages import Numbers, Topics, Written
+from soft_limb.bridge.messages import Message, Topics, Written
 
 
 class RosNode:
@@ -35,14 +35,15 @@ class RosNode:
         for name, kind in {topics.duty: Float64MultiArray, topics.run: Bool}.items():
             self._node.create_subscription(kind, name, functools.partial(self._keep, name), 1)
 
-    def publish(self, topic: str, message: Numbers | str) -> None:
+    def publish(self, topic: str, message: Message) -> None:
         """Writes a message."""
-        if isinstance(message, Numbers):
-            size = len(message.values)
-            dimension = MultiArrayDimension(label=",".join(message.names), size=size, stride=size)
+        if isinstance(message, dict):
+            label, size = ",".join(message), len(message)
+            dimension = MultiArrayDimension(label=label, size=size, stride=size)
             layout = MultiArrayLayout(dim=[dimension], data_offset=0)
-            values = [float(value) for value in message.values]
-            self._publishers[topic].publish(Float64MultiArray(layout=layout, data=values))
+            self._publishers[topic].publish(
+                Float64MultiArray(layout=layout, data=list(message.values()))
+            )
         else:
             self._publishers[topic].publish(String(data=message))
 
