@@ -1,13 +1,11 @@
-"""The bridge to ROS 2: another process over DDS, with types written from the ROS 2 definitions."""
+"""The bridge to ROS 2, to which another process speaks over DDS."""
 
-import json
 import os
 import random
 import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -20,98 +18,17 @@ from soft_limb.bridge import node
 from soft_limb.bridge.drive import ARMED, RUNNING, Driver
 from soft_limb.bridge.messages import Heard, Listener, Topics, Written
 
-cyclonedds = pytest.importorskip("cyclonedds")
-from cyclonedds.builtin import (  # noqa: E402
+pytest.importorskip("cyclonedds")
+from cyclonedds.builtin import (
     BuiltinDataReader,
     BuiltinTopicDcpsPublication,
     BuiltinTopicDcpsSubscription,
 )
-from cyclonedds.core import Qos  # noqa: E402
-from cyclonedds.domain import DomainParticipant  # noqa: E402
-from cyclonedds.idl import IdlStruct  # noqa: E402
-from cyclonedds.idl.annotations import final  # noqa: E402
-from cyclonedds.idl.types import float64, sequence, uint32  # noqa: E402
-from cyclonedds.pub import DataWriter  # noqa: E402
-from cyclonedds.qos import Policy  # noqa: E402
-from cyclonedds.sub import DataReader  # noqa: E402
-from cyclonedds.topic import Topic  # noqa: E402
+from cyclonedds.qos import Policy
+
+from . import ros_peer
 
 SLACK = 0.2  # s, that a busy computer may take to write and read what it knows
-
-
-@final
-@dataclass
-class Dimension(IdlStruct, typename="std_msgs::msg::dds_::MultiArrayDimension_"):
-    label: str
-    size: uint32
-    stride: uint32
-
-
-@final
-@dataclass
-class Layout(IdlStruct, typename="std_msgs::msg::dds_::MultiArrayLayout_"):
-    dim: sequence[Dimension]
-    data_offset: uint32
-
-
-@final
-@dataclass
-class Array(IdlStruct, typename="std_msgs::msg::dds_::Float64MultiArray_"):
-    layout: Layout
-    data: sequence[float64]
-
-
-@final
-@dataclass
-class Text(IdlStruct, typename="std_msgs::msg::dds_::String_"):
-    data: str
-
-
-@final
-@dataclass
-class Truth(IdlStruct, typename="std_msgs::msg::dds_::Bool_"):
-    data: bool
-
-
-QUALITY = Qos(Policy.Reliability.Reliable(10**8), Policy.History.KeepLast(10))
-DROPPING = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(10))
-
-
-class Peer:
-    """Somebody else's program on the network."""
-
-    def __init__(self, domain):
-        self.participant = DomainParticipant(domain)
-        self.state = self.reader("rt/limb/state", Text)
-        self.sensors = self.reader("rt/ezloophw_sensors", Array, DROPPING)
-        self.plan = self.reader("rt/limb/plan", Array)
-        self.run = self.writer("rt/limb/run", Truth)
-        self.duty = self.writer("rt/cmd_u_t", Array)
-
-    def reader(self, name, kind, quality=QUALITY):
-        return DataReader(self.participant, Topic(self.participant, name, kind), quality)
-
-    def writer(self, name, kind):
-        return DataWriter(self.participant, Topic(self.participant, name, kind), QUALITY)
-
-    def command(self, *duty, delay=0.0):
-        written = time.time_ns() - int(delay * 1e9)
-        self.duty.write(Array(Layout([], 0), list(duty)), timestamp=written)
-        return written * 1e-9
-
-    def states(self, wanted=lambda state: True, limit=10.0, meanwhile=lambda: None):
-        """(time of writing, state) until one is as wanted."""
-        states, end = [], time.monotonic() + limit
-        while time.monotonic() < end:
-            meanwhile()
-            time.sleep(0.02)
-            for sample in self.state.take(10):
-                if hasattr(sample, "data"):
-                    written = sample.sample_info.source_timestamp * 1e-9
-                    states.append((written, json.loads(sample.data)))
-            if states and wanted(states[-1][1]):
-                return states
-        raise AssertionError(states[-5:])
 
 
 def runs(state):
@@ -148,7 +65,7 @@ def bridge(domain, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def peer(bridge, domain):
-    peer = Peer(domain)
+    peer = ros_peer.Peer(domain)
     peer.states()
     return peer
 
@@ -189,12 +106,8 @@ def test_publishes_what_is_measured_in_si(peer):
 
 def test_duty_ends_with_its_publisher(peer, domain):
     """Which is killed: nothing says goodbye."""
-    program = (
-        "import sys, time; from tests.soft_limb.test_bridge import Peer\n"
-        f"peer = Peer({domain})\n"
-        "while True: print(peer.command(0.0, 0.2), flush=True); time.sleep(0.05)"
-    )
-    publisher = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    command = [sys.executable, ros_peer.__file__, str(domain)]
+    publisher = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
         peer.states(runs)
     finally:
@@ -224,9 +137,9 @@ def test_refuses_a_duty(peer, duty, delay, why):
 
 def test_starts_and_stops_the_plan(peer):
     time.sleep(0.3)
-    peer.run.write(Truth(True))
+    peer.run.write(ros_peer.Truth(True))
     states = peer.states(lambda state: runs(state) and state["plan_time"] > 0.3)
-    peer.run.write(Truth(False))
+    peer.run.write(ros_peer.Truth(False))
     states = peer.states(lambda state: state["plan_time"] is None and max(state["duty"]) == 0)
     planned = peer.plan.take(10)[-1]
     names = planned.layout.dim[0].label.split(",")
