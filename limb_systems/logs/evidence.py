@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 
 MEMORY = 15.0  # s, over which a wire keeps its heat, roughly
+SOON = 8.0  # s, in which a limb follows its heat
 SHOWN = 0.3  # correlation that shows a connection
 
 
@@ -70,3 +71,11 @@ def bending(heats: np.ndarray, bend: np.ndarray) -> np.ndarray:
 def side_of(slopes: np.ndarray, directions: np.ndarray) -> float:
     """Sign of a bend that grows where wires of a direction +1 are heated; 0 if no heat shows it."""
     return float(np.sign(np.dot(slopes, directions)))
+
+
+def following(times: np.ndarray, heats: np.ndarray, bend: np.ndarray) -> float:
+    """How well the changes of a bend within some seconds follow those of the heat, 0 to 1."""
+    late = np.searchsorted(times, times + SOON)
+    late, early = late[late < len(times)], np.flatnonzero(late < len(times))
+    changes, change = heats[:, late] - heats[:, early], bend[late] - bend[early]
+    return abs(correlation(bending(changes, change) @ changes, change))

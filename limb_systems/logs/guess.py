@@ -1,12 +1,20 @@
 """What the columns of any other log may be: by names, ranges and what follows the heat."""
 
 import dataclasses
+import itertools
 import re
 from pathlib import Path
 
 import numpy as np
 
-from limb_systems.logs.evidence import bending, correlation, heat_of, pairing, side_of
+from limb_systems.logs.evidence import (
+    bending,
+    correlation,
+    following,
+    heat_of,
+    pairing,
+    side_of,
+)
 from limb_systems.logs.formats import (
     LimbInLog,
     base_direction,
@@ -32,7 +40,7 @@ WORDS = {  # in names of columns, whole or as their parts
     TIME: "time timestamp zeit uhrzeit datetime date t ms millis msec sec seconds s elapsed us "
     "micros",
     DUTY: "pwm duty heat heater heating power pow u cmd command out output ctrl gate mosfet sma "
-    "input leistung strom current duties heiz",
+    "input duties heiz",
     TEMPERATURE: "temp temperature tc thermo thermocouple max31855 mcp celsius kelvin fahrenheit "
     "degc degf temperatur t tmp",
     BEND: "bend bending angle flex phi theta winkel biegung curvature alpha tip tangent tilt chord "
@@ -106,14 +114,14 @@ def guessed(table: LogTable) -> LimbInLog:
         for c in columns
     ]
     columns = [column for column in columns if len(column.shown) > 5]
-    duties, fulls = _duties(columns, notes)
+    duties, fulls = _duties(columns, times, notes)
     shares = np.zeros((len(duties), len(times)))
     for share, duty, full in zip(shares, duties, fulls, strict=True):
         share[:] = np.clip(np.nan_to_num(duty.values) / full, 0.0, 1.0)
     heats = heat_of(times, shares)
     rest = [column for column in columns if column not in duties]
     temperatures = _temperatures(rest, heats, notes)
-    bend = _bend(table, [c for c in rest if c not in temperatures], heats, notes)
+    bend = _bend(table, [c for c in rest if c not in temperatures], times, heats, notes)
     sides = ["left", "right"]
     if len(duties) < 2:
         sides = [_side(duty) or "right" for duty in duties]
@@ -233,7 +241,9 @@ def _usual(step: float, unit: str) -> bool:
     return 0.4 < 1 / (step * SECONDS[unit]) < 201
 
 
-def _duties(columns: list[Column], notes: dict[str, str]) -> tuple[list[Column], list[float]]:
+def _duties(
+    columns: list[Column], times: np.ndarray, notes: dict[str, str]
+) -> tuple[list[Column], list[float]]:
     """The columns of duty, and what is full in each; a signed one counts for both wires."""
     rated = []
     for column in columns:
@@ -257,25 +267,46 @@ def _duties(columns: list[Column], notes: dict[str, str]) -> tuple[list[Column],
         full = _full([signed[0]])
         return [signed[0], signed[0]], [-full, full]
     unsigned = [pair for pair in rated if pair[1].shown.min() >= 0]
-    unsigned.sort(key=lambda pair: (-bool(np.ptp(pair[1].shown)), -pair[0]))  # those of heat first
-    names = [column.name for column in columns]
-    chosen = sorted((c for _, c in unsigned[:MOST_WIRES]), key=lambda c: names.index(c.name))
-    for _, column in unsigned[MOST_WIRES:]:
-        notes[column.name] = "perhaps a duty; not used"
+    chosen = _best_pair(unsigned, columns, times)
+    for _, column in unsigned:
+        if column not in chosen:
+            notes[column.name] = "perhaps a duty; not used"
     sides = [_side(column) for column in chosen]
     if sides == ["right", "left"]:
         chosen.reverse()
     return chosen, [_full(chosen)] * len(chosen)
 
 
+def _best_pair(
+    rated: list[tuple[float, Column]], columns: list[Column], times: np.ndarray
+) -> list[Column]:
+    """The columns of duty among those that may be: a pair that warms as many thermocouples.
+
+    Args:
+        rated: those that may be, with how much speaks for each.
+    """
+    others = [c for c in columns if c not in [column for _, column in rated] and _warm(c)]
+    readings = np.array([column.values for column in others])
+    best, most = [column for _, column in rated], -np.inf
+    if len(rated) <= MOST_WIRES:
+        return best
+    for pair in itertools.combinations(rated, MOST_WIRES):
+        duties = np.array([column.values / column.shown.max() for _, column in pair])
+        agreement = sum(found for _, found in pairing(heat_of(times, duties), readings))
+        if (score := agreement + 0.2 * sum(rate for rate, _ in pair)) > most:
+            best, most = [column for _, column in pair], score
+    return best
+
+
 def _full(duties: list[Column]) -> float:
-    """The number that means full duty: the least that is possible for all, per cent if said."""
-    most = max(float(np.abs(duty.shown).max()) for duty in duties)
+    """The number that means full duty: the least that is possible for all, unless it is a count."""
+    values = np.abs(np.concatenate([duty.shown for duty in duties]))
     words = {word for duty in duties for word in duty.words}
-    possible = [full for full in FULLS if most <= full * 1.001]
-    if most > 1.001 and most <= 100 and "pwm" in words and not words & {"%", "percent", "pct"}:
+    full = next(full for full in FULLS if values.max() <= full * 1.001)
+    counted = "pwm" in words or (values % 5 != 0).any()  # per cent are mostly set in fives
+    if full == 100.0 and counted and (values % 1 == 0).all() and not words & {"%", "percent"}:
         return 255.0
-    return possible[0]
+    return full
 
 
 def _question(duty: Column, full: float) -> str:
@@ -303,17 +334,24 @@ def _temperatures(columns: list[Column], heats: np.ndarray, notes: dict[str, str
         values = column.shown
         if _has(column.words, NOT_MEASURED) or np.ptp(values) == 0:
             continue
-        low, high = np.quantile(values, [0.02, 1.0])
-        warm = -10.0 < low < 320.0 and high < 620.0
+        low = np.quantile(values, 0.02)
         follows = max((correlation(heat, column.values) for heat in heats), default=0.0)
         dips = np.quantile(values, 0.02) < values[: max(5, len(values) // 50)].mean() - 5.0
-        if not warm or (column.said(BEND) and not _has(column.words, "temp temperature tc thermo")):
+        if not _warm(column) or (
+            column.said(BEND) and not _has(column.words, "temp temperature tc thermo")
+        ):
             continue
         if column.said(TEMPERATURE) or (follows > 0.5 and low > 10.0 and not dips):
             found.append(column)
     for column in found:
         notes[column.name] = "a temperature; not used"
     return found
+
+
+def _warm(column: Column) -> bool:
+    """Whether numbers can be of a thermocouple, in °C, °F or K."""
+    low, high = np.quantile(column.shown, [0.02, 1.0])
+    return bool(-10.0 < low < 320.0 and high < 620.0)
 
 
 def _unit(column: Column) -> str:
@@ -325,10 +363,15 @@ def _unit(column: Column) -> str:
 
 
 def _bend(
-    table: LogTable, columns: list[Column], heats: np.ndarray, notes: dict[str, str]
+    table: LogTable,
+    columns: list[Column],
+    times: np.ndarray,
+    heats: np.ndarray,
+    notes: dict[str, str],
 ) -> BendColumns:
     """The column of the bend, or the points of a picture."""
     best: tuple[float, Column] | None = None
+    left: list[Column] = []
     pairs = points(table.names)
     taken = {name for pair in pairs for name in pair}
     for column in columns:
@@ -337,11 +380,13 @@ def _bend(
             continue
         if _has(column.words, NOT_MEASURED):
             continue
-        slopes = bending(heats, column.values)
-        follows = abs(correlation(slopes @ heats, column.values))
+        follows = following(times, heats, column.values)
         score = 1.5 * column.said(BEND) + follows - 0.5 * column.said(DUTY)
+        left.append(column)
         if score > 0.5 and (best is None or score > best[0]):
             best = score, column
+    if best is None and len(left) == 1 and not taken:
+        best = 0.0, left[0]
     if best is None or (len(pairs) > 1 and not best[1].said(BEND)):
         if len(pairs) < 2:
             return BendColumns(OPEN)
