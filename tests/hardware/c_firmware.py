@@ -9,6 +9,7 @@ from hardware.firmware.firmware import Firmware
 
 SKETCH = Path(__file__).parents[2] / "hardware" / "firmware" / "arduino" / "soft_limb"
 COMPILER = shutil.which("cc") or shutil.which("gcc")
+CXX = COMPILER and (shutil.which("c++") or shutil.which("g++"))
 
 INSIDE = r"""
 #include "core.h"

@@ -1,4 +1,4 @@
-// The firmware of a soft limb's board for Teensy 4.0 and 4.1, and for the Arduino UNO R4 Minima.
+// A soft limb's firmware for Teensy 4.0 and 4.1, and for Arduino UNO R4 Minima and WiFi.
 //
 // Pins and chips are here, what the board does is in core.c, and the wiring is in README.md two
 // folders up. No board has run this sketch yet: check yours by `soft-limb board-check PORT`, first
@@ -17,7 +17,7 @@ static const uint8_t SUPPLY = 7;                 // charge pump that holds the s
 static const uint8_t NOISE = A0;                 // leave it open: its noise is the first challenge
 static const uint8_t BEND_ADDRESS = 0x12;        // of the Bend Labs one-axis sensor, at SDA and SCL
 static const char SERIAL_NUMBER[] = "LIMB0001";  // eight characters, other ones for each board
-#define HOST Serial                              // USB; Serial1 for an adapter at the pins 0 and 1
+#define HOST Serial                              // USB; Serial1 for an adapter at pins 0 and 1
 
 // ---- The chip: watchdog, cause of the last reset, a word that outlives one, PWM ----------------
 
@@ -66,6 +66,8 @@ static uint8_t find_reset_cause(bool survived)
     return UNKNOWN_RESET;
 }
 
+static int room_to_send() { return HOST.availableForWrite(); }
+
 static void start_chip()
 {
     analogWriteResolution(12);
@@ -83,7 +85,7 @@ static void set_duty(int wire, real duty)
     }
 }
 
-#elif defined(ARDUINO_UNOR4_MINIMA)
+#elif defined(ARDUINO_UNOR4_MINIMA) || defined(ARDUINO_UNOR4_WIFI)
 
 #include <WDT.h>
 #include <pwm.h>
@@ -126,6 +128,11 @@ static uint8_t find_reset_cause(bool survived)
     return other ? SOFT_RESET : PIN_RESET;
 }
 
+inline int room_of(_SerialUSB &port) { return port.availableForWrite(); }
+inline int room_of(UART &) { return 8; }  // does not say, and its write waits 0.09 ms for each byte
+
+static int room_to_send() { return room_of(HOST); }
+
 static void start_chip()
 {
     // Not by analogWrite, which begins at half duty.
@@ -137,7 +144,7 @@ static void start_chip()
 static void set_duty(int wire, real duty) { pwm[wire].pulse_perc(100 * duty); }
 
 #else
-#error "Write for this chip what the Teensy has above: see Arduino and Teensy in README.md."
+#error "Write for this chip what the Teensy has above: see README.md, Another chip."
 #endif
 
 // ---- What both have in common ------------------------------------------------------------------
@@ -164,7 +171,7 @@ static uint32_t ticks() { return millis(); }
 
 static void drain()
 {
-    int count = min((int)HOST.availableForWrite(), waiting);
+    int count = min(room_to_send(), waiting);
     if (count <= 0)
         return;
     HOST.write(outgoing, (size_t)count);
