@@ -188,6 +188,8 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
             f"{trajectory.time[np.argmax(total)]:.1f} s, but this limb's total_duty is {budget:g}; "
             "raise it if the supply and the limb are made for that, or plan another motion."
         )
+    if limb.text_board:
+        limb.text_board.check_plan(trajectory)
     measured = limb.link.sample().temperature
     for name, now, start in zip(
         planned.wire_names, measured, trajectory.measured_temperature[:, 0], strict=True
@@ -208,8 +210,10 @@ def _check_controller(controller: System, limb: LimbSystem) -> None:
         raise ReplayError(f"{name} has no output port duty, and cannot drive a limb.")
     if (size := controller.GetOutputPort("duty").size()) != num_wires:
         raise ReplayError(f"{name} has a duty for {size} wires, but the limb has {num_wires}.")
-    for index in range(controller.num_input_ports()):
-        port = controller.get_input_port(index)
+    inputs = [controller.get_input_port(i) for i in range(controller.num_input_ports())]
+    if isinstance(limb, SerialLimb) and limb.text_board:
+        limb.text_board.check_measures([port.get_name() for port in inputs], name)
+    for port in inputs:
         if port.get_name() not in sizes:
             raise ReplayError(
                 f"{name} has an input port {port.get_name()}, but a limb has only the outputs "

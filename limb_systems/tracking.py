@@ -43,8 +43,8 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
     Args:
         trajectory: the plan φ*.
         recordings: recordings of one or more rollouts. Samples after the end of the plan
-            and missing ones do not count, nor, with a warning, those that are not plausible.
-            An interrupted rollout counts as far as it came.
+            and those without a bend do not count, nor, with a warning, those that are not
+            plausible. An interrupted rollout counts as far as it came.
 
     Raises:
         LimbError: if there is nothing to compare.
@@ -121,7 +121,8 @@ def _samples(
     """Times (M,), s, and bend angles (S, M), rad, of each recording that count."""
     samples = []
     for recording in recordings:
-        during = (recording.time <= plan.duration) & recording.usable
+        read = np.isfinite(recording.bend_angle).all(axis=0) & ~recording.implausible
+        during = (recording.time <= plan.duration) & read
         samples.append((recording.time[during], recording.bend_angle[:, during]))
     if not sum(times.size for times, _ in samples):
         raise LimbError("There are no recorded samples during the plan to compare it with.")

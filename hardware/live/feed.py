@@ -10,6 +10,7 @@ from hardware.firmware import guard
 from hardware.live.messages import BoardReading, Reading, RunHeader
 from hardware.robot.link import BoardLink, HardwareError
 from hardware.robot.serial_limb import DEADLINE, SerialLimb
+from hardware.robot.text_link import TextLink
 from limb_systems import LimbSystem, Trajectory
 from limb_systems.band import band
 from limb_systems.model.ownership import weak_method
@@ -73,7 +74,7 @@ class Feed(LeafSystem):
         board = self._board(*self._robot) if self._robot else None
         self._live.show(Reading(context.get_time(), **signals, board=board))
 
-    def _board(self, link: BoardLink, late: list[float]) -> BoardReading | None:
+    def _board(self, link: BoardLink | TextLink, late: list[float]) -> BoardReading | None:
         new = late[self._commands :]
         self._commands += len(new)
         self._missed += sum(delay > DEADLINE for delay in new)
@@ -84,7 +85,10 @@ class Feed(LeafSystem):
 
 
 def board_reading(
-    link: BoardLink, late: float | None = None, commands: int = 0, missed: int = 0
+    link: BoardLink | TextLink,
+    late: float | None = None,
+    commands: int = 0,
+    missed: int = 0,
 ) -> BoardReading:
     """What is known of a board; arguments as of `BoardReading`.
 

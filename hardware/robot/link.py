@@ -133,10 +133,11 @@ class BoardInfo:
 class SerialPort:
     """The host's end of a cable: a serial port that this program alone has."""
 
-    def __init__(self, port: str):
+    def __init__(self, port: str, baud_rate: int = BAUD_RATE):
         """
         Args:
             port: name of a serial port, or any URL of pyserial's.
+            baud_rate: bit/s.
 
         Raises:
             HardwareError: if it cannot be opened, or another program has it.
@@ -144,7 +145,7 @@ class SerialPort:
         self.port = port
         try:
             self._serial = serial.serial_for_url(
-                port, BAUD_RATE, timeout=0.01, write_timeout=0.2, do_not_open=True
+                port, baud_rate, timeout=0.01, write_timeout=0.2, do_not_open=True
             )
             with contextlib.suppress(AttributeError, ValueError):
                 self._serial.exclusive = True  # only for ports, not for URLs of sockets
@@ -173,6 +174,16 @@ class SerialPort:
         """The bytes that came, or none within 10 ms; HardwareError if the cable is gone."""
         return self._do(lambda: self._serial.read(max(1, self._serial.in_waiting)))
 
+    def handle(self) -> int:
+        """Its file descriptor; HardwareError, and closed, if it has none."""
+        try:
+            return self._serial.fileno()
+        except (AttributeError, OSError) as error:
+            self.close()
+            raise HardwareError(
+                f"{self.port} is no serial port of this computer, as a text board needs."
+            ) from error
+
     def now(self) -> float:
         """Time, s."""
         return time.monotonic()
@@ -196,6 +207,14 @@ class SerialPort:
 def _in_words(error: Exception) -> str:
     number = getattr(error, "errno", None)
     return os.strerror(number) if number else str(error)
+
+
+def checked_duty(duty: np.ndarray) -> np.ndarray:
+    """A duty (2); HardwareError if it is out of [0, 1] or not a number."""
+    duty = np.asarray(duty, float)
+    if duty.shape != (2,) or not ((duty >= 0) & (duty <= 1)).all():  # NaN is not
+        raise HardwareError(f"duty is {duty.tolist()}; it must be two numbers from 0 to 1.")
+    return duty
 
 
 class BoardLink:
@@ -340,9 +359,7 @@ class BoardLink:
             KeyboardInterrupt: if a signal has ended the command that runs.
         """
         heed_signals()
-        duty = np.asarray(duty, float)
-        if duty.shape != (2,) or not ((duty >= 0) & (duty <= 1)).all():  # NaN is not
-            raise HardwareError(f"duty is {duty.tolist()}; it must be two numbers from 0 to 1.")
+        duty = checked_duty(duty)
         sample = self.sample()
         if not sample.armed:
             raise HardwareError(f"The board on {self.port} switched off: {sample.reason_text}.")

@@ -6,7 +6,9 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from hardware.robot.link import BoardLink, HardwareError
+from hardware.robot.link import HardwareError
+from hardware.robot.text_board import TextBoard
+from hardware.robot.text_link import TextLink, open_link
 from limb_systems import LimbError, LimbParameters, NoBoard, SerialBoard
 from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
@@ -41,7 +43,8 @@ class SerialLimb(LeafSystem):
     range, or the simulation is more than 0.1 s late. For a period before that, the
     outputs show the last sample, so that it is recorded. To switch the wires off,
     call `close` or use the system as a context manager. If this process dies, the
-    board switches off after 250 ms.
+    board switches off after 250 ms; to a text board another process sends zero, and what
+    it does not measure is nan.
 
     ``timing_errors`` has the delay of each command, s.
     """
@@ -57,6 +60,7 @@ class SerialLimb(LeafSystem):
         parameters: LimbParameters | str | Path | None = None,
         *,
         heated: bool = True,
+        board: TextBoard | str | Path | None = None,
     ):
         """
         Args:
@@ -65,15 +69,18 @@ class SerialLimb(LeafSystem):
                 the nominal limb if None.
             heated: whether the board is armed. If not, the limb is only watched
                 and its ``duty`` ignored, for example for teaching.
+            board: description of a board that speaks text, or its YAML file; a board
+                with the protocol if None.
 
         Raises:
             HardwareError: if no board with a known firmware answers.
             LimbError: if the number of wires is not the board's number of
                 channels, or the limb has several segments, for one bend sensor.
+            TextBoardError: if the description of a text board is wrong, or of another limb.
         """
         super().__init__()
         self.parameters = LimbParameters.of(parameters)
-        self.link = BoardLink(port)
+        self.link = open_link(port, self.parameters, board)
         try:
             self.info = self.link.info()
             self._check_channels()
@@ -107,6 +114,11 @@ class SerialLimb(LeafSystem):
                 continue
             self.DeclareVectorOutputPort(name, part.stop - part.start, _show(part), tickets)
         self.set_name("serial_limb")
+
+    @property
+    def text_board(self) -> TextBoard | None:
+        """The description of its board, if that speaks text."""
+        return self.link.board if isinstance(self.link, TextLink) else None
 
     def __enter__(self) -> "SerialLimb":
         return self
