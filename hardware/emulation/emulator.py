@@ -14,11 +14,12 @@ import time
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from hardware.emulation.emulated_board import EmulatedBoard
+from hardware.emulation.sketches import Cable, EmulatedSketch
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firmware
 from limb_systems import LimbError
@@ -81,19 +82,6 @@ class BadLine:
         while self._waiting and self._waiting[0][0] <= now:
             arrived += self._waiting.pop(0)[1]
         return arrived
-
-
-class Cable(Protocol):
-    """The board's end of a connection to a host."""
-
-    def read(self) -> bytes:
-        """The bytes from the host since the last call, possibly none."""
-
-    def write(self, data: bytes) -> None:
-        """Sends to the host; it may get lost."""
-
-    def unplug(self) -> None:
-        """Ends the connection for good."""
 
 
 class PseudoTerminal:
@@ -279,8 +267,13 @@ ORDERS = (
 )
 
 
-def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
-    """Runs the firmware on an emulated board until the process is stopped.
+def emulate(
+    twin: LimbTwin,
+    orders: list[str],
+    log: Path | None = None,
+    make: Callable[..., Emulation | EmulatedSketch] = Emulation,
+) -> None:
+    """Runs the firmware on an emulated board, or a sketch, until the process is stopped.
 
     Prints the port to connect to, then carries out orders from standard input.
 
@@ -288,6 +281,7 @@ def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
         twin: the limb on the board.
         orders: carried out at the start, see `Emulation.misbehave`.
         log: file with a line of JSON for each change of duty and each order.
+        make: makes the emulation, of a limb, a cable and a function for events.
 
     Raises:
         LimbError: if an order at the start is not understood.
@@ -299,7 +293,7 @@ def emulate(twin: LimbTwin, orders: list[str], log: Path | None = None) -> None:
             file.flush()
 
         cable = PseudoTerminal()
-        emulation = Emulation(twin, cable, note)
+        emulation = make(twin, cable, note)
         for order in orders:
             emulation.misbehave(order)
         print(cable.port, flush=True)

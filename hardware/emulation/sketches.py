@@ -1,0 +1,134 @@
+"""Sketches of other labs on an emulated board with an emulated limb, which speak lines of text.
+
+They are written after what such sketches do, and know nothing of how the host describes them.
+"""
+
+import re
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+
+from hardware.emulation.emulated_board import EmulatedBoard
+from hardware.emulation.twin import LimbTwin
+from limb_systems import LimbError
+
+KINDS = ("brackets", "two-floats", "on-off")
+REPORT_PERIOD = 0.1  # s
+ORDERS = "timeout SECONDS, show SIDE TEXT, silence, garble, unplug, cool"
+
+
+class Cable(Protocol):
+    """The board's end of a connection to a host."""
+
+    def read(self) -> bytes:
+        """The bytes from the host since the last call, possibly none."""
+
+    def write(self, data: bytes) -> None:
+        """Sends to the host; it may get lost."""
+
+    def unplug(self) -> None:
+        """Ends the connection for good."""
+
+
+class EmulatedSketch:
+    """A sketch's loop. Each holds its last duty for ever, unless it is given a timeout.
+
+    - brackets: takes ``<p1,p2,p3,p4>``, 0 to 255 for the right and the left wire and two pins
+      that nothing is on; sends ``[MPR]: right left bend 0`` at 10 Hz, °C and degrees of the tip's
+      tangent.
+    - two-floats: takes ``left right``, each from 0 to 1, and sends nothing.
+    - on-off: takes ``1100``, on or off for left, right and two pins that nothing is on.
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        twin: LimbTwin,
+        cable: Cable,
+        on_event: Callable[..., None] = lambda **_: None,
+        clock: Callable[[], float] = time.monotonic,
+    ):
+        """
+        Args:
+            kind: one of `KINDS`.
+            twin, cable, on_event, clock: as for `Emulation`; the event "line" has each
+                ``text`` that came in.
+        """
+        self._kind, self._cable, self._on_event, self._clock = kind, cable, on_event, clock
+        self.board = EmulatedBoard(twin, self._report_duty, clock)
+        self._sensor = twin.parameters.segments[0].bend_sensor
+        self._duty, self._shown, self._unread = [0.0, 0.0], dict[str, str](), b""
+        self._heard = self._reported = clock()
+        self._timeout, self._silent, self._garbled, self._plugged = np.inf, False, False, True
+
+    def step(self) -> None:
+        """One pass of the loop."""
+        self.board.keep_supply()  # there is no relay
+        self.board.advance()
+        if not self._plugged:
+            return
+        *lines, self._unread = (self._unread + self._cable.read()).split(b"\n")
+        for line in lines:
+            self._take(line.decode(errors="replace").strip())
+        now = self._clock()
+        if now - self._heard > self._timeout:
+            self._set(0.0, 0.0)
+        if self._kind == "brackets" and not self._silent and now - self._reported > REPORT_PERIOD:
+            self._reported = now
+            self._report()
+
+    def misbehave(self, order: str) -> None:
+        """Carries out one of `ORDERS`.
+
+        Raises:
+            LimbError: if it is not understood.
+        """
+        match order.split():
+            case ["timeout", seconds] if re.fullmatch(r"\d*\.?\d+", seconds):
+                self._timeout = float(seconds)
+            case ["show", "left" | "right" as side, text]:
+                self._shown[side] = text
+            case ["silence"]:
+                self._silent = True
+            case ["garble"]:
+                self._garbled = True
+            case ["unplug"]:
+                self._plugged = False
+                self._cable.unplug()
+            case ["cool"]:
+                self.board.cool()
+            case _:
+                raise LimbError(f"'{order}' is not understood; orders of sketches are: {ORDERS}")
+        self._on_event(event="order", order=order.strip(), time=self._clock())
+
+    def _take(self, line: str) -> None:
+        self._on_event(event="line", text=line, time=self._clock())
+        if self._kind == "brackets" and (inside := re.fullmatch(r"<(\d+),(\d+),\d+,\d+>", line)):
+            right, left = (int(count) / 255 for count in inside.groups())
+        elif self._kind == "two-floats" and re.fullmatch(r"[\d.]+ [\d.]+", line):
+            left, right = map(float, line.split())
+        elif self._kind == "on-off" and re.fullmatch(r"[01]{4}", line):
+            left, right = float(line[0]), float(line[1])
+        else:
+            return
+        self._heard = self._clock()
+        self._set(left, right)
+
+    def _set(self, *duty: float) -> None:
+        for wire, share in enumerate(duty):
+            if self._duty[wire] != share:
+                self._duty[wire] = share
+                self.board.set_duty(wire, share)
+
+    def _report(self) -> None:
+        temperatures = self.board.reading("measured_temperature")
+        said = dict(zip(("left", "right"), (f"{t:.2f}" for t in temperatures), strict=True))
+        said |= self._shown
+        bend = np.rad2deg(self._sensor.reading(self.board.reading("bend_angle")[0]))
+        numbers = f"{said['right']} {said['left']} {bend:.2f} 0"
+        self._cable.write(f"[MPR]: {'?' if self._garbled else numbers}\r\n".encode())
+
+    def _report_duty(self, left: float, right: float) -> None:
+        self._on_event(event="duty", left=left, right=right, time=self._clock())
