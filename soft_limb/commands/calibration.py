@@ -13,11 +13,19 @@ from calibration import (
 from calibration.calibrate import METHODS
 from calibration.collecting.protocol import PROTOCOLS
 from calibration.recordings.checks import check_recording
-from hardware import BoardLink, LimbTwin, SerialLimb
+from hardware import LimbTwin, SerialLimb
+from hardware.robot.text_link import open_link
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.output import OutputError, check_folder, check_outputs
 from limb_systems.summary import Summary
-from soft_limb.commands.options import Command, Option, live_page, print_summary, shared
+from soft_limb.commands.options import (
+    Command,
+    Option,
+    live_page,
+    print_summary,
+    shared,
+    text_board,
+)
 from soft_limb.live.page import LivePage
 from soft_limb.reports.calibration import (
     plot_validation,
@@ -30,12 +38,14 @@ from soft_limb.results.summaries import calibration_summary, validation_summary
 def _collect(options: argparse.Namespace) -> int:
     check_folder(options.output)
     limb = LimbParameters.of(options.limb)
+    if board := text_board(options):
+        board.check_measures(board.unmeasured, "Calibration")
     if options.port:
-        with BoardLink(options.port) as link:  # before anybody mounts the limb in vain
+        with open_link(options.port, limb, board) as link:  # before anybody mounts the limb in vain
             link.sample()
         with live_page(options) as live:
             collect_from_robot(
-                lambda parameters: SerialLimb(options.port, parameters),
+                lambda parameters: SerialLimb(options.port, parameters, board=board),
                 limb,
                 options.output,
                 lambda what: _ask(what, live),
@@ -114,7 +124,7 @@ COMMANDS = {
         "in some 65 minutes, or 30 without equilibria; the program says when to remount or hold "
         "the limb. Started again, it keeps recordings that are complete. An emulated limb takes a "
         "minute.",
-        "folder limb port emulated extra physics live address force",
+        "folder limb port text emulated extra physics live address force",
         [
             Option(
                 "--angles",

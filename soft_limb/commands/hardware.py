@@ -1,6 +1,7 @@
 """Commands of robots and emulated limbs: runs along plans, teaching, and checks of the board."""
 
 import argparse
+import functools
 import sys
 import time
 import warnings
@@ -13,13 +14,17 @@ from serial.tools import list_ports
 from controllers.duty_correction import TARGETS
 from controllers.learner import Repetition
 from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
-from hardware.emulation.emulator import ORDERS, emulate
+from hardware.emulation.emulator import ORDERS, Emulation, emulate
+from hardware.emulation.sketches import KINDS, EmulatedSketch
+from hardware.emulation.sketches import ORDERS as SKETCH_ORDERS
 from hardware.emulation.specimen import emulated_limb
 from hardware.live.feed import board_reading
 from hardware.live.messages import Reading, RunHeader
 from hardware.robot import board_check
 from hardware.robot.arm_check import check_wires
 from hardware.robot.link import SerialPort
+from hardware.robot.text_board import TextBoard
+from hardware.robot.text_link import open_link
 from limb_systems import (
     Limb,
     LimbError,
@@ -40,6 +45,7 @@ from soft_limb.commands.options import (
     live_page,
     print_summary,
     shared,
+    text_board,
 )
 from soft_limb.live.page import DONE, LivePage
 from soft_limb.reports.rollout import write_rollout_report
@@ -191,13 +197,13 @@ def _replay(options: argparse.Namespace) -> int:
         tables=[options.output],
         force=options.force,
     )
-    trajectory = Trajectory.load(options.trajectory)
+    trajectory, board = Trajectory.load(options.trajectory), text_board(options)
     with live_page(options) as live:
         if live:
             live.say(f"Replay of {options.trajectory}, controller {options.controller}")
         rollout = roll_out(
             trajectory,
-            lambda: _limb(trajectory.parameters, options),
+            lambda: _limb(trajectory.parameters, options, board),
             options.output,
             controller=options.controller,
             real_time=bool(options.port),
@@ -225,10 +231,12 @@ def _end(live: LivePage | None, rollout: Rollout, options: argparse.Namespace) -
         live.end(rollout.recording.interrupted or DONE)
 
 
-def _limb(planned: LimbParameters, options: argparse.Namespace) -> LimbSystem:
+def _limb(
+    planned: LimbParameters, options: argparse.Namespace, board: TextBoard | None
+) -> LimbSystem:
     """The robot on a port, the model of the plan, or an emulated limb."""
     if options.port:
-        return SerialLimb(options.port, planned)
+        return SerialLimb(options.port, planned, board=board)
     return Limb(planned) if options.model else _twin(planned, options)
 
 
@@ -258,13 +266,14 @@ def _follow(options: argparse.Namespace) -> int:
     check_outputs(outputs, inputs=inputs, force=options.force)
     limb = LimbParameters.of(options.limb)
     task = options.task and task_named(options.task, limb)
+    board = text_board(options)
     if options.port:
-        with BoardLink(options.port) as link:  # before the plan is made in vain
+        with open_link(options.port, limb, board) as link:  # before the plan is made in vain
             link.sample()
     with live_page(options) as live:
         rollout, summary = teach_and_go.teach_and_go(
             options.reference,
-            lambda planned: _limb(planned, options),
+            lambda planned: _limb(planned, options, board),
             options.output,
             limb=limb,
             task=task,
@@ -283,6 +292,8 @@ def _learn(options: argparse.Namespace) -> int:
     if options.repetitions < 1:
         raise ReplayError(f"--repetitions is {options.repetitions}; it must be 1 or more.")
     trajectory, folder = Trajectory.load(options.trajectory), options.output
+    if board := text_board(options):
+        board.check_measures(board.unmeasured, "Learning")
     learner = repetitions.learner_in(folder, trajectory, options.target, force=options.force)
     if far := far_from_reference(trajectory):
         warnings.warn(far, stacklevel=1)
@@ -299,7 +310,7 @@ def _learn(options: argparse.Namespace) -> int:
     try:
         with live_page(options) as live:
             if options.port:
-                limbs = repetitions.rested_robots(options.port, trajectory, live)
+                limbs = repetitions.rested_robots(options.port, trajectory, live, board)
             elif options.model:
                 limbs = lambda: Limb(trajectory.parameters)  # noqa: E731 - before any heat
             else:
@@ -319,8 +330,10 @@ def _teach(options: argparse.Namespace) -> int:
     output = [options.output]
     check_outputs(output, inputs=[options.limb], tables=output, force=options.force)
     limb = LimbParameters.of(options.limb)
+    if board := text_board(options):
+        board.check_measures(["bend_angle"], "Teaching")
     with live_page(options) as live:
-        robot = SerialLimb(options.port, limb, heated=False)
+        robot = SerialLimb(options.port, limb, heated=False, board=board)
         what = "Move the limb by hand; Ctrl-C ends the recording."
         print(what, flush=True)
         if live:
@@ -350,7 +363,8 @@ def _emulate(options: argparse.Namespace) -> int:
     check_outputs([options.log], inputs=[options.limb], force=options.force)
     limb = LimbParameters.of(options.limb)
     twin = LimbTwin(limb, seed=options.emulated, extra=options.extra, physics=options.physics)
-    emulate(twin, options.do, options.log)
+    sketch = options.sketch and functools.partial(EmulatedSketch, options.sketch)
+    emulate(twin, options.do, options.log, sketch or Emulation)
     return 0
 
 
@@ -397,14 +411,14 @@ COMMANDS = {
         "without a port an emulated limb or the plan's model in simulated time. On a robot every "
         "sample is written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the "
         "plan has ended, and the report tells how many commands left more than 5 ms late.",
-        "trajectory output driven controller plot report live cool address json force",
+        "trajectory output driven text controller plot report live cool address json force",
     ),
     "follow": Command(
         _follow,
         "Teach and go: plans what was taught, with margins for feedback, and drives a limb as near "
         "to it as it can, or by another controller along the plan; a robot in real time. The "
         "folder has plan.csv, recording.csv, tracking.png and report.html.",
-        "reference folder limb driven smooth knot-rate live cool address json force",
+        "reference folder limb driven text smooth knot-rate live cool address json force",
         [
             shared("controller", default=NEAREST),
             shared("task", help=f"{TASK_HELP}; closed-loop if left out"),
@@ -417,7 +431,7 @@ COMMANDS = {
         "goes back where that was not better. Ends early when another repetition does not pay. The "
         "folder has a recording of each repetition, a picture, a report, the best duty as a "
         "trajectory, learned.csv, and what was learned: started again, it goes on from there.",
-        "trajectory folder driven live address json force",
+        "trajectory folder driven text live address json force",
         [
             Option(
                 "-n",
@@ -439,7 +453,7 @@ COMMANDS = {
         _teach,
         "Records while the limb is moved by hand. The recording is a reference: soft-limb plan "
         "RECORDING -o plan.csv plans it.",
-        "board output limb live address force",
+        "board text output limb live address force",
         [
             Option(
                 "-t", "--time", type=float, default=60.0, help="to record, s (default %(default)g)"
@@ -461,6 +475,12 @@ COMMANDS = {
         [
             Option(
                 "--do", action="append", default=[], metavar="ORDER", help="an order to start with"
+            ),
+            Option(
+                "--sketch",
+                choices=KINDS,
+                help="in place of the firmware a sketch that speaks text, as docs/hardware.md "
+                f"describes them; its orders are: {SKETCH_ORDERS}",
             ),
             Option(
                 "--log", type=Path, help="file for changes of duty and orders, a line of JSON each"

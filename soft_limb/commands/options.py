@@ -11,6 +11,7 @@ from typing import Any
 
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
 from hardware.emulation.twin import SPECIMENS
+from hardware.robot.text_board import TextBoard, TextBoardError
 from limb_systems.errors import LimbError
 from limb_systems.summary import Entry, Summary
 from soft_limb.command import EXIT_STATUS
@@ -103,6 +104,12 @@ SHARED: dict[str, Option | list[Option]] = {
     "json": Option("--json", action="store_true", help="print JSON"),
     "board": Option("port", help=f"of the board, {PORT_HELP}"),
     "port": PORT,
+    "text": Option(
+        "--board",
+        type=Path,
+        metavar="FILE",
+        help="description of the board on the port, if it speaks lines of text (.yaml)",
+    ),
     "emulated": EMULATED,
     "extra": Option(
         "--extra",
@@ -162,6 +169,19 @@ SHARED: dict[str, Option | list[Option]] = {
         f"(default {LOOPBACK}, and a free port)",
     ),
 }
+
+
+def text_board(options: argparse.Namespace) -> TextBoard | None:
+    """The description of a board that a command was given, if any.
+
+    Raises:
+        TextBoardError: if it is wrong, or there is no port.
+    """
+    if options.board is None:
+        return None
+    if not options.port:
+        raise TextBoardError("--board describes the board on a port; give that, too: --port PORT.")
+    return TextBoard.of(options.board)
 
 
 @contextlib.contextmanager

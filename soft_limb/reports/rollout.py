@@ -17,16 +17,19 @@ from soft_limb.runs.rollout import Rollout
 def rollout_verdict(rollout: Rollout) -> str:
     """How near a limb came to its reference and to its plan, and what went wrong."""
     values, check = rollout.summary().to_json(), rollout.trajectory.check
-    tracking, timing, nearest = (
-        values[name] for name in ("tracking", "timing", "nearest_distance_deg")
-    )
+    timing, nearest = values["timing"], values["nearest_distance_deg"]
+    done = "No bend was measured"
+    if rollout.has_bend:
+        done = f"On average {values['reference_distance_deg']:.2f}° from the reference"
     said = [
-        f"On average {values['reference_distance_deg']:.2f}° from the reference; the plan asks for "
-        f"{values['planned_distance_deg']:.2f}°"
+        f"{done}; the plan asks for {values['planned_distance_deg']:.2f}°"
         + ("." if nearest is None else f", and the limits of the limb leave {nearest:.2f}°."),
-        f"Followed the plan to {tracking['mean_deg']:.2f}° on average, and to "
-        f"{tracking['percentile_90_deg']:.2f}° for nine tenths of the samples.",
     ]
+    if tracking := values.get("tracking"):
+        said.append(
+            f"Followed the plan to {tracking['mean_deg']:.2f}° on average, and to "
+            f"{tracking['percentile_90_deg']:.2f}° for nine tenths of the samples."
+        )
     if check.bend_band_deg:
         said.append(
             f"In open loop, the bend sensors of 95% of the limbs that the calibration allows for "

@@ -73,7 +73,7 @@ def plan_summary(trajectory: Trajectory) -> Summary:
 def distances_summary(distances: ReferenceDistances) -> Summary:
     """How near a limb came to its reference, beside what its plan asks for and its limits leave."""
     done = _degrees(distances.done)
-    of_plan = _beside(f"{done:.2f}°", distances)
+    of_plan = _beside("" if done is None else f"{done:.2f}°", distances)
     return Summary([of_plan[0], Entry("reference_distance_deg", done, "°", None), *of_plan[1:]])
 
 

@@ -11,8 +11,10 @@ from controllers import Learner
 from controllers.learner import Repetition
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError
-from hardware.robot.link import BoardLink, HardwareError
+from hardware.robot.link import HardwareError
 from hardware.robot.serial_limb import SerialLimb
+from hardware.robot.text_board import TextBoard
+from hardware.robot.text_link import open_link
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.files.table_writer import unfinished_files
 from limb_systems.output import OutputError, check_folder
@@ -117,15 +119,23 @@ def rested_twins(
 
 
 def rested_robots(
-    port: str, trajectory: Trajectory, live: LivePage | None = None
+    port: str,
+    trajectory: Trajectory,
+    live: LivePage | None = None,
+    board: TextBoard | None = None,
 ) -> Callable[[], LimbSystem]:
-    """The robot on a port for `repeat`, when its wires have cooled; a page says so."""
+    """The robot on a port for `repeat`, when its wires have cooled; a page says so.
+
+    Args:
+        port, trajectory, live: as for `repeat` and `SerialLimb`.
+        board: description of the board, if it speaks text.
+    """
     tell = live.say if live else lambda _: None
 
     def rested() -> LimbSystem:
-        with BoardLink(port) as link:
+        with open_link(port, trajectory.parameters, board) as link:
             wait_until_cool(lambda: link.sample().temperature, trajectory, tell=tell)
-        return SerialLimb(port, trajectory.parameters)
+        return SerialLimb(port, trajectory.parameters, board=board)
 
     return rested
 

@@ -56,33 +56,47 @@ class Rollout:
     def distances(self) -> ReferenceDistances:
         """How near limb, plan and the best plan within the limits are to the reference."""
         nearest = nearest_bend_angle(self.trajectory)
-        return reference_distances(self.trajectory, [self.recording], nearest)
+        recordings = [self.recording] if self.has_bend else []
+        return reference_distances(self.trajectory, recordings, nearest)
+
+    @property
+    def has_bend(self) -> bool:
+        """Whether a bend was measured, which not all boards do."""
+        return bool(np.isfinite(self.recording.bend_angle).any())
 
     def summary(self) -> Summary:
         """How near the limb came to the reference and to the plan, and what went wrong."""
         recording = self.recording
-        errors = tracking_errors(self.trajectory, [recording])
-        mean, median, most = np.rad2deg([errors.mean, errors.median, errors.percentile_90]).tolist()
-        names = recording.parameters.wire_names
-        hottest = recording.measured_temperature[:, recording.usable].max(axis=1).tolist()
-        heat = (f"{name} {value:.0f} °C" for name, value in zip(names, hottest, strict=True))
+        read = recording.measured_temperature[:, ~recording.implausible]
+        hottest = [max(row[np.isfinite(row)].tolist(), default=None) for row in read]
+        heat = ", ".join(
+            f"{name} {value:.0f} °C"
+            for name, value in zip(recording.parameters.wire_names, hottest, strict=True)
+            if value is not None
+        )
         return distances_summary(self.distances) + Summary(
             [
-                Entry(
-                    "tracking",
-                    {"mean_deg": mean, "median_deg": median, "percentile_90_deg": most},
-                    "°",
-                    f"|φ* - φ|: mean {mean:.2f}°, median {median:.2f}°, 90th percentile "
-                    f"{most:.2f}°",
-                ),
+                self._tracking(),
                 Entry("highest_readings_c", hottest, sentence=None),
-                Entry("heat", sentence=f"read at most: {', '.join(heat)}"),
+                Entry("heat", sentence=f"read at most: {heat}" if heat else "not measured"),
                 self._timing(),
                 Entry("source", recording.source),
                 Entry("controller", self.controller, sentence=None),
                 self._replans(),
                 *troubles(recording).entries,
             ]
+        )
+
+    def _tracking(self) -> Entry:
+        if not self.has_bend:
+            return Entry("tracking", sentence="not known, as no bend was measured")
+        errors = tracking_errors(self.trajectory, [self.recording])
+        mean, median, most = np.rad2deg([errors.mean, errors.median, errors.percentile_90]).tolist()
+        return Entry(
+            "tracking",
+            {"mean_deg": mean, "median_deg": median, "percentile_90_deg": most},
+            "°",
+            f"|φ* - φ|: mean {mean:.2f}°, median {median:.2f}°, 90th percentile {most:.2f}°",
         )
 
     def _timing(self) -> Entry:
@@ -97,8 +111,8 @@ class Rollout:
         )
         if reduced:
             said += (
-                f"; the board reduced the duty for {reduced:.1f} s, as a wire got hot, both asked "
-                "for too much or it was just started"
+                f"; the duty was reduced for {reduced:.1f} s, as a wire got hot, both asked for "
+                "too much or the board was just started"
             )
         values = {
             "late_median_ms": float(median),
