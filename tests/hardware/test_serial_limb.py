@@ -245,7 +245,7 @@ def test_replay_tells_its_timing_in_words_and_in_json(emulator, short_plan, tmp_
     arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(output), "-p", emulator.port]
     assert main(arguments) == 0
     words = r"timing      commands were late by \d+\.\d ms .*; 0 samples were lost"
-    words += r"(; the board reduced .*)?\nsource "
+    words += r"(; the duty was reduced .*)?\nsource "
     assert re.search(words, capsys.readouterr().out)
     assert main([*arguments, "--json", "--force"]) == 0
     said = json.loads(capsys.readouterr().out)

@@ -1,0 +1,353 @@
+"""Boards that speak text: replay on emulated sketches over a pseudo-terminal, and ways out."""
+
+import copy
+import os
+import re
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controllers import PlanFeedback
+from hardware import HardwareError, LimbTwin, SerialLimb, replay
+from hardware.emulation.emulator import PseudoTerminal
+from hardware.emulation.sketches import EmulatedSketch
+from hardware.robot.port_keeper import OnOff
+from hardware.robot.text_board import AnswerLine, DutyLine, TextBoard, TextBoardError
+from hardware.robot.text_link import TextBoardWarning, TextLink
+from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
+from planners import plan, references
+from soft_limb.command import main
+
+from .conftest import wait_for
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "hardware.md").read_text(encoding="utf-8")
+WIRES = ["left", "right"]
+LIMITS = {"name": "my_limb", "most_duty": 0.6, "longest": 30.0, "start_up": 0.0}
+BOARDS = {
+    "brackets": TextBoard(
+        channels=["right", "left", "unused", "unused"],
+        line=DutyLine(prefix="<", separator=",", suffix=">", full=255, decimals=0),
+        answer=AnswerLine(order=["right", "left", "bend", "unused"]),
+        timeout=None,
+        **LIMITS,
+    ),
+    "two-floats": TextBoard(channels=WIRES, timeout=None, **LIMITS),
+    "on-off": TextBoard(
+        channels=[*WIRES, "unused", "unused"],
+        line=DutyLine(separator="", decimals=0, on_off=True),
+        rate=50.0,
+        timeout=1.0,
+        **LIMITS,
+    ),
+}
+FOR_EVER = "the board holds its last duty for ever: switch off the wires' supply"
+
+
+class Sketch(threading.Thread):
+    """An emulated sketch that runs in a thread, with what happened to it."""
+
+    def __init__(self, kind):
+        super().__init__(daemon=True)
+        self.happened, self._orders, self._ended = [], [], False
+        self.cable = PseudoTerminal()
+        self.port = self.cable.port
+        note = lambda **event: self.happened.append(event)  # noqa: E731
+        self._sketch = EmulatedSketch(kind, LimbTwin(), self.cable, note)
+        self.start()
+
+    def run(self):
+        while not self._ended:
+            while self._orders:
+                self._sketch.misbehave(self._orders.pop())
+            self._sketch.step()
+            time.sleep(0.002)
+
+    def order(self, text):
+        self._orders.append(text)
+
+    def duties(self):
+        """Times, s, and duties (2, K) that the pins had from then on."""
+        events = [e for e in self.happened if e["event"] == "duty"] or [
+            {"time": 0, "left": 0, "right": 0}
+        ]
+        return np.array([e["time"] for e in events]), np.array(
+            [[e[w] for e in events] for w in WIRES]
+        )
+
+    def duty(self):
+        return self.duties()[1][:, -1].tolist()
+
+    def stop(self):
+        self._ended = True
+        self.join()
+
+
+@pytest.fixture
+def sketches():
+    """Starts emulated sketches, which end with the test."""
+    running = []
+
+    def start(kind):
+        running.append(Sketch(kind))
+        return running[-1]
+
+    yield start
+    for sketch in running:
+        sketch.stop()
+
+
+@pytest.fixture(scope="module")
+def short_plan():
+    reference = references.from_samples([0.0, 1.2], [0.0, 0.1])
+    return plan(LimbParameters(), reference, knot_rate=10.0)
+
+
+def heat(link, duty=(0.0, 0.5)):
+    """Keeps a duty until the link fails; returns what it says."""
+    with pytest.warns(TextBoardWarning):
+        link.arm()
+    end = time.monotonic() + 3.0
+    while time.monotonic() < end:
+        try:
+            link.command(np.array(duty))
+        except HardwareError as error:
+            return str(error)
+        time.sleep(0.05)
+    raise AssertionError("nothing failed")
+
+
+@pytest.mark.parametrize("kind", BOARDS)
+def test_a_sketch_applies_the_duty_of_the_plan(kind, sketches, short_plan, tmp_path):
+    sketch = sketches(kind)
+    limb = SerialLimb(sketch.port, short_plan.parameters, board=BOARDS[kind])
+    with pytest.warns(TextBoardWarning, match="nothing confirms that it arrives. If the cable"):
+        recording = replay(short_plan, limb, journal=tmp_path / "recording.csv")
+    times, applied = sketch.duties()
+    assert applied[:, -1].tolist() == [0.0, 0.0]
+    planned = short_plan.duty_trajectory().vector_values(recording.time)
+    np.testing.assert_allclose(recording.duty, planned, atol=1e-9)
+    # What the wires got in all, on which each on/off line has a say of 1/50 s.
+    held = np.diff(times)
+    np.testing.assert_allclose(
+        applied[:, :-1] @ held, np.trapezoid(planned, recording.time), atol=0.05
+    )
+    assert planned[1].max() > 0.2
+    if kind == "on-off":
+        assert set(applied.ravel()) == {0.0, 1.0}
+    else:  # each was asked for, in steps of the line's digits
+        assert np.abs(applied[1][:, None] - np.append(planned[1], 0.0)).min(axis=1).max() < 3e-3
+        assert len(applied[1]) > 4
+    if kind == "brackets":
+        assert recording.measured_temperature[1, -1] > recording.measured_temperature[0, -1] + 0.7
+        assert np.rad2deg(np.abs(recording.bend_angle)).max() < 15.0
+        assert not recording.missing.any()
+    else:
+        assert recording.missing.all()
+        assert Recording.load(tmp_path / "recording.csv").missing.all()
+
+
+HOST = """
+import sys, numpy as np
+from hardware import SerialLimb
+from hardware.robot.text_board import TextBoard
+from limb_systems import simulate
+simulate(SerialLimb(sys.argv[1], board=sys.argv[2]), [0.0, 0.5], 20.0)
+"""
+YAML = """
+name: my_limb
+channels: [left, right]
+most_duty: 0.6
+longest: 30
+timeout: null
+start_up: 0
+"""
+
+
+def test_a_host_that_is_killed_and_one_that_hangs(sketches, start_host, tmp_path):
+    (tmp_path / "board.yaml").write_text(YAML)
+    both, hosts = [sketches("two-floats") for _ in range(2)], []
+    for sketch in both:
+        hosts.append(
+            start_host([sys.executable, "-c", HOST, sketch.port, str(tmp_path / "board.yaml")])
+        )
+    for sketch, host, number in zip(both, hosts, (signal.SIGKILL, signal.SIGSTOP), strict=True):
+        assert wait_for(lambda: sketch.duty() == [0.0, 0.5], 30.0), host.poll()
+        since = time.monotonic()
+        host.send_signal(number)
+        assert wait_for(lambda: sketch.duty() == [0.0, 0.0])
+        assert sketch.duties()[0][-1] - since < 0.4  # s: 250 ms, and a busy computer
+        time.sleep(0.5)
+        assert sketch.duty() == [0.0, 0.0]
+    hosts[1].send_signal(signal.SIGCONT)  # it goes on, but nothing is heated again
+    assert FOR_EVER in hosts[1].communicate(timeout=20)[1]
+    assert both[1].duty() == [0.0, 0.0]
+
+
+def test_a_host_that_is_told_to_stop(sketches, short_plan, tmp_path, capsys):
+    sketch = sketches("two-floats")
+    (tmp_path / "board.yaml").write_text(YAML)
+    short_plan.save(tmp_path / "plan.csv")
+
+    def tell():
+        assert wait_for(lambda: sketch.duty()[1] > 0.1, 30.0)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=tell).start()
+    command = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "out.csv")]
+    command += ["-p", sketch.port, "--board", str(tmp_path / "board.yaml")]
+    assert main(command) == 130
+    assert sketch.duty() == [0.0, 0.0]
+    said = capsys.readouterr().err
+    assert "stopped" in said
+    assert FOR_EVER in said  # when it was armed
+    sketch.order("cool")
+    assert main([*command, "--force"]) == 0
+    assert "as no bend was measured" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("order", "message"),
+    [
+        ("silence", r"No line that matches came from .* for 0.5 s; zero is sent\. Where zero"),
+        ("garble", r"No line that matches came from .* for 0.5 s"),
+        ("show right 111", "The right wire is read at 111.0 °C, and temperature_limit is 110 °C"),
+        ("show left nan", "The left wire is read at nan °C"),
+        (
+            "unplug",
+            r"The connection to .* ended: Input/output error; zero could not be sent\. Where",
+        ),
+    ],
+)
+def test_what_ends_heat(order, message, sketches):
+    sketch = sketches("brackets")
+    with TextLink(sketch.port, BOARDS["brackets"], WIRES) as link:
+        heated = threading.Timer(0.3, sketch.order, [order])
+        heated.start()
+        said = heat(link)
+    assert re.match(message, said), said
+    assert said.endswith(f"{FOR_EVER}.")
+    if order == "unplug":  # what no host can help, and the sketch was said to do
+        assert sketch.duty() == pytest.approx([0.0, 0.5], abs=1 / 255)
+    else:
+        assert sketch.duties()[1].max() > 0.4
+        assert sketch.duty() == [0.0, 0.0]
+    link.close()
+
+
+def test_a_keeper_that_is_killed_is_stood_in_for(sketches):
+    sketch = sketches("two-floats")
+    with TextLink(sketch.port, BOARDS["two-floats"], WIRES) as link:
+        kill = threading.Timer(0.3, os.kill, [link._keeper.pid, signal.SIGKILL])
+        kill.start()
+        assert "the process that keeps it was killed; zero is sent" in heat(link)
+        assert wait_for(lambda: sketch.duty() == [0.0, 0.0])
+    assert sketch.duties()[1].max() == 0.5
+
+
+def test_more_duty_and_time_than_stated_are_refused(sketches, short_plan):
+    sketch, board = sketches("two-floats"), copy.deepcopy(BOARDS["two-floats"])
+    board.most_duty, board.longest, board.rate = 0.1, 0.2, 100.0
+    with pytest.raises(TextBoardError, match=r"duty of 0\.\d\d, but most_duty .* my_limb is 0\.1"):
+        replay(short_plan, SerialLimb(sketch.port, board=board))
+    board.most_duty = 0.4
+    with pytest.raises(TextBoardError, match=r"takes 1.2 s, but longest of .* my_limb is 0\.2 s"):
+        replay(short_plan, SerialLimb(sketch.port, board=board))
+    with pytest.raises(LimbError, match="PlanFeedback needs the temperatures of all wires and the"):
+        replay(
+            short_plan,
+            SerialLimb(sketch.port, board=BOARDS["two-floats"]),
+            controller=PlanFeedback(short_plan),
+        )
+    assert sketch.duties()[1].max() == 0.0  # nothing was armed
+    with TextLink(sketch.port, board, WIRES) as link:
+        with pytest.raises(HardwareError, match="is not armed"):
+            link.command(np.array([0.1, 0.1]))
+        with pytest.warns(TextBoardWarning):
+            link.arm(total_duty=0.5)
+        link.command(np.array([0.2, 1.0]))  # what a controller asks for is reduced
+        wait_for(lambda: any(sketch.duty()))
+        assert sketch.duty() == pytest.approx([0.2 * 5 / 6, 0.4 * 5 / 6], abs=1e-4)
+        assert "my_limb was armed for 0.2 s, its longest" in heat(link)
+    assert sketch.duty() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("most_duty: 0.6\n", ""), "board.yaml: most_duty is missing."),
+        (("timeout: null\n", ""), "timeout is missing"),
+        (("timeout: null", "timeout: 0.05"), "lines are 0.05 s apart: the sketch would switch off"),
+        (("0.6", "60"), "most_duty is 60.0; it must be a number from 0 to 1"),
+        (("[left, right]", "[left, left]"), "channels names a wire twice: left, left"),
+        (("start_up", "startup"), r"startup is not a known field \(did you mean start_up\?\)"),
+        (("start_up: 0", "line: {end: LFCR}"), "line.end is 'LFCR'; it must be one of LF, CR,"),
+        (("start_up: 0", "answer: {bend_of: chord}"), "either an order or a pattern"),
+        (("start_up: 0", "answer: {pattern: '(?P<left'}"), "answer.pattern cannot be read: "),
+        (("start_up: 0", "answer: {order: [left, bent]}"), "names bent; it must name some of left"),
+        (("[left, right]", "[left, top]"), "are for left, top, but the limb's wires are left, r"),
+    ],
+)
+def test_mistakes_in_a_description_are_named(change, message, tmp_path, capsys):
+    (tmp_path / "board.yaml").write_text(YAML.replace(*change))
+    with pytest.raises(TextBoardError, match=message):
+        SerialLimb("/dev/null", board=tmp_path / "board.yaml")
+
+
+def test_a_description_goes_with_its_limb_and_port(tmp_path, capsys):
+    chord = LimbParameters()
+    chord.segments[0].bend_sensor = ChordSensor()
+    with pytest.raises(TextBoardError, match="as tip_tangent, but the limb's bend_sensor is a Cho"):
+        SerialLimb("/dev/null", chord, board=BOARDS["brackets"])
+    with pytest.raises(HardwareError, match="Cannot open /dev/null: it is no serial port"):
+        SerialLimb("/dev/null", board=BOARDS["brackets"])
+    with pytest.raises(HardwareError, match="loop:// is no serial port of this computer"):
+        SerialLimb("loop://", board=BOARDS["brackets"])
+    (tmp_path / "board.yaml").write_text(YAML)
+    for command, message in (
+        (["teach", "x", "-o", "y.csv"], "Teaching needs the bend, which the text board my_limb"),
+        (["collect", "-o", "y"], "--board describes the board on a port; give that, too"),
+        (["collect", "-o", "y", "-p", "x"], "Calibration needs the temperatures of all wires"),
+    ):
+        assert main([*command, "--board", str(tmp_path / "board.yaml")]) == 1
+        assert message in capsys.readouterr().err
+
+
+def test_lines_are_those_of_the_sketches():
+    assert BOARDS["brackets"].bytes_of([0.5, 0.0, 0.0, 0.0]) == b"<128,0,0,0>\n"
+    assert BOARDS["two-floats"].bytes_of([0.25, 1.0]) == b"0.2500 1.0000\n"
+    assert BOARDS["on-off"].bytes_of([1.0, 1.0, 0.0, 0.0]) == b"1100\n"
+    board = copy.deepcopy(BOARDS["two-floats"])
+    board.line.zero, board.line.end = "stop", "CRLF"
+    assert board.bytes_of([0.0, 0.0]) == b"stop\r\n"
+    duty, on_off = np.array([0.03, 0.5, 0.87, 0.0]), OnOff(4)
+    lines = np.array([on_off.next(duty) for _ in range(400)])
+    assert set(lines.ravel()) == {0.0, 1.0}
+    np.testing.assert_allclose(lines.mean(axis=0), duty, atol=1 / 400)
+    assert on_off.next([0.0] * 4) == [0.0] * 4  # whatever is owed
+
+
+def test_answers_are_read_by_order_or_pattern():
+    line = "[MPR]: 77 -1.5e1 nan x"
+    answer = AnswerLine(order=["right", "bend", "left", "unused"])
+    assert answer.read(line) == pytest.approx(
+        {"right": 77.0, "bend": np.deg2rad(-15.0), "left": np.nan}, nan_ok=True
+    )
+    for other in ("[MPR]: 77 -1.5e1", "[MPR]: 77 -1.5e1 nan x y", "7", "", "[MPR]: a b c d"):
+        assert answer.read(other) is None
+    counts = AnswerLine(
+        pattern=r"b(?P<bend>[-\d.]+);T(?P<left>\d+).*",
+        temperature_scale=5 / 9,
+        temperature_offset=-160 / 9,
+        bend_unit="rad",
+        bend_scale=-0.5,
+        bend_offset=0.1,
+    )
+    assert counts.read("b-0.4;T212 and more") == pytest.approx({"bend": 0.3, "left": 100.0})
+    board = TextBoard(channels=WIRES, timeout=None, answer=counts, **LIMITS)
+    assert board.unmeasured == ["measured_temperature"]
