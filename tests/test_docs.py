@@ -252,7 +252,7 @@ def test_table_of_options_is_that_of_the_parsers():
 class Board:
     """In place of `BoardLink`: what `SerialLimb` asks at construction."""
 
-    def __init__(self, port):
+    def __init__(self, *_):
         self.serial_number, self.channels = "none", 2
 
     def info(self):
@@ -269,7 +269,7 @@ def known_limb() -> LimbParameters:
 
 @pytest.fixture
 def make_system(monkeypatch, fig5_plan):
-    monkeypatch.setattr(hardware.robot.serial_limb, "BoardLink", Board)
+    monkeypatch.setattr(hardware.robot.serial_limb, "open_link", Board)
     parameters = LimbParameters()
     specimen = Specimen(parameters, 0)
     course = PiecewisePolynomial.ZeroOrderHold([0.0, 1.0], [[0.0, 0.0]])
