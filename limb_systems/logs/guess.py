@@ -49,6 +49,7 @@ WORDS = {  # in names of columns, whole or as their parts
 NOT_MEASURED = (
     "setpoint target ref reference desired limit max min goal error unconstrained soll cjc"
 )
+UNITS = {"C": "°C", "F": "°F", "K": "K"}
 FULLS = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
 PERIODS = (DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
 RATES, DURATIONS = (0.15, 1500.0), (5.0, 2e5)  # Hz and s, of logs
@@ -140,7 +141,7 @@ def guessed(table: LogTable) -> LimbInLog:
         unit = _unit(sensor) if sensor else "C"
         if sensor:
             why = f"follows its heat by {agreement:.2f}" if agreement else "no heat shows it"
-            notes[sensor.name] = f"temperature of the {name} wire, °{unit}: {why}"
+            notes[sensor.name] = f"temperature of the {name} wire, {UNITS[unit]}: {why}"
         wires.append(WireColumns(name, duty.name, full, sensor.name if sensor else "", unit))
     questions = [_question(duty, full) for duty, full in zip(duties, fulls, strict=True)]
     if not wires:
@@ -166,6 +167,11 @@ def guessed(table: LogTable) -> LimbInLog:
         questions.append(showed)
     if sides == ["left", "right"] and not any(_side(duty) for duty in duties):
         questions.append("names do not say which wire is on which side: exchange them if need be")
+    if bend.measures == BEND_ANGLE and bend.column != OPEN:
+        questions.append(
+            f"{bend.column} is taken for the bend angle φ: if it is the angle of the tip, α, "
+            "correct measures to tip_tangent"
+        )
     said = [f"{name}: {notes.get(name, 'not used')}" for name in table.names]
     return LimbInLog(
         "", mapping, [*said, *filter(None, questions)], [agreement for _, agreement in pairs]
@@ -198,7 +204,7 @@ def _time(table: LogTable, columns: list[Column], notes: dict[str, str]) -> Time
         if len(shown) < 0.5 * len(values) or len(shown) < 5:
             continue
         steps = np.diff(shown)
-        if (steps > 0).mean() < 0.5 or (steps < 0).sum() > 0.02 * len(steps) + 1:
+        if (steps > 0).sum() < 5 or (steps < 0).sum() > 0.02 * len(steps) + 1:
             continue
         unit = unit or _unit_of_time(column, shown)
         if not unit:
@@ -221,8 +227,8 @@ def _time(table: LogTable, columns: list[Column], notes: dict[str, str]) -> Time
 def _unit_of_time(column: Column, shown: np.ndarray) -> str:
     """The unit that the name says if it can be, else the first in which rate and length can be."""
     names = {"ms": "ms millis msec milliseconds millisec", "us": "us micros µs microseconds usec",
-             "s": "s sec seconds secs sekunden", "min": "min minutes minuten",
-             "h": "h hours"}  # fmt: skip
+             "ns": "ns nanos nanoseconds nsec", "s": "s sec seconds secs sekunden",
+             "min": "min minutes minuten", "h": "h hours"}  # fmt: skip
     steps = np.diff(shown)
     usual, length = float(np.median(steps[steps > 0])), float(np.ptp(shown))
 
@@ -232,7 +238,9 @@ def _unit_of_time(column: Column, shown: np.ndarray) -> str:
         return RATES[0] < rate < RATES[1] and DURATIONS[0] < length * seconds < DURATIONS[1]
 
     said = [unit for unit, words in names.items() if set(column.words) & set(words.split())]
-    likely = [unit for unit in ("s", "ms", "us", "min") if can_be(unit) and _usual(usual, unit)]
+    likely = [
+        unit for unit in ("s", "ms", "us", "ns", "min") if can_be(unit) and _usual(usual, unit)
+    ]
     return next(iter([u for u in said if can_be(u)] + likely), said[0] if said else "")
 
 

@@ -10,7 +10,7 @@ from limb_systems.logs.table import DELIMITERS, LogError
 from limb_systems.output import write_atomically
 from limb_systems.schema import Strict, dump_typed, load_typed, quantity
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0, "date": 1.0}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "date": 1.0}
 CELSIUS = {"C": (1.0, 0.0), "F": (1 / 1.8, -32 / 1.8), "K": (1.0, -273.15)}  # factor, offset
 BEND_ANGLE, CHORD, TIP_TANGENT = "bend_angle", "chord", "tip_tangent"
 MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
@@ -20,7 +20,7 @@ MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
 class TimeColumn(Strict):
     """The column of time.
 
-    - ``unit``: "s", "ms", "us", "min" or "h"; "date" for dates or times of day.
+    - ``unit``: "s", "ms", "us", "ns", "min" or "h"; "date" for dates or times of day.
     - ``wraps_after``: period after which the numbers begin anew, such as a day, s; 0 for never.
     """
 

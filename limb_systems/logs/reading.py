@@ -32,6 +32,7 @@ LONGEST_GAP = 30.0  # s, beyond which it may have been anything at all, unless i
 SHORTEST = 10.0  # s of a part of a log that is worth keeping
 STALE = 2.6, 0.5  # periods and s, the longer of which a reading may be held
 REPEATED = 5  # rows in which points of a picture are exactly where they were, and were not seen
+COARSE = 0.5  # share of rows whose time is repeated, from which on times are rounded
 OVER = 0.05  # by which duty may exceed full duty, and is cut off
 READABLE = -60.0, 600.0  # °C, of readings that a thermocouple can have
 
@@ -88,6 +89,8 @@ def _parts(
     if table.odd_rows:
         remarks.append(f"{_rows(table.odd_rows)} with another number of cells left out.")
     times, kept = times_of(table, mapping.time)
+    if _is_coarse(_stamps(table, mapping.time)):
+        remarks.append("Times are repeated in most rows, which are spread evenly between them.")
     if lost := int(len(kept) - kept.sum()):
         remarks.append(
             f"{_rows(lost)} left out, whose time is missing, repeated or earlier than before."
@@ -163,6 +166,18 @@ def times_of(table: LogTable, column: TimeColumn) -> tuple[np.ndarray, np.ndarra
     Raises:
         LogError: if there are too few.
     """
+    times = _stamps(table, column)
+    if _is_coarse(times):
+        times = _spread(times)
+    latest = np.fmax.accumulate(np.where(np.isnan(times), -np.inf, times))
+    kept = ~np.isnan(times) & (times > np.append(-np.inf, latest[:-1]))
+    if kept.sum() < 2:
+        raise LogError(f"the column {column.column!r} holds no time that increases.")
+    return times[kept] - times[kept][0], kept
+
+
+def _stamps(table: LogTable, column: TimeColumn) -> np.ndarray:
+    """The times that a column says, in s, on from where it begins anew."""
     if column.unit == "date":
         times = table.moments(column.column)
         if np.fmax.reduce(times) < 0:  # times of day alone, which are of the year 1900
@@ -171,11 +186,26 @@ def times_of(table: LogTable, column: TimeColumn) -> tuple[np.ndarray, np.ndarra
         times = table.numbers(column.column) * SECONDS[column.unit]
     if column.wraps_after:
         times = _unwrapped(times, column.wraps_after)
-    latest = np.fmax.accumulate(np.where(np.isnan(times), -np.inf, times))
-    kept = ~np.isnan(times) & (times > np.append(-np.inf, latest[:-1]))
-    if kept.sum() < 2:
-        raise LogError(f"the column {column.column!r} holds no time that increases.")
-    return times[kept] - times[kept][0], kept
+    return times
+
+
+def _is_coarse(times: np.ndarray) -> bool:
+    """Whether most rows have the time of the row before, as where fractions of seconds are cut."""
+    steps = np.diff(times)
+    return bool((steps == 0).mean() > COARSE and (steps > 0).sum() > 1)
+
+
+def _spread(times: np.ndarray) -> np.ndarray:
+    """Times with those that are repeated spread evenly up to the next one."""
+    starts = np.flatnonzero(np.append(True, np.diff(times) != 0))
+    if starts[-1] == 0:
+        return times
+    usual = np.median(np.diff(starts))
+    # The first time may be of fewer rows than others, as the log begins amid it.
+    rows = np.append(starts, starts[-1] + usual)
+    rows[0] = min(0, rows[1] - usual)
+    stamps = np.append(times[starts], times[starts[-1]] + np.median(np.diff(times[starts])))
+    return np.interp(np.arange(len(times)), rows, stamps)
 
 
 def _unwrapped(times: np.ndarray, period: float) -> np.ndarray:

@@ -220,6 +220,19 @@ def test_gaps_of_unknown_duty_cut_a_log_and_others_do_not(tmp_path, truth):
         assert Recording.from_log(path).time[-1] == pytest.approx(160, abs=0.2)
 
 
+def test_times_without_fractions_of_seconds_are_spread(tmp_path, truth):
+    start = datetime.datetime(2026, 3, 1, 12, 0, 0)
+    cut = [(start + datetime.timedelta(seconds=t + 0.35)).strftime("%H:%M:%S") for t in truth.time]
+    path = write(
+        tmp_path / "log.csv",
+        ["when", "heater_a", "heater_b", "probe_a", "probe_b", "bend"],
+        [cut, *truth.duty, *truth.temperature, np.rad2deg(truth.bend)],
+    )
+    _, (recording,), remarks = read(path)
+    assert any("spread" in remark for remark in remarks)
+    check(recording, truth, tolerance_deg=0.3)
+
+
 def test_signed_duty_and_one_wire(tmp_path, truth):
     signed = truth.duty[1] - truth.duty[0]
     readings = [*truth.temperature, np.rad2deg(truth.bend)]
