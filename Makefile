@@ -65,7 +65,7 @@ notebooks: $(VENV)/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS) -e '.[notebooks]'
 	$(BIN)/jupyter lab examples/notebooks
 
-# One site of all pages, the notebooks and the API, from build/docs/index.html on.
+# One site of all pages, the notebooks and the API of this version, from build/docs/index.html on.
 docs: $(VENV)/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS) -e '.[docs]'
 	$(BIN)/python docs/site/make_site.py

@@ -144,6 +144,18 @@ def test_all_pages_are_on_the_site():
     assert {*pages, *ROOT.glob("*.md")} == {*shown, ROOT / site["START"]}
 
 
+def test_the_site_begins_at_this_version_and_lists_all(tmp_path):
+    write_entry = runpy.run_path(str(ROOT / "docs" / "site" / "make_site.py"))["write_entry"]
+    for name in ("0.9.0", "0.10.0", "0.1.0"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "index.html").touch()
+    write_entry.__globals__.update(SITES=tmp_path, SITE=tmp_path / "0.9.0")
+    write_entry()
+    assert 'url=0.9.0/index.html"' in (tmp_path / "index.html").read_text()
+    listed = (tmp_path / "versions.js").read_text()
+    assert listed == 'var versions = ["0.10.0", "0.9.0", "0.1.0"];\n'
+
+
 def test_package_index_shows_how_the_readme_begins():
     text = PACKAGE_INDEX.read_text(encoding="utf-8")
     assert TEXTS[ROOT / "README.md"].startswith(text)

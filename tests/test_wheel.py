@@ -10,6 +10,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+import yaml
 
 from limb_systems import LimbParameters, Recording, Trajectory
 
@@ -82,10 +83,15 @@ def test_holds_the_packages_and_nothing_else(wheel):
 
 
 def test_packages_are_those_of_the_wheel(installed, tmp_path):
+    """And have what the demo needs, which itself takes two minutes."""
     script = "".join(f"import {name}\nprint({name}.__file__)\n" for name in PACKAGES)
+    script += "import soft_limb.commands.demo, soft_limb.evaluation.reproduce\n"
+    script += "from soft_limb.evaluation.experiment import HANDS, hand_course\n"
+    script += "print(*(hand_course(name).end_time() for name in HANDS))\n"
     (tmp_path / "where.py").write_text(script)
     done = run(installed, tmp_path, "where")
-    assert done.stdout.split() == [str(installed / name / "__init__.py") for name in PACKAGES]
+    homes = [str(installed / name / "__init__.py") for name in PACKAGES]
+    assert done.stdout.split() == [*homes, "60.0", "60.0"]
 
 
 @pytest.mark.parametrize("package", ["planners", "calibration", "hardware"])
@@ -113,7 +119,8 @@ def test_installs_the_soft_limb_command(installed, tmp_path):
     (script,) = installed.glob("*.dist-info/entry_points.txt")
     assert "soft-limb = soft_limb.command:main" in script.read_text().splitlines()
     (tmp_path / "door.py").write_text("from soft_limb.command import main\nmain()\n")
-    assert run(installed, tmp_path, "door", "--version").stdout == "soft-limb 0.1.0\n"
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))["version"]
+    assert run(installed, tmp_path, "door", "--version").stdout == f"soft-limb {cited}\n"
 
 
 def test_plans_and_replays_away_from_the_checkout(installed, tmp_path):

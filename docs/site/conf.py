@@ -47,6 +47,7 @@ html_sidebars = {"**": ["all-pages.html"]}
 html_theme_options = {
     "logo": {"text": "soft-limb"},
     "navbar_center": [],
+    "navbar_end": ["versions", "theme-switcher"],
     "show_toc_level": 2,
     "secondary_sidebar_items": ["page-toc"],
     "back_to_top_button": False,

@@ -1,4 +1,7 @@
-"""Makes one site of the documentation: python docs/site/make_site.py
+"""Makes one site of the documentation of this version: python docs/site/make_site.py
+
+It is in a folder of its own, beside those of other versions that were made before, and
+build/docs/index.html leads to it.
 
 Pages are collected in the folders that they have in the repository, so that links between them are
 the same there and on the site. Pages of the API are written beside them. The notebooks are run.
@@ -6,7 +9,9 @@ the same there and on the site. Pages of the API are written beside them. The no
 
 import html.parser
 import importlib
+import importlib.metadata
 import inspect
+import json
 import pkgutil
 import re
 import shutil
@@ -17,7 +22,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 SOURCES = ROOT / "build" / "docs-sources"
-SITE = ROOT / "build" / "docs"
+SITES = ROOT / "build" / "docs"
+SITE = SITES / importlib.metadata.version("soft-limb")
 PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
 OTHERS = "docs/*.md"  # that have no other place
 NAVIGATION = {
@@ -160,6 +166,21 @@ def _write_api_page(name: str, parts: list[str]) -> str:
     return f"api/{name}"
 
 
+def write_entry() -> None:
+    """Writes what leads to this version, and what lists all of them on each page."""
+    # Only who builds the site has it.
+    from packaging.version import Version
+
+    names = [path.parent.name for path in SITES.glob("[0-9]*/index.html")]
+    versions = sorted(names, key=Version, reverse=True)
+    (SITES / "versions.js").write_text(f"var versions = {json.dumps(versions)};\n")
+    target = f"{SITE.name}/index.html"
+    (SITES / "index.html").write_text(
+        f'<!doctype html><meta charset="utf-8"><title>soft-limb</title>'
+        f'<meta http-equiv="refresh" content="0; url={target}"><a href="{target}">{target}</a>\n'
+    )
+
+
 class _Page(html.parser.HTMLParser):
     """What a page links to, what it loads, and the places in it that can be linked to."""
 
@@ -207,15 +228,17 @@ def main() -> int:
     collect()
     if sys.argv[1:] == ["linkcheck"]:
         options = ["-b", "linkcheck", "-D", "nb_execution_mode=off"]
-        found = SITE.with_name("linkcheck")
+        found = SITES.with_name("linkcheck")
         return sphinx([*options, "-c", str(Path(__file__).parent), str(SOURCES), str(found)])
     shutil.rmtree(SITE, ignore_errors=True)
     options = ["-E", "--fail-on-warning", "--keep-going", "--quiet"]
     if failed := sphinx([*options, "-c", str(Path(__file__).parent), str(SOURCES), str(SITE)]):
         return failed
+    write_entry()
     dead = list(dead_links())
     print(*dead, sep="\n", end="\n" if dead else "")
-    print(f"{SITE / 'index.html'}: {len(list(SITE.rglob('*.html')))} pages, {len(dead)} dead links")
+    entry, pages = SITES / "index.html", len(list(SITE.rglob("*.html")))
+    print(f"{entry}: {pages} pages, {len(dead)} dead links")
     return bool(dead)
 
 
