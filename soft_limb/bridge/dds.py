@@ -55,36 +55,24 @@ class DdsNode:
     """A `Node` of the DDS domain ROS_DOMAIN_ID; 0 if that is not set.
 
     Its writers are reliable, so that any reader matches; its readers need reliable writers,
-    as those of ROS 2 are by default.
+    as those of ROS 2 are by default. Raises DDSException if there is no network, for example.
     """
 
     def __init__(self, topics: Topics):
-        """
-        Args:
-            topics: names of the topics.
-
-        Raises:
-            DDSException: if there is no network, for example.
-        """
-        participant = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID") or 0))
-
-        def quality(depth: int) -> Qos:
-            reliable = Policy.Reliability.Reliable(duration(milliseconds=100))
-            return Qos(
-                reliable,
-                Policy.Durability.Volatile,
-                Policy.History.KeepLast(depth),
-                Policy.WriterDataLifecycle(autodispose=False),
-            )
-
+        domain = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID") or 0))
+        reliable = Policy.Reliability.Reliable(duration(milliseconds=100))
+        kept, waiting = (
+            Qos(reliable, Policy.History.KeepLast(n), Policy.WriterDataLifecycle(autodispose=False))
+            for n in (10, WAITING)
+        )
         written = {topics.sensors: Float64MultiArray, topics.plan: Float64MultiArray}
         written[topics.state] = String
         self._writers = {
-            name: DataWriter(participant, Topic(participant, f"rt{name}", kind), quality(10))
+            name: DataWriter(domain, Topic(domain, f"rt{name}", kind), kept)
             for name, kind in written.items()
         }
         self._readers = {
-            name: DataReader(participant, Topic(participant, f"rt{name}", kind), quality(WAITING))
+            name: DataReader(domain, Topic(domain, f"rt{name}", kind), waiting)
             for name, kind in {topics.duty: Float64MultiArray, topics.run: Bool}.items()
         }
 

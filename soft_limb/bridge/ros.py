@@ -20,10 +20,6 @@ class RosNode:
     """A `Node` of ROS 2. As `rclpy` does not say who wrote a duty, two publishers are refused."""
 
     def __init__(self, topics: Topics):
-        """
-        Args:
-            topics: names of the topics.
-        """
         rclpy.init()
         self._node, self._duty = rclpy.create_node("soft_limb"), topics.duty
         written = {topics.sensors: Float64MultiArray, topics.plan: Float64MultiArray}
