@@ -59,7 +59,9 @@ def write_rows(samples: Samples, path: str | Path, rate: float, duty_max: int = 
     plan, scale = _plan_of(samples), "" if duty_max == 1 else f"_of_{duty_max}"
     held = held_duty(plan, rate, duty_max)
     lines = [f"# {line}" for line in _about(plan, rate, duty_max)]
-    lines.append(",".join(["time_s", *(f"duty_{name}{scale}" for name in _names(plan))]))
+    lines.append(
+        ",".join(["time_s", *(f"duty_{name}{scale}" for name in plan.parameters.wire_names)])
+    )
     for index, row in enumerate(held.T):
         lines.append(",".join([f"{index / rate:.9g}", *(_text(value, duty_max) for value in row)]))
     write_atomically(path, "\n".join(lines) + "\n")
@@ -92,7 +94,7 @@ def write_c_header(samples: Samples, path: str | Path, rate: float, duty_max: in
         "#define PLAN_MEMORY /* PROGMEM on an AVR, if defined before */",
         "#endif",
         "static const char *const plan_wires[PLAN_WIRES] = "
-        f"{{{', '.join(map(json.dumps, _names(plan)))}}};",
+        f"{{{', '.join(map(json.dumps, plan.parameters.wire_names))}}};",
         f"static const {kind} plan_duty[PLAN_ROWS][PLAN_WIRES] PLAN_MEMORY = {{",
         *(f"    {{{row}}}," for row in rows),
         "};",
@@ -107,10 +109,6 @@ def _plan_of(samples: Samples) -> Trajectory:
     return samples
 
 
-def _names(plan: Trajectory) -> list[str]:
-    return plan.parameters.wire_names
-
-
 def _text(value: float, duty_max: int) -> str:
     return f"{value:.9f}" if duty_max == 1 else f"{value:.0f}"
 
@@ -119,9 +117,10 @@ def _about(plan: Trajectory, rate: float, duty_max: int) -> list[str]:
     """What a program must know, in lines."""
     limits, start = plan.parameters.temperature_limits, plan.wire_temperature[:, 0]
     made = dataclasses.asdict(plan.provenance) if plan.provenance else {}
+    names = ", ".join(plan.parameters.wire_names)
     warm = ", ".join(f"{value:.1f}" for value in start)
     return [
-        f"Duty of the wires {', '.join(_names(plan))}, of {duty_max}, {rate:g} rows per second.",
+        f"Duty of the wires {names}, of {duty_max}, {rate:g} rows per second.",
         f"Hold each row for {1 / rate:.9g} s. The plan's duty ramps between its knots; each row is",
         "its mean until the next row, so that the wires get the planned heat.",
         "The last row is zero: what stops there leaves the wires off.",
