@@ -116,18 +116,50 @@ def guessed(table: LogTable) -> LimbInLog:
     ]
     columns = [column for column in columns if len(column.shown) > 5]
     duties, fulls = _duties(columns, times, notes)
-    shares = np.zeros((len(duties), len(times)))
-    for share, duty, full in zip(shares, duties, fulls, strict=True):
-        share[:] = np.clip(np.nan_to_num(duty.values) / full, 0.0, 1.0)
-    heats = heat_of(times, shares)
+    heats = heat_of(times, _shares(duties, fulls, len(times)))
     rest = [column for column in columns if column not in duties]
     temperatures = _temperatures(rest, heats, notes)
     bend = _bend(table, [c for c in rest if c not in temperatures], times, heats, notes)
+    wires, agreement = _wires(duties, fulls, temperatures, heats, notes)
+    mapping = LogMapping(
+        time, wires, bend, missing=missing, delimiter=table.delimiter, decimal=table.decimal,
+        names_line=table.names_line,
+    )  # fmt: skip
+    questions = [_question(duty, full) for duty, full in zip(duties, fulls, strict=True)]
+    if not duties:
+        questions.append("no column seems to be a duty, which is 0 while wires are off")
+    elif bend.scale and bend.column != OPEN:
+        mapping, showed = turned(mapping, table, kept, heats)
+        questions.append(showed)
+    questions.append(_question_on_bend(mapping, columns, heats))
+    if len(duties) > 1 and not any(_side(duty) for duty in duties):
+        questions.append("names do not say which wire is on which side: exchange them if need be")
+    said = [f"{name}: {notes.get(name, 'not used')}" for name in table.names]
+    return LimbInLog("", mapping, [*said, *filter(None, questions)], agreement)
+
+
+def _shares(duties: list[Column], fulls: list[float], count: int) -> np.ndarray:
+    """Duty of each wire (W, K), in [0, 1]."""
+    shares = np.zeros((len(duties), count))
+    for share, duty, full in zip(shares, duties, fulls, strict=True):
+        share[:] = np.clip(np.nan_to_num(duty.values) / full, 0.0, 1.0)
+    return shares
+
+
+def _wires(
+    duties: list[Column],
+    fulls: list[float],
+    temperatures: list[Column],
+    heats: np.ndarray,
+    notes: dict[str, str],
+) -> tuple[list[WireColumns], list[float]]:
+    """The wires with their thermocouples, and how well each of these follows its wire's heat."""
+    if not duties:
+        return [WireColumns(name, OPEN) for name in ("left", "right")], [0.0, 0.0]
     sides = ["left", "right"]
     if len(duties) < 2:
         sides = [_side(duty) or "right" for duty in duties]
-    readings = np.array([column.values for column in temperatures])
-    pairs = pairing(heats, readings)
+    pairs = pairing(heats, np.array([column.values for column in temperatures]))
     left = [i for i in range(len(temperatures)) if i not in [reading for reading, _ in pairs]]
     wires = []
     for name, duty, full, (reading, agreement) in zip(sides, duties, fulls, pairs, strict=True):
@@ -137,44 +169,34 @@ def guessed(table: LogTable) -> LimbInLog:
             if same or len(left) == len(temperatures) - 1 or len(left) == len(duties):
                 reading = same[0] if same else left[0]
                 left.remove(reading)
-        sensor = temperatures[reading] if reading is not None else None
-        unit = _unit(sensor) if sensor else "C"
-        if sensor:
+        wires.append(WireColumns(name, duty.name, full))
+        if reading is not None:
+            sensor, unit = temperatures[reading], _unit(temperatures[reading])
+            wires[-1].temperature, wires[-1].unit = sensor.name, unit
             why = f"follows its heat by {agreement:.2f}" if agreement else "no heat shows it"
             notes[sensor.name] = f"temperature of the {name} wire, {UNITS[unit]}: {why}"
-        wires.append(WireColumns(name, duty.name, full, sensor.name if sensor else "", unit))
-    questions = [_question(duty, full) for duty, full in zip(duties, fulls, strict=True)]
-    if not wires:
-        wires = [WireColumns(name, OPEN) for name in ("left", "right")]
-        questions.append("no column seems to be a duty, which is 0 while wires are off")
-    mapping = LogMapping(
-        time, wires, bend, missing=missing, delimiter=table.delimiter, decimal=table.decimal,
-        names_line=table.names_line,
-    )  # fmt: skip
+    return wires, [agreement for _, agreement in pairs]
+
+
+def _question_on_bend(mapping: LogMapping, columns: list[Column], heats: np.ndarray) -> str:
+    """What has to be known of the bend, and the log does not say."""
+    bend = mapping.bend
     if bend.column == OPEN:
-        questions.append("no column seems to be a bend: give an angle, or points of a picture")
-    elif not bend.scale:
-        (counts,) = (c for c in columns if c.name == bend.column)
-        directions = np.array([-1.0 if side == "left" else 1.0 for side in sides])
-        sign = side_of(bending(heats, counts.values), directions)
-        how = {1.0: "", -1.0: ", as a negative number, for it falls where the right wire is heated"}
-        questions.append(
-            f"bend.scale is 0: give the degrees of a unit of {bend.column}"
-            f"{how.get(sign, ', and its sign')}; bend.zero is what it reads at the beginning"
-        )
-    elif duties:
-        mapping, showed = turned(mapping, table, kept, heats)
-        questions.append(showed)
-    if sides == ["left", "right"] and not any(_side(duty) for duty in duties):
-        questions.append("names do not say which wire is on which side: exchange them if need be")
-    if bend.measures == BEND_ANGLE and bend.column != OPEN:
-        questions.append(
+        return "no column seems to be a bend: give an angle, or points of a picture"
+    if bend.measures == BEND_ANGLE and bend.scale:
+        return (
             f"{bend.column} is taken for the bend angle φ: if it is the angle of the tip, α, "
             "correct measures to tip_tangent"
         )
-    said = [f"{name}: {notes.get(name, 'not used')}" for name in table.names]
-    return LimbInLog(
-        "", mapping, [*said, *filter(None, questions)], [agreement for _, agreement in pairs]
+    if bend.scale:
+        return ""
+    (counts,) = (column for column in columns if column.name == bend.column)
+    directions = np.array([-1.0 if wire.name == "left" else 1.0 for wire in mapping.wires])
+    sign = side_of(bending(heats, counts.values), directions) if len(heats) else 0.0
+    how = {1.0: "", -1.0: ", as a negative number, for it falls where the right wire is heated"}
+    return (
+        f"bend.scale is 0: give the degrees of a unit of {bend.column}"
+        f"{how.get(sign, ', and its sign')}; bend.zero is what it reads at the beginning"
     )
 
 
@@ -298,11 +320,11 @@ def _best_pair(
     best, most = [column for _, column in rated], -np.inf
     if len(rated) <= MOST_WIRES:
         return best
-    for pair in itertools.combinations(rated, MOST_WIRES):
-        duties = np.array([column.values / column.shown.max() for _, column in pair])
-        agreement = sum(found for _, found in pairing(heat_of(times, duties), readings))
-        if (score := agreement + 0.2 * sum(rate for rate, _ in pair)) > most:
-            best, most = [column for _, column in pair], score
+    heats = heat_of(times, np.array([column.values for _, column in rated]))
+    for pair in itertools.combinations(range(len(rated)), MOST_WIRES):
+        agreement = sum(found for _, found in pairing(heats[list(pair)], readings))
+        if (score := agreement + 0.2 * sum(rated[i][0] for i in pair)) > most:
+            best, most = [rated[i][1] for i in pair], score
     return best
 
 
