@@ -7,6 +7,7 @@ pneumatic limbs; in `lab_tables` of anybody's tables. `lab_door` reads them all;
 
 import dataclasses
 import functools
+import io
 import os
 from collections.abc import Sequence
 from datetime import datetime, timedelta
@@ -20,6 +21,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from hardware import LimbTwin
 from limb_systems import LimbParameters, simulate
+from limb_systems.output import write_atomically
 
 RATE = 20.0  # Hz, of what is known of a limb
 STEP = 0.5  # s, of a lab's programs
@@ -105,10 +107,8 @@ def drive(
         return Drive(**np.load(path))
     description = LimbParameters()
     description.segments[0].length = length
-    planned, hottest = (
-        program(kind, seed, duration, wires),
-        np.random.default_rng([5, seed]).uniform(80, HOTTEST),
-    )
+    planned = program(kind, seed, duration, wires)
+    hottest = np.random.default_rng([5, seed]).uniform(80, HOTTEST)
     for _ in range(4):  # which a lab tries before it writes a log
         duty = np.round(np.minimum(planned, 1.0), 2)
         breaks = STEP * np.arange(duty.shape[1] + 1)
@@ -122,8 +122,9 @@ def drive(
     joints = shown.joint_state[: limb.parameters.num_joints]
     signals = (shown.time, shown.duty, shown.measured_temperature, shown.bend_angle[0], joints)
     done = Drive(*signals)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez_compressed(path, **dataclasses.asdict(done))
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **dataclasses.asdict(done))
+    write_atomically(path, packed.getvalue())
     return done
 
 
