@@ -12,11 +12,18 @@ import numpy as np
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, record_of
 from calibration.heat_bounds import fit_heat_bounds
+from calibration.next_recording import next_recording
 from calibration.prediction.selection import LAWS, Prediction, fit_by_prediction
 from calibration.recordings.at_rest import ambient_temperature, rest_angle
-from calibration.recordings.checks import FEWEST, check_recording, check_whole
+from calibration.recordings.checks import (
+    FEWEST,
+    check_recording,
+    check_whole,
+    check_without_gaps,
+)
 from calibration.recordings.files import load_recordings
 from calibration.recordings.kinds import FREE_KINDS, heated_kinds, kinds_of, only_segment
+from calibration.recordings.pieces import in_pieces
 from calibration.recordings.repair import before_missing, with_lost_rows
 from calibration.remarks import Remark, verdict
 from calibration.section_v.damping import DampingFit, fit_damping
@@ -55,6 +62,7 @@ class Calibration(Summarized):
       prediction.
     - ``validation``: Sec. V-D, of a recording that was not fitted; None without one.
     - ``sources``: names of what was recorded, for each kind of recording.
+    - ``left_out``: remarks on what of the recordings was not used.
     """
 
     parameters: LimbParameters
@@ -66,6 +74,7 @@ class Calibration(Summarized):
     force: list[ForceFit]
     validation: Validation | None
     sources: dict[str, list[str]]
+    left_out: list[Remark] = dataclasses.field(default_factory=list)
 
     def summary(self) -> Summary:
         """How many quantities there are, how well they predict, how many remarks; each of them."""
@@ -86,6 +95,17 @@ class Calibration(Summarized):
                 for name, estimate in self.estimates.items()
             ],
         )
+
+    @property
+    def as_described(self) -> list[str]:
+        """Names of the parameters that no recording tells, which stay as described."""
+        untold = [unknown.name for unknown in self.prediction.fit.untold] if self.prediction else []
+        return ["stiffness"] * (not self.stiffness) + ["damping"] * (not self.damping) + untold
+
+    @property
+    def next_recording(self) -> str:
+        """The recording to make next and what it tells, in words; empty if none is needed."""
+        return next_recording(self.prediction.fit if self.prediction else None, self.sources)
 
     @property
     def estimates(self) -> dict[str, Estimate]:
@@ -164,7 +184,7 @@ class Calibration(Summarized):
                 remarks.append(Remark("unused", sentence))
         fits = (self.validation, self.stiffness, self.damping, self.prediction)
         remarks += [r for fit in (*fits, *self.heat, *self.force) if fit for r in fit.remarks]
-        return sorted(remarks, key=lambda remark: -remark.severity)
+        return sorted([*remarks, *self.left_out], key=lambda remark: -remark.severity)
 
 
 def calibrate(
@@ -207,11 +227,12 @@ def calibrate(
         raise CalibrationError("There are no recordings.")
     described = parameters or first.parameters
     for kind, group in recordings.items():
-        _check_group(kind, group, described, checked=checked)
+        _check_group(kind, group, described, checked=checked, whole=method == "paper")
+    kinds = [*heated_kinds(described), *(FREE_KINDS if method == "prediction" else ())]
+    pieces, left_out = _cut({k: recordings.get(k, []) for k in kinds}, whole=method == "paper")
     recordings = {k: [with_lost_rows(r) for r in group] for k, group in recordings.items()}
-    heated = {kind: recordings.get(kind, []) for kind in (*heated_kinds(described), *FREE_KINDS)}
+    heated = {k: [with_lost_rows(r) for r in group] for k, group in pieces.items()}
     if method == "paper":
-        heated = {kind: heated[kind] for kind in heated_kinds(described)}
         missing = [wire for wire in described.wire_names if not heated[wire]]
         if missing:
             raise CalibrationError(
@@ -239,6 +260,8 @@ def calibrate(
         ambient = ambient_temperature(every)
         limb.ambient_temperature = ambient.value
         _fit_heat_bounds(limb, heated, described)
+        if method == "prediction":
+            every = [*recordings.get("ring_down", []), *itertools.chain(*heated.values())]
         rest = rest_angle(every, ambient.value)
         if method == "prediction" or abs(rest.value) > MOST_REST_ANGLE:
             segment.rest_angle = rest.value
@@ -274,7 +297,7 @@ def calibrate(
         if recordings.get(kind)
     }
     fits = stiffness, damping, prediction, heat, force, validation
-    calibration = Calibration(limb, ambient, *fits, sources)
+    calibration = Calibration(limb, ambient, *fits, sources, left_out)
     limb.calibration = _record(calibration)
     limb.calibration.provenance = Provenance.now(limb)
     return calibration
@@ -315,17 +338,42 @@ def _fit_heat_bounds(
         for group in recordings.values()
         for recording in group
         if len((beginning := before_missing(recording)).time) >= FEWEST
-        and (recording.measured_temperature[:, :1] < room + COLD).all()
+        and not (recording.measured_temperature[:, :1] >= room + COLD).any()
     ]
     with contextlib.suppress(LimbError):
         for wire, bounds in zip(limb.wires, fit_heat_bounds(heated, described), strict=True):
             wire.heat_bounds = bounds
 
 
+def _cut(
+    heated: Mapping[str, Sequence[Recording]], *, whole: bool
+) -> tuple[dict[str, list[Recording]], list[Remark]]:
+    """Heated recordings in pieces, unless they are to stay ``whole``, and what was left out.
+
+    They are by kind; pieces may heat any wires, and are of the kind "heated".
+    """
+    result: dict[str, list[Recording]] = {kind: [] for kind in heated}
+    remarks: list[Remark] = []
+    for kind, group in heated.items():
+        for recording in group:
+            pieces, left_out = ([recording], []) if whole else in_pieces(recording)
+            result["heated" if len(pieces) > 1 and kind != "motion" else kind] += pieces
+            remarks += left_out
+    return result, remarks
+
+
 def _check_group(
-    kind: str, group: Sequence[Recording], described: LimbParameters, *, checked: bool
+    kind: str,
+    group: Sequence[Recording],
+    described: LimbParameters,
+    *,
+    checked: bool,
+    whole: bool,
 ) -> None:
-    """Raises CalibrationError unless recordings are of the described wires, and of their kind."""
+    """Raises CalibrationError unless recordings are of the described wires, and of their kind.
+
+    Those that cannot be cut must be without gaps: unheated ones, and all if ``whole``.
+    """
     kinds = [*kinds_of(described), *FREE_KINDS]
     if kind not in kinds:
         raise CalibrationError(f"{kind!r} is no kind of recording: {', '.join(kinds)}.")
@@ -336,11 +384,12 @@ def _check_group(
                 f"{', '.join(recording.parameters.wire_names)}, but the limb is described with "
                 f"{', '.join(described.wire_names)}, in this order."
             )
-        if checked:
-            continue
         try:
-            check_whole(recording)
-            check_recording(recording, kind)
+            if not checked:
+                check_whole(recording)
+                check_recording(recording, kind)
+            if whole or not recording.duty.any():
+                check_without_gaps(recording)
         except LimbError as error:
             raise CalibrationError(f"{recording.source}: {error}") from error
 

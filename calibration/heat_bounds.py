@@ -111,7 +111,10 @@ def heat_remarks(recordings: Iterable[Recording], described: LimbParameters) -> 
 def _courses(recordings: Iterable[Recording], limb: LimbParameters) -> list[list["_WireHeat"]]:
     """What each wire did in each recording."""
     recordings = list(recordings)
-    return [[_WireHeat(recording, w) for recording in recordings] for w in range(len(limb.wires))]
+    return [
+        [_WireHeat(recording, w) for recording in recordings if recording.has_thermocouple[w]]
+        for w in range(len(limb.wires))
+    ]
 
 
 def _described(limb: LimbParameters) -> list[HeatBounds]:

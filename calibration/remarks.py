@@ -47,6 +47,10 @@ RULES = {
     "lag": (Severity.CARE, "the thermocouples' lag is unknown"),
     # Uncertain by a third or more, and so is the temperature that a plan reaches.
     "uncertain": (Severity.CARE, "a parameter is uncertain"),
+    # What was not recorded is that of the description, or of wires in general.
+    "unheated": (Severity.CARE, "a wire was never heated"),
+    # Its heat follows from the bend alone, and from the other wires'.
+    "unread": (Severity.CARE, "a wire has no thermocouple"),
     # Motions beyond the recorded range are extrapolated.
     "range": (Severity.CARE, "the recordings span little"),
     # β is fitted as a multiple of k, so the bend is right in spite of k, except for gravity.
@@ -58,6 +62,7 @@ RULES = {
     # Both together predict V, also if they are exchanged.
     "alike": (Severity.NOTE, ""),
     "unused": (Severity.NOTE, ""),
+    "left out": (Severity.NOTE, ""),
 }
 _VERDICTS = {
     Severity.NOTE: "Good enough to plan with",

@@ -40,8 +40,8 @@ class Validation:
     @property
     def relative_error(self) -> float:
         """Mean |φ - φ_sim| as a fraction of the range of φ."""
-        bend = self.recording.bend_angle[:, ~self.recording.missing]
-        span = np.ptp(bend, axis=1).max()
+        bend = self.recording.bend_angle
+        span = (np.nanmax(bend, axis=1) - np.nanmin(bend, axis=1)).max()
         return self.mean / max(span, np.deg2rad(1.0))  # a limb at rest has sensor noise alone
 
     @property
@@ -85,7 +85,7 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     # The duty at a sample was in force since the sample before.
     held = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
     duty = PiecewisePolynomial.ZeroOrderHold(times, held)
-    first = first_readings(recording)
+    first = np.nan_to_num(first_readings(recording), nan=parameters.ambient_temperature)
     warm = Wires(parameters).settled_states(first)
     angles = rest_joint_angles(parameters)
     state = np.concatenate([angles, np.zeros_like(angles), warm, first])
@@ -142,14 +142,14 @@ def validation_of(judged: Sequence[Predicted], parameters: LimbParameters) -> Va
 
 
 def _compared(recording: Recording, simulation: Recording) -> Validation:
-    shown = ~recording.missing
-    error = np.abs(simulation.bend_angle - recording.bend_angle)[:, shown]
-    heat = np.abs(simulation.measured_temperature - recording.measured_temperature)[:, shown]
+    bend = np.abs(simulation.bend_angle - recording.bend_angle)
+    heat = np.abs(simulation.measured_temperature - recording.measured_temperature)
+    error, heat = bend[~np.isnan(bend)], heat[~np.isnan(heat)]
     return Validation(
         recording,
         simulation,
         mean=float(error.mean()),
         median=float(np.median(error)),
         percentile_90=float(np.percentile(error, 90)),
-        temperature_mean=float(heat.mean()),
+        temperature_mean=float(heat.mean()) if len(heat) else 0.0,
     )

@@ -19,9 +19,9 @@ class HeatedRun:
     - ``source``: name of what was recorded.
     - ``duty``: mean duty over each step (K, W).
     - ``times``: mean times of the samples of a step (M,), s from the first.
-    - ``temperature``, ``bend``: mean readings V, °C (M, W), and φ, rad (M,).
-    - ``counts``: number of samples in each mean (M,).
-    - ``first``: V at the beginning (W,), °C.
+    - ``temperature``, ``bend``: mean readings V, °C (M, W), and φ, rad (M,); nan where missing.
+    - ``counts``: number of samples in each mean, of φ and of V (M, 1 + W).
+    - ``first``: V at the beginning (W,), °C; nan without a thermocouple.
     - ``slope``: rate of V at the beginning, before the wire is heated (W,), °C/s; nan
       where less than a second shows it.
     """
@@ -37,7 +37,7 @@ class HeatedRun:
 
     @classmethod
     def of(cls, recording: Recording) -> "HeatedRun":
-        """A recording without samples that are missing, or far from their neighbours."""
+        """A recording without readings that are missing, or far from their neighbours."""
         recording = despiked(at_sample_times(recording))
         bend = bend_sensor_of(recording).corrected(recording.bend_angle[0])
         times = recording.time - recording.time[0]
@@ -46,25 +46,28 @@ class HeatedRun:
         # The duty at a sample was in force since the sample before.
         dose = np.cumsum(recording.duty[:, 1:] * np.diff(times), axis=1)
         duty = [np.diff(np.interp(edges, times, np.append(0.0, d))) / STEP for d in dose]
-        shown = ~recording.missing
-        bins = (times[shown] / STEP).astype(int)
-        counts = np.bincount(bins)
-        filled = counts > 0
-
-        def means(values: np.ndarray) -> np.ndarray:
-            return np.bincount(bins, values[shown])[filled] / counts[filled]
-
         temperature = recording.measured_temperature
+        shown = ~np.isnan([bend, *temperature])
+        bins = (times / STEP).astype(int)
+        counts = np.array([np.bincount(bins, there) for there in (shown.any(axis=0), *shown)])
+        filled = counts[0] > 0
+
+        def means(values: np.ndarray, number: int) -> np.ndarray:
+            there = shown[number - 1] if number else shown.any(axis=0)
+            sums = np.bincount(bins, np.where(there, values, 0.0))[filled]
+            count = counts[number, filled]
+            return np.where(count > 0, sums / np.maximum(count, 1), np.nan)
+
         soon = before_heat(recording) & (times <= max(3 * START, 5.0 / recording.sample_rate))
-        soon &= shown
+        soon &= shown[1:]
         slope = [_slope(times[s], v[s]) for v, s in zip(temperature, soon, strict=True)]
         return cls(
             source=recording.source,
             duty=np.array(duty).T,
-            times=means(times),
-            temperature=np.array([means(v) for v in temperature]).T,
-            bend=means(bend),
-            counts=counts[filled],
+            times=means(times, 0),
+            temperature=np.array([means(v, n) for n, v in enumerate(temperature, 2)]).T,
+            bend=means(bend, 1),
+            counts=counts[1:, filled].T,
             first=first_readings(recording),
             slope=np.array(slope),
         )
@@ -105,7 +108,7 @@ class HeatedRun:
 
 def _slope(times: np.ndarray, values: np.ndarray) -> float:
     """Slope of the line through samples; nan if they show less than a second."""
-    if np.ptp(times) < 0.99 * START:
+    if len(times) < 2 or np.ptp(times) < 0.99 * START:
         return np.nan
     since = times - times.mean()
     return float(since @ values / (since @ since))

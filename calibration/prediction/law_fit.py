@@ -17,7 +17,12 @@ from scipy.optimize import least_squares
 
 from calibration.estimate import Estimate, record_of
 from calibration.prediction.heated_run import STEP, HeatedRun
-from calibration.prediction.unknowns import Unknown, prior_factor, unknowns_of
+from calibration.prediction.unknowns import (
+    Unknown,
+    prior_factor,
+    split_unknowns,
+    unknowns_of,
+)
 from limb_systems import (
     LimbParameters,
     RestMemory,
@@ -59,12 +64,12 @@ class Predicted:
     @property
     def bend_error(self) -> float:
         """Mean |φ - φ_sim|, rad."""
-        return float(np.abs(self.bend - self.run.bend).mean())
+        return float(np.nanmean(np.abs(self.bend - self.run.bend)))
 
     @property
     def temperature_error(self) -> float:
         """Mean |V - V_sim|, °C."""
-        return float(np.abs(self.temperature - self.run.temperature).mean())
+        return float(np.nanmean(np.abs(self.temperature - self.run.temperature)))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -79,6 +84,7 @@ class LawFit:
     - ``ambient``: T0, °C.
     - ``nuisances``: T0 and the initial states of the wires in each recording (R, Q).
     - ``predicted``: the recordings of the fit, as they are predicted from there.
+    - ``untold``: quantities that recordings tell nothing of, which stay as expected.
     """
 
     law: type[WireLaw]
@@ -89,6 +95,7 @@ class LawFit:
     ambient: float
     nuisances: np.ndarray
     predicted: list[Predicted]
+    untold: list[Unknown] = dataclasses.field(default_factory=list)
 
     @property
     def estimates(self) -> dict[str, Estimate]:
@@ -112,7 +119,9 @@ class LawFit:
         for wire in segment.wires:
             wire.law = self.law()
         rubber = {}
-        for unknown, value in zip(self.unknowns, self._values, strict=True):
+        expected = [float(u.value(np.asarray(u.center))) for u in self.untold]
+        every, values = [*self.unknowns, *self.untold], [*self._values, *expected]
+        for unknown, value in zip(every, values, strict=True):
             if unknown.wire is None:
                 rubber[unknown.field] = value
             else:
@@ -144,7 +153,7 @@ class LawFit:
 
         That state is not recorded: a limb that is not quite cold has warm silicone.
         """
-        problem = _Problem(self.law, runs, self.segment, self.ambient, self.unknowns)
+        problem = self._problem(runs)
         size = len(self.fitted)
 
         def whole(nuisances: np.ndarray) -> np.ndarray:
@@ -163,8 +172,12 @@ class LawFit:
 
     def continued(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
         """Predicts other samples of the recordings of the fit, from the same initial states."""
-        problem = _Problem(self.law, runs, self.segment, self.ambient, self.unknowns)
+        problem = self._problem(runs)
         return problem.predicted(np.concatenate([self.fitted, self.nuisances.ravel()]))
+
+    def _problem(self, runs: Sequence[HeatedRun]) -> "_Problem":
+        known = self.law, runs, self.segment, self.ambient
+        return _Problem(*known, self.unknowns, self.untold)
 
 
 def fit_law(
@@ -189,8 +202,10 @@ def fit_law(
         start: a fit of this or another law, of which values of the same name are taken.
         tell: is called in each iteration with a remark on it.
     """
-    unknowns = unknowns_of(law, segment, rubber)
-    problem = _Problem(law, runs, segment, ambient, unknowns)
+    heated = np.any([run.duty.any(axis=0) for run in runs], axis=0)
+    read = np.any([run.counts[:, 1:].any(axis=0) for run in runs], axis=0)
+    unknowns, untold = split_unknowns(unknowns_of(law, segment, rubber), heated, read)
+    problem = _Problem(law, runs, segment, ambient, unknowns, untold)
     known = {u.name: u.center for u in unknowns}
     if start is not None:
         known |= dict(zip([u.name for u in start.unknowns], start.fitted, strict=True))
@@ -223,6 +238,7 @@ def fit_law(
         ambient,
         x[size:].reshape(len(runs), -1),
         problem.predicted(x),
+        untold,
     )
 
 
@@ -234,8 +250,11 @@ class _Problem:
     state in turn.
     """
 
-    def __init__(self, law, runs, segment, ambient: float, unknowns: list[Unknown]):
-        self._law, self._runs, self._unknowns = law, runs, unknowns
+    def __init__(
+        self, law, runs, segment, ambient: float, unknowns: list[Unknown], untold: list[Unknown]
+    ):
+        self._law, self._runs, self._unknowns, self._ambient = law, runs, unknowns, ambient
+        self._untold = untold
         self._num_wires, self._stiffness = len(segment.wires), segment.stiffness
         duty = np.zeros((max(len(c.duty) for c in runs), len(runs), self._num_wires))
         for number, run in enumerate(runs):
@@ -253,7 +272,8 @@ class _Problem:
             np.concatenate([[u.low for u in unknowns], -free]),
             np.concatenate([[u.high for u in unknowns], free]),
         )
-        self.num_readings = sum(len(c.times) * (1 + self._num_wires) for c in runs)
+        self._shown = [run.counts.T > 0 for run in runs]
+        self.num_readings = int(sum(shown.sum() for shown in self._shown))
         sensor = segment.bend_sensor
         self._bend_noise = (sensor.noise, sensor.drift, BEND_DRIFT_TIME, *BEND_FORM)
         self._forms = np.ones(2)  # multiples of what the form leaves, of bend and of readings
@@ -263,38 +283,46 @@ class _Problem:
     def _nuisances(self, run: HeatedRun, ambient: float) -> tuple[np.ndarray, np.ndarray]:
         """Expected values of a recording's (Q,), and their spreads."""
         centers, spreads = [np.array([ambient])], [np.array([AMBIENT_SPREAD])]
-        warmth = np.abs(run.first - ambient)
+        first = self._first(run, ambient)
+        warmth = np.abs(first - ambient)
+        warmth[np.isnan(run.first)] = warmth.max()  # as warm as another is, or not at all
         slope = np.where(np.isnan(run.slope), COOLING_RATE * warmth, np.abs(run.slope))
         change = COOLING_TIME * slope
         for index, (cold, (name, scale)) in enumerate(
             zip(self._law().cold_states(0.0), self._law.states.items(), strict=True)
         ):
             if index == 0:
-                centers.append(run.first)
+                centers.append(first)
                 spreads.append(READING_SPREAD + change)
             elif self._law.is_temperature(name):
-                centers.append(run.first)
+                centers.append(first)
                 spreads.append(READING_SPREAD + change + 0.3 * warmth)
             else:
                 centers.append(np.full(self._num_wires, cold))
                 spreads.append(scale * (MEMORY_SPREAD + warmth / 100.0))
         return np.concatenate(centers), np.concatenate(spreads)
 
+    def _first(self, run: HeatedRun, ambient: float) -> np.ndarray:
+        """V at the beginning of a recording (W,), °C, and T0 where it is not read."""
+        return np.where(np.isnan(run.first), ambient, run.first)
+
     def _whiten(self) -> None:
         """Factors of the residuals' covariances, for bend and each wire of each recording."""
         self._evaluated: tuple[np.ndarray | None, Any] = None, None
         self._factors = []
-        for run, outliers in zip(self._runs, self._outliers, strict=True):
+        for run, outliers, shown in zip(self._runs, self._outliers, self._shown, strict=True):
             lags = np.abs(run.times[:, None] - run.times)
             factors = []
-            for signal in range(1 + self._num_wires):
+            for signal, there in enumerate(shown):
                 noise = TEMPERATURE_NOISE if signal else self._bend_noise
                 sample, drift, drift_time, form, form_time = noise
                 form *= self._forms[min(signal, 1)]
                 covariance = drift**2 * np.exp(-lags / drift_time)
                 covariance += form**2 * np.exp(-lags / form_time)
-                own = sample**2 / run.counts + (100 * sample * outliers[signal]) ** 2
-                factors.append(np.linalg.cholesky(covariance + np.diag(own + 1e-12)))
+                own = sample**2 / np.maximum(run.counts[:, signal], 1)
+                own = own + (100 * sample * outliers[signal]) ** 2
+                covariance = (covariance + np.diag(own + 1e-12))[np.ix_(there, there)]
+                factors.append(np.linalg.cholesky(covariance))
             self._factors.append(factors)
 
     def reweigh(self, x: np.ndarray) -> None:
@@ -303,9 +331,11 @@ class _Problem:
         for predicted, outliers in zip(self.predicted(x), self._outliers, strict=True):
             errors = np.column_stack([predicted.bend, predicted.temperature])
             for signal, error in enumerate((errors - predicted.run.signals).T):
-                around = error - np.median(error)
-                spread = 1.48 * np.median(np.abs(around)) + 1e-9
-                outliers[signal] = np.abs(around) > OUTLIER * spread
+                if np.isnan(error).all():
+                    continue
+                around = error - np.nanmedian(error)
+                spread = 1.48 * np.nanmedian(np.abs(around)) + 1e-9
+                outliers[signal] = ~(np.abs(around) <= OUTLIER * spread)
                 rests[min(signal, 1)].append(around[~outliers[signal]])
         for signal, (rest, form) in enumerate(
             zip(rests, (BEND_FORM[0], TEMPERATURE_NOISE[3]), strict=True)
@@ -319,7 +349,8 @@ class _Problem:
         size, num_wires, num_sets = len(self._unknowns), self._num_wires, len(x)
         fields: dict[str, np.ndarray] = {}
         rubber = {"stiffness": np.full(num_sets, self._stiffness)}
-        for unknown, column in zip(self._unknowns, x.T, strict=False):
+        columns = [*x.T[:size], *(np.full(num_sets, u.center) for u in self._untold)]
+        for unknown, column in zip([*self._unknowns, *self._untold], columns, strict=True):
             value = unknown.value(column)
             if unknown.wire is None:
                 rubber[unknown.field] = value
@@ -330,7 +361,7 @@ class _Problem:
         states = np.moveaxis(
             nuisances[:, :, 1:].reshape(num_sets, len(self._runs), -1, num_wires), 2, 0
         )
-        first = np.array([run.first for run in self._runs])
+        first = np.array([self._first(run, self._ambient) for run in self._runs])
         initial = [*states, np.broadcast_to(first, states[0].shape)]
         law = with_fields(self._law, fields)
         _, readings, bends = self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)
@@ -343,12 +374,19 @@ class _Problem:
         return [Predicted(run, signals[:, 0, 1:], signals[:, 0, 0]) for run, signals in simulated]
 
     def _whitened(self, x: np.ndarray) -> np.ndarray:
-        """Residuals of each recording: of φ, then of each V, over their factors (all M, B)."""
+        """Residuals of each recording: of φ, then of each V, over their factors (all M, B).
+
+        Those that are missing are left out.
+        """
         parts = []
-        for run, factors, signals in zip(self._runs, self._factors, self._simulate(x), strict=True):
+        for run, factors, shown, signals in zip(
+            self._runs, self._factors, self._shown, self._simulate(x), strict=True
+        ):
             errors = np.moveaxis(signals - run.signals[:, None], 2, 0)
-            for factor, error in zip(factors, errors, strict=True):
-                parts.append(solve_triangular(factor, error, lower=True, check_finite=False))
+            for factor, there, error in zip(factors, shown, errors, strict=True):
+                if there.any():
+                    each = error[there]
+                    parts.append(solve_triangular(factor, each, lower=True, check_finite=False))
         return np.concatenate(parts)
 
     def _beforehand(self, x: np.ndarray) -> np.ndarray:
@@ -400,8 +438,8 @@ class _Problem:
         jacobian = np.zeros((self.num_readings + len(x), len(x)))
         jacobian[: self.num_readings, :size] = change[:, :size] / step[:size]
         row, column = 0, size
-        for run in self._runs:
-            rows = slice(row, row := row + run.signals.size)
+        for shown in self._shown:
+            rows = slice(row, row := row + int(shown.sum()))
             columns = slice(column, column := column + count)
             jacobian[rows, columns] = change[rows, size:] / step[columns]
         jacobian[row : row + size, :size] = self._prior

@@ -1,13 +1,15 @@
 """The law that a limb's recordings call for: the simplest that predicts others best."""
 
 import dataclasses
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from calibration.prediction.heated_run import HeatedRun
+from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.law_fit import LawFit, Predicted, fit_law
+from calibration.prediction.unknowns import LAG
 from calibration.remarks import Remark, remarks_on_start
 from limb_systems import (
     HystereticLaw,
@@ -30,6 +32,7 @@ LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
 OPTIONS = ("stiffening", "rest_memory")  # of the rubber, which are tried with the best law
 BEND_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 3.0  # rad and °C of error that weigh the same
 HELD_OUT = 0.12, 0.4  # of each recording, of its time and heat: least and most that judges
+MOST_HEAT = 0.6  # of a wire's heat, which judges at most
 BLOCK = 10.0  # s, after which errors of prediction count as independent
 AT_BOUND = 0.02  # by which a fitted value may stay inside its bound and count as at it
 WORTH = 0.1  # of a scale: laws that differ by less predict alike
@@ -67,9 +70,11 @@ class Candidate:
         blocks = []
         for predicted in self.judged:
             run = predicted.run
-            bend = np.abs(predicted.bend - run.bend) / BEND_SCALE
-            reading = np.abs(predicted.temperature - run.temperature) / TEMPERATURE_SCALE
-            error, numbers = bend + reading.mean(axis=1), (run.times / BLOCK).astype(int)
+            bend = np.ma.masked_invalid(predicted.bend - run.bend) / BEND_SCALE
+            reading = np.ma.masked_invalid(predicted.temperature - run.temperature)
+            heat = np.abs(reading).mean(axis=1) / TEMPERATURE_SCALE
+            error = np.abs(bend).filled(0.0) + np.ma.filled(heat, 0.0)
+            numbers = (run.times / BLOCK).astype(int)
             blocks += [error[numbers == number].mean() for number in np.unique(numbers)]
         return np.array(blocks)
 
@@ -103,8 +108,35 @@ class Prediction:
 
     @property
     def remarks(self) -> list[Remark]:
-        """Remarks on impossible starts, on values at their bounds, and on uncertain ones."""
-        return [*self._remarks_on_starts(), *self._remarks_on_parameters()]
+        """Remarks on impossible starts, on wires that nothing tells of, and on parameters."""
+        found = (self._remarks_on_starts(), self._remarks_on_wires(), self._remarks_on_parameters())
+        return [*self._remarks_on_judges(), *itertools.chain(*found)]
+
+    def _remarks_on_judges(self) -> Iterator[Remark]:
+        judged = [p.run.duty[int(p.run.times[0] / STEP) :].sum() for p in self.best.judged]
+        if sum(judged) < 0.5 * HELD_OUT[0] * sum(p.run.duty.sum() for p in self.best.judged):
+            yield Remark(
+                "not validated",
+                "What judges the laws is a limb that cools, and shows no heat: how well motions "
+                "are predicted is not known; heat it several times.",
+            )
+
+    def _remarks_on_wires(self) -> Iterator[Remark]:
+        for index, wire in enumerate(self.fit.segment.wires):
+            untold = {unknown.field for unknown in self.fit.untold if unknown.wire == index}
+            if untold == {LAG}:
+                yield Remark(
+                    "unread",
+                    f"The {wire.name} wire has no thermocouple: its {LAG} stays as described, and "
+                    "its heat is told by the bend alone, and by the other wires.",
+                )
+            elif untold:
+                new = sorted(untold - set(vars(wire.law)))
+                law = f", and its {', '.join(new)} as expected of such wires" if new else ""
+                yield Remark(
+                    "unheated",
+                    f"The {wire.name} wire is heated in no recording: it stays as described{law}.",
+                )
 
     def _remarks_on_parameters(self) -> Iterator[Remark]:
         for unknown, x, estimate in zip(
@@ -168,18 +200,33 @@ def fit_by_prediction(
         rest, judges = [run for run in fitted if run not in both], both
         words = "what shows all wires heated, fitted last"
         judge = bool(both) and _heated(both) <= _heated(rest)
-    if not judge:
+    if not judge and (latest := _latest(fitted)):
+        rest, judges = [run for run in fitted if run not in latest], latest
+        count = f"{len(latest)} " * (len(latest) > 1)
+        words = f"the last {count}of {len(fitted)} heated recordings or pieces, fitted last"
+    elif not judge:
         rest, judges = map(list, zip(*[c.held_out(*HELD_OUT) for c in fitted], strict=True))
         words = "the last part of each recording, fitted last"
+    continued = rest is not fitted and len(rest) == len(fitted)
     with threadpool_limits(1, "blas"):  # matrices are small; see README
         candidates, best = compare_laws(
-            laws, rest, judges, segment, ambient, continued=not judge, tell=tell
+            laws, rest, judges, segment, ambient, continued=continued, tell=tell
         )
         fit = best.fit
         if rest is not fitted:
             tell(f"{best.name}, all recordings")
             fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
     return Prediction(candidates, best, fit, words)
+
+
+def _latest(runs: Sequence[HeatedRun]) -> list[HeatedRun]:
+    """The last runs that heat each wire; none if too little heat is left to fit."""
+    latest: list[HeatedRun] = []
+    for wire in _heated(runs):
+        if wire not in _heated(latest):
+            latest.append(next(run for run in reversed(runs) if run.duty[:, wire].any()))
+    heat, late = (sum(run.duty.sum(axis=0) for run in group) for group in (runs, latest))
+    return latest if np.all(late <= MOST_HEAT * heat) else []
 
 
 def _heated(runs: Sequence[HeatedRun]) -> set[int]:

@@ -29,6 +29,7 @@ PRIORS: dict[str, tuple[float, float, float]] = {
     "shift": (float(np.deg2rad(1.5)), 0.5, 0.0),
     "rate": (2.0, 0.5, 0.0),
 }
+LAG = "a3"  # of a thermocouple
 OTHER = (0.9, 0.3)  # spreads of what a law of one's own has
 FASTEST = 4.0  # 1/s, of rates: the open-loop simulation's steps follow no faster ones
 REST_BOUND = np.deg2rad(60.0)
@@ -116,6 +117,25 @@ def unknowns_of(
                 Unknown(prefix + name, name, None, unit, "+", center, spread, alike, -9.0, 3.0)
             )
     return result
+
+
+def split_unknowns(
+    unknowns: list[Unknown], heated: np.ndarray, read: np.ndarray
+) -> tuple[list[Unknown], list[Unknown]]:
+    """Unknowns that recordings tell something of, and unknowns that they do not.
+
+    The latter are all of a wire that was never heated, and how late its thermocouple is of one
+    that has none.
+
+    Args:
+        heated, read: whether each wire is (W,).
+    """
+    told: list[Unknown] = []
+    untold: list[Unknown] = []
+    for u in unknowns:
+        tells = u.wire is None or (heated[u.wire] and (u.field != LAG or read[u.wire]))
+        (told if tells else untold).append(u)
+    return told, untold
 
 
 def _expected(

@@ -7,11 +7,10 @@ import numpy as np
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
 from calibration.recordings.kinds import bend_sensor_of, gravity_bends
-from calibration.recordings.repair import without_missing
 from limb_systems import Recording
 
 START = 1.0  # s, over which the first readings are averaged
-LATE = 2.0  # s, at the end of recordings without heat
+LATE, OFF = 2.0, 60.0  # s, at the end of recordings, and without heat before that
 COLD = 3.0  # °C, by which readings of cold wires may differ
 FAR_BELOW = 10.0  # °C, by which a connected thermocouple is not colder than others
 SENSOR_SPREAD = 0.25  # °C, by which thermocouples of a kind differ
@@ -28,37 +27,38 @@ def before_heat(recording: Recording) -> np.ndarray:
 
 
 def at_start(recording: Recording) -> np.ndarray:
-    """Whether a sample is of the first second, before its wire is heated (W, K), and not missing.
+    """Whether a sample is of the first second, before its wire is heated (W, K), and read.
 
-    Where all of these are missing, the first that is not counts.
+    Where none of these is read, the first that is counts.
     """
-    since, shown = recording.time - recording.time[0], ~recording.missing
+    since, shown = recording.time - recording.time[0], ~np.isnan(recording.measured_temperature)
     soon = before_heat(recording) & (since <= max(START, 2.5 / recording.sample_rate)) & shown
-    soon[~soon.any(axis=1), np.argmax(shown)] = True
+    late = np.flatnonzero(~soon.any(axis=1) & shown.any(axis=1))
+    soon[late, np.argmax(shown[late], axis=1)] = True
     return soon
 
 
 def first_readings(recording: Recording) -> np.ndarray:
-    """V at the beginning (W,), °C."""
+    """V at the beginning (W,), °C; nan without a thermocouple."""
     readings = zip(recording.measured_temperature, at_start(recording), strict=True)
-    return np.array([measured[shown].mean() for measured, shown in readings])
+    return np.array([v[shown].mean() if shown.any() else np.nan for v, shown in readings])
 
 
 def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     """T0 as thermocouples read it while their wires are cold.
 
     From each recording in which a wire stays unheated its median, and from each of
-    others its first second. Those within 3 °C of the lowest count, as others were not
-    cold. A thermocouple far below the others is disconnected, and one that never moves
-    is dead, unless it agrees with others. T0 is the mean over thermocouples of the
-    median of each. The standard error is that of their scatter, and of what two
-    thermocouples differ by, as one reads alike in all recordings.
+    others its first second, or its coldest if all of them start warm. Those within 3 °C of
+    the lowest count, as others were not cold. A thermocouple far below the others is
+    disconnected, and one that never moves is dead, unless it agrees with others. T0 is the
+    mean over thermocouples of the median of each. The standard error is that of their
+    scatter, and of what two thermocouples differ by, as one reads alike in all recordings.
 
     Raises:
         CalibrationError: if no thermocouple shows it.
     """
-    readings, expected = [], []
-    for recording in map(without_missing, recordings):
+    readings, cooled, expected = [], [], []
+    for recording in recordings:
         expected.append(recording.parameters.ambient_temperature)
         for name, duty, measured, soon in zip(
             recording.parameters.wire_names,
@@ -67,18 +67,27 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
             at_start(recording),
             strict=True,
         ):
-            heated = bool(duty.any())
-            reading = float(np.median(measured[soon] if heated else measured))
-            readings.append((name, heated, bool(np.ptp(measured) > 0), reading))
+            if not soon.any():
+                continue
+            heated, shown = bool(duty.any()), measured[~np.isnan(measured)]
+            reading = float(np.median(measured[soon] if heated else shown))
+            readings.append((name, heated, bool(np.ptp(shown) > 0), reading))
+            cooled.append((*readings[-1][:3], float(np.quantile(shown, 0.02))))
     moving = {name for name, _, moves, _ in readings if moves}
     if not moving:
         raise CalibrationError(
             "No thermocouple ever moves in these recordings, so that T0 cannot be told: are they "
             "connected?"
         )
-    coldest = [min(r for n, _, moves, r in readings if moves and n == name) for name in moving]
-    usual = min(coldest, key=lambda reading: abs(reading - np.mean(expected)))
-    lowest = min(reading for reading in coldest if reading > usual - FAR_BELOW)
+
+    def lowest_of(readings: list[tuple[str, bool, bool, float]]) -> float:
+        lows = [min(r for n, _, moves, r in readings if moves and n == name) for name in moving]
+        usual = min(lows, key=lambda reading: abs(reading - np.mean(expected)))
+        return min(reading for reading in lows if reading > usual - FAR_BELOW)
+
+    lowest = lowest_of(readings)
+    if lowest_of(cooled) < lowest - COLD:
+        readings, lowest = cooled, lowest_of(cooled)
     each = []
     for name in dict.fromkeys(name for name, *_ in readings):
         own = [(h, r) for n, h, _, r in readings if n == name and abs(r - lowest) < COLD]
@@ -94,27 +103,40 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
 def rest_angle(recordings: Iterable[Recording], ambient: float) -> Estimate:
     """The bend angle at rest, as the mean over level recordings that show it.
 
-    Ring-downs show it at their end, heated recordings at their beginning, if all
-    wires are cold then. Its standard error is that of the sensor's drift, or of the
+    Ring-downs show it at their end, heated recordings at their beginning, or else at their
+    end, if all wires are cold then. Its standard error is that of the sensor's drift, or of the
     recordings' scatter. Zero where none shows it.
     """
-    angles, drifts = [], []
-    for recording in recordings:
-        if gravity_bends(recording.parameters):
-            continue
-        heated = recording.duty.any()
-        recording = without_missing(recording)
-        shown = (
-            at_start(recording).all(axis=0)
-            if heated
-            else recording.time > recording.time[-1] - LATE
-        )
-        if (recording.measured_temperature[:, shown].mean(axis=1) > ambient + COLD).any():
-            continue
-        sensor = bend_sensor_of(recording)
-        angles.append(float(np.median(sensor.corrected(recording.bend_angle[0, shown]))))
-        drifts.append(sensor.drift)
-    if not angles:
+    level = [r for r in recordings if not gravity_bends(r.parameters)]
+    starts = [
+        recording.time > recording.time[-1] - LATE
+        if not recording.duty.any()
+        else before_heat(recording).all(axis=0)
+        & (recording.time - recording.time[0] <= max(START, 2.5 / recording.sample_rate))
+        for recording in level
+    ]
+    angles = _cold_angles(level, starts, ambient)
+    if not len(angles):
+        resting = [r for r in level if not r.duty[:, r.time > r.time[-1] - OFF].any()]
+        ends = [recording.time > recording.time[-1] - LATE for recording in resting]
+        angles = _cold_angles(resting, ends, ambient)
+    if not len(angles):
         return Estimate(0.0, 0.0, "rad")
+    angles, drifts = angles.T
     spread = np.hypot(np.std(angles), np.mean(drifts)) / np.sqrt(len(angles))
     return Estimate(float(np.median(angles)), float(spread), "rad")
+
+
+def _cold_angles(
+    recordings: Iterable[Recording], stretches: Iterable[np.ndarray], ambient: float
+) -> np.ndarray:
+    """The bend angle, and how its sensor drifts, rad, where a stretch (K,) shows cold wires."""
+    result = []
+    for recording, stretch in zip(recordings, stretches, strict=True):
+        shown = stretch & ~recording.missing
+        readings = recording.measured_temperature[recording.has_thermocouple][:, shown]
+        if shown.any() and not (readings.mean(axis=1) > ambient + COLD).any():
+            sensor = bend_sensor_of(recording)
+            angle = float(np.median(sensor.corrected(recording.bend_angle[0, shown])))
+            result.append((angle, sensor.drift))
+    return np.array(result)

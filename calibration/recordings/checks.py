@@ -6,21 +6,20 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.recordings.kinds import FREE_KINDS, gravity_bends, kind_of
-from calibration.recordings.repair import despiked, without_missing
+from calibration.recordings.pieces import FEWEST, SHORTEST, first_read, gaps_of
+from calibration.recordings.repair import despiked, interpolated
 from limb_systems import LimbParameters, Recording
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
 RISE = 3.0  # °C
 BENT = np.deg2rad(2.0)
-SHORTEST = 10.0  # s, of heated recordings
 EARTH = 9.5, 10.1  # m/s²
 COOLING_TIME = 15.0  # s, of a wire, roughly
 SMOOTH = 1.0  # s, over which signals are averaged
 COLDER = 10.0  # °C, by which a connected thermocouple is not colder than all others
 JUMPS = 5.0  # °C, by which its readings do not differ from one to the next
-FEWEST = 20  # samples
 SLOWEST = 5.0  # s, between samples
-LOST = 2.0, 0.05  # s of lost samples, and change of duty meanwhile, that are tolerated
+WARMTH = 300.0  # °C of a wire at full duty, roughly
 STEEPEST = 0.05, 10.0  # °C/s that a wire exceeds somewhere, if it is heated by so many °C
 
 
@@ -30,6 +29,8 @@ def _shows(parameters: LimbParameters, kind: str) -> str:
         return "the limb's sag under gravity, without heat"
     if kind == "ring_down":
         return "an unheated limb without gravity"
+    if kind == "heated":
+        return "several wires heated"
     wires = "both wires" if len(parameters.wires) == 2 else "all wires"
     return f"{wires} heated" if kind == "both" else f"only the {kind} wire heated"
 
@@ -45,7 +46,7 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
         what it shows.
 
     Raises:
-        CalibrationError: one sentence that names the trouble: gaps, times in
+        CalibrationError: one sentence that names the trouble: too few samples, times in
             another unit, values that are not plausible, a dead thermocouple,
             swapped wires, thermocouples or bend sensor, other units, or another
             kind than expected.
@@ -54,7 +55,7 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     recording.check_plausible()
     _check_missing(recording)
     _check_zeros(recording)
-    recording = despiked(without_missing(recording))
+    recording = despiked(interpolated(recording))
     _check_pace(recording)
     _check_gravity(recording)
     kind = expected if expected in FREE_KINDS else kind_of(recording)
@@ -99,31 +100,41 @@ def _check_time(recording: Recording) -> None:
             f"samples come every {typical:g} s, but wires heat and cool within seconds; is time in "
             "milliseconds?"
         )
-    longest, least = LOST
-    constant = np.abs(np.diff(recording.duty, axis=1)).max(axis=0) <= least
-    gaps = (steps > 1.5 * period) & ~((steps <= max(longest, 2.5 * period)) & constant)
-    if gaps.any():
-        worst = int(np.argmax(np.where(gaps, steps, 0.0)))
+
+
+def check_without_gaps(recording: Recording) -> None:
+    """Refuses recordings whose duty is not known throughout, for what needs them in one piece.
+
+    Raises:
+        CalibrationError: one sentence that says from where to where it can be used.
+    """
+    first, time = first_read(recording), recording.time
+    if recording.duty[:, 1 : first + 1].any():
         raise CalibrationError(
-            f"there is a gap in the samples, of {steps[worst]:.2f} s after "
-            f"{recording.time[worst]:.2f} s; what happened meanwhile is not known, so record it "
-            "again, or, if the duty is known, add rows that have it and empty cells for the "
-            "readings."
+            f"no reading is there before {time[first]:.2f} s, when wires were already heated; "
+            "where they started is not known, so leave the beginning out."
+        )
+    for gap in gaps_of(recording):
+        raise CalibrationError(
+            f"there is a gap in the samples, of {time[gap + 1] - time[gap]:.2f} s after "
+            f"{time[gap]:.2f} s, and what duty there was is not known: cut the file there, or add "
+            "rows that have the duty and empty cells for the readings."
         )
 
 
 def _check_missing(recording: Recording) -> None:
-    """Whether enough readings are there, one of them before the first heat."""
-    missing, count = recording.missing, len(recording.time)
-    if missing.sum() > count / 2 or count - missing.sum() < FEWEST:
+    """Whether enough readings are there, of the bend and of a thermocouple."""
+    count, bends = len(recording.time), int((~np.isnan(recording.bend_angle[0])).sum())
+    if bends < FEWEST:
         raise CalibrationError(
-            f"{missing.sum()} of {count} samples are missing, so record it again."
+            f"the bend angle is there in {bends} of {count} samples, which tell nothing; leave "
+            "this recording out, and see whether the column is the right one."
         )
-    first = int(np.argmin(missing))
-    if recording.duty[:, 1 : first + 1].any():
+    read = int((~np.isnan(recording.measured_temperature)).sum(axis=1).max())
+    if recording.duty.any() and read < FEWEST:
         raise CalibrationError(
-            f"no reading is there before {recording.time[first]:.2f} s, when wires were already "
-            "heated; where they started is not known, so leave the beginning out."
+            "no thermocouple shows how warm a heated wire is, without which heat and torque cannot "
+            "be told apart; bond one to a wire and record that, or leave this recording out."
         )
 
 
@@ -189,7 +200,7 @@ def _check_units(recording: Recording, *, may_be_warm: bool = False) -> None:
     ambient = recording.parameters.ambient_temperature
     first = np.median(recording.measured_temperature[:, : _window(recording)], axis=1)
     if may_be_warm:
-        first = np.minimum(first, recording.measured_temperature.min())
+        first = np.fmin(first, np.nanmin(recording.measured_temperature, initial=np.inf))
     for name, value in zip(recording.parameters.wire_names, first, strict=True):
         if abs(value - (ambient + 273.15)) < 25.0:
             raise CalibrationError(
@@ -203,7 +214,7 @@ def _check_units(recording: Recording, *, may_be_warm: bool = False) -> None:
             )
     largest = np.abs(recording.bend_angle - recording.bend_angle[:, :1]).max()
     heated = recording.duty.sum(axis=1).max() / recording.sample_rate
-    warmed = np.ptp(recording.measured_temperature, axis=1).max()
+    warmed = np.fmax.reduce(np.ptp(recording.measured_temperature, axis=1))
     if heated > HEATED and warmed > 20.0 and 1e-3 < largest < np.deg2rad(1.6):
         raise CalibrationError(
             f"the bend angle is at most {np.rad2deg(largest):.2f}° while a wire warms by "
@@ -217,7 +228,7 @@ def _check_readings(recording: Recording) -> None:
     typical = np.median(measured, axis=1)
     for index, name in enumerate(names):
         others = [recording.parameters.ambient_temperature, *np.delete(typical, index)]
-        if typical[index] < min(others) - COLDER:
+        if typical[index] < np.fmin.reduce(others) - COLDER:
             raise CalibrationError(
                 f"the {name} thermocouple reads {typical[index]:.0f} °C, far below ambient and the "
                 "others; is it connected?"
@@ -236,14 +247,18 @@ def _check_readings(recording: Recording) -> None:
         )
 
 
-def _exchanged(recording: Recording) -> tuple[int, int] | None:
-    """Two wires, if any, each of which is as warm as the duty of the other would have it."""
+def _heat(recording: Recording) -> np.ndarray:
+    """How warm wires are by their duty (W, K), as a share of what full duty comes to."""
     # scipy.signal takes longer to import than all the rest.
     from scipy.signal import lfilter
 
     memory = np.exp(-1 / recording.sample_rate / COOLING_TIME)
-    heat = lfilter([1 - memory], [1, -memory], recording.duty, axis=1)
-    warmth = recording.measured_temperature
+    return lfilter([1 - memory], [1, -memory], recording.duty, axis=1)
+
+
+def _exchanged(recording: Recording) -> tuple[int, int] | None:
+    """Two wires, if any, each of which is as warm as the duty of the other would have it."""
+    heat, warmth = _heat(recording), recording.measured_temperature
     heated = [i for i in range(len(heat)) if np.ptp(heat[i]) > 0 and np.ptp(warmth[i]) > 0]
     for one, other in itertools.combinations(heated, 2):
         agreement = np.corrcoef(heat[[one, other]], warmth[[one, other]])[:2, 2:]
@@ -268,9 +283,9 @@ def _check_wires(recording: Recording) -> None:
     rise = smooth.max(axis=1) - smooth[:, :width].mean(axis=1)
     directions = np.array([wire.direction for wire in recording.parameters.wires])
     for index, name in enumerate(names):
-        if dose[index] < HEATED or rise[index] >= RISE:
+        if dose[index] < HEATED or not rise[index] < RISE:
             continue
-        other = int(np.argmax(np.where(dose < HEATED, rise, -np.inf)))
+        other = int(np.nanargmax(np.where(dose < HEATED, rise, -np.inf)))
         if dose[other] < HEATED and rise[other] >= RISE:
             angle = recording.bend_angle[0]
             bent = angle[np.argmax(smooth[other])] - np.median(angle[:width])
@@ -287,6 +302,8 @@ def _check_wires(recording: Recording) -> None:
         )
     excess = smooth - smooth[:, :width].mean(axis=1, keepdims=True)
     signal = np.convolve(recording.bend_angle[0], kernel, "valid")
+    unread = ~recording.has_thermocouple
+    excess[unread] = WARMTH * _heat(recording)[unread, width - 1 :]
     drive = directions @ excess
     moves = np.ptp(signal) > 2 * BENT and np.ptp(drive) > 0
     agreement = np.corrcoef(drive, signal)[0, 1] if moves else 0.0

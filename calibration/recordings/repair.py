@@ -10,6 +10,7 @@ from limb_systems import Recording
 
 SPIKE = 6.0  # robust standard deviations from the median of five samples, beyond which one counts
 STEEP = 1.5  # of the range of its neighbours, within which a sample is no spike
+READ = 2.0  # s, within which readings are missed least
 PASSES = 2  # after which spikes beside each other are gone
 
 
@@ -57,9 +58,7 @@ def at_sample_times(recording: Recording) -> Recording:
     breaks = np.array([taken[0] - 1.0, *taken, end])
 
     def when_taken(row: np.ndarray) -> np.ndarray:
-        shown = ~np.isnan(row[first])
-        there = np.interp(recording.time, taken[shown], row[first][shown])
-        return np.where(np.isnan(row), np.nan, there)
+        return np.where(np.isnan(row), np.nan, filled(recording.time, row[first], taken))
 
     def means(duty: np.ndarray) -> np.ndarray:
         since_start = np.append(0.0, np.cumsum(np.append(duty[first], duty[-1]) * np.diff(breaks)))
@@ -102,15 +101,20 @@ def without_missing(recording: Recording) -> Recording:
     steps = np.diff(recording.time[shown])
     duty = np.column_stack([recording.duty[:, shown][:, :1], np.diff(dose) / steps])
     duty = np.clip(duty, 0.0, 1.0)  # but for rounding
-    return dataclasses.replace(_part(recording, shown), duty=duty)
+    return dataclasses.replace(part(recording, shown), duty=duty)
 
 
 def before_missing(recording: Recording) -> Recording:
-    """The beginning of a recording, up to the first sample that is missing."""
-    return _part(recording, np.cumsum(recording.missing) == 0)
+    """The beginning of a recording, until a thermocouple is not read for some time."""
+    time, end = recording.time, recording.time[-1]
+    for readings in recording.measured_temperature[recording.has_thermocouple]:
+        known = np.concatenate([time[:1], time[~np.isnan(readings)], time[-1:]])
+        end = min([end, *known[:-1][np.diff(known) > READ]])
+    return part(interpolated(recording), time <= end)
 
 
-def _part(recording: Recording, which: np.ndarray) -> Recording:
+def part(recording: Recording, which: np.ndarray) -> Recording:
+    """Some samples of a recording (K,)."""
     return dataclasses.replace(recording, **_each(recording, lambda signal: signal[..., which]))
 
 
@@ -137,7 +141,8 @@ def _with_readings(
     return dataclasses.replace(recording, **readings, **signals)
 
 
-def filled(times: np.ndarray, signal: np.ndarray) -> np.ndarray:
-    """A signal (K,) with lines where it is nan."""
+def filled(times: np.ndarray, signal: np.ndarray, taken: np.ndarray | None = None) -> np.ndarray:
+    """A signal with lines where it is nan, at times (K,); it may be taken at other times (L,)."""
+    taken = times if taken is None else taken
     shown = ~np.isnan(signal)
-    return np.interp(times, times[shown], signal[shown]) if shown.any() else signal
+    return np.interp(times, taken[shown], signal[shown]) if shown.any() else np.nan * times

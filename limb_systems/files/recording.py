@@ -116,8 +116,17 @@ class Recording(Samples):
 
     @property
     def missing(self) -> np.ndarray:
-        """Whether a reading of V or φ is missing, at each sample (K,)."""
-        return np.isnan(np.vstack([self.measured_temperature, self.bend_angle])).any(axis=0)
+        """Whether a reading of V or φ is missing, at each sample (K,).
+
+        A wire whose readings are all missing has no thermocouple, and does not count.
+        """
+        readings = self.measured_temperature[self.has_thermocouple]
+        return np.isnan(np.vstack([readings, self.bend_angle])).any(axis=0)
+
+    @property
+    def has_thermocouple(self) -> np.ndarray:
+        """Whether there is any reading of each wire (W,)."""
+        return ~np.isnan(self.measured_temperature).all(axis=1)
 
     @property
     def usable(self) -> np.ndarray:
@@ -144,13 +153,14 @@ class Recording(Samples):
         if missing.all():
             entries.append(Entry("samples", count, "", "no samples"))
         else:
-            heat = float(np.nanmax(self.measured_temperature))
             entries += [
                 Entry("duration", float(self.time[-1] - self.time[0]), "s"),
                 Entry("samples", count, "", f"{count} samples"),
                 self._bend_entry(),
-                Entry("heat", heat, "°C", f"up to {heat:.0f} °C"),
             ]
+            if self.has_thermocouple.any():
+                heat = float(np.nanmax(self.measured_temperature))
+                entries.append(Entry("heat", heat, "°C", f"up to {heat:.0f} °C"))
         if self.interrupted:
             entries.append(Entry("end", self.interrupted, "", f"interrupted: {self.interrupted}"))
         if number := int(missing.sum()):

@@ -12,7 +12,7 @@ from calibration import (
 )
 from calibration.calibrate import METHODS
 from calibration.collecting.protocol import PROTOCOLS
-from calibration.recordings.checks import check_recording
+from calibration.recordings.checks import check_recording, check_without_gaps
 from hardware import LimbTwin, SerialLimb
 from hardware.robot.text_link import open_link
 from limb_systems import LimbError, LimbParameters, Recording
@@ -101,6 +101,7 @@ def _validate(options: argparse.Namespace) -> int:
     check_outputs(outputs, inputs=inputs, pictures=[options.plot], force=options.force)
     limb, recording = LimbParameters.load(options.limb), Recording.load(options.recording)
     check_recording(recording)
+    check_without_gaps(recording)
     validation = validate(limb, recording)
     if options.plot:
         # Matplotlib takes as long to import as all the rest.

@@ -63,8 +63,11 @@ def write_report(
     """
     sources = sorted({source for group in calibration.sources.values() for source in group})
     parts: list[page.Part] = [page.verdict(calibration.verdict)]
-    if calibration.remarks:
-        parts.append(page.section("What to do next", page.items(ranked(calibration))))
+    to_do, kept = ranked(calibration), calibration.as_described
+    if calibration.next_recording:
+        to_do.append(f"next recording: {calibration.next_recording}")
+    if to_do:
+        parts.append(page.section("What to do next", page.items(to_do)))
     if calibration.validation:
         parts.append(
             _section(
@@ -79,6 +82,7 @@ def write_report(
             "Parameters",
             page.paragraph(f"From recordings of: {', '.join(sources)}."),
             parameter_table(calibration),
+            *([page.paragraph(f"As described: {', '.join(kept)}.")] if kept else []),
         )
     )
     if calibration.prediction:

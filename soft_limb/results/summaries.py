@@ -147,10 +147,13 @@ def calibration_summary(calibration: Calibration) -> Summary:
     entries = [
         Entry("verdict", calibration.verdict),
         Entry("remarks", remarks, sentence="\n".join(ranked(calibration)) or None),
+        Entry("next", calibration.next_recording, sentence=calibration.next_recording or None),
         Entry("estimates", values, sentence=None),
         *(Entry(name, sentence=str(estimate)) for name, estimate in estimates.items()),
         _laws(calibration.prediction),
     ]
+    kept = calibration.as_described
+    entries.append(Entry("as_described", kept, sentence=", ".join(kept) or None))
     factor = stiffness.correction_factor if stiffness else None
     entries.append(
         Entry("correction_factor", factor, sentence=f"λ = {factor:.3f}" if factor else None)

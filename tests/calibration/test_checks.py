@@ -54,10 +54,6 @@ def at_zero(recording, noise):
 
 
 TROUBLES = {
-    "gap": (
-        {"time": lambda r: r.time + 3.2 * (r.time > 41.0)},
-        r"a gap .* of 3\.25 s after 41\.00 s",
-    ),
     "milliseconds": ({"time": lambda r: 1000 * r.time}, "Is time in milliseconds"),
     "dead": (
         {"measured_temperature": lambda r: np.full_like(r.measured_temperature, 23.0)},
@@ -107,13 +103,13 @@ TROUBLES = {
         {"bend_angle": lambda r: r.bend_angle * (abs(r.time - 40.0) > 5.0)},
         r"bend sensor reads exactly 0 from 35\.00 s to 45\.00 s, and \d.* beside it",
     ),
-    "no reading before the heat": (
-        {"bend_angle": lambda r: np.where(r.time < 3.0, np.nan, r.bend_angle)},
-        r"no reading is there before 3\.00 s, when wires were already heated",
+    "hardly any bend": (
+        {"bend_angle": lambda r: np.where(r.time > 0.9, np.nan, r.bend_angle)},
+        r"the bend angle is there in 19 of \d+ samples, which tell nothing; leave this",
     ),
-    "half is missing": (
-        {"bend_angle": lambda r: np.where(r.time > 0.4 * r.time[-1], np.nan, r.bend_angle)},
-        r"samples are missing, so record it again",
+    "no thermocouple": (
+        {"measured_temperature": lambda r: np.full_like(r.measured_temperature, np.nan)},
+        r"no thermocouple shows how warm a heated wire is, .*; bond one to a wire",
     ),
     "fahrenheit": (
         {"measured_temperature": lambda r: 1.8 * r.measured_temperature + 32},
@@ -135,6 +131,25 @@ def test_trouble_is_named(right, model_recordings):
     ):
         with pytest.raises(CalibrationError, match=message):
             check_recording(changed(both, **signals), "both")
+
+
+def test_what_cannot_be_cut_must_be_without_gaps(right, model_recordings):
+    """For the paper's method, and for the ring-down."""
+    for signals, message in (
+        (
+            {
+                "time": lambda r: r.time + 20.0 * (r.time > 41.0),
+                "duty": lambda r: r.duty * (r.time < 41),
+            },
+            r"a gap .* of 20\.05 s after 41\.00 s, and what duty .* cut the file there",
+        ),
+        (
+            {"bend_angle": lambda r: np.where(r.time < 3.0, np.nan, r.bend_angle)},
+            r"no reading is there before 3\.00 s, when wires were already heated",
+        ),
+    ):
+        with pytest.raises(CalibrationError, match=message):
+            calibrate({**model_recordings, "right": [changed(right, **signals)]}, method="paper")
 
 
 def left_dead(recording):
