@@ -77,5 +77,7 @@ def following(times: np.ndarray, heats: np.ndarray, bend: np.ndarray) -> float:
     """How well the changes of a bend within some seconds follow those of the heat, 0 to 1."""
     late = np.searchsorted(times, times + SOON)
     late, early = late[late < len(times)], np.flatnonzero(late < len(times))
+    if not len(late):
+        return 0.0
     changes, change = heats[:, late] - heats[:, early], bend[late] - bend[early]
     return abs(correlation(bending(changes, change) @ changes, change))

@@ -94,8 +94,13 @@ def _sma(table: LogTable, limbs: list[int]) -> list[LimbInLog]:
         mapping = _of(table, time, named, bend)
         mapping, sign = turned(mapping, table, kept, heats[own])
         lines = [f"limb {limb} of a logger of limbs with shape-memory alloy", *notes, note, sign]
+        lines += [
+            f"limb {other} was not heated, and is left out"
+            for other in limbs
+            if other not in heated and heated
+        ]
         lines.append("left is its wire rev, right is fwd; exchange the names if they are not")
-        name = f"limb_{limb}" if len(heated or limbs) > 1 else ""
+        name = f"limb_{limb}" if len(limbs) > 1 else ""
         found.append(LimbInLog(name, mapping, lines, [found_pairs[i][1] for i in own]))
     return found
 
@@ -133,7 +138,7 @@ def _bend_of_limb(table: LogTable, limb: int, limbs: list[int]) -> tuple[BendCol
         bend.base_line = [axis for tag in tags[max(0, first - 2) : first + 1] for axis in tag]
         return bend, said + "from the direction of the limb before it"
     bend.zero = base_direction(table, own)
-    return bend, said + f"from the base, which points to {bend.zero:.1f}° in the picture"
+    return bend, said + "from where the base points to in the picture, bend.zero"
 
 
 def points(names: list[str]) -> list[tuple[str, str]]:

@@ -1,5 +1,6 @@
 """What the columns of any other log may be: by names, ranges and what follows the heat."""
 
+import contextlib
 import dataclasses
 import itertools
 import re
@@ -25,6 +26,7 @@ from limb_systems.logs.formats import (
 from limb_systems.logs.mapping import (
     BEND_ANGLE,
     CHORD,
+    OPEN,
     SECONDS,
     TIP_TANGENT,
     BendColumns,
@@ -33,7 +35,7 @@ from limb_systems.logs.mapping import (
     WireColumns,
 )
 from limb_systems.logs.reading import DAY, times_of
-from limb_systems.logs.table import OPEN, LogTable, read_table
+from limb_systems.logs.table import LogError, LogTable, read_table
 
 TIME, DUTY, TEMPERATURE, BEND = "time", "duty", "temperature", "bend"
 WORDS = {  # in names of columns, whole or as their parts
@@ -201,9 +203,10 @@ def _question_on_bend(mapping: LogMapping, columns: list[Column], heats: np.ndar
 
 
 def _times(table: LogTable, time: TimeColumn) -> tuple[np.ndarray, np.ndarray]:
-    if time.column == OPEN:  # to see what follows what
-        return 0.1 * np.arange(len(table.cells)), np.ones(len(table.cells), bool)
-    return times_of(table, time)
+    with contextlib.suppress(LogError):
+        return times_of(table, time)
+    # To see what follows what; the reading will tell.
+    return 0.1 * np.arange(len(table.cells)), np.ones(len(table.cells), bool)
 
 
 def _stands_out(column: Column, value: float) -> bool:
@@ -218,6 +221,7 @@ def _stands_out(column: Column, value: float) -> bool:
 def _time(table: LogTable, columns: list[Column], notes: dict[str, str]) -> TimeColumn:
     """The column that increases, in a unit in which its rate and its length are those of logs."""
     best: tuple[float, TimeColumn] | None = None
+    standing = ""
     for column in columns:
         values, unit = column.values, ""
         if np.isnan(values).mean() > 0.5:
@@ -226,7 +230,8 @@ def _time(table: LogTable, columns: list[Column], notes: dict[str, str]) -> Time
         if len(shown) < 0.5 * len(values) or len(shown) < 5:
             continue
         steps = np.diff(shown)
-        if (steps > 0).sum() < 5 or (steps < 0).sum() > 0.02 * len(steps) + 1:
+        if (steps > 0).sum() < 5 or (steps < 0).sum() > 0.002 * len(steps) + 1:
+            standing = column.name if column.said(TIME) and len(column.words) == 1 else standing
             continue
         unit = unit or _unit_of_time(column, shown)
         if not unit:
@@ -240,6 +245,8 @@ def _time(table: LogTable, columns: list[Column], notes: dict[str, str]) -> Time
         score -= 2.0 * (column.said(TEMPERATURE) and not column.said(TIME))
         if best is None or score > best[0]:
             best = score, TimeColumn(column.name, unit, wraps)
+    if standing and (best is None or best[0] < 2.0):
+        return TimeColumn(standing)  # which reading refuses
     if best is None:
         return TimeColumn(OPEN)
     notes[best[1].column] = f"time, in {best[1].unit}"
@@ -362,7 +369,7 @@ def _temperatures(columns: list[Column], heats: np.ndarray, notes: dict[str, str
     found = []
     for column in columns:
         values = column.shown
-        if _has(column.words, NOT_MEASURED) or np.ptp(values) == 0:
+        if _has(column.words, NOT_MEASURED) or not (np.ptp(values) or column.said(TEMPERATURE)):
             continue
         low = np.quantile(values, 0.02)
         follows = max((correlation(heat, column.values) for heat in heats), default=0.0)

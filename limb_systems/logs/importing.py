@@ -7,6 +7,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from limb_systems.files.recording import Recording
 from limb_systems.logs.formats import LimbInLog
 from limb_systems.logs.guess import limbs_in_log
@@ -74,6 +76,11 @@ def import_logs(
     for limb in itertools.chain(*found.values()):
         if limb.heated and not mapping:
             shown[_columns(limb)] = _joined(limb, shown.get(_columns(limb)))
+    for key, known in shown.items():  # the base points to one direction in all of them
+        same = [known, *(one for one in itertools.chain(*found.values()) if _columns(one) == key)]
+        zero = float(np.median([one.mapping.bend.zero for one in same]))
+        for one in same:
+            one.mapping.bend.zero = zero
     imported = []
     for path, limbs in found.items():
         for limb in limbs:

@@ -13,6 +13,7 @@ from limb_systems.schema import Strict, dump_typed, load_typed, quantity
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "date": 1.0}
 CELSIUS = {"C": (1.0, 0.0), "F": (1 / 1.8, -32 / 1.8), "K": (1.0, -273.15)}  # factor, offset
 BEND_ANGLE, CHORD, TIP_TANGENT = "bend_angle", "chord", "tip_tangent"
+OPEN = "?"  # in place of a column that is not known
 MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
 
 
@@ -113,6 +114,13 @@ class LogMapping(Strict):
             raise LogError("bend must have either a column or a line.")
         if not self.wires or not all(wire.full for wire in self.wires):
             raise LogError("wires must have at least one wire, and full must not be 0.")
+
+    @property
+    def open(self) -> list[str]:
+        """What no column is given for."""
+        columns = {"time": self.time.column, "the bend": self.bend.column}
+        columns |= {f"duty of the {wire.name} wire": wire.duty for wire in self.wires}
+        return [what for what, column in columns.items() if column == OPEN]
 
     def save(self, path: str | Path, remarks: Iterable[str] = ()) -> None:
         """Writes YAML, with remarks above it as comments."""

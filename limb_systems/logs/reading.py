@@ -49,6 +49,9 @@ def read_log(
     Raises:
         LogError: if the log is not as the mapping says.
     """
+    if mapping.open:
+        what = ", ".join(mapping.open)
+        raise LogError(f"{path}: no column is known for {what}; give it in the mapping.")
     table = read_table(path, mapping.delimiter, mapping.decimal, mapping.names_line)
     try:
         return _parts(table, mapping, described(mapping, parameters), Path(path).name)

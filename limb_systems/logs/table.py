@@ -15,7 +15,6 @@ from limb_systems.input import LARGEST_TABLE, read_bytes
 
 # As mappings call them; the last one stands for any white space.
 DELIMITERS = {",": ",", ";": ";", "tab": "\t", "|": "|", "space": None}
-OPEN = "?"  # in place of a column that is not known
 LOOKED_AT = 200  # rows by which the delimiter is told
 FEWEST_ROWS = 10
 _TIMES = ("%H:%M:%S.%f", "%H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S",
@@ -54,8 +53,7 @@ class LogTable:
     def texts(self, name: str) -> list[str]:
         """The cells of a column (K,); LogError if there is none of that name."""
         if name not in self.names:
-            what = "its mapping leaves a column open" if name == OPEN else f"no column {name!r}"
-            raise LogError(f"{what}; the columns are {', '.join(self.names)}.")
+            raise LogError(f"no column {name!r}; the columns are {', '.join(self.names)}.")
         index = self.names.index(name)
         return [row[index] for row in self.cells]
 

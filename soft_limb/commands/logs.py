@@ -33,7 +33,9 @@ def _import(options: argparse.Namespace) -> int:
     for path, recording in recordings.items():
         recording.save(path)
     failed = any(log.error for log in logs)
-    text = "" if failed else f"soft-limb fit {options.output} -o limb.yaml"
+    names = sorted({log.limb.name for log in logs if log.recordings})
+    fits = [f"soft-limb fit {options.output / name} -o {name or 'limb'}.yaml" for name in names]
+    text = "" if failed else "\n".join(fits)
     print_summary(options, Summary.of({"next": text}, {"logs": told}), written)
     return int(failed)
 

@@ -251,14 +251,19 @@ def test_signed_duty_and_one_wire(tmp_path, truth):
     assert np.isnan(two.measured_temperature[0]).all()
 
 
+def rows(names, form):
+    return "\n".join([names, *(form.format(i, i % 2, i % 7) for i in range(50))]).encode()
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [
         (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "is not text"),
         (b"", "no rows of numbers"),
         (b"time,duty\n", "no rows of numbers"),
-        (b"time,duty,bend\n" + b"1,0,0\n" * 20, "leaves a column open"),
-        (b"time,bend,temp\n" + b"".join(b"%d,%d,22\n" % (i, i) for i in range(50)), "column open"),
+        (rows("time,duty,bend", "{0},{1},0"), "no column is known for the bend"),
+        (rows("ms,duty,bend", "5,{1},{2}"), "'ms' holds no time that increases"),
+        (rows("time,bend,temp", "{0},{2},22"), "no column is known for duty"),
     ],
 )
 def test_what_is_no_log_is_refused_in_a_sentence(tmp_path, content, said):
