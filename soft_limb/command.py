@@ -1,6 +1,7 @@
 """``soft-limb``, the door to all commands."""
 
 import argparse
+import datetime
 import importlib
 import os
 import signal
@@ -8,11 +9,14 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from limb_systems.errors import LimbError
 from limb_systems.signals import SIGNALS, came, stop
+from soft_limb.results.folder import find, glance
 
+NEWEST = 12  # results that are listed without a command
 EXIT_STATUS = "exit status: 0 done, 1 it could not be done, 2 wrong usage, 130 stopped by Ctrl-C"
 
 # For each command: its module in `soft_limb.commands`, which is imported when the command runs,
@@ -39,6 +43,7 @@ COMMANDS = {
     "show": ("results", "say what files are, and what made them"),
     "compare": ("results", "say how plans, recordings or limbs differ"),
     "export": ("results", "write recordings and plans for other tools"),
+    "runs": ("results", "show the results in a folder on a page, compare them, replay plans"),
 }
 
 
@@ -60,6 +65,8 @@ def main(arguments: Sequence[str] | None = None, package: str = "") -> int:
     if len(names) > 1:
         door = _door(prog, names)
         if not words:
+            if not package and _print_results(prog):
+                return 0
             door.print_help(sys.stderr)
             return 2
         chosen = door.parse_args(words)
@@ -70,12 +77,27 @@ def main(arguments: Sequence[str] | None = None, package: str = "") -> int:
     parser = command.parser(prog)
     _add_import_option(parser)
     options = parser.parse_args(words)
-    for module in (*modules, *options.modules):
+    options.modules = [*modules, *options.modules]
+    for module in options.modules:
         try:
             _import(module)
         except Exception as error:  # whatever the module does
             parser.error(f"{module} could not be imported: {type(error).__name__}: {error}")
     return run_command(lambda: command.run(options), command.stopped)
+
+
+def _print_results(prog: str) -> bool:
+    """Lists the newest results in this folder; whether there are any."""
+    found = [(kind, file) for file in find(Path()) if (kind := glance(file.path))]
+    if found:
+        print(f"{len(found)} results here, newest first:")
+    for kind, file in found[:NEWEST]:
+        changed = datetime.datetime.fromtimestamp(file.changed)
+        print(f"  {changed:%Y-%m-%d %H:%M}  {kind:<10}  {file.key}")
+    if found:
+        print(f"\n{prog} runs shows them on a page, {prog} show FILE says what one is, and")
+        print(f"{prog} --help lists all commands.")
+    return bool(found)
 
 
 def _door(prog: str, names: Sequence[str]) -> argparse.ArgumentParser:

@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import gc
+import html
 import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -93,6 +94,7 @@ def write_meshcat_replay(
         frames_per_second=repr(float(rate)),
         last_frame=len(times) - 1,
         opacity=GHOST_OPACITY,
+        provenance=motion.provenance and dataclasses.asdict(motion.provenance),
         signal="measured temperature" if measured else "wire temperature",
         low=f"{parameters.ambient_temperature:g}",
         high=f"{limits.maximum:g}",
@@ -101,6 +103,7 @@ def write_meshcat_replay(
         duty_rgb=_css(DUTY_COLOR),
         aspect=aspect,
     )
+    page = page.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(title)}</title>")
     write_atomically(path, page.replace("</body>", f"{caption}</body>"))
 
 

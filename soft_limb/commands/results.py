@@ -1,6 +1,7 @@
 """Commands that say what files are and how they differ, and that write them for other tools."""
 
 import argparse
+import asyncio
 import json
 from pathlib import Path
 
@@ -10,7 +11,9 @@ from limb_systems.files.runner import write_c_header, write_rows
 from limb_systems.output import OutputError, check_outputs
 from limb_systems.summary import Summary
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
+from soft_limb.live.page import LOOPBACK, host_and_port, open_in_browser
 from soft_limb.results.comparison import Comparison, compare
+from soft_limb.results.overview import Overview
 from soft_limb.results.reading import RECORDING, TRAJECTORY, read_result
 
 _TABLES = {"parquet": write_parquet, "mcap": write_mcap}
@@ -85,6 +88,26 @@ def _export(options: argparse.Namespace) -> int:
     return 0
 
 
+def _runs(options: argparse.Namespace) -> int:
+    check_outputs([options.output], force=options.force)
+    # Those of servers take as long to import as all the rest.
+    if options.output:
+        from soft_limb.reports.overview import write_overview
+
+        overview = Overview(options.folder)
+        overview.look()
+        write_overview(overview, options.output)
+        print_summary(options, Summary([]), [options.output])
+        return 0
+    from soft_limb.live.start_page import StartPage
+
+    page = StartPage(options.folder, *host_and_port(options.address), options.modules)
+    print(f"runs        {page.url}", flush=True)
+    open_in_browser(page.url)
+    asyncio.run(page.serve())
+    return 0
+
+
 STOPPED = "stopped; no file is half-written"
 COMMANDS = {
     "show": Command(
@@ -108,6 +131,25 @@ COMMANDS = {
             ),
         ],
         stopped=STOPPED,
+    ),
+    "runs": Command(
+        _runs,
+        "Shows plans, recordings, limbs and what was learned in a folder and below on a page of "
+        "this computer, newest first, with reports and what belongs together. The page compares "
+        "results, and replays plans on emulated limbs, never on a robot. Ctrl-C ends it.",
+        "force",
+        [
+            Option("folder", nargs="?", type=Path, default=Path(), help="this one if left out"),
+            shared("output", required=False, help="write the page, without a server (.html)"),
+            Option(
+                "--address",
+                metavar="HOST[:PORT]",
+                default=LOOPBACK,
+                help="serve it there, for other computers too, with a token in its address "
+                "(default %(default)s, and a free port)",
+            ),
+        ],
+        stopped="stopped; the page is gone",
     ),
     "export": Command(
         _export,

@@ -8,8 +8,10 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import urllib.parse
 import warnings
+import webbrowser
 from typing import IO
 
 from hardware.live.messages import Message, Reading, RunHeader
@@ -51,7 +53,7 @@ class LivePage:
         Raises:
             LimbError: if the page cannot be served there.
         """
-        host, port = _host_and_port(address)
+        host, port = host_and_port(address)
         if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
             # As of a script that a shell runs in the background: the button would do nothing.
             signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -152,7 +154,13 @@ class LivePage:
         return answer
 
 
-def _host_and_port(address: str) -> tuple[str, int]:
+def open_in_browser(url: str) -> None:
+    """Opens a page in the browser of this computer, where there is a display; waits for nothing."""
+    if {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() or sys.platform == "darwin":
+        threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
+
+def host_and_port(address: str) -> tuple[str, int]:
     """Host and port of HOST or HOST:PORT; port 0 is any that is free.
 
     Raises:
@@ -164,4 +172,4 @@ def _host_and_port(address: str) -> tuple[str, int]:
             return parts.hostname, parts.port or 0
     except ValueError:
         pass
-    raise LimbError(f"'{address}' is no address for the live page; give HOST or HOST:PORT.")
+    raise LimbError(f"'{address}' is no address for a page; give HOST or HOST:PORT.")

@@ -63,8 +63,11 @@ class ResultFile:
         }
 
 
-def read_result(path: str | Path) -> ResultFile:
+def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
     """Reads a file, whatever it is.
+
+    Args:
+        quick: whether its summary is to be without what takes a second, as of `plan_summary`.
 
     Raises:
         LimbError: with one sentence, if it is not a file of soft-limb or is damaged.
@@ -75,7 +78,7 @@ def read_result(path: str | Path) -> ResultFile:
     if match := re.match(r"# limb (\w+), format ", head):
         readers = {RECORDING: _recording, TRAJECTORY: _trajectory, LEARNING: _learning}
         if match[1] in readers:
-            return readers[match[1]](path)
+            return readers[match[1]](path, quick)
     elif head.lstrip().lower().startswith("<!doctype html>"):
         return _report(path, data)
     elif path.suffix in (".yaml", ".yml"):
@@ -85,24 +88,26 @@ def read_result(path: str | Path) -> ResultFile:
     )
 
 
-def _recording(path: Path) -> ResultFile:
+def _recording(path: Path, _quick: bool) -> ResultFile:
     recording = Recording.load(path, unfinished=is_unfinished(path))
     rate = Entry("rate", float(recording.sample_rate), "Hz")
     summary = recording.summary() + Summary([rate, _identity(recording.parameters)])
     return ResultFile(path, RECORDING, summary, recording.provenance, recording)
 
 
-def _trajectory(path: Path) -> ResultFile:
+def _trajectory(path: Path, quick: bool) -> ResultFile:
     trajectory = Trajectory.load(path)
-    summary = plan_summary(trajectory) + Summary([_identity(trajectory.parameters)])
+    summary = plan_summary(trajectory, quick=quick) + Summary([_identity(trajectory.parameters)])
     return ResultFile(path, TRAJECTORY, summary, trajectory.provenance, trajectory)
 
 
-def _learning(path: Path) -> ResultFile:
+def _learning(path: Path, quick: bool) -> ResultFile:
     learner = Learner.load(path)
     trajectory = learner.trajectory
     plan = Entry("plan", trajectory.summary().line())
-    summary = repetitions_summary(learner) + Summary([plan, _identity(trajectory.parameters)])
+    summary = repetitions_summary(learner, quick=quick) + Summary(
+        [plan, _identity(trajectory.parameters)]
+    )
     return ResultFile(path, LEARNING, summary, learner.provenance)
 
 

@@ -11,11 +11,16 @@ from planners import nearest_bend_angle
 from planners.checks import far_from_reference
 
 
-def plan_summary(trajectory: Trajectory) -> Summary:
-    """How a plan was found and checked, how far it is from its reference, and what limits it."""
+def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
+    """How a plan was found and checked, how far it is from its reference, and what limits it.
+
+    Args:
+        quick: whether to leave out what the limits leave, which takes a second.
+    """
     check, parameters = trajectory.check, trajectory.parameters
     segments, knots = len(parameters.segments), len(trajectory.time)
-    distances = reference_distances(trajectory, nearest=nearest_bend_angle(trajectory))
+    best = None if quick else nearest_bend_angle(trajectory)
+    distances = reference_distances(trajectory, nearest=best)
     missed, nearest = np.rad2deg(distances.planned), _degrees(distances.nearest)
     most = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference).max())
     texts = {
@@ -107,8 +112,12 @@ def spans(times: list[tuple[float, float]]) -> str:
     return ", ".join(f"{start:.1f}-{end:.1f}" for start, end in times)
 
 
-def repetitions_summary(learner: Learner) -> Summary:
-    """How near each repetition came to the reference and to the plan, and why learning ended."""
+def repetitions_summary(learner: Learner, *, quick: bool = False) -> Summary:
+    """How near each repetition came to the reference and to the plan, and why learning ended.
+
+    Args:
+        quick: as for `plan_summary`.
+    """
     values = [
         {
             "reference_distance_deg": float(np.rad2deg(repetition.reference_distance)),
@@ -125,7 +134,7 @@ def repetitions_summary(learner: Learner) -> Summary:
     undone = sum(repetition.failed for repetition in learner.repetitions)
     said = f"mean |φ* - φ| {errors}{f'; {undone} were undone' * bool(undone)}" if values else "none"
     plan = learner.trajectory
-    distances = reference_distances(plan, nearest=nearest_bend_angle(plan))
+    distances = reference_distances(plan, nearest=None if quick else nearest_bend_angle(plan))
     return Summary(
         [
             *_beside(done, distances),

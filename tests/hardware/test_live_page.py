@@ -39,6 +39,7 @@ from planners import plan, references
 from soft_limb.command import main
 from soft_limb.commands import options
 from soft_limb.live import document, server, view
+from soft_limb.live.gate import COOKIE, Gate
 from soft_limb.live.page import LivePage
 from soft_limb.live.run import ENDED_WITHOUT_A_WORD, MOST_POINTS, Run
 from soft_limb.runs.cooling import cool_down
@@ -271,7 +272,7 @@ def status(port, path, **headers):
 
 def test_from_beyond_this_computer_the_token_is_needed(port, token):
     assert len(token) > 40
-    known = f"{server.COOKIE}_{port}={token}"
+    known = f"{COOKIE}_{port}={token}"
     for path in ("/", "/?token=wrong", "/view/", "/ws", "/static/js/bokeh.min.js", "/metadata"):
         assert status(port, path)[0] == 403, path
         assert status(port, path, Cookie=f"{known[:-1]}-")[0] == 403, path
@@ -290,7 +291,7 @@ def test_nothing_else_listens(live, port, motion):
     """Meshcat's own server asks nobody who they are: it is gone when it has made its page."""
     live.begin(RunHeader("a limb", motion.parameters, 110.0, plan=motion))
     pid, token = live._process.pid, live.url.partition("?token=")[2]
-    cookie = f"{server.COOKIE}_{port}={token}"
+    cookie = f"{COOKIE}_{port}={token}"
 
     def view():
         request = urllib.request.Request(f"http://127.0.0.1:{port}/view/")
@@ -351,7 +352,7 @@ def test_pages_of_other_sites_are_refused(port, token):
 
 def test_at_home_a_page_has_a_name_of_this_computer():
     """Or another site's name could be made to lead here, and its page would be of this origin."""
-    gate = server.Gate(loopback=True, port=5006)
+    gate = Gate(loopback=True, port=5006)
     assert not gate.token
 
     def is_at_home(host, origin=None):
@@ -546,9 +547,9 @@ def test_a_page_that_cannot_be_served_is_said_before_anything_is_heated(
     motion.save(tmp_path / "plan.csv")
     arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
     assert main([*arguments, "--live-address", f"127.0.0.1:{port}"]) == 1
-    said = f"error: The live page cannot be served at 127.0.0.1:{port}: Address already in use"
+    said = f"error: The page cannot be served at 127.0.0.1:{port}: Address already in use"
     assert said in capsys.readouterr().err
     assert not (tmp_path / "recording.csv").exists()
     for wrong in ("", "somewhere:port", "host/path", "host:99999"):
-        with pytest.raises(LimbError, match="is no address for the live page"):
+        with pytest.raises(LimbError, match="is no address for a page"):
             LivePage(wrong)

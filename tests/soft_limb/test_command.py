@@ -170,7 +170,10 @@ def test_every_command_explains_itself(capsys):
     assert capsys.readouterr().out.startswith("usage: python -m planners [-h] [-l LIMB]")
 
 
-def test_soft_limb_says_its_version_and_refuses_what_it_does_not_know(capsys):
+def test_soft_limb_says_its_version_and_refuses_what_it_does_not_know(
+    tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)  # where there are no results
     with pytest.raises(SystemExit):
         main(["--version"])
     assert re.fullmatch(r"soft-limb \d+\.\d+\.\d+\n", capsys.readouterr().out)

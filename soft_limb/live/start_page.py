@@ -1,0 +1,229 @@
+"""Serves the results in a folder: `soft-limb runs`.
+
+It passes the gate of the live page. Of the folder it serves what is a result, and pictures beside
+reports; it writes nothing but recordings of emulated limbs, and knows no robot.
+"""
+
+import asyncio
+import contextlib
+import os
+import re
+import signal
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TypeVar
+
+from tornado.httpserver import HTTPServer
+from tornado.web import HTTPError, RequestHandler
+
+from limb_systems import LimbError
+from soft_limb.live.gate import Gate, Gated, listen
+from soft_limb.reports.overview import overview_page
+from soft_limb.results.comparison import compare
+from soft_limb.results.overview import ListedFile, Overview
+from soft_limb.results.reading import REPORT, TRAJECTORY, read_result
+
+PATIENCE = 0.7  # s, for which one request reads files
+START_TIME = 90.0  # s, in which a replay must show its page
+TYPES = {".html": "text/html", ".png": "image/png"}
+FAREWELL = 5.0  # s, in which a replay ends as by Ctrl-C
+T = TypeVar("T")
+
+
+class StartPage:
+    """The page of a folder, and the replay that was started from it, one at a time.
+
+    - ``url``: address of the page. Its token, if it has one, is like a password.
+    """
+
+    def __init__(self, folder: Path, host: str, port: int, modules: Sequence[str] = ()):
+        """
+        Args:
+            folder: folder whose results are shown.
+            host, port: address to listen on; port 0 is any that is free.
+            modules: modules that commands import first, as with ``--import``.
+
+        Raises:
+            LimbError: if it cannot listen there, or there is no such folder.
+        """
+        self.overview = Overview(folder)
+        self.overview.look(0.0)
+        self._sockets, gate, self.url = listen(host, port)
+        self._host, self._modules = "" if not gate.token else host, modules
+        self._reader = ThreadPoolExecutor(1)
+        self._application = StartApplication(gate, self)
+        self._replay: asyncio.subprocess.Process | None = None
+        self._watcher: asyncio.Task | None = None
+        self.news: list[tuple[str, str]] = []
+
+    async def serve(self) -> None:
+        """Until it is cancelled; what was started from it ends, too."""
+        server = HTTPServer(self._application)
+        server.add_sockets(self._sockets)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            server.stop()
+            self._reader.shutdown(wait=False, cancel_futures=True)
+            if self._replay and self._replay.returncode is None:
+                self._replay.send_signal(signal.SIGINT)
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(self._replay.wait(), FAREWELL)
+
+    async def read(self, work: Callable[[], T]) -> T:
+        """Does work in a thread, one at a time."""
+        return await asyncio.get_running_loop().run_in_executor(self._reader, work)
+
+    def listed(self, key: str) -> ListedFile:
+        """A file by its key.
+
+        Raises:
+            HTTPError: if there is no such result.
+        """
+        for file in self.overview.files:
+            if file.key == key and file.kind and self.is_inside(file.path):
+                return file
+        raise HTTPError(404)
+
+    def is_inside(self, path: Path) -> bool:
+        """Whether a path leads to a file in the folder."""
+        resolved = path.resolve()
+        return resolved.is_relative_to(self.overview.folder.resolve()) and resolved.is_file()
+
+    def compared(self, keys: Sequence[str]) -> str:
+        """A page that compares results.
+
+        Raises:
+            LimbError: if they cannot be compared.
+        """
+        from soft_limb.reports.comparison import write_comparison  # with Bokeh
+
+        comparison = compare([read_result(self.listed(key).path) for key in keys])
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder, "comparison.html")
+            write_comparison(comparison, path)
+            return path.read_text("utf-8")
+
+    async def start(self, plan: ListedFile) -> str:
+        """Replays a plan on an emulated limb; the address of its live page.
+
+        Raises:
+            LimbError: if it does not start, or another has not ended.
+        """
+        if self._watcher and not self._watcher.done():
+            raise LimbError("A replay runs already; stop it on its page, or wait for its end.")
+        number = 1
+        while (output := plan.path.with_name(f"{plan.path.stem}_emulated_{number}.csv")).exists():
+            number += 1
+        words = [word for module in self._modules for word in ("--import", module)]
+        words += ["replay", str(plan.path.resolve()), "-o", str(output.resolve()), "--live"]
+        words += ["--live-address", self._host] * bool(self._host)
+        address: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+        self._watcher = asyncio.create_task(self._run(words, plan, output, address))
+        try:
+            return await asyncio.wait_for(address, START_TIME)
+        except TimeoutError as error:
+            raise LimbError("The replay does not show its page; this computer is busy.") from error
+
+    async def _run(
+        self, words: list[str], plan: ListedFile, output: Path, address: asyncio.Future
+    ) -> None:
+        """Runs a replay to its end, and says what becomes of it."""
+        self._replay = await asyncio.create_subprocess_exec(
+            *[sys.executable, "-P", "-m", "soft_limb", *words],
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+            env={**os.environ, "BROWSER": "true"},  # the browser that asked shows it
+            start_new_session=True,  # it gets one signal, from here
+        )
+        assert self._replay.stdout
+        last = ""
+        async for line in self._replay.stdout:
+            last = line.decode("utf-8", "replace").strip() or last
+            if (match := re.match(r"live +(http\S+)", last)) and not address.done():
+                address.set_result(match[1])
+                self.news = [(f"{plan.key} is replayed on an emulated limb.", match[1])]
+        status = await self._replay.wait()
+        if not address.done():
+            address.set_exception(LimbError(last or f"It ended with the exit status {status}."))
+        done = f"{plan.key} was replayed on an emulated limb: {output.name}."
+        self.news = [(done if status == 0 else f"The replay of {plan.key} ended: {last}", "")]
+
+
+class StartApplication(Gated):
+    """The pages of a `StartPage`, behind the gate."""
+
+    def __init__(self, gate: Gate, page: StartPage):
+        """
+        Args:
+            gate: who may see it.
+            page: what is served.
+        """
+        handlers = {"/": _List, "/compare": _Compare, "/start": _Start, r"/file/(.+)": _File}
+        rules = [(path, kind, {"page": page}) for path, kind in handlers.items()]
+        super().__init__(gate, rules, log_function=lambda handler: None)
+
+
+class _Handler(RequestHandler):
+    def initialize(self, page: StartPage) -> None:
+        self.page = page
+        self.set_header("Cache-Control", "no-store")
+        self.set_header("X-Content-Type-Options", "nosniff")
+
+    def write_error(self, status_code: int, **details) -> None:
+        """A sentence."""
+        error = details.get("exc_info", (None, None))[1]
+        said = str(error) if isinstance(error, LimbError) else self._reason
+        self.set_status(409 if isinstance(error, LimbError) else status_code)
+        self.set_header("Content-Type", "text/plain; charset=utf-8")
+        self.finish(f"{said}\n")
+
+    def log_exception(self, kind, error, trace) -> None:
+        """What users are told needs no trace."""
+        if not isinstance(error, LimbError | HTTPError):
+            super().log_exception(kind, error, trace)
+
+
+class _List(_Handler):
+    async def get(self) -> None:
+        page = self.page
+        await page.read(lambda: page.overview.look(PATIENCE))
+        self.finish(
+            overview_page(page.overview, lambda f: f"file/{f.key}", served=True, news=page.news)
+        )
+
+
+class _Compare(_Handler):
+    async def get(self) -> None:
+        keys = self.get_query_arguments("run", strip=False)
+        self.finish(await self.page.read(lambda: self.page.compared(keys)))
+
+
+class _Start(_Handler):
+    async def post(self) -> None:
+        plan = self.page.listed(self.get_body_argument("plan", strip=False))
+        if plan.kind != TRAJECTORY:
+            raise HTTPError(404)
+        try:
+            self.redirect(await self.page.start(plan), status=303)
+        except LimbError:  # the page says why
+            self.redirect("/", status=303)
+
+
+class _File(_Handler):
+    async def get(self, key: str) -> None:
+        page, path = self.page, self.page.overview.folder / key
+        beside = {file.path.parent for file in page.overview.of_kind(REPORT)}
+        is_picture = key.isprintable() and path.suffix == ".png" and path.parent in beside
+        if not (is_picture and page.is_inside(path)):
+            path = page.listed(key).path
+        self.set_header("Content-Type", TYPES.get(path.suffix, "text/plain; charset=utf-8"))
+        # As of another site: a page in the folder, whoever wrote it, cannot ask for anything here.
+        self.set_header(
+            "Content-Security-Policy", "sandbox allow-scripts allow-popups allow-downloads"
+        )
+        self.finish(await page.read(path.read_bytes))

@@ -1,0 +1,294 @@
+"""All results in a folder, and what belongs together."""
+
+import dataclasses
+import datetime
+import itertools
+import shlex
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from limb_systems.errors import LimbError
+from limb_systems.files.recording import Recording
+from limb_systems.files.table_writer import is_unfinished
+from limb_systems.files.trajectory import Trajectory
+from limb_systems.provenance import Provenance
+from limb_systems.views.colors import (
+    NEUTRAL_COLOR,
+    PLAN_COLOR,
+    REFERENCE_COLOR,
+    ROLLOUT_COLOR,
+    wire_colors,
+)
+from limb_systems.views.panels import SIGNALS, Curve, Panel
+from soft_limb.command import COMMANDS
+from soft_limb.results.folder import FoundFile, find, glance
+from soft_limb.results.reading import (
+    LEARNING,
+    LIMB,
+    RECORDING,
+    REPORT,
+    TRAJECTORY,
+    ResultFile,
+    read_result,
+)
+
+RECENT = 5.0  # s since the last change of a recording
+BEING_RECORDED = "it is being recorded, or its program was killed just now"
+POINTS = 150  # of a curve in a small picture
+# Of kinds of files, those from which they are made.
+_MADE_FROM = {
+    RECORDING: (TRAJECTORY, LIMB),
+    TRAJECTORY: (RECORDING, LIMB, TRAJECTORY),
+    LEARNING: (TRAJECTORY,),
+    LIMB: (RECORDING, LIMB),
+}
+_OUTPUTS = ("-o", "--output", "--plot", "--report", "--diagnostics")  # options of commands
+# What a summary has for who looks at one file.
+_DETAILS = {"rate", "samples", "limb", "solver", "limits", "title", "recordings", "made by"}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ListedFile:
+    """What is kept of a file.
+
+    - ``key``, ``path``: as of `FoundFile`.
+    - ``time``: when it was made, as far as it says so, else changed, s since 1970.
+    - ``kind``: as of `ResultFile`; empty if the file cannot be read.
+    - ``facts``: key figures by their names.
+    - ``panels``: small picture of the signals.
+    - ``made``: what made it; None if it does not say.
+    - ``digest``: digest of the limb's parameters; empty if there are none.
+    - ``trouble``: why it cannot be read, in a sentence; else empty.
+    """
+
+    key: str
+    path: Path
+    time: float
+    kind: str = ""
+    facts: dict[str, str] = dataclasses.field(default_factory=dict)
+    panels: Sequence[Panel] = ()
+    made: Provenance | None = None
+    digest: str = ""
+    trouble: str = ""
+
+    @property
+    def folder(self) -> PurePosixPath:
+        """The folder that the file is in."""
+        return PurePosixPath(self.key).parent
+
+
+class Overview:
+    """Results in a folder and below; a file is read again only if it has changed.
+
+    - ``files``: files that have been read, newest first.
+    - ``unread``: number of files that are still to be read.
+    """
+
+    def __init__(self, folder: str | Path):
+        """
+        Args:
+            folder: path of the folder.
+        """
+        self.folder = Path(folder)
+        self.files: list[ListedFile] = []
+        self.unread = 0
+        self._known: dict[tuple[str, float, int], ListedFile] = {}
+
+    def look(self, patience: float = float("inf")) -> None:
+        """Looks at what is there now, and reads for so long, s; at least one file.
+
+        Raises:
+            LimbError: if the folder cannot be read.
+        """
+        try:
+            found = {(file.key, file.changed, file.size): file for file in find(self.folder)}
+        except OSError as error:
+            raise LimbError(f"Cannot list {self.folder}: {error.strerror}.") from error
+        known = {
+            stamp: self._known[stamp]
+            for stamp in found
+            # What was being recorded is asked again whether it still is.
+            if stamp in self._known and self._known[stamp].facts.get("end") != BEING_RECORDED
+        }
+        end = time.monotonic() + patience
+        for stamp in [stamp for stamp in found if stamp not in known]:
+            known[stamp] = list_file(found[stamp])
+            if time.monotonic() > end:
+                break
+        self._known, self.unread = known, len(found) - len(known)
+        listed = [file for file in known.values() if file.kind or file.trouble]
+        self.files = sorted(listed, key=lambda file: (-file.time, file.key))
+
+    def of_kind(self, *kinds: str) -> list[ListedFile]:
+        """The files of some kinds."""
+        return [file for file in self.files if file.kind in kinds]
+
+    def origins(self) -> dict[str, list[ListedFile]]:
+        """Files from which each file was made, by its key.
+
+        They are older, and named in the command that made it, or the plan of a recording that the
+        same command made in the same folder; or they are a limb of its limb's digest.
+        """
+        named, limbs = defaultdict(list), {file.digest: file for file in self.of_kind(LIMB)}
+        for file in self.of_kind(RECORDING, TRAJECTORY, LIMB):
+            names = [PurePosixPath(file.key).name, f"{file.folder.name}/"]
+            if file.made:
+                names.append(f"{file.folder} {file.made.command}")
+            for name in names:
+                named[name].append(file)
+
+        def older(file: ListedFile, name: str) -> list[ListedFile]:
+            kinds = _MADE_FROM[file.kind]
+            return [
+                other
+                for other in named.get(name, [])
+                if other is not file and other.kind in kinds and other.time <= file.time
+            ]
+
+        found = {}
+        for file in self.of_kind(*_MADE_FROM):
+            origins: list[ListedFile] = []
+            for word in map(PurePosixPath, _inputs(file.made)):
+                origins += _nearest(file, word, older(file, word.name))
+                origins += _nearest(file, word, older(file, f"{word.name}/"))
+            if file.kind == RECORDING and file.made:
+                together = older(file, f"{file.folder} {file.made.command}")
+                origins += [other for other in together if other.kind == TRAJECTORY]
+            if file.kind in (RECORDING, TRAJECTORY) and file.digest in limbs:
+                origins.append(limbs[file.digest])
+            found[file.key] = list(dict.fromkeys(origins))
+        return found
+
+    def pages(self) -> dict[str, list[ListedFile]]:
+        """Reports and replays of each file, by its key: they have its provenance."""
+        by_stamp = defaultdict(list)
+        for page in self.of_kind(REPORT):
+            by_stamp[page.made].append(page)
+        return {
+            file.key: by_stamp[file.made]
+            for file in self.of_kind(*_MADE_FROM)
+            if file.made and file.made in by_stamp
+        }
+
+
+def list_file(file: FoundFile) -> ListedFile:
+    """Reads a file, whatever it is; text of others has no kind and no trouble."""
+    listed = ListedFile(file.key, file.path, file.changed)
+    if not glance(file.path) and file.path.suffix in (".txt", ".html"):
+        unstamped = f"{file.path} is a page that does not say what made it."
+        return dataclasses.replace(listed, trouble=unstamped * (file.path.suffix == ".html"))
+    try:
+        result = read_result(file.path, quick=True)
+    except LimbError as error:
+        return dataclasses.replace(listed, trouble=str(error))
+    facts = {
+        name: text.splitlines()[0]
+        for name, text in result.summary.texts().items()
+        if name not in _DETAILS
+    }
+    if is_unfinished(file.path) and time.time() - file.changed < RECENT:
+        facts["end"] = BEING_RECORDED
+    if result.kind == REPORT:
+        facts = {"title": result.summary.texts()["title"]}
+    parameters = result.value if result.kind == LIMB else getattr(result.value, "parameters", None)
+    return dataclasses.replace(
+        listed,
+        time=_seconds(result.provenance) or file.changed,
+        kind=result.kind,
+        facts=facts,
+        panels=small_panels(result),
+        made=result.provenance,
+        digest=parameters.digest if parameters else "",
+    )
+
+
+def _seconds(made: Provenance | None) -> float | None:
+    try:
+        return datetime.datetime.fromisoformat(made.time).timestamp() if made else None
+    except ValueError:
+        return None
+
+
+def _inputs(made: Provenance | None) -> list[str]:
+    """The words of a command that may be files which it read."""
+    try:
+        words = shlex.split(made.command) if made else []
+    except ValueError:  # it was too long, and cut
+        return []
+    return [
+        word
+        for before, word in itertools.pairwise(["", *words])
+        if before not in _OUTPUTS and word not in COMMANDS and not word.startswith("-")
+    ]
+
+
+def _nearest(
+    file: ListedFile, word: PurePosixPath, candidates: Sequence[ListedFile]
+) -> list[ListedFile]:
+    """Of files with the name, or in the folder, of a path in a command, those that are meant.
+
+    Nobody knows in which folder the command ran: those nearest to the file that it made.
+    """
+    parts = tuple(part for part in word.parts if part not in ("/", ".", ".."))
+    shared: dict[PurePosixPath, int] = {}
+    for other in candidates:
+        theirs = PurePosixPath(other.key)
+        if theirs.name != word.name:
+            theirs = theirs.parent
+        length = min(len(parts), len(theirs.parts))
+        if parts[len(parts) - length :] == theirs.parts[-length:]:
+            pairs = zip(other.folder.parts, file.folder.parts, strict=False)
+            shared[other.folder] = sum(a == b for a, b in pairs)
+    meant = max(shared, key=lambda folder: (shared[folder], -len(folder.parts)), default=None)
+    return [other for other in candidates if other.folder == meant]
+
+
+def small_panels(result: ResultFile) -> list[Panel]:
+    """What is drawn of a result in small: bend and temperatures, or what was learned."""
+    if result.kind == LEARNING:
+        repetitions = result.summary.to_json()["repetitions"] or []
+        numbers = np.arange(1.0, len(repetitions) + 1)
+        return [
+            Panel(
+                "mean distances (°)",
+                [
+                    Curve(name, numbers, np.array([one[key] for one in repetitions]), color)
+                    for name, key, color in (
+                        ("|φ_ref - φ|", "reference_distance_deg", ROLLOUT_COLOR),
+                        ("|φ* - φ|", "mean_deg", NEUTRAL_COLOR),
+                    )
+                ],
+                x_label="repetition",
+                from_zero=True,
+            )
+        ]
+    run = result.value
+    if not isinstance(run, Recording | Trajectory):
+        return []
+    good = np.flatnonzero(run.usable if isinstance(run, Recording) else np.ones(len(run.time)))
+    if len(good) < 2:
+        return []
+    kept = good[np.unique(np.linspace(0, len(good) - 1, POINTS).astype(int))]
+    times = run.time[kept] - run.time[0]
+    color = PLAN_COLOR if isinstance(run, Trajectory) else ROLLOUT_COLOR
+    wanted = [] if run.reference is None else list(np.rad2deg(run.reference[:, kept]))
+    bend = [Curve("reference", times, row, REFERENCE_COLOR, "dashed") for row in wanted]
+    bend += [Curve("φ", times, row, color) for row in np.rad2deg(run.bend_angle[:, kept])]
+    wires = run.measured_temperature[:, kept]
+    heat = [
+        Curve("V", times, row, shade)
+        for row, shade in zip(wires, wire_colors(len(wires)), strict=True)
+    ]
+    limit = np.full(2, run.parameters.temperature_limits.maximum)
+    heat.append(Curve("T_max", times[[0, -1]], limit, NEUTRAL_COLOR, "dotted"))
+    read = np.rad2deg(run.bend_angle[:, good]), run.measured_temperature[:, good]
+    return [
+        SIGNALS[name].panel(curves, y_range=(float(values.min()), float(values.max())))
+        for name, curves, values in zip(
+            ("bend_angle", "measured_temperature"), (bend, heat), read, strict=True
+        )
+    ]
