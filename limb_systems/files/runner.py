@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from limb_systems.errors import LimbError
-from limb_systems.files.samples import Samples
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.output import write_atomically
 
@@ -50,32 +49,30 @@ def held_duty(plan: Trajectory, rate: float, duty_max: int = 1) -> np.ndarray:
     return np.column_stack([held, np.zeros(len(held))])
 
 
-def write_rows(samples: Samples, path: str | Path, rate: float, duty_max: int = 1) -> None:
+def write_rows(plan: Trajectory, path: str | Path, rate: float, duty_max: int = 1) -> None:
     """Writes a CSV with the time and `held_duty` in each row, below comments that start with #.
 
     Raises:
-        LimbError: as `held_duty` does, and if the samples are no plan.
+        LimbError: as `held_duty` does.
     """
-    plan, scale = _plan_of(samples), "" if duty_max == 1 else f"_of_{duty_max}"
+    scale = "" if duty_max == 1 else f"_of_{duty_max}"
     held = held_duty(plan, rate, duty_max)
     lines = [f"# {line}" for line in _about(plan, rate, duty_max)]
-    lines.append(
-        ",".join(["time_s", *(f"duty_{name}{scale}" for name in plan.parameters.wire_names)])
-    )
+    names = [f"duty_{name}{scale}" for name in plan.parameters.wire_names]
+    lines.append(",".join(["time_s", *names]))
     for index, row in enumerate(held.T):
         lines.append(",".join([f"{index / rate:.9g}", *(_text(value, duty_max) for value in row)]))
     write_atomically(path, "\n".join(lines) + "\n")
 
 
-def write_c_header(samples: Samples, path: str | Path, rate: float, duty_max: int = 1) -> None:
+def write_c_header(plan: Trajectory, path: str | Path, rate: float, duty_max: int = 1) -> None:
     """Writes a C header with `held_duty` as an array of rows, its rate, size and wires' names.
 
     Numbers are of the smallest type that has them: uint8_t, uint16_t, or float for duty itself.
 
     Raises:
-        LimbError: as `held_duty` does, and if the samples are no plan.
+        LimbError: as `held_duty` does.
     """
-    plan = _plan_of(samples)
     held = held_duty(plan, rate, duty_max)
     kind = "float" if duty_max == 1 else "uint8_t" if duty_max < 256 else "uint16_t"
     suffix = "f" if duty_max == 1 else ""
@@ -101,12 +98,6 @@ def write_c_header(samples: Samples, path: str | Path, rate: float, duty_max: in
         "#endif",
     ]
     write_atomically(path, "\n".join(lines) + "\n")
-
-
-def _plan_of(samples: Samples) -> Trajectory:
-    if not isinstance(samples, Trajectory):
-        raise LimbError(f"A {samples.KIND} is no plan; only trajectories are made into rows.")
-    return samples
 
 
 def _text(value: float, duty_max: int) -> str:

@@ -38,9 +38,9 @@ COMMANDS = {
             Option(
                 "folder",
                 nargs="?",
-                default=Path("out"),
+                default="out",
                 type=Path,
-                help="for all results (default %(default)s)",
+                help="for all results, out by default",
             )
         ],
         stopped="stopped; what is finished is kept",

@@ -74,10 +74,11 @@ def _export(options: argparse.Namespace) -> int:
     ]
     check_outputs(outputs, inputs=options.files, force=options.force)
     results = [read_result(path) for path in options.files]
+    kinds = [TRAJECTORY] if name in _ROWS else [RECORDING, TRAJECTORY]
     for result in results:
-        if result.kind not in (RECORDING, TRAJECTORY):
+        if result.kind not in kinds:
             raise LimbError(
-                f"{result.path} is a {result.kind}; recordings and trajectories are exported."
+                f"{result.path} is a {result.kind}; only a {' or a '.join(kinds)} becomes {name}."
             )
     for result, path in zip(results, outputs, strict=True):
         if name in _ROWS:
