@@ -16,7 +16,7 @@ from limb_systems import LimbError
 
 KINDS = ("brackets", "two-floats", "on-off")
 REPORT_PERIOD = 0.1  # s
-ORDERS = "timeout SECONDS, show SIDE TEXT, silence, garble, unplug, cool"
+ORDERS = "timeout SECONDS, say [LINE], unplug, cool"
 
 
 class Cable(Protocol):
@@ -59,9 +59,9 @@ class EmulatedSketch:
         self._kind, self._cable, self._on_event, self._clock = kind, cable, on_event, clock
         self.board = EmulatedBoard(twin, self._report_duty, clock)
         self._sensor = twin.parameters.segments[0].bend_sensor
-        self._duty, self._shown, self._unread = [0.0, 0.0], dict[str, str](), b""
+        self._duty, self._said, self._unread = [0.0, 0.0], "", b""
         self._heard = self._reported = clock()
-        self._timeout, self._silent, self._garbled, self._plugged = np.inf, False, False, True
+        self._timeout, self._silent, self._plugged = np.inf, kind != "brackets", True
 
     def step(self) -> None:
         """One pass of the loop."""
@@ -75,7 +75,7 @@ class EmulatedSketch:
         now = self._clock()
         if now - self._heard > self._timeout:
             self._set(0.0, 0.0)
-        if self._kind == "brackets" and not self._silent and now - self._reported > REPORT_PERIOD:
+        if not self._silent and now - self._reported > REPORT_PERIOD:
             self._reported = now
             self._report()
 
@@ -88,12 +88,8 @@ class EmulatedSketch:
         match order.split():
             case ["timeout", seconds] if re.fullmatch(r"\d*\.?\d+", seconds):
                 self._timeout = float(seconds)
-            case ["show", "left" | "right" as side, text]:
-                self._shown[side] = text
-            case ["silence"]:
-                self._silent = True
-            case ["garble"]:
-                self._garbled = True
+            case ["say", *words]:  # in place of the readings; nothing if there is no line
+                self._said, self._silent = " ".join(words), not words
             case ["unplug"]:
                 self._plugged = False
                 self._cable.unplug()
@@ -123,12 +119,10 @@ class EmulatedSketch:
                 self.board.set_duty(wire, share)
 
     def _report(self) -> None:
-        temperatures = self.board.reading("measured_temperature")
-        said = dict(zip(("left", "right"), (f"{t:.2f}" for t in temperatures), strict=True))
-        said |= self._shown
+        left, right = self.board.reading("measured_temperature")
         bend = np.rad2deg(self._sensor.reading(self.board.reading("bend_angle")[0]))
-        numbers = f"{said['right']} {said['left']} {bend:.2f} 0"
-        self._cable.write(f"[MPR]: {'?' if self._garbled else numbers}\r\n".encode())
+        said = self._said or f"[MPR]: {right:.2f} {left:.2f} {bend:.2f} 0"
+        self._cable.write(f"{said}\r\n".encode())
 
     def _report_duty(self, left: float, right: float) -> None:
         self._on_event(event="duty", left=left, right=right, time=self._clock())

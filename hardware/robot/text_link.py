@@ -228,8 +228,14 @@ class TextLink:
         if BEND in answered and not np.isfinite(sample.tip_tangent):
             raise self._error("The bend sensor reads no number")
 
-    def _error(self, what: str, zero: str = "zero is sent") -> HardwareError:
-        return HardwareError(f"{what}; {zero}. Where zero does not arrive, {self.board.fate}.")
+    def _error(self, what: str) -> HardwareError:
+        """An error in words, after which nothing is heated until it is armed again."""
+        if self._armed is not None:
+            self.disarm()
+        return HardwareError(self._with_fate(f"{what}; zero is sent"))
+
+    def _with_fate(self, what: str) -> str:
+        return f"{what}. Where zero does not arrive, {self.board.fate}."
 
     def _check(self) -> None:
         if self._failure:
@@ -261,18 +267,16 @@ class TextLink:
             unread = unread[-LONGEST_LINE:]
             for line in filter(None, lines):
                 self._take(line.decode(errors="replace").strip())
-        why, _, zero = self._keeper.stderr.read().decode().strip().partition("; ")
+        why = self._keeper.stderr.read().decode().strip()
         if self._keeper.wait() < 0:
-            why, zero = "the process that keeps it was killed", "zero is sent"
+            why = "the process that keeps it was killed; zero is sent"
             for _ in range(port_keeper.LAST_LINES):
                 with contextlib.suppress(HardwareError):
                     self._cable.send(self.board.bytes_of([0.0] * len(self.board.channels)))
                 time.sleep(port_keeper.LONGEST_PAUSE / 2)
         if not self._closing:
             with self._arrived:
-                self._failure = str(
-                    self._error(f"The connection to {self.port} ended: {why}", zero)
-                )
+                self._failure = self._with_fate(f"The connection to {self.port} ended: {why}")
                 self._arrived.notify_all()
 
     def _take(self, line: str) -> None:

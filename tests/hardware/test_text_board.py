@@ -217,10 +217,13 @@ def test_a_host_that_is_told_to_stop(sketches, short_plan, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("order", "message"),
     [
-        ("silence", r"No line that matches came from .* for 0.5 s; zero is sent\. Where zero"),
-        ("garble", r"No line that matches came from .* for 0.5 s"),
-        ("show right 111", "The right wire is read at 111.0 °C, and temperature_limit is 110 °C"),
-        ("show left nan", "The left wire is read at nan °C"),
+        ("say", r"No line that matches came from .* for 0.5 s; zero is sent\. Where zero"),
+        ("say [MPR]: ?", r"No line that matches came from .* for 0.5 s"),
+        (
+            "say [MPR]: 111 25 0 0",
+            "The right wire is read at 111.0 °C, and temperature_limit is 110 °C",
+        ),
+        ("say [MPR]: 25 nan 0 0", "The left wire is read at nan °C"),
         (
             "unplug",
             r"The connection to .* ended: Input/output error; zero could not be sent\. Where",
@@ -277,6 +280,8 @@ def test_more_duty_and_time_than_stated_are_refused(sketches, short_plan):
         wait_for(lambda: any(sketch.duty()))
         assert sketch.duty() == pytest.approx([0.2 * 5 / 6, 0.4 * 5 / 6], abs=1e-4)
         assert "my_limb was armed for 0.2 s, its longest" in heat(link)
+        with pytest.raises(HardwareError, match="is not armed"):
+            link.command(np.array([0.1, 0.1]))
     assert sketch.duty() == [0.0, 0.0]
 
 
