@@ -44,9 +44,9 @@ class OnOff:
 
     def next(self, duty: Sequence[float]) -> list[float]:
         """0 or 1 of each channel, for the duration of a line."""
-        owed = [before + share if share else 0.0 for before, share in zip(self._owed, duty)]  # noqa: B905 - as long
+        owed = [before + share for before, share in zip(self._owed, duty, strict=True)]
         on = [float(share >= 0.5) for share in owed]
-        self._owed = [share - state for share, state in zip(owed, on)]  # noqa: B905
+        self._owed = [share - state for share, state in zip(owed, on, strict=True)]
         return on
 
 
@@ -81,10 +81,11 @@ def keep(port: int, line: Mapping[str, Any], channels: int, rate: float) -> None
                 if not (new := os.read(sys.stdin.fileno(), 4096)):
                     break
                 *commands, unread = (unread + new).split(b"\n")
+                was_hot = any(duty)
                 for command in commands:
                     duty = [float(number) for number in command.split()] or zero
                     heard = now if command else None  # an empty line switches off
-                due = due if any(duty) else now
+                due = now if was_hot and not any(duty) else due
             if heard is not None and now - heard > DEADLINE:
                 raise TimeoutError("this program sent no duty for 250 ms")
             if now >= due:
@@ -99,7 +100,7 @@ def keep(port: int, line: Mapping[str, Any], channels: int, rate: float) -> None
         for _ in range(LAST_LINES):
             with contextlib.suppress(OSError):
                 sent = os.write(port, encode(line, zero)) > 0 or sent
-            time.sleep(min(1 / rate, LONGEST_PAUSE))
+                time.sleep(min(1 / rate, LONGEST_PAUSE))
     if reason:
         sys.exit(f"{reason}; zero {'was' if sent else 'could not be'} sent")
 
@@ -109,7 +110,6 @@ def _stop(*_: object) -> None:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for number in (signal.SIGTERM, signal.SIGHUP):
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, _stop)
     keep(**json.loads(sys.argv[1]))
