@@ -444,7 +444,10 @@ def _bend(
     ):
         scale, unit = 0.0, "counts of a sensor, whose scale the log does not have"
     elif "rad" in column.words or (
-        np.abs(values - np.median(values)).max() < RADIANS and not set(column.words) & {"deg", "°"}
+        len(heats)
+        and heats.any()
+        and np.abs(values - np.median(values)).max() < RADIANS
+        and not set(column.words) & {"deg", "°"}
     ):
         scale, unit = float(np.rad2deg(1.0)), "radians"
     notes[column.name] = f"the bend ({measures}), in {unit}"

@@ -1,7 +1,7 @@
 """The command that reads logs of other programs."""
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from limb_systems import LimbParameters, Recording
@@ -33,11 +33,20 @@ def _import(options: argparse.Namespace) -> int:
     for path, recording in recordings.items():
         recording.save(path)
     failed = any(log.error for log in logs)
-    names = sorted({log.limb.name for log in logs if log.recordings})
-    fits = [f"soft-limb fit {options.output / name} -o {name or 'limb'}.yaml" for name in names]
-    text = "" if failed else "\n".join(fits)
+    text = "" if failed else "\n".join(_next(options.output, recordings))
     print_summary(options, Summary.of({"next": text}, {"logs": told}), written)
     return int(failed)
+
+
+def _next(folder: Path, recordings: Mapping[Path, Recording]) -> Iterator[str]:
+    """A command for each limb that was read."""
+    for limb in sorted({path.parent for path in recordings}):
+        own = {path: r for path, r in recordings.items() if path.parent == limb}
+        if any(recording.duty.any() for recording in own.values()):
+            name = "limb" if limb == folder else limb.name
+            yield f"soft-limb fit {limb} -o {name}.yaml"
+        else:
+            yield f"soft-limb plan {next(iter(own))} -o plan.csv, as a reference: nothing is heated"
 
 
 def _files(log: ImportedLog) -> Iterable[tuple[Path, Recording]]:
