@@ -91,6 +91,8 @@ class LiveDocument:
         self._state.text = state(run)
         if phase is not None:
             self._facts.text = facts(run, phase, run.reading)
+        if run.reading is not None and run.reading.cooling:
+            self._button.label = "End"  # of what is shown; there is nothing to stop
         self._button.disabled = bool(run.ended)
         self._pulse.tags = [self._pulse.tags[0] + 1, bool(run.ended)]
 
@@ -278,7 +280,7 @@ def _bend(phase: RunHeader, reading: Reading) -> list[str]:
     lines = []
     for i, angle in enumerate(np.rad2deg(reading.bend_angle)):
         said = [f"φ {angle:+.1f}°"]
-        if phase.plan is not None:
+        if phase.plan is not None and not reading.cooling:
             plan = phase.plan
             rows = (("plan", plan.bend_angle), ("reference", plan.reference))
             for name, row in rows:
@@ -292,7 +294,7 @@ def _bend(phase: RunHeader, reading: Reading) -> list[str]:
 
 
 def _clock(run: Run, phase: RunHeader, reading: Reading) -> list[str]:
-    if phase.duration is None:
+    if phase.duration is None or reading.cooling:
         return [f"{reading.time:.1f} s"]
     if not run.is_running:
         return [f"{reading.time:.1f} s of {phase.duration:g} s"]

@@ -86,11 +86,11 @@ def picture(file: ListedFile) -> Markup:
         if not len(times):
             continue
         low, high = min(values.min(), 0.0) if panel.from_zero else values.min(), values.max()
-        span, length = max(high - low, 1e-9), max(times.max() - times.min(), 1e-9)
+        span, wide = max(high - low, 1e-9), max(times.max() - times.min(), 1e-9)
         lines = [
             (
                 " ".join(
-                    f"{WIDTH * (x - times.min()) / length:.1f},{HEIGHT * (high - y) / span:.1f}"
+                    f"{WIDTH * (x - times.min()) / wide:.1f},{HEIGHT * (high - y) / span:.1f}"
                     for x, y in zip(curve.x, curve.y, strict=True)
                 ),
                 curve.color,
@@ -102,6 +102,7 @@ def picture(file: ListedFile) -> Markup:
         unit = panel.label.rpartition("(")[2].rstrip(")")
         unit = unit if unit == "°" else f" {unit}"
         ends = f"{first:.0f} to {last:.0f}{unit}"
-        x_unit = "" if panel.x_label == "repetition" else " s"
-        drawn.append((panel.label.partition(" (")[0], ends, f"{times.max():.0f}{x_unit}", lines))
+        x_unit = panel.x_label.rpartition("(")[2].rstrip(")")
+        length = f"{times.max():.0f} {x_unit}"
+        drawn.append((panel.label.rpartition(" (")[0], ends, length, lines))
     return templates.part("picture_in_small", drawn, WIDTH, HEIGHT, folder=TEMPLATES)

@@ -15,6 +15,9 @@ from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.files.trajectory import Trajectory
+from limb_systems.model.kinematics import bend_angle
+from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.statics import HeldAngles
 from limb_systems.provenance import Provenance
 from limb_systems.views.colors import (
     NEUTRAL_COLOR,
@@ -248,7 +251,7 @@ def _nearest(
 
 
 def small_panels(result: ResultFile) -> list[Panel]:
-    """What is drawn of a result in small: bend and temperatures, or what was learned."""
+    """What is drawn of a result in small: its signals, what was learned, how heat bends a limb."""
     if result.kind == LEARNING:
         repetitions = result.summary.to_json()["repetitions"] or []
         numbers = np.arange(1.0, len(repetitions) + 1)
@@ -262,11 +265,13 @@ def small_panels(result: ResultFile) -> list[Panel]:
                         ("|φ* - φ|", "mean_deg", NEUTRAL_COLOR),
                     )
                 ],
-                x_label="repetition",
+                x_label="learned in (repetitions)",
                 from_zero=True,
             )
         ]
     run = result.value
+    if isinstance(run, LimbParameters):
+        return _bend_by_heat(run)
     if not isinstance(run, Recording | Trajectory):
         return []
     good = np.flatnonzero(run.usable if isinstance(run, Recording) else np.ones(len(run.time)))
@@ -292,3 +297,22 @@ def small_panels(result: ResultFile) -> list[Panel]:
             ("bend_angle", "measured_temperature"), (bend, heat), read, strict=True
         )
     ]
+
+
+def _bend_by_heat(limb: LimbParameters) -> list[Panel]:
+    """The bend at rest over the temperature of each wire, if the others are cold."""
+    try:
+        held = HeldAngles(limb)
+    except LimbError:  # gravity folds it
+        return []
+    cold, curves = limb.ambient_temperature, []
+    heat = np.linspace(cold, limb.temperature_limits.maximum, 25)
+    for segment, wires in enumerate(limb.wire_slices):
+        several = range(wires.start, wires.stop)
+        for wire, color in zip(several, wire_colors(len(several)), strict=True):
+            held_at = np.full((len(heat), len(limb.wires)), cold)
+            held_at[:, wire] = heat
+            states = np.array([held.wires.settled_states(row) for row in held_at])
+            bend = np.rad2deg(bend_angle(limb, held.angles(states).T)[segment])
+            curves.append(Curve(limb.wire_names[wire], heat, bend, color))
+    return [Panel("bend at rest, one wire hot (°)", curves, x_label="temperature (°C)")]

@@ -339,7 +339,7 @@ def test_pages_of_other_sites_are_refused(port, token):
         connection = http.client.HTTPConnection("127.0.0.1", port)
         headers = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
         headers |= {"Sec-WebSocket-Key": "x", "Sec-WebSocket-Protocol": "bokeh, x"}
-        headers |= {"Origin": origin, "Cookie": f"{server.COOKIE}_{port}={token}"}
+        headers |= {"Origin": origin, "Cookie": f"{COOKIE}_{port}={token}"}
         connection.request("GET", path, headers=headers)
         with contextlib.closing(connection):
             return connection.getresponse().status
@@ -484,8 +484,11 @@ def test_what_is_shown_of_heat_and_of_the_end():
     assert words == [("", ""), ("near", "near T_max"), ("near", "above T_max"), ("bad", "too hot")]
     assert "0.31" in shown
     assert "20.0 s left" in shown
-    run.reading = dataclasses.replace(run.reading, cooling=True)
+    cooling = dataclasses.replace(run.reading, cooling=True)
+    assert "s left" not in document.facts(run, phase, cooling)
+    run.reading, before = cooling, run.reading
     assert "wires are off and cooling" in document.state(run)
+    run.reading = before
     run.end("done")
     assert "above T_max" not in document.state(run)
     shown = document.facts(run, phase, run.reading)
