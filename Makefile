@@ -33,6 +33,7 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/sweep.py
 	$(BIN)/python benchmarks/calibration_accuracy.py
 	$(BIN)/python benchmarks/fuzz.py
+	$(BIN)/python benchmarks/lab_door.py --quick
 	$(BIN)/python benchmarks/board_faults.py faults --limbs 2
 	$(BIN)/python benchmarks/board_faults.py ordinary --limbs 2
 	$(BIN)/python benchmarks/serial_replay.py
