@@ -9,9 +9,14 @@ SOON = 8.0  # s, in which a limb follows its heat
 SHOWN = 0.3  # correlation that shows a connection
 
 
+def held(values: np.ndarray) -> np.ndarray:
+    """A duty (K,) that holds where it is missing, as logs write it that do so when it changes."""
+    last = np.maximum.accumulate(np.where(np.isnan(values), 0, np.arange(len(values))))
+    return np.nan_to_num(values[last])
+
+
 def heat_of(times: np.ndarray, duty: np.ndarray) -> np.ndarray:
     """Duty (..., K) through a low-pass filter, as wires keep heat: warmth and bend follow it."""
-    duty = np.nan_to_num(np.asarray(duty, float))
     heat = np.zeros_like(duty)
     keep = np.exp(-np.diff(times) / MEMORY)
     for k, share in enumerate(keep, 1):

@@ -13,6 +13,7 @@ from limb_systems.logs.evidence import (
     correlation,
     following,
     heat_of,
+    held,
     pairing,
     side_of,
 )
@@ -34,12 +35,12 @@ from limb_systems.logs.mapping import (
     TimeColumn,
     WireColumns,
 )
-from limb_systems.logs.reading import DAY, times_of
+from limb_systems.logs.reading import DAY, is_reversed, stamps, times_of
 from limb_systems.logs.table import LogError, LogTable, read_table
 
 TIME, DUTY, TEMPERATURE, BEND = "time", "duty", "temperature", "bend"
 WORDS = {  # in names of columns, whole or as their parts
-    TIME: "time timestamp zeit uhrzeit datetime date t ms millis msec sec seconds s elapsed us "
+    TIME: "time timestamp zeit uhrzeit datetime date ms millis msec sec seconds s elapsed us "
     "micros",
     DUTY: "pwm duty heat heater heating power pow u cmd command out output ctrl gate mosfet sma "
     "input duties heiz",
@@ -56,6 +57,7 @@ FULLS = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
 PERIODS = (DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
 RATES, DURATIONS = (0.15, 1500.0), (5.0, 2e5)  # Hz and s, of logs
 MOST_WIRES = 2
+ROOM = 5.0  # °C, below which a reading that never moves is of nothing
 FIRST = 10  # rows, in which a limb rests
 MISSING = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
 RADIANS = 2.2  # that no bend in degrees stays within, while wires are heated
@@ -70,7 +72,9 @@ class Column:
     values: np.ndarray
 
     def said(self, role: str) -> bool:
-        """Whether the name has a word of a role."""
+        """Whether the name has a word of a role; a "t" with a number is no time."""
+        if role == TIME and self.name.lower() == "t":
+            return True
         return _has(self.words, WORDS[role])
 
     @property
@@ -98,7 +102,13 @@ def limbs_in_log(path: str | Path) -> list[LimbInLog]:
         LogError: if it is no table of text with rows of numbers.
     """
     table = read_table(path)
-    return known_format(table) or [guessed(table)]
+    if limbs := known_format(table):
+        return limbs
+    limb = guessed(table)
+    with contextlib.suppress(LogError):
+        if is_reversed(stamps(table, limb.mapping.time)):
+            return [guessed(table.oldest_first())]
+    return [limb]
 
 
 def guessed(table: LogTable) -> LimbInLog:
@@ -144,7 +154,7 @@ def _shares(duties: list[Column], fulls: list[float], count: int) -> np.ndarray:
     """Duty of each wire (W, K), in [0, 1]."""
     shares = np.zeros((len(duties), count))
     for share, duty, full in zip(shares, duties, fulls, strict=True):
-        share[:] = np.clip(np.nan_to_num(duty.values) / full, 0.0, 1.0)
+        share[:] = np.clip(held(duty.values) / full, 0.0, 1.0)
     return shares
 
 
@@ -230,6 +240,7 @@ def _time(table: LogTable, columns: list[Column], notes: dict[str, str]) -> Time
         if len(shown) < 0.5 * len(values) or len(shown) < 5:
             continue
         steps = np.diff(shown)
+        steps = -steps if (steps < 0).sum() > 0.9 * len(steps) else steps  # newest row first
         if (steps > 0).sum() < 5 or (steps < 0).sum() > 0.002 * len(steps) + 1:
             standing = column.name if column.said(TIME) and len(column.words) == 1 else standing
             continue
@@ -259,7 +270,7 @@ def _unit_of_time(column: Column, shown: np.ndarray) -> str:
              "ns": "ns nanos nanoseconds nsec", "s": "s sec seconds secs sekunden",
              "min": "min minutes minuten", "h": "h hours"}  # fmt: skip
     steps = np.diff(shown)
-    usual, length = float(np.median(steps[steps > 0])), float(np.ptp(shown))
+    usual, length = float(np.median(np.abs(steps[steps != 0]))), float(np.ptp(shown))
 
     def can_be(unit: str) -> bool:
         seconds = SECONDS[unit]
@@ -327,7 +338,7 @@ def _best_pair(
     best, most = [column for _, column in rated], -np.inf
     if len(rated) <= MOST_WIRES:
         return best
-    heats = heat_of(times, np.array([column.values for _, column in rated]))
+    heats = heat_of(times, np.array([held(column.values) for _, column in rated]))
     for pair in itertools.combinations(range(len(rated)), MOST_WIRES):
         agreement = sum(found for _, found in pairing(heats[list(pair)], readings))
         if (score := agreement + 0.2 * sum(rated[i][0] for i in pair)) > most:
@@ -369,7 +380,9 @@ def _temperatures(columns: list[Column], heats: np.ndarray, notes: dict[str, str
     found = []
     for column in columns:
         values = column.shown
-        if _has(column.words, NOT_MEASURED) or not (np.ptp(values) or column.said(TEMPERATURE)):
+        if _has(column.words, NOT_MEASURED) or not (
+            np.ptp(values) or (column.said(TEMPERATURE) and values[0] > ROOM)
+        ):
             continue
         low = np.quantile(values, 0.02)
         follows = max((correlation(heat, column.values) for heat in heats), default=0.0)

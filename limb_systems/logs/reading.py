@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from limb_systems.logs.evidence import held
 from limb_systems.logs.mapping import (
     BEND_ANGLE,
     CELSIUS,
@@ -16,7 +17,7 @@ from limb_systems.logs.mapping import (
     LogMapping,
     TimeColumn,
 )
-from limb_systems.logs.table import LogError, LogTable, read_table
+from limb_systems.logs.table import FEWEST_ROWS, LogError, LogTable, read_table
 from limb_systems.model.bend_sensor import (
     ChordSensor,
     TipTangentSensor,
@@ -29,6 +30,8 @@ SAG, EARTH = "sag", 9.81  # beginning of the names of logs of the sag, and m/s²
 GAP = 2.0  # s without rows, in which duty may have been anything if it differs before and after
 CHANGE = 0.05  # of duty, that counts as another
 LONGEST_GAP = 30.0  # s, beyond which it may have been anything at all, unless it was off
+LONGEST_PAUSE = 600.0  # s, beyond which a recording ends
+RESTART = 3600.0  # s, between parts whose times are not of one clock
 SHORTEST = 10.0  # s of a part of a log that is worth keeping
 STALE = 2.6, 0.5  # periods and s, the longer of which a reading may be held
 REPEATED = 5  # rows in which points of a picture are exactly where they were, and were not seen
@@ -54,6 +57,8 @@ def read_log(
         raise LogError(f"{path}: no column is known for {what}; give it in the mapping.")
     table = read_table(path, mapping.delimiter, mapping.decimal, mapping.names_line)
     try:
+        if is_reversed(stamps(table, mapping.time)):
+            table = table.oldest_first()
         return _parts(table, mapping, described(mapping, parameters), Path(path).name)
     except LogError as error:
         raise LogError(f"{path}: {error}") from error
@@ -92,7 +97,7 @@ def _parts(
     if table.odd_rows:
         remarks.append(f"{_rows(table.odd_rows)} with another number of cells left out.")
     times, kept = times_of(table, mapping.time)
-    if _is_coarse(_stamps(table, mapping.time)):
+    if _is_coarse(stamps(table, mapping.time)):
         remarks.append("Times are repeated in most rows, which are spread evenly between them.")
     if lost := int(len(kept) - kept.sum()):
         remarks.append(
@@ -122,7 +127,7 @@ def _parts(
     times, duty, temperature, bend = (signal[..., shown:] for signal in signals)
     if len(times) < 2 or np.isnan(bend).all():
         raise LogError("no row has a bend; correct the mapping's bend.")
-    readings = np.vstack([temperature, bend])
+    readings = np.array([_between_rows(times, row) for row in [*temperature, bend]])
     rate = mapping.rate or usual_rate(times)
     measured = ~np.isnan(readings).all(axis=1)
     if share := np.isnan(readings[measured]).any(axis=0).mean():
@@ -130,8 +135,8 @@ def _parts(
     cuts = _cuts(times, duty)
     if len(cuts) > 2:
         remarks.append(
-            f"Cut at {', '.join(f'{times[c]:.0f} s' for c in cuts[1:-1])}: the duty in the gap "
-            "before is not known."
+            f"Cut at {', '.join(f'{times[c]:.0f} s' for c in cuts[1:-1])}: what happened before is "
+            "not known."
         )
     gaps = np.diff(times)
     if long := int((gaps > GAP).sum()):
@@ -159,6 +164,17 @@ def _parts(
     return parts, remarks
 
 
+def _between_rows(times: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Readings of a sensor that is slower than the rows, with lines between them."""
+    shown = ~np.isnan(values)
+    own = np.diff(times[shown])
+    if len(own) < 2 or (usual := np.median(own)) < 1.5 * np.median(np.diff(times)):
+        return values
+    near = np.interp(times, times[shown][1:], own, left=own[0])
+    there = np.interp(times, times[shown], values[shown], left=np.nan, right=np.nan)
+    return np.where(near <= STALE[0] * usual, there, np.nan)
+
+
 def _rows(count: int) -> str:
     return f"{count} row{'s' * (count != 1)}"
 
@@ -169,7 +185,8 @@ def times_of(table: LogTable, column: TimeColumn) -> tuple[np.ndarray, np.ndarra
     Raises:
         LogError: if there are too few.
     """
-    times = _stamps(table, column)
+    times = stamps(table, column)
+    times = _with_restarts(times)
     if _is_coarse(times):
         times = _spread(times)
     latest = np.fmax.accumulate(np.where(np.isnan(times), -np.inf, times))
@@ -179,7 +196,7 @@ def times_of(table: LogTable, column: TimeColumn) -> tuple[np.ndarray, np.ndarra
     return times[kept] - times[kept][0], kept
 
 
-def _stamps(table: LogTable, column: TimeColumn) -> np.ndarray:
+def stamps(table: LogTable, column: TimeColumn) -> np.ndarray:
     """The times that a column says, in s, on from where it begins anew."""
     if column.unit == "date":
         times = table.moments(column.column)
@@ -189,6 +206,22 @@ def _stamps(table: LogTable, column: TimeColumn) -> np.ndarray:
         times = table.numbers(column.column) * SECONDS[column.unit]
     if column.wraps_after:
         times = _unwrapped(times, column.wraps_after)
+    return times
+
+
+def is_reversed(times: np.ndarray) -> bool:
+    """Whether the newest row comes first."""
+    steps = np.diff(times[~np.isnan(times)])
+    return bool((steps < 0).sum() > 0.9 * max(1, int((steps != 0).sum())))
+
+
+def _with_restarts(times: np.ndarray) -> np.ndarray:
+    """Times that go on, much later, where they begin anew for good, as those of a new log do."""
+    times, known = times.copy(), np.flatnonzero(~np.isnan(times))
+    for row in known[1:][np.diff(times[known]) < 0]:
+        before, after = float(np.nanmax(times[:row])), times[row:]
+        if (after < before).sum() > FEWEST_ROWS:
+            times[row:] += before + RESTART - times[row]
     return times
 
 
@@ -223,8 +256,7 @@ def _duty(values: np.ndarray, column: str, full: float) -> tuple[np.ndarray, int
     missing = np.isnan(values)
     if missing.all():
         raise LogError(f"the column {column!r} holds no duty.")
-    last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(values))))
-    duty = np.nan_to_num(values[last]) / full
+    duty = held(values) / full
     if duty.max() > 1 + OVER:
         raise LogError(
             f"the column {column!r} reaches {np.nanmax(np.sign(full) * values) * np.sign(full):g}, "
@@ -300,6 +332,7 @@ def _cuts(times: np.ndarray, duty: np.ndarray) -> list[int]:
     steps, changes = np.diff(times), np.abs(np.diff(duty, axis=1)).max(axis=0)
     heated = np.maximum(duty[:, :-1], duty[:, 1:]).max(axis=0) > 0
     unknown = (steps > GAP) & (changes > CHANGE) | (steps > LONGEST_GAP) & heated
+    unknown |= steps > LONGEST_PAUSE
     return [0, *(np.flatnonzero(unknown) + 1).tolist(), len(times)]
 
 

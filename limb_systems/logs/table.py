@@ -19,6 +19,7 @@ LOOKED_AT = 200  # rows by which the delimiter is told
 FEWEST_ROWS = 10
 _TIMES = ("%H:%M:%S.%f", "%H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S",
           "%m/%d/%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S", "%m/%d/%Y %I:%M:%S %p")  # fmt: skip
+_SWITCHED = {"on": 1.0, "off": 0.0, "true": 1.0, "false": 0.0}
 _DATED = re.compile(r"\d+\D\d+\D\d+")
 _UNIT = re.compile(
     r"[\[(]?(m?s|us|µs|sec|h|min|°?[CFK]|deg[CF]?|rad|°|%|-|1|V|A|counts?|px)?[\])]?"
@@ -61,6 +62,10 @@ class LogTable:
         """The numbers of a column (K,); nan where a cell has none."""
         return np.array([number(text, self.decimal) for text in self.texts(name)])
 
+    def oldest_first(self) -> "LogTable":
+        """The same with its rows in the other order."""
+        return dataclasses.replace(self, cells=self.cells[::-1])
+
     def moments(self, name: str) -> np.ndarray:
         """The dates or times of day of a column (K,), s since any of them; nan where none is."""
         return np.array([_moment(text) for text in self.texts(name)])
@@ -73,7 +78,10 @@ def number(text: str, decimal: str = ".") -> float:
     try:
         value = float(text)
     except ValueError:
-        return math.nan
+        if (word := text.lower()) in _SWITCHED:
+            return _SWITCHED[word]
+        amount, _, unit = text.partition(" ")
+        return number(amount, decimal) if unit and _UNIT.fullmatch(unit) else math.nan
     return value if math.isfinite(value) else math.nan
 
 
@@ -163,7 +171,7 @@ def _shape(lines: list[str], delimiter: str, decimal: str) -> tuple[int, str, fl
     if width < 2:
         return width, ".", 0.0
     cells = [cell for row in rows if len(row) == width for cell in row if cell]
-    marks = [decimal] if decimal else [".", ","] if delimiter != "," else ["."]
+    marks = [decimal] if decimal else [".", ","]
     shares = [
         np.mean([not math.isnan(number(c, mark)) or not math.isnan(_moment(c)) for c in cells])
         for mark in marks
