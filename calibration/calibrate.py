@@ -268,8 +268,8 @@ def calibrate(
         tell("stiffness")
         stiffness = damping = None
         if recordings.get("sag"):
-            known = segment.rest_angle == rest.value
-            stiffness = fit_stiffness(limb, recordings["sag"], known * rest.standard_error)
+            error = rest.standard_error if segment.rest_angle == rest.value else 0.0
+            stiffness = fit_stiffness(limb, recordings["sag"], error)
             segment.stiffness = stiffness.stiffness.value
         tell("damping")
         if recordings.get("ring_down"):
@@ -287,7 +287,8 @@ def calibrate(
             if heated.get("both"):
                 validation = validate(limb, heated["both"][0])
         else:
-            prediction = fit_by_prediction(laws, heated, segment, ambient.value, tell=tell)
+            known = copy.deepcopy(segment)  # which stays as described
+            prediction = fit_by_prediction(laws, heated, known, ambient.value, tell=tell)
             prediction.fit.apply(segment)
             validation = validation_of(prediction.best.judged, limb)
         limb.validate()

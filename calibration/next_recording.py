@@ -40,8 +40,8 @@ def next_recording(fit: LawFit | None, kinds: Collection[str]) -> str:
         kinds = {*kinds, "motion"}
     elif fit.untold:
         of_wire = [u for u in fit.untold if u.wire == fit.untold[0].wire]
-        unread = len(of_wire) == 1  # or unheated
-        return _said(fit, ("with a thermocouple on it, " if unread else "") + HEATED, of_wire)
+        bond = "with a thermocouple on it, " if len(of_wire) == 1 else ""  # else it was not heated
+        return _said(fit, bond + HEATED, [u for u in of_wire if u.field in TELL[HEATED]])
     else:
         errors = np.sqrt(np.diag(fit.covariance))
         before = [np.hypot(u.spread, u.alike) for u in fit.unknowns]

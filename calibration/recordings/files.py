@@ -1,12 +1,17 @@
 """A folder of recordings, named after their kinds."""
 
+import warnings
 from pathlib import Path
+
+import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.recordings.checks import check_recording, check_whole
 from calibration.recordings.kinds import FREE_KINDS, HEATED_NAMES, kinds_of
 from limb_systems import LimbError, Recording
 from limb_systems.files.table_writer import is_unfinished
+
+SWING = np.deg2rad(10.0)  # least, of a ring-down
 
 
 def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
@@ -15,7 +20,8 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
     Files named after a kind (``right.csv``, ``sag_3.csv``, ``motion_1.csv``), one of
     `kinds_of` the limb in their header, "heated" or "motion", must show it. First contact,
     warm-up and `excitations` are of the kind "heated". Files with other names go by what they
-    show. Unfinished ones (``right.unfinished.csv``) are ignored.
+    show, and are left out with a warning if that is a limb at rest. Unfinished ones
+    (``right.unfinished.csv``) are ignored.
 
     Raises:
         CalibrationError: with one sentence naming the file and the trouble.
@@ -34,6 +40,10 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
             named = [kind for kind in kinds if path.stem.startswith(kind)]
             named += ["heated"] if path.stem in HEATED_NAMES else []
             kind = check_recording(recording, max(named, key=len, default=None))
+            bends = recording.bend_angle[~np.isnan(recording.bend_angle)]
+            if not named and kind == "ring_down" and np.ptp(bends) < SWING:
+                warnings.warn(f"{path} shows a limb at rest, which tells nothing.", stacklevel=2)
+                continue
             recordings.setdefault(kind, []).append(recording)
         except LimbError as error:
             raise CalibrationError(f"{path}: {error}") from error

@@ -19,6 +19,7 @@ COLD = 8.0  # °C above their lowest readings, within which they are
 REST = 5.0  # s before its heat with which a piece begins
 STILL = 3.0  # s without heat, in which readings show where a wire that is not cold starts
 SHORTEST, FEWEST = 10.0, 20  # s of heated recordings, and samples of any
+LONGEST = 900.0  # s, as the time that fits take grows with its square
 LONGEST_GAP = 60.0  # s, that are filled with the duty beside them
 UNKNOWN = 0.5  # s of full duty, by which the dose in a gap may be wrong
 
@@ -26,8 +27,9 @@ UNKNOWN = 0.5  # s of full duty, by which the dose in a gap may be wrong
 def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
     """The pieces of a heated recording, and what is left out of it, in words.
 
-    It is cut before the heat that follows a pause in which all wires have cooled, and at gaps in
-    the samples whose duty is not known. What comes after such a gap begins where wires rest.
+    It is cut before the heat that follows a pause in which all wires have cooled, after a quarter
+    of an hour without, and at gaps in the samples whose duty is not known. What comes after
+    such a gap begins where wires rest.
 
     Raises:
         CalibrationError: if no piece is left.
@@ -37,6 +39,7 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
     for whole in stretches:
         starts = [whole.start, *(c for c in _after_pauses(recording) if whole.start < c)]
         starts = [start for start in starts if start < whole.stop]
+        starts = list(_shortened(recording, [*starts, whole.stop]))
         for start, stop in zip(starts, [*starts[1:], whole.stop], strict=True):
             pieces.append(part(recording, np.arange(start, stop)))
     pieces = [piece for piece in pieces if _tells(piece)]
@@ -116,6 +119,16 @@ def _after_pauses(recording: Recording) -> Iterator[int]:
         shown = np.ma.masked_invalid(readings[:, before]).mean(axis=1).filled(lowest)
         if (shown < lowest + COLD).all():
             yield int(np.argmax(before))
+
+
+def _shortened(recording: Recording, ends: list[int]) -> Iterator[int]:
+    """The samples with which pieces begin, of which the longest are cut again where wires rest."""
+    time = recording.time
+    for start, stop in itertools.pairwise(ends):
+        while start < stop:
+            yield start
+            late = int(np.searchsorted(time, time[start] + LONGEST))
+            start = _rest(recording, late) if late < stop else stop
 
 
 def _tells(piece: Recording) -> bool:

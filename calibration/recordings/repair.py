@@ -91,19 +91,6 @@ def with_lost_rows(recording: Recording) -> Recording:
     return dataclasses.replace(recording, **signals)
 
 
-def without_missing(recording: Recording) -> Recording:
-    """A recording without the samples that are missing; the duty is the mean in between."""
-    shown = ~recording.missing
-    if shown.all():
-        return recording
-    dose = np.cumsum(recording.duty[:, 1:] * np.diff(recording.time), axis=1)
-    dose = np.column_stack([np.zeros(len(dose)), dose])[:, shown]
-    steps = np.diff(recording.time[shown])
-    duty = np.column_stack([recording.duty[:, shown][:, :1], np.diff(dose) / steps])
-    duty = np.clip(duty, 0.0, 1.0)  # but for rounding
-    return dataclasses.replace(part(recording, shown), duty=duty)
-
-
 def before_missing(recording: Recording) -> Recording:
     """The beginning of a recording, until a thermocouple is not read for some time."""
     time, end = recording.time, recording.time[-1]

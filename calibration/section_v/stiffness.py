@@ -9,7 +9,7 @@ import numpy as np
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
 from calibration.recordings.kinds import bend_sensor_of, only_segment
-from calibration.recordings.repair import without_missing
+from calibration.recordings.repair import part
 from calibration.remarks import Remark, remarks_on_estimate
 from calibration.section_v.damping import DampingFit
 from limb_systems import (
@@ -82,7 +82,7 @@ def fit_stiffness(
         raise CalibrationError("There is no recording of the limb's sag under gravity.")
     for recording in recordings:
         recording.check_plausible()
-    recordings = [without_missing(recording) for recording in recordings]
+    recordings = [part(recording, ~recording.missing) for recording in recordings]
     sags = np.array([_resting_angle(recording) for recording in recordings])
     gravity = recordings[0].parameters.gravity
     sensor = bend_sensor_of(recordings[0])

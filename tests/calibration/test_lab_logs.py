@@ -60,7 +60,9 @@ def calibration(poor, tmp_path_factory):
     """From a file that has any name."""
     folder = tmp_path_factory.mktemp("recordings")
     poor.save(folder / "log of march.csv")
-    return calibrate(folder, laws=[SaturatingLaw])
+    part(poor, poor.time < 7.0).save(folder / "log of april.csv")
+    with pytest.warns(match=r"log of april.csv shows a limb at rest, which tells nothing"):
+        return calibrate(folder, laws=[SaturatingLaw])
 
 
 def test_a_long_log_is_cut_where_it_rests(log):
@@ -76,6 +78,16 @@ def test_a_long_log_is_cut_where_it_rests(log):
         log.duty.sum(axis=1) * 0.2,
         atol=0.02,
     )
+
+
+def test_what_is_long_is_cut_where_it_rests(log, monkeypatch):
+    monkeypatch.setattr("calibration.recordings.pieces.PAUSE", 1000.0)
+    assert len(in_pieces(log)[0]) == 1
+    monkeypatch.setattr("calibration.recordings.pieces.LONGEST", 270.0)
+    pieces = in_pieces(log)[0]
+    assert [piece.time[0] for piece in pieces] == pytest.approx([0.0, 283.0, 556.0], abs=15.0)
+    for piece in pieces:
+        assert not piece.duty[:, 1 : 1 + round(3.0 * 5.0)].any()
 
 
 def test_a_gap_is_cut_where_the_duty_is_not_known(poor):
@@ -116,9 +128,9 @@ def test_a_wire_that_was_never_heated_stays_as_described(log):
     assert (left.a1, left.a2, left.a3) == pytest.approx((described.a1, described.a2, described.a3))
     assert not [name for name in found.estimates if name.startswith("left")]
     assert "left.a1" in found.as_described
-    assert any(
-        "left wire is heated in no recording: it stays as descr" in str(r) for r in found.remarks
-    )
+    said = " ".join(map(str, found.remarks))
+    assert "The left wire is heated in no recording: it stays as described, and its full_" in said
+    assert "What judges the laws is a limb that cools, and shows no heat" in said
     assert found.next_recording.startswith(
         "heat the left wire alone from cold for 60 s and let it cool for 120 s, which tells left.a1"
     )
