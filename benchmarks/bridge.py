@@ -116,7 +116,7 @@ def report(kind: str, seconds: float) -> None:
             while not peer.states():
                 time.sleep(0.1)
             stop = threading.Event()
-            commander = threading.Thread(target=command, args=(peer, stop))
+            commander = threading.Thread(target=command, args=(peer, stop), daemon=True)
             listen(peer, 0.5)
             commander.start()
             listen(peer, 1.0)  # it has the topic then

@@ -25,7 +25,8 @@ from limb_systems.simulation import PERIOD, failure_told, make_simulator
 from soft_limb.bridge.messages import LATEST, SILENCE, Heard, Message, Topics
 
 READY_TIME = 60.0  # s, in which the other process starts, on a computer that is busy
-DEAF = 1.0  # s, without an answer of the other process
+DEAF = 20  # ticks without an answer of the other process
+FAREWELL = 1.0  # s, in which it ends
 # Of a duty when a command leaves: the next one leaves a period later.
 OLDEST = LATEST - PERIOD
 ARMED, RUNNING, FAULT, IDLE = "armed", "running", "fault", "idle"
@@ -52,7 +53,7 @@ class NodeProcess:
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
         )
         theirs.close()
-        self._heard, self._asked = Heard(), np.inf
+        self._heard, self._unanswered = Heard(), 0
         try:
             with _living():
                 self._pipe.send((topics, len(parameters.wires), parameters.total_duty))
@@ -68,7 +69,7 @@ class NodeProcess:
 
     def tell(self, messages: dict[str, Message]) -> None:
         """Publishes messages on topics; LimbError if the process has died."""
-        self._asked = min(self._asked, time.monotonic())
+        self._unanswered += 1
         with _living():
             self._pipe.send(list(messages.items()))
 
@@ -76,8 +77,8 @@ class NodeProcess:
         """What was heard so far; LimbError if the process has died or is silent for a second."""
         with _living():
             while self._pipe.poll():
-                self._heard, self._asked = self._pipe.recv(), np.inf
-        if time.monotonic() - self._asked > DEAF:
+                self._heard, self._unanswered = self._pipe.recv(), 0
+        if self._unanswered > DEAF:
             raise LimbError("The process that speaks to ROS 2 does not answer.")
         return self._heard
 
@@ -85,7 +86,7 @@ class NodeProcess:
         """Ends the process, once it has published what it was told."""
         self._pipe.close()
         try:
-            self._process.wait(DEAF)
+            self._process.wait(FAREWELL)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()

@@ -68,7 +68,7 @@ class Heard:
     - ``born``: when it was written, or read if it was refused, s of the monotonic clock.
     - ``refused``: why the newest duty was refused; empty if it was not.
     - ``delay``: time from writing to reading of the newest duty, s.
-    - ``commands``: number of duties from who had the topic.
+    - ``commands``: number of duties that were heard and not refused.
     - ``other``: when another writer was ignored last, s of the monotonic clock.
     - ``run``, ``requests``: newest start (true) or stop of the plan, and how many there were.
     """
@@ -130,7 +130,7 @@ class Listener:
                 born=now if why else now - max(0.0, written.delay),
                 refused=why,
                 delay=written.delay,
-                commands=self.heard.commands + written.count,
+                commands=self.heard.commands + (0 if why else written.count),
             )
 
     def _refusal(self, written: Written) -> str:
