@@ -34,9 +34,9 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
     Raises:
         CalibrationError: if no piece is left.
     """
-    time, stretches = recording.time, _unbroken(recording)
+    time = recording.time
     pieces = []
-    for whole in stretches:
+    for whole in _unbroken(recording):
         starts = [whole.start, *(c for c in _after_pauses(recording) if whole.start < c)]
         starts = [start for start in starts if start < whole.stop]
         starts = list(_shortened(recording, [*starts, whole.stop]))
@@ -49,17 +49,12 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
             "where wires rest, show heat and readings, and have no gap whose duty is not known."
         )
     remarks = []
-    kept = sum(time[stretch.stop - 1] - time[stretch.start] for stretch in stretches)
-    if (left_out := time[-1] - time[0] - kept) > 0:
-        gaps = " and ".join(f"{time[i]:.1f} s" for i in gaps_of(recording)) or "the beginning"
-        remarks.append(
-            Remark(
-                "left out",
-                f"Of {recording.source}, {left_out:.0f} s are left out: samples are missing at "
-                f"{gaps}, and what duty there was is not known, so that it goes on where wires "
-                "rest again.",
-            )
-        )
+    kept = sum(piece.time[-1] - piece.time[0] + 1.5 / recording.sample_rate for piece in pieces)
+    if (left_out := time[-1] - time[0] - kept) > 1.0:
+        said = f"Of {recording.source}, {left_out:.0f} s are left out"
+        gaps = " and ".join(f"{time[gap]:.1f} s" for gap in gaps_of(recording))
+        said += f": what duty there was in the gap at {gaps} is not known" * bool(gaps)
+        remarks.append(Remark("left out", f"{said}; pieces begin where wires rest, and have heat."))
     if len(pieces) > 1:
         for piece in pieces:
             piece.source += f" from {piece.time[0] - time[0]:.0f} s"

@@ -93,7 +93,7 @@ def test_what_is_long_is_cut_where_it_rests(log, monkeypatch):
 def test_a_gap_is_cut_where_the_duty_is_not_known(poor):
     pieces, (remark,) = in_pieces(poor)
     assert len(pieces) == 5
-    assert "left out: samples are missing at 270.0 s, and what duty there was is not" in str(remark)
+    assert "left out: what duty there was in the gap at 270.0 s is not known; pieces" in str(remark)
     # What comes after it begins when the wire without a thermocouple is cold, and has no heat.
     hot = (poor.time > 2 * PERIOD + 14.0) & (poor.time < 2 * PERIOD + 60.0)
     assert not any(np.isin(piece.time, poor.time[hot]).any() for piece in pieces)
@@ -112,7 +112,7 @@ def test_what_one_thermocouple_tells(calibration, log, tmp_path):
     summary = str(calibration_summary(calibration))
     assert "The left wire has no thermocouple: its a3 stays as described" in summary
     assert "with a thermocouple on it, heat the left wire alone from cold for 60 s" in summary
-    assert "s are left out: samples are missing" in summary
+    assert "s are left out: what duty there was" in summary
     write_report(calibration, tmp_path / "report.html")
     assert "next recording: with a therm" in (tmp_path / "report.html").read_text()
     # The third heat, most of which was lost.
