@@ -38,6 +38,7 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/board_faults.py ordinary --limbs 2
 	$(BIN)/python benchmarks/serial_replay.py
 	$(BIN)/python benchmarks/live_page.py
+	$(BIN)/python benchmarks/bridge.py
 	$(BIN)/python benchmarks/laws.py
 	$(BIN)/python benchmarks/controller_steps.py
 	$(BIN)/python benchmarks/planning.py

@@ -26,7 +26,7 @@ from soft_limb.bridge.messages import LATEST, SILENCE, Heard, Message, Topics
 
 READY_TIME = 60.0  # s, in which the other process starts, on a computer that is busy
 DEAF = 20  # ticks without an answer of the other process
-FAREWELL = 1.0  # s, in which it ends
+FAREWELL = 3.0  # s, in which it ends
 # Of a duty when a command leaves: the next one leaves a period later.
 OLDEST = LATEST - PERIOD
 ARMED, RUNNING, FAULT, IDLE = "armed", "running", "fault", "idle"
