@@ -48,6 +48,8 @@ TIMES: dict[str, tuple[str, Callable[[float], str]]] = {  # what a mapping calls
     "ns": ("ns", lambda t: str(1_709_640_000_000_000_000 + round(1e9 * t))),
     "min": ("min", lambda t: f"{t / 60:.6f}"),
     "epoch": ("s", lambda t: f"{1_709_640_000 + t:.3f}"),
+    "epoch_ms": ("ms", lambda t: str(1_709_640_000_000 + round(1000 * t))),
+    "serial": ("d", lambda t: f"{45_356 + t / 86400:.9f}"),
     "iso": ("date", lambda t: f"{_moment(t).isoformat(timespec='milliseconds')}Z"),
     "coarse": ("date", lambda t: f"{_moment(t):%Y-%m-%d %H:%M:%S}"),
     "german": ("date", lambda t: f"{_moment(t):%d.%m.%Y %H:%M:%S,%f}"[:-3]),
@@ -210,6 +212,69 @@ UNSEEN = [
         "lost",
         rate=15,
     ),
+    Style(
+        "french",
+        "Temps (s): time s | Cmd G: duty left 100 | Cmd D: duty right 100"
+        " | T° G: temperature left C | T° D: temperature right C | Courbure (1/m): bend 5.7296 tip_tangent 0",
+        delimiter=";",
+        decimal=",",
+        rate=10,
+    ),
+    Style(
+        "japanese",
+        "時間: time ms | 左: duty left 255 | 右: duty right 255 | 左温度: temperature left C"
+        " | 右温度: temperature right C | 角度: bend 1 bend_angle 0",
+        rate=10,
+        kind="ramps",
+    ),
+    Style(
+        "per_mille",
+        "t: time s | out_1: duty right 1000 | out_2: duty left 1000 | in_1: temperature left C"
+        " | in_2: temperature right C | in_3: bend -1 bend_angle 0",
+        kind="bang-bang",
+        physics="lumped",
+    ),
+    Style(
+        "volts",
+        "sec: time s | heat_l: duty left 1 | heat_r: duty right 1 | T_l: temperature left C"
+        " | T_r: temperature right C | Vflex: bend -60 bend_angle 1.65",
+    ),
+    Style(
+        "letters",
+        "time_ms: time ms | A_pwm: duty right 255 | A_T: temperature right C | B_pwm: duty left 255"
+        " | B_T: temperature left C | roll_mdeg: bend 0.001 tip_tangent 0",
+        kind="ramps",
+        physics="lumped",
+    ),
+    Style(
+        "fast",
+        "t_us: time us | d0: duty left 4095 | d1: duty right 4095 | k0: temperature left K"
+        " | k1: temperature right K | q: bend 57.2958 bend_angle 0",
+        rate=100,
+        minutes=3,
+    ),
+    Style(
+        "slow",
+        "Time: time german | Heater L: duty left 100 | Heater R: duty right 100"
+        " | TC L: temperature left F | TC R: temperature right F | Angle: bend -1 bend_angle 0",
+        "quotes",
+        rate=1,
+        minutes=10,
+    ),
+    Style(
+        "epoch_ms",
+        "ts: time epoch_ms | dutyL: duty left 1 | dutyR: duty right 1 | tempL: temperature right C"
+        " | tempR: temperature left C | tip_tangent_rad: bend 57.2958 tip_tangent 0",
+        "lost cells duplicates back",
+        kind="pulses",
+    ),
+    Style(
+        "serial_date",
+        "DateTime: time serial | PWM1: duty left 255 | PWM2: duty right 255"
+        " | T1: temperature left C | T2: temperature right C | Bend angle: bend 1 bend_angle 0",
+        rate=5,
+        physics="lumped",
+    ),
 ]
 
 
@@ -267,7 +332,8 @@ def table(style: Style, seed: int = 0) -> Log:
         elif what == "bend":
             scale, measures, zero = float(how[0]), how[1], float(how[2])
             angle = np.rad2deg(limb.bend[rows]) * (2 if measures == "tip_tangent" else 1) / scale
-            texts = [f"{b:.0f}" if zero else f"{b:.2f}" for b in angle + zero]
+            digits = 0 if abs(zero) > 10 else 2 if abs(scale) < 50 else 4
+            texts = [f"{b:.{digits}f}" for b in angle + zero]
             bend = (name, scale, measures, zero)
         elif what == "about":
             texts = [f"{v:.2f}" for v in draw.normal(float(how[0]), float(how[1]), len(rows))]
