@@ -215,7 +215,8 @@ UNSEEN = [
     Style(
         "french",
         "Temps (s): time s | Cmd G: duty left 100 | Cmd D: duty right 100"
-        " | T° G: temperature left C | T° D: temperature right C | Courbure (1/m): bend 5.7296 tip_tangent 0",
+        " | T° G: temperature left C | T° D: temperature right C"
+        " | Courbure (1/m): bend 5.7296 tip_tangent 0",
         delimiter=";",
         decimal=",",
         rate=10,
