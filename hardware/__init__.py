@@ -7,16 +7,20 @@ from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError, replay, watch
 from hardware.robot.link import BoardInfo, BoardLink, HardwareError, Sample
 from hardware.robot.serial_limb import SerialLimb
+from hardware.robot.text_board import AnswerLine, DutyLine, TextBoard
 
 __all__ = [
+    "AnswerLine",
     "BoardInfo",
     "BoardLink",
+    "DutyLine",
     "HardwareError",
     "LimbTwin",
     "ReplayError",
     "Sample",
     "SensedLimb",
     "SerialLimb",
+    "TextBoard",
     "emulated_port",
     "replay",
     "watch",

@@ -16,11 +16,19 @@ import numpy as np
 import pytest
 
 from controllers import PlanFeedback
-from hardware import HardwareError, LimbTwin, SerialLimb, replay
+from hardware import (
+    AnswerLine,
+    DutyLine,
+    HardwareError,
+    LimbTwin,
+    SerialLimb,
+    TextBoard,
+    replay,
+)
 from hardware.emulation.emulator import PseudoTerminal
 from hardware.emulation.sketches import EmulatedSketch
 from hardware.robot.port_keeper import OnOff
-from hardware.robot.text_board import AnswerLine, DutyLine, TextBoard, TextBoardError
+from hardware.robot.text_board import TextBoardError
 from hardware.robot.text_link import TextBoardWarning, TextLink
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
 from planners import plan, references
