@@ -119,17 +119,20 @@ def short_plan():
     return plan(LimbParameters(), reference, knot_rate=10.0)
 
 
-def heat(link, duty=(0.0, 0.5)):
-    """Keeps a duty until the link fails; returns what it says."""
+def heat(link, sketch, then=lambda: None):
+    """Heats the right wire, does something once it is hot, and returns what the link fails with."""
     with pytest.warns(TextBoardWarning):
         link.arm()
-    end = time.monotonic() + 3.0
+    end, done = time.monotonic() + 10.0, False
     while time.monotonic() < end:
         try:
-            link.command(np.array(duty))
+            link.command(np.array([0.0, 0.5]))
         except HardwareError as error:
             return str(error)
         time.sleep(0.05)
+        if not done and sketch.duty()[1] > 0.0:
+            then()
+            done = True
     raise AssertionError("nothing failed")
 
 
@@ -143,10 +146,10 @@ def test_a_sketch_applies_the_duty_of_the_plan(kind, sketches, short_plan, tmp_p
     assert applied[:, -1].tolist() == [0.0, 0.0]
     planned = short_plan.duty_trajectory().vector_values(recording.time)
     np.testing.assert_allclose(recording.duty, planned, atol=1e-9)
-    # What the wires got in all, on which each on/off line has a say of 1/50 s.
+    # What the wires got in all; a busy computer delays lines by some hundredths of a second.
     held = np.diff(times)
     np.testing.assert_allclose(
-        applied[:, :-1] @ held, np.trapezoid(planned, recording.time), atol=0.05
+        applied[:, :-1] @ held, np.trapezoid(planned, recording.time), atol=0.12
     )
     assert planned[1].max() > 0.2
     if kind == "on-off":
@@ -241,9 +244,7 @@ def test_a_host_that_is_told_to_stop(sketches, short_plan, tmp_path, capsys):
 def test_what_ends_heat(order, message, sketches):
     sketch = sketches("brackets")
     with TextLink(sketch.port, BOARDS["brackets"], WIRES) as link:
-        heated = threading.Timer(0.3, sketch.order, [order])
-        heated.start()
-        said = heat(link)
+        said = heat(link, sketch, lambda: sketch.order(order))
     assert re.match(message, said), said
     assert said.endswith(f"{FOR_EVER}.")
     if order == "unplug":  # what no host can help, and the sketch was said to do
@@ -257,9 +258,8 @@ def test_what_ends_heat(order, message, sketches):
 def test_a_keeper_that_is_killed_is_stood_in_for(sketches):
     sketch = sketches("two-floats")
     with TextLink(sketch.port, BOARDS["two-floats"], WIRES) as link:
-        kill = threading.Timer(0.3, os.kill, [link._keeper.pid, signal.SIGKILL])
-        kill.start()
-        assert "the process that keeps it was killed; zero is sent" in heat(link)
+        said = heat(link, sketch, lambda: os.kill(link._keeper.pid, signal.SIGKILL))
+        assert "the process that keeps it was killed; zero is sent" in said
         assert wait_for(lambda: sketch.duty() == [0.0, 0.0])
     assert sketch.duties()[1].max() == 0.5
 
@@ -287,7 +287,7 @@ def test_more_duty_and_time_than_stated_are_refused(sketches, short_plan):
         link.command(np.array([0.2, 1.0]))  # what a controller asks for is reduced
         wait_for(lambda: any(sketch.duty()))
         assert sketch.duty() == pytest.approx([0.2 * 5 / 6, 0.4 * 5 / 6], abs=1e-4)
-        assert "my_limb was armed for 0.2 s, its longest" in heat(link)
+        assert "my_limb was armed for 0.2 s, its longest" in heat(link, sketch)
         with pytest.raises(HardwareError, match="is not armed"):
             link.command(np.array([0.1, 0.1]))
     assert sketch.duty() == [0.0, 0.0]
