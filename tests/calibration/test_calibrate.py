@@ -309,7 +309,7 @@ def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkey
     said = capsys.readouterr()
     assert said.out == ""
     assert "no_port: No such file or directory; soft-limb ports" in said.err
-    monkeypatch.setattr("soft_limb.commands.calibration.BoardLink", mock.MagicMock())
+    monkeypatch.setattr("soft_limb.commands.calibration.open_link", mock.MagicMock())
     monkeypatch.setattr("sys.stdin", io.StringIO())
     assert main(arguments) == 1
     assert "error: There is no terminal to press Enter in" in capsys.readouterr().err
@@ -324,7 +324,7 @@ def test_command_collects_three_wires_from_a_robot_as_four_kinds(tmp_path, monke
     class Robot(Limb):
         __slots__ = ()
 
-        def __init__(self, port, parameters):
+        def __init__(self, port, parameters, board=None):
             super().__init__(parameters)
             ports.append(port)
 
@@ -335,7 +335,7 @@ def test_command_collects_three_wires_from_a_robot_as_four_kinds(tmp_path, monke
             pass
 
     monkeypatch.setattr("soft_limb.commands.calibration.SerialLimb", Robot)
-    monkeypatch.setattr("soft_limb.commands.calibration.BoardLink", mock.MagicMock())
+    monkeypatch.setattr("soft_limb.commands.calibration.open_link", mock.MagicMock())
     monkeypatch.setattr("builtins.input", asked.append)
     limb = LimbParameters(ambient_temperature=21.5)
     limb.segments[0].links = 2  # which are simulated fast
