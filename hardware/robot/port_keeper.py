@@ -40,14 +40,16 @@ class OnOff:
     """On and off for each line, whose mean is the duty: what is owed is carried on."""
 
     def __init__(self, channels: int):
-        self._owed = [0.0] * channels
+        self._owed, self._duty, self._on = ([0.0] * channels for _ in range(3))
 
-    def next(self, duty: Sequence[float]) -> list[float]:
-        """0 or 1 of each channel, for the duration of a line."""
-        owed = [before + share for before, share in zip(self._owed, duty, strict=True)]
-        on = [float(share >= 0.5) for share in owed]
-        self._owed = [share - state for share, state in zip(owed, on, strict=True)]
-        return on
+    def next(self, duty: Sequence[float], lasted: float = 1.0) -> list[float]:
+        """0 or 1 of each channel, after the last line held for so many durations of a line."""
+        held = zip(self._owed, self._duty, self._on, strict=True)
+        # A line that held for too long is made up for, but never by heat for long.
+        self._owed = [min(1.0, owed + (share - on) * lasted) for owed, share, on in held]
+        self._duty = list(duty)
+        self._on = [float(d > 0 and o + d >= 0.5) for o, d in zip(self._owed, duty, strict=True)]
+        return self._on
 
 
 def keep(port: int, line: Mapping[str, Any], channels: int, rate: float) -> None:
@@ -65,7 +67,7 @@ def keep(port: int, line: Mapping[str, Any], channels: int, rate: float) -> None
     parent, zero, reason, sent = os.getppid(), [0.0] * channels, "", False
     os.set_blocking(sys.stdout.fileno(), False)
     duty, heard, unread, on_off = zero, None, b"", OnOff(channels)
-    due = time.monotonic()
+    due = last = time.monotonic()
     try:
         while os.getppid() == parent:  # a program that the host has started may hold the pipe
             timeout = min(DEADLINE / 5, max(0.0, due - time.monotonic()))
@@ -89,7 +91,8 @@ def keep(port: int, line: Mapping[str, Any], channels: int, rate: float) -> None
             if heard is not None and now - heard > DEADLINE:
                 raise TimeoutError("this program sent no duty for 250 ms")
             if now >= due:
-                applied = on_off.next(duty) if line["on_off"] else duty
+                applied = on_off.next(duty, rate * (now - last)) if line["on_off"] else duty
+                last = now
                 os.write(port, encode(line, applied))
                 due = max(due + 1 / rate, now)
     except BlockingIOError:

@@ -345,7 +345,10 @@ def test_lines_are_those_of_the_sketches():
     lines = np.array([on_off.next(duty) for _ in range(400)])
     assert set(lines.ravel()) == {0.0, 1.0}
     np.testing.assert_allclose(lines.mean(axis=0), duty, atol=1 / 400)
-    assert on_off.next([0.0] * 4) == [0.0] * 4  # whatever is owed
+    late = OnOff(1)
+    assert [late.next([0.4])[0] for _ in range(2)] == [0.0, 1.0]
+    assert [late.next([0.4], 3.0)[0] for _ in range(4)] == [0.0, 0.0, 1.0, 0.0]  # lines held long
+    assert late.next([0.0], 9.0) == [0.0]  # whatever is owed
 
 
 def test_descriptions_in_the_documentation_are_those_of_these_sketches(tmp_path):
