@@ -110,9 +110,13 @@ def corrected(mapping: LogMapping, truth: Truth, mirror: bool) -> tuple[LogMappi
     wires = {wire.name: wire for wire in fixed.wires}
     for side, name in zip(SIDES, SIDES[::-1] if mirror else SIDES, strict=True):
         if side in truth.wires:
-            wire = wires.pop(name, None) or WireColumns(name, "?", 0.0, "?")
+            wire = wires.pop(name, None) or WireColumns(name, "?", temperature="?")
             for field, value in zip(FIELDS, truth.wires[side], strict=True):
-                put(wire, field, value)
+                if field == "full":
+                    put(wire, "sign", float(np.sign(value)))
+                    put(fixed, field, abs(value))
+                else:
+                    put(wire, field, value)
             fixed.wires = [*(w for w in fixed.wires if w.name != name), wire]
     for name in wires:
         wrong.append(f"wire {name}, which is not there")

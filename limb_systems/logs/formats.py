@@ -88,7 +88,8 @@ def _sma(table: LogTable, limbs: list[int]) -> list[LimbInLog]:
     for limb in heated or limbs:
         own = [index for index, wire in enumerate(wires) if wire[0] == limb]
         named = [
-            WireColumns(name, columns[i], 1.0, pairs[i]) for name, i in zip(SIDES, own, strict=True)
+            WireColumns(name, columns[i], temperature=pairs[i])
+            for name, i in zip(SIDES, own, strict=True)
         ]
         bend, note = _bend_of_limb(table, limb, limbs)
         mapping = _of(table, time, named, bend)

@@ -60,6 +60,8 @@ MOST_WIRES = 2
 ROOM = 5.0  # °C, below which a reading that never moves is of nothing
 FIRST = 10  # rows, in which a limb rests
 MISSING = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
+NO_ANGLES = {"adc", "counts", "count", "v", "volt", "volts", "mv", "mm", "px", "ohm", "ohms", "m"}
+FARTHEST = 60.0  # °, to which no limb is bent at rest
 RADIANS = 2.2  # that no bend in degrees stays within, while wires are heated
 
 
@@ -116,7 +118,10 @@ def guessed(table: LogTable) -> LimbInLog:
 
     Columns that are not found are `OPEN` in the mapping.
     """
-    columns = [Column(name, words_of(name), table.numbers(name)) for name in table.names]
+    columns = [
+        Column(name, words_of(f"{name} {unit}"), table.numbers(name))
+        for name, unit in zip(table.names, table.units, strict=True)
+    ]
     notes: dict[str, str] = {}
     time = _time(table, columns, notes)
     times, kept = _times(table, time)
@@ -127,17 +132,18 @@ def guessed(table: LogTable) -> LimbInLog:
         for c in columns
     ]
     columns = [column for column in columns if len(column.shown) > 5]
-    duties, fulls = _duties(columns, times, notes)
-    heats = heat_of(times, _shares(duties, fulls, len(times)))
+    duties, signs = _duties(columns, times, notes)
+    full = _full(duties)
+    heats = heat_of(times, _shares(duties, signs, full, len(times)))
     rest = [column for column in columns if column not in duties]
     temperatures = _temperatures(rest, heats, notes)
     bend = _bend(table, [c for c in rest if c not in temperatures], times, heats, notes)
-    wires, agreement = _wires(duties, fulls, temperatures, heats, notes)
+    wires, agreement = _wires(duties, signs, temperatures, heats, notes)
     mapping = LogMapping(
-        time, wires, bend, missing=missing, delimiter=table.delimiter, decimal=table.decimal,
+        time, wires, bend, full, missing=missing, delimiter=table.delimiter, decimal=table.decimal,
         names_line=table.names_line,
     )  # fmt: skip
-    questions = [_question(duty, full) for duty, full in zip(duties, fulls, strict=True)]
+    questions = [_question(duties, full)]
     if not duties:
         questions.append("no column seems to be a duty, which is 0 while wires are off")
     elif bend.scale and bend.column != OPEN:
@@ -150,17 +156,17 @@ def guessed(table: LogTable) -> LimbInLog:
     return LimbInLog("", mapping, [*said, *filter(None, questions)], agreement)
 
 
-def _shares(duties: list[Column], fulls: list[float], count: int) -> np.ndarray:
+def _shares(duties: list[Column], signs: list[float], full: float, count: int) -> np.ndarray:
     """Duty of each wire (W, K), in [0, 1]."""
     shares = np.zeros((len(duties), count))
-    for share, duty, full in zip(shares, duties, fulls, strict=True):
-        share[:] = np.clip(held(duty.values) / full, 0.0, 1.0)
+    for share, duty, sign in zip(shares, duties, signs, strict=True):
+        share[:] = np.clip(sign * held(duty.values) / full, 0.0, 1.0)
     return shares
 
 
 def _wires(
     duties: list[Column],
-    fulls: list[float],
+    signs: list[float],
     temperatures: list[Column],
     heats: np.ndarray,
     notes: dict[str, str],
@@ -174,14 +180,14 @@ def _wires(
     pairs = pairing(heats, np.array([column.values for column in temperatures]))
     left = [i for i in range(len(temperatures)) if i not in [reading for reading, _ in pairs]]
     wires = []
-    for name, duty, full, (reading, agreement) in zip(sides, duties, fulls, pairs, strict=True):
-        notes[duty.name] = f"duty of the {name} wire, of which {full:g} is full"
+    for name, duty, sign, (reading, agreement) in zip(sides, duties, signs, pairs, strict=True):
+        notes[duty.name] = f"duty of the {name} wire"
         if reading is None and left:  # no heat shows it
             same = [i for i in left if _side(temperatures[i]) == name]
             if same or len(left) == len(temperatures) - 1 or len(left) == len(duties):
                 reading = same[0] if same else left[0]
                 left.remove(reading)
-        wires.append(WireColumns(name, duty.name, full))
+        wires.append(WireColumns(name, duty.name, sign))
         if reading is not None:
             sensor, unit = temperatures[reading], _unit(temperatures[reading])
             wires[-1].temperature, wires[-1].unit = sensor.name, unit
@@ -268,7 +274,7 @@ def _unit_of_time(column: Column, shown: np.ndarray) -> str:
     """The unit that the name says if it can be, else the first in which rate and length can be."""
     names = {"ms": "ms millis msec milliseconds millisec", "us": "us micros µs microseconds usec",
              "ns": "ns nanos nanoseconds nsec", "s": "s sec seconds secs sekunden",
-             "min": "min minutes minuten", "h": "h hours"}  # fmt: skip
+             "min": "min minutes minuten", "d": "d days", "h": "h hours"}  # fmt: skip
     steps = np.diff(shown)
     usual, length = float(np.median(np.abs(steps[steps != 0]))), float(np.ptp(shown))
 
@@ -279,7 +285,7 @@ def _unit_of_time(column: Column, shown: np.ndarray) -> str:
 
     said = [unit for unit, words in names.items() if set(column.words) & set(words.split())]
     likely = [
-        unit for unit in ("s", "ms", "us", "ns", "min") if can_be(unit) and _usual(usual, unit)
+        unit for unit in ("s", "ms", "us", "ns", "min", "d") if can_be(unit) and _usual(usual, unit)
     ]
     return next(iter([u for u in said if can_be(u)] + likely), said[0] if said else "")
 
@@ -292,7 +298,7 @@ def _usual(step: float, unit: str) -> bool:
 def _duties(
     columns: list[Column], times: np.ndarray, notes: dict[str, str]
 ) -> tuple[list[Column], list[float]]:
-    """The columns of duty, and what is full in each; a signed one counts for both wires."""
+    """The columns of duty, and the sign that heats; a signed one counts for both wires."""
     rated = []
     for column in columns:
         values = column.shown
@@ -312,8 +318,7 @@ def _duties(
         return [], []
     signed = [column for _, column in heated if column.shown.min() < 0 < column.shown.max()]
     if signed and len(signed) == len(heated):
-        full = _full([signed[0]])
-        return [signed[0], signed[0]], [-full, full]
+        return [signed[0], signed[0]], [-1.0, 1.0]
     unsigned = [pair for pair in rated if pair[1].shown.min() >= 0]
     chosen = _best_pair(unsigned, columns, times)
     for _, column in unsigned:
@@ -322,7 +327,7 @@ def _duties(
     sides = [_side(column) for column in chosen]
     if sides == ["right", "left"]:
         chosen.reverse()
-    return chosen, [_full(chosen)] * len(chosen)
+    return chosen, [1.0] * len(chosen)
 
 
 def _best_pair(
@@ -348,20 +353,25 @@ def _best_pair(
 
 def _full(duties: list[Column]) -> float:
     """The number that means full duty: the least that is possible for all, unless it is a count."""
+    if not duties:
+        return 1.0
     values = np.abs(np.concatenate([duty.shown for duty in duties]))
     words = {word for duty in duties for word in duty.words}
     full = next(full for full in FULLS if values.max() <= full * 1.001)
+    if full <= 100.0 and words & {"%", "percent", "pct"}:
+        return 100.0
     counted = "pwm" in words or (values % 5 != 0).any()  # per cent are mostly set in fives
-    if full == 100.0 and counted and (values % 1 == 0).all() and not words & {"%", "percent"}:
+    if full == 100.0 and counted and (values % 1 == 0).all():
         return 255.0
     return full
 
 
-def _question(duty: Column, full: float) -> str:
-    most = float(np.abs(duty.shown).max())
-    if most in (0.0, abs(full)) or abs(full) == 1.0:
-        return ""
-    return f"{duty.name} reaches {most:g} only: correct full if full duty is not {abs(full):g}"
+def _question(duties: list[Column], full: float) -> str:
+    most = max((float(np.abs(duty.shown).max()) for duty in duties), default=0.0)
+    names = " and ".join(dict.fromkeys(duty.name for duty in duties))
+    if most in (0.0, full):
+        return f"full duty is {full:g} in {names}" if most else ""
+    return f"the most in {names} is {most:g}: correct full if full duty is not {full:g}"
 
 
 def _side(column: Column) -> str:
@@ -450,19 +460,20 @@ def _bend(
         measures = TIP_TANGENT
     elif "chord" in column.words:
         measures = CHORD
-    values, scale, unit = column.shown, 1.0, "degrees"
+    words, values = set(column.words), column.shown
+    rest = float(np.median(values[:FIRST]))
     whole = np.mean(values == np.round(values)) > 0.99
-    if np.ptp(values) > 360.0 or (
-        whole and ({"raw", "adc", "counts", "count"} & set(column.words))
-    ):
-        scale, unit = 0.0, "counts of a sensor, whose scale the log does not have"
-    elif "rad" in column.words or (
-        len(heats)
-        and heats.any()
-        and np.abs(values - np.median(values)).max() < RADIANS
-        and not set(column.words) & {"deg", "°"}
-    ):
+    small = np.abs(values - np.median(values)).max() < RADIANS and len(heats) and heats.any()
+    scale, unit, zero = 1.0, "degrees", 0.0
+    if "mdeg" in words:
+        scale, unit = 1e-3, "thousandths of degrees"
+    elif words & NO_ANGLES or np.ptp(values) > 360.0 or (whole and "raw" in words):
+        scale, unit = 0.0, "something whose scale the log does not have"
+    elif "rad" in words or (small and not words & {"deg", "°"}):
         scale, unit = float(np.rad2deg(1.0)), "radians"
+        if abs(rest) * scale > FARTHEST and "rad" not in words:
+            scale, unit = 0.0, "something whose scale the log does not have"
+    if not scale or abs(rest) * scale > FARTHEST:
+        zero = rest  # of a limb that is taken to rest straight
     notes[column.name] = f"the bend ({measures}), in {unit}"
-    zero = 0.0 if scale else float(np.median(values[:FIRST]))
     return BendColumns(column.name, zero=zero, scale=scale, measures=measures)

@@ -110,8 +110,7 @@ def _joined(limb: LimbInLog, other: LimbInLog | None) -> LimbInLog:
         return limb
     mapping = copy.deepcopy(limb.mapping if limb.heated else other.mapping)
     agreement = list(limb.agreement)
-    for own, wire in zip(mapping.wires, other.mapping.wires, strict=True):
-        own.full = max(own.full, wire.full, key=abs)
+    mapping.full = max(mapping.full, other.mapping.full)
     for index, wire in enumerate(other.mapping.wires):
         if not agreement[index] and other.agreement[index]:
             mapping.wires[index], agreement[index] = copy.deepcopy(wire), other.agreement[index]

@@ -10,7 +10,8 @@ from limb_systems.logs.table import DELIMITERS, LogError
 from limb_systems.output import write_atomically
 from limb_systems.schema import Strict, dump_typed, load_typed, quantity
 
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "date": 1.0}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
+SECONDS["date"] = 1.0
 CELSIUS = {"C": (1.0, 0.0), "F": (1 / 1.8, -32 / 1.8), "K": (1.0, -273.15)}  # factor, offset
 BEND_ANGLE, CHORD, TIP_TANGENT = "bend_angle", "chord", "tip_tangent"
 OPEN = "?"  # in place of a column that is not known
@@ -21,7 +22,7 @@ MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
 class TimeColumn(Strict):
     """The column of time.
 
-    - ``unit``: "s", "ms", "us", "ns", "min" or "h"; "date" for dates or times of day.
+    - ``unit``: "s", "ms", "us", "ns", "min", "h" or "d"; "date" for dates or times of day.
     - ``wraps_after``: period after which the numbers begin anew, such as a day, s; 0 for never.
     """
 
@@ -36,15 +37,14 @@ class WireColumns(Strict):
 
     - ``name``: name of the wire in the limb's description, such as "left".
     - ``duty``: column of its duty; empty if it was never heated.
-    - ``full``: number in that column that means full duty, such as 1, 100 or 255; a negative
-      one where a signed column heats this wire by negative numbers.
+    - ``sign``: 1, or -1 where it is negative numbers of a signed column that heat this wire.
     - ``temperature``: column of its thermocouple; empty if it has none.
     - ``unit``: "C", "F" or "K".
     """
 
     name: str
     duty: str
-    full: float = 1.0
+    sign: float = quantity(1.0, "", -1.0, 1.0)
     temperature: str = ""
     unit: str = "C"
 
@@ -78,6 +78,7 @@ class LogMapping(Strict):
     """A mapping from a log's columns to a limb of one segment.
 
     - ``time``, ``wires``, ``bend``: the columns.
+    - ``full``: number that is full duty, such as 1, 100 or 255.
     - ``rate``: rate at which the log is sampled evenly, Hz; 0 for that of most of its rows.
     - ``missing``: numbers that stand for a reading that is missing, such as -999.
     - ``delimiter``, ``decimal``, ``names_line``: as in `LogTable`.
@@ -89,6 +90,7 @@ class LogMapping(Strict):
     time: TimeColumn
     wires: list[WireColumns]
     bend: BendColumns
+    full: float = quantity(1.0, "", 1e-9, 1e9)
     rate: float = quantity(0.0, "Hz", 0.0, 1000.0)
     missing: list[float] = dataclasses.field(default_factory=list)
     delimiter: str = ","
@@ -112,8 +114,8 @@ class LogMapping(Strict):
             )
         if bool(self.bend.column) == bool(self.bend.line):
             raise LogError("bend must have either a column or a line.")
-        if not self.wires or not all(wire.full for wire in self.wires):
-            raise LogError("wires must have at least one wire, and full must not be 0.")
+        if not self.wires:
+            raise LogError("wires must have at least one wire.")
 
     @property
     def open(self) -> list[str]:

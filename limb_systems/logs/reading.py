@@ -108,7 +108,9 @@ def _parts(
     for wire in mapping.wires:
         index = limb.wire_names.index(wire.name)
         if wire.duty:
-            duty[index], unknown = _duty(table.numbers(wire.duty)[kept], wire.duty, wire.full)
+            duty[index], unknown = _duty(
+                wire.sign * table.numbers(wire.duty)[kept], wire.duty, mapping.full
+            )
             if unknown:
                 remarks.append(f"The {wire.name} wire's duty is missing in {_rows(unknown)}; held.")
         if wire.temperature:
@@ -259,8 +261,8 @@ def _duty(values: np.ndarray, column: str, full: float) -> tuple[np.ndarray, int
     duty = held(values) / full
     if duty.max() > 1 + OVER:
         raise LogError(
-            f"the column {column!r} reaches {np.nanmax(np.sign(full) * values) * np.sign(full):g}, "
-            f"beyond full duty, which is {full:g} by the mapping; correct its full."
+            f"the column {column!r} reaches {np.nanmax(values):g}, beyond full duty, which is "
+            f"{full:g} by the mapping; correct its full."
         )
     return np.clip(duty, 0.0, 1.0), int(missing.sum())
 

@@ -35,6 +35,7 @@ class LogTable:
     """The rows of a log, as text.
 
     - ``names``: names of the columns; ``column_1`` and so on where the log has none.
+    - ``units``: units in a row under the names; empty texts if there is no such row.
     - ``cells``: rows of as many cells.
     - ``head``: lines before the names.
     - ``delimiter``: what is between cells, one of `DELIMITERS`.
@@ -44,6 +45,7 @@ class LogTable:
     """
 
     names: list[str]
+    units: list[str]
     cells: list[list[str]]
     head: list[str]
     delimiter: str
@@ -138,7 +140,9 @@ def read_table(
     if len(cells) < FEWEST_ROWS:
         raise LogError(f"{path} has only {len(cells)} rows of numbers.")
     head = lines[: (names_line or first + 1) - 1]
-    return LogTable(_unique(names, width), cells, head, delimiter, decimal, names_line, odd)
+    below = rows[names_line] if names_line and names_line < first else []
+    units = below if len(below) == width else [""] * width
+    return LogTable(_unique(names, width), units, cells, head, delimiter, decimal, names_line, odd)
 
 
 def _text(path: str | Path) -> str:
