@@ -124,7 +124,7 @@ def corrected(mapping: LogMapping, truth: Truth, mirror: bool) -> tuple[LogMappi
     column, scale, measures, zero = truth.bend
     if column:  # else of tags
         put(fixed.bend, "column", column)
-        if zero and measures != fixed.bend.measures:  # who gives a scale may give that of either
+        if not fixed.bend.scale and measures != fixed.bend.measures:  # a scale may be of either
             scale, measures = scale / 2, fixed.bend.measures
         put(fixed.bend, "scale", -scale if mirror else scale)
         put(fixed.bend, "measures", measures)
