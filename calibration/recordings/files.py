@@ -30,6 +30,11 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
     if not folder.is_dir():
         raise CalibrationError(f"There is no folder {folder}.")
     recordings: dict[str, list[Recording]] = {}
+    if not any(folder.glob("*.csv")) and (others := sorted(folder.glob("*/*.csv"))):
+        names = ", ".join(dict.fromkeys(str(path.parent) for path in others))
+        raise CalibrationError(
+            f"{folder} has no recordings; give one of the folders in it: {names}."
+        )
     for path in sorted(folder.glob("*.csv")):
         if is_unfinished(path):
             continue
