@@ -9,7 +9,7 @@ are
   same seed, and that of the limb as described: as it is, and without a constant, since limbs
   with tags are bent at rest by something else, and no camera knows where 0 is.
 
-Last come files that must be refused in one sentence.
+Last come files that are no logs of a heated limb, and the sentence that each gets.
 
     python benchmarks/lab_door.py [--quick] [--unseen] [--seeds 1] [--out FOLDER] [NAME ...]
 """
@@ -89,7 +89,8 @@ def command(*words: str | Path) -> subprocess.CompletedProcess:
 def last_line(done: subprocess.CompletedProcess) -> str:
     """The end of what a command that failed has said; a traceback is named as such."""
     lines = (done.stderr.strip() or done.stdout.strip() or "(nothing)").splitlines()
-    return ("TRACEBACK: " if "Traceback" in done.stderr else "") + lines[-1]
+    told = [line for line in lines if line.startswith(("error", "next"))] or lines
+    return ("TRACEBACK: " if "Traceback" in done.stderr else "") + told[-1]
 
 
 def corrected(mapping: LogMapping, truth: Truth, mirror: bool) -> tuple[LogMapping, list[str]]:
@@ -244,6 +245,7 @@ def main() -> None:
             if log.name.startswith(tuple(options.names or [""])):
                 for row in through_the_door(log, options.out / log.name):
                     print(shown(row), flush=True)
+    shutil.rmtree(options.out / "refused", ignore_errors=True)
     for name, content in {} if options.names else refused().items():
         path = options.out / f"{name.replace(' ', '_')}.csv"
         path.write_bytes(content)
