@@ -136,10 +136,8 @@ def _parts(
         remarks.append(f"{share:.1%} of rows lack a reading, which stays empty.")
     cuts = _cuts(times, duty)
     if len(cuts) > 2:
-        remarks.append(
-            f"Cut at {', '.join(f'{times[c]:.0f} s' for c in cuts[1:-1])}: what happened before is "
-            "not known."
-        )
+        ends = ", ".join(f"{times[cut - 1]:.0f} s" for cut in cuts[1:-1])
+        remarks.append(f"Cut after {ends}: what happened in the gap there is not known.")
     gaps = np.diff(times)
     if long := int((gaps > GAP).sum()):
         remarks.append(

@@ -213,7 +213,7 @@ def test_gaps_of_unknown_duty_cut_a_log_and_others_do_not(tmp_path, truth):
     )  # fmt: skip
     _, recordings, remarks = read(path)
     assert [round(recording.time[-1]) for recording in recordings] == [66, 160]
-    assert any("Cut at 80 s" in remark for remark in remarks)
+    assert any("Cut after 66 s" in remark for remark in remarks)
     gap = (recordings[1].time > 11.6) & (recordings[1].time < 13.9)
     assert recordings[1].missing[gap].all()
     with pytest.warns(UserWarning, match="longest of 2 parts"):
