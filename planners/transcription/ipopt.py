@@ -25,6 +25,8 @@ from pydrake.solvers import (
     SolverOptions,
 )
 
+from limb_systems.signals import SIGNALS
+
 OPTIONS = {
     "mu_strategy": "adaptive",
     # For an objective that is scaled to at most 100: costs are right to 1e-6. A
@@ -60,53 +62,41 @@ STATUS = {
     -13: ("invalid number detected", SolutionResult.kSolverSpecificError),
 }
 
-# Signals that may end a program; a handler of the program's own says whether they do.
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+class CostBlock(Protocol):
+    """A cost g(x) that is evaluated at once; its Hessian is its lower triangle alone.
+
+    - ``columns``: places of the nonzeros of dg/dx.
+    - ``hessian_rows``, ``hessian_columns``: places of the nonzeros of the Hessian of λᵀ g;
+      values of the same place, or of its mirror image, add up.
+    """
+
+    columns: np.ndarray
+    hessian_rows: np.ndarray
+    hessian_columns: np.ndarray
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        """g(x) (m,); of a cost m is one."""
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """The nonzeros of dg/dx, in the order of ``columns``."""
+
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """The nonzeros of the Hessian of multipliers · g; a cost's multiplier is one."""
 
 
-class ConstraintBlock(Protocol):
+class ConstraintBlock(CostBlock, Protocol):
     """Constraints lower <= g(x) <= upper that are evaluated together.
 
     - ``lower``, ``upper``: (m,).
     - ``rows``, ``columns``: places of the Jacobian's nonzeros in (m, len(x)).
-    - ``hessian_rows``, ``hessian_columns``: places of the nonzeros of the Hessian of λᵀ g;
-      values of the same place, or of its mirror image, add up.
     - ``replaces``: the program's constraints that they stand for.
     """
 
     lower: np.ndarray
     upper: np.ndarray
     rows: np.ndarray
-    columns: np.ndarray
-    hessian_rows: np.ndarray
-    hessian_columns: np.ndarray
     replaces: Collection[Binding]
-
-    def evaluate(self, x: np.ndarray) -> np.ndarray:
-        """g(x) (m,)."""
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """The nonzeros of dg/dx, in the order of ``rows`` and ``columns``."""
-
-    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """The nonzeros of the Hessian of multipliers · g."""
-
-
-class CostBlock(Protocol):
-    """A cost g(x) that is evaluated at once; attributes as of a `ConstraintBlock` of one row."""
-
-    columns: np.ndarray
-    hessian_rows: np.ndarray
-    hessian_columns: np.ndarray
-
-    def evaluate(self, x: np.ndarray) -> np.ndarray:
-        """g(x) (1,)."""
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """The nonzeros of dg/dx, in the order of ``columns``."""
-
-    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """The nonzeros of the Hessian's lower triangle, without multipliers."""
 
 
 @dataclasses.dataclass
