@@ -12,14 +12,13 @@ from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.parameters import CalibrationRecord, LimbParameters
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
+from limb_systems.views.panels import SIGNALS
 from planners import nearest_bend_angle
 from soft_limb.results.reading import LIMB, RECORDING, TRAJECTORY, ResultFile
 from soft_limb.results.summaries import distances_summary
 
 NONE = "-"  # for a value that one of the runs does not have
-SIGNALS = {"bend_angle": "°", "measured_temperature": "°C", "duty": ""}  # that runs are compared by
 LONGEST = 60  # characters of a value in a table
-_SYMBOLS = {"bend_angle": "φ", "measured_temperature": "V", "duty": "D"}
 _RUNS = (RECORDING, TRAJECTORY)
 _OF_FITS = ("names", "values", "standard_errors", "covariance", "provenance")  # see the laws
 
@@ -76,7 +75,7 @@ class Difference:
         """The statistics of differences in the unit of a signal."""
         size = np.abs(values)
         numbers = (size.mean(), np.median(size), np.percentile(size, 90))
-        return cls(run, signal, SIGNALS[signal], *map(float, numbers))
+        return cls(run, signal, SIGNALS[signal].unit, *map(float, numbers))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -180,7 +179,7 @@ class Comparison:
             unit = item.unit if item.unit in ("", "°") else f" {item.unit}"
             numbers = (item.mean, item.median, item.percentile_90)
             cells = [f"{number:.{digits}f}{unit}" for number in numbers]
-            rows.append([names[item.run], symbol.format(_SYMBOLS[item.signal]), *cells])
+            rows.append([names[item.run], symbol.format(SIGNALS[item.signal].symbol), *cells])
         return rows
 
 
