@@ -2,13 +2,11 @@
 
 It estimates the heat [x, V] (H) of W wires and S segments and what the model
 leaves out: a heating rate q (W), by which the wires warm faster than their law
-says (another supply voltage, a fan, a room that is warmer); gains γ (W), by which
-each wire bends the limb more than its law says; the drift d (S) of the bend sensors;
-and a bend p (S) that a torque from outside holds, such as a payload's:
+says (another supply voltage, a fan, a room that is warmer); the drift d (S) of the
+bend sensors; and a bend p (S) that a torque from outside holds, such as a payload's:
 
-    readings  V + v,   bend  φ(x, γ) + p + d + w
+    readings  V + v,   bend  φ(x) + p + d + w
     Ṫ = law + q,   q̇ = -q / τ_q + noise,   ḋ = -d / τ_d + noise,   ṗ = noise
-    γ̇ = (1 - γ) / τ_γ + noise,   0.5 ≤ γ ≤ 1.5
 """
 
 import dataclasses
@@ -18,7 +16,6 @@ from pydrake.systems.framework import LeafSystem
 
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters
-from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 
@@ -47,10 +44,6 @@ HEATING_ERROR = 0.1  # of the heating by duty, in addition
 BEND_WALK = np.deg2rad(0.4)  # rad, of p
 HEATING_RATE, HEATING_TIME = 1.0, 15.0  # °C/s and s, of q
 DRIFT_TIME = 120.0  # s, in which the correlation of d falls to 1/e
-# Largest standard deviation of γ; rad of bend, of which the calibration's error is one of γ; s,
-# in which γ's correlation falls to 1/e.
-GAIN_ERROR, TYPICAL_BEND, GAIN_TIME = 0.25, np.deg2rad(10.0), 120.0
-LEAST_GAIN, MOST_GAIN = 0.5, 1.5
 # rad, of p where the rest angle is not known, or bent by more than so many standard deviations.
 INITIAL_BEND, UNLOADED = np.deg2rad(3.0), 2.0
 INITIAL_TEMPERATURE = 1.0  # °C
@@ -64,10 +57,9 @@ class StateEstimate:
 
     - ``heat``: [x, V] (H).
     - ``heating_rate``: q (W), °C/s.
-    - ``gains``: γ (W); 1 if the limb is not calibrated.
     - ``drift``: d (S), rad.
     - ``offset``: p (S), rad.
-    - ``covariance``: covariance of the five above, in this order (M, M).
+    - ``covariance``: covariance of the four above, in this order (M, M).
     - ``unbelieved``: time since each thermocouple and bend sensor was last believed
       (W + S), s.
     - ``alike``: time since each sensor's reading last changed (W + S), s.
@@ -79,7 +71,6 @@ class StateEstimate:
 
     heat: np.ndarray
     heating_rate: np.ndarray
-    gains: np.ndarray
     drift: np.ndarray
     offset: np.ndarray
     covariance: np.ndarray
@@ -106,8 +97,8 @@ class Estimator:
         self.parameters = parameters
         model = self.model = ReducedModel(parameters)
         H, W, S = model.size, model.num_wires, model.num_segments
-        self._means = H + 2 * W + 2 * S
-        self._ends = np.cumsum([H, W, W, S])
+        self._means = H + W + 2 * S
+        self._ends = np.cumsum([H, W, S])
         self.size = self._means + self._means**2 + 6 * W + 3 * S
         self.nothing = np.full(self.size, np.nan)
         sensors = [segment.bend_sensor for segment in parameters.segments]
@@ -119,16 +110,11 @@ class Estimator:
         walks = np.where(temperatures, TEMPERATURE_WALK, OTHER_WALK * model.scales)
         walks[-W:] = READING_WALK
         drift = np.array([sensor.drift for sensor in sensors])
-        # Of a limb that is not calibrated, no reading tells gains from a load.
-        record, gain = parameters.calibration, 0.0
-        if record is not None:
-            gain = min(GAIN_ERROR, MEAN_TO_DEVIATION * record.bend_error / TYPICAL_BEND)
         h = model.period
         self._walk = h * np.concatenate(
             [
                 walks**2,
                 np.full(W, 2 * HEATING_RATE**2 / HEATING_TIME),
-                np.full(W, 2 * gain**2 / GAIN_TIME),
                 2 * drift**2 / DRIFT_TIME,
                 np.full(S, BEND_WALK**2),
             ]
@@ -136,7 +122,6 @@ class Estimator:
         self._decay = np.concatenate(
             [
                 np.full(W, np.exp(-h / HEATING_TIME)),
-                np.full(W, np.exp(-h / GAIN_TIME)),
                 np.full(S, np.exp(-h / DRIFT_TIME)),
                 np.ones(S),
             ]
@@ -144,17 +129,11 @@ class Estimator:
         initial = np.where(temperatures, SILICONE, 0.0)
         initial[:W] = initial[-W:] = INITIAL_TEMPERATURE
         self._initial = np.concatenate(
-            [
-                initial,
-                np.full(W, HEATING_RATE / 2),
-                np.full(W, gain),
-                drift,
-                np.full(S, INITIAL_BEND),
-            ]
+            [initial, np.full(W, HEATING_RATE / 2), drift, np.full(S, INITIAL_BEND)]
         )
         self._others = np.flatnonzero(~temperatures)
         # How far limbs may rest, without a load, from where their parameters say.
-        self._rest_error = np.full(S, INITIAL_BEND)
+        self._rest_error, record = np.full(S, INITIAL_BEND), parameters.calibration
         if record is not None and "rest_angle" in record.names:
             self._rest_error[:] = record.standard_errors[record.names.index("rest_angle")]
         self._heating = model.period * model.heating_rates  # °C per step, by full duty
@@ -176,14 +155,13 @@ class Estimator:
         initial, none = self._initial.copy(), np.zeros(S)
         initial[self._others] = (self.model.heated(known + SILICONE) - heat)[self._others]
         initial[-S:] = self._rest_error
-        held, C = self._sensing(heat, np.ones(W))
+        held, C = self._sensing(heat)
         spread = ((C[W:] * initial) ** 2).sum(axis=1) + self._reading_variances[W:]
         off = np.abs((bend_angle - self._sensor_offset) / self._gain - held)
         initial[-S:][off > UNLOADED * np.sqrt(spread)] = INITIAL_BEND
         return StateEstimate(
             heat,
             np.zeros(W),
-            np.ones(W),
             none,
             none,
             np.diag(initial**2),
@@ -211,9 +189,9 @@ class Estimator:
     def unpack(self, vector: np.ndarray) -> StateEstimate:
         """The inverse of `pack`."""
         M, W, S = self._means, self.model.num_wires, self.model.num_segments
-        sizes = [self.model.size, W, W, S, S, M * M, W + S, W + S, W, W, W]
+        sizes = [self.model.size, W, S, S, M * M, W + S, W + S, W, W, W]
         parts = np.split(vector, np.cumsum(sizes))
-        parts[5] = parts[5].reshape(M, M)
+        parts[4] = parts[4].reshape(M, M)
         return StateEstimate(*parts)
 
     def corrected(
@@ -233,7 +211,7 @@ class Estimator:
         frozen = np.abs(unshown) > STUCK_CHANGE
         works = np.isfinite(read) & (alike < np.repeat([STUCK_READING_TIME, STUCK_TIME], [W, S]))
         works[:W] &= ~frozen
-        held, C = self._sensing(estimate.heat, estimate.gains)
+        held, C = self._sensing(estimate.heat)
         bend = (bend_angle - self._sensor_offset) / self._gain
         predicted = held + estimate.offset + estimate.drift
         innovations = np.concatenate([readings - model.readings(estimate.heat), bend - predicted])
@@ -256,12 +234,11 @@ class Estimator:
         C, innovations = C[used], innovations[used]
         gain = np.linalg.solve(spread[np.ix_(used, used)], C @ P).T
         P = P - gain @ C @ P
-        heat, heating_rate, gains, drift, offset = np.split(gain @ innovations, self._ends)
+        heat, heating_rate, drift, offset = np.split(gain @ innovations, self._ends)
         corrected = StateEstimate(
             estimate.heat + heat,
             # What a frozen thermocouple said of it is forgotten.
             np.where(frozen, 0.0, estimate.heating_rate + heating_rate),
-            np.clip(estimate.gains + gains, LEAST_GAIN, MOST_GAIN),
             estimate.drift + drift,
             estimate.offset + offset,
             (P + P.T) / 2,
@@ -309,26 +286,24 @@ class Estimator:
         walk[:W] += (HEATING_ERROR * self._heating * duty) ** 2 / period
         P = F @ estimate.covariance @ F.T
         P[np.diag_indices_from(P)] += walk
-        decay = np.split(self._decay, [W, 2 * W, 2 * W + self.model.num_segments])
+        decay = np.split(self._decay, [W, W + self.model.num_segments])
         return dataclasses.replace(
             estimate,
             heat=heat,
             heating_rate=decay[0] * estimate.heating_rate,
-            gains=1.0 + decay[1] * (estimate.gains - 1.0),
-            drift=decay[2] * estimate.drift,
+            drift=decay[1] * estimate.drift,
             covariance=P,
             unshown=estimate.unshown + heat[:W] - estimate.heat[:W],
         )
 
-    def _sensing(self, heat: np.ndarray, gains: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """φ(x, γ) (S,), rad, and derivatives (W + S, M) of readings by all that is estimated."""
+    def _sensing(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """φ(x) (S,), rad, and derivatives (W + S, M) of readings by all that is estimated."""
         H, W, S = self.model.size, self.model.num_wires, self.model.num_segments
-        held, slopes = self.model.bend_slopes(heat, gains)
+        held, slopes = self.model.bend_slopes(heat)
         C = np.zeros((W + S, self._means))
         C[:W, H - W : H] = np.eye(W)
         C[W:, :H] = slopes
-        C[W:, H + W : H + 2 * W] = self.model.bend_by_gain(heat)
-        C[W:, H + 2 * W : H + 2 * W + S] = C[W:, H + 2 * W + S :] = np.eye(S)
+        C[W:, H + W : H + W + S] = C[W:, H + W + S :] = np.eye(S)
         return held, C
 
 
@@ -377,7 +352,7 @@ class LimbObserver(LeafSystem):
             ("wire_temperature", W, lambda e: e.heat[:W]),
             ("temperature_deviation", W, lambda e: np.sqrt(np.diag(e.covariance)[:W])),
             ("heat", H, lambda e: e.heat),
-            ("bend_angle", S, lambda e: model.bend_angle(e.heat, e.gains) + e.offset),
+            ("bend_angle", S, lambda e: model.bend_angle(e.heat) + e.offset),
             ("sensor_drift", S, lambda e: e.drift),
             ("torque_disturbance", S, lambda e: e.offset / model.bend_by_torque),
             ("believed", W + S, lambda e: (e.unbelieved == 0).astype(float)),

@@ -137,7 +137,6 @@ class HorizonPlanner:
         heat: np.ndarray,
         bend_offset: np.ndarray,
         previous: HorizonPlan | None = None,
-        gains: np.ndarray | None = None,
     ) -> HorizonPlan:
         """A plan from a time on.
 
@@ -146,13 +145,12 @@ class HorizonPlanner:
             heat: [x, V] at that time (H,).
             bend_offset: bend angle of the limb less that of the model (S,), rad.
             previous: a plan that begins before, to start from; wires that are off if None.
-            gains: factors of the wires' torque (W,); one if None.
         """
         times = time + self._times
         reference = self._reference.vector_values(np.minimum(times, self._reference.end_time()))
         warm = np.where(times > self._limits.warm_up_time, self._limits.warm, -np.inf)
         warmest = self._warmest(times[1:], bend_offset)
-        aims = reference.T[1:] - bend_offset, warm[1:], warmest, gains
+        aims = reference.T[1:] - bend_offset, warm[1:], warmest
         if previous is None:
             duty = np.zeros((len(times) - 1, self._model.num_wires))
         else:
@@ -180,7 +178,7 @@ class HorizonPlanner:
             time=times,
             duty=duty,
             heat=heats,
-            bend_angle=self._model.bend_angle(heats, gains) + bend_offset,
+            bend_angle=self._model.bend_angle(heats) + bend_offset,
             cost=float(cost),
             success=success,
         )
@@ -214,7 +212,6 @@ class HorizonPlanner:
         target: np.ndarray,
         warm: np.ndarray,
         warmest: np.ndarray,
-        gains: np.ndarray | None,
     ) -> np.ndarray:
         """The cost (B,) of heats (K + 1, B, H) under duty (B, K, W).
 
@@ -222,9 +219,8 @@ class HorizonPlanner:
             target: bend of the model that is wanted at the knots but the first (K, S), rad.
             warm: T_warm at these knots, or -inf (K,), °C.
             warmest: temperatures of the plan, with what wires may be warmer (K, W), °C.
-            gains: as for `plan`.
         """
-        missed = self._model.bend_angle(rollouts[1:], gains) - target[:, None]
+        missed = self._model.bend_angle(rollouts[1:]) - target[:, None]
         T = self._model.temperatures(rollouts[1:])
         beyond = np.maximum(T - self._hottest, 0.0) + np.maximum(warm[:, None, None] - T, 0.0)
         return (
@@ -242,11 +238,10 @@ class HorizonPlanner:
         target: np.ndarray,
         warm: np.ndarray,
         warmest: np.ndarray,
-        gains: np.ndarray | None,
     ) -> np.ndarray | None:
         """The best duty (K, W) where the model is linear about heats (K + 1, H); None if none."""
         self._set_dynamics(heats, duty)
-        self._set_bend(heats[1:], target, gains)
+        self._set_bend(heats[1:], target)
         scales = self._scales[: self._model.num_wires]
         for cool, hot, least, most in zip(self._cool, self._warmer, warm, warmest, strict=True):
             cool.evaluator().UpdateLowerBound(least / scales)
@@ -328,9 +323,9 @@ class HorizonPlanner:
             row = [-A[k], one, -B[k]] if k else [one, -B[k]]
             binding.evaluator().UpdateCoefficients(np.hstack(row), c[k])
 
-    def _set_bend(self, heats: np.ndarray, target: np.ndarray, gains: np.ndarray | None) -> None:
+    def _set_bend(self, heats: np.ndarray, target: np.ndarray) -> None:
         """e = φ(x) - target (K, S) at each knot, about heats (K, H)."""
-        bend, slopes = self._model.bend_slopes(heats, gains)
+        bend, slopes = self._model.bend_slopes(heats)
         C = slopes[:, :, : self._num_states] * self._scales
         x = heats[:, : self._num_states] / self._scales
         rest = target - bend + np.einsum("kij,kj->ki", C, x)

@@ -83,7 +83,7 @@ class PlanFeedback(PlanController):
 
     def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
         k, model = self._plan.index(time), self._estimator.model
-        bend = model.bend_angle(estimate.heat, estimate.gains) + estimate.offset
+        bend = model.bend_angle(estimate.heat) + estimate.offset
         missed = self._plan.bend_angle[k] - bend
         warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
         base = self._plan.duty[k] - COMMON_MODE * np.maximum(warmer, 0.0) / self._heating
@@ -137,9 +137,7 @@ class PlanRegulator(PlanController):
 
     def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
         k, N = self._plan.index(time), estimate.heat.size - len(caps)
-        model = self._estimator.model
-        more = model.bend_angle(estimate.heat, estimate.gains) - model.bend_angle(estimate.heat)
-        offset = estimate.offset + more + self._unlike_plan[k]
+        offset = estimate.offset + self._unlike_plan[k]
         deviation = np.append((estimate.heat - self._plan.heat[k])[:N], offset)
         wanted = self._plan.duty[k] - self._regulator[k] @ deviation
         possible = np.clip(wanted, 0.0, caps)

@@ -79,7 +79,7 @@ class RecedingHorizon(PlanController):
         plan = self._unpacked(state.value(3))
         if self._process and (made := self._process.plan_if_made()):
             plan = _if_good(made, plan, counts)
-        bend = model.bend_angle(estimate.heat, estimate.gains) + estimate.offset
+        bend = model.bend_angle(estimate.heat) + estimate.offset
         missed = plan.bend_angle_at(time) - bend
         base = np.clip(plan.duty_at(time), 0.0, caps)
         duty = within_total(
@@ -87,7 +87,7 @@ class RecedingHorizon(PlanController):
         )
         if round(time / PERIOD) % TICKS == 0:
             ahead = self._estimator.predicted(estimate, duty)
-            question = time + PERIOD, ahead.heat, ahead.offset, plan, ahead.gains
+            question = time + PERIOD, ahead.heat, ahead.offset, plan
             is_late = self._process is not None and self._process.is_planning
             counts[1 if is_late else 0] += 1
             if self._process is None:

@@ -48,8 +48,6 @@ class ReducedModel:
         ):
             self._to_bend[index, joints] = (segment.links + 1) / (2 * segment.links)  # (11)
             self.sides[index, around] = [wire.direction for wire in segment.wires]
-        self._cold_torques = wires.torques(wires.cold_states)
-        self._bend_by_torques = self._to_bend @ self._held.compliance @ wires.directions
         in_segment = (self._to_bend > 0).T
         self.bend_by_torque = np.diag(self._to_bend @ self._held.compliance @ in_segment).copy()
 
@@ -84,19 +82,9 @@ class ReducedModel:
         """θ (..., n) that the wires hold, rad."""
         return self._held.angles(heat[..., : -self.num_wires])
 
-    def bend_angle(self, heat: np.ndarray, gains: np.ndarray | None = None) -> np.ndarray:
-        """φ (..., S) that the wires hold, rad, by (11).
-
-        Args:
-            gains: γ (W,), by which each wire bends the limb more than its law says; 1 if None.
-        """
-        bend = self.joint_angles(heat) @ self._to_bend.T
-        return bend if gains is None else bend + self.bend_by_gain(heat) @ (gains - 1.0)
-
-    def bend_by_gain(self, heat: np.ndarray) -> np.ndarray:
-        """Bend by each wire alone (..., S, W), rad, with its torque on straight joints."""
-        torques = self._wires.torques(heat[..., : -self.num_wires]) - self._cold_torques
-        return self._bend_by_torques * torques[..., None, :]
+    def bend_angle(self, heat: np.ndarray) -> np.ndarray:
+        """φ (..., S) that the wires hold, rad, by (11)."""
+        return self.joint_angles(heat) @ self._to_bend.T
 
     def linearized_step(
         self, heat: np.ndarray, duty: np.ndarray
@@ -120,19 +108,12 @@ class ReducedModel:
         after[..., :N] = kept
         return after, slopes[..., :H], slopes[..., H:]
 
-    def bend_slopes(
-        self, heat: np.ndarray, gains: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def bend_slopes(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`bend_angle` (..., S), rad, and its derivatives by the heat (..., S, H)."""
         angles, by_state = self._held.expanded(heat[..., : -self.num_wires])
-        bend = angles @ self._to_bend.T
         slopes = np.zeros((*heat.shape[:-1], self.num_segments, self.size))
         slopes[..., : -self.num_wires] = self._to_bend @ by_state
-        if gains is not None:
-            bend = bend + self.bend_by_gain(heat) @ (gains - 1.0)
-            # The last is of states that have no wire, whose number is -1.
-            slopes[..., : -self.num_wires] *= np.append(gains, 1.0)[self._wires.wire_of_state]
-        return bend, slopes
+        return angles @ self._to_bend.T, slopes
 
     def rollout(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """The heat (K + 1, ..., H) from a start (..., H) on, under duty (K, ..., W) of steps."""

@@ -41,7 +41,6 @@ class Wires:
 
     - ``num_wires``, ``num_states``: W and N.
     - ``state_names``: such as ``S_left``, N.
-    - ``wire_of_state``: index of each state's wire (N,), or -1 for states of the rubber.
     - ``heat_scales``: typical changes of the states and of the readings (N + W,).
     - ``cold_states``: states of wires that were never heated (N,).
     - ``settles``: true where a state is no memory (N,).
@@ -71,13 +70,11 @@ class Wires:
         cold: list[float] = []
         ranges: list[tuple[float, float]] = []
         remembers: list[bool] = []
-        owners: list[int] = []
         for number in range(max(len(law.states) for law in laws)):
             for index, (law, name) in enumerate(zip(laws, parameters.wire_names, strict=True)):
                 if number < len(law.states):
                     state, scale = list(law.states.items())[number]
                     columns[index].append(len(names))
-                    owners.append(index)
                     names.append(f"{state}_{name}")
                     scales.append(scale)
                     cold.append(law.cold_states(self._ambient)[number])
@@ -89,7 +86,6 @@ class Wires:
         scales += [REST_SCALE] * num_shifts
         cold += [0.0] * num_shifts
         self.num_states, self.state_names = len(names), names
-        self.wire_of_state = np.array(owners + [-1] * num_shifts)
         self.heat_scales = np.array(scales + [TEMPERATURE_SCALE] * self.num_wires)
         self.cold_states = np.array(cold, float)
         ranges += [(-np.inf, np.inf)] * num_shifts
