@@ -8,6 +8,7 @@ from controllers.reduced_model import ReducedModel
 from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import LimbParameters, Trajectory, split_state
 from limb_systems.model.ownership import weak_method
+from limb_systems.model.statics import mean_bend_by_temperature
 from limb_systems.simulation import PERIOD
 
 LEAST_GAIN = 0.25  # of the mean gain, that a cold wire is taken to have at least
@@ -139,19 +140,8 @@ def mean_gains(model: ReducedModel) -> np.ndarray:
 
 
 def bend_by_temperature(model: ReducedModel) -> np.ndarray:
-    """Bend of each segment by each wire's temperature (S, W), rad/°C, from T_warm to T_max.
-
-    Zero for the wires of other segments, by whose bend gravity bends a segment, too.
-    """
-    limits, W = model.parameters.temperature_limits, model.num_wires
-    warm = np.full(W, limits.warm)
-    bend = model.bend_angle(model.heated(warm))
-    slopes = []
-    for wire in range(W):
-        hot = warm.copy()
-        hot[wire] = limits.maximum
-        slopes.append((model.bend_angle(model.heated(hot)) - bend) / (limits.maximum - limits.warm))
-    return np.transpose(slopes) * np.abs(np.sign(model.sides))
+    """`mean_bend_by_temperature` (S, W), rad/°C, of a model."""
+    return mean_bend_by_temperature(model.parameters, lambda T: model.bend_angle(model.heated(T)))
 
 
 def temperature_to_hold(by_temperature: np.ndarray, offset: np.ndarray) -> np.ndarray:

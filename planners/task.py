@@ -10,7 +10,7 @@ import numpy as np
 from limb_systems import LimbError, LimbParameters, bend_angle
 from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.input import read_text
-from limb_systems.model.statics import HeldAngles
+from limb_systems.model.statics import HeldAngles, mean_bend_by_temperature
 from limb_systems.schema import load_typed
 
 
@@ -140,8 +140,15 @@ class Task:
         record = parameters and parameters.calibration
         if not (parameters and record and record.bend_error > 0):
             return uncalibrated
-        per_degree = _least_bend_by_temperature(parameters)
-        error = record.bend_error / per_degree + record.temperature_error  # °C
+        held = HeldAngles(parameters)
+
+        def bend(temperature: np.ndarray) -> np.ndarray:
+            angles = held.angles(held.wires.settled_states(temperature))
+            return bend_angle(parameters, angles[:, None])[:, 0]
+
+        slopes = np.abs(mean_bend_by_temperature(parameters, bend))
+        weakest = slopes.max(axis=0).min()  # of all wires, rad/°C
+        error = record.bend_error / weakest + record.temperature_error  # °C
         margin = min(2.0 * MEAN_TO_DEVIATION * error, uncalibrated.temperature_margin)
         return cls(duty_weight=3.0, temperature_margin=float(margin), duty_margin=0.3)
 
@@ -181,27 +188,6 @@ class Task:
         widest = steps.max()
         # Spacings that are equal except for rounding get exactly the weight one.
         return np.append(np.where(np.isclose(steps, widest, rtol=1e-9), 1.0, steps / widest), 1.0)
-
-
-def _least_bend_by_temperature(parameters: LimbParameters) -> float:
-    """Bend of a segment by a wire's temperature, rad/°C, of the wire that bends it least.
-
-    It is the mean from T_warm to T_max, on a limb whose other wires are at T_warm.
-    """
-    limits, held = parameters.temperature_limits, HeldAngles(parameters)
-
-    def bend(temperature: np.ndarray) -> np.ndarray:
-        angles = held.angles(held.wires.settled_states(temperature))
-        return bend_angle(parameters, angles[:, None])[:, 0]
-
-    warm = np.full(len(parameters.wires), limits.warm)
-    least, rise = np.inf, limits.maximum - limits.warm
-    for wires, segment in zip(parameters.wire_slices, range(len(parameters.segments)), strict=True):
-        for wire in range(wires.start, wires.stop):
-            hot = warm.copy()
-            hot[wire] = limits.maximum
-            least = min(least, abs(bend(hot)[segment] - bend(warm)[segment]) / rise)
-    return least
 
 
 def _check_weights(task: Task | Phase, whose: str) -> None:

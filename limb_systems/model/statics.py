@@ -1,5 +1,7 @@
 """Static equilibria of the limb: K θ = f(T) + gravity, eqn (2) at rest."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
@@ -119,6 +121,25 @@ class HeldAngles:
     def _stiffness(self, force_by_angle: np.ndarray) -> np.ndarray:
         """How much stiffer than K the joints are whose torques depend on their angles."""
         return np.eye(len(self.compliance)) - self.compliance * force_by_angle[..., None, :]
+
+
+def mean_bend_by_temperature(
+    parameters: LimbParameters, bend: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """Bend of each segment by each wire's T (S, W), rad/°C, on average from T_warm to T_max.
+
+    It is zero for the wires of other segments, by whose bend gravity bends a segment, too.
+
+    Args:
+        bend: bend of the segments (S,), rad, that wires at T (W,), °C, hold; those that do not
+            get warmer are at T_warm.
+    """
+    limits, wires = parameters.temperature_limits, np.eye(len(parameters.wires))
+    rise = limits.maximum - limits.warm
+    warm = bend(np.full(len(wires), limits.warm))
+    slopes = np.transpose([(bend(limits.warm + rise * hot) - warm) / rise for hot in wires])
+    own = [wires[around].sum(axis=0) for around in parameters.wire_slices]
+    return slopes * own
 
 
 def _spring_and_gravity(
