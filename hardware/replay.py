@@ -336,9 +336,10 @@ def _remark(limb: LimbSystem):
         angles = np.rad2deg(limb.GetOutputPort("bend_angle").Eval(context))
         measured = limb.GetOutputPort("measured_temperature").Eval(context)
         duty = limb.GetInputPort("duty").Eval(context)
-        said = [f"φ {', '.join(f'{angle:+5.1f}°' for angle in angles)}"]
+        said = [f"φ {angle:+5.1f}°" for angle in angles if np.isfinite(angle)]
         for name, temperature, share in zip(names, measured, duty, strict=True):
-            said.append(f"{name} {temperature:.1f} °C at {share:.2f}")
+            reading = f" {temperature:.1f} °C" if np.isfinite(temperature) else ""
+            said.append(f"{name}{reading} at {share:.2f}")
         return ", ".join(said)
 
     return remark

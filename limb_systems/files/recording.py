@@ -150,17 +150,14 @@ class Recording(Samples):
         """Source, duration, samples, range of the bend angle, largest temperature; its trouble."""
         count, missing = len(self.time), self.missing
         entries = [Entry("source", self.source)]
-        if missing.all():
-            entries.append(Entry("samples", count, "", "no samples"))
-        else:
-            entries += [
-                Entry("duration", float(self.time[-1] - self.time[0]), "s"),
-                Entry("samples", count, "", f"{count} samples"),
-                self._bend_entry(),
-            ]
-            if self.has_thermocouple.any():
-                heat = float(np.nanmax(self.measured_temperature))
-                entries.append(Entry("heat", heat, "°C", f"up to {heat:.0f} °C"))
+        if count:
+            entries.append(Entry("duration", float(self.time[-1] - self.time[0]), "s"))
+        entries.append(Entry("samples", count, "", f"{count or 'no'} samples"))
+        if not np.isnan(self.bend_angle).all():
+            entries.append(self._bend_entry())
+        if self.has_thermocouple.any():
+            heat = float(np.nanmax(self.measured_temperature))
+            entries.append(Entry("heat", heat, "°C", f"up to {heat:.0f} °C"))
         if self.interrupted:
             entries.append(Entry("end", self.interrupted, "", f"interrupted: {self.interrupted}"))
         if number := int(missing.sum()):
