@@ -117,6 +117,8 @@ def read_table(
         LogError: with one sentence, if it is no table of text with rows of numbers.
     """
     lines = _text(path).splitlines()
+    if lines and (own := re.match(r"# limb (\w+), format ", lines[0])):
+        raise LogError(f"{path} is no log, but a {own[1]} of soft-limb, which is read as it is.")
     choices = [delimiter] if delimiter else list(DELIMITERS)
     delimiter, width, decimal = max(
         ((d, *_shape(lines, d, decimal)) for d in choices), key=lambda shape: shape[3]

@@ -260,6 +260,7 @@ def rows(names, form):
     [
         (b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", "is not text"),
         (b"", "no rows of numbers"),
+        (b"# limb recording, format 3\n", "is no log, but a recording of soft-limb"),
         (b"time,duty\n", "no rows of numbers"),
         (rows("time,duty,bend", "{0},{1},0"), "no column is known for the bend"),
         (rows("ms,duty,bend", "5,{1},{2}"), "'ms' holds no time that increases"),
