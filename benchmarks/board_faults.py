@@ -51,6 +51,7 @@ from hardware.emulation.specimen import Specimen
 from hardware.firmware import guard
 from hardware.robot.reasons import REASONS
 from limb_systems import (
+from limb_systems.model.ports import declare_part
     LimbParameters,
     LimbSystem,
     Trajectory,
@@ -232,15 +233,7 @@ class SimulatedRobot(LeafSystem):
             ("bend_angle", slice(2, 3)),
             ("applied_duty", slice(3, 5)),
         ):
-            self.DeclareVectorOutputPort(
-                name,
-                part.stop - part.start,
-                lambda context, output, part=part: output.SetFromVector(
-                    context.get_discrete_state_vector().value()[part]
-                ),
-                {self.discrete_state_ticket(state)},
-            )
-
+            declare_part(self, name, state, part)
         # As a robot's recordings have it, so that calibration counts the duty that was applied.
         self.DeclareVectorOutputPort(
             "sample_age", 1, lambda context, output: output.SetFromVector([0.0])

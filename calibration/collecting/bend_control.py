@@ -8,6 +8,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from calibration.recordings.kinds import heated_wires, only_segment
 from limb_systems import LimbParameters, Wires
 from limb_systems.model.ownership import weak_method
+from limb_systems.model.ports import declare_part
 from limb_systems.simulation import PERIOD
 
 TAPER = 15.0  # °C
@@ -71,12 +72,7 @@ class BendAngleController(LeafSystem):
         state = self.DeclareDiscreteState(1 + 2 * wires.num_wires)
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._update))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
-        self.DeclareVectorOutputPort(
-            "duty",
-            wires.num_wires,
-            weak_method(self._calc_duty),
-            {self.discrete_state_ticket(state)},
-        )
+        declare_part(self, "duty", state, slice(1 + wires.num_wires, 1 + 2 * wires.num_wires))
         self.set_name("bend_angle_controller")
 
     def _update(self, context, discrete_state):
@@ -94,10 +90,6 @@ class BendAngleController(LeafSystem):
             integral += PERIOD * error
         duty = np.clip(self._co_contraction + self._direction * command, 0.0, limit)
         discrete_state.set_value(np.concatenate([[integral], cut_out, duty]))
-
-    def _calc_duty(self, context, output):
-        duty = context.get_discrete_state_vector().value()[-len(self._direction) :]
-        output.SetFromVector(duty)
 
 
 def _held(wires: Wires, temperature: np.ndarray) -> tuple[float, float]:

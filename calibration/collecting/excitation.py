@@ -18,6 +18,7 @@ from calibration.collecting.bend_control import TAPER
 from limb_systems import LimbParameters
 from limb_systems.model.ensemble import draw_ensemble, stacked
 from limb_systems.model.ownership import weak_method
+from limb_systems.model.ports import declare_part
 from limb_systems.simulation import PERIOD
 
 MEMBERS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
@@ -138,9 +139,7 @@ class _WarmedDuty(LeafSystem):
         self.DeclareVectorInputPort("measured_temperature", self._num_wires)
         state = self.DeclareDiscreteState(np.append(start, np.zeros(self._num_wires)))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, PERIOD, weak_method(self._update))
-        self.DeclareVectorOutputPort(
-            "duty", self._num_wires, weak_method(self._calc), {self.discrete_state_ticket(state)}
-        )
+        declare_part(self, "duty", state, slice(len(start), len(start) + self._num_wires))
 
     def _update(self, context, discrete_state):
         known = context.get_discrete_state_vector().value()
@@ -153,9 +152,6 @@ class _WarmedDuty(LeafSystem):
     def _limited(self, known, duty, wanted, measured) -> tuple[np.ndarray, np.ndarray]:
         """The subclass's state and the duty after a step, from those before, and what is wanted."""
         raise NotImplementedError
-
-    def _calc(self, context, output):
-        output.SetFromVector(context.get_discrete_state_vector().value()[-self._num_wires :])
 
 
 class LimitedDuty(_WarmedDuty):

@@ -42,6 +42,7 @@ from hardware.emulation.specimen import Specimen
 from limb_systems import LimbError
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import SegmentParameters
+from limb_systems.model.ports import declare_part
 
 SIDES = np.array([-1.0, 1.0])  # of the two wires
 JOINTS = 8  # of the chain, whatever the links of the description
@@ -701,12 +702,8 @@ class WalkingSensors(LeafSystem):
             (1 / bend_rate, self._sample_bend),
         ):
             self.DeclarePeriodicDiscreteUpdateEvent(period, period, weak_method(sample))
-        tickets = {self.discrete_state_ticket(readings)}
-        for name, size, calc in (
-            ("measured_temperature", 2, self._calc_temperature),
-            ("bend_angle", 1, self._calc_bend),
-        ):
-            self.DeclareVectorOutputPort(name, size, weak_method(calc), tickets)
+        declare_part(self, "measured_temperature", readings, slice(0, 2))
+        declare_part(self, "bend_angle", readings, slice(2, 3))
         self.DeclareStateOutputPort("measurement", readings)
         self.set_name("sensors")
 
@@ -740,12 +737,6 @@ class WalkingSensors(LeafSystem):
         read = self.get_input_port(1).Eval(context) + walk
         read = read + self._beam.sensor_noise * self._draw(state, 1)
         state.get_mutable_value(0)[2:] = BEND_STEP * np.rint(read / BEND_STEP)
-
-    def _calc_temperature(self, context, output):
-        output.SetFromVector(context.get_discrete_state(0).value()[:2])
-
-    def _calc_bend(self, context, output):
-        output.SetFromVector(context.get_discrete_state(0).value()[2:])
 
 
 MARTENSITE_YIELD = 0.25  # rad of stretch, at which detwinning martensite yields; ours

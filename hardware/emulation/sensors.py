@@ -10,6 +10,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from limb_systems import LimbParameters, LimbSystem
 from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
+from limb_systems.model.ports import declare_part
 
 # The paper's thermocouple amplifier, a MAX31855, converts within 100 ms and
 # reports steps of 0.25 °C (datasheet 19-5793); the noise of one step is ours.
@@ -113,13 +114,12 @@ class SampledSensors(LeafSystem):
         self.DeclareDiscreteState(int(ends[-1]))
         draws = self.DeclareDiscreteState([float(start)])
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
-        tickets = {self.discrete_state_ticket(readings)}
         for index, (sensor, part) in enumerate(zip(sensors, parts, strict=True)):
             self.DeclareVectorInputPort(sensor.name, sensor.size)
             self.DeclarePeriodicDiscreteUpdateEvent(
                 sensor.period, sensor.period, self._sampling(index)
             )
-            self.DeclareVectorOutputPort(sensor.name, sensor.size, _show(part), tickets)
+            declare_part(self, sensor.name, readings, part)
         self.DeclareStateOutputPort("measurement", readings)
         self.DeclareStateOutputPort("draws", draws)
         self.set_name("sensors")
@@ -148,10 +148,6 @@ class SampledSensors(LeafSystem):
         start = int(draws[0])
         draws[0] = start + count
         return self._noise.read(start, count)
-
-
-def _show(part: slice):
-    return lambda context, output: output.SetFromVector(context.get_discrete_state(0).value()[part])
 
 
 class ExactBend(LeafSystem):

@@ -7,6 +7,7 @@ from pydrake.systems.framework import InputPortIndex, LeafSystem
 
 from hardware.emulation.specimen import Specimen, WirePhysics
 from limb_systems.model.ownership import weak_method
+from limb_systems.model.ports import declare_part
 
 # The wires' fastest rates are those of heating, some °C in a tenth of a second,
 # and far below the limb's 4.6 Hz mode, which hardly feels smoothed steps at 20 Hz.
@@ -95,9 +96,7 @@ class ShapeMemoryWires(LeafSystem):
         self.DeclareVectorOutputPort(
             "generalized_force", num_joints, weak_method(self._calc_force), tickets
         )
-        self.DeclareVectorOutputPort(
-            "wire_temperature", num_wires, weak_method(self._calc_temperature), tickets
-        )
+        declare_part(self, "wire_temperature", index, slice(0, num_wires))
         self.DeclareStateOutputPort("state", index)
         self.DeclareVectorOutputPort(
             "applied_duty",
@@ -182,9 +181,6 @@ class ShapeMemoryWires(LeafSystem):
 
     def _calc_duty(self, context, output):
         output.SetFromVector(self._applied_duty(context))
-
-    def _calc_temperature(self, context, output):
-        output.SetFromVector(self._state(context)[0])
 
 
 def _logistic(x: float) -> float:

@@ -12,6 +12,7 @@ from hardware.robot.text_link import TextLink, open_link
 from limb_systems import LimbError, LimbParameters, NoBoard, SerialBoard
 from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
+from limb_systems.model.ports import declare_part
 from limb_systems.simulation import PERIOD
 
 CHANNELS = 2  # that a COMMAND and a SAMPLE are for
@@ -100,19 +101,13 @@ class SerialLimb(LeafSystem):
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._begin))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._command))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
-        tickets = {self.discrete_state_ticket(state)}
-        for name, part in (
-            ("measured_temperature", slice(0, 2)),
-            ("bend_angle", slice(2, 3)),
-            ("sample_age", None),
-            ("applied_duty", slice(3, 5)),
-            ("board_time", slice(5, 6)),
-            ("measurement", slice(0, 3)),
-        ):
-            if part is None:
-                self.DeclareVectorOutputPort(name, 1, _show_age, tickets | {self.time_ticket()})
-                continue
-            self.DeclareVectorOutputPort(name, part.stop - part.start, _show(part), tickets)
+        declare_part(self, "measured_temperature", state, slice(0, 2))
+        declare_part(self, "bend_angle", state, slice(2, 3))
+        tickets = {self.discrete_state_ticket(state), self.time_ticket()}
+        self.DeclareVectorOutputPort("sample_age", 1, _show_age, tickets)
+        declare_part(self, "applied_duty", state, slice(3, 5))
+        declare_part(self, "board_time", state, slice(5, 6))
+        declare_part(self, "measurement", state, slice(0, 3))
         self.set_name("serial_limb")
 
     @property
@@ -184,9 +179,3 @@ class SerialLimb(LeafSystem):
 def _show_age(context, output):
     received = context.get_discrete_state_vector()[6]
     output.SetFromVector([max(0.0, context.get_time() - received)])
-
-
-def _show(part: slice):
-    return lambda context, output: output.SetFromVector(
-        context.get_discrete_state_vector().value()[part]
-    )
