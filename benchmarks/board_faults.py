@@ -51,13 +51,13 @@ from hardware.emulation.specimen import Specimen
 from hardware.firmware import guard
 from hardware.robot.reasons import REASONS
 from limb_systems import (
-from limb_systems.model.ports import declare_part
     LimbParameters,
     LimbSystem,
     Trajectory,
     bend_angle_from_tip_tangent,
     simulate,
 )
+from limb_systems.model.ports import declare_part
 from planners import Task, plan, references
 from soft_limb.runs.jobs import local_executor, run_each
 from soft_limb.runs.rollout import CONTROLLERS, OPEN, controller_of
