@@ -14,8 +14,26 @@ from limb_systems.files.table_writer import is_unfinished
 SWING = np.deg2rad(10.0)  # least, of a ring-down
 
 
+def folder_of_limb(folder: str | Path) -> Path:
+    """The folder that has recordings: that one, or else the only one in it that has some.
+
+    Raises:
+        CalibrationError: if there is no such folder, or if recordings are in several in it.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise CalibrationError(f"There is no folder {folder}.")
+    if any(folder.glob("*.csv")):
+        return folder
+    limbs = sorted({path.parent for path in folder.glob("*/*.csv")})
+    if len(limbs) > 1:
+        names = ", ".join(map(str, limbs))
+        raise CalibrationError(f"{folder} has folders of several limbs; give one of {names}.")
+    return limbs[0] if limbs else folder
+
+
 def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
-    """The recordings in a folder, checked, by what they show.
+    """The recordings in a folder, checked, by what they show; see `folder_of_limb`.
 
     Files named after a kind (``right.csv``, ``sag_3.csv``, ``motion_1.csv``), one of
     `kinds_of` the limb in their header, "heated" or "motion", must show it. First contact,
@@ -26,15 +44,8 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
     Raises:
         CalibrationError: with one sentence naming the file and the trouble.
     """
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise CalibrationError(f"There is no folder {folder}.")
     recordings: dict[str, list[Recording]] = {}
-    if not any(folder.glob("*.csv")) and (others := sorted(folder.glob("*/*.csv"))):
-        names = ", ".join(dict.fromkeys(str(path.parent) for path in others))
-        raise CalibrationError(
-            f"{folder} has no recordings; give one of the folders in it: {names}."
-        )
+    folder = folder_of_limb(folder)
     for path in sorted(folder.glob("*.csv")):
         if is_unfinished(path):
             continue

@@ -13,6 +13,7 @@ from calibration import (
 from calibration.calibrate import METHODS
 from calibration.collecting.protocol import PROTOCOLS
 from calibration.recordings.checks import check_recording, check_without_gaps
+from calibration.recordings.files import folder_of_limb
 from hardware import LimbTwin, SerialLimb
 from hardware.robot.text_link import open_link
 from limb_systems import LimbError, LimbParameters, Recording
@@ -84,10 +85,11 @@ def _ask(what: str, live: LivePage | None) -> None:
 
 
 def _fit(options: argparse.Namespace) -> int:
-    outputs, recorded = [options.output, options.report], sorted(options.recordings.glob("*.csv"))
+    folder, outputs = folder_of_limb(options.recordings), [options.output, options.report]
+    recorded = sorted(folder.glob("*.csv"))
     check_outputs(outputs, inputs=[options.limb, *recorded], force=options.force)
     limb = LimbParameters.load(options.limb) if options.limb else None
-    calibration = calibrate(options.recordings, limb, method=options.method)
+    calibration = calibrate(folder, limb, method=options.method)
     calibration.parameters.save(options.output)
     if options.report:
         recordings = {path.stem: path for path in recorded}

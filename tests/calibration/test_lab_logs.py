@@ -9,6 +9,7 @@ import pytest
 
 from calibration import CalibrationError, calibrate
 from calibration.prediction.heated_run import HeatedRun
+from calibration.recordings.files import folder_of_limb
 from calibration.recordings.pieces import in_pieces
 from calibration.recordings.repair import part
 from limb_systems import LimbParameters, Recording, SaturatingLaw
@@ -134,3 +135,15 @@ def test_a_wire_that_was_never_heated_stays_as_described(log):
     assert found.next_recording.startswith(
         "heat the left wire alone from cold for 60 s and let it cool for 120 s, which tells left.a1"
     )
+
+
+def test_the_folder_of_a_limb_is_found_if_there_is_one(tmp_path):
+    (tmp_path / "limb_0").mkdir()
+    (tmp_path / "limb_0" / "log.csv").touch()
+    assert folder_of_limb(tmp_path) == folder_of_limb(tmp_path / "limb_0")
+    (tmp_path / "limb_1").mkdir()
+    (tmp_path / "limb_1" / "log.csv").touch()
+    with pytest.raises(CalibrationError, match="several limbs; give one of .*limb_0, .*limb_1"):
+        folder_of_limb(tmp_path)
+    (tmp_path / "log.csv").touch()
+    assert folder_of_limb(tmp_path) == tmp_path
