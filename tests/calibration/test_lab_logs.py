@@ -143,7 +143,7 @@ def test_the_folder_of_a_limb_is_found_if_there_is_one(tmp_path):
     assert folder_of_limb(tmp_path) == folder_of_limb(tmp_path / "limb_0")
     (tmp_path / "limb_1").mkdir()
     (tmp_path / "limb_1" / "log.csv").touch()
-    with pytest.raises(CalibrationError, match="several limbs; give one of .*limb_0, .*limb_1"):
+    with pytest.raises(CalibrationError, match=r"several limbs; give one of .*limb_0, .*limb_1"):
         folder_of_limb(tmp_path)
     (tmp_path / "log.csv").touch()
     assert folder_of_limb(tmp_path) == tmp_path
