@@ -7,13 +7,14 @@ what their name says; others are taken for what they show. `soft-limb import` do
 """
 
 import argparse
+import sys
 from pathlib import Path
 
 import numpy as np
 
 import calibration
 from hardware import LimbTwin
-from limb_systems import LimbParameters
+from limb_systems import LimbError, LimbParameters
 from limb_systems.logs.importing import import_logs
 from limb_systems.logs.mapping import LogMapping
 from soft_limb.reports.calibration import write_report
@@ -33,20 +34,32 @@ def log_emulated_limb(limb, folder):
     return sorted(folder.glob("*.csv"))
 
 
+def main(options):
+    logs = options.logs or log_emulated_limb(options.limb, options.out / "emulated_log")
+    imported = import_logs(logs, options.mapping, options.limb)
+    mapping = options.out / "mapping.yaml"
+    imported[0].limb.mapping.save(mapping)
+    for log in imported:
+        print(log.path, *log.limb.notes, *log.remarks, sep="\n  ")
+        if log.error:
+            raise LimbError(f"{log.error} Correct {mapping} and give it with -m.")
+        for name, recording in zip(log.files, log.recordings, strict=True):
+            recording.save(options.out / "recordings" / name)
+    result = calibration.calibrate(options.out / "recordings", options.limb)
+    result.parameters.save(options.out / "limb.yaml")
+    write_report(result, options.out / "calibration.html")
+    print(calibration_summary(result), f"written               {options.out}", sep="\n")
+
+
 parser = argparse.ArgumentParser(description="Calibrates a limb from a data logger's files.")
 parser.add_argument("logs", nargs="*", type=Path, help="those of an emulated limb if left out")
-parser.add_argument("-m", "--mapping", type=LogMapping.load, help="what their columns are (.yaml)")
-parser.add_argument("-l", "--limb", type=LimbParameters.load, default=LimbParameters())
+parser.add_argument("-m", "--mapping", type=Path, help="what their columns are (.yaml)")
+parser.add_argument("-l", "--limb", type=Path, help="the limb's description (.yaml)")
 parser.add_argument("-o", "--out", type=Path, default="out", help="folder for the results")
 options = parser.parse_args()
-logs = options.logs or log_emulated_limb(options.limb, options.out / "emulated_log")
-imported = import_logs(logs, options.mapping, options.limb)
-for log in imported:
-    print(log.path, *log.limb.notes, *log.remarks, log.error, sep="\n  ")
-    for name, recording in zip(log.files, log.recordings, strict=True):
-        recording.save(options.out / "recordings" / name)
-imported[0].limb.mapping.save(options.out / "mapping.yaml")  # to be corrected, and given with -m
-result = calibration.calibrate(options.out / "recordings", options.limb)
-result.parameters.save(options.out / "limb.yaml")
-write_report(result, options.out / "calibration.html")
-print(calibration_summary(result), f"written               {options.out}", sep="\n")
+try:
+    options.limb = LimbParameters.of(options.limb)
+    options.mapping = LogMapping.load(options.mapping) if options.mapping else None
+    main(options)
+except LimbError as error:
+    sys.exit(f"error: {error}")
