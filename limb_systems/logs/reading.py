@@ -93,64 +93,25 @@ def described(mapping: LogMapping, parameters: LimbParameters | None) -> LimbPar
 def _parts(
     table: LogTable, mapping: LogMapping, limb: LimbParameters, name: str
 ) -> tuple[list[dict[str, Any]], list[str]]:
-    remarks = []
-    if table.odd_rows:
-        remarks.append(f"{_rows(table.odd_rows)} with another number of cells left out.")
-    times, kept = times_of(table, mapping.time)
-    if _is_coarse(stamps(table, mapping.time)):
-        remarks.append("Times are repeated in most rows, which are spread evenly between them.")
-    if lost := int(len(kept) - kept.sum()):
-        remarks.append(
-            f"{_rows(lost)} left out, whose time is missing, repeated or earlier than before."
-        )
-    duty = np.zeros((len(limb.wires), len(times)))
-    temperature = np.full_like(duty, np.nan)
-    for wire in mapping.wires:
-        index = limb.wire_names.index(wire.name)
-        if wire.duty:
-            duty[index], unknown = _duty(
-                wire.sign * table.numbers(wire.duty)[kept], wire.duty, mapping.full
-            )
-            if unknown:
-                remarks.append(f"The {wire.name} wire's duty is missing in {_rows(unknown)}; held.")
-        if wire.temperature:
-            factor, offset = CELSIUS[wire.unit]
-            values = _without(table.numbers(wire.temperature)[kept], mapping.missing)
-            values = factor * values + offset
-            values[(values < READABLE[0]) | (values > READABLE[1])] = np.nan
-            temperature[index] = values
-        elif wire.duty:
-            remarks.append(f"The {wire.name} wire has no thermocouple in this log.")
-    bend = bend_of(table, mapping)[kept]
-    shown = _from_first_reading(duty, bend)
-    if shown:
-        remarks.append(f"{_rows(shown)} without a bend left out at the beginning, without heat.")
-    signals = [times, duty, temperature, bend]
-    times, duty, temperature, bend = (signal[..., shown:] for signal in signals)
-    if len(times) < 2 or np.isnan(bend).all():
-        raise LogError("no row has a bend; correct the mapping's bend.")
-    readings = np.array([_between_rows(times, row) for row in [*temperature, bend]])
+    remarks: list[str] = []
+    times, duty, readings = _signals(table, mapping, limb, remarks)
     rate = mapping.rate or usual_rate(times)
     measured = ~np.isnan(readings).all(axis=1)
     if share := np.isnan(readings[measured]).any(axis=0).mean():
         remarks.append(f"{share:.1%} of rows lack a reading, which stays empty.")
-    cuts = _cuts(times, duty)
+    cuts, gaps = _cuts(times, duty), np.diff(times)
     if len(cuts) > 2:
         ends = ", ".join(f"{times[cut - 1]:.0f} s" for cut in cuts[1:-1])
         remarks.append(f"Cut after {ends}: what happened in the gap there is not known.")
-    gaps = np.diff(times)
     if long := int((gaps > GAP).sum()):
-        remarks.append(
-            f"{long} gap{'s' * (long != 1)} of more than {GAP:g} s, the longest of "
-            f"{gaps.max():.1f} s."
-        )
+        said = f"{long} gap{'s' * (long != 1)} of more than {GAP:g} s"
+        remarks.append(f"{said}, the longest of {gaps.max():.1f} s.")
     parts: list[dict[str, Any]] = []
     for number, (start, end) in enumerate(itertools.pairwise(cuts), 1):
         part = slice(start, end)
         if end - start < 2 or (len(cuts) > 2 and times[end - 1] - times[start] < SHORTEST):
-            remarks.append(
-                f"{_rows(end - start)} from {times[start]:.0f} s on are too few to keep."
-            )
+            said = f"{_rows(end - start)} from {times[start]:.0f} s on"
+            remarks.append(f"{said} are too few to keep.")
             continue
         even = resampled(times[part] - times[start], duty[:, part], readings[:, part], rate)
         where = f", part {number}" if len(cuts) > 2 else ""
@@ -159,9 +120,52 @@ def _parts(
     if not parts:
         raise LogError(f"no part of {SHORTEST:g} s or more has rows without a gap.")
     if name.startswith(SAG) and not duty.any():
-        limb.gravity = [0.0, EARTH * (np.sign(np.nanmedian(bend)) or -1.0), 0.0]
+        limb.gravity = [0.0, EARTH * (np.sign(np.nanmedian(readings[-1])) or -1.0), 0.0]
         remarks.append("By its name, gravity bends the limb here, to the side of its bend.")
     return parts, remarks
+
+
+def _signals(
+    table: LogTable, mapping: LogMapping, limb: LimbParameters, remarks: list[str]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times (K,), s, duty (W, K), and readings V, °C, and φ, rad (W + 1, K), of the rows.
+
+    Args:
+        remarks: gets what was lost, in sentences.
+    """
+    if table.odd_rows:
+        remarks.append(f"{_rows(table.odd_rows)} with another number of cells left out.")
+    times, kept = times_of(table, mapping.time)
+    if _is_coarse(stamps(table, mapping.time)):
+        remarks.append("Times are repeated in most rows, which are spread evenly between them.")
+    if lost := int(len(kept) - kept.sum()):
+        said = f"{_rows(lost)} left out"
+        remarks.append(f"{said}, whose time is missing, repeated or earlier than before.")
+    duty = np.zeros((len(limb.wires), len(times)))
+    readings = np.full((len(limb.wires) + 1, len(times)), np.nan)
+    for wire in mapping.wires:
+        index = limb.wire_names.index(wire.name)
+        if wire.duty:
+            values = wire.sign * table.numbers(wire.duty)[kept]
+            duty[index], unknown = _duty(values, wire.duty, mapping.full)
+            if unknown:
+                remarks.append(f"The {wire.name} wire's duty is missing in {_rows(unknown)}; held.")
+        if wire.temperature:
+            factor, offset = CELSIUS[wire.unit]
+            values = _without(table.numbers(wire.temperature)[kept], mapping.missing)
+            values = factor * values + offset
+            values[(values < READABLE[0]) | (values > READABLE[1])] = np.nan
+            readings[index] = values
+        elif wire.duty:
+            remarks.append(f"The {wire.name} wire has no thermocouple in this log.")
+    readings[-1] = bend_of(table, mapping)[kept]
+    if first := _from_first_reading(duty, readings[-1]):
+        said = f"{_rows(first)} without a bend left out at the beginning"
+        remarks.append(f"{said}, without heat.")
+    times, duty, readings = times[first:], duty[:, first:], readings[:, first:]
+    if len(times) < 2 or np.isnan(readings[-1]).all():
+        raise LogError("no row has a bend; correct the mapping's bend.")
+    return times, duty, np.array([_between_rows(times, row) for row in readings])
 
 
 def _between_rows(times: np.ndarray, values: np.ndarray) -> np.ndarray:
