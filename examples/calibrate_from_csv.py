@@ -34,32 +34,27 @@ def log_emulated_limb(limb, folder):
     return sorted(folder.glob("*.csv"))
 
 
-def main(options):
-    logs = options.logs or log_emulated_limb(options.limb, options.out / "emulated_log")
-    imported = import_logs(logs, options.mapping, options.limb)
-    mapping = options.out / "mapping.yaml"
-    imported[0].limb.mapping.save(mapping)
-    for log in imported:
-        print(log.path, *log.limb.notes, *log.remarks, sep="\n  ")
-        if log.error:
-            raise LimbError(f"{log.error} Correct {mapping} and give it with -m.")
-        for name, recording in zip(log.files, log.recordings, strict=True):
-            recording.save(options.out / "recordings" / name)
-    result = calibration.calibrate(options.out / "recordings", options.limb)
-    result.parameters.save(options.out / "limb.yaml")
-    write_report(result, options.out / "calibration.html")
-    print(calibration_summary(result), f"written               {options.out}", sep="\n")
-
-
 parser = argparse.ArgumentParser(description="Calibrates a limb from a data logger's files.")
 parser.add_argument("logs", nargs="*", type=Path, help="those of an emulated limb if left out")
 parser.add_argument("-m", "--mapping", type=Path, help="what their columns are (.yaml)")
 parser.add_argument("-l", "--limb", type=Path, help="the limb's description (.yaml)")
 parser.add_argument("-o", "--out", type=Path, default="out", help="folder for the results")
 options = parser.parse_args()
+out = options.out
 try:
-    options.limb = LimbParameters.of(options.limb)
-    options.mapping = LogMapping.load(options.mapping) if options.mapping else None
-    main(options)
+    mapping = options.mapping and LogMapping.load(options.mapping)
+    limb = LimbParameters.of(options.limb)
+    imported = import_logs(options.logs or log_emulated_limb(limb, out / "log"), mapping, limb)
+    imported[0].limb.mapping.save(out / "mapping.yaml")
+    for log in imported:
+        print(log.path, *log.limb.notes, *log.remarks, sep="\n  ")
+        if log.error:
+            raise LimbError(f"{log.error} Correct {out / 'mapping.yaml'} and give it with -m.")
+        for name, recording in zip(log.files, log.recordings, strict=True):
+            recording.save(out / "recordings" / name)
+    result = calibration.calibrate(out / "recordings", limb)
+    result.parameters.save(out / "limb.yaml")
+    write_report(result, out / "calibration.html")
+    print(calibration_summary(result), f"written               {out}", sep="\n")
 except LimbError as error:
     sys.exit(f"error: {error}")

@@ -166,7 +166,7 @@ def test_calibrate_from_csv(tmp_path, monkeypatch):
     by_kind = {
         kind: [
             np.genfromtxt(path, delimiter=",", names=True)
-            for path in (tmp_path / "emulated_log").glob(f"{kind}*.csv")
+            for path in (tmp_path / "log").glob(f"{kind}*.csv")
         ]
         for kind in ("sag", "ring_down", "right", "left", "both")
     }
@@ -191,7 +191,7 @@ def test_calibrate_from_csv(tmp_path, monkeypatch):
         np.mean([log["temp_l"] for log in logs]), abs=2
     )
     assert float(re.search(r"φ_sim\|: mean (.*?)°", said)[1]) < 10.0
-    assert "emulated_log" in said
+    assert "log/left_1.csv" in said
     assert b"</html>" in (tmp_path / "calibration.html").read_bytes()
 
 
