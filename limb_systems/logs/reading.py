@@ -103,6 +103,7 @@ def _parts(
     if len(cuts) > 2:
         ends = ", ".join(f"{times[cut - 1]:.0f} s" for cut in cuts[1:-1])
         remarks.append(f"Cut after {ends}: what happened in the gap there is not known.")
+    gaps[[cut - 1 for cut in cuts[1:-1]]] = 0.0  # they are cut, and said above
     if long := int((gaps > GAP).sum()):
         said = f"{long} gap{'s' * (long != 1)} of more than {GAP:g} s"
         remarks.append(f"{said}, the longest of {gaps.max():.1f} s.")
