@@ -55,7 +55,10 @@ def known_format(table: LogTable) -> list[LimbInLog]:
     return []
 
 
-def _of(table: LogTable, time: TimeColumn, wires: list[WireColumns], bend: BendColumns):
+def _of(
+    table: LogTable, time: TimeColumn, wires: list[WireColumns], bend: BendColumns
+) -> LogMapping:
+    """A mapping of these columns, in the table's form."""
     return LogMapping(
         time, wires, bend, delimiter=table.delimiter, decimal=table.decimal,
         names_line=table.names_line,

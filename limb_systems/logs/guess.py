@@ -101,10 +101,14 @@ def limbs_in_log(path: str | Path) -> list[LimbInLog]:
     """The limbs in a log, with mappings: of a known format, or as its columns suggest.
 
     Raises:
-        LogError: if it is no table of text with rows of numbers.
+        LogError: if it is no table of text with rows of numbers, or lacks columns of its format.
     """
     table = read_table(path)
-    if limbs := known_format(table):
+    try:
+        limbs = known_format(table)
+    except LogError as error:
+        raise LogError(f"{path}: {error}") from error
+    if limbs:
         return limbs
     limb = guessed(table)
     with contextlib.suppress(LogError):

@@ -1,7 +1,8 @@
 """The command that reads logs of other programs."""
 
 import argparse
-from collections.abc import Iterable, Iterator, Mapping
+import itertools
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from limb_systems import LimbParameters, Recording
@@ -18,8 +19,9 @@ def _import(options: argparse.Namespace) -> int:
     given = LogMapping.load(options.mapping) if options.mapping else None
     logs = import_logs(options.logs, given, parameters)
     mappings = [options.output / log.limb.name / f"{log.stem}.mapping.yaml" for log in logs]
-    recordings = {options.output / file: r for log in logs for file, r in _files(log)}
-    written = [*recordings] if given else [*mappings, *recordings]
+    files = [options.output / file for log in logs for file in log.files]
+    recordings = dict(zip(files, itertools.chain(*(log.recordings for log in logs)), strict=True))
+    written = files if given else [*mappings, *files]
     check_outputs(written, inputs=[*options.logs, options.mapping], force=options.force)
     told = []
     for log, mapping in zip(logs, mappings, strict=True):
@@ -47,10 +49,6 @@ def _next(folder: Path, recordings: Mapping[Path, Recording]) -> Iterator[str]:
             yield f"soft-limb fit {limb} -o {name}.yaml"
         else:
             yield f"soft-limb plan {next(iter(own))} -o plan.csv, as a reference: nothing is heated"
-
-
-def _files(log: ImportedLog) -> Iterable[tuple[Path, Recording]]:
-    return zip(log.files, log.recordings, strict=True)
 
 
 def _summary(log: ImportedLog, mapping: Path) -> Summary:
