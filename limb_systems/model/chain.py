@@ -1,0 +1,264 @@
+"""Statics of a chain of revolute joints in space: its weight, its points and its bends.
+
+A joint i inboard of a point p turns it about its axis a_i through its origin o_i, and all that is
+outboard of i with it. Each derivative by a joint angle therefore puts a cross product with one
+more axis before what the joints outboard of it make:
+
+    ∂p/∂q_j = a_j × (p - o_j),   ∂²p/∂q_i ∂q_j = a_i × (a_j × (p - o_j)),   i inboard of j,
+
+and so on for the third. The gravity potential is V = -g · Σ m c of the bodies' centres c, whose
+derivatives have outboard sums of m (c - o_j) in the place of p - o_j.
+
+Points are the last axis of arrays inside, where numpy is fast, and the first axes outside.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.polynomial.polynomial import polyval
+
+_NEAR = 0.05  # (across / ahead)² of a chord, below which a series is more accurate
+_ORDERS = np.arange(16)
+_SERIES = (-1.0) ** _ORDERS / (2 * _ORDERS + 1)  # of atan(√z)/√z in z
+_SERIES_BY_Z = np.polynomial.polynomial.polyder(_SERIES)
+_SERIES_BY_Z_TWICE = np.polynomial.polynomial.polyder(_SERIES, 2)
+
+
+class Chain:
+    """Gravity, points and bends of n joints in series, at any number of joint angles.
+
+    Frames of joints are parallel to the base frame (E1, E2, E3) when all angles are zero. Angles q
+    have the joints along their last axis and any number of points before it, (..., n); they
+    are of floats, or of complex numbers, with which all values are analytic.
+
+    - ``num_joints``: n.
+    - ``weighs``: whether gravity turns any joint.
+
+    Args:
+        layout: axes and offsets of the joints, bodies, and ends and bends of the segments, as of
+            `Layout`; each axis is along E1, E2 or E3, or against it.
+        gravity: acceleration in the base frame (3,), m/s².
+    """
+
+    def __init__(self, layout, gravity: Sequence[float]):
+        self.num_joints = len(layout.axes)
+        self._about = np.abs(layout.axes).argmax(axis=1).tolist()
+        self._sense = layout.axes.sum(axis=1).tolist()
+        self._offsets, self._gravity = layout.offsets, np.asarray(gravity, float)
+        self.weighs = bool(np.cross(self._gravity, layout.axes).any())
+        self._masses, self._centres = np.zeros(self.num_joints), np.zeros((self.num_joints, 3))
+        self._masses[layout.joint_of_link] = layout.masses
+        self._centres[layout.joint_of_link] = layout.centres
+        self._segments = []
+        base = np.zeros(3)  # end of the segment before, in its last joint's frame
+        for joints, end, bends in zip(
+            layout.joints_of, layout.end_offset, layout.bends_of, strict=True
+        ):
+            across = [1 + direction for direction in layout.bend_direction[bends]]
+            self._segments.append((joints, bends, base, end, across))
+            base = end
+        self.num_bends = len(layout.bend_direction)
+
+    def gravity_load(self, angles: np.ndarray) -> np.ndarray:
+        """∂V/∂q (..., n), N·m: what holds the joints against gravity."""
+        _, moments = self._moments(angles)
+        return _outside(-np.tensordot(self._gravity, moments, 1))
+
+    def expanded_gravity_load(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """∂V/∂q (..., n), N·m, and ∂²V/∂q² (..., n, n), N·m/rad."""
+        axes, moments = self._moments(angles)
+        load = -np.tensordot(self._gravity, moments, 1)
+        return _outside(load), _symmetric(-_cross(self._gravity, axes), moments)
+
+    def gravity_curvature(self, angles: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Second derivatives of weights · ∂V/∂q by q (..., n, n), for weights (..., n)."""
+        axes, moments = self._moments(angles)
+        across = _cross(self._gravity, axes)
+        on = np.moveaxis(weights, -1, 0)
+        # A joint k with weight is inboard of i, between i and j, or outboard of j (i inboard of j).
+        turned, weighted = np.cumsum(on * axes, axis=1), np.cumsum(on * across, axis=1)
+        outboard = _outboard_sums(on * moments) - on * moments
+        inner = _cross(weighted, axes) - _cross(across, turned)
+        outer = _cross(turned, moments) + _cross(axes, outboard)
+        return _symmetric(-np.concatenate([inner, across]), np.concatenate([moments, outer]))
+
+    def expanded_position(
+        self, angles: np.ndarray, joint: int, point: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Position of a point in the base frame (..., 3), m, and its derivatives (..., 3, n).
+
+        Args:
+            joint: index of the joint to whose frame the point is fixed.
+            point: place in that frame (3,), m.
+        """
+        _, place, moved = self._point(angles, slice(joint + 1), np.zeros(3), point)
+        slopes = np.zeros((*angles.shape[:-1], 3, self.num_joints), place.dtype)
+        slopes[..., : joint + 1] = _outside(_outside(moved))
+        return _outside(place), slopes
+
+    def position_curvature(
+        self, angles: np.ndarray, joint: int, point: np.ndarray, weights: np.ndarray
+    ) -> np.ndarray:
+        """Second derivatives of weights · position by q (..., n, n), for weights (..., 3)."""
+        axes, _, moved = self._point(angles, slice(joint + 1), np.zeros(3), point)
+        result = np.zeros((*angles.shape, self.num_joints), axes.dtype)
+        on = np.moveaxis(weights, -1, 0)[:, None]
+        result[..., : joint + 1, : joint + 1] = _symmetric(_cross(on, axes), moved)
+        return result
+
+    def bends(self, angles: np.ndarray) -> np.ndarray:
+        """Bends of the segments (..., F), rad: the log map of the chord's direction.
+
+        The chord is that from a segment's base to its end, in the frame of its base. In a plane
+        its log map is the chord's angle, atan2(t·E2, t·E1).
+        """
+        result = np.empty((*angles.shape[:-1], self.num_bends), angles.dtype)
+        for joints, bends, base, end, across in self._segments:
+            _, chord, _ = self._point(angles, joints, base, end)
+            sideways = chord[across]
+            ratio, _, _ = _angle_over_sine(chord[0], (sideways**2).sum(axis=0))
+            result[..., bends] = _outside(sideways * ratio)
+        return result
+
+    def expanded_bends(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`bends` (..., F), and their derivatives by q (..., F, n)."""
+        values = np.empty((*angles.shape[:-1], self.num_bends), angles.dtype)
+        slopes = np.zeros((*values.shape, self.num_joints), angles.dtype)
+        for joints, bends, base, end, across in self._segments:
+            _, chord, moved = self._point(angles, joints, base, end)
+            ahead, sideways = chord[0], chord[across]
+            squared = (sideways**2).sum(axis=0)
+            ratio, by_squared, _ = _angle_over_sine(ahead, squared)
+            by_ahead = -1.0 / (ahead**2 + squared)
+            turned = (2 * by_squared * sideways)[:, None] * moved[across]
+            turned = by_ahead * moved[0] + turned.sum(axis=0)
+            turned = ratio * moved[across] + sideways[:, None] * turned
+            values[..., bends] = _outside(sideways * ratio)
+            slopes[..., bends, joints] = _outside(_outside(turned))
+        return values, slopes
+
+    def bend_curvature(self, angles: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Second derivatives of weights · `bends` by q (..., n, n), for weights (..., F)."""
+        result = np.zeros((*angles.shape, self.num_joints), angles.dtype)
+        for joints, bends, base, end, across in self._segments:
+            axes, chord, moved = self._point(angles, joints, base, end)
+            ahead, sideways = chord[0], chord[across]
+            squared = (sideways**2).sum(axis=0)
+            ratio, by_squared, by_squared_twice = _angle_over_sine(ahead, squared)
+            by_ahead = -1.0 / (ahead**2 + squared)
+            on = np.moveaxis(weights[..., bends], -1, 0)
+            weighted = (on * sideways).sum(axis=0)
+            # w(d) = Σ on d_across ratio(ahead, squared), by the chord d
+            by_chord = np.zeros_like(chord)
+            by_chord[0] = weighted * by_ahead
+            by_chord[across] = on * ratio + 2 * weighted * by_squared * sideways
+            curved = np.zeros((3, *chord.shape), chord.dtype)
+            curved[0, 0] = 2 * weighted * ahead * by_ahead**2
+            curved[0, across] = on * by_ahead + 2 * weighted * by_ahead**2 * sideways
+            curved[across, 0] = curved[0, across]
+            for row, left in enumerate(across):
+                for column, right in enumerate(across):
+                    both = on[row] * sideways[column] + on[column] * sideways[row]
+                    curved[left, right] = 2 * by_squared * (both + weighted * (row == column))
+                    curved[left, right] += (
+                        4 * weighted * by_squared_twice * sideways[row] * sideways[column]
+                    )
+            moved_back = _outside(_outside(moved))  # (..., 3, m)
+            curved_back = _outside(_outside(curved))
+            result[..., joints, joints] = moved_back.swapaxes(-1, -2) @ (
+                curved_back @ moved_back
+            ) + _symmetric(_cross(by_chord[:, None], axes), moved)
+        return result
+
+    def _moments(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Axes a, and a × Σ m (c - o) of what is outboard of each joint, (3, n, ...)."""
+        axes, origins, frames = self._frames(angles, slice(None), np.zeros(3))
+        points = [1] * (angles.ndim - 1)
+        masses = self._masses.reshape(-1, *points)
+        centres = origins + sum(
+            self._centres[:, k].reshape(-1, *points) * frames[k] for k in range(3)
+        )
+        outboard = _outboard_sums(masses * centres) - _outboard_sums(masses, 0) * origins
+        return axes, _cross(axes, outboard)
+
+    def _point(
+        self, angles: np.ndarray, joints: slice, base: np.ndarray, point: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Axes a (3, m, ...), place p (3, ...) of a point fixed to the last joint, a × (p - o)."""
+        axes, origins, frames = self._frames(angles, joints, base)
+        place = origins[:, -1] + sum(point[k] * frames[k][:, -1] for k in range(3))
+        return axes, place, _cross(axes, place[:, None] - origins)
+
+    def _frames(
+        self, angles: np.ndarray, joints: slice, base: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Axes and origins of m joints (3, m, ...), and their frames' E1, E2, E3 (3, 3, m, ...).
+
+        All are in the frame before the first joint, and origins from the place `base` in it.
+        """
+        turned = np.moveaxis(angles[..., joints], -1, 0)
+        cosines, sines = np.cos(turned), np.sin(turned)
+        axes, origins = np.empty((2, 3, *turned.shape), turned.dtype)
+        frames = np.empty((3, 3, *turned.shape), turned.dtype)
+        unit = list(np.eye(3).reshape(3, 3, *[1] * (turned.ndim - 1)))
+        origin = -base.reshape(3, *[1] * (turned.ndim - 1))
+        for index, joint in enumerate(range(*joints.indices(self.num_joints))):
+            offset, about, sense = self._offsets[joint], self._about[joint], self._sense[joint]
+            origin = origin + sum(offset[k] * unit[k] for k in range(3) if offset[k])
+            axes[:, index], origins[:, index] = sense * unit[about], origin
+            one, other = (about + 1) % 3, (about + 2) % 3
+            cosine, sine = cosines[index], sense * sines[index]
+            unit[one], unit[other] = (
+                cosine * unit[one] + sine * unit[other],
+                cosine * unit[other] - sine * unit[one],
+            )
+            for k in range(3):
+                frames[k, :, index] = unit[k]
+        return axes, origins, frames
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a × b of vectors along the first axes."""
+    return np.stack(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
+
+
+def _outboard_sums(values: np.ndarray, axis: int = 1) -> np.ndarray:
+    """Sums over each joint and those outboard of it."""
+    return np.flip(np.cumsum(np.flip(values, axis), axis=axis), axis)
+
+
+def _outside(values: np.ndarray) -> np.ndarray:
+    return np.moveaxis(values, 0, -1)
+
+
+def _symmetric(inboard: np.ndarray, outboard: np.ndarray) -> np.ndarray:
+    """The symmetric matrix (..., m, m) whose element i inboard of j is inboard_i · outboard_j.
+
+    Both are (components, m, ...).
+    """
+    products = _outside(_outside(inboard)).swapaxes(-1, -2) @ _outside(_outside(outboard))
+    return np.triu(products) + np.triu(products, 1).swapaxes(-1, -2)
+
+
+def _angle_over_sine(
+    ahead: np.ndarray, squared: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """atan2(√s, ahead)/√s of s = `squared`, and its first and second derivatives by s.
+
+    They are smooth at s = 0, where a series is used.
+    """
+    near = (squared.real < _NEAR * ahead.real**2) & (ahead.real > 0)
+    length, s = np.where(near, ahead, 1.0), np.where(near, 1.0, squared)
+    z = np.where(near, squared, 0.0) / length**2
+    whole = ahead**2 + s
+    root = np.sqrt(s)
+    value = 2 * np.arctan(root / (np.sqrt(whole) + ahead)) / root
+    first = (ahead / whole - value) / (2 * s)
+    second = -(ahead / whole**2 + 3 * first) / (2 * s)
+    return (
+        np.where(near, polyval(z, _SERIES) / length, value),
+        np.where(near, polyval(z, _SERIES_BY_Z) / length**3, first),
+        np.where(near, polyval(z, _SERIES_BY_Z_TWICE) / length**5, second),
+    )
