@@ -1,19 +1,19 @@
 """Static equilibria of the limb: K θ = f(T) + gravity, eqn (2) at rest."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
-from pydrake.multibody.plant import MultibodyPlant_
-from pydrake.multibody.tree import MultibodyForces_
 
 from limb_systems.errors import LimbError
-from limb_systems.model.manipulator import make_manipulator
+from limb_systems.model.chain import Chain
+from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wires import Wires
 
-NEWTON_STEPS = 2  # of angles that torques depend on
+NEWTON_STEPS = 50
+CONVERGED = 1e-11  # rad; the step after such a one would be far below rounding errors
 
 
 def static_equilibrium(
@@ -38,89 +38,105 @@ def static_equilibrium(
             f"wire_temperature is {wire.tolist()}; it must be {ambient.size} finite numbers, "
             "one for each wire."
         )
-    wires = Wires(parameters)
-    states = wires.settled_states(wire)
-    plant = make_manipulator(parameters).ToAutoDiffXd()
-    angles = np.zeros(parameters.num_joints)
-    for _ in range(50):
-        load, stiffness = _spring_and_gravity(plant, angles)
-        force, (_, by_angle) = wires.forces(states, angles), wires.force_derivatives(states, angles)
-        if by_angle is not None:
-            stiffness = stiffness - np.diag(by_angle)
-        step = np.linalg.solve(stiffness, force - load)
-        # Steps of at most one radian per joint, so that no joint turns over.
-        angles = angles + step / max(1.0, np.abs(step).max())
-        if np.abs(step).max() < 1e-12:
-            break
-    else:
-        raise LimbError(
-            "There is no static equilibrium that Newton's method finds; is the limb too soft?"
-        )
-    if np.linalg.eigvalsh((stiffness + stiffness.T) / 2).min() <= 0:
-        raise LimbError("The limb's equilibrium is unstable: gravity folds it; is it too soft?")
-    return angles, np.linalg.inv(stiffness)
+    balance = _Balance(parameters)
+    states = balance.wires.settled_states(wire)
+    return balance.settled(states, np.zeros(parameters.num_joints))
 
 
 class HeldAngles:
-    """Joint angles that wires hold at rest, θ = θ_rest + K⁻¹ (f(x, θ) - f(x_cold, θ_rest)).
+    """Joint angles θ and bends φ(θ) that wires hold at rest, K (θ - θ_0) + ∇V(θ) = f(x, θ).
 
-    K, with gravity, is that of the limb at rest with cold wires, from which wires bend it by
-    (2) and (4). Arrays have any number of points before their last axis.
+    K are the springs of (2), which rest at θ_0, V is the potential of gravity and f the force of
+    the wires and of what stiffens, (4). The equilibrium is exact. Where V and f are no
+    functions of θ, θ is linear in f. Arrays have any number of points before their last axis.
 
-    - ``rest_angles``: θ_rest (n,), rad.
-    - ``compliance``: K⁻¹ (n, n), rad/(N·m).
-    - ``wires``: the limb's `Wires`.
+    The equilibria of the last states are kept, so that values, slopes and curvature at the same
+    states take one solution. All methods raise LimbError where the limb has no stable equilibrium.
+
+    - ``rest_angles``: θ (n,), rad, with wires that were never heated.
+    - ``compliance``: ∂θ/∂f (n, n) there, rad/(N·m).
+    - ``wires``, ``chain``: the limb's `Wires`, and its `Chain`.
 
     Args:
         parameters: description of the limb.
     """
 
     def __init__(self, parameters: LimbParameters):
-        self.wires = Wires(parameters)
+        self._balance = _Balance(parameters)
+        self.wires, self.chain = self._balance.wires, self._balance.chain
         self.rest_angles, self.compliance = static_equilibrium(parameters)
         self._cold = self.wires.forces(self.wires.cold_states, self.rest_angles)
+        self._last = (np.empty(0), np.empty(0), np.empty(0))
 
-    def angles(self, states: np.ndarray) -> np.ndarray:
-        """θ (..., n), rad, at states x (..., N) of the wires."""
-        at_rest = np.broadcast_to(self.rest_angles, (*states.shape[:-1], len(self.rest_angles)))
-        angles = at_rest + self._turned(states, at_rest)
-        if self.wires.torque_needs_angle:
-            for _ in range(NEWTON_STEPS):  # torque changes little with its joint's angle
-                missed = at_rest + self._turned(states, angles) - angles
-                _, by_angle = self.wires.force_derivatives(states, angles)
-                assert by_angle is not None
-                step = np.linalg.solve(self._stiffness(by_angle), missed[..., None])
-                angles = angles + step[..., 0]
-        return angles
-
-    def expanded(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """θ (..., n), and its derivatives by the states (..., n, N)."""
-        angles = self.angles(states)
-        by_state, by_angle = self.wires.force_derivatives(states, angles)
-        slopes = self.compliance @ by_state
-        if by_angle is not None:
-            slopes = np.linalg.solve(self._stiffness(by_angle), slopes)
-        return angles, np.broadcast_to(slopes, (*angles.shape, states.shape[-1]))
-
-    def curvature(self, states: np.ndarray, angles: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Second derivatives of weights · θ by the states (..., N, N), but for what stiffens.
+    def angles(self, states: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+        """θ (..., n), rad, at states x (..., N) of the wires.
 
         Args:
-            states, angles: x (..., N), and their θ (..., n).
-            weights: (..., n).
+            start: angles (..., n) that are near, such as those at states that were near.
         """
-        _, by_angle = self.wires.force_derivatives(states, angles)
-        if by_angle is not None:
-            stiffness = self._stiffness(by_angle).swapaxes(-1, -2)
-            weights = np.linalg.solve(stiffness, weights[..., None])[..., 0]
-        return self.wires.force_hessian(states, angles, weights @ self.compliance)
+        return self._settled(states, start)[0]
 
-    def _turned(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        return (self.wires.forces(states, angles) - self._cold) @ self.compliance.T
+    def expanded(
+        self, states: np.ndarray, start: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """`angles` θ (..., n), and their derivatives by the states (..., n, N)."""
+        angles, compliance = self._settled(states, start)
+        by_state, _ = self.wires.force_derivatives(states, angles)
+        return angles, np.broadcast_to(compliance @ by_state, (*angles.shape, states.shape[-1]))
 
-    def _stiffness(self, force_by_angle: np.ndarray) -> np.ndarray:
-        """How much stiffer than K the joints are whose torques depend on their angles."""
-        return np.eye(len(self.compliance)) - self.compliance * force_by_angle[..., None, :]
+    def curvature(self, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Second derivatives of weights · θ by the states (..., N, N), for weights (..., n)."""
+        return self._curvature(states, weights, 0.0)
+
+    def bends(self, states: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+        """φ (..., F), rad, of the equilibria at states x (..., N); `start` as of `angles`."""
+        return self.chain.bends(self.angles(states, start))
+
+    def expanded_bends(
+        self, states: np.ndarray, start: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """`bends` φ (..., F), and their derivatives by the states (..., F, N)."""
+        angles, slopes = self.expanded(states, start)
+        bends, by_angle = self.chain.expanded_bends(angles)
+        return bends, by_angle @ slopes
+
+    def bend_curvature(self, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Second derivatives of weights · φ by the states (..., N, N), for weights (..., F)."""
+        angles = self.angles(states)
+        _, by_angle = self.chain.expanded_bends(angles)
+        on_angles = (weights[..., None, :] @ by_angle)[..., 0, :]
+        return self._curvature(states, on_angles, self.chain.bend_curvature(angles, weights))
+
+    def _settled(
+        self, states: np.ndarray, start: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """θ (..., n), and ∂θ/∂f (..., n, n) there."""
+        if self._balance.is_linear or start is None:
+            at_rest = np.broadcast_to(self.rest_angles, (*states.shape[:-1], len(self.rest_angles)))
+            turned = (self.wires.forces(states, at_rest) - self._cold) @ self.compliance.T
+            start = at_rest + turned
+        if self._balance.is_linear:
+            return start, self.compliance
+        if not np.array_equal(self._last[0], states):
+            self._last = (states.copy(), *self._balance.settled(states, start))
+        return self._last[1:]
+
+    def _curvature(
+        self, states: np.ndarray, weights: np.ndarray, bent: np.ndarray | float
+    ) -> np.ndarray:
+        """Second derivatives by the states of weights · θ + θ_x · bent · θ_x / 2.
+
+        Those of r = K (θ - θ_0) + ∇V - f, weighted with the adjoint λ, are put on θ_x.
+        """
+        angles, compliance = self._settled(states)
+        adjoint = (weights[..., None, :] @ compliance)[..., 0, :]
+        if self.chain.weighs:
+            bent = bent - self.chain.gravity_curvature(angles, adjoint)
+        result = self.wires.force_hessian(states, angles, adjoint)
+        if isinstance(bent, float):
+            return result
+        _, slopes = self.expanded(states)
+        return result + slopes.swapaxes(-1, -2) @ bent @ slopes
 
 
 def mean_bend_by_temperature(
@@ -142,14 +158,84 @@ def mean_bend_by_temperature(
     return slopes * own
 
 
-def _spring_and_gravity(
-    plant: MultibodyPlant_[AutoDiffXd], angles: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The generalized force that holds the limb at rest (n,), and its Jacobian."""
-    context = plant.CreateDefaultContext()
-    plant.SetPositions(context, InitializeAutoDiff(angles)[:, 0])
-    forces = MultibodyForces_[AutoDiffXd](plant)
-    plant.CalcForceElementsContribution(context, forces)
-    no_acceleration = np.full(len(angles), AutoDiffXd(0.0))
-    load = plant.CalcInverseDynamics(context, no_acceleration, forces)
-    return ExtractValue(load)[:, 0], ExtractGradient(load)
+class _Balance:
+    """Forces on the joints of a limb at rest, r(x, θ) = K (θ - θ_0) + ∇V(θ) - f(x, θ).
+
+    - ``is_linear``: whether r is linear in θ, with K.
+    """
+
+    def __init__(self, parameters: LimbParameters):
+        self.wires = Wires(parameters)
+        layout = _planar_layout(parameters)
+        self.chain = Chain(layout, parameters.gravity)
+        self._springs, self._relaxed = layout.stiffness, rest_joint_angles(parameters)
+        self.is_linear = not (self.chain.weighs or self.wires.torque_needs_angle)
+
+    def settled(self, states: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """θ (..., n) where r = 0 at states (..., N), and ∂θ/∂f (..., n, n), by Newton's method.
+
+        Args:
+            start: angles to start from (..., n).
+
+        Raises:
+            LimbError: if there is no stable equilibrium.
+        """
+        angles = start
+        for _ in range(NEWTON_STEPS):
+            force, stiffness = self._expanded(states, angles)
+            compliance = np.linalg.inv(stiffness)
+            step = (compliance @ force[..., None])[..., 0]
+            largest = np.abs(step).max(axis=-1, keepdims=True)
+            # Steps of at most one radian per joint, so that no joint turns over.
+            angles = angles + step / np.maximum(1.0, largest)
+            if (largest < CONVERGED).all():
+                break
+        else:
+            raise LimbError(
+                f"There is no static equilibrium that Newton's method finds"
+                f"{_where(largest[..., 0] >= CONVERGED)}; is the limb too soft?"
+            )
+        unstable = np.linalg.eigvalsh((stiffness + stiffness.swapaxes(-1, -2)) / 2)[..., 0] <= 0
+        if unstable.any():
+            raise LimbError(
+                f"The limb's equilibrium{_where(unstable)} is unstable: gravity folds it; is it "
+                "too soft?"
+            )
+        return angles, compliance
+
+    def _expanded(self, states: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """-r (..., n), and the derivatives of r by θ (..., n, n)."""
+        force = self.wires.forces(states, angles) - self._springs * (angles - self._relaxed)
+        stiffness = np.diag(self._springs)
+        _, by_angle = self.wires.force_derivatives(states, angles)
+        if by_angle is not None:
+            stiffness = stiffness - by_angle[..., None] * np.eye(len(self._springs))
+        if self.chain.weighs:
+            load, by_angle = self.chain.expanded_gravity_load(angles)
+            force, stiffness = force - load, stiffness + by_angle
+        return force, stiffness
+
+
+def _where(refused: np.ndarray) -> str:
+    """Says which of several points is refused."""
+    if not refused.ndim:
+        return ""
+    return f" at point {int(np.argmax(refused))} of {refused.size} ({int(refused.sum())} in all)"
+
+
+def _planar_layout(parameters: LimbParameters) -> SimpleNamespace:
+    lengths = [s.length / s.links for s in parameters.segments for _ in range(s.links)]
+    along = np.multiply.outer(lengths, [1.0, 0.0, 0.0])
+    ends = [joints.stop - 1 for joints in parameters.joint_slices]
+    return SimpleNamespace(
+        axes=np.tile([0.0, 0.0, 1.0], (len(lengths), 1)),
+        offsets=np.vstack([np.zeros(3), along[:-1]]),
+        joint_of_link=np.arange(len(lengths)),
+        masses=np.concatenate([np.full(s.links, s.mass / s.links) for s in parameters.segments]),
+        centres=0.5 * along,
+        stiffness=np.concatenate([np.full(s.links, s.stiffness) for s in parameters.segments]),
+        joints_of=parameters.joint_slices,
+        end_offset=along[ends],
+        bends_of=[slice(index, index + 1) for index in range(len(ends))],
+        bend_direction=np.zeros(len(ends), int),
+    )

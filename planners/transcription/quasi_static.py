@@ -263,7 +263,7 @@ class _HeldCost:
         angles, slopes = self._held.expanded(states)
         hessian = self._weights[:, None] * slopes.swapaxes(1, 2) @ slopes
         weighted = self._weights * (angles - self._target)
-        hessian = hessian + self._held.curvature(states, angles, weighted)
+        hessian = hessian + self._held.curvature(states, weighted)
         rows, columns = self._triangle
         return hessian[:, rows, columns].ravel()
 

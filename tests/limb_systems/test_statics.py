@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from pydrake.multibody.tree import MultibodyForces
 from scipy.optimize import fsolve
 
 from limb_systems import (
@@ -15,7 +16,8 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     simulate,
 )
-from limb_systems.model.statics import static_equilibrium
+from limb_systems.model.manipulator import make_manipulator
+from limb_systems.model.statics import HeldAngles, static_equilibrium
 
 SIDEWAYS = [0.0, -9.81, 0.0]
 
@@ -112,6 +114,80 @@ def test_fine_chain_sags_like_an_euler_bernoulli_cantilever():
     extrapolated = 2 * small_sag(100) - small_sag(50)
     expected = -weight / length * length**3 / (8 * rigidity)
     assert extrapolated == pytest.approx(expected, rel=1e-3)
+
+
+# Angles and bends that wires hold, at many states of the wires
+
+
+def held_limbs() -> dict[str, LimbParameters]:
+    """Two segments under gravity, of which the first of one has rubber that stiffens."""
+    base, tip = SegmentParameters(links=3, rest_angle=0.2), SegmentParameters(links=2, mass=0.01)
+    stiffening = SegmentParameters(links=3, rest_angle=0.2, stiffening=0.5)
+    return {
+        "linear rubber": LimbParameters(segments=[base, tip], gravity=[2.0, -9.0, 1.0]),
+        "stiffening": LimbParameters(segments=[stiffening, tip], gravity=[2.0, -9.0, 1.0]),
+    }
+
+
+@pytest.fixture(params=held_limbs())
+def held_limb(request) -> LimbParameters:
+    return held_limbs()[request.param]
+
+
+def states_of(parameters) -> np.ndarray:
+    return np.random.default_rng(5).uniform(25.0, 100.0, (6, len(parameters.wires)))
+
+
+def test_drakes_plant_stays_at_rest_where_wires_hold_it(held_limb):
+    held, states = HeldAngles(held_limb), states_of(held_limb)
+    plant = make_manipulator(held_limb)
+    context, forces = plant.CreateDefaultContext(), MultibodyForces(plant)
+    angles = held.angles(states)
+    for q, force in zip(angles, held.wires.forces(states, angles), strict=True):
+        plant.SetPositions(context, q)
+        plant.CalcForceElementsContribution(context, forces)
+        load = plant.CalcInverseDynamics(context, np.zeros(len(q)), forces)
+        np.testing.assert_allclose(load, force, rtol=0, atol=1e-12 * np.abs(force).max())
+    np.testing.assert_allclose(held.bends(states).T, bend_angle(held_limb, angles.T), atol=1e-14)
+
+
+def test_derivatives_of_what_wires_hold_are_those_of_differences():
+    """Central differences of fourth order; Newton's method is exact to rounding errors."""
+    held_limb = held_limbs()["linear rubber"]
+    held, states = HeldAngles(held_limb), states_of(held_limb)
+    rng, step = np.random.default_rng(6), 0.5
+
+    def by_differences(function):
+        shifts = step * np.eye(states.shape[1])
+        return np.stack(
+            [
+                (
+                    8 * (function(states + shift) - function(states - shift))
+                    - function(states + 2 * shift)
+                    + function(states - 2 * shift)
+                )
+                / (12 * step)
+                for shift in shifts
+            ],
+            axis=-1,
+        )
+
+    for values, expanded, curvature in (
+        (held.angles, held.expanded, held.curvature),
+        (held.bends, held.expanded_bends, held.bend_curvature),
+    ):
+        _, slopes = expanded(states)
+        np.testing.assert_allclose(slopes, by_differences(values), rtol=0, atol=1e-9)
+        weights = rng.normal(size=values(states).shape)
+        expected = by_differences(lambda x: (weights[:, None] @ expanded(x)[1])[:, 0])
+        np.testing.assert_allclose(curvature(states, weights), expected, rtol=0, atol=1e-10)
+
+
+def test_points_without_an_equilibrium_are_named(refused):
+    held = HeldAngles(held_limbs()["linear rubber"])
+    states = np.array([[30.0] * 4, [30.0, 1e6, 30.0, 30.0], [40.0] * 4])
+    with refused(LimbError, "no static equilibrium", "at point 1 of 3"):
+        held.angles(states, start=np.zeros((3, 5)))
 
 
 # The paper's numbers (Sec. V-A, V-B; design facts of the nominal limb)
