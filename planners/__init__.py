@@ -7,8 +7,7 @@ from planners.planning import Planner, plan
 from planners.task import Phase, Task, TaskError
 from planners.transcription.ipopt import ExactHessianIpoptSolver
 from planners.transcription.program import TrajectoryProgram
-from planners.transcription.quasi_static import InfeasibleError
-from planners.transcription.solving import PlanningError
+from planners.transcription.solving import InfeasibleError, PlanningError
 
 __all__ = [
     "ExactHessianIpoptSolver",

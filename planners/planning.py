@@ -23,6 +23,7 @@ from planners.task import Task
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import (
     check_temperature_limits,
+    held_motion,
     solve_quasi_static,
 )
 from planners.transcription.solving import LONGEST_SOLVE, PlanningError, Solution, solve_program
@@ -204,20 +205,11 @@ class Planner:
         heat = state[2 * parameters.num_joints :]
         warm_up = max(0.0, parameters.temperature_limits.warm_up_time - elapsed)
         check_temperature_limits(parameters, times, heat, warm_up, self.task, self._margin)
-        guess_heat, guess_duty = solve_quasi_static(
-            parameters, times, angles_ref, heat, self._held, self.task, warm_up, self._margin
-        )
         if self._program is None:
-            self._program = TrajectoryProgram(
-                parameters,
-                times,
-                self.task,
-                measured_margin=self._margin,
-                with_constraints=self._solver is not None or self.task.customize is not None,
-            )
+            self._program = self._make_program()
         program = self._program
         program.update(angles_ref, state, warm_up)
-        guess = program.variables(self._fill_in(state, guess_heat, guess_duty), guess_duty)
+        guess = self._guess(program, angles_ref, state, warm_up)
         solution = self._solve(program, guess, angles_ref, state)
         trajectory = self._trajectory(program, solution, angles_ref)
         trajectory.check.guess_cost = program.cost(guess)
@@ -227,6 +219,32 @@ class Planner:
         offsets, differences = simulated_differences(trajectory)
         trajectory.check.largest_difference_deg = float(np.rad2deg(differences.max()))
         return trajectory, offsets, differences
+
+    def _make_program(self) -> TrajectoryProgram:
+        return TrajectoryProgram(
+            self.parameters,
+            self.times,
+            self.task,
+            measured_margin=self._margin,
+            with_constraints=self._solver is not None or self.task.customize is not None,
+        )
+
+    def _guess(self, program, angles_ref, state, warm_up_time: float) -> np.ndarray:
+        """All decision variables from which a program is solved."""
+        heat, duty = solve_quasi_static(
+            self.parameters,
+            self.times,
+            angles_ref,
+            state[2 * self.parameters.num_joints :],
+            self._held,
+            self.task,
+            warm_up_time,
+            self._margin,
+        )
+        motion = held_motion(self._held, heat[: self._held.wires.num_states].T, duty.T)
+        states = np.vstack([motion.T, heat])
+        states[:, 0] = state
+        return program.variables(states, duty)
 
     def _solve(self, program, guess, angles_ref, state) -> Solution:
         """Solution from the previous one if little changed, else from the guess."""
@@ -259,15 +277,6 @@ class Planner:
             ),
             provenance=self._provenance,
         )
-
-    def _fill_in(self, initial_state, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
-        """States (2n + M, K) for a quasi-static plan's [x, V] (M, K) and D (W, K)."""
-        wires, x = self._held.wires, heat[: self._held.wires.num_states].T
-        angles, slopes = self._held.expanded(x)
-        rates = (slopes @ wires.rates(x, duty.T)[:, :, None])[:, :, 0]
-        states = np.vstack([angles.T, rates.T, heat])
-        states[:, 0] = initial_state
-        return states
 
 
 def _margin_of(trajectory: Trajectory, margin: np.ndarray) -> np.ndarray | None:

@@ -165,6 +165,13 @@ class Task:
         except LimbError as error:
             raise TaskError(f"{path}: {error}") from error
 
+    @property
+    def named_limits(self) -> str:
+        """The task's own limits in words, for sentences."""
+        names = ["max_bend_rate", "max_temperature_rate", "reach", "final_hold", "customize"]
+        given = [name for name in names if getattr(self, name)]
+        return f" and the task's {', '.join(given)}" if given else ""
+
     def weights(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Q and R at the knots, each (N,); the last Q is Q_N, and the last R has no effect.
 

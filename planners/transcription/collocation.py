@@ -324,11 +324,3 @@ def _by_knots(
         out[:, :, knot + n : knot + 2 * n] = sign * h / 8 * by_angle - 0.25 * by_rate
         out[:, :, knot + 2 * n : knot + P] = 0.5 * rest + sign * (by_heat @ heat)
     return out
-
-
-def linear_defect(A: np.ndarray, B: np.ndarray, h: float) -> np.ndarray:
-    """Defect of ẏ = A y + B u over an interval of length h, by [y0, u0, y1, u1] (M, 2M + 2W)."""
-    slopes = np.hstack([A, B])[None]
-    one = np.eye(*slopes.shape[1:])
-    middle = _by_knots(slopes, 0, slopes, slopes, h)[0]
-    return np.hstack([-1.5 / h * one, 1.5 / h * one]) - 0.25 * np.tile(slopes[0], 2) - middle

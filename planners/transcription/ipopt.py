@@ -47,10 +47,11 @@ OPTIONS = {
     "sb": "yes",
 }
 
+INFEASIBLE = "infeasible problem detected"
 STATUS = {
     0: ("solved", SolutionResult.kSolutionFound),
     1: ("solved to acceptable level", SolutionResult.kSolverSpecificError),
-    2: ("infeasible problem detected", SolutionResult.kInfeasibleConstraints),
+    2: (INFEASIBLE, SolutionResult.kInfeasibleConstraints),
     3: ("search direction becomes too small", SolutionResult.kSolverSpecificError),
     4: ("diverging iterates", SolutionResult.kSolverSpecificError),
     -1: ("maximum number of iterations exceeded", SolutionResult.kIterationLimit),
@@ -63,40 +64,32 @@ STATUS = {
 }
 
 
-class CostBlock(Protocol):
-    """A cost g(x) that is evaluated at once; its Hessian is its lower triangle alone.
-
-    - ``columns``: places of the nonzeros of dg/dx.
-    - ``hessian_rows``, ``hessian_columns``: places of the nonzeros of the Hessian of λᵀ g;
-      values of the same place, or of its mirror image, add up.
-    """
-
-    columns: np.ndarray
-    hessian_rows: np.ndarray
-    hessian_columns: np.ndarray
-
-    def evaluate(self, x: np.ndarray) -> np.ndarray:
-        """g(x) (m,); of a cost m is one."""
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """The nonzeros of dg/dx, in the order of ``columns``."""
-
-    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """The nonzeros of the Hessian of multipliers · g; a cost's multiplier is one."""
-
-
-class ConstraintBlock(CostBlock, Protocol):
+class ConstraintBlock(Protocol):
     """Constraints lower <= g(x) <= upper that are evaluated together.
 
     - ``lower``, ``upper``: (m,).
     - ``rows``, ``columns``: places of the Jacobian's nonzeros in (m, len(x)).
+    - ``hessian_rows``, ``hessian_columns``: places of the nonzeros of the Hessian of λᵀ g, of its
+      lower triangle alone; values of the same place, or of its mirror image, add up.
     - ``replaces``: the program's constraints that they stand for.
     """
 
     lower: np.ndarray
     upper: np.ndarray
     rows: np.ndarray
+    columns: np.ndarray
+    hessian_rows: np.ndarray
+    hessian_columns: np.ndarray
     replaces: Collection[Binding]
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        """g(x) (m,)."""
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """The nonzeros of dg/dx, in the order of ``columns``."""
+
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """The nonzeros of the Hessian of multipliers · g."""
 
 
 @dataclasses.dataclass
@@ -158,10 +151,9 @@ class ExactHessianIpoptSolver:
         exact: whether the Hessian of the constraints is added to that of the
             cost. Without it (Gauss-Newton) no second derivatives of
             constraints are calculated; programs whose cost is linear need it.
-        nonlinear: evaluates those constraints of the program that it
-            ``replaces`` instead of themselves, up to a scaling of their rows. The
-            Hessian of the others is then added in any case.
-        cost: is added to the program's costs.
+        blocks: constraints in addition to those of the program but for what they
+            ``replace``, up to a scaling of the rows. If there are some, the Hessian of
+            the program's own is added in any case.
         on_iteration: function that is called with iteration, cost and constraint violation.
     """
 
@@ -169,12 +161,10 @@ class ExactHessianIpoptSolver:
         self,
         *,
         exact: bool = False,
-        nonlinear: ConstraintBlock | None = None,
-        cost: CostBlock | None = None,
+        blocks: Sequence[ConstraintBlock] = (),
         on_iteration: Callable[[int, float, float], None] | None = None,
     ):
-        self._exact, self._nonlinear, self._cost = exact, nonlinear, cost
-        self._on_iteration = on_iteration
+        self._exact, self._blocks, self._on_iteration = exact, blocks, on_iteration
 
     def Solve(
         self,
@@ -199,9 +189,7 @@ class ExactHessianIpoptSolver:
         """
         guess = prog.initial_guess() if initial_guess is None else np.asarray(initial_guess)
         guess = np.nan_to_num(guess)
-        problem = _ScaledProblem(
-            prog, guess, self._exact, self._nonlinear, self._cost, self._on_iteration
-        )
+        problem = _ScaledProblem(prog, guess, self._exact, self._blocks, self._on_iteration)
         options, arguments = dict(OPTIONS), {}
         if solver_options is not None:
             options |= solver_options.options.get(IpoptSolver.id().name(), {})
@@ -229,6 +217,7 @@ class ExactHessianIpoptSolver:
 class _Evaluators:
     """Costs or constraints of a program, side by side, evaluated by Drake's AutoDiff.
 
+    - ``size``: number of their values.
     - ``rows``, ``columns``: places of the Jacobian's nonzeros.
     - ``hessian_rows``, ``hessian_columns``: places in the Hessian's lower triangle.
     """
@@ -239,8 +228,9 @@ class _Evaluators:
             for binding in bindings
         ]
         sizes = [evaluator.num_outputs() for evaluator, _ in self._parts]
+        self.size = sum(sizes)
         self._ends = np.cumsum(sizes)[:-1]
-        numbers = np.split(np.arange(sum(sizes)), self._ends)
+        numbers = np.split(np.arange(self.size), self._ends)
         grids = [
             np.meshgrid(rows, indices, indexing="ij")
             for rows, (_, indices) in zip(numbers, self._parts, strict=False)
@@ -281,7 +271,7 @@ class _Constraints(_Evaluators):
 class _ScaledProblem:
     """A program in IPOPT's form: y = x / scale, the objective of size 100."""
 
-    def __init__(self, prog, guess, exact, nonlinear, cost, on_iteration):
+    def __init__(self, prog, guess, exact, blocks, on_iteration):
         linear = [*prog.linear_constraints(), *prog.linear_equality_constraints()]
         curved = [
             *prog.generic_constraints(),
@@ -295,14 +285,14 @@ class _ScaledProblem:
                 "This solver takes bounds, linear, quadratic and generic constraints and Lorentz "
                 "cones; the program has others."
             )
-        self.cost = _Cost(prog, cost)
+        self.cost = _Cost(prog)
         self._linear = _Constraints(prog, linear)
-        replaced = set() if nonlinear is None else set(nonlinear.replaces)
+        replaced = {binding for block in blocks for binding in block.replaces}
         others = _Constraints(prog, [b for b in curved if b not in replaced])
-        self._curved: list[ConstraintBlock] = [others] if nonlinear is None else [others, nonlinear]
+        self._curved: list[ConstraintBlock] = [others, *blocks]
         self._blocks: list[ConstraintBlock] = [*self._curved, self._linear]
         # Those at the front, whose second derivatives are used.
-        self._bent = self._curved if exact else self._curved[: len(self._curved) - 1]
+        self._bent = self._curved if exact else self._curved[: 1 if blocks else 0]
         self._linear_jacobian = self._linear.jacobian(guess)
         self.lower, self.upper = _bounds(prog)
         self.scale = np.ones(prog.num_vars())
@@ -392,7 +382,7 @@ class _Cost:
     - ``rows``, ``columns``: places of the nonzeros of the Hessian's lower triangle.
     """
 
-    def __init__(self, prog: MathematicalProgram, block: CostBlock | None = None):
+    def __init__(self, prog: MathematicalProgram):
         self._b, self._c = np.zeros(prog.num_vars()), 0.0
         rows, columns, values = [], [], []
         for binding in [*prog.quadratic_costs(), *prog.linear_costs()]:
@@ -410,33 +400,29 @@ class _Cost:
         self._rows, self._columns = _concatenate(rows, int), _concatenate(columns, int)
         self._values = _concatenate(values)
         known = len(prog.quadratic_costs()) + len(prog.linear_costs())
-        generic = [
+        generic_costs = [
             binding
             for binding in (prog.GetAllCosts() if known < len(prog.GetAllCosts()) else [])
             if not hasattr(binding.evaluator(), "Q") and not hasattr(binding.evaluator(), "a")
         ]
-        self._others: list[_Evaluators | CostBlock] = [_Evaluators(prog, generic)]
-        self._others += [] if block is None else [block]
+        self._generic = generic = _Evaluators(prog, generic_costs)
         self._triangle = self._rows >= self._columns
-        self.rows, self.columns = (
-            np.concatenate([own[self._triangle], *(getattr(part, name) for part in self._others)])
-            for own, name in ((self._rows, "hessian_rows"), (self._columns, "hessian_columns"))
-        )
+        self.rows = np.append(self._rows[self._triangle], generic.hessian_rows)
+        self.columns = np.append(self._columns[self._triangle], generic.hessian_columns)
 
     def evaluate(self, x: np.ndarray) -> float:
         # No dot product of BLAS: its threads have been seen to stall on busy machines.
         quadratic = (x * (0.5 * self._times(x) + self._b)).sum() + self._c
-        return float(quadratic + sum(part.evaluate(x).sum() for part in self._others))
+        return float(quadratic + self._generic.evaluate(x).sum())
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         gradient = self._times(x) + self._b
-        for part in self._others:
-            np.add.at(gradient, part.columns, part.jacobian(x))
+        np.add.at(gradient, self._generic.columns, self._generic.jacobian(x))
         return gradient
 
     def hessian(self, x: np.ndarray) -> np.ndarray:
-        others = [part.hessian(x, np.ones(len(part.evaluate(x)))) for part in self._others]
-        return np.concatenate([self._values[self._triangle], *others])
+        generic = self._generic.hessian(x, np.ones(self._generic.size))
+        return np.append(self._values[self._triangle], generic)
 
     def _times(self, x: np.ndarray) -> np.ndarray:
         products = self._values * x[self._columns]

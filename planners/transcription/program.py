@@ -18,6 +18,7 @@ from limb_systems import (
 )
 from planners.task import Task, TaskError
 from planners.transcription.collocation import ANGLE_SCALE, LimbDefects
+from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.mechanics import Mechanics, PlanarChain
 
 REST_RATE = np.deg2rad(0.5)  # rad/s, largest bend rate at rest
@@ -26,7 +27,112 @@ REACH_TOLERANCE = np.deg2rad(0.1)  # rad
 ADDED_TOLERANCE = 1e-5
 
 
-class TrajectoryProgram:
+class PlanProgram:
+    """What programs of a plan have in common, of the chain's motion or of heat alone.
+
+    - ``prog``: the `MathematicalProgram`.
+    - ``wires``: `Wires` of the limb.
+    - ``times``: times of the knots (K,), s, before they are stretched.
+    - ``duty``, ``time_steps``: indices of u_k (K, W) and h_k (K - 1) among the decision variables.
+    - ``blocks``: constraints that are evaluated together, beside those of ``prog``.
+    - ``added``: the constraints that the task's ``customize`` added.
+    """
+
+    parameters: LimbParameters
+    times: np.ndarray
+    task: Task
+    wires: Wires
+    prog: MathematicalProgram
+    duty: np.ndarray
+    time_steps: np.ndarray
+    blocks: list[ConstraintBlock]
+    _of_knots: np.ndarray  # indices of all variables of each knot (K, P)
+
+    @property
+    def state_scales(self) -> np.ndarray:
+        """Typical changes of a `Limb`'s states (2n + M,)."""
+        n = self.parameters.num_joints
+        return np.concatenate([np.full(n, ANGLE_SCALE), np.ones(n), self.wires.heat_scales])
+
+    def indices(self, variables: np.ndarray) -> np.ndarray:
+        """Places of variables among all decision variables, in their shape."""
+        flat = self.prog.FindDecisionVariableIndices(variables.ravel())
+        return np.array(flat).reshape(variables.shape)
+
+    def knots(self, x: np.ndarray) -> np.ndarray:
+        """Times of the knots (K,) of all decision variables, s."""
+        if self.task.stretch is None:
+            return self.times
+        return np.append(0.0, np.cumsum(x[self.time_steps]))
+
+    def cost(self, x: np.ndarray) -> float:
+        """Eqn (15), with the task's further costs."""
+        return float(self.prog.EvalBindings(self.prog.GetAllCosts(), x).sum())
+
+    def broken_constraint(self, x: np.ndarray) -> str:
+        """The constraint of those ``added`` that is exceeded most, in words, or ""."""
+        worst, most = "", ADDED_TOLERANCE
+        for number, binding in enumerate(self.added, 1):
+            evaluator, values = binding.evaluator(), self.prog.EvalBinding(binding, x)
+            lower, upper = evaluator.lower_bound(), evaluator.upper_bound()
+            missed = np.maximum(lower - values, values - upper)
+            bound = np.where(lower - values > values - upper, lower, upper)
+            relative = missed / np.maximum(1.0, np.abs(bound))
+            row = int(np.argmax(relative))  # NaN if there is one
+            if relative[row] <= most:
+                continue
+            most = np.nan_to_num(relative[row], nan=np.inf)
+            expression = textwrap.shorten(str(binding).partition("\n")[2], 100) or str(binding)
+            name = evaluator.get_description() or expression
+            worst = (
+                f"'{name}' (number {number} of {len(self.added)}{self._when(binding)}) is missed "
+                f"by {missed[row]:.3g}"
+            )
+        return worst
+
+    def _when(self, binding: Binding) -> str:
+        """The times of the knots whose variables a constraint is on, in words."""
+        indices = self.prog.FindDecisionVariableIndices(binding.variables())
+        concerned = np.isin(self._of_knots, indices).any(axis=1)
+        knots = self.times[concerned]
+        if not len(knots):
+            return ""
+        first, last = knots[[0, -1]]
+        return f", at {first:g} s" if first == last else f", from {first:g} to {last:g} s"
+
+    def _shortest_and_longest_step(self) -> tuple[float, float]:
+        steps, factors = np.diff(self.times), self.task.stretch or (1.0, 1.0)
+        return factors[0] * steps.min(), factors[1] * steps.max()
+
+    def _add_time(self, time_steps: np.ndarray) -> None:
+        """Times of the knots: as given, or all stretched alike."""
+        prog, steps = self.prog, np.diff(self.times)
+        self.time_steps = self.indices(time_steps)
+        if self.task.stretch is None:
+            prog.AddBoundingBoxConstraint(steps, steps, time_steps)
+            return
+        if self.task.time_weight:
+            prog.AddLinearCost(np.full(len(steps), self.task.time_weight), 0.0, time_steps)
+        for k in range(1, len(steps)):
+            prog.AddLinearEqualityConstraint(
+                np.array([[1 / steps[0], -1 / steps[k]]]), [0.0], [time_steps[0], time_steps[k]]
+            )
+
+    def _set_scaling(self, variables: np.ndarray, scales: np.ndarray) -> None:
+        """Scales of the variables of each knot (K, P)."""
+        for of_knots, scale in zip(variables.T, scales, strict=True):
+            if scale != 1.0:
+                for variable in of_knots:
+                    self.prog.SetVariableScaling(variable, scale)
+
+    def _customize(self) -> None:
+        before = set(self.prog.GetAllConstraints())
+        if self.task.customize:
+            self.task.customize(self)
+        self.added = [b for b in self.prog.GetAllConstraints() if b not in before]
+
+
+class TrajectoryProgram(PlanProgram):
     """Eqns (15)-(20) for one limb, with the task's further costs and limits.
 
     The reference and the initial state are those of the last `update`.
@@ -38,7 +144,6 @@ class TrajectoryProgram:
     - ``states``, ``duty``, ``time_steps``: indices of x_k, u_k and h_k among
       the decision variables, (N, 2n + M), (N, W) and (N - 1), for the heat
       (M) of W wires, their states and readings.
-    - ``state_scales``: typical changes of the states (2n + M,).
     - ``defects``: (17) as `LimbDefects`.
     - ``added``: the constraints that the task's ``customize`` added.
 
@@ -82,14 +187,12 @@ class TrajectoryProgram:
             measured_margin,
         )
         self._add_limits_of_motion()
-        self._set_scaling()
+        self._set_scaling(self._states, self.state_scales)
         if mechanics is None:
             mechanics = PlanarChain(self.limb.GetSubsystemByName("manipulator"))
         self.defects = self._make_defects(mechanics)
-        before = set(self.prog.GetAllConstraints())
-        if self.task.customize:
-            self.task.customize(self)
-        self.added = [b for b in self.prog.GetAllConstraints() if b not in before]
+        self.blocks = [self.defects]
+        self._customize()
 
     def update(self, reference: np.ndarray, initial_state: np.ndarray, warm_up_time: float) -> None:
         """Sets the values that change from plan to plan.
@@ -122,12 +225,6 @@ class TrajectoryProgram:
         x[self.states], x[self.duty] = states.T, duty.T
         return x
 
-    def knots(self, x: np.ndarray) -> np.ndarray:
-        """Times of the knots (N,) of all decision variables, s."""
-        if self.task.stretch is None:
-            return self.times
-        return np.append(0.0, np.cumsum(x[self.time_steps]))
-
     def signals(self, x: np.ndarray) -> dict[str, np.ndarray]:
         """The signals of a `Trajectory`, from all decision variables."""
         angles, rates, wire, measured = split_state(self.parameters, x[self.states].T)
@@ -139,10 +236,6 @@ class TrajectoryProgram:
             "measured_temperature": measured,
             "other_wire_state": wire[num_wires:] if len(wire) > num_wires else None,
         }
-
-    def cost(self, x: np.ndarray) -> float:
-        """Eqn (15), with the task's further costs."""
-        return float(self.prog.EvalBindings(self.prog.GetAllCosts(), x).sum())
 
     def defects_of(self, x: np.ndarray) -> np.ndarray:
         """Violation of (17), with the dynamics of the limb's diagram, (2n + M, N - 1).
@@ -166,46 +259,14 @@ class TrajectoryProgram:
             ]
         )
 
-    def broken_constraint(self, x: np.ndarray) -> str:
-        """The constraint of those ``added`` that is exceeded most, in words, or ""."""
-        worst, most = "", ADDED_TOLERANCE
-        for number, binding in enumerate(self.added, 1):
-            evaluator, values = binding.evaluator(), self.prog.EvalBinding(binding, x)
-            lower, upper = evaluator.lower_bound(), evaluator.upper_bound()
-            missed = np.maximum(lower - values, values - upper)
-            bound = np.where(lower - values > values - upper, lower, upper)
-            relative = missed / np.maximum(1.0, np.abs(bound))
-            row = int(np.argmax(relative))  # NaN if there is one
-            if relative[row] <= most:
-                continue
-            most = np.nan_to_num(relative[row], nan=np.inf)
-            expression = textwrap.shorten(str(binding).partition("\n")[2], 100) or str(binding)
-            name = evaluator.get_description() or expression
-            worst = (
-                f"'{name}' (number {number} of {len(self.added)}{self._when(binding)}) is missed "
-                f"by {missed[row]:.3g}"
-            )
-        return worst
-
-    def _when(self, binding: Binding) -> str:
-        """The times of the knots whose variables a constraint is on, in words."""
-        indices = self.prog.FindDecisionVariableIndices(binding.variables())
-        concerned = np.isin(np.hstack([self.states, self.duty]), indices).any(axis=1)
-        knots = self.times[concerned]
-        if not len(knots):
-            return ""
-        first, last = knots[[0, -1]]
-        return f", at {first:g} s" if first == last else f", from {first:g} to {last:g} s"
-
     def largest_defect(self, x: np.ndarray) -> float:
         """The largest of `defects_of`."""
         return float(np.abs(self.defects_of(x)).max())
 
     def _add_dynamics(self, with_constraints: bool) -> None:
         """(17), and the decision variables."""
-        num_knots, steps = len(self.times), np.diff(self.times)
-        factors = self.task.stretch or (1.0, 1.0)
-        shortest, longest = factors[0] * steps.min(), factors[1] * steps.max()
+        num_knots = len(self.times)
+        shortest, longest = self._shortest_and_longest_step()
         self.collocation = None
         if with_constraints:
             self.collocation = collocation = DirectCollocation(
@@ -232,21 +293,9 @@ class TrajectoryProgram:
                 )
             )
 
-        def indices(variables: np.ndarray) -> np.ndarray:
-            flat = prog.FindDecisionVariableIndices(variables.ravel())
-            return np.array(flat).reshape(variables.shape)
-
-        self.states, self.duty = indices(self._states), indices(self._duty)
-        self.time_steps = indices(time_steps)
-        if self.task.stretch is None:
-            prog.AddBoundingBoxConstraint(steps, steps, time_steps)
-            return
-        if self.task.time_weight:
-            prog.AddLinearCost(np.full(num_knots - 1, self.task.time_weight), 0.0, time_steps)
-        for k in range(1, num_knots - 1):  # all steps stretch alike
-            prog.AddLinearEqualityConstraint(
-                np.array([[1 / steps[0], -1 / steps[k]]]), [0.0], [time_steps[0], time_steps[k]]
-            )
+        self.states, self.duty = self.indices(self._states), self.indices(self._duty)
+        self._of_knots = np.hstack([self.states, self.duty])
+        self._add_time(time_steps)
 
     def _add_cost(self) -> None:
         """(15) of the angles; `update` fills in the reference."""
@@ -279,15 +328,6 @@ class TrajectoryProgram:
                 prog.AddLinearConstraint(to_bend, [-limits[k]], [limits[k]], rates[k])
             if task.reach:
                 self._ends.append(prog.AddLinearConstraint(to_bend, [0.0], [0.0], angles[-1]))
-
-    def _set_scaling(self) -> None:
-        n = self.parameters.num_joints
-        self.state_scales = np.ones(self.states.shape[1])
-        self.state_scales[:n], self.state_scales[2 * n :] = ANGLE_SCALE, self.wires.heat_scales
-        for variables, scale in zip(self._states.T, self.state_scales, strict=True):
-            if scale != 1.0:
-                for variable in variables:
-                    self.prog.SetVariableScaling(variable, scale)
 
     def _make_defects(self, mechanics: Mechanics) -> LimbDefects:
         defects = LimbDefects(

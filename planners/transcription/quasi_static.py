@@ -1,56 +1,40 @@
-"""The quasi-static plan, from which the trajectory program starts.
+"""The quasi-static program: plans of heat and duty, whose limb is where its wires hold it.
 
 The mechanics is fast (5 Hz) and the heat is slow (0.1 Hz), so the joint angles
-nearly are where the wires' torques hold them: K θ = f(x). With this, the program has
-heat and duty alone. Where torque and rates are affine it is convex: the cost (15)
-is quadratic in the wires' states and duty, whose dynamics (6) and bounds (18)-(20)
-are linear. Else it is solved with a few of the knots, by the collocation and the solver
-of the whole program, and read between them.
+nearly are where the wires' torques hold them: K θ + ∇V(θ) = f(x, θ). With this, the variables are
+heat, duty and the bends φ alone, however many joints there are. (17) of the heat is
+that of the trajectory program, φ = φ(θ(x)) has exact first and second derivatives by
+adjoints, and (15) weighs the bends as their joints are weighed at equal angles (11).
 
-That begins with a convex program, too: torque is replaced by its chord from T_warm
-to T_max, which has a slope if the wire can move the limb at all, and then
-by tangents, with steps that reduce the cost. If rates are not affine, as with
-hysteresis, torque is that of wires heated from cold to T, and all states are
-integrated under the duty that was found.
+The trajectory program of a planar limb starts from it. Where torque or rates are not affine,
+a few of the knots are enough for that.
 """
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.solvers import (
-    ClarabelSolver,
-    IpoptSolver,
-    LinearEqualityConstraint,
-    MathematicalProgram,
-    SolverOptions,
-)
+from pydrake.solvers import Binding, MathematicalProgram
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import LimbParameters, Wires, joint_angles_from_bend_angle
 from limb_systems.model.statics import HeldAngles
 from planners.task import Task
-from planners.transcription.collocation import LimbDefects, linear_defect
-from planners.transcription.descent import descend, first_that_reduces
-from planners.transcription.ipopt import ExactHessianIpoptSolver
-from planners.transcription.program import add_wires, reading_bounds, temperature_weights
-from planners.transcription.solving import PlanningError
+from planners.transcription.collocation import ANGLE_SCALE, LimbDefects
+from planners.transcription.program import (
+    REACH_TOLERANCE,
+    REST_RATE,
+    PlanProgram,
+    add_wires,
+    reading_bounds,
+    warm_bounds,
+)
+from planners.transcription.solving import InfeasibleError, solve_program
 
-# Angles (K, n) at states (K, N) of the wires, and their derivatives (K, n, N).
-AngleMap = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-
-MAX_TANGENTS = 3
-LITTLE = 0.02  # relative; a tangent that reduces the cost by less is the last
-CHORD_POINTS = 9
-TABLE_SIZE = 200  # of torque over temperature
 CHECK_STEP = 0.5  # s, of an integration that says whether limits can be met
-# s, between the knots of the program that is not convex: plans with half of it are as good a start.
+# s, between the knots of a start that is not convex: plans with half of it are as good a start.
 SPACING = 0.3
-CURVED_OPTIONS = {"mu_strategy": "monotone", "mu_init": 0.01, "tol": 1e-3, "max_iter": 100}
-
-
-class InfeasibleError(PlanningError):
-    """No duty within [0, 1] meets the temperature constraints (19)-(20)."""
 
 
 def check_temperature_limits(
@@ -130,6 +114,13 @@ def check_temperature_limits(
         )
 
 
+def held_motion(held: HeldAngles, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
+    """[θ, θ̇] (K, 2n) that wires hold, of states x (K, N) under duty (K, W)."""
+    angles, slopes = held.expanded(states)
+    rates = (slopes @ held.wires.rates(states, duty)[:, :, None])[:, :, 0]
+    return np.hstack([angles, rates])
+
+
 def solve_quasi_static(
     parameters: LimbParameters,
     times: np.ndarray,
@@ -140,11 +131,11 @@ def solve_quasi_static(
     warm_up_time: float,
     measured_margin: ArrayLike = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Heat and duty of the wires in the best quasi-static plan.
+    """Heat and duty of the wires in the best quasi-static plan, without limits of the motion.
 
     Args:
         times, initial_heat, warm_up_time, measured_margin: as for `check_temperature_limits`.
-        reference: φ_ref at the knots (S, K), rad.
+        reference: φ_ref at the knots (F, K), rad.
         held: angles that the wires hold.
 
     Returns:
@@ -153,273 +144,203 @@ def solve_quasi_static(
     Raises:
         InfeasibleError: if it has no solution.
     """
-    wires = held.wires
-    target = joint_angles_from_bend_angle(parameters, reference).T
-    if wires.rates_are_affine and wires.torque_is_affine:
-        program = _ConvexProgram(
-            parameters, times, target, initial_heat, held, task, warm_up_time, measured_margin
-        )
-        limits = parameters.temperature_limits
-        middle = 0.5 * (limits.warm + limits.maximum)
-        at = np.tile(wires.settled_states(np.full(wires.num_wires, middle)), (len(times), 1))
-        states, duty = program.solve(*held.expanded(at), at)
-        readings = readings_along(wires, states, initial_heat[wires.num_states :], times)
-        return np.hstack([states, readings]).T, duty.T
-    num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
-    grid = np.linspace(times[0], times[-1], num_intervals + 1)
-    few = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
-    arguments = (
-        *(parameters, times[few], target[few], initial_heat),
-        *(held, task, warm_up_time, measured_margin),
+    wires, some = held.wires, np.arange(len(times))
+    if not (wires.rates_are_affine and wires.torque_is_affine):
+        num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
+        grid = np.linspace(times[0], times[-1], num_intervals + 1)
+        some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
+    task = dataclasses.replace(
+        task,
+        max_bend_rate=None,
+        reach=False,
+        final_hold=0.0,
+        stretch=None,
+        time_weight=0.0,
+        customize=None,
     )
-    _, duty = _ConvexProgram(*arguments).minimize(
-        held.expanded if wires.rates_are_affine else _heated_angles(parameters, held)
-    )
-    heat, duty = _CurvedProgram(*arguments).solve(duty)
-    course = PiecewisePolynomial.CubicHermite(times[few], heat.T, wires.heat_rates(heat, duty).T)
-    duty = np.array([np.interp(times, times[few], of_wire) for of_wire in duty.T])
+    program = QuasiStaticProgram(parameters, times[some], held, task, measured_margin)
+    program.update(reference[:, some], initial_heat, warm_up_time)
+    x = solve_program(program, program.guess()).x
+    heat, duty = x[program.heat], x[program.duty]
+    course = PiecewisePolynomial.CubicHermite(times[some], heat.T, wires.heat_rates(heat, duty).T)
+    duty = np.array([np.interp(times, times[some], of_wire) for of_wire in duty.T])
     return course.vector_values(times), duty
 
 
-class _CurvedProgram:
-    """The quasi-static program where torque or rates are not affine, of heat and duty alone.
+class QuasiStaticProgram(PlanProgram):
+    """Eqns (15)-(20) of a limb that is always where its wires hold it, with the task's limits.
 
-    Args: as of `_ConvexProgram`.
+    The reference, the start and the warm-up are those of the last `update`. (17) of the heat
+    and φ = φ(x) are not in ``prog``, but in ``blocks``.
+
+    - ``held``: angles that the wires hold.
+    - ``heat``, ``bends``: indices of [x, V] (K, M) and φ (K, F) among the decision variables.
+
+    Args:
+        parameters: description of the limb.
+        times: times of the knots (K,), s, from 0.
+        held: angles that the wires hold.
+        task: weights and limits.
+        measured_margin: margin of the readings, as of `TrajectoryProgram`.
     """
 
     def __init__(
-        self, parameters, times, target, initial_heat, held, task, warm_up_time, measured_margin
+        self,
+        parameters: LimbParameters,
+        times: np.ndarray,
+        held: HeldAngles,
+        task: Task,
+        measured_margin: ArrayLike = 0.0,
     ):
-        wires = held.wires
-        self._wires, self._times, self._initial_heat = wires, times, initial_heat
-        self._highest_duty = 1.0 - task.duty_margin
-        self._prog = prog = MathematicalProgram()
-        heat = prog.NewContinuousVariables(len(times), len(initial_heat), "y")
-        duty = prog.NewContinuousVariables(len(times), wires.num_wires, "D")
-        steps = prog.NewContinuousVariables(len(times) - 1, "h")
-        self._heat, self._duty, self._steps = (
-            np.array(prog.FindDecisionVariableIndices(variables.ravel())).reshape(variables.shape)
-            for variables in (heat, duty, steps)
+        self.parameters, self.times, self.task, self.held = parameters, times, task, held
+        wires, K = held.wires, len(times)
+        self.wires, W = wires, wires.num_wires
+        to_joints = joint_angles_from_bend_angle(parameters, np.eye(len(parameters.segments)))
+        self._shares = (to_joints**2).sum(axis=0)  # of (15) in the joints' angles
+        self.prog = prog = MathematicalProgram()
+        heat, duty, bends = (
+            prog.NewContinuousVariables(K, size, name)
+            for size, name in (
+                (len(wires.heat_scales), "y"),
+                (W, "D"),
+                (len(self._shares), "b"),
+            )
         )
-        prog.AddBoundingBoxConstraint(np.diff(times), np.diff(times), steps)
-        prog.AddBoundingBoxConstraint(initial_heat, initial_heat, heat[0])
-        add_wires(prog, parameters, times, heat, duty, task, warm_up_time, measured_margin)
-        for variables, scale in zip(heat.T, wires.heat_scales, strict=True):
-            for variable in variables:
-                prog.SetVariableScaling(variable, scale)
+        self._heat, self._bends = heat, bends
+        self.heat, self.duty, self.bends = map(self.indices, (heat, duty, bends))
+        self._of_knots = np.hstack([self.heat, self.duty, self.bends])
+        steps = prog.NewContinuousVariables(K - 1, "h")
+        self._add_time(steps)
+        prog.AddBoundingBoxConstraint(*self._shortest_and_longest_step(), steps)
+        self._start = prog.AddBoundingBoxConstraint(0.0, 0.0, heat[0])
+        warm_up_time = parameters.temperature_limits.warm_up_time
+        self._warm_up = add_wires(
+            prog, parameters, times, heat, duty, task, warm_up_time, measured_margin
+        )
+        self._costs = [
+            prog.AddQuadraticCost(np.diag(self._shares), 0.0 * self._shares, bend, is_convex=True)
+            for bend in bends
+        ]
+        self._add_limits_of_motion(steps)
+        scales = np.append(wires.heat_scales, np.full(len(self._shares), ANGLE_SCALE))
+        self._set_scaling(np.hstack([heat, bends]), scales)
         typical = float(np.median(np.diff(times)))
-        defects = LimbDefects(None, wires, self._heat, self._duty, self._steps, typical)
-        angle_weights, _ = task.weights(times)
-        cost = _HeldCost(held, self._heat[:, : wires.num_states], target, angle_weights)
-        self._solver = ExactHessianIpoptSolver(exact=True, nonlinear=defects, cost=cost)
+        self.blocks = [
+            LimbDefects(None, wires, self.heat, self.duty, self.time_steps, typical),
+            HeldBends(held, self.heat[:, : wires.num_states], self.bends),
+        ]
+        self._customize()
 
-    def solve(self, duty: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The optimal [x, V] (K, N + W) and D (K, W), or what comes of this duty (K, W)."""
-        N, start = self._wires.num_states, self._initial_heat
-        states = self._wires.under_duty(start[:N], duty, self._times)
-        readings = readings_along(self._wires, states, start[N:], self._times)
-        guess = np.zeros(self._prog.num_vars())
-        guess[self._heat], guess[self._duty] = np.hstack([states, readings]), duty
-        guess[self._steps] = np.diff(self._times)
-        options = SolverOptions()
-        for option, value in CURVED_OPTIONS.items():
-            options.SetOption(IpoptSolver.id(), option, value)
-        result = self._solver.Solve(self._prog, guess, options)
-        x = result.get_x_val() if result.is_success() else guess
-        return x[self._heat], np.clip(x[self._duty], 0.0, self._highest_duty)
+    def update(self, reference: np.ndarray, initial_state: np.ndarray, warm_up_time: float) -> None:
+        """Sets the values that change from plan to plan.
+
+        Args:
+            reference: φ_ref at the knots (F, K), rad.
+            initial_state: x_init, a state of `Limb`, or its heat [x, V] alone.
+            warm_up_time: k_warm, s from the first knot.
+        """
+        motion, heat = np.split(initial_state, [-self.heat.shape[1]])
+        self._initial_motion, self._initial_heat = motion, heat
+        weights, _ = self.task.weights(self.times)
+        for binding, weight, target in zip(self._costs, weights, reference.T, strict=True):
+            Q = weight * self._shares
+            binding.evaluator().UpdateCoefficients(
+                np.diag(Q), -Q * target, 0.5 * (Q * target**2).sum(), True
+            )
+        self._start.evaluator().set_bounds(heat, heat)
+        lower = warm_bounds(self.parameters, self.times, warm_up_time)
+        self._warm_up.evaluator().UpdateLowerBound(lower)
+        if self.task.reach:
+            end = reference[:, -1]
+            self._end.evaluator().set_bounds(end - REACH_TOLERANCE, end + REACH_TOLERANCE)
+
+    def _add_limits_of_motion(self, steps: np.ndarray) -> None:
+        """The task's, of the mean bend rates of intervals."""
+        task = self.task
+        if task.reach:
+            self._end = self.prog.AddBoundingBoxConstraint(0.0, 0.0, self._bends[-1])
+        limits = np.full(len(steps), np.inf if task.max_bend_rate is None else task.max_bend_rate)
+        resting = self.times[:-1] >= self.times[-1] - task.final_hold - 1e-9
+        resting[-1] |= task.reach
+        limits[resting] = np.minimum(limits[resting], REST_RATE)
+        for k in np.flatnonzero(np.isfinite(limits)):
+            rows = np.array([[-1.0, 1.0, -limits[k]], [1.0, -1.0, -limits[k]]])
+            for pair in self._bends[k : k + 2].T:
+                self.prog.AddLinearConstraint(
+                    rows, np.full(2, -np.inf), np.zeros(2), [*pair, steps[k]]
+                )
+
+    def guess(self) -> np.ndarray:
+        """All decision variables under duty that holds wires between T_warm and T_max."""
+        limits, wires, N = self.parameters.temperature_limits, self.wires, self.wires.num_states
+        middle = wires.settled_states(
+            np.full(wires.num_wires, 0.5 * (limits.warm + limits.maximum))
+        )
+        none = np.zeros(wires.num_wires)
+        cooling, heating = (wires.rates(middle, D)[: len(none)] for D in (none, none + 1.0))
+        duty = np.tile(cooling / (cooling - heating), (len(self.times), 1))
+        start = self._initial_heat
+        states = wires.under_duty(start[:N], duty, self.times)
+        x = np.zeros(self.prog.num_vars())
+        x[self.heat] = np.hstack([states, readings_along(wires, states, start[N:], self.times)])
+        x[self.duty], x[self.bends] = duty, self.held.bends(states)
+        x[self.time_steps] = np.diff(self.times)
+        return x
+
+    def signals(self, x: np.ndarray) -> dict[str, np.ndarray | None]:
+        """The signals of a `Trajectory`, from all decision variables."""
+        N, W = self.wires.num_states, self.wires.num_wires
+        states, readings = np.split(x[self.heat].T, [N])
+        motion = held_motion(self.held, states.T, x[self.duty]).T
+        motion[:, 0] = self._initial_motion
+        return {
+            "duty": x[self.duty].T,
+            "joint_state": motion,
+            "wire_temperature": states[:W],
+            "measured_temperature": readings,
+            "other_wire_state": states[W:] if N > W else None,
+        }
+
+    def largest_defect(self, x: np.ndarray) -> float:
+        """The largest violation of (17) of the heat, scaled, or of φ = φ(x), rad."""
+        return max(float(np.abs(block.evaluate(x)).max()) for block in self.blocks)
 
 
-class _HeldCost:
-    """(15) of the angles that wires hold, as a `planners.transcription.ipopt.CostBlock`.
+class HeldBends:
+    """φ = φ(x), the bends that wires hold, as a `planners.transcription.ipopt.ConstraintBlock`.
 
     Args:
         held: angles that the wires hold.
         states: indices of x (K, N) among the program's variables.
-        target: θ_ref (K, n), rad.
-        weights: Q at the knots (K,).
+        bends: indices of φ (K, F).
     """
 
-    def __init__(
-        self, held: HeldAngles, states: np.ndarray, target: np.ndarray, weights: np.ndarray
-    ):
-        self._held, self._states, self._target = held, states, target
-        self._weights = weights[:, None]
-        self.columns = states.ravel()
-        self._triangle = rows, columns = np.tril_indices(states.shape[1])
-        self.hessian_rows = states[:, rows].ravel()
-        self.hessian_columns = states[:, columns].ravel()
+    replaces: Collection[Binding] = ()
+
+    def __init__(self, held: HeldAngles, states: np.ndarray, bends: np.ndarray):
+        self._held, self._states, self._bends = held, states, bends
+        (K, N), F = states.shape, bends.shape[1]
+        self.lower = self.upper = np.zeros(bends.size)
+        self.rows = np.repeat(np.arange(bends.size), N + 1)
+        of_bend = np.broadcast_to(states[:, None], (K, F, N))
+        self.columns = np.concatenate([bends[:, :, None], of_bend], axis=2).ravel()
+        self._triangle = np.tril_indices(N)
+        self.hessian_rows, self.hessian_columns = (states[:, i].ravel() for i in self._triangle)
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
-        missed = self._held.angles(x[self._states]) - self._target
-        return np.array([0.5 * (self._weights * missed**2).sum()])
+        return (x[self._bends] - self._held.bends(x[self._states])).ravel()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
-        angles, slopes = self._held.expanded(x[self._states])
-        weighted = self._weights * (angles - self._target)
-        return (weighted[:, None, :] @ slopes).ravel()
+        bends, slopes = self._held.expanded_bends(x[self._states])
+        one = np.ones((*bends.shape, 1))
+        return np.concatenate(
+            [one, np.broadcast_to(-slopes, (*bends.shape, slopes.shape[-1]))], axis=2
+        ).ravel()
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        states = x[self._states]
-        angles, slopes = self._held.expanded(states)
-        hessian = self._weights[:, None] * slopes.swapaxes(1, 2) @ slopes
-        weighted = self._weights * (angles - self._target)
-        hessian = hessian + self._held.curvature(states, weighted)
-        rows, columns = self._triangle
-        return hessian[:, rows, columns].ravel()
-
-
-class _ConvexProgram:
-    """The quasi-static program where angles are linear in the wires' states.
-
-    Args:
-        target: θ_ref (K, n), rad.
-        initial_heat: x and V at the start (N + W,).
-        held: angles that the wires hold.
-        parameters, times, task, warm_up_time, measured_margin: as for
-            `solve_quasi_static`.
-    """
-
-    def __init__(
-        self, parameters, times, target, initial_heat, held, task, warm_up_time, measured_margin
-    ):
-        wires = self._wires = held.wires
-        self._task, self._target = task, target
-        self._limits = parameters.temperature_limits
-        self._angle_weights, self._duty_weights = task.weights(times)
-        self._energy = task.energy_weight * task.shares(times)
-        self._temperature_weights = temperature_weights(parameters, times, task)
-        num_knots, W = len(times), wires.num_wires
-        bounds = reading_bounds(parameters, measured_margin)
-        # Readings are needed only where they are bounded.
-        size = wires.num_states + (W if np.isfinite(bounds).any() else 0)
-        self._prog = prog = MathematicalProgram()
-        heat = prog.NewContinuousVariables(num_knots, size, "y")
-        self._states = heat[:, : wires.num_states]
-        self._duty = duty = prog.NewContinuousVariables(num_knots, W, "D")
-        A, B, c = _affine_heat(wires, size)
-        # (6), with an input that is one
-        B, one = np.column_stack([B, c]), np.array([size + W, 2 * (size + W) + 1])
-        heating = {}
-        for k, h in enumerate(np.diff(times)):
-            if h not in heating:
-                defect = linear_defect(A, B, h)
-                heating[h] = LinearEqualityConstraint(
-                    np.delete(defect, one, axis=1), -defect[:, one].sum(axis=1)
-                )
-            prog.AddConstraint(heating[h], np.r_[heat[k], duty[k], heat[k + 1], duty[k + 1]])
-        none = np.zeros(wires.num_states)
-        self._costs = [
-            prog.AddQuadraticCost(np.diag(none + 1.0), none, x, is_convex=True)
-            for x in self._states
-        ]
-        prog.AddBoundingBoxConstraint(initial_heat[:size], initial_heat[:size], heat[0])
-        add_wires(prog, parameters, times, heat, duty, task, warm_up_time, measured_margin)
-
-    def solve(
-        self, angles: np.ndarray, slopes: np.ndarray, at: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The optimal x (K, N) and D (K, W) for these angles (K, n) at states (K, N).
-
-        Args:
-            slopes: derivatives of the angles by the states (K, n, N).
-
-        Raises:
-            InfeasibleError: if there is none.
-        """
-        offsets = angles - np.einsum("kij,kj->ki", slopes, at) - self._target
-        for cost, weight, to_angles, offset in zip(
-            self._costs, self._angle_weights, slopes, offsets, strict=True
-        ):
-            weighted = weight * to_angles.T
-            cost.evaluator().UpdateCoefficients(
-                weighted @ to_angles, weighted @ offset, is_convex=True
-            )
-        result = ClarabelSolver().Solve(self._prog, None, SolverOptions())
-        if not result.is_success():
-            also = " and the task's max_temperature_rate" if self._task.max_temperature_rate else ""
-            raise InfeasibleError(
-                "The temperature constraints (19)-(20) cannot all be met with duty between 0 and "
-                f"{1.0 - self._task.duty_margin:g}{also} (the quasi-static program: "
-                f"{result.get_solution_result().name})."
-            )
-        # Drake drops an axis of length one.
-        duty = result.GetSolution(self._duty).reshape(self._duty.shape)
-        duty = np.clip(duty, 0.0, 1.0 - self._task.duty_margin)
-        return result.GetSolution(self._states).reshape(self._states.shape), duty
-
-    def minimize(self, angles_at: AngleMap) -> tuple[np.ndarray, np.ndarray]:
-        """x (K, N) and D (K, W) of about least cost where angles are not linear in x.
-
-        Args:
-            angles_at: the angles (K, n) at states (K, N), and their derivatives (K, n, N).
-        """
-        num_states = self._wires.num_states
-
-        def split(point: np.ndarray) -> list[np.ndarray]:
-            return np.split(point, [num_states], axis=1)
-
-        def cost_of(point: np.ndarray) -> float:
-            return self._cost(angles_at, *split(point))
-
-        def solve(point: np.ndarray) -> np.ndarray:
-            states, _ = split(point)
-            return np.hstack(self.solve(*angles_at(states), states))
-
-        found = np.hstack(self.solve(*self._chord(angles_at)))
-        step = first_that_reduces((1.0, 0.5, 0.25, 0.125), cost_of)
-        found, _, _ = descend(found, cost_of(found), solve, step, MAX_TANGENTS, LITTLE)
-        states, duty = split(found)
-        return states, duty
-
-    def _chord(self, angles_at: AngleMap) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Angles, their mean slope and states in the middle, between T_warm and T_max."""
-        levels = np.linspace(self._limits.warm, self._limits.maximum, CHORD_POINTS)
-        wires, num_knots = self._wires, len(self._target)
-        at = np.array([wires.settled_states(np.full(wires.num_wires, T)) for T in levels])
-        means = [values.mean(axis=0) for values in (*angles_at(at), at)]
-        angles, slopes, middle = (np.broadcast_to(mean, (num_knots, *mean.shape)) for mean in means)
-        return angles, slopes, middle
-
-    def _cost(self, angles_at: AngleMap, states: np.ndarray, duty: np.ndarray) -> float:
-        """(15), with the task's energy and temperatures."""
-        missed = ((angles_at(states)[0] - self._target) ** 2).sum(axis=1)
-        of_duty = 0.5 * self._duty_weights * (duty**2).sum(axis=1) + self._energy * duty.sum(axis=1)
-        of_heat = (self._temperature_weights * states[:, : duty.shape[1]]).sum()
-        return float(0.5 * (self._angle_weights * missed).sum() + of_duty[:-1].sum() + of_heat)
-
-
-def _affine_heat(wires: Wires, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A, B and c of the first rows of ẏ = A y + B D + c, the tangent at cold wires."""
-    W, N = wires.num_wires, wires.num_states
-    cold, off = np.concatenate([wires.cold_states, wires.cold_states[:W]]), np.zeros(W)
-    slopes = wires.heat_jacobian(cold, off).reshape(N + W, -1)
-    A, B = slopes[:size, :size], slopes[:size, N + W :]
-    return A, B, wires.heat_rates(cold, off)[:size] - A @ cold[:size]
-
-
-def _heated_angles(parameters: LimbParameters, held: HeldAngles) -> AngleMap:
-    """Angles that wires hold which were heated from cold to T, by a table."""
-    wires, T0 = held.wires, parameters.ambient_temperature
-    W, N = wires.num_wires, wires.num_states
-    warmest = 2 * parameters.temperature_limits.maximum - T0
-    grid = np.linspace(T0, warmest, TABLE_SIZE)
-    laws = [wire.law for wire in parameters.wires]
-    table = [
-        np.array([law.torque(law.warm_states(float(T), T0), T0, 0.0) for T in grid]) for law in laws
-    ]
-    to_angles = held.compliance @ wires.directions
-
-    def angles_at(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        T = states[:, :W]
-        torques = np.column_stack([np.interp(T[:, w], grid, table[w]) for w in range(W)])
-        cold = np.array([torque[0] for torque in table])
-        steps = np.clip((T - T0) / (grid[1] - grid[0]), 0, TABLE_SIZE - 2).astype(int)
-        by_T = np.column_stack([np.diff(table[w])[steps[:, w]] for w in range(W)])
-        slopes = np.zeros((len(states), len(to_angles), N))
-        slopes[:, :, :W] = to_angles * (by_T / (grid[1] - grid[0]))[:, None, :]
-        return held.rest_angles + (torques - cold) @ to_angles.T, slopes
-
-    return angles_at
+        weights = -multipliers.reshape(self._bends.shape)
+        curvature = self._held.bend_curvature(x[self._states], weights)
+        return curvature[:, *self._triangle].ravel()
 
 
 def readings_along(

@@ -1,4 +1,4 @@
-"""Solves a trajectory program: which solvers are tried, in which order."""
+"""Solves a program of a plan: which solvers are tried, in which order."""
 
 import dataclasses
 import time
@@ -9,8 +9,8 @@ from pydrake.solvers import IpoptSolver, SolverInterface, SolverOptions
 
 from limb_systems import LimbError
 from limb_systems.progress import Progress
-from planners.transcription.ipopt import ExactHessianIpoptSolver
-from planners.transcription.program import TrajectoryProgram
+from planners.transcription.ipopt import INFEASIBLE, ExactHessianIpoptSolver
+from planners.transcription.program import PlanProgram, TrajectoryProgram
 
 # Where the quasi-static plan nearly is the plan, most need 10 to 20 iterations from it, with a
 # barrier that leaves it near its bounds; as IPOPT begins they need twice as many.
@@ -34,6 +34,10 @@ class PlanningError(LimbError):
     """There is no plan: the request is impossible, or the plan failed its check."""
 
 
+class InfeasibleError(PlanningError):
+    """No duty within [0, 1] meets the temperature constraints (19)-(20) and the task's limits."""
+
+
 @dataclasses.dataclass
 class Solution:
     """A point that solves a trajectory program.
@@ -55,14 +59,15 @@ class Solution:
 
 
 def solve_program(
-    program: TrajectoryProgram,
+    program: PlanProgram,
     guess: np.ndarray,
     multipliers: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     solver: SolverInterface | None = None,
 ) -> Solution:
-    """Solves a trajectory program by the first of these that succeeds.
+    """Solves a program by the first of these that succeeds.
 
-    1. unless the duration is free, where less than all curvature is not enough:
+    1. of a quasi-static program, IPOPT with the Hessian of the Lagrangian, with patience; of
+       others, unless the duration is free, where less than all curvature is not enough:
        IPOPT with the Hessian of the cost alone (Gauss-Newton), or, if the wires'
        laws are not affine, with their curvature as well, from a start that nearly is the
        plan unless the task has limits of the motion, then with patience;
@@ -78,6 +83,7 @@ def solve_program(
         solver: one of Drake's solvers, in place of all these.
 
     Raises:
+        InfeasibleError: if a quasi-static program was found to have no solution.
         PlanningError: if all fail.
         KeyboardInterrupt: if Ctrl-C came, whatever point was found.
     """
@@ -111,41 +117,51 @@ def solve_program(
                     multipliers=getattr(details, "multipliers", None),
                 )
             failures.append(f"{name}: {status}")
+            if status == INFEASIBLE and not isinstance(program, TrajectoryProgram):
+                raise InfeasibleError(
+                    "The temperature constraints (19)-(20)"
+                    f"{program.task.named_limits} cannot all be met with duty between 0 and "
+                    f"{1.0 - program.task.duty_margin:g} ({name}: {status})."
+                )
     raise PlanningError(f"No solver found a plan: {'; '.join(failures)}.")
 
 
-def _attempts(program: TrajectoryProgram, guess, multipliers, solver, report: Callable):
+def _attempts(program: PlanProgram, guess, multipliers, solver, report: Callable):
     if solver is not None:
         yield solver.SolverName(), lambda: solver.Solve(program.prog, guess, None)
         return
 
     begun = time.process_time()
 
-    def ipopt(exact, options=None, multipliers=None, nonlinear=program.defects):
+    def ipopt(exact, options=None, multipliers=None, blocks=program.blocks):
         solver_options = SolverOptions()
         left = max(LONGEST_SOLVE - (time.process_time() - begun), 1e-3)
         solver_options.SetOption(IpoptSolver.id(), "max_cpu_time", left)
         for option, value in (options or {}).items():
             solver_options.SetOption(IpoptSolver.id(), option, value)
-        solver = ExactHessianIpoptSolver(exact=exact, nonlinear=nonlinear, on_iteration=report)
+        solver = ExactHessianIpoptSolver(exact=exact, blocks=blocks, on_iteration=report)
         return solver.Solve(program.prog, guess, solver_options, multipliers=multipliers)
 
     limit = {"max_iter": GAUSS_NEWTON_ITERATIONS}
-    wires = program.wires
-    if program.task.stretch is None and not (wires.rates_are_affine and wires.torque_is_affine):
-        of_wires = program.defects.with_curvature_of_wires()
+    patient = {
+        "mu_strategy": "monotone",
+        "mu_init": PATIENT_BARRIER,
+        "max_iter": PATIENT_ITERATIONS,
+    }
+    wires, task = program.wires, program.task
+    if not isinstance(program, TrajectoryProgram):
+        name = "IPOPT, quasi-static"
+        if multipliers is not None:
+            yield name, lambda: ipopt(True, multipliers=multipliers)
+        yield name, lambda: ipopt(True, patient)
+    elif task.stretch is None and not (wires.rates_are_affine and wires.torque_is_affine):
+        of_wires = [program.defects.with_curvature_of_wires()]
         name = "IPOPT, curvature of the wires"
-        task = program.task
         far = task.customize or task.reach or task.final_hold or task.max_bend_rate is not None
         if not far:
             yield name, lambda: ipopt(True, NEAR, multipliers, of_wires)
-        patient = {
-            "mu_strategy": "monotone",
-            "mu_init": PATIENT_BARRIER,
-            "max_iter": PATIENT_ITERATIONS,
-        }
         yield f"{name}, patient", lambda: ipopt(True, patient, multipliers, of_wires)
-    elif program.task.stretch is None:
+    elif task.stretch is None:
         yield "IPOPT, Gauss-Newton", lambda: ipopt(False, limit, multipliers)
     yield "IPOPT, exact Hessian", lambda: ipopt(True)
     yield "IPOPT, exact Hessian, monotone barrier", lambda: ipopt(True, {"mu_strategy": "monotone"})
