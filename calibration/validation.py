@@ -11,7 +11,7 @@ from calibration.prediction.law_fit import Predicted
 from calibration.recordings.at_rest import first_readings
 from calibration.recordings.kinds import bend_sensor_of
 from calibration.remarks import Remark, verdict
-from limb_systems import Limb, LimbParameters, Recording, Wires, simulate
+from limb_systems import Layout, Limb, LimbParameters, Recording, Wires, simulate
 from limb_systems.model.kinematics import rest_joint_angles
 
 # Mean |φ - φ_sim| as a fraction of the range of φ in the recording it is validated with.
@@ -99,7 +99,7 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     assert simulation.joint_state is not None  # a model's
     seen = [
         bend_sensor_of(recording, segment).apparent_bend_angle(simulation.joint_state[joints])
-        for segment, joints in enumerate(parameters.joint_slices)
+        for segment, joints in enumerate(Layout(parameters).joints_of)
     ]
 
     def at_samples(signals: np.ndarray) -> np.ndarray:

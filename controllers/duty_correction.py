@@ -12,7 +12,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.trajectories import PiecewisePolynomial
 
 from controllers.reduced_model import ReducedModel
-from limb_systems import Trajectory
+from limb_systems import Layout, Trajectory
 from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.model.kinematics import bend_angle
 from planners.transcription.descent import descend, first_that_reduces
@@ -146,7 +146,7 @@ class DutyCorrection:
             self.target.T - np.deg2rad(predicted.missed.T) - bend_angle(plan.parameters, angles)
         )
         for segment, joints, more in zip(
-            plan.parameters.segments, plan.parameters.joint_slices, missed, strict=True
+            plan.parameters.segments, Layout(plan.parameters).joints_of, missed, strict=True
         ):
             angles[joints] += 2 / (segment.links + 1) * more  # (11)
         at_knots = PiecewisePolynomial.CubicShapePreserving(self.nodes, angles, True)

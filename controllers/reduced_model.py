@@ -7,7 +7,7 @@ its wires' torque and its rubber hold it, θ = K⁻¹ f(x) by (2) and (4).
 
 import numpy as np
 
-from limb_systems import LimbParameters
+from limb_systems import Layout, LimbParameters
 from limb_systems.model.statics import HeldAngles
 from limb_systems.simulation import PERIOD
 
@@ -43,11 +43,17 @@ class ReducedModel:
         self.scales = wires.heat_scales
         self._to_bend = np.zeros((self.num_segments, parameters.num_joints))
         self.sides = np.zeros((self.num_segments, W))
+        layout = Layout(parameters)
         for index, (segment, joints, around) in enumerate(
-            zip(parameters.segments, parameters.joint_slices, parameters.wire_slices, strict=True)
+            zip(
+                parameters.segments,
+                layout.joints_of,
+                layout.wires_of,
+                strict=True,
+            )
         ):
             self._to_bend[index, joints] = (segment.links + 1) / (2 * segment.links)  # (11)
-            self.sides[index, around] = [wire.direction for wire in segment.wires]
+            self.sides[index, around] = [wire.lever[0] for wire in segment.wires]
         in_segment = (self._to_bend > 0).T
         self.bend_by_torque = np.diag(self._to_bend @ self._held.compliance @ in_segment).copy()
 

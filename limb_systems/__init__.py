@@ -1,4 +1,4 @@
-"""A soft planar limb bent by shape-memory-alloy wires, as Drake systems."""
+"""A soft limb bent by shape-memory-alloy wires, as Drake systems."""
 
 # ruff: noqa: E402 - what hides a package is said before it is imported
 from limb_systems.startup import check_shadows, let_ctrl_c_end_imports
@@ -22,6 +22,7 @@ from limb_systems.model.kinematics import (
     joint_angles_from_bend_angle,
     tip_position,
 )
+from limb_systems.model.layout import Layout
 from limb_systems.model.limb import Limb, from_paper_state, split_state, to_paper_state
 from limb_systems.model.limb_system import LimbSystem
 from limb_systems.model.manipulator import add_manipulator, make_manipulator
@@ -35,6 +36,7 @@ from limb_systems.model.parameters import (
     SerialBoard,
     TemperatureLimits,
     WireParameters,
+    wires_around,
 )
 from limb_systems.model.two_mass_laws import (
     HystereticLaw,
@@ -61,6 +63,7 @@ __all__ = [
     "HeatBounds",
     "HystereticLaw",
     "JouleHeating",
+    "Layout",
     "Limb",
     "LimbError",
     "LimbParameters",
@@ -97,5 +100,6 @@ __all__ = [
     "tip_position",
     "to_paper_state",
     "wire_color",
+    "wires_around",
     "write_meshcat_replay",
 ]

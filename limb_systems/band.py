@@ -7,6 +7,7 @@ import numpy as np
 
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.ensemble import OpenLoop, draw_ensemble, stacked
+from limb_systems.model.layout import Layout
 from limb_systems.model.limb import split_state
 
 MEMBERS = 64
@@ -51,11 +52,11 @@ def band(trajectory: Trajectory, seed: int = 0) -> Band | None:
         seed: seed of the limbs that are drawn.
 
     Returns:
-        None if the limb is not calibrated by prediction, or has several segments.
+        None if the limb is not calibrated by prediction, or has several bends.
     """
     parameters, plan = trajectory.parameters, trajectory.since_start()
     record = parameters.calibration
-    if record is None or not record.bend_error or len(parameters.segments) > 1:
+    if record is None or not record.bend_error or Layout(parameters).num_bends > 1:
         return None
     num_steps = max(1, int(np.ceil(plan.duration / STEP)))
     ends = np.linspace(0.0, plan.duration, num_steps + 1)

@@ -33,16 +33,22 @@ class SchemaError(LimbError):
     """A YAML document does not have the fields it should have, or a value is out of its range."""
 
 
-def quantity(default: Any, unit: str, low: float, high: float) -> Any:
+def quantity(default: Any, unit: str, low: float, high: float, *, rare: bool = False) -> Any:
     """A dataclass field with its unit and the closed range of values that are accepted.
 
     Args:
         default: a number, or a tuple of the numbers of a list.
+        rare: whether files leave it out where it has its default, as of `rare`.
     """
-    metadata = {"unit": unit, "range": (low, high)}
+    metadata = {"unit": unit, "range": (low, high), "rare": rare}
     if isinstance(default, tuple):
         return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
+
+
+def rare(default: Any) -> Any:
+    """A dataclass field that files leave out where it has its default: few limbs need it."""
+    return dataclasses.field(default=default, metadata={"rare": True})
 
 
 class Strict:
@@ -63,7 +69,7 @@ class Tagged(Strict):
 
 
 def dump_typed(value: Any) -> str:
-    """YAML text of a dataclass, with all of its fields and every float exact.
+    """YAML text of a dataclass, with all of its fields but rare ones, and every float exact.
 
     Raises:
         SchemaError: if `load_typed` would not read it: a text that cannot be
@@ -118,7 +124,11 @@ def shown(value: Any) -> str:
 
 def _plain(value: Any, name: str = "", metadata: typing.Mapping = _NONE) -> Any:
     if dataclasses.is_dataclass(value):
-        fields = dataclasses.fields(value)
+        fields = [
+            field
+            for field in dataclasses.fields(value)
+            if not (field.metadata.get("rare") and getattr(value, field.name) == field.default)
+        ]
         plain = {f.name: _plain(getattr(value, f.name), f.name, f.metadata) for f in fields}
         plain = {name: item for name, item in plain.items() if item is not None}
         return {"_tag": f"!{type(value).__name__}", **plain} if isinstance(value, Tagged) else plain

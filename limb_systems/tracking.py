@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
+from limb_systems.model.kinematics import recorded_bend_angle
 from limb_systems.simulation import PERIOD
 
 
@@ -108,11 +109,8 @@ def true_bend(recording: Recording) -> Recording:
     """
     assert recording.joint_state is not None
     limb = recording.parameters
-    bend = [
-        segment.bend_sensor.exact_bend_angle(recording.joint_state[joints])
-        for segment, joints in zip(limb.segments, limb.joint_slices, strict=True)
-    ]
-    return dataclasses.replace(recording, bend_angle=np.array(bend))
+    bend = recorded_bend_angle(limb, recording.joint_state[: limb.num_joints])
+    return dataclasses.replace(recording, bend_angle=bend)
 
 
 def _samples(

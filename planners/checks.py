@@ -14,6 +14,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
     ActiveConstraint,
+    Layout,
     Limb,
     LimbError,
     LimbParameters,
@@ -177,11 +178,11 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
 def _reach(parameters: LimbParameters, segment: int) -> np.ndarray | None:
     """The least and the largest bend angle (2,) that a segment can hold, degrees, if known."""
     limits = parameters.temperature_limits
-    sides = np.sign([wire.direction for wire in parameters.segments[segment].wires])
+    sides = np.sign([wire.lever[0] for wire in parameters.segments[segment].wires])
     held = []
     for side in (-1, 1):
         temperature = np.full(len(parameters.wires), limits.warm)
-        of_segment = temperature[parameters.wire_slices[segment]]  # a view
+        of_segment = temperature[Layout(parameters).wires_of[segment]]  # a view
         of_segment[sides == side] = limits.maximum
         try:
             angles, _ = static_equilibrium(parameters, temperature)

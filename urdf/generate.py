@@ -1,4 +1,4 @@
-"""Writes the URDF of a planar limb; ``limb_5.urdf`` is that of the nominal one."""
+"""Writes the URDF of a limb; ``limb_5.urdf`` is that of the nominal one."""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
@@ -10,12 +10,17 @@ BRACKET_COLOR = "0.25 0.27 0.3 1"
 PI_2 = 1.5707963267948966
 
 
-def limb_urdf(segments: Sequence[Any], name: str = "limb") -> str:
-    """URDF text of a serial chain of box-shaped links in the plane E1-E2.
+AXES = {"e2": "0 0 1", "e3": "0 -1 0", "twist": "1 0 0"}  # about which joints turn
 
-    The base frame has E1 = +x, the axis of the straight limb, and E2 = +y.
-    Joint ``joint_i`` turns about +z, so that positive angles bend towards
-    +E2. Link ``link_i`` reaches from its joint along its own +x. Wires are
+
+def limb_urdf(segments: Sequence[Any], name: str = "limb", *, payload: float = 0.0) -> str:
+    """URDF text of a serial chain of box-shaped links.
+
+    The base frame has E1 = +x, the axis of the straight limb, E2 = +y and E3 = +z.
+    Joints ``joint_1``, ... are numbered from the base. One that bends towards +E2 turns about
+    +z, towards +E3 about -y, and one that twists about +x. Link ``link_i`` reaches from its
+    last joint along its own +x; between joints of one link there are bodies ``cross_j`` without
+    mass, and before centred joints ``root_s``, half a piece of segment s. Wires are
     visuals named ``wire_`` and their own name, such as ``wire_left`` (-E2 side)
     and ``wire_right`` (+E2 side): a wire that contracts bends the limb towards
     its own side. URDF has no
@@ -25,8 +30,10 @@ def limb_urdf(segments: Sequence[Any], name: str = "limb") -> str:
         segments: base first, such as `limb_systems.SegmentParameters`: number of ``links``;
             ``length``, ``mass``, ``width`` (E3) and ``thickness`` (E2) of the whole segment,
             m and kg; ``damping`` of each joint, N·m·s/rad; ``wires``, each with its ``name``
-            and where it runs, ``e2`` and ``e3``, m.
+            and where it runs, ``e2`` and ``e3``, m; ``joints``, the kinds of each link's
+            joints, their ``joint_ratios`` and ``centred_joints``.
         name: name of the model.
+        payload: mass of a point at the tip, kg.
     """
     robot = ElementTree.Element("robot", name=name)
     base = ElementTree.SubElement(robot, "link", name="base")
@@ -35,25 +42,56 @@ def limb_urdf(segments: Sequence[Any], name: str = "limb") -> str:
     _box(base, "bracket", bracket, (-0.5 * bracket[0], 0.0), BRACKET_COLOR)
 
     parent, origin = "base", 0.0
-    number = 0
-    for segment in segments:
-        link_length = segment.length / segment.links
-        for _ in range(segment.links):
+    number = joint_number = 0
+    for segment_number, segment in enumerate(segments, 1):
+        piece, first = segment.length / segment.links, 0.5 if segment.centred_joints else 0.0
+        if first:
+            root = f"root_{segment_number}"
+            _add_link(robot, root, segment, first)
+            _add_joint(robot, f"mount_{segment_number}", "fixed", parent, root, origin)
+            parent, origin = root, first * piece
+        for index, kinds in enumerate(segment.joints):
             number += 1
-            link = ElementTree.SubElement(robot, "link", name=f"link_{number}")
-            _inertial(link, segment.mass / segment.links, link_length, segment)
-            _link_visuals(link, link_length, segment)
-            joint = ElementTree.SubElement(
-                robot, "joint", name=f"joint_{number}", type="continuous"
-            )
-            ElementTree.SubElement(joint, "parent", link=parent)
-            ElementTree.SubElement(joint, "child", link=f"link_{number}")
-            ElementTree.SubElement(joint, "origin", xyz=_text(origin, 0.0, 0.0))
-            ElementTree.SubElement(joint, "axis", xyz="0 0 1")
-            ElementTree.SubElement(joint, "dynamics", damping=_text(segment.damping))
-            parent, origin = f"link_{number}", link_length
+            for kind in kinds:
+                joint_number += 1
+                child = f"link_{number}" if kind == kinds[-1] else f"cross_{joint_number}"
+                if kind != kinds[-1]:
+                    ElementTree.SubElement(robot, "link", name=child)
+                else:
+                    last = index == segment.links - 1
+                    _add_link(robot, child, segment, 1.0 - first if last else 1.0)
+                name = f"joint_{joint_number}"
+                joint = _add_joint(robot, name, "continuous", parent, child, origin)
+                ElementTree.SubElement(joint, "axis", xyz=AXES[kind])
+                damping = segment.joint_ratios[kind] * segment.damping
+                ElementTree.SubElement(joint, "dynamics", damping=_text(damping))
+                parent, origin = child, 0.0
+            origin = (1.0 - first if index == segment.links - 1 else 1.0) * piece
+    if payload:
+        load = ElementTree.SubElement(robot, "link", name="payload")
+        inertial = ElementTree.SubElement(load, "inertial")
+        ElementTree.SubElement(inertial, "mass", value=_text(payload))
+        _inertia(inertial, 0.0, 0.0, 0.0)
+        _add_joint(robot, "load", "fixed", parent, "payload", origin)
     ElementTree.indent(robot)
     return f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
+
+
+def _add_link(robot, name: str, segment, share: float) -> None:
+    """A link that is a share of a piece of its segment."""
+    link = ElementTree.SubElement(robot, "link", name=name)
+    length = share * (segment.length / segment.links)
+    _inertial(link, share * (segment.mass / segment.links), length, segment)
+    _link_visuals(link, length, segment)
+
+
+def _add_joint(robot, name: str, kind: str, parent: str, child: str, origin: float):
+    """A joint of a kind of URDF, at a distance along its parent, m."""
+    joint = ElementTree.SubElement(robot, "joint", name=name, type=kind)
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=child)
+    ElementTree.SubElement(joint, "origin", xyz=_text(origin, 0.0, 0.0))
+    return joint
 
 
 def _inertial(link, mass: float, length: float, segment) -> None:
@@ -62,16 +100,13 @@ def _inertial(link, mass: float, length: float, segment) -> None:
     ElementTree.SubElement(inertial, "origin", xyz=_text(0.5 * length, 0.0, 0.0))
     ElementTree.SubElement(inertial, "mass", value=_text(mass))
     x2, y2, z2 = length**2, segment.thickness**2, segment.width**2
-    ElementTree.SubElement(
-        inertial,
-        "inertia",
-        ixx=_text(mass * (y2 + z2) / 12),
-        iyy=_text(mass * (x2 + z2) / 12),
-        izz=_text(mass * (x2 + y2) / 12),
-        ixy="0",
-        ixz="0",
-        iyz="0",
-    )
+    _inertia(inertial, mass * (y2 + z2) / 12, mass * (x2 + z2) / 12, mass * (x2 + y2) / 12)
+
+
+def _inertia(inertial, ixx: float, iyy: float, izz: float) -> None:
+    moments = {"ixx": _text(ixx), "iyy": _text(iyy), "izz": _text(izz)}
+    products = {"ixy": "0", "ixz": "0", "iyz": "0"}
+    ElementTree.SubElement(inertial, "inertia", {**moments, **products})
 
 
 def _link_visuals(link, length: float, segment) -> None:

@@ -62,7 +62,7 @@ class BendAngleController(LeafSystem):
         gain = (segment.links + 1) / 2 * abs(steady) / segment.stiffness
         slowest = np.abs(np.diag(wires.affine_rates()[0])[: wires.num_wires]).min()
         self._proportional, self._integral = 1.5 / gain, 1.5 / gain * slowest
-        sides = np.sign([wire.direction for wire in segment.wires])
+        sides = np.sign([wire.lever[0] for wire in segment.wires])
         self._direction = np.where(np.isin(np.arange(wires.num_wires), heated), sides, 0.0)
         self._co_contraction = CO_CONTRACTION if len(heated) > 1 else 0.0
         self._cut_out = parameters.temperature_limits.maximum - CUT_OUT
@@ -96,7 +96,7 @@ def _held(wires: Wires, temperature: np.ndarray) -> tuple[float, float]:
     """Torque on the first joint, N·m, and duty of the last wire that hold wires at T (W,), °C."""
     states, W = wires.settled_states(temperature), wires.num_wires
     off, on = (wires.rates(states, np.full(W, level))[W - 1] for level in (0.0, 1.0))
-    torque = wires.forces(states, np.zeros(len(wires.directions)))[0]
+    torque = wires.forces(states, np.zeros(len(wires.levers)))[0]
     return float(torque), float(-off / (on - off))
 
 

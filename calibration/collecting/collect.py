@@ -65,7 +65,7 @@ def collect_equilibria(
             "be an angle at least, and the seed must be zero or more."
         )
     wires = only_segment(limb.parameters).wires
-    sides = np.sign([wires[index].direction for index in heated])
+    sides = np.sign([wires[index].lever[0] for index in heated])
     low, high = min(0, *sides), max(0, *sides)
     angles = LARGEST * np.random.default_rng(seed).uniform(low, high, num_angles)
     schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))

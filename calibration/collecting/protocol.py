@@ -187,8 +187,8 @@ def collect_from_robot(
         with connect(limb) as robot:
             return collect(robot, journal=path, live=live)
 
-    wires = sorted(only_segment(parameters).wires, key=lambda wire: wire.direction)
-    side = "towards" if wires[0].direction < 0 else "away from"
+    wires = sorted(only_segment(parameters).wires, key=lambda wire: wire.lever[0])
+    side = "towards" if wires[0].lever[0] < 0 else "away from"
     hang = (
         f": Mount the limb so that gravity bends it {side} its {wires[0].name} wire, and let it "
         "hang still."

@@ -282,7 +282,7 @@ def _check_wires(recording: Recording) -> None:
     kernel = np.ones(width) / width
     smooth = np.array([np.convolve(v, kernel, "valid") for v in measured])
     rise = smooth.max(axis=1) - smooth[:, :width].mean(axis=1)
-    directions = np.array([wire.direction for wire in recording.parameters.wires])
+    directions = np.array([wire.lever[0] for wire in recording.parameters.wires])
     for index, name in enumerate(names):
         if dose[index] < HEATED or not rise[index] < RISE:
             continue

@@ -52,7 +52,7 @@ def kinds_of(parameters: LimbParameters) -> dict[str, list[int]]:
     """
     wires = only_segment(parameters).wires
     kinds: dict[str, list[int]] = {"sag": [], "ring_down": []}
-    for index in sorted(range(len(wires)), key=lambda i: wires[i].direction < 0):
+    for index in sorted(range(len(wires)), key=lambda i: wires[i].lever[0] < 0):
         if wires[index].name in (*kinds, "both", *FREE_KINDS):
             raise CalibrationError(
                 f"A wire is named {wires[index].name!r}, as is a kind of recording; name it "

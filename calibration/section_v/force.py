@@ -68,7 +68,7 @@ def fit_force(
     recording.check_plausible()
     shown = ~recording.missing
     recording = interpolated(despiked(recording))
-    side = only_segment(parameters).wires[index].direction
+    side = only_segment(parameters).wires[index].lever[0]
     starts, ends = _equilibria(recording, shown, heat, parameters.temperature_limits.warm)
     if len(starts) < 3:
         starts, ends = _equilibria(recording, shown, heat, heat.ambient + LUKEWARM)

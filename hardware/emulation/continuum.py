@@ -199,7 +199,7 @@ class ContinuumSpecimen(Specimen):
     segments: list[ContinuumBeam]
 
     def _draw(self, uniform, _):
-        if [w.direction for w in self.description.wires] != [-1, 1] or len(
+        if [w.lever[0] for w in self.description.wires] != [-1, 1] or len(
             self.description.segments
         ) != 1:
             raise LimbError(

@@ -7,7 +7,7 @@ from pydrake.systems.primitives import SymbolicVectorSystem
 from pydrake.trajectories import Trajectory
 
 from hardware.emulation.specimen import Specimen
-from limb_systems import LimbParameters, joint_angles_from_bend_angle
+from limb_systems import Layout, LimbParameters, joint_angles_from_bend_angle
 from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.ownership import weak_method
 
@@ -41,7 +41,7 @@ class EmulatedRubber(SymbolicVectorSystem):
             relaxed = state + specimen.state.get("rubber", specimen.rest_angles())
         rest, described = specimen.rest_angles(), rest_joint_angles(parameters)
         force, rate = [], []
-        for segment, joints in zip(specimen.segments, parameters.joint_slices, strict=True):
+        for segment, joints in zip(specimen.segments, Layout(parameters).joints_of, strict=True):
             links = joints.stop - joints.start
             at_45 = 2 * np.pi / 4 / (links + 1)  # eqn (11)
             for index in range(joints.start, joints.stop):
@@ -89,9 +89,9 @@ class RestShift(LeafSystem):
         self._share = np.zeros((len(physics), self._num_wires))
         self._target = np.zeros_like(self._share)
         for index, (segment, around) in enumerate(
-            zip(physics, parameters.wire_slices, strict=True)
+            zip(physics, Layout(parameters).wires_of, strict=True)
         ):
-            sides = np.sign([wire.direction for wire in parameters.segments[index].wires])
+            sides = np.sign([wire.lever[0] for wire in parameters.segments[index].wires])
             self._share[index, around] = segment.memory_share
             self._target[index, around] = sides * segment.memory_angle
         unused = np.append(np.zeros(len(physics)), np.ones(self._num_wires))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
-from limb_systems import LimbParameters, LimbSystem
+from limb_systems import Layout, LimbParameters, LimbSystem
 from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.ports import declare_part
@@ -163,7 +163,9 @@ class ExactBend(LeafSystem):
         super().__init__()
         self._parts = [
             (segment.bend_sensor, joints)
-            for segment, joints in zip(parameters.segments, parameters.joint_slices, strict=True)
+            for segment, joints in zip(
+                parameters.segments, Layout(parameters).joints_of, strict=True
+            )
         ]
         port = self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
         self.DeclareVectorOutputPort(

@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.systems.framework import InputPortIndex, LeafSystem
 
 from hardware.emulation.specimen import Specimen, WirePhysics
+from limb_systems.model.layout import Layout
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.ports import declare_part
 
@@ -75,14 +76,18 @@ class ShapeMemoryWires(LeafSystem):
         # φ towards the wire's own side is the mean joint angle times (n + 1) / 2, eqn (11).
         self._strain = np.zeros((num_wires, num_joints))
         self._torque = np.zeros((num_joints, num_wires))
+        layout = Layout(parameters)
         for segment, joints, around in zip(
-            parameters.segments, parameters.joint_slices, parameters.wire_slices, strict=True
+            parameters.segments,
+            layout.joints_of,
+            layout.wires_of,
+            strict=True,
         ):
             links = joints.stop - joints.start
             for described, wire in zip(
                 segment.wires, range(around.start, around.stop), strict=True
             ):
-                side, relief = described.direction, wires[wire].strain_relief
+                side, relief = described.lever[0], wires[wire].strain_relief
                 self._strain[wire, joints] = -side * relief * (links + 1) / (2 * links)
                 self._torque[joints, wire] = side * wires[wire].torque
 

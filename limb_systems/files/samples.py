@@ -21,6 +21,7 @@ from limb_systems.files.csv_format import (
     read_table,
     values_in_files,
 )
+from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wires import Wires
 from limb_systems.output import write_atomically
@@ -58,10 +59,11 @@ def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
     """Names of the columns of each signal; the unit is in the name.
 
     Signals of joints are split into angles and rates. Columns of wires have the
-    wires' names; with several segments, the number of the segment follows. The
+    wires' names; with several segments, the number of the segment follows, and with
+    several bends of a segment, what they are towards. The
     signal ``other_wire_state`` is there only if wires have states other than T.
     """
-    wires, suffixes = parameters.wire_names, parameters.segment_suffixes
+    wires, suffixes = parameters.wire_names, Layout(parameters).bend_suffixes
     joints = range(1, parameters.num_joints + 1)
     others = Wires(parameters).state_names[len(wires) :]
     return {

@@ -12,6 +12,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import ArrayLike
 
+from limb_systems.model.segment_chain import SegmentChain
 from limb_systems.schema import Tagged, quantity
 
 
@@ -30,9 +31,12 @@ def chord_angle(joint_angles: ArrayLike) -> np.ndarray:
     Returns:
         rad, in (-π, π], () or (K,).
     """
-    with np.errstate(invalid="ignore"):  # Expressions raise the flag, but no error
-        links = np.cumsum(np.asarray(joint_angles), axis=0)
-        return np.arctan2(np.sin(links).sum(axis=0), np.cos(links).sum(axis=0))
+    return _planar(joint_angles).bend_angle(joint_angles)[0]
+
+
+def _planar(joint_angles: ArrayLike) -> SegmentChain:
+    """The paper's chain with so many joints."""
+    return SegmentChain([["e2"]] * len(np.asarray(joint_angles)))
 
 
 @dataclasses.dataclass
@@ -41,6 +45,7 @@ class BendSensor(Tagged, abc.ABC):
 
     - ``gain``: slope of what it shows, 1 if it is exact.
     - ``offset``: reading where it should be zero, rad.
+    - ``offset_e3``: the same of the bend towards E3, rad, where there are two axes.
     - ``noise``: standard deviation of a sample, rad.
     - ``drift``: standard deviation of a slow drift, rad.
 
@@ -52,6 +57,7 @@ class BendSensor(Tagged, abc.ABC):
     offset: float = quantity(0.0, "rad", -3.2, 3.2)
     noise: float = quantity(float(np.deg2rad(0.5)), "rad", 0.0, 1.0)
     drift: float = quantity(float(np.deg2rad(1.0)), "rad", 0.0, 1.0)
+    offset_e3: float = quantity(0.0, "rad", -3.2, 3.2, rare=True)
 
     @abc.abstractmethod
     def bend_angle(self, reading: ArrayLike) -> np.ndarray:
@@ -62,15 +68,20 @@ class BendSensor(Tagged, abc.ABC):
         """The raw reading, rad, of any shape, that is recorded as a bend angle, rad."""
 
     @abc.abstractmethod
-    def exact_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
-        """What would be recorded without gain, offset, noise and drift.
+    def exact_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
+        """What would be recorded of a segment without gain, offset, noise and drift.
 
         Args:
+            chain: the segment's kinematics.
             joint_angles: θ of the segment, (n,) or (n, K); numbers or AutoDiffXd.
 
         Returns:
-            rad, () or (K,); φ if all joint angles are equal.
+            rad, (axes,) or (axes, K); φ if all joint angles are equal.
         """
+
+    def exact_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
+        """`exact_bends` of the paper's planar segment, () or (K,), rad."""
+        return self.exact_bends(_planar(joint_angles), joint_angles)[0]
 
     def apparent_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
         """What would be recorded of these joint angles, with gain and offset.
@@ -92,14 +103,7 @@ class BendSensor(Tagged, abc.ABC):
 class TipTangentSensor(BendSensor):
     """The paper's: it reads the tip tangent angle α, and α/2 is recorded (8).
 
-    The directions of the chain's links are the tangents of a rod at the middle of
-    each link, so that the tip is half a link beyond the last of them, where the
-    tangent has turned by half of the last joint's angle more. The joint at the clamp
-    is half a link before the first middle, yet counts whole in (11). Hence the factor
-
-        α/2 = (n + 1) / (2 n + 1) (Σ θ_i + θ_n / 2)
-
-    with which (8) is exact for constant curvature: α/2 = φ for equal joint angles.
+    `SegmentChain.tip_bend` says what that is of a chain of links: φ for equal joint angles.
     """
 
     def bend_angle(self, reading: ArrayLike) -> np.ndarray:
@@ -110,11 +114,9 @@ class TipTangentSensor(BendSensor):
         """α = 2 φ."""
         return 2 * np.asarray(bend_angle, float)
 
-    def exact_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
+    def exact_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
         """α/2 of the chain."""
-        angles = np.asarray(joint_angles)
-        links = len(angles)
-        return (links + 1) / (2 * links + 1) * (angles.sum(axis=0) + angles[-1] / 2)
+        return chain.tip_bend(joint_angles)
 
 
 @dataclasses.dataclass
@@ -129,6 +131,6 @@ class ChordSensor(BendSensor):
         """φ itself."""
         return np.asarray(bend_angle, float)
 
-    def exact_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
+    def exact_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
         """φ of the chain's chord."""
-        return chord_angle(joint_angles)
+        return chain.bend_angle(joint_angles)

@@ -17,6 +17,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
+from limb_systems.model.layout import Layout
+
 _NEAR = 0.05  # (across / ahead)² of a chord, below which a series is more accurate
 _ORDERS = np.arange(16)
 _SERIES = (-1.0) ** _ORDERS / (2 * _ORDERS + 1)  # of atan(√z)/√z in z
@@ -35,20 +37,24 @@ class Chain:
     - ``weighs``: whether gravity turns any joint.
 
     Args:
-        layout: axes and offsets of the joints, bodies, and ends and bends of the segments, as of
-            `Layout`; each axis is along E1, E2 or E3, or against it.
+        layout: axes and offsets of the joints, bodies, and ends and bends of the segments; each
+            axis is along E1, E2 or E3, or against it.
         gravity: acceleration in the base frame (3,), m/s².
     """
 
-    def __init__(self, layout, gravity: Sequence[float]):
+    def __init__(self, layout: Layout, gravity: Sequence[float]):
         self.num_joints = len(layout.axes)
         self._about = np.abs(layout.axes).argmax(axis=1).tolist()
         self._sense = layout.axes.sum(axis=1).tolist()
         self._offsets, self._gravity = layout.offsets, np.asarray(gravity, float)
         self.weighs = bool(np.cross(self._gravity, layout.axes).any())
         self._masses, self._centres = np.zeros(self.num_joints), np.zeros((self.num_joints, 3))
-        self._masses[layout.joint_of_link] = layout.masses
-        self._centres[layout.joint_of_link] = layout.centres
+        for joint, mass, centre in zip(
+            layout.body_joints, layout.body_masses, layout.body_centres, strict=True
+        ):
+            if joint >= 0:  # else it is fixed to the base
+                self._masses[joint] += mass
+                self._centres[joint] += mass / self._masses[joint] * (centre - self._centres[joint])
         self._segments = []
         base = np.zeros(3)  # end of the segment before, in its last joint's frame
         for joints, end, bends in zip(

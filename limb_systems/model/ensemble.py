@@ -132,7 +132,7 @@ class OpenLoop:
 
     def __init__(self, duty: np.ndarray, step: float, segment: SegmentParameters):
         self._duty, self.step, self._links = duty, step, segment.links
-        self._directions = np.array([wire.direction for wire in segment.wires])
+        self._directions = np.array([wire.lever[0] for wire in segment.wires])
         self._sides = np.sign(self._directions)
 
     def simulate(

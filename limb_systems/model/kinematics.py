@@ -1,67 +1,103 @@
-"""Forward kinematics of the planar chain and the conversion of eqn (11).
+"""Forward kinematics of the limb and the conversion of eqn (11).
 
-Angles are in rad. E1 is the axis of the straight limb, E2 the lateral axis.
+Angles are in rad. E1 is the axis of the straight limb, E2 and E3 are lateral.
 A bend angle is that of the chord from a segment's base to its tip, in the
-frame of its base: φ = atan2(t·E2, t·E1).
+frame of its base: φ = atan2(t·E2, t·E1) in a plane, and in space the two
+angles of `limb_systems.model.segment_chain.angles_of`.
 """
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from limb_systems.model.bend_sensor import chord_angle
+from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 
 
-def tip_position(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarray:
-    """Position of the limb's tip in (E1, E2), m.
+def link_positions(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarray:
+    """Where the links begin, and where the last one ends, in the base's frame, m.
 
     Args:
         joint_angles: θ, (joints,) or (joints, K).
 
     Returns:
-        (2,) or (2, K).
+        Positions of the base, of the links' ends in their order, and so of the tip, (P, 3) or
+        (P, 3, K). A segment with centred joints has an end more: that of its fixed part.
     """
-    lengths = [
-        segment.length / segment.links
-        for segment in parameters.segments
-        for _ in range(segment.links)
-    ]
-    link_angles = np.cumsum(np.asarray(joint_angles, float), axis=0)
-    return np.array([lengths @ np.cos(link_angles), lengths @ np.sin(link_angles)])
+    angles, layout = np.asarray(joint_angles, float), Layout(parameters)
+    ends = [np.zeros((3, *angles.shape[1:]))]
+    frame = np.multiply.outer(np.eye(3), np.ones(angles.shape[1:]))
+    for segment, chain, joints in zip(
+        parameters.segments, layout.chains, layout.joints_of, strict=True
+    ):
+        piece = segment.length / segment.links
+        if chain.first_length:
+            ends.append(ends[-1] + chain.first_length * piece * frame[:, 0])
+        frames = chain.frames(angles[joints])
+        for length, of_link in zip(chain.lengths, frames, strict=True):
+            link = np.einsum("ij...,jk...->ik...", frame, of_link)
+            ends.append(ends[-1] + length * piece * link[:, 0])
+        frame = link
+    return np.array(ends)
+
+
+def tip_position(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarray:
+    """Position of the limb's tip, m: in (E1, E2), or in (E1, E2, E3) if the limb bends in space.
+
+    Args:
+        joint_angles: θ, (joints,) or (joints, K).
+
+    Returns:
+        (2,) or (2, K); (3,) or (3, K) in space.
+    """
+    tip = link_positions(parameters, joint_angles)[-1]
+    return tip[:2] if Layout(parameters).is_planar else tip
 
 
 def bend_angle(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarray:
-    """Bend angle φ of each segment in the frame of its own base.
+    """Bend angles φ of each segment in the frame of its own base, towards E2, then E3.
 
     Args:
         joint_angles: θ, (joints,) or (joints, K).
 
     Returns:
-        (segments,) or (segments, K), in (-π, π]; of AutoDiffXd or Expression
+        (bends,) or (bends, K), in (-π, π]; of AutoDiffXd or Expression
         if the joint angles are.
     """
-    joint_angles = np.asarray(joint_angles)
-    return np.array([chord_angle(joint_angles[joints]) for joints in parameters.joint_slices])
+    return Layout(parameters).bend_angle(joint_angles)
+
+
+def recorded_bend_angle(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarray:
+    """What bend sensors without gain, offset, noise and drift would record, as `bend_angle`."""
+    angles, layout = np.asarray(joint_angles), Layout(parameters)
+    seen = [
+        segment.bend_sensor.exact_bends(chain, angles[joints])
+        for segment, chain, joints in zip(
+            parameters.segments, layout.chains, layout.joints_of, strict=True
+        )
+    ]
+    return np.concatenate(seen)
 
 
 def joint_angles_from_bend_angle(parameters: LimbParameters, bend_angle: ArrayLike) -> np.ndarray:
-    """θ_i = 2 φ / (n + 1) for every joint of a segment, eqn (11).
+    """θ_i = 2 φ / (n + 1) for every joint that makes a bend, eqn (11); 2 φ / n if they are centred.
 
     The links of a segment are equally long, so this is exact for equal joint
-    angles: the chord of n unit vectors at θ, 2θ, ... nθ points to (n+1)/2 θ.
+    angles in a plane: the chord of n unit vectors at θ, 2θ, ... nθ points to (n+1)/2 θ.
 
     Args:
-        bend_angle: φ, (segments,) or (segments, K).
+        bend_angle: φ, (bends,) or (bends, K).
 
     Returns:
         (joints,) or (joints, K).
     """
-    bend_angle = np.asarray(bend_angle, float)
-    links = [segment.links for segment in parameters.segments]
-    per_joint = [2 * angle / (n + 1) for angle, n in zip(bend_angle, links, strict=True)]
-    return np.repeat(per_joint, links, axis=0)
+    return Layout(parameters).shape @ np.asarray(bend_angle, float)
 
 
 def rest_joint_angles(parameters: LimbParameters) -> np.ndarray:
     """θ (joints,), rad, at which the rubber rests with wires that were never heated, by (11)."""
-    return joint_angles_from_bend_angle(parameters, [s.rest_angle for s in parameters.segments])
+    rest = [
+        angle
+        for segment in parameters.segments
+        for angle in (segment.rest_angle, segment.rest_angle_e3)[: segment.axes]
+    ]
+    return joint_angles_from_bend_angle(parameters, rest)

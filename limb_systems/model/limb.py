@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import MatrixGain, Multiplexer
 
-from limb_systems.model.kinematics import bend_angle
+from limb_systems.model.layout import Layout
 from limb_systems.model.manipulator import make_manipulator
 from limb_systems.model.parameters import LimbParameters, ParameterError
 from limb_systems.model.wire_blocks import VectorFunction, make_blocks
@@ -30,14 +30,14 @@ class Limb(Diagram):
                                     │       (7)       │
                                     └─────────────────┘
 
-    For a limb of S segments, n joints in all and W wires with N states:
+    For a limb of F bends, n joints in all and W wires with N states:
 
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C
-    - output 1 ``bend_angle``: φ (S), rad
+    - output 1 ``bend_angle``: φ (F), rad
     - output 2 ``wire_temperature``: T (W), °C
     - output 3 ``joint_state``: [θ, θ̇] (2n), rad and rad/s
-    - output 4 ``measurement``: [V (W), φ (S)], °C and rad
+    - output 4 ``measurement``: [V (W), φ (F)], °C and rad
     - state, all continuous: [θ (n), θ̇ (n), x (N), V (W)], in rad, rad/s, the
       wires' units and °C; by default at rest, at the rest angle, at ambient temperature
 
@@ -70,13 +70,13 @@ class Limb(Diagram):
         heating, lag, torque_map = map(builder.AddSystem, make_blocks(parameters))
         joint_state = manipulator.get_state_output_port()
         wire_state = heating.get_output_port()
-        num_wires, num_segments = len(parameters.wires), len(parameters.segments)
-        n = parameters.num_joints
+        layout = Layout(parameters)
+        n, num_wires, num_bends = layout.num_joints, layout.num_wires, layout.num_bends
         bend = builder.AddNamedSystem(
             "bend_angle",
-            VectorFunction(lambda state: bend_angle(parameters, state[:n]), [2 * n], num_segments),
+            VectorFunction(lambda state: layout.bend_angle(state[:n]), [2 * n], num_bends),
         )
-        measurement = builder.AddSystem(Multiplexer([num_wires, num_segments]))
+        measurement = builder.AddSystem(Multiplexer([num_wires, num_bends]))
 
         builder.Connect(wire_state, torque_map.get_input_port(0))
         builder.Connect(wire_state, lag.get_input_port())

@@ -5,6 +5,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RevoluteSpring
 
 from limb_systems.model.kinematics import rest_joint_angles
+from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from urdf import limb_urdf
 
@@ -23,14 +24,14 @@ def add_manipulator(plant: MultibodyPlant, parameters: LimbParameters) -> None:
         parameters: geometry, mass, stiffness and damping of the limb.
     """
     parameters.validate()
-    Parser(plant).AddModelsFromString(limb_urdf(parameters.segments), "urdf")
+    text = limb_urdf(parameters.segments, payload=parameters.payload)
+    Parser(plant).AddModelsFromString(text, "urdf")
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
-    rest_angles = rest_joint_angles(parameters)
-    for segment, joints in zip(parameters.segments, parameters.joint_slices, strict=True):
-        for index in range(joints.start, joints.stop):
-            joint = plant.GetJointByName(f"joint_{index + 1}")
-            joint.set_default_angle(rest_angles[index])
-            plant.AddForceElement(RevoluteSpring(joint, rest_angles[index], segment.stiffness))
+    rest_angles, stiffness = rest_joint_angles(parameters), Layout(parameters).stiffness
+    for number, (rest_angle, k) in enumerate(zip(rest_angles, stiffness, strict=True), 1):
+        joint = plant.GetJointByName(f"joint_{number}")
+        joint.set_default_angle(rest_angle)
+        plant.AddForceElement(RevoluteSpring(joint, rest_angle, k))
     plant.mutable_gravity_field().set_gravity_vector(parameters.gravity)
 
 

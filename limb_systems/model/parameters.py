@@ -18,6 +18,7 @@ from limb_systems.errors import LimbError
 from limb_systems.input import read_text
 from limb_systems.model.bend_sensor import BendSensor, TipTangentSensor
 from limb_systems.model.heat_bounds import BOUNDED, HeatBounds
+from limb_systems.model.segment_chain import SegmentChain
 from limb_systems.model.wire_law import LinearLaw, WireLaw
 from limb_systems.output import write_atomically
 from limb_systems.provenance import Provenance
@@ -28,6 +29,7 @@ from limb_systems.schema import (
     dump_typed,
     load_typed,
     quantity,
+    rare,
     validate,
 )
 
@@ -48,7 +50,8 @@ class WireParameters(Strict):
     - ``name``: letters, digits and underscores; it names columns in files.
     - ``e2``, ``e3``: place in the cross-section, m from the axis. Its
       torque has the direction of this lever: a wire at e2 > 0, e3 = 0 bends
-      towards +E2 with all of its law's torque, one at 45° with 1/√2 of it.
+      towards +E2 with all of its law's torque, one at 45° with 1/√2 of it, and,
+      if the segment has two axes, as much towards +E3.
     - ``law``: heat, torque and reading of the wire; `LinearLaw` is the paper's.
     - ``heat_bounds``: within which a board expects it to heat and cool; None
       until it is calibrated, which means bounds around its law.
@@ -60,10 +63,17 @@ class WireParameters(Strict):
     law: LinearLaw | WireLaw = dataclasses.field(default_factory=LinearLaw)
     heat_bounds: HeatBounds | None = None
 
+    @classmethod
+    def at(cls, name: str, degrees: float, radius: float = 0.0034) -> "WireParameters":
+        """A wire at an angle from +E2 towards +E3, and at a distance from the axis, m."""
+        angle = np.deg2rad(degrees)
+        e2, e3 = (float(radius * share.round(15)) for share in (np.cos(angle), np.sin(angle)))
+        return cls(name, e2=e2, e3=e3)
+
     @property
-    def direction(self) -> float:
-        """Share of the torque in the bending plane, from -1 to 1."""
-        return self.e2 / float(np.hypot(self.e2, self.e3))
+    def lever(self) -> np.ndarray:
+        """Direction of the torque: shares (2,) that bend towards +E2 and +E3."""
+        return np.array([self.e2, self.e3]) / np.hypot(self.e2, self.e3)
 
 
 @dataclasses.dataclass
@@ -81,6 +91,14 @@ class RestMemory(Strict):
     rate: float = quantity(2.0, "1/rad", 0.0, 100.0)
 
 
+def wires_around(count: int, radius: float = 0.0034) -> list[WireParameters]:
+    """Wires ``wire_1``, ... at equal angles around the axis, the first at +E2."""
+    return [
+        WireParameters.at(f"wire_{number + 1}", 360.0 * number / count, radius)
+        for number in range(count)
+    ]
+
+
 def _left_and_right() -> list[WireParameters]:
     return [WireParameters("left", e2=-0.0034), WireParameters("right", e2=0.0034)]
 
@@ -89,14 +107,16 @@ def _left_and_right() -> list[WireParameters]:
 class SegmentParameters(Strict):
     """One segment: a silicone beam cut into equal rigid links, with its wires.
 
-    - ``links``: number of rigid links, each with a revolute joint at its base.
+    It bends in the plane of E1 and E2, as the paper's, or about two axes.
+
+    - ``links``: number of rigid links, each with a revolute joint at its base for each axis.
     - ``length``: length of the whole segment along E1, m.
     - ``mass``: mass of the whole segment, kg.
     - ``width``: cross-section along the bending axis (E3), m.
     - ``thickness``: cross-section in the bending plane (E2), m.
     - ``stiffness``: torsional spring constant k of each joint, N·m/rad (1).
     - ``damping``: damping constant σ of each joint, N·m·s/rad (1).
-    - ``rest_angle``: bend angle φ at rest with cold wires, rad.
+    - ``rest_angle``: bend angle φ towards +E2 at rest with cold wires, rad.
     - ``stiffening``: s, share that is added to k where the segment bends by 45°
       from its rest angle.
     - ``rest_memory``: change of the rest angle with use; None if there is none.
@@ -104,6 +124,14 @@ class SegmentParameters(Strict):
       Heating the right one bends towards +E2.
     - ``bend_sensor``: sensor of the bend: `TipTangentSensor`, the paper's (8),
       `ChordSensor`, or another `BendSensor`.
+    - ``axes``: 1 if joints turn about E3 alone, 2 if they turn about E2, too.
+    - ``twists``: whether each link also has a joint that turns about E1.
+    - ``centred_joints``: whether joints are in the middle of the pieces that the length is cut
+      into, where a chain comes nearer to a beam, instead of at their bases.
+    - ``stiffness_ratio``: stiffness against bends towards E3, as a share of k.
+    - ``torsional_ratio``: stiffness against twist, as a share of k; that of a round
+      section of rubber is GJ/EI = 2/3.
+    - ``rest_angle_e3``: bend angle towards +E3 at rest with cold wires, rad.
     """
 
     links: int = quantity(5, "links", 1, 100)
@@ -118,6 +146,33 @@ class SegmentParameters(Strict):
     rest_memory: RestMemory | None = None
     wires: list[WireParameters] = dataclasses.field(default_factory=_left_and_right)
     bend_sensor: TipTangentSensor | BendSensor = dataclasses.field(default_factory=TipTangentSensor)
+    axes: int = quantity(1, "axes", 1, 2, rare=True)
+    twists: bool = rare(False)
+    centred_joints: bool = rare(False)
+    stiffness_ratio: float = quantity(1.0, "of k", 0.01, 100.0, rare=True)
+    torsional_ratio: float = quantity(2 / 3, "of k", 0.01, 100.0, rare=True)
+    rest_angle_e3: float = quantity(0.0, "rad", -1.5, 1.5, rare=True)
+
+    @property
+    def joints(self) -> list[list[str]]:
+        """Joints of each link, base first: "e2" and "e3" bend towards +E2 and +E3, "twist" twists.
+
+        Where there are two axes, each link begins with the one that the link before ends with:
+        errors of the order in which joints turn then nearly cancel.
+        """
+        bends = ["e2", "e3"][: self.axes]
+        twist = ["twist"] if self.twists else []
+        return [(bends if link % 2 == 0 else bends[::-1]) + twist for link in range(self.links)]
+
+    @property
+    def chain(self) -> SegmentChain:
+        """Kinematics of the segment."""
+        return SegmentChain(self.joints, self.centred_joints)
+
+    @property
+    def joint_ratios(self) -> dict[str, float]:
+        """Stiffness and damping of each kind of joint, as shares of k and σ."""
+        return {"e2": 1.0, "e3": self.stiffness_ratio, "twist": self.torsional_ratio}
 
     def wire(self, name: str) -> WireParameters:
         """The wire of that name.
@@ -257,6 +312,7 @@ class LimbParameters(Strict):
     - ``temperature_limits``: eqns (19)-(20).
     - ``total_duty``: the largest sum of the duties of all wires at a time, for
       which supply and limb are made.
+    - ``payload``: mass of a point at the tip, kg.
     - ``board``: the particular limb that these parameters were calibrated on,
       `SerialBoard` or `EmulatedLimb`; `NoBoard` if none.
     - ``calibration``: accuracy of the parameters, `CalibrationRecord`; None if
@@ -276,6 +332,14 @@ class LimbParameters(Strict):
     total_duty: float = quantity(1.5, "of full duty", 0.01, 100.0)
     board: NoBoard | BoardIdentity = dataclasses.field(default_factory=NoBoard)
     calibration: CalibrationRecord | None = None
+    payload: float = quantity(0.0, "kg", 0.0, 100.0, rare=True)
+
+    @classmethod
+    def in_space(cls, wires: int = 3, links: int = 5) -> "LimbParameters":
+        """The nominal limb with a square section that bends about two axes, and wires around it."""
+        segment = SegmentParameters(links, axes=2, width=0.0125, thickness=0.0125)
+        segment.mass, segment.wires = 0.02, wires_around(wires)
+        return cls(segments=[segment])
 
     @classmethod
     def of(cls, limb: "LimbParameters | str | Path | None") -> "LimbParameters":
@@ -372,12 +436,17 @@ class LimbParameters(Strict):
             raise ParameterError(str(error)) from error
         if self.num_joints > MOST_JOINTS:
             raise ParameterError(
-                f"the limb has {self.num_joints} links in all; at most {MOST_JOINTS} can be "
+                f"the limb has {self.num_joints} joints in all; at most {MOST_JOINTS} can be "
                 "computed with, so describe its segments with fewer links."
             )
         for index, segment in enumerate(self.segments):
-            _validate_wires(segment.wires, f"segments[{index}].wires")
+            _validate_wires(segment, f"segments[{index}].wires")
             _validate_mass(segment, f"segments[{index}]")
+            if segment.twists and segment.axes == 1:
+                raise ParameterError(
+                    f"segments[{index}].twists is true, but the segment bends in a plane, where "
+                    "nothing twists it; set its axes to 2, or leave twists out."
+                )
         limits = self.temperature_limits
         if limits.maximum <= self.ambient_temperature:
             raise ParameterError(
@@ -393,7 +462,7 @@ class LimbParameters(Strict):
     @property
     def num_joints(self) -> int:
         """Number of joints of all segments."""
-        return sum(segment.links for segment in self.segments)
+        return sum(segment.links * len(segment.joints[0]) for segment in self.segments)
 
     @property
     def wires(self) -> list[WireParameters]:
@@ -404,8 +473,8 @@ class LimbParameters(Strict):
     def wire_names(self) -> list[str]:
         """Names of all wires; with a segment number if there are several."""
         return [
-            f"{wire.name}{suffix}"
-            for segment, suffix in zip(self.segments, self.segment_suffixes, strict=True)
+            f"{wire.name}_{number}" if len(self.segments) > 1 else wire.name
+            for number, segment in enumerate(self.segments, 1)
             for wire in segment.wires
         ]
 
@@ -424,28 +493,6 @@ class LimbParameters(Strict):
             wire.heat_bounds or HeatBounds.around(LinearLaw() if self.calibration else wire.law)
             for wire in self.wires
         ]
-
-    @property
-    def wire_slices(self) -> list[slice]:
-        """Place of each segment's wires among all wires."""
-        return _slices([len(segment.wires) for segment in self.segments])
-
-    @property
-    def segment_suffixes(self) -> list[str]:
-        """Suffixes of names, one for each segment; empty if there is only one."""
-        if len(self.segments) == 1:
-            return [""]
-        return [f"_{number}" for number in range(1, len(self.segments) + 1)]
-
-    @property
-    def joint_slices(self) -> list[slice]:
-        """Place of each segment's joints among all joints."""
-        return _slices([segment.links for segment in self.segments])
-
-
-def _slices(sizes: list[int]) -> list[slice]:
-    ends = np.cumsum(sizes).tolist()
-    return [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
 
 
 def _validate_mass(segment: SegmentParameters, where: str) -> None:
@@ -474,6 +521,16 @@ def _oddities(segment: SegmentParameters, where: str) -> list[str]:
                     f"{where}.wires[{index}].{name} is {value:g} m, outside the segment, which is "
                     f"{extent:g} m across."
                 )
+    if segment.axes == 2:
+        angles = np.sort([np.arctan2(wire.e3, wire.e2) for wire in segment.wires])
+        gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
+        if gaps.max() > np.pi - 1e-9:
+            middle = np.rad2deg(angles[gaps.argmax()] + gaps.max() / 2)
+            odd.append(
+                f"the wires of {where} do not surround its axis, so that none can bend it towards "
+                f"{180 - (180 - middle) % 360:.0f}° from +E2; is a sign missing?"
+            )
+        return odd
     sides = {wire.e2 > 0 for wire in segment.wires if wire.e2}
     if len(segment.wires) > 1 and len(sides) == 1:
         odd.append(
@@ -487,7 +544,8 @@ def _density(segment: SegmentParameters) -> float:
     return segment.mass / (segment.length * segment.width * segment.thickness)
 
 
-def _validate_wires(wires: list[WireParameters], where: str) -> None:
+def _validate_wires(segment: SegmentParameters, where: str) -> None:
+    wires = segment.wires
     if not wires:
         raise ParameterError(f"{where} is empty; a segment has at least one wire.")
     names = [wire.name for wire in wires]
@@ -509,7 +567,12 @@ def _validate_wires(wires: list[WireParameters], where: str) -> None:
                     f"{where}[{index}].heat_bounds.{low} is {getattr(bounds, low):g}; it must not "
                     f"be above {high}, which is {getattr(bounds, high):g}."
                 )
-        if abs(wire.e2) <= LEAST_SIDEWAYS * np.hypot(wire.e2, wire.e3):
+        if segment.axes == 2 and wire.e2 == wire.e3 == 0:
+            raise ParameterError(
+                f"{where}[{index}] is at e2 = e3 = 0 m, on the axis, where it cannot bend the "
+                "limb; give the place at which it runs beside the axis, or leave the wire out."
+            )
+        if segment.axes == 1 and abs(wire.e2) <= LEAST_SIDEWAYS * np.hypot(wire.e2, wire.e3):
             raise ParameterError(
                 f"{where}[{index}] is at e2 = {wire.e2:g} m and e3 = {wire.e3:g} m, where it "
                 "cannot bend the limb sideways; give the e2 at which it runs beside the axis, or "

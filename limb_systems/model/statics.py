@@ -1,7 +1,6 @@
 """Static equilibria of the limb: K θ = f(T) + gravity, eqn (2) at rest."""
 
 from collections.abc import Callable
-from types import SimpleNamespace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -9,6 +8,7 @@ from numpy.typing import ArrayLike
 from limb_systems.errors import LimbError
 from limb_systems.model.chain import Chain
 from limb_systems.model.kinematics import rest_joint_angles
+from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wires import Wires
 
@@ -142,19 +142,20 @@ class HeldAngles:
 def mean_bend_by_temperature(
     parameters: LimbParameters, bend: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """Bend of each segment by each wire's T (S, W), rad/°C, on average from T_warm to T_max.
+    """Each bend by each wire's T (F, W), rad/°C, on average from T_warm to T_max.
 
     It is zero for the wires of other segments, by whose bend gravity bends a segment, too.
 
     Args:
-        bend: bend of the segments (S,), rad, that wires at T (W,), °C, hold; those that do not
+        bend: bend angles (F,), rad, that wires at T (W,), °C, hold; those that do not
             get warmer are at T_warm.
     """
     limits, wires = parameters.temperature_limits, np.eye(len(parameters.wires))
     rise = limits.maximum - limits.warm
     warm = bend(np.full(len(wires), limits.warm))
     slopes = np.transpose([(bend(limits.warm + rise * hot) - warm) / rise for hot in wires])
-    own = [wires[around].sum(axis=0) for around in parameters.wire_slices]
+    layout = Layout(parameters)
+    own = [wires[layout.wires_of[segment]].sum(axis=0) for segment in layout.bend_segment]
     return slopes * own
 
 
@@ -166,7 +167,7 @@ class _Balance:
 
     def __init__(self, parameters: LimbParameters):
         self.wires = Wires(parameters)
-        layout = _planar_layout(parameters)
+        layout = Layout(parameters)
         self.chain = Chain(layout, parameters.gravity)
         self._springs, self._relaxed = layout.stiffness, rest_joint_angles(parameters)
         self.is_linear = not (self.chain.weighs or self.wires.torque_needs_angle)
@@ -209,7 +210,7 @@ class _Balance:
         stiffness = np.diag(self._springs)
         _, by_angle = self.wires.force_derivatives(states, angles)
         if by_angle is not None:
-            stiffness = stiffness - by_angle[..., None] * np.eye(len(self._springs))
+            stiffness = stiffness - by_angle
         if self.chain.weighs:
             load, by_angle = self.chain.expanded_gravity_load(angles)
             force, stiffness = force - load, stiffness + by_angle
@@ -221,21 +222,3 @@ def _where(refused: np.ndarray) -> str:
     if not refused.ndim:
         return ""
     return f" at point {int(np.argmax(refused))} of {refused.size} ({int(refused.sum())} in all)"
-
-
-def _planar_layout(parameters: LimbParameters) -> SimpleNamespace:
-    lengths = [s.length / s.links for s in parameters.segments for _ in range(s.links)]
-    along = np.multiply.outer(lengths, [1.0, 0.0, 0.0])
-    ends = [joints.stop - 1 for joints in parameters.joint_slices]
-    return SimpleNamespace(
-        axes=np.tile([0.0, 0.0, 1.0], (len(lengths), 1)),
-        offsets=np.vstack([np.zeros(3), along[:-1]]),
-        joint_of_link=np.arange(len(lengths)),
-        masses=np.concatenate([np.full(s.links, s.mass / s.links) for s in parameters.segments]),
-        centres=0.5 * along,
-        stiffness=np.concatenate([np.full(s.links, s.stiffness) for s in parameters.segments]),
-        joints_of=parameters.joint_slices,
-        end_offset=along[ends],
-        bends_of=[slice(index, index + 1) for index in range(len(ends))],
-        bend_direction=np.zeros(len(ends), int),
-    )

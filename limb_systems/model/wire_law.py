@@ -22,7 +22,8 @@ class WireLaw(Tagged):
     """A shape-memory-alloy wire with its thermocouple; subclasses are dataclasses.
 
     A law is written for one wire and evaluated for many at once: each state x,
-    the duty D in [0, 1] and the joint angle θ in rad may be numbers or arrays
+    the duty D in [0, 1] and the angle θ in rad by which a link turns towards the wire may be
+    numbers or arrays
     of floats, complex numbers (whose imaginary parts are infinitesimal),
     AutoDiffXd or Expression. The law's own fields that are numbers may be such
     arrays, too. The methods must therefore work element by element, with arithmetic and
@@ -49,7 +50,7 @@ class WireLaw(Tagged):
         raise NotImplementedError
 
     def torque(self, x: Sequence[Any] | np.ndarray, T0: Any, theta: Any) -> Any:
-        """Torque of a wire on the +E2 side on a joint whose angle is θ, N·m."""
+        """Torque of a wire towards its own side on a link that turns towards it by θ, N·m."""
         raise NotImplementedError
 
     def reading_rate(self, V: Any, x: Sequence[Any] | np.ndarray) -> Any:

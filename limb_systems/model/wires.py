@@ -9,6 +9,7 @@ import numpy as np
 from pydrake.symbolic import Expression, Variable
 
 from limb_systems.model.derivatives import CompiledFunction, Part, SideBySide
+from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.rubber import REST_SCALE, NonlinearRubber, num_rest_shifts, ramp
 from limb_systems.model.wire_law import TEMPERATURE_SCALE, WireLaw, runge_kutta, within
@@ -44,11 +45,10 @@ class Wires:
     - ``heat_scales``: typical changes of the states and of the readings (N + W,).
     - ``cold_states``: states of wires that were never heated (N,).
     - ``settles``: true where a state is no memory (N,).
-    - ``directions``: direction of the wires' torque on the joints (n, W): e2 / |(e2, e3)|,
-      or zero for joints of other segments.
+    - ``levers``: B, direction of the wires' torque on the joints (n, W), as of `Layout`.
     - ``rates_are_affine``: whether heat rates are affine in states, readings and duty.
     - ``torque_is_affine``: whether forces are affine in the states, and no function of the angle.
-    - ``laws_need_angle``: whether the torque of any law depends on the joint's angle.
+    - ``laws_need_angle``: whether the torque of any law depends on the angle that its wire sees.
     - ``torque_needs_angle``: whether any force does, also that of the rubber.
     - ``heat_pattern``: true where `heat_rates` depend on [x, V, D] (N + W, N + 2W).
     - ``heat_curvature``: true where a pair of [x, V, D] may have a second derivative in
@@ -104,11 +104,9 @@ class Wires:
                     ],
                 )
             )
-        self.directions = np.zeros((parameters.num_joints, self.num_wires))
-        for joints, wires_of, segment in zip(
-            parameters.joint_slices, parameters.wire_slices, parameters.segments, strict=True
-        ):
-            self.directions[joints, wires_of] = [wire.direction for wire in segment.wires]
+        layout = Layout(parameters)
+        self.levers, self._links = layout.levers, layout.link_of_joint
+        self._first_joints = np.append(0, layout.last_joints[:-1] + 1)
         self._compile()
         N = self.num_states
         self.torque_curvature = self._torque.curvature[:N, :N]
@@ -120,7 +118,7 @@ class Wires:
         if self.rates_are_affine:
             _, self._heat_slopes = self._expanded(zero)
         if self.torque_is_affine:
-            straight = np.zeros(len(self.directions))
+            straight = np.zeros(len(self.levers))
             self._force_slopes, _ = self._force_derivatives(zero[:N], straight)
 
     def rates(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
@@ -155,19 +153,24 @@ class Wires:
     def torques(self, states: np.ndarray, angles: np.ndarray | None = None) -> np.ndarray:
         """Torque of each wire (..., W), N·m, as if it ran at +E2.
 
-        With joint angles (..., n) in rad: on each joint, (..., n, W).
+        With joint angles (..., n) in rad: on each link, (..., L, W), by the angle that each wire
+        sees there, t_w = Σ B_jw θ_j over the link's joints.
         """
         if angles is None:
-            return self._torques(states, np.zeros(1))
-        return self._torques(states[..., None, :], angles[..., :, None])
+            return self._torques(states, np.zeros(self.num_wires))
+        return self._torques(states[..., None, :], self._seen(angles))
 
-    def _torques(self, states: np.ndarray, angle: np.ndarray) -> np.ndarray:
-        """Torques (..., W) at states (..., N) and an angle (..., 1)."""
-        shape = np.broadcast_shapes(states.shape[:-1], angle.shape[:-1])
-        result = np.empty((*shape, self.num_wires), np.result_type(states, angle))
+    def _seen(self, angles: np.ndarray) -> np.ndarray:
+        """Angles (..., L, W) that the wires see on the links, of θ (..., n)."""
+        return np.add.reduceat(angles[..., :, None] * self.levers, self._first_joints, axis=-2)
+
+    def _torques(self, states: np.ndarray, seen: np.ndarray) -> np.ndarray:
+        """Torques (..., W) at states (..., N) and the angles that the wires see (..., W)."""
+        shape = np.broadcast_shapes(states.shape[:-1], seen.shape[:-1])
+        result = np.empty((*shape, self.num_wires), np.result_type(states, seen))
         for group in self._groups:
             x = [states[..., column] for column in group.states]
-            result[..., group.wires] = group.law.torque(x, self._ambient, angle)
+            result[..., group.wires] = group.law.torque(x, self._ambient, seen[..., group.wires])
         return result
 
     def forces(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
@@ -176,9 +179,9 @@ class Wires:
         The force of `NonlinearRubber` is part of it.
         """
         if self.laws_need_angle:
-            force = (self.torques(states, angles) * self.directions).sum(axis=-1)
+            force = (self.torques(states, angles)[..., self._links, :] * self.levers).sum(axis=-1)
         else:
-            force = self.torques(states) @ self.directions.T
+            force = self.torques(states) @ self.levers.T
         if self._rubber.remembers or self._rubber.stiffens:
             force = force + self._rubber.forces(states[..., self._first_shift :], angles)
         return force
@@ -246,7 +249,7 @@ class Wires:
     def force_derivatives(
         self, states: np.ndarray, angles: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray | None]:
-        """Derivatives of `forces` by states (..., n, N), and of each by its joint's angle (..., n).
+        """Derivatives of `forces` by states (..., n, N), and by angles (..., n, n).
 
         Where the torque is affine the former has axes of length 1, as that of
         `heat_jacobian`; the latter is None where no torque depends on an angle.
@@ -263,24 +266,26 @@ class Wires:
         _, by_torque = self._torque.first(self._torque_points(states, angles))
         by_angle, N = None, self.num_states
         if self.laws_need_angle:
-            by_states = np.einsum("nw,...nwk->...nk", self.directions, by_torque[..., :N])
-            by_angle = np.einsum("nw,...nww->...n", self.directions, by_torque[..., N:])
+            by_torque = by_torque[..., self._links, :, :]
+            by_states = np.einsum("nw,...nwk->...nk", self.levers, by_torque[..., :N])
+            by_seen = np.einsum("...nww->...nw", by_torque[..., N:]) * self.levers
+            by_angle = by_seen @ self.levers.T * (self._links[:, None] == self._links)
         else:
-            by_states = self.directions @ by_torque[..., :N]
+            by_states = self.levers @ by_torque[..., :N]
         by_states[..., self._first_shift :] = self._rubber.force_by_shift
         if self._rubber.stiffens:
             by_angle = self._rubber.force_by_angle(angles) + (0.0 if by_angle is None else by_angle)
         return by_states, by_angle
 
     def _torque_points(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Points [x, θ] (..., N + W) with θ for each wire, and for each joint (..., n, N + W)
-        if laws need its angle."""
+        """Points [x, t] (..., N + W) with the angle t that each wire sees, and for each link
+        (..., L, N + W) if laws need it."""
         W = self.num_wires
         if not self.laws_need_angle:
             return np.concatenate([states, np.zeros((*states.shape[:-1], W))], axis=-1)
-        states = np.broadcast_to(states[..., None, :], (*angles.shape, self.num_states))
-        angles = np.broadcast_to(angles[..., None], (*angles.shape, W))
-        return np.concatenate([states, angles], axis=-1)
+        seen = self._seen(angles)
+        states = np.broadcast_to(states[..., None, :], (*seen.shape[:-1], self.num_states))
+        return np.concatenate([states, seen], axis=-1)
 
     def heat_hessian(self, heat: np.ndarray, duty: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Second derivatives of weights · `heat_rates` by [x, V, D], (..., N + 2W, N + 2W).
@@ -315,10 +320,8 @@ class Wires:
             states, angles: as for `forces`.
             weights: (..., n).
         """
-        if self.laws_need_angle:
-            on_torques = weights[..., None] * self.directions
-        else:
-            on_torques = weights @ self.directions
+        # Weights are summed over each link's joints as angles are.
+        on_torques = self._seen(weights) if self.laws_need_angle else weights @ self.levers
         N = self.num_states
         result = self._torque.second(self._torque_points(states, angles), on_torques)[..., :N, :N]
         return result.sum(axis=-3) if self.laws_need_angle else result
@@ -392,7 +395,7 @@ class Wires:
         return states
 
     def _compile(self) -> None:
-        """The laws as functions of [x, V, D], and of [x, θ] with θ for each wire."""
+        """The laws as functions of [x, V, D], and of [x, t] with the angle that each wire sees."""
         N, W, remembers = self.num_states, self.num_wires, self._rubber.remembers
         heat, torque = [], []
         every_state = np.arange(N)

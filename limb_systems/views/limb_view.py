@@ -20,6 +20,7 @@ from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.kinematics import joint_angles_from_bend_angle
+from limb_systems.model.layout import Layout
 from limb_systems.model.manipulator import add_manipulator
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR
@@ -143,7 +144,9 @@ class LimbView:
         self._link_paths = [f"{links}_{i + 1}" for i in range(len(self._segments))]
         self.wire_paths = [
             [f"{links}_{i + 1}/limb/wire_{wire.name}" for i in range(joints.start, joints.stop)]
-            for joints, segment in zip(parameters.joint_slices, parameters.segments, strict=True)
+            for joints, segment in zip(
+                Layout(parameters).joints_of, parameters.segments, strict=True
+            )
             for wire in segment.wires
         ]  # of each wire's pieces, one on each link
 
@@ -325,7 +328,7 @@ class LimbView:
     def _bar_positions(self) -> np.ndarray:
         """Positions of the bars along E1, m: left of the base, with gaps between segments."""
         steps = np.full(len(self._parameters.wires), 0.95)
-        steps[[wires.start for wires in self._parameters.wire_slices]] = 1.25
+        steps[[wires.start for wires in Layout(self._parameters).wires_of]] = 1.25
         places = np.cumsum(steps)
         return self._unit * (places - places[-1] - 0.7) - 0.6 * self._segments[0].thickness
 

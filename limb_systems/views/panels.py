@@ -13,6 +13,7 @@ import numpy as np
 
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
+from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
@@ -190,9 +191,9 @@ def measured_panels(
             band = scale * bands[signal][0, row], scale * bands[signal][1, row]
         return [Curve(name, plan.time, values, color, dash, width, band)]
 
-    for segment, suffix in enumerate(parameters.segment_suffixes):
+    for segment, suffix in enumerate(Layout(parameters).segment_suffixes):
         names = [wire.name for wire in parameters.segments[segment].wires]
-        first = parameters.wire_slices[segment].start
+        first = Layout(parameters).wires_of[segment].start
         wires = list(zip(itertools.count(first), names, wire_colors(len(names)), strict=False))
         bend, heat, duty = [], [], []
         if plan is not None:
@@ -251,7 +252,7 @@ def repetition_panels(
             x_ticks={int(number): str(number) for number in numbers},
         )
     ]
-    for segment, suffix in enumerate(trajectory.parameters.segment_suffixes):
+    for segment, suffix in enumerate(Layout(trajectory.parameters).bend_suffixes):
         curves = [
             Curve(name, run.time, np.rad2deg(angle[segment]), color, dash)
             for name, run, angle, color, dash in (

@@ -15,6 +15,7 @@ from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.kinematics import bend_angle
+from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.output import write_atomically
 from limb_systems.views.limb_view import (
@@ -88,7 +89,7 @@ def write_meshcat_replay(
         title=title,
         motion=_motion_in_words(motion),
         poses=[(how, None)] + [(ghost.name, _css(ghost.color)) for ghost in ghosts],
-        segments=[suffix.strip("_") for suffix in parameters.segment_suffixes],
+        segments=[suffix.strip("_") for suffix in Layout(parameters).bend_suffixes],
         wires=[name.replace("_", " ") for name in parameters.wire_names],
         values=_values(parameters, frames),
         frames_per_second=repr(float(rate)),

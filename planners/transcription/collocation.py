@@ -205,7 +205,7 @@ class LimbDefects:
         force_by_state, force_by_angle = self._wires.force_derivatives(x, angles)
         values, by_angle, by_rate, by_force = self._mechanics.derivatives(angles, rates, forces)
         if force_by_angle is not None:
-            by_angle = by_angle + by_force * force_by_angle[:, None, :]
+            by_angle = by_angle + by_force @ force_by_angle
         return values, np.concatenate([by_angle, by_rate, by_force @ force_by_state], axis=2)
 
     def _slopes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ from pydrake.solvers import Binding, MathematicalProgram
 from pydrake.systems.analysis import BatchEvalTimeDerivatives
 
 from limb_systems import (
+    Layout,
     Limb,
     LimbError,
     LimbParameters,
@@ -319,8 +320,8 @@ class TrajectoryProgram(PlanProgram):
             len(self.times), np.inf if task.max_bend_rate is None else task.max_bend_rate
         )
         limits[resting] = np.minimum(limits[resting], REST_RATE)
-        for joints in self.parameters.joint_slices:
-            links = joints.stop - joints.start
+        for joints in Layout(self.parameters).bend_joints:
+            links = len(joints)
             to_bend = np.full((1, links), (links + 1) / (2 * links))  # (11)
             angles, rates = self._states[:, :n][:, joints], self._states[:, n : 2 * n][:, joints]
             # The initial state is given, so its rate cannot be planned.

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from limb_systems.model.layout import Layout
 from limb_systems.provenance import Provenance
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
 from limb_systems.views.panels import SIGNALS, Curve, Panel
@@ -70,8 +71,8 @@ def _panels(comparison: Comparison) -> list[Panel]:
     results, names = comparison.results, comparison.names
     parameters = results[0].value.parameters
     panels = []
-    for segment, suffix in enumerate(parameters.segment_suffixes):
-        wires = list(range(len(parameters.wires)))[parameters.wire_slices[segment]]
+    for segment, suffix in enumerate(Layout(parameters).segment_suffixes):
+        wires = list(range(len(parameters.wires)))[Layout(parameters).wires_of[segment]]
         for signal, drawn in SIGNALS.items():
             rows = [segment] if signal == "bend_angle" else wires
             called = [""] if signal == "bend_angle" else [parameters.wire_names[w] for w in wires]

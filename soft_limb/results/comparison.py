@@ -244,7 +244,9 @@ def _leaves(value: Any, unit: str, path: str = "") -> dict[str, tuple[Any, str]]
         if path.endswith((".law", ".bend_sensor", "board")):
             leaves[path] = (type(value).__name__, "")
         for field in dataclasses.fields(value):
-            if isinstance(value, CalibrationRecord) and field.name in _OF_FITS:
+            is_fit = isinstance(value, CalibrationRecord) and field.name in _OF_FITS
+            rare = field.metadata.get("rare") and getattr(value, field.name) == field.default
+            if is_fit or rare:
                 continue
             inner = f"{path}.{field.name}" if path else field.name
             leaves |= _leaves(getattr(value, field.name), field.metadata.get("unit", unit), inner)

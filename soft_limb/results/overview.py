@@ -16,6 +16,7 @@ from limb_systems.files.recording import Recording
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.kinematics import bend_angle
+from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.statics import HeldAngles
 from limb_systems.provenance import Provenance
@@ -307,7 +308,7 @@ def _bend_by_heat(limb: LimbParameters) -> list[Panel]:
         return []
     cold, curves = limb.ambient_temperature, []
     heat = np.linspace(cold, limb.temperature_limits.maximum, 25)
-    for segment, wires in enumerate(limb.wire_slices):
+    for segment, wires in enumerate(Layout(limb).wires_of):
         several = range(wires.start, wires.stop)
         for wire, color in zip(several, wire_colors(len(several)), strict=True):
             held_at = np.full((len(heat), len(limb.wires)), cold)

@@ -11,7 +11,7 @@ from controllers import PlanFeedback, PlanRegulator, ReducedModel
 from controllers.plan_controller import SampledPlan, allocate, mean_gains, within_total
 from controllers.plan_feedback import BEND, DUTY, TEMPERATURE, regulator_gains
 from hardware import LimbTwin, replay
-from limb_systems import Limb, LimbParameters, simulate
+from limb_systems import Layout, Limb, LimbParameters, simulate
 from limb_systems.model.parameters import CalibrationRecord
 from limb_systems.tracking import tracking_errors
 from planners import plan, references
@@ -53,10 +53,10 @@ def test_gains_are_those_of_the_springs(two_segments):
     """a2 β (n + 1) / (2 k) of the segment's own wires, also where gravity couples segments."""
     gains = mean_gains(ReducedModel(two_segments))
     for index, (segment, wires) in enumerate(
-        zip(two_segments.segments, two_segments.wire_slices, strict=True)
+        zip(two_segments.segments, Layout(two_segments).wires_of, strict=True)
     ):
         own = [
-            wire.direction * wire.law.a2 * wire.law.beta * (segment.links + 1) / 2
+            wire.lever[0] * wire.law.a2 * wire.law.beta * (segment.links + 1) / 2
             for wire in segment.wires
         ]
         np.testing.assert_allclose(

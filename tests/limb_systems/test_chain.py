@@ -22,9 +22,9 @@ def layout(request) -> SimpleNamespace:
     return SimpleNamespace(
         axes=np.eye(3)[order] * rng.choice([-1.0, 1.0], (9, 1)),
         offsets=rng.uniform([0.01, -0.01, -0.01], [0.04, 0.01, 0.01], (9, 3)),
-        joint_of_link=np.array([1, 3, 5, 8]),
-        masses=rng.uniform(0.01, 0.05, 4),
-        centres=rng.uniform(-0.02, 0.03, (4, 3)),
+        body_joints=np.array([1, 3, 5, 8]),
+        body_masses=rng.uniform(0.01, 0.05, 4),
+        body_centres=rng.uniform(-0.02, 0.03, (4, 3)),
         joints_of=[slice(0, 4), slice(4, 9)],
         end_offset=np.array([[0.03, 0.002, 0.0], [0.02, 0.0, -0.004]]),
         bends_of=[slice(0, count), slice(count, 2 * count)],
@@ -42,8 +42,8 @@ def plant_of(layout) -> MultibodyPlant:
     """Drake's plant of the same arrays."""
     plant = MultibodyPlant(time_step=0.0)
     parent = plant.world_body()
-    spheres = zip(layout.masses, layout.centres, strict=True)
-    bodies = dict(zip(layout.joint_of_link, spheres, strict=True))
+    spheres = zip(layout.body_masses, layout.body_centres, strict=True)
+    bodies = dict(zip(layout.body_joints, spheres, strict=True))
     for joint, (axis, offset) in enumerate(zip(layout.axes, layout.offsets, strict=True)):
         mass, centre = bodies.get(joint, (0.0, np.zeros(3)))
         inertia = SpatialInertia.SolidSphereWithMass(mass or 1.0, 0.01).Shift(-centre)

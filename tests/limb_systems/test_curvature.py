@@ -106,8 +106,8 @@ def test_of_the_forces(point):
     expected = quotient(lambda x: wires.forces(x, angles), states, sizes).swapaxes(1, 2)
     np.testing.assert_allclose(by_states * sizes, expected, atol=1e-8 * np.abs(expected).max())
     if by_angle is not None:
-        expected = quotient(lambda q: wires.forces(states, q), angles, np.ones(angles.shape[1]))
-        expected = np.einsum("kii->ki", expected)  # each force by its own joint's angle
+        ones = np.ones(angles.shape[1])
+        expected = quotient(lambda q: wires.forces(states, q), angles, ones).swapaxes(1, 2)
         np.testing.assert_allclose(by_angle, expected, atol=1e-8 * np.abs(expected).max() + 1e-12)
 
     def weighted(x):

@@ -5,6 +5,7 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
 
 from limb_systems import (
+    Layout,
     Limb,
     LimbParameters,
     SegmentParameters,
@@ -21,7 +22,7 @@ def plant_tip(parameters, joint_angles, segment=-1, base="base") -> np.ndarray:
     plant = make_manipulator(parameters)
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, joint_angles)
-    last = parameters.joint_slices[segment].stop
+    last = Layout(parameters).joints_of[segment].stop
     length = parameters.segments[segment].length / parameters.segments[segment].links
     link = plant.GetFrameByName(f"link_{last}")
     tip = plant.CalcPointsPositions(

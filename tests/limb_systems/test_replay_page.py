@@ -15,6 +15,7 @@ import pytest
 from pydrake.geometry import Meshcat
 
 from limb_systems import (
+    Layout,
     LimbError,
     LimbParameters,
     PlanCheck,
@@ -111,7 +112,7 @@ def test_without_joint_angles_the_bend_angle_and_measured_temperature_are_shown(
         # The chord of the segment, seen from its base, points to the bend angle.
         angles = joint_angles_from_bend_angle(two_segments, recording.bend_angle[:, frame])
         poses = link_poses(two_segments, angles)
-        first = two_segments.joint_slices[segment].start
+        first = Layout(two_segments).joints_of[segment].start
         chord = poses[last][0] - poses[first][0]
         base = poses[first][1] - angles[first]
         assert np.arctan2(chord[1], chord[0]) - base == pytest.approx(

@@ -72,7 +72,7 @@ def test_blocks_have_the_rates_of_the_law_written_out_by_hand():
         ],
         rtol=1e-12,
     )
-    left = 6.0e-4 * 8.0 * np.log1p(np.exp(15.0 / 8.0)) * (1.0 - 0.3 * 0.1)
+    left = 6.0e-4 * 8.0 * np.log1p(np.exp(15.0 / 8.0)) * (1.0 + 0.3 * 0.1)
     right = 4.7e-4 * 55.0 + 6.0e-6 * 55.0**2
     chain = PlanarChain(make_manipulator(limb))
     expected = chain.accelerations(angles[None], np.zeros((1, 5)), np.full((1, 5), right - left))
@@ -81,8 +81,8 @@ def test_blocks_have_the_rates_of_the_law_written_out_by_hand():
 
 def test_the_lever_of_a_wire_gives_its_torque_a_direction():
     wires = Wires(mixed_limb())
-    np.testing.assert_allclose(wires.directions[0], [-1.0, 1.0, 0.6, 0.0, 0.0], rtol=1e-15)
-    np.testing.assert_allclose(wires.directions[4], [0.0, 0.0, 0.0, -1.0, 1.0], rtol=1e-15)
+    np.testing.assert_allclose(wires.levers[0], [-1.0, 1.0, 0.6, 0.0, 0.0], rtol=1e-15)
+    np.testing.assert_allclose(wires.levers[4], [0.0, 0.0, 0.0, -1.0, 1.0], rtol=1e-15)
     assert wires.state_names == [
         *["T_low_1", "T_high_1", "T_slanting_1", "T_left_2", "T_right_2"],
         *["S_low_1", "S_slanting_1"],

@@ -173,6 +173,7 @@ def test_model_has_the_given_name():
 def test_generator_needs_only_the_named_fields_of_a_segment():
     """urdf does not depend on limb_systems: any object with these fields will do."""
     names = ["links", "length", "mass", "width", "thickness", "damping", "wires"]
+    names += ["joints", "joint_ratios", "centred_joints"]
     segment = SegmentParameters(links=2)
     plain = dataclasses.make_dataclass("Plain", names)(*[getattr(segment, name) for name in names])
     assert limb_urdf([plain]) == limb_urdf([segment])

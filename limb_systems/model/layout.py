@@ -1,0 +1,133 @@
+"""The layout of a limb: which wires turn which joints, and which joints make which bend."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.segment_chain import TURNS
+
+
+class Layout:
+    """Wires, joints and bends of a limb of S segments, L links, n joints, W wires and F bends.
+
+    A segment has a bend for each of its axes: towards E2, then towards E3. Wires, joints and
+    bends are in the order of the segments, base first.
+
+    Names:
+
+    - ``segment_suffixes`` (S), ``bend_suffixes`` (F): such as ``_2`` and ``_2_e3``. A limb of one
+      segment has no number, and a bend no axis if its segment has one.
+
+    Places, as slices for each segment:
+
+    - ``wires_of``, ``joints_of``, ``bends_of``: places among all wires, joints and bends (S).
+    - ``bend_joints``: indices of the joints that make each bend (F).
+    - ``bend_segment``, ``bend_direction``: segment of each bend, and 0 if it is towards E2, 1 if
+      towards E3 (F,).
+    - ``link_of_joint``: (n,); ``links`` are numbered through all segments.
+    - ``last_joints``: last joint of each link (L,), whose frame is the link's.
+
+    Mechanics, in the frames of the straight limb, which are parallel to its base's:
+
+    - ``chains``: kinematics of each segment, `SegmentChain` (S).
+    - ``axes``: unit axis of each joint (n, 3): +E3 for a bend towards E2, -E2 for one
+      towards E3, E1 for a twist.
+    - ``offsets``: origin of each joint from that of the joint before, or the base (n, 3), m.
+    - ``end_offset``: tip of each segment from the origin of its last joint (S, 3), m.
+    - ``stiffness``, ``damping``: k and σ of each joint (n,), N·m/rad and N·m·s/rad.
+    - ``levers``: B, direction of each wire's torque on each joint (n, W): its `lever` along the
+      joint's bend, zero on twists and on joints of other segments.
+    - ``shape``: angles of the joints for a bend of one that they make alike (n, F), eqn (11).
+    - ``body_joints``: joint that carries each body (B,), -1 for the base. Bodies are the links,
+      what is before a segment's first joint, and the payload.
+    - ``body_masses``, ``body_centres``: kg (B,), and centre of mass from the joint's origin
+      (B, 3), m.
+
+    Args:
+        parameters: description of the limb.
+    """
+
+    def __init__(self, parameters: LimbParameters):
+        segments = parameters.segments
+        several = len(segments) > 1
+        self.segment_suffixes = [f"_{i + 1}" if several else "" for i in range(len(segments))]
+        self.chains = [segment.chain for segment in segments]
+        kinds = [chain.kinds for chain in self.chains]
+        self.joints_of = _slices([len(of_segment) for of_segment in kinds])
+        self.wires_of = _slices([len(segment.wires) for segment in segments])
+        self.bends_of = _slices([segment.axes for segment in segments])
+        self.num_joints, self.num_wires, self.num_bends = (
+            places[-1].stop for places in (self.joints_of, self.wires_of, self.bends_of)
+        )
+        towards = np.eye(3)[np.array([TURNS[kind] for of_all in kinds for kind in of_all])]
+        self.axes = np.cross(towards[:, 0], towards[:, 1])
+        self.bend_suffixes: list[str] = []
+        self.bend_joints: list[np.ndarray] = []
+        self.bend_segment = np.repeat(range(len(segments)), [s.axes for s in segments])
+        self.bend_direction = np.concatenate([np.arange(s.axes) for s in segments])
+        self.levers = np.zeros((self.num_joints, self.num_wires))
+        self.shape = np.zeros((self.num_joints, self.num_bends))
+        self.stiffness, self.damping = np.zeros((2, self.num_joints))
+        self.offsets = np.zeros((self.num_joints, 3))
+        self.end_offset = np.zeros((len(segments), 3))
+        links: list[int] = []
+        last_joints: list[int] = []
+        bodies: list[tuple[int, float, float]] = []
+        end = 0.0  # of the segment before, along E1 from its last joint
+        for number, (segment, chain, suffix) in enumerate(
+            zip(segments, self.chains, self.segment_suffixes, strict=True)
+        ):
+            joints, wires = self.joints_of[number], self.wires_of[number]
+            of_kind = {kind: joints.start + np.flatnonzero(np.array(chain.kinds) == kind)
+                       for kind in TURNS}  # fmt: skip
+            for kind, ratio in segment.joint_ratios.items():
+                self.stiffness[of_kind[kind]] = ratio * segment.stiffness
+                self.damping[of_kind[kind]] = ratio * segment.damping
+            for axis, kind in enumerate(["e2", "e3"][: segment.axes]):
+                self.shape[of_kind[kind], len(self.bend_joints)] = chain.equal_angle
+                for wire, parts in zip(range(wires.start, wires.stop), segment.wires, strict=True):
+                    self.levers[of_kind[kind], wire] = parts.lever[axis]
+                self.bend_joints.append(of_kind[kind])
+                self.bend_suffixes.append(suffix if segment.axes == 1 else f"{suffix}_{kind}")
+            piece, mass = segment.length / segment.links, segment.mass / segment.links
+            if chain.first_length:
+                bodies.append((joints.start - 1, chain.first_length * mass, end + 0.25 * piece))
+            start = end + chain.first_length * piece
+            for first, last, share in zip(
+                np.append(0, chain.last_joints[:-1] + 1),
+                chain.last_joints,
+                chain.lengths,
+                strict=True,
+            ):
+                self.offsets[joints.start + first, 0] = start
+                bodies.append((joints.start + last, share * mass, 0.5 * share * piece))
+                links += [len(last_joints)] * int(last - first + 1)
+                last_joints.append(joints.start + int(last))
+                start = piece
+            end = chain.lengths[-1] * piece
+            self.end_offset[number, 0] = end
+        if parameters.payload:
+            bodies.append((self.num_joints - 1, parameters.payload, end))
+        self.link_of_joint, self.last_joints = np.array(links), np.array(last_joints)
+        joints_of_bodies, masses, centers = zip(*bodies, strict=True)
+        self.body_joints, self.body_masses = np.array(joints_of_bodies), np.array(masses)
+        self.body_centres = np.outer(centers, [1.0, 0.0, 0.0])
+
+    @property
+    def is_planar(self) -> bool:
+        """Whether all segments bend in the plane of E1 and E2."""
+        return all(chain.is_planar for chain in self.chains)
+
+    def bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
+        """φ (F, ...) of joint angles θ (n, ...), rad, as `limb_systems.bend_angle`."""
+        angles = np.asarray(joint_angles)
+        bends = [
+            chain.bend_angle(angles[joints])
+            for chain, joints in zip(self.chains, self.joints_of, strict=True)
+        ]
+        return np.concatenate(bends)
+
+
+def _slices(sizes: list[int]) -> list[slice]:
+    ends = np.cumsum(sizes).tolist()
+    return [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
