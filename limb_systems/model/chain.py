@@ -15,15 +15,13 @@ Points are the last axis of arrays inside, where numpy is fast, and the first ax
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.polynomial.polynomial import polyval
+from numpy.polynomial.polynomial import polyder, polyval
 
 from limb_systems.model.layout import Layout
 
 _NEAR = 0.05  # (across / ahead)² of a chord, below which a series is more accurate
-_ORDERS = np.arange(16)
-_SERIES = (-1.0) ** _ORDERS / (2 * _ORDERS + 1)  # of atan(√z)/√z in z
-_SERIES_BY_Z = np.polynomial.polynomial.polyder(_SERIES)
-_SERIES_BY_Z_TWICE = np.polynomial.polynomial.polyder(_SERIES, 2)
+_SERIES = np.array([(-1.0) ** k / (2 * k + 1) for k in range(16)])  # of atan(√z)/√z in z
+_SERIES = np.array([np.pad(polyder(_SERIES, k), (0, k)) for k in range(3)]).T  # and derivatives
 
 
 class Chain:
@@ -178,56 +176,60 @@ class Chain:
 
     def _moments(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Axes a, and a × Σ m (c - o) of what is outboard of each joint, (3, n, ...)."""
-        axes, origins, frames = self._frames(angles, slice(None), np.zeros(3))
-        points = [1] * (angles.ndim - 1)
-        masses = self._masses.reshape(-1, *points)
-        centres = origins + sum(
-            self._centres[:, k].reshape(-1, *points) * frames[k] for k in range(3)
-        )
-        outboard = _outboard_sums(masses * centres) - _outboard_sums(masses, 0) * origins
-        return axes, _cross(axes, outboard)
+        axes, origins, centres = self._places(angles, slice(None), np.zeros(3), self._centres)
+        masses = self._masses.reshape(-1, *[1] * (angles.ndim - 1))
+        centres *= masses
+        arms = _outboard_sums(centres)
+        arms -= _outboard_sums(masses, 0) * origins
+        return axes, _cross(axes, arms)
 
     def _point(
         self, angles: np.ndarray, joints: slice, base: np.ndarray, point: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Axes a (3, m, ...), place p (3, ...) of a point fixed to the last joint, a × (p - o)."""
-        axes, origins, frames = self._frames(angles, joints, base)
-        place = origins[:, -1] + sum(point[k] * frames[k][:, -1] for k in range(3))
+        points = np.zeros((self.num_joints, 3))
+        points[joints.stop - 1] = point
+        axes, origins, places = self._places(angles, joints, base, points)
+        place = places[:, -1]
         return axes, place, _cross(axes, place[:, None] - origins)
 
-    def _frames(
-        self, angles: np.ndarray, joints: slice, base: np.ndarray
+    def _places(
+        self, angles: np.ndarray, joints: slice, base: np.ndarray, points: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Axes and origins of m joints (3, m, ...), and their frames' E1, E2, E3 (3, 3, m, ...).
+        """Axes and origins of m joints, and places of points fixed to them, (3, m, ...).
 
-        All are in the frame before the first joint, and origins from the place `base` in it.
+        All are in the frame before the first joint, and places are from `base` in it.
         """
         turned = np.moveaxis(angles[..., joints], -1, 0)
         cosines, sines = np.cos(turned), np.sin(turned)
-        axes, origins = np.empty((2, 3, *turned.shape), turned.dtype)
-        frames = np.empty((3, 3, *turned.shape), turned.dtype)
-        unit = list(np.eye(3).reshape(3, 3, *[1] * (turned.ndim - 1)))
-        origin = -base.reshape(3, *[1] * (turned.ndim - 1))
+        axes, origins, places = np.empty((3, 3, *turned.shape), turned.dtype)
+        straight = [1] * (turned.ndim - 1)
+        frame, origin = list(np.eye(3).reshape(3, 3, *straight)), -base.reshape(3, *straight)
         for index, joint in enumerate(range(*joints.indices(self.num_joints))):
-            offset, about, sense = self._offsets[joint], self._about[joint], self._sense[joint]
-            origin = origin + sum(offset[k] * unit[k] for k in range(3) if offset[k])
-            axes[:, index], origins[:, index] = sense * unit[about], origin
+            about, sense = self._about[joint], self._sense[joint]
+            origin = _moved(origin, frame, self._offsets[joint])
+            axes[:, index], origins[:, index] = sense * frame[about], origin
             one, other = (about + 1) % 3, (about + 2) % 3
             cosine, sine = cosines[index], sense * sines[index]
-            unit[one], unit[other] = (
-                cosine * unit[one] + sine * unit[other],
-                cosine * unit[other] - sine * unit[one],
+            frame[one], frame[other] = (
+                cosine * frame[one] + sine * frame[other],
+                cosine * frame[other] - sine * frame[one],
             )
-            for k in range(3):
-                frames[k, :, index] = unit[k]
-        return axes, origins, frames
+            places[:, index] = _moved(origin, frame, points[joint])
+        return axes, origins, places
+
+
+def _moved(place: np.ndarray, frame: list[np.ndarray], by: np.ndarray) -> np.ndarray:
+    """The place that is `by` (3,) from a place in a frame of three axes (3, ...)."""
+    for axis, distance in zip(frame, by.tolist(), strict=True):
+        if distance:
+            place = place + distance * axis
+    return place
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a × b of vectors along the first axes."""
-    return np.stack(
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    )
+    return np.stack([a[k - 2] * b[k - 1] - a[k - 1] * b[k - 2] for k in range(3)])
 
 
 def _outboard_sums(values: np.ndarray, axis: int = 1) -> np.ndarray:
@@ -245,26 +247,22 @@ def _symmetric(inboard: np.ndarray, outboard: np.ndarray) -> np.ndarray:
     Both are (components, m, ...).
     """
     products = _outside(_outside(inboard)).swapaxes(-1, -2) @ _outside(_outside(outboard))
-    return np.triu(products) + np.triu(products, 1).swapaxes(-1, -2)
+    for joint in range(products.shape[-1] - 1):
+        products[..., joint + 1 :, joint] = products[..., joint, joint + 1 :]
+    return products
 
 
-def _angle_over_sine(
-    ahead: np.ndarray, squared: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """atan2(√s, ahead)/√s of s = `squared`, and its first and second derivatives by s.
+def _angle_over_sine(ahead: np.ndarray, squared: np.ndarray) -> np.ndarray:
+    """atan2(√s, ahead)/√s of s = `squared`, and its first and second derivatives by s (3, ...).
 
     They are smooth at s = 0, where a series is used.
     """
     near = (squared.real < _NEAR * ahead.real**2) & (ahead.real > 0)
     length, s = np.where(near, ahead, 1.0), np.where(near, 1.0, squared)
-    z = np.where(near, squared, 0.0) / length**2
-    whole = ahead**2 + s
-    root = np.sqrt(s)
+    of_series = polyval(np.where(near, squared, 0.0) / length**2, _SERIES)
+    whole, root = ahead**2 + s, np.sqrt(s)
     value = 2 * np.arctan(root / (np.sqrt(whole) + ahead)) / root
     first = (ahead / whole - value) / (2 * s)
     second = -(ahead / whole**2 + 3 * first) / (2 * s)
-    return (
-        np.where(near, polyval(z, _SERIES) / length, value),
-        np.where(near, polyval(z, _SERIES_BY_Z) / length**3, first),
-        np.where(near, polyval(z, _SERIES_BY_Z_TWICE) / length**5, second),
-    )
+    of_series /= np.stack([length, length**3, length**5])
+    return np.where(near, of_series, [value, first, second])
