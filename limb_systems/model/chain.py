@@ -68,11 +68,10 @@ class Chain:
         _, moments = self._moments(angles)
         return _outside(-np.tensordot(self._gravity, moments, 1))
 
-    def expanded_gravity_load(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """∂V/∂q (..., n), N·m, and ∂²V/∂q² (..., n, n), N·m/rad."""
+    def gravity_stiffness(self, angles: np.ndarray) -> np.ndarray:
+        """∂²V/∂q² (..., n, n), N·m/rad."""
         axes, moments = self._moments(angles)
-        load = -np.tensordot(self._gravity, moments, 1)
-        return _outside(load), _symmetric(-_cross(self._gravity, axes), moments)
+        return _symmetric(-_cross(self._gravity, axes), moments)
 
     def gravity_curvature(self, angles: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Second derivatives of weights · ∂V/∂q by q (..., n, n), for weights (..., n)."""

@@ -13,7 +13,8 @@ from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wires import Wires
 
 NEWTON_STEPS = 50
-CONVERGED = 1e-11  # rad; the step after such a one would be far below rounding errors
+CONVERGED = 1e-12  # rad
+SHRINKS = 0.01  # of the step before; steps that shrink less take the stiffness anew
 
 
 def static_equilibrium(
@@ -40,7 +41,8 @@ def static_equilibrium(
         )
     balance = _Balance(parameters)
     states = balance.wires.settled_states(wire)
-    return balance.settled(states, np.zeros(parameters.num_joints))
+    straight = np.zeros(parameters.num_joints)
+    return balance.settled(states, straight, np.diag(1.0 / balance.springs))
 
 
 class HeldAngles:
@@ -111,14 +113,18 @@ class HeldAngles:
         self, states: np.ndarray, start: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """θ (..., n), and ∂θ/∂f (..., n, n) there."""
-        if self._balance.is_linear or start is None:
+        last_states, last_angles, compliance = self._last
+        if np.array_equal(last_states, states):
+            return last_angles, compliance
+        if start is None or last_angles.shape != start.shape:
+            compliance = self.compliance
+        if start is None or self._balance.is_linear:
             at_rest = np.broadcast_to(self.rest_angles, (*states.shape[:-1], len(self.rest_angles)))
             turned = (self.wires.forces(states, at_rest) - self._cold) @ self.compliance.T
             start = at_rest + turned
         if self._balance.is_linear:
             return start, self.compliance
-        if not np.array_equal(self._last[0], states):
-            self._last = (states.copy(), *self._balance.settled(states, start))
+        self._last = (states.copy(), *self._balance.settled(states, start, compliance))
         return self._last[1:]
 
     def _curvature(
@@ -169,52 +175,62 @@ class _Balance:
         self.wires = Wires(parameters)
         layout = Layout(parameters)
         self.chain = Chain(layout, parameters.gravity)
-        self._springs, self._relaxed = layout.stiffness, rest_joint_angles(parameters)
+        self.springs, self._relaxed = layout.stiffness, rest_joint_angles(parameters)
         self.is_linear = not (self.chain.weighs or self.wires.torque_needs_angle)
 
-    def settled(self, states: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def settled(
+        self, states: np.ndarray, start: np.ndarray, compliance: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """θ (..., n) where r = 0 at states (..., N), and ∂θ/∂f (..., n, n), by Newton's method.
 
         Args:
-            start: angles to start from (..., n).
+            start, compliance: about what they are.
 
         Raises:
             LimbError: if there is no stable equilibrium.
         """
-        angles = start
+        angles, before, chord = start, np.inf, True
         for _ in range(NEWTON_STEPS):
-            force, stiffness = self._expanded(states, angles)
-            compliance = np.linalg.inv(stiffness)
-            step = (compliance @ force[..., None])[..., 0]
-            largest = np.abs(step).max(axis=-1, keepdims=True)
+            force = self._force(states, angles)[..., None]
+            if chord:
+                step = compliance @ force
+            else:
+                step = np.linalg.solve(self._stiffness(states, angles), force)
+            largest = np.abs(step).max(axis=-2)
             # Steps of at most one radian per joint, so that no joint turns over.
-            angles = angles + step / np.maximum(1.0, largest)
+            angles = angles + step[..., 0] / np.maximum(1.0, largest)
             if (largest < CONVERGED).all():
                 break
+            chord = chord and largest.max() < SHRINKS * before
+            before = largest.max()
         else:
             raise LimbError(
                 f"There is no static equilibrium that Newton's method finds"
                 f"{_where(largest[..., 0] >= CONVERGED)}; is the limb too soft?"
             )
-        unstable = np.linalg.eigvalsh((stiffness + stiffness.swapaxes(-1, -2)) / 2)[..., 0] <= 0
-        if unstable.any():
+        stiffness = self._stiffness(states, angles)
+        try:
+            np.linalg.cholesky(stiffness)
+        except np.linalg.LinAlgError as error:
+            unstable = np.linalg.eigvalsh(stiffness)[..., 0] <= 0
             raise LimbError(
                 f"The limb's equilibrium{_where(unstable)} is unstable: gravity folds it; is it "
                 "too soft?"
-            )
-        return angles, compliance
+            ) from error
+        return angles, np.linalg.inv(stiffness)
 
-    def _expanded(self, states: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """-r (..., n), and the derivatives of r by θ (..., n, n)."""
-        force = self.wires.forces(states, angles) - self._springs * (angles - self._relaxed)
-        stiffness = np.diag(self._springs)
+    def _force(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """-r (..., n), N·m."""
+        force = self.wires.forces(states, angles) - self.springs * (angles - self._relaxed)
+        return force - self.chain.gravity_load(angles) if self.chain.weighs else force
+
+    def _stiffness(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """Derivatives of r by θ (..., n, n), N·m/rad."""
+        stiffness = np.diag(self.springs)
         _, by_angle = self.wires.force_derivatives(states, angles)
         if by_angle is not None:
             stiffness = stiffness - by_angle
-        if self.chain.weighs:
-            load, by_angle = self.chain.expanded_gravity_load(angles)
-            force, stiffness = force - load, stiffness + by_angle
-        return force, stiffness
+        return stiffness + self.chain.gravity_stiffness(angles) if self.chain.weighs else stiffness
 
 
 def _where(refused: np.ndarray) -> str:

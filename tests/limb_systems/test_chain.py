@@ -71,8 +71,7 @@ def assert_close(actual, expected):
 def test_gravity_is_that_of_drakes_plant(layout, angles):
     chain, plant = Chain(layout, GRAVITY), plant_of(layout).ToAutoDiffXd()
     context = plant.CreateDefaultContext()
-    load, hessian = chain.expanded_gravity_load(angles)
-    assert_close(load, chain.gravity_load(angles))
+    load, hessian = chain.gravity_load(angles), chain.gravity_stiffness(angles)
     for point, q in enumerate(angles):
         plant.SetPositions(context, InitializeAutoDiff(q)[:, 0])
         expected = plant.CalcGravityGeneralizedForces(context)
@@ -107,14 +106,13 @@ def test_points_and_bends_are_those_of_drakes_plant(layout, angles):
 
 def test_derivatives_are_those_of_complex_steps(layout, angles):
     chain, rng = Chain(layout, GRAVITY), np.random.default_rng(29)
-    _, hessian = chain.expanded_gravity_load(angles)
-    assert_close(hessian, by_complex_steps(chain.gravity_load, angles))
+    assert_close(chain.gravity_stiffness(angles), by_complex_steps(chain.gravity_load, angles))
 
     weights = rng.normal(size=(7, 9))
     assert_close(
         chain.gravity_curvature(angles, weights),
         by_complex_steps(
-            lambda q: (weights[..., None, :] @ chain.expanded_gravity_load(q)[1])[..., 0, :], angles
+            lambda q: (weights[..., None, :] @ chain.gravity_stiffness(q))[..., 0, :], angles
         ),
     )
 
