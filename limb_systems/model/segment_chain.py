@@ -117,7 +117,7 @@ def angles_of(direction: np.ndarray) -> np.ndarray:
     """
     along, across = direction[0], direction[1:]
     squared = across[0] ** 2 + across[1] ** 2
-    if along.dtype == object:
+    if direction.dtype == object:
         return across * np.vectorize(_arc, otypes=[object])(along, squared)
     near = (squared < _SMALL * along**2) & (along > 0)
     series = _series(np.where(near, squared, 0.0), np.where(near, along, 1.0))

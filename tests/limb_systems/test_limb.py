@@ -180,6 +180,14 @@ def test_autodiff_gradients_of_two_segments_under_gravity(uneven_limb):
     assert_autodiff_agrees(uneven_limb)
 
 
+def test_autodiff_gradients_of_a_planar_segment_on_one_in_space():
+    limb = LimbParameters.in_space(links=2)
+    limb.segments[0].twists = limb.segments[0].centred_joints = True
+    limb.segments.append(SegmentParameters(links=1))
+    limb.gravity, limb.payload = [1.0, -6.0, 5.0], 0.01
+    assert_autodiff_agrees(limb)
+
+
 def symbols(name: str, size: int):
     variables = [Variable(f"{name}_{index}") for index in range(size)]
     return variables, np.array([Expression(variable) for variable in variables])
