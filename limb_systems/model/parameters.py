@@ -157,12 +157,11 @@ class SegmentParameters(Strict):
     def joints(self) -> list[list[str]]:
         """Joints of each link, base first: "e2" and "e3" bend towards +E2 and +E3, "twist" twists.
 
-        Where there are two axes, each link begins with the one that the link before ends with:
-        errors of the order in which joints turn then nearly cancel.
+        Each link begins with the joint that the link before ends with, twists included: errors of
+        the order in which joints turn then nearly cancel.
         """
-        bends = ["e2", "e3"][: self.axes]
-        twist = ["twist"] if self.twists else []
-        return [(bends if link % 2 == 0 else bends[::-1]) + twist for link in range(self.links)]
+        joints = ["e2", "e3"][: self.axes] + ["twist"] * self.twists
+        return [joints if link % 2 == 0 else joints[::-1] for link in range(self.links)]
 
     @property
     def chain(self) -> SegmentChain:

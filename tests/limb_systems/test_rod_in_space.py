@@ -1,5 +1,6 @@
 """Limbs that bend in space against a Kirchhoff rod, which is checked against closed forms first."""
 
+import dataclasses
 import sys
 from pathlib import Path
 
@@ -7,6 +8,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
+
+from limb_systems import LimbParameters, tip_position
+from limb_systems.model.statics import static_equilibrium
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -66,3 +70,67 @@ def test_rod_sags_as_that_of_another_library():
     tip = Rod(length=0.10, bending=1.727e-3, torsional=1e-3, weight=weight).tip()
     found = np.degrees(np.arctan2(tip.tangent[1], tip.tangent[0])) / 2
     assert found == pytest.approx(half_of_tangent, abs=2e-3)
+
+
+def misses(limb: LimbParameters, bend=(0.0, 0.0)) -> float:
+    """Angle between the chords of limb and rod, °, where wires alone would bend both by so much, °.
+
+    The rod has the limb's length, weight and payload. EI is k times a link's length, GJ that share
+    of it which a twist's stiffness has of k, and the moment of the wires is their torque.
+    """
+    segment, gravity = limb.segments[0], np.array(limb.gravity)
+    piece = segment.length / segment.links
+    torque = 2 * np.radians(bend) * segment.stiffness / segment.links
+    rod = Rod(
+        segment.length,
+        bending=segment.stiffness * piece,
+        torsional=segment.torsional_ratio * segment.stiffness * piece,
+        weight=tuple(gravity * segment.mass / segment.length),
+        payload=tuple(gravity * limb.payload),
+        towards_e2=torque[0],
+        towards_e3=torque[1],
+    )
+    warmer = np.maximum([*torque, *-torque], 0.0) / segment.wires[0].law.beta
+    angles, _ = static_equilibrium(limb, limb.ambient_temperature + warmer)
+    chord = tip_position(limb, angles)
+    rods = rod.tip().position
+    cosine = chord @ rods / np.linalg.norm(chord) / np.linalg.norm(rods)
+    return float(np.degrees(np.arccos(min(cosine, 1.0))))
+
+
+def limb_in_space(links: int, gravity=(0.0, 0.0, 0.0), payload=0.0, **segment) -> LimbParameters:
+    """A limb with wires at +E2, +E3, -E2 and -E3 that is as stiff for any number of links."""
+    limb = LimbParameters.in_space(wires=4, links=links)
+    limb.segments[0] = dataclasses.replace(limb.segments[0], centred_joints=True, **segment)
+    limb.segments[0].stiffness *= links / 5
+    limb.gravity, limb.payload = list(gravity), payload
+    return limb
+
+
+def test_wires_alone_bend_limb_and_rod_alike():
+    assert misses(limb_in_space(5), (28.0, 28.0)) < 0.4
+    assert misses(limb_in_space(10), (28.0, 28.0)) < 0.1
+    assert misses(limb_in_space(10, twists=True), (-20.0, 34.0)) < 0.1
+
+
+@pytest.mark.parametrize("gravity", [(0, 0, -9.81), (0, 9.81, 0), (-9.81, 0, 0), (5, -6, 6)])
+def test_limb_that_twists_sags_as_a_rod(gravity):
+    for bend in [(30.0, 0.0), (20.0, -20.0)]:
+        assert misses(limb_in_space(10, gravity, twists=True), bend) < 0.2
+        assert misses(limb_in_space(10, gravity, 0.02, twists=True), bend) < 0.4
+
+
+def test_limb_that_does_not_twist_misses_a_rod_with_a_load_sideways():
+    stiff, twisting = (
+        misses(limb_in_space(10, (0, 0, -9.81), 0.02, twists=twists), (30.0, 0.0))
+        for twists in (False, True)
+    )
+    assert stiff > 10 * twisting
+
+
+def test_centred_joints_sag_as_a_rod():
+    sag = limb_in_space(5, (0.0, 0.0, -9.81))
+    centred = misses(sag)
+    sag.segments[0].centred_joints = False
+    assert centred < 0.15
+    assert misses(sag) > 10 * centred
