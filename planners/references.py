@@ -1,6 +1,6 @@
 """Reference bend angles: what the limb should do, feasible or not.
 
-A reference is a Drake trajectory of φ_ref in rad, a row for each segment,
+A reference is a Drake trajectory of φ_ref in rad, a row for each bend of the limb,
 that starts at time zero. It may be any `pydrake.trajectories.Trajectory`; the
 functions here make the usual ones.
 """
@@ -8,15 +8,20 @@ functions here make the usual ones.
 import csv
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems import LimbError, Recording
+from limb_systems import Layout, LimbError, LimbParameters, Recording
 from limb_systems.input import LARGEST_TABLE, read_text
+from limb_systems.model.chain import Chain
+
+APPROACH = 5.0  # s, in which a limb gets to the beginning of a curve
+CURVE_RATE = 20.0  # Hz, of the samples of a curve
+TIP_STEPS = 50  # of Newton's method
 
 
 def from_samples(times: ArrayLike, bend_angles: ArrayLike) -> PiecewisePolynomial:
@@ -24,7 +29,7 @@ def from_samples(times: ArrayLike, bend_angles: ArrayLike) -> PiecewisePolynomia
 
     Args:
         times: (K,), s, increasing; shifted so that the first is zero.
-        bend_angles: φ_ref (K,) or (S, K), rad.
+        bend_angles: φ_ref (K,) or (F, K), rad.
 
     Raises:
         LimbError: if shapes disagree or a value is not finite.
@@ -84,7 +89,9 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
 
 
 def load(path: str | Path) -> PiecewisePolynomial:
-    """A reference from a CSV: time in s, then a column of degrees for each segment.
+    """A reference from a CSV: time in s, then a column of degrees for each bend.
+
+    A segment that bends in space has two bends, towards E2 and E3 (`limb_systems.Layout`).
 
     The file may look as spreadsheets write it: columns are separated by commas,
     semicolons or tabs (with semicolons or tabs, numbers may have a decimal
@@ -173,6 +180,99 @@ def _doubts(table: np.ndarray) -> Iterator[str]:
         yield f"the angle changes by {steps.max():.0f}° from one sample to the next at {at:g} s."
     if times[0] != 0:
         yield f"it starts at {times[0]:g} s, which is shifted to 0 s."
+
+
+def circle(
+    radius: float, period: float, *, turns: float = 1.0, wait: float = 20.0
+) -> PiecewisePolynomial:
+    """Bends that go in a circle, from φ2 = radius towards φ3, for a segment that bends in space.
+
+    Args:
+        radius: rad.
+        period: time of a turn, s.
+        turns: number of turns.
+        wait: time for which the limb stays straight before, while its wires get warm (20), s.
+    """
+
+    def on_circle(angle: np.ndarray) -> np.ndarray:
+        return radius * np.array([np.cos(angle), np.sin(angle)])
+
+    return _curve(on_circle, period, turns, wait)
+
+
+def eight(
+    width: float, height: float, period: float, *, turns: float = 1.0, wait: float = 20.0
+) -> PiecewisePolynomial:
+    """Bends that draw a lying eight about zero: φ2 = width sin(a), φ3 = height sin(2 a).
+
+    Args:
+        width, height: rad.
+        period, turns, wait: as of `circle`.
+    """
+
+    def on_eight(angle: np.ndarray) -> np.ndarray:
+        return np.array([width * np.sin(angle), height * np.sin(2 * angle)])
+
+    return _curve(on_eight, period, turns, wait)
+
+
+def _curve(
+    bends: Callable[[np.ndarray], np.ndarray], period: float, turns: float, wait: float
+) -> PiecewisePolynomial:
+    """A reference that waits, goes to the beginning of a closed curve, and follows it."""
+    for name, value in (("period", period), ("turns", turns)):
+        if not (np.isfinite(value) and value > 0):
+            raise LimbError(f"{name} is {value!r}; it must be a positive number.")
+    if not (np.isfinite(wait) and wait >= 0):
+        raise LimbError(f"wait is {wait!r} s; it must be zero or more.")
+    times = np.linspace(0.0, turns * period, max(2, round(turns * period * CURVE_RATE)) + 1)
+    angles = bends(2 * np.pi * times / period)
+    before = np.zeros((2, 2 if wait else 1))
+    starts = [0.0, wait] if wait else [0.0]
+    return from_samples(np.append(starts, wait + APPROACH + times), np.hstack([before, angles]))
+
+
+def from_tip_path(
+    parameters: LimbParameters, times: ArrayLike, path: ArrayLike
+) -> PiecewisePolynomial:
+    """The bends with which a limb's tip goes along a path beside its axis.
+
+    The limb's joints make each bend alike (11), as without gravity; of several segments the
+    bends are least.
+
+    Args:
+        parameters: description of the limb.
+        times: (K,), s, increasing; shifted so that the first is zero.
+        path: coordinates of the tip in (E2, E3), m, (2, K), or in (E2,), (1, K), for a limb
+            that bends in a plane.
+
+    Raises:
+        LimbError: if shapes disagree, or the tip does not reach a point.
+    """
+    layout = Layout(parameters)
+    chain = Chain(layout, [0.0, 0.0, 0.0])
+    wanted, times = np.atleast_2d(np.asarray(path, float)), np.asarray(times, float)
+    sideways = [1] if layout.is_planar else [1, 2]
+    if wanted.shape != (len(sideways), times.size) or not np.isfinite(wanted).all():
+        raise LimbError(
+            f"path has the shape {wanted.shape}; for this limb and {times.size} times it must be "
+            f"finite numbers of the shape ({len(sideways)}, {times.size}), in m."
+        )
+    bends = np.zeros((times.size, layout.num_bends))
+    for _ in range(TIP_STEPS):
+        angles = bends @ layout.shape.T
+        tip, slopes = chain.expanded_position(angles, layout.num_joints - 1, layout.end_offset[-1])
+        missed = wanted.T - tip[:, sideways]
+        if np.abs(missed).max() < 1e-10:
+            return from_samples(times, chain.bends(angles).T)
+        step = (np.linalg.pinv(slopes[:, sideways] @ layout.shape) @ missed[..., None])[..., 0]
+        bends = bends + step / np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True) / 0.3)
+    worst = int(np.abs(missed).max(axis=1).argmax())
+    place = " and ".join(f"{1e3 * value:.1f} mm" for value in wanted[:, worst])
+    raise LimbError(
+        f"The tip does not reach {place} beside the axis, where the path is at {times[worst]:g} s; "
+        f"this limb is {1e3 * sum(s.length for s in parameters.segments):g} mm long."
+    )
 
 
 def step_and_decaying_sine() -> PiecewisePolynomial:

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from limb_systems import Limb, LimbError, simulate
+from limb_systems import (
+    Limb,
+    LimbError,
+    LimbParameters,
+    SegmentParameters,
+    joint_angles_from_bend_angle,
+    simulate,
+    tip_position,
+    wires_around,
+)
 from planners import references
 
 
@@ -113,3 +122,33 @@ def test_what_looks_like_a_mistake_is_warned_of(tmp_path):
             references.load(path)
         assert len(said) == 1
         assert str(said[0].message).startswith(str(path))
+
+
+def test_bends_of_a_tip_path_are_those_of_arcs_of_a_circle():
+    """The tip of an arc of length L that turns by 2φ is L (1 - cos 2φ) / 2φ beside the axis."""
+    segment = SegmentParameters(links=40, axes=2, centred_joints=True, wires=wires_around(3))
+    angle = np.linspace(0.0, 6.0, 20)
+    path = 0.02 * np.array([np.cos(angle), np.sin(angle)])
+    reference = references.from_tip_path(LimbParameters(segments=[segment]), angle, path)
+    bends = reference.vector_values(angle)
+    chord = np.hypot(*bends)
+    np.testing.assert_allclose(0.1 * (1 - np.cos(2 * chord)) / (2 * chord), 0.02, rtol=1e-3)
+    np.testing.assert_allclose(np.unwrap(np.arctan2(*bends[::-1])), angle, atol=1e-3)
+    lifted = references.from_tip_path(LimbParameters(), [0.0, 1.0], [[0.0, 0.03]]).value(1.0)
+    tip = tip_position(LimbParameters(), joint_angles_from_bend_angle(LimbParameters(), lifted))
+    assert tip[1, 0] == pytest.approx(0.03)
+    with pytest.raises(LimbError, match=r"does not reach 0\.0 mm and 110\.0 mm .* at 1 s"):
+        references.from_tip_path(LimbParameters.in_space(), [0.0, 1.0], [[0.0, 0.0], [0.0, 0.11]])
+
+
+def test_circle_and_eight_begin_after_the_wait():
+    circle, eight = references.circle(0.3, 40.0), references.eight(0.3, 0.1, 40.0, wait=0.0)
+    for reference, time, expected in (
+        (circle, 20.0, [0.0, 0.0]),
+        (circle, 25.0, [0.3, 0.0]),
+        (circle, 35.0, [0.0, 0.3]),
+        (eight, 5.0, [0.0, 0.0]),
+        (eight, 10.0, [0.3 * np.sqrt(0.5), 0.1]),
+    ):
+        np.testing.assert_allclose(reference.value(time)[:, 0], expected, atol=1e-9)
+    assert (circle.end_time(), eight.end_time()) == (65.0, 45.0)
