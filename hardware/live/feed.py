@@ -11,7 +11,7 @@ from hardware.live.messages import BoardReading, Reading, RunHeader
 from hardware.robot.link import BoardLink, HardwareError
 from hardware.robot.serial_limb import DEADLINE, SerialLimb
 from hardware.robot.text_link import TextLink
-from limb_systems import LimbSystem, Trajectory
+from limb_systems import Layout, LimbSystem, Trajectory
 from limb_systems.band import band
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
@@ -52,12 +52,13 @@ class Feed(LeafSystem):
             has_reference: whether there is an input for the bend angle that is asked for.
         """
         super().__init__()
-        num_wires, num_segments = len(limb.parameters.wires), len(limb.parameters.segments)
-        sizes = {"duty": num_wires, "measured_temperature": num_wires, "bend_angle": num_segments}
+        layout = Layout(limb.parameters)
+        num_wires, num_bends = layout.num_wires, layout.num_bends
+        sizes = {"duty": num_wires, "measured_temperature": num_wires, "bend_angle": num_bends}
         if limb.HasOutputPort("applied_duty"):
             sizes["applied_duty"] = num_wires
         if has_reference:
-            sizes["reference"] = num_segments
+            sizes["reference"] = num_bends
         self._live, self._names = live, list(sizes)
         self._robot = (limb.link, limb.timing_errors) if isinstance(limb, SerialLimb) else None
         self._commands = self._missed = 0

@@ -30,11 +30,11 @@ class Reading:
     """What is known of a limb at a moment.
 
     - ``time``: time since the recording began, s.
-    - ``bend_angle``: φ of each segment, rad.
+    - ``bend_angle``: φ of each bend, rad.
     - ``measured_temperature``: V of each wire, °C.
     - ``duty``: commanded duty of each wire.
     - ``applied_duty``: duty that the limb had applied, of each wire; or None.
-    - ``reference``: bend angle that is asked for, of each segment, rad; or None.
+    - ``reference``: bend angles that are asked for, rad; or None.
     - ``board``: state of a robot's board; or None.
     - ``cooling``: whether the run has ended, and its wires cool.
     """

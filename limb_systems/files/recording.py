@@ -39,7 +39,7 @@ class RecordingHeader:
 
 @dataclasses.dataclass(eq=False, repr=False)
 class Recording(Samples):
-    """Samples from a limb with S segments, n joints and W wires.
+    """Samples from a limb with F bends, n joints and W wires.
 
     Measured values are kept whatever they are: a reading of 700 °C is a fact about its
     sensor. Whoever calculates with them calls `check_plausible`. A reading that is missing
@@ -49,13 +49,13 @@ class Recording(Samples):
     - ``duty``: duty (W, K), in [0, 1], in force when the sample was taken; a command
       that changes at that very time appears in the next sample.
     - ``measured_temperature``: V (W, K), °C; nan where it is missing.
-    - ``bend_angle``: φ (S, K), rad; nan where it is missing.
+    - ``bend_angle``: φ (F, K), rad; nan where it is missing.
     - ``parameters``: parameters of the limb, as far as they are known.
     - ``source``: a line of text that names what was recorded.
     - ``sample_rate``: nominal rate of the samples, Hz.
     - ``wire_temperature``: T (W, K), °C, of a model; else None.
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s, of a model; else None.
-    - ``reference``: bend angle that was asked for (S, K), rad; None if none was.
+    - ``reference``: bend angles that were asked for (F, K), rad; None if none was.
     - ``applied_duty``: duty that was applied to the wires when the sample was
       taken (W, K), in [0, 1]; None if it is not known.
     - ``board_time``: time at which the sample was taken, by the board's clock (K,), s;

@@ -112,13 +112,13 @@ class TrajectoryHeader:
 
 @dataclasses.dataclass(eq=False, repr=False)
 class Trajectory(Samples):
-    """A feasible motion of a limb with S segments, n joints and W wires.
+    """A feasible motion of a limb with F bends, n joints and W wires.
 
     Between the K knots duty is linear and joint angles are cubic, as in
     direct collocation.
 
     - ``time``: time of the knots (K,), s.
-    - ``reference``: φ_ref (S, K), rad.
+    - ``reference``: φ_ref (F, K), rad.
     - ``duty``: D (W, K), in [0, 1].
     - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s.
     - ``wire_temperature``, ``measured_temperature``: T, V (W, K), °C.
@@ -180,7 +180,7 @@ class Trajectory(Samples):
 
     @property
     def bend_angle(self) -> np.ndarray:  # type: ignore[override]
-        """φ* at the knots (S, K), rad, by forward kinematics."""
+        """φ* at the knots (F, K), rad, by forward kinematics."""
         return bend_angle(self.parameters, self.joint_angles)
 
     @property
@@ -223,7 +223,7 @@ class Trajectory(Samples):
         return PiecewisePolynomial.CubicHermite(self.time, self.state, np.transpose(rates))
 
     def bend_angle_at(self, times: ArrayLike) -> np.ndarray:
-        """φ* at any times (M,), (S, M), rad.
+        """φ* at any times (M,), (F, M), rad.
 
         For the times of a recording, use it on `since_start`.
         """

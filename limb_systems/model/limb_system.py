@@ -15,9 +15,9 @@ ACCURACY = 1e-3  # of simulations, where a system does not say otherwise
 class LimbSystem(Protocol):
     """Any Drake system with the ports of a limb and these attributes.
 
-    For a limb of S segments and W wires it has the input port ``duty`` (W)
+    For a limb of F bends and W wires it has the input port ``duty`` (W)
     and the output ports ``measured_temperature`` (W), °C, and ``bend_angle``
-    (S), rad. It may have other ports.
+    (F), rad. It may have other ports.
 
     - ``parameters``: description of the limb, as far as it is known.
     - ``source``: a line of text that names the system in recordings of it.

@@ -143,7 +143,7 @@ def _limb(path: Path) -> ResultFile:
     record, made = limb.calibration, None
     wires = zip(limb.wire_names, limb.wires, strict=True)
     entries = [
-        Entry("segments", f"{len(limb.segments)}, {limb.num_joints} links"),
+        Entry("segments", f"{len(limb.segments)}, {sum(s.links for s in limb.segments)} links"),
         Entry("wires", ", ".join(f"{name} {type(wire.law).__name__}" for name, wire in wires)),
         _identity(limb),
     ]
