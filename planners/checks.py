@@ -25,7 +25,7 @@ from limb_systems import (
     split_state,
 )
 from limb_systems.model.manipulator import make_manipulator
-from limb_systems.model.statics import static_equilibrium
+from limb_systems.model.statics import HeldAngles, static_equilibrium
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
 from limb_systems.simulation import SimulationError, failure_told, make_simulator
 from limb_systems.tracking import reference_distances
@@ -38,6 +38,10 @@ from planners.transcription.program import reading_bounds
 CHECK_ACCURACY = 3e-4
 CHECK_RATE = 20.0  # Hz, of the comparison, or that of the knots if it is higher
 HEAT_STEP = 1 / 30  # s, of the wires alone, between which their forces are linear
+
+# A limb swings about a quasi-static plan if its first mode is slower, its damping over its
+# stiffness larger, or what a jump of its bend rate makes it ring larger than this.
+SLOWEST_MODE, LONGEST_LAG, MOST_RINGING = 1.5, 0.02, np.deg2rad(0.3)  # Hz, s, rad
 
 # A plan is far if a side's largest angle is missed by more than a share of the largest that is
 # asked for, or the mean of the misses is more than another; but not by less than a degree.
@@ -130,6 +134,40 @@ def _heat_then_motion(trajectory: Trajectory, rate: float) -> tuple[np.ndarray, 
     return log.sample_times(), bend_angle(parameters, log.data()[:n])
 
 
+def swings(trajectory: Trajectory) -> str | None:
+    """One sentence on why a limb may swing about its quasi-static plan, or None if it hardly does.
+
+    Such a plan leaves out the inertia of the chain, and its damping but for a delay.
+    """
+    parameters, layout = trajectory.parameters, Layout(trajectory.parameters)
+    if layout.is_planar:
+        return None
+    held, plant = HeldAngles(parameters), make_manipulator(parameters)
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, held.rest_angles)
+    slowest = np.linalg.eigvals(held.compliance @ plant.CalcMassMatrix(context)).real.max()
+    first_mode = 1 / (2 * np.pi * np.sqrt(slowest))  # Hz
+    lag = (layout.damping / layout.stiffness).max()
+    rates = np.diff(trajectory.bend_angle) / np.diff(trajectory.time)
+    ringing = np.sqrt(slowest) * np.abs(np.diff(rates, prepend=0.0)).max()
+    reasons = [
+        reason
+        for reason, holds in (
+            (f"its first mode is at {first_mode:.2g} Hz", first_mode < SLOWEST_MODE),
+            (f"its damping delays it by {1e3 * lag:.0f} ms", lag > LONGEST_LAG),
+            (f"steps of duty make it ring by {np.rad2deg(ringing):.1f}°", ringing > MOST_RINGING),
+        )
+        if holds
+    ]
+    if not reasons:
+        return None
+    return (
+        "This limb may swing about its plan, which leaves out its inertia: "
+        f"{', and '.join(reasons)}; its simulation is within "
+        f"{trajectory.check.largest_difference_deg:.2f}° of the plan."
+    )
+
+
 def far_from_reference(trajectory: Trajectory) -> str | None:
     """How far, where and why a plan is far from its reference, or None if it is not."""
     reference, planned = trajectory.reference, trajectory.bend_angle
@@ -145,20 +183,22 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
     if not is_short and mean <= max(LITTLE, SHARE_ON_AVERAGE * largest):
         return None
     if is_short:
-        side, segment = map(int, np.unravel_index(np.argmax(short), short.shape))
+        side, bend = map(int, np.unravel_index(np.argmax(short), short.shape))
         sign = (1, -1)[side]
-        wanted, reached = sign * reference[segment], sign * planned[segment]
+        wanted, reached = sign * reference[bend], sign * planned[bend]
         # Where it comes nearest to what it never reaches.
         knot = int(np.argmax(np.where(wanted > reached.max(), reached, -np.inf)))
     else:
-        segment, knot = map(int, np.unravel_index(np.argmax(distance), distance.shape))
-    asked, has = np.rad2deg([reference[segment, knot], planned[segment, knot]])
-    time = trajectory.time[knot]
-    of_segment = f" of segment {segment + 1}" if len(reference) > 1 else ""
+        bend, knot = map(int, np.unravel_index(np.argmax(distance), distance.shape))
+    asked, has = np.rad2deg([reference[bend, knot], planned[bend, knot]])
+    time, layout = trajectory.time[knot], Layout(trajectory.parameters)
+    of_bend = f" of segment {layout.bend_segment[bend] + 1}" if len(layout.chains) > 1 else ""
+    if not layout.is_planar:
+        of_bend += f" towards {('E2', 'E3')[layout.bend_direction[bend]]}"
     average, most = np.rad2deg([mean, distance.max()])
     said = (
         f"The plan is far from its reference: {average:.1f}° on average, {most:.1f}° at most. "
-        f"At {time:.1f} s, {asked:.1f}°{of_segment} are asked for, and the plan has {has:.1f}°"
+        f"At {time:.1f} s, {asked:.1f}°{of_bend} are asked for, and the plan has {has:.1f}°"
     )
     active = [
         constraint.bound
@@ -166,7 +206,7 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
         if constraint.start <= time <= constraint.end
     ]
     said += f", where limits are {', '.join(active)}." if active else ", where no limit is active."
-    reach = _reach(trajectory.parameters, segment)
+    reach = _reach(trajectory.parameters, bend)
     if reach is not None:
         said += (
             f" With wires between T_warm and T_max, this limb can hold {reach[0]:.1f}° to "
@@ -175,20 +215,18 @@ def far_from_reference(trajectory: Trajectory) -> str | None:
     return said + " Ask for less, or for a slower motion."
 
 
-def _reach(parameters: LimbParameters, segment: int) -> np.ndarray | None:
-    """The least and the largest bend angle (2,) that a segment can hold, degrees, if known."""
-    limits = parameters.temperature_limits
-    sides = np.sign([wire.lever[0] for wire in parameters.segments[segment].wires])
+def _reach(parameters: LimbParameters, bend: int) -> np.ndarray | None:
+    """The least and the largest that a bend can be held at (2,), degrees, if known."""
+    limits, layout = parameters.temperature_limits, Layout(parameters)
+    sides = np.sign(layout.levers[layout.bend_joints[bend][0]])
     held = []
     for side in (-1, 1):
-        temperature = np.full(len(parameters.wires), limits.warm)
-        of_segment = temperature[Layout(parameters).wires_of[segment]]  # a view
-        of_segment[sides == side] = limits.maximum
+        temperature = np.where(sides == side, limits.maximum, limits.warm)
         try:
             angles, _ = static_equilibrium(parameters, temperature)
         except LimbError:
             return None  # it folds
-        held.append(bend_angle(parameters, angles[:, None])[segment, 0])
+        held.append(bend_angle(parameters, angles[:, None])[bend, 0])
     return np.rad2deg(held)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from limb_systems import LimbError, Trajectory, bend_angle, split_state
+from limb_systems import LimbError, Trajectory, split_state
 from limb_systems.model.statics import HeldAngles
 from planners.task import Task
 from planners.transcription.quasi_static import solve_quasi_static
@@ -23,7 +23,7 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
         trajectory: a plan for the reference.
 
     Returns:
-        φ (S, K), rad, and T (W, K), °C, at the knots; None if there is no such plan.
+        φ (F, K), rad, and T (W, K), °C, at the knots; None if there is no such plan.
     """
     parameters, plan = trajectory.parameters, trajectory.since_start()
     num_knots = min(len(plan.time), int(np.ceil(plan.duration * KNOT_RATE)) + 1)
@@ -44,7 +44,7 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
         )
     except LimbError:  # infeasible, or the limb folds
         return None
-    bend = bend_angle(parameters, held.angles(heat[: len(states)].T).T)
+    bend = held.bends(heat[: len(states)].T).T
     bend, temperature = (
         np.array([np.interp(plan.time, times, row) for row in rows])
         for rows in (bend, heat[: held.wires.num_wires])
@@ -53,6 +53,6 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
 
 
 def nearest_bend_angle(trajectory: Trajectory) -> np.ndarray | None:
-    """The bend angles φ (S, K) of `nearest_plan`, rad; None if there is none."""
+    """The bend angles φ (F, K) of `nearest_plan`, rad; None if there is none."""
     found = nearest_plan(trajectory)
     return found and found[0]

@@ -11,6 +11,7 @@ from pydrake import trajectories
 from pydrake.solvers import SolverInterface
 
 from limb_systems import (
+    Layout,
     LimbParameters,
     PlanCheck,
     Provenance,
@@ -18,10 +19,16 @@ from limb_systems import (
     band,
 )
 from limb_systems.model.statics import HeldAngles
-from planners.checks import active_constraints, far_from_reference, simulated_differences
+from planners.checks import (
+    active_constraints,
+    far_from_reference,
+    simulated_differences,
+    swings,
+)
 from planners.task import Task
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import (
+    QuasiStaticProgram,
     check_temperature_limits,
     held_motion,
     solve_quasi_static,
@@ -30,6 +37,7 @@ from planners.transcription.solving import LONGEST_SOLVE, PlanningError, Solutio
 
 ROUNDING = 0.1  # °C, by which a margin of readings is larger than it must be
 
+TOLERANCE_DEG, QUASI_STATIC_TOLERANCE_DEG = 0.1, 1.0  # from the simulation
 ROUNDING_OF_ANGLES = 1e-9  # rad
 MAX_KNOTS = 20_000  # over a minute on two cores; more is most often a time in ms
 MAX_REFINEMENTS = 4
@@ -48,7 +56,7 @@ def plan(
     task: Task | None = None,
     knot_rate: float = 10.0,
     initial_state: ArrayLike | None = None,
-    tolerance_deg: float = 0.1,
+    tolerance_deg: float | None = None,
     max_knots: int = MAX_KNOTS,
     solver: SolverInterface | None = None,
 ) -> Trajectory:
@@ -69,13 +77,15 @@ def plan(
         initial_state: x_init, a state of `Limb`; by default at rest in
             static equilibrium with wires at ambient temperature.
         tolerance_deg: how far the bend angle of the plan may be from that of
-            an accurate simulation of its duty, degrees.
+            an accurate simulation of its duty, degrees; if None, 0.1 of a planar limb and 1
+            of others, whose plans leave out the inertia of the chain.
         max_knots: a plan that needs more is refused.
         solver: one of Drake's solvers, such as `SnoptSolver()`, in place of
             those of `planners.transcription.solving`.
 
     Returns:
-        The trajectory, with its check. Warns if it is far from its reference.
+        The trajectory, with its check. Warns if it is far from its reference, or if the chain's
+        inertia, which it leaves out, matters.
 
     Raises:
         InfeasibleError: if the temperature constraints cannot be met.
@@ -84,11 +94,9 @@ def plan(
     """
     started = time.perf_counter()
     parameters = LimbParameters.of(parameters)
-    check_positive("tolerance_deg", tolerance_deg, "degrees")
     num_knots = number_of_knots(reference, knot_rate, max_knots)
     times = np.linspace(0.0, reference.end_time(), num_knots)
-    tolerance, largest = np.deg2rad(tolerance_deg), np.inf
-    margin = np.zeros(len(parameters.wires))
+    largest, margin = np.inf, np.zeros(len(parameters.wires))
     for refinement in range(MAX_REFINEMENTS + 1):
         planner = Planner(
             parameters,
@@ -103,6 +111,7 @@ def plan(
         if (wider := _margin_of(trajectory, margin)) is not None:
             margin = wider
             continue
+        tolerance = np.deg2rad(trajectory.check.tolerance_deg)
         before, largest = largest, differences.max()
         if largest <= tolerance or largest > 0.7 * before:  # met, or knots do not help
             break
@@ -111,8 +120,13 @@ def plan(
             break
         times = finer
     trajectory.check.total_time = time.perf_counter() - started
+    swinging = swings(trajectory)
     if failure := trajectory.check.failure():
-        raise PlanningError(f"The plan failed its check: {failure}")
+        raise PlanningError(
+            " ".join(filter(None, [f"The plan failed its check: {failure}", swinging]))
+        )
+    if swinging:
+        warnings.warn(swinging, stacklevel=2)
     if far := far_from_reference(trajectory):
         warnings.warn(far, stacklevel=2)
     return trajectory
@@ -129,8 +143,7 @@ class Planner:
         parameters: description of the limb, or its YAML file; the nominal limb if None.
         times: times of the knots (N,), s, increasing from 0.
         task: weights and limits; `Task()` if None.
-        tolerance_deg: how far a plan may be from its simulation, degrees.
-        solver: one of Drake's solvers, as in `planners.plan`.
+        tolerance_deg, solver: as in `planners.plan`.
         measured_margin: how far readings V stay below
             ``temperature_limits.measured_maximum``, °C, one number or one for
             each wire (W,).
@@ -142,11 +155,10 @@ class Planner:
         times: ArrayLike,
         *,
         task: Task | None = None,
-        tolerance_deg: float = 0.1,
+        tolerance_deg: float | None = None,
         solver: SolverInterface | None = None,
         measured_margin: ArrayLike = 0.0,
     ):
-        check_positive("tolerance_deg", tolerance_deg, "degrees")
         self.parameters = parameters = LimbParameters.of(parameters)
         self.task = task or Task()
         self.times = np.asarray(times, float)
@@ -154,12 +166,21 @@ class Planner:
             raise PlanningError("times must be at least two knots, increasing.")
         if self.times[0] != 0:
             raise PlanningError(f"times start at {self.times[0]:g} s; they must start at 0 s.")
-        self._tolerance_deg, self._solver = tolerance_deg, solver
         self._margin = _measured_margin(measured_margin, len(parameters.wires))
-        self._held = HeldAngles(parameters)
+        self._held, self._layout = HeldAngles(parameters), Layout(parameters)
+        planar = self._layout.is_planar
+        if tolerance_deg is None:
+            tolerance_deg = TOLERANCE_DEG if planar else QUASI_STATIC_TOLERANCE_DEG
+        check_positive("tolerance_deg", tolerance_deg, "degrees")
+        if solver is not None and not planar:
+            raise PlanningError(
+                f"{solver.SolverName()} cannot plan for a limb that bends in space; leave the "
+                "solver out."
+            )
+        self._tolerance_deg, self._solver = tolerance_deg, solver
         # Once for all plans, of which a control loop makes many.
         self._provenance = Provenance.now(parameters)
-        self._program: TrajectoryProgram | None = None
+        self._program: TrajectoryProgram | QuasiStaticProgram | None = None
         self._previous: tuple[np.ndarray, np.ndarray, Solution] | None = None
 
     def plan(
@@ -200,7 +221,7 @@ class Planner:
             these times (M,), rad.
         """
         parameters, times = self.parameters, self.times
-        angles_ref = _sample_reference(reference, times, len(parameters.segments))
+        angles_ref = _sample_reference(reference, times, self._layout)
         state = _initial_state(self._held, initial_state)
         heat = state[2 * parameters.num_joints :]
         warm_up = max(0.0, parameters.temperature_limits.warm_up_time - elapsed)
@@ -220,7 +241,11 @@ class Planner:
         trajectory.check.largest_difference_deg = float(np.rad2deg(differences.max()))
         return trajectory, offsets, differences
 
-    def _make_program(self) -> TrajectoryProgram:
+    def _make_program(self) -> TrajectoryProgram | QuasiStaticProgram:
+        if not self._layout.is_planar:
+            return QuasiStaticProgram(
+                self.parameters, self.times, self._held, self.task, self._margin
+            )
         return TrajectoryProgram(
             self.parameters,
             self.times,
@@ -231,6 +256,8 @@ class Planner:
 
     def _guess(self, program, angles_ref, state, warm_up_time: float) -> np.ndarray:
         """All decision variables from which a program is solved."""
+        if isinstance(program, QuasiStaticProgram):
+            return program.guess()
         heat, duty = solve_quasi_static(
             self.parameters,
             self.times,
@@ -343,11 +370,13 @@ def number_of_knots(reference: trajectories.Trajectory, knot_rate: float, max_kn
     return num_intervals + 1
 
 
-def _sample_reference(reference, times: np.ndarray, num_segments: int) -> np.ndarray:
-    if reference.cols() != 1 or reference.rows() != num_segments:
+def _sample_reference(reference, times: np.ndarray, layout: Layout) -> np.ndarray:
+    if reference.cols() != 1 or reference.rows() != layout.num_bends:
+        of_each = "an angle each" if layout.is_planar else f"{layout.num_bends} bend angles in all"
+        segments = len(layout.chains)
         raise PlanningError(
             f"The reference has {reference.rows() * reference.cols()} angles at each time; "
-            f"this limb has {num_segments} segment{'s' * (num_segments > 1)}, with an angle each."
+            f"this limb has {segments} segment{'s' * (segments > 1)}, with {of_each}."
         )
     angles = reference.vector_values(times)
     bad = ~(np.abs(angles) <= np.pi + ROUNDING_OF_ANGLES).all(axis=0)  # also true for NaN

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from limb_systems import LimbError, LimbParameters, bend_angle
+from limb_systems import LimbError, LimbParameters
 from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.input import read_text
 from limb_systems.model.statics import HeldAngles, mean_bend_by_temperature
@@ -143,11 +143,10 @@ class Task:
         held = HeldAngles(parameters)
 
         def bend(temperature: np.ndarray) -> np.ndarray:
-            angles = held.angles(held.wires.settled_states(temperature))
-            return bend_angle(parameters, angles[:, None])[:, 0]
+            return held.bends(held.wires.settled_states(temperature))
 
-        slopes = np.abs(mean_bend_by_temperature(parameters, bend))
-        weakest = slopes.max(axis=0).min()  # of all wires, rad/°C
+        slopes = np.linalg.norm(mean_bend_by_temperature(parameters, bend), axis=0)
+        weakest = slopes.min()  # of all wires, rad/°C
         error = record.bend_error / weakest + record.temperature_error  # °C
         margin = min(2.0 * MEAN_TO_DEVIATION * error, uncalibrated.temperature_margin)
         return cls(duty_weight=3.0, temperature_margin=float(margin), duty_margin=0.3)

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from pydrake.solvers import Binding, MathematicalProgram
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems import LimbParameters, Wires, joint_angles_from_bend_angle
+from limb_systems import Layout, LimbParameters, Wires
 from limb_systems.model.statics import HeldAngles
 from planners.task import Task
 from planners.transcription.collocation import ANGLE_SCALE, LimbDefects
@@ -131,7 +131,9 @@ def solve_quasi_static(
     warm_up_time: float,
     measured_margin: ArrayLike = 0.0,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Heat and duty of the wires in the best quasi-static plan, without limits of the motion.
+    """Heat and duty of the wires in the best quasi-static plan.
+
+    It heeds neither the task's limits of the motion nor ``total_duty``.
 
     Args:
         times, initial_heat, warm_up_time, measured_margin: as for `check_temperature_limits`.
@@ -149,6 +151,7 @@ def solve_quasi_static(
         num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
         grid = np.linspace(times[0], times[-1], num_intervals + 1)
         some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
+    parameters = dataclasses.replace(parameters, total_duty=float(wires.num_wires))
     task = dataclasses.replace(
         task,
         max_bend_rate=None,
@@ -195,8 +198,8 @@ class QuasiStaticProgram(PlanProgram):
         self.parameters, self.times, self.task, self.held = parameters, times, task, held
         wires, K = held.wires, len(times)
         self.wires, W = wires, wires.num_wires
-        to_joints = joint_angles_from_bend_angle(parameters, np.eye(len(parameters.segments)))
-        self._shares = (to_joints**2).sum(axis=0)  # of (15) in the joints' angles
+        self._layout = Layout(parameters)
+        self._shares = (self._layout.shape**2).sum(axis=0)  # of (15) in the joints' angles
         self.prog = prog = MathematicalProgram()
         heat, duty, bends = (
             prog.NewContinuousVariables(K, size, name)
@@ -217,6 +220,9 @@ class QuasiStaticProgram(PlanProgram):
         self._warm_up = add_wires(
             prog, parameters, times, heat, duty, task, warm_up_time, measured_margin
         )
+        if parameters.total_duty < W:
+            for of_knot in duty:
+                prog.AddLinearConstraint(np.ones((1, W)), [0.0], [parameters.total_duty], of_knot)
         self._costs = [
             prog.AddQuadraticCost(np.diag(self._shares), 0.0 * self._shares, bend, is_convex=True)
             for bend in bends
@@ -292,6 +298,9 @@ class QuasiStaticProgram(PlanProgram):
         N, W = self.wires.num_states, self.wires.num_wires
         states, readings = np.split(x[self.heat].T, [N])
         motion = held_motion(self.held, states.T, x[self.duty]).T
+        angles, rates = np.split(motion, 2)
+        lag = self._layout.damping / self._layout.stiffness
+        angles -= lag[:, None] * rates
         motion[:, 0] = self._initial_motion
         return {
             "duty": x[self.duty].T,

@@ -121,7 +121,8 @@ def solve_program(
                 raise InfeasibleError(
                     "The temperature constraints (19)-(20)"
                     f"{program.task.named_limits} cannot all be met with duty between 0 and "
-                    f"{1.0 - program.task.duty_margin:g} ({name}: {status})."
+                    f"{1.0 - program.task.duty_margin:g} and a total_duty of "
+                    f"{program.parameters.total_duty:g} ({name}: {status})."
                 )
     raise PlanningError(f"No solver found a plan: {'; '.join(failures)}.")
 

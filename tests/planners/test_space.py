@@ -1,0 +1,153 @@
+"""Plans of limbs that bend about two axes, by the quasi-static program."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+from pydrake.solvers import SnoptSolver
+
+from limb_systems import HystereticLaw, Layout, LimbParameters, WireParameters, simulate
+from limb_systems.model.limb import Limb
+from limb_systems.model.statics import HeldAngles
+from planners import InfeasibleError, Planner, PlanningError, Task, plan, references
+from planners.transcription.quasi_static import HeldBends
+
+TIMES = np.linspace(0.0, 40.0, 401)
+
+
+def circle(degrees, num_bends=2, times=TIMES):
+    """A turn in the time that wires take to cool, after they warmed up."""
+    phases = 2 * np.pi * times / 40.0 + np.pi / 2 * np.arange(num_bends)[:, None]
+    return references.from_samples(
+        times, np.deg2rad(degrees) * np.minimum(times / 20.0, 1.0) * np.sin(phases)
+    )
+
+
+def limb_in_space(wires=3, gravity=(2.0, -6.0, 7.0), **changes):
+    parameters = LimbParameters.in_space(wires=wires)
+    return dataclasses.replace(parameters, gravity=list(gravity), **changes)
+
+
+@pytest.fixture(scope="module")
+def circle_plan():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return plan(limb_in_space(), circle(12.0))
+
+
+def test_a_plan_is_followed_by_an_accurate_simulation_of_its_duty(circle_plan):
+    recording = simulate(
+        Limb(circle_plan.parameters), circle_plan, accuracy=1e-5,
+        initial_state=circle_plan.state[:, 0],
+    )  # fmt: skip
+    missed = np.rad2deg(recording.bend_angle - circle_plan.bend_angle_at(recording.time))
+    settled = recording.time >= 2.0
+    assert np.abs(missed[:, ~settled]).max() < 0.3
+    assert np.abs(missed[:, settled]).max() < 0.06
+    assert np.sqrt((missed**2).mean()) < 0.025
+    check = circle_plan.check
+    assert check.largest_difference_deg == pytest.approx(np.abs(missed).max(), abs=0.01)
+    assert (check.solver, check.tolerance_deg) == ("IPOPT, quasi-static", 1.0)
+
+
+def test_a_plan_keeps_the_limits_and_nears_its_reference(circle_plan):
+    T, warm = circle_plan.wire_temperature, circle_plan.time > 20.0
+    assert T.max() <= 100.0 + 1e-4
+    assert T[:, warm].min() >= 45.0 - 1e-4
+    missed = np.rad2deg(np.abs(circle_plan.bend_angle - circle_plan.reference))
+    assert np.median(missed[:, warm]) < 0.25
+    np.testing.assert_allclose(circle_plan.joint_rates[:, 0], 0.0)
+
+
+def test_both_programs_give_a_planar_limb_the_same_plan(monkeypatch):
+    parameters, reference = LimbParameters(), circle(15.0, 1)
+    planar = plan(parameters, reference)
+    monkeypatch.setattr(Layout, "is_planar", False)
+    quasi_static = plan(parameters, reference)
+    assert "quasi-static" in quasi_static.check.solver
+    apart = np.rad2deg(np.abs(quasi_static.bend_angle - planar.bend_angle))
+    assert apart.max() < 0.05
+
+
+def test_bends_that_wires_hold_have_their_derivatives():
+    parameters = limb_in_space(payload=0.01)
+    parameters.segments[0].wires[0].law = HystereticLaw()
+    held, generator = HeldAngles(parameters), np.random.default_rng(0)
+    N, K = held.wires.num_states, 3
+    block = HeldBends(held, np.arange(K * N).reshape(K, N), K * N + np.arange(2 * K).reshape(K, 2))
+    scales = np.append(np.tile(held.wires.heat_scales[:N], K), np.full(2 * K, 0.1))
+    x = np.append(np.tile(held.wires.settled_states(np.full(3, 60.0)), K), np.zeros(2 * K))
+    x += 0.3 * scales * generator.uniform(-1.0, 1.0, len(x))
+    multipliers = generator.normal(size=2 * K)
+
+    def jacobian(x):
+        dense = np.zeros((2 * K, len(x)))
+        np.add.at(dense, (block.rows, block.columns), block.jacobian(x))
+        return dense
+
+    hessian = np.zeros((len(x), len(x)))
+    np.add.at(hessian, (block.hessian_rows, block.hessian_columns), block.hessian(x, multipliers))
+    hessian += np.tril(hessian, -1).T
+    for index, step in enumerate(np.diag(1e-5 * scales)):
+        by_values = (block.evaluate(x + step) - block.evaluate(x - step)) / 2e-5
+        np.testing.assert_allclose(scales[index] * jacobian(x)[:, index], by_values, atol=1e-9)
+        by_slopes = multipliers @ (jacobian(x + step) - jacobian(x - step)) / 2e-5
+        np.testing.assert_allclose(
+            scales[index] * scales * hessian[index], scales * by_slopes, atol=1e-9
+        )
+
+
+def test_limits_of_the_task_and_of_the_supply_hold():
+    step = references.from_samples([0.0, 3.0, 3.1, 12.0], np.deg2rad([[0, 0, 15, 15], [0] * 4]))
+    parameters = limb_in_space(4, total_duty=0.7)
+    parameters.temperature_limits.warm_up_time = 100.0
+    task = Task(max_bend_rate=0.06, reach=True, final_hold=2.0, max_temperature_rate=7.0)
+    free, limited = (plan(parameters, step, task=task) for task in (None, task))
+    rates = [np.abs(np.diff(found.bend_angle)).max() * 10.0 for found in (free, limited)]
+    assert rates[0] > 0.12
+    assert rates[1] < 0.061  # the plan follows its heat with a delay
+    end = np.rad2deg(limited.bend_angle[:, limited.time >= 10.0])
+    assert np.abs(end[:, -1] - [15.0, 0.0]).max() < 0.11
+    assert np.abs(np.diff(end)).max() <= 0.051
+    assert np.abs(np.diff(limited.wire_temperature)).max() < 0.7001
+    assert free.duty.sum(axis=0).max() == pytest.approx(0.7, abs=1e-4)
+    shortest = Task(stretch=(0.5, 2.0), time_weight=10.0, reach=True)
+    assert plan(parameters, step, task=shortest).duration < 11.0
+
+
+def test_planning_again_starts_from_the_plan_before():
+    planner = Planner(limb_in_space(), TIMES[:101])
+    first, again = (planner.plan(circle(degrees)) for degrees in (10.0, 10.05))
+    assert again.check.iterations < first.check.iterations / 2
+    anew = Planner(limb_in_space(), TIMES[:101]).plan(circle(10.05))
+    assert again.check.cost == pytest.approx(anew.check.cost, rel=1e-4)
+
+
+def test_two_segments_of_different_kinds_are_planned():
+    space, planar = limb_in_space().segments[0], LimbParameters().segments[0]
+    parameters = LimbParameters(segments=[space, planar])
+    with pytest.warns(UserWarning, match=r"may swing .* its first mode is at \d\.\d* Hz"):
+        found = plan(parameters, circle(8.0, 3), knot_rate=5.0)
+    missed = np.rad2deg(np.abs(found.bend_angle - found.reference))[:, found.time > 20.0]
+    assert np.median(missed) < 0.2
+
+
+def test_what_cannot_be_planned_is_named():
+    parameters, reference = limb_in_space(), circle(10.0)
+    for arguments, message in (
+        ({"solver": SnoptSolver()}, "Snopt|SNOPT.* cannot plan for a limb that bends in space"),
+        ({"reference": circle(10.0, 1)}, "has 1 angles .* 1 segment, with 2 bend angles in all"),
+    ):
+        with pytest.raises(PlanningError, match=message):
+            plan(**{"parameters": parameters, "reference": reference, **arguments})
+    with pytest.raises(InfeasibleError, match=r"\(20\) and the task's reach cannot all"):
+        plan(parameters, circle(120.0), task=Task(reach=True), knot_rate=2.0)
+    starved = dataclasses.replace(parameters, total_duty=0.1)
+    with pytest.raises(InfeasibleError, match=r"a total_duty of 0\.1"):
+        plan(starved, reference, knot_rate=2.0)
+    with pytest.warns(UserWarning, match=r"° towards E. are asked for"):
+        plan(parameters, circle(40.0), knot_rate=5.0)
+    parameters.segments[0].wires = [WireParameters.at("only", 30.0)]
+    with pytest.warns(UserWarning, match="far from its reference"):
+        plan(parameters, reference, knot_rate=2.0)
