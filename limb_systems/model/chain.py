@@ -73,6 +73,12 @@ class Chain:
         axes, moments = self._moments(angles)
         return _symmetric(-_cross(self._gravity, axes), moments)
 
+    def held(self, angles: np.ndarray, springs: np.ndarray) -> tuple[np.ndarray, "Stiffness"]:
+        """`gravity_load` (..., n), and its stiffness with that of springs k (n,), N·m/rad."""
+        axes, moments = self._moments(angles)
+        stiffness = Stiffness(springs, -_cross(self._gravity, axes), moments)
+        return _outside(-np.tensordot(self._gravity, moments, 1)), stiffness
+
     def gravity_curvature(self, angles: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Second derivatives of weights · ∂V/∂q by q (..., n, n), for weights (..., n)."""
         axes, moments = self._moments(angles)
@@ -216,6 +222,49 @@ class Chain:
             )
             places[:, index] = _moved(origin, frame, points[joint])
         return axes, origins, places
+
+
+class Stiffness:
+    """K + ∂²V/∂q² of the joints of a chain, in factors that take O(n).
+
+    An element of the second term, i inboard of j, is p_i · h_j of vectors of the joints alone.
+    From the tip on, what is outboard of a joint acts on it by one matrix M (3, 3), which
+    makes u = h + M p, the pivot d = k + p · u, and M - u uᵀ/d for the joint before.
+
+    - ``is_stable``: whether all pivots are positive, and with them the matrix (...).
+
+    Args:
+        springs: k (n,).
+        inboard, outboard: p and h (3, n, ...).
+    """
+
+    def __init__(self, springs: np.ndarray, inboard: np.ndarray, outboard: np.ndarray):
+        self._inboard, self._pivots = inboard, np.empty_like(inboard[0])
+        self._shares = np.empty_like(inboard)  # u/d
+        gathered = np.zeros((3, *inboard[:, 0].shape), inboard.dtype)
+        for joint in reversed(range(len(springs))):
+            turned = outboard[:, joint] + (gathered * inboard[:, joint]).sum(axis=1)
+            pivot = springs[joint] + (inboard[:, joint] * turned).sum(axis=0)
+            self._pivots[joint], self._shares[:, joint] = pivot, turned / pivot
+            gathered -= turned[:, None] * self._shares[:, joint]
+        self.is_stable = (self._pivots.real > 0).all(axis=0)
+
+    def solve(self, forces: np.ndarray) -> np.ndarray:
+        """Changes of q (..., n, k), rad, under forces on the joints (..., n, k), N·m."""
+        loads = np.moveaxis(forces, (-2, -1), (0, 1))
+        inboard, shares, pivots = self._inboard[:, :, None], self._shares[:, :, None], self._pivots
+        shape = np.broadcast_shapes(loads[0].shape, pivots[0].shape)
+        turned = np.empty((len(pivots), *shape), np.result_type(forces, pivots))
+        gathered = np.zeros((3, *shape), turned.dtype)
+        for joint in reversed(range(len(pivots))):
+            turned[joint] = loads[joint] - (inboard[:, joint] * gathered).sum(axis=0)
+            gathered += shares[:, joint] * turned[joint]
+        gathered[:] = 0.0
+        for joint in range(len(pivots)):
+            turned[joint] /= pivots[joint]
+            turned[joint] -= (shares[:, joint] * gathered).sum(axis=0)
+            gathered += inboard[:, joint] * turned[joint]
+        return np.moveaxis(turned, (0, 1), (-2, -1))
 
 
 def _moved(place: np.ndarray, frame: list[np.ndarray], by: np.ndarray) -> np.ndarray:

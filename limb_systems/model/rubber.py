@@ -97,6 +97,13 @@ class NonlinearRubber:
         products = 2 * bent[..., :, None] * bent[..., None, :] * self._same_link
         return own - self._cubic[:, None] * products
 
+    def force_hessian(self, angles: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Second derivatives of weights · force by the angles (..., n, n), for weights (..., n)."""
+        bent, weighted = angles - self._rest, weights * self._cubic
+        products = weighted[..., :, None] * bent[..., None, :] * self._same_link
+        own = ((weighted * bent) @ self._same_link)[..., None] * np.eye(len(self._rest))
+        return -2.0 * (products + products.swapaxes(-1, -2) + own)
+
     def progress(self, torque_rates: Any, wires: slice | np.ndarray) -> Any:
         """p(g_i') of some wires, rad/s, from the rates of their torques, N·m/s."""
         return ramp(self.bend_by_torque[wires] * torque_rates)

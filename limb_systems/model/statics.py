@@ -6,15 +6,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from limb_systems.errors import LimbError
-from limb_systems.model.chain import Chain
+from limb_systems.model.chain import Chain, Stiffness
 from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wires import Wires
 
 NEWTON_STEPS = 50
-CONVERGED = 1e-12  # rad
-SHRINKS = 0.01  # of the step before; steps that shrink less take the stiffness anew
+CONVERGED = 1e-10  # rad; the error after such a step is far below rounding errors
 
 
 def static_equilibrium(
@@ -40,9 +39,9 @@ def static_equilibrium(
             "one for each wire."
         )
     balance = _Balance(parameters)
-    states = balance.wires.settled_states(wire)
-    straight = np.zeros(parameters.num_joints)
-    return balance.settled(states, straight, np.diag(1.0 / balance.springs))
+    joints = np.eye(parameters.num_joints)
+    angles, stiffness = balance.settled(balance.wires.settled_states(wire), 0.0 * joints[0])
+    return angles, stiffness.solve(joints)
 
 
 class HeldAngles:
@@ -68,81 +67,54 @@ class HeldAngles:
         self.wires, self.chain = self._balance.wires, self._balance.chain
         self.rest_angles, self.compliance = static_equilibrium(parameters)
         self._cold = self.wires.forces(self.wires.cold_states, self.rest_angles)
-        self._last = (np.empty(0), np.empty(0), np.empty(0))
+        self._states = self._angles = np.empty(0)
+        self._by_force: Callable[[np.ndarray], np.ndarray] = self.compliance.__matmul__
 
-    def angles(self, states: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
-        """θ (..., n), rad, at states x (..., N) of the wires.
+    def angles(self, states: np.ndarray) -> np.ndarray:
+        """θ (..., n), rad, at states x (..., N) of the wires."""
+        if not self._balance.is_linear and np.array_equal(self._states, states):
+            return self._angles
+        at_rest = np.broadcast_to(self.rest_angles, (*states.shape[:-1], len(self.rest_angles)))
+        angles = at_rest + (self.wires.forces(states, at_rest) - self._cold) @ self.compliance.T
+        if self._balance.is_linear:
+            return angles
+        self._angles, stiffness = self._balance.settled(states, angles)
+        self._states, self._by_force = states.copy(), stiffness.solve
+        return self._angles
 
-        Args:
-            start: angles (..., n) that are near, such as those at states that were near.
-        """
-        return self._settled(states, start)[0]
-
-    def expanded(
-        self, states: np.ndarray, start: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def expanded(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`angles` θ (..., n), and their derivatives by the states (..., n, N)."""
-        angles, compliance = self._settled(states, start)
+        angles = self.angles(states)
         by_state, _ = self.wires.force_derivatives(states, angles)
-        return angles, np.broadcast_to(compliance @ by_state, (*angles.shape, states.shape[-1]))
+        slopes = self._by_force(by_state)
+        return angles, np.broadcast_to(slopes, (*angles.shape, states.shape[-1]))
 
-    def curvature(self, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Second derivatives of weights · θ by the states (..., N, N), for weights (..., n)."""
-        return self._curvature(states, weights, 0.0)
+    def bends(self, states: np.ndarray) -> np.ndarray:
+        """φ (..., F), rad, of the equilibria at states x (..., N)."""
+        return self.chain.bends(self.angles(states))
 
-    def bends(self, states: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
-        """φ (..., F), rad, of the equilibria at states x (..., N); `start` as of `angles`."""
-        return self.chain.bends(self.angles(states, start))
-
-    def expanded_bends(
-        self, states: np.ndarray, start: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def expanded_bends(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`bends` φ (..., F), and their derivatives by the states (..., F, N)."""
-        angles, slopes = self.expanded(states, start)
+        angles, slopes = self.expanded(states)
         bends, by_angle = self.chain.expanded_bends(angles)
         return bends, by_angle @ slopes
 
     def bend_curvature(self, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Second derivatives of weights · φ by the states (..., N, N), for weights (..., F)."""
-        angles = self.angles(states)
-        _, by_angle = self.chain.expanded_bends(angles)
-        on_angles = (weights[..., None, :] @ by_angle)[..., 0, :]
-        return self._curvature(states, on_angles, self.chain.bend_curvature(angles, weights))
+        """Second derivatives of weights · φ by the states (..., N, N), for weights (..., F).
 
-    def _settled(
-        self, states: np.ndarray, start: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """θ (..., n), and ∂θ/∂f (..., n, n) there."""
-        last_states, last_angles, compliance = self._last
-        if np.array_equal(last_states, states):
-            return last_angles, compliance
-        if start is None or last_angles.shape != start.shape:
-            compliance = self.compliance
-        if start is None or self._balance.is_linear:
-            at_rest = np.broadcast_to(self.rest_angles, (*states.shape[:-1], len(self.rest_angles)))
-            turned = (self.wires.forces(states, at_rest) - self._cold) @ self.compliance.T
-            start = at_rest + turned
-        if self._balance.is_linear:
-            return start, self.compliance
-        self._last = (states.copy(), *self._balance.settled(states, start, compliance))
-        return self._last[1:]
-
-    def _curvature(
-        self, states: np.ndarray, weights: np.ndarray, bent: np.ndarray | float
-    ) -> np.ndarray:
-        """Second derivatives by the states of weights · θ + θ_x · bent · θ_x / 2.
-
-        Those of r = K (θ - θ_0) + ∇V - f, weighted with the adjoint λ, are put on θ_x.
+        They are those of φ(θ) less those of r = K (θ - θ_0) + ∇V - f, weighted with the adjoint λ,
+        along θ_x. How torques of laws bend with angles is left out.
         """
-        angles, compliance = self._settled(states)
-        adjoint = (weights[..., None, :] @ compliance)[..., 0, :]
+        angles, slopes = self.expanded(states)
+        _, by_angle = self.chain.expanded_bends(angles)
+        adjoint = self._by_force(by_angle.swapaxes(-1, -2) @ weights[..., None])[..., 0]
+        curvature = self.chain.bend_curvature(angles, weights)
         if self.chain.weighs:
-            bent = bent - self.chain.gravity_curvature(angles, adjoint)
-        result = self.wires.force_hessian(states, angles, adjoint)
-        if isinstance(bent, float):
-            return result
-        _, slopes = self.expanded(states)
-        return result + slopes.swapaxes(-1, -2) @ bent @ slopes
+            curvature -= self.chain.gravity_curvature(angles, adjoint)
+        if self.wires.torque_needs_angle:
+            curvature += self.wires.force_hessian_by_angle(angles, adjoint)
+        along = slopes.swapaxes(-1, -2) @ curvature @ slopes
+        return along + self.wires.force_hessian(states, angles, adjoint)
 
 
 def mean_bend_by_temperature(
@@ -175,62 +147,67 @@ class _Balance:
         self.wires = Wires(parameters)
         layout = Layout(parameters)
         self.chain = Chain(layout, parameters.gravity)
-        self.springs, self._relaxed = layout.stiffness, rest_joint_angles(parameters)
+        self._springs, self._relaxed = layout.stiffness, rest_joint_angles(parameters)
         self.is_linear = not (self.chain.weighs or self.wires.torque_needs_angle)
 
-    def settled(
-        self, states: np.ndarray, start: np.ndarray, compliance: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """θ (..., n) where r = 0 at states (..., N), and ∂θ/∂f (..., n, n), by Newton's method.
+    def settled(self, states: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, "_Stiffness"]:
+        """θ (..., n) where r = 0 at states (..., N), and the stiffness there, by Newton's method.
 
         Args:
-            start, compliance: about what they are.
+            start: angles to start from (..., n).
 
         Raises:
             LimbError: if there is no stable equilibrium.
         """
-        angles, before, chord = start, np.inf, True
+        angles = start
         for _ in range(NEWTON_STEPS):
-            force = self._force(states, angles)[..., None]
-            if chord:
-                step = compliance @ force
-            else:
-                step = np.linalg.solve(self._stiffness(states, angles), force)
-            largest = np.abs(step).max(axis=-2)
+            force, stiffness = self._expanded(states, angles)
+            step = stiffness.solve(force[..., None])[..., 0]
+            largest = np.abs(step).max(axis=-1, keepdims=True)
             # Steps of at most one radian per joint, so that no joint turns over.
-            angles = angles + step[..., 0] / np.maximum(1.0, largest)
+            angles = angles + step / np.maximum(1.0, largest)
             if (largest < CONVERGED).all():
                 break
-            chord = chord and largest.max() < SHRINKS * before
-            before = largest.max()
         else:
             raise LimbError(
                 f"There is no static equilibrium that Newton's method finds"
                 f"{_where(largest[..., 0] >= CONVERGED)}; is the limb too soft?"
             )
-        stiffness = self._stiffness(states, angles)
-        try:
-            np.linalg.cholesky(stiffness)
-        except np.linalg.LinAlgError as error:
-            unstable = np.linalg.eigvalsh(stiffness)[..., 0] <= 0
+        unstable = ~np.asarray(stiffness.is_stable)
+        if unstable.any():
             raise LimbError(
                 f"The limb's equilibrium{_where(unstable)} is unstable: gravity folds it; is it "
                 "too soft?"
-            ) from error
-        return angles, np.linalg.inv(stiffness)
+            )
+        return angles, stiffness
 
-    def _force(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """-r (..., n), N·m."""
-        force = self.wires.forces(states, angles) - self.springs * (angles - self._relaxed)
-        return force - self.chain.gravity_load(angles) if self.chain.weighs else force
-
-    def _stiffness(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Derivatives of r by θ (..., n, n), N·m/rad."""
-        stiffness = np.diag(self.springs)
+    def _expanded(self, states: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, "_Stiffness"]:
+        """-r (..., n), N·m, and the derivatives of r by θ."""
+        load, stiffness = self.chain.held(angles, self._springs)
+        force = self.wires.forces(states, angles) - self._springs * (angles - self._relaxed) - load
         _, by_angle = self.wires.force_derivatives(states, angles)
-        if by_angle is not None:
-            stiffness = stiffness - by_angle
-        return stiffness + self.chain.gravity_stiffness(angles) if self.chain.weighs else stiffness
+        if by_angle is None:
+            return force, stiffness
+        return force, _Matrix(
+            np.diag(self._springs) + self.chain.gravity_stiffness(angles) - by_angle
+        )
+
+
+class _Matrix:
+    """A symmetric stiffness (..., n, n), as a `Stiffness`."""
+
+    def __init__(self, matrix: np.ndarray):
+        self._matrix = matrix
+
+    @property
+    def is_stable(self) -> np.ndarray:
+        return np.linalg.eigvalsh(self._matrix)[..., 0] > 0
+
+    def solve(self, forces: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(self._matrix, forces)
+
+
+_Stiffness = Stiffness | _Matrix
 
 
 def _where(refused: np.ndarray) -> str:

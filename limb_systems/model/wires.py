@@ -326,6 +326,13 @@ class Wires:
         result = self._torque.second(self._torque_points(states, angles), on_torques)[..., :N, :N]
         return result.sum(axis=-3) if self.laws_need_angle else result
 
+    def force_hessian_by_angle(self, angles: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Second derivatives of weights · `forces` by angles (..., n, n), where rubber stiffens.
+
+        What laws add whose torque depends on the angle is left out.
+        """
+        return self._rubber.force_hessian(angles, weights)
+
     def affine_rates(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """A (N, N), B (N, W) and c (N) of ẋ = A x + B D + c.
 

@@ -108,6 +108,13 @@ def test_derivatives_are_those_of_complex_steps(layout, angles):
     chain, rng = Chain(layout, GRAVITY), np.random.default_rng(29)
     assert_close(chain.gravity_stiffness(angles), by_complex_steps(chain.gravity_load, angles))
 
+    springs, forces = rng.uniform(0.1, 0.2, 9), rng.normal(size=(7, 9, 2))
+    load, stiffness = chain.held(angles, springs)
+    assert_close(load, chain.gravity_load(angles))
+    matrix = np.diag(springs) + chain.gravity_stiffness(angles)
+    assert_close(stiffness.solve(forces), np.linalg.solve(matrix, forces))
+    np.testing.assert_array_equal(stiffness.is_stable, np.linalg.eigvalsh(matrix)[:, 0] > 0)
+
     weights = rng.normal(size=(7, 9))
     assert_close(
         chain.gravity_curvature(angles, weights),
