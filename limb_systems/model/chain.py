@@ -17,6 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
+from limb_systems.model.chain_stiffness import ChainStiffness, nested
 from limb_systems.model.layout import Layout
 
 _NEAR = 0.05  # (across / ahead)² of a chord, below which a series is more accurate
@@ -63,20 +64,10 @@ class Chain:
             base = end
         self.num_bends = len(layout.bend_direction)
 
-    def gravity_load(self, angles: np.ndarray) -> np.ndarray:
-        """∂V/∂q (..., n), N·m: what holds the joints against gravity."""
-        _, moments = self._moments(angles)
-        return _outside(-np.tensordot(self._gravity, moments, 1))
-
-    def gravity_stiffness(self, angles: np.ndarray) -> np.ndarray:
-        """∂²V/∂q² (..., n, n), N·m/rad."""
+    def held(self, angles: np.ndarray, springs: np.ndarray) -> tuple[np.ndarray, ChainStiffness]:
+        """∂V/∂q (..., n), N·m, and ∂²V/∂q² with the stiffness of springs k (n,), N·m/rad."""
         axes, moments = self._moments(angles)
-        return _symmetric(-_cross(self._gravity, axes), moments)
-
-    def held(self, angles: np.ndarray, springs: np.ndarray) -> tuple[np.ndarray, "Stiffness"]:
-        """`gravity_load` (..., n), and its stiffness with that of springs k (n,), N·m/rad."""
-        axes, moments = self._moments(angles)
-        stiffness = Stiffness(springs, -_cross(self._gravity, axes), moments)
+        stiffness = ChainStiffness(springs, -_cross(self._gravity, axes), moments)
         return _outside(-np.tensordot(self._gravity, moments, 1)), stiffness
 
     def gravity_curvature(self, angles: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -89,7 +80,7 @@ class Chain:
         outboard = _outboard_sums(on * moments) - on * moments
         inner = _cross(weighted, axes) - _cross(across, turned)
         outer = _cross(turned, moments) + _cross(axes, outboard)
-        return _symmetric(-np.concatenate([inner, across]), np.concatenate([moments, outer]))
+        return nested(-np.concatenate([inner, across]), np.concatenate([moments, outer]))
 
     def expanded_position(
         self, angles: np.ndarray, joint: int, point: np.ndarray
@@ -105,29 +96,13 @@ class Chain:
         slopes[..., : joint + 1] = _outside(_outside(moved))
         return _outside(place), slopes
 
-    def position_curvature(
-        self, angles: np.ndarray, joint: int, point: np.ndarray, weights: np.ndarray
-    ) -> np.ndarray:
-        """Second derivatives of weights · position by q (..., n, n), for weights (..., 3)."""
-        axes, _, moved = self._point(angles, slice(joint + 1), np.zeros(3), point)
-        result = np.zeros((*angles.shape, self.num_joints), axes.dtype)
-        on = np.moveaxis(weights, -1, 0)[:, None]
-        result[..., : joint + 1, : joint + 1] = _symmetric(_cross(on, axes), moved)
-        return result
-
     def bends(self, angles: np.ndarray) -> np.ndarray:
         """Bends of the segments (..., F), rad: the log map of the chord's direction.
 
         The chord is that from a segment's base to its end, in the frame of its base. In a plane
         its log map is the chord's angle, atan2(t·E2, t·E1).
         """
-        result = np.empty((*angles.shape[:-1], self.num_bends), angles.dtype)
-        for joints, bends, base, end, across in self._segments:
-            _, chord, _ = self._point(angles, joints, base, end)
-            sideways = chord[across]
-            ratio, _, _ = _angle_over_sine(chord[0], (sideways**2).sum(axis=0))
-            result[..., bends] = _outside(sideways * ratio)
-        return result
+        return self.expanded_bends(angles)[0]
 
     def expanded_bends(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`bends` (..., F), and their derivatives by q (..., F, n)."""
@@ -135,15 +110,12 @@ class Chain:
         slopes = np.zeros((*values.shape, self.num_joints), angles.dtype)
         for joints, bends, base, end, across in self._segments:
             _, chord, moved = self._point(angles, joints, base, end)
-            ahead, sideways = chord[0], chord[across]
-            squared = (sideways**2).sum(axis=0)
-            ratio, by_squared, _ = _angle_over_sine(ahead, squared)
-            by_ahead = -1.0 / (ahead**2 + squared)
-            turned = (2 * by_squared * sideways)[:, None] * moved[across]
-            turned = by_ahead * moved[0] + turned.sum(axis=0)
-            turned = ratio * moved[across] + sideways[:, None] * turned
-            values[..., bends] = _outside(sideways * ratio)
-            slopes[..., bends, joints] = _outside(_outside(turned))
+            ratio, by_chord, _ = _angle_over_sine(chord, across)
+            turned = (by_chord[:, None] * moved).sum(axis=0)
+            values[..., bends] = _outside(ratio * chord[across])
+            slopes[..., bends, joints] = _outside(
+                _outside(ratio * moved[across] + chord[across, None] * turned)
+            )
         return values, slopes
 
     def bend_curvature(self, angles: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -151,32 +123,15 @@ class Chain:
         result = np.zeros((*angles.shape, self.num_joints), angles.dtype)
         for joints, bends, base, end, across in self._segments:
             axes, chord, moved = self._point(angles, joints, base, end)
-            ahead, sideways = chord[0], chord[across]
-            squared = (sideways**2).sum(axis=0)
-            ratio, by_squared, by_squared_twice = _angle_over_sine(ahead, squared)
-            by_ahead = -1.0 / (ahead**2 + squared)
-            on = np.moveaxis(weights[..., bends], -1, 0)
-            weighted = (on * sideways).sum(axis=0)
-            # w(d) = Σ on d_across ratio(ahead, squared), by the chord d
-            by_chord = np.zeros_like(chord)
-            by_chord[0] = weighted * by_ahead
-            by_chord[across] = on * ratio + 2 * weighted * by_squared * sideways
-            curved = np.zeros((3, *chord.shape), chord.dtype)
-            curved[0, 0] = 2 * weighted * ahead * by_ahead**2
-            curved[0, across] = on * by_ahead + 2 * weighted * by_ahead**2 * sideways
-            curved[across, 0] = curved[0, across]
-            for row, left in enumerate(across):
-                for column, right in enumerate(across):
-                    both = on[row] * sideways[column] + on[column] * sideways[row]
-                    curved[left, right] = 2 * by_squared * (both + weighted * (row == column))
-                    curved[left, right] += (
-                        4 * weighted * by_squared_twice * sideways[row] * sideways[column]
-                    )
-            moved_back = _outside(_outside(moved))  # (..., 3, m)
-            curved_back = _outside(_outside(curved))
-            result[..., joints, joints] = moved_back.swapaxes(-1, -2) @ (
-                curved_back @ moved_back
-            ) + _symmetric(_cross(by_chord[:, None], axes), moved)
+            ratio, by_chord, curved = _angle_over_sine(chord, across)
+            on = np.zeros_like(chord)
+            on[across] = np.moveaxis(weights[..., bends], -1, 0)
+            weighted, mixed = (on * chord).sum(axis=0), on[:, None] * by_chord
+            curved = _outside(_outside(mixed + mixed.swapaxes(0, 1) + weighted * curved))
+            by_joint = _outside(_outside(moved))
+            on_chord = ratio * on + weighted * by_chord
+            result[..., joints, joints] = by_joint.swapaxes(-1, -2) @ curved @ by_joint
+            result[..., joints, joints] += nested(_cross(on_chord[:, None], axes), moved)
         return result
 
     def _moments(self, angles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -224,49 +179,6 @@ class Chain:
         return axes, origins, places
 
 
-class Stiffness:
-    """K + ∂²V/∂q² of the joints of a chain, in factors that take O(n).
-
-    An element of the second term, i inboard of j, is p_i · h_j of vectors of the joints alone.
-    From the tip on, what is outboard of a joint acts on it by one matrix M (3, 3), which
-    makes u = h + M p, the pivot d = k + p · u, and M - u uᵀ/d for the joint before.
-
-    - ``is_stable``: whether all pivots are positive, and with them the matrix (...).
-
-    Args:
-        springs: k (n,).
-        inboard, outboard: p and h (3, n, ...).
-    """
-
-    def __init__(self, springs: np.ndarray, inboard: np.ndarray, outboard: np.ndarray):
-        self._inboard, self._pivots = inboard, np.empty_like(inboard[0])
-        self._shares = np.empty_like(inboard)  # u/d
-        gathered = np.zeros((3, *inboard[:, 0].shape), inboard.dtype)
-        for joint in reversed(range(len(springs))):
-            turned = outboard[:, joint] + (gathered * inboard[:, joint]).sum(axis=1)
-            pivot = springs[joint] + (inboard[:, joint] * turned).sum(axis=0)
-            self._pivots[joint], self._shares[:, joint] = pivot, turned / pivot
-            gathered -= turned[:, None] * self._shares[:, joint]
-        self.is_stable = (self._pivots.real > 0).all(axis=0)
-
-    def solve(self, forces: np.ndarray) -> np.ndarray:
-        """Changes of q (..., n, k), rad, under forces on the joints (..., n, k), N·m."""
-        loads = np.moveaxis(forces, (-2, -1), (0, 1))
-        inboard, shares, pivots = self._inboard[:, :, None], self._shares[:, :, None], self._pivots
-        shape = np.broadcast_shapes(loads[0].shape, pivots[0].shape)
-        turned = np.empty((len(pivots), *shape), np.result_type(forces, pivots))
-        gathered = np.zeros((3, *shape), turned.dtype)
-        for joint in reversed(range(len(pivots))):
-            turned[joint] = loads[joint] - (inboard[:, joint] * gathered).sum(axis=0)
-            gathered += shares[:, joint] * turned[joint]
-        gathered[:] = 0.0
-        for joint in range(len(pivots)):
-            turned[joint] /= pivots[joint]
-            turned[joint] -= (shares[:, joint] * gathered).sum(axis=0)
-            gathered += inboard[:, joint] * turned[joint]
-        return np.moveaxis(turned, (0, 1), (-2, -1))
-
-
 def _moved(place: np.ndarray, frame: list[np.ndarray], by: np.ndarray) -> np.ndarray:
     """The place that is `by` (3,) from a place in a frame of three axes (3, ...)."""
     for axis, distance in zip(frame, by.tolist(), strict=True):
@@ -289,28 +201,31 @@ def _outside(values: np.ndarray) -> np.ndarray:
     return np.moveaxis(values, 0, -1)
 
 
-def _symmetric(inboard: np.ndarray, outboard: np.ndarray) -> np.ndarray:
-    """The symmetric matrix (..., m, m) whose element i inboard of j is inboard_i · outboard_j.
+def _angle_over_sine(
+    chord: np.ndarray, across: list[int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """atan2(√s, d1)/√s of a chord d (3, ...), with s the square of its part across.
 
-    Both are (components, m, ...).
+    It is smooth at s = 0, where a series is used.
+
+    Returns:
+        The ratio (...), and its first and second derivatives by d (3, ...) and (3, 3, ...).
     """
-    products = _outside(_outside(inboard)).swapaxes(-1, -2) @ _outside(_outside(outboard))
-    for joint in range(products.shape[-1] - 1):
-        products[..., joint + 1 :, joint] = products[..., joint, joint + 1 :]
-    return products
-
-
-def _angle_over_sine(ahead: np.ndarray, squared: np.ndarray) -> np.ndarray:
-    """atan2(√s, ahead)/√s of s = `squared`, and its first and second derivatives by s (3, ...).
-
-    They are smooth at s = 0, where a series is used.
-    """
+    seen = np.zeros_like(chord)
+    seen[[0, *across]] = chord[[0, *across]]
+    ahead, whole = chord[0], (seen**2).sum(axis=0)
+    squared = (seen[1:] ** 2).sum(axis=0)
     near = (squared.real < _NEAR * ahead.real**2) & (ahead.real > 0)
     length, s = np.where(near, ahead, 1.0), np.where(near, 1.0, squared)
     of_series = polyval(np.where(near, squared, 0.0) / length**2, _SERIES)
-    whole, root = ahead**2 + s, np.sqrt(s)
-    value = 2 * np.arctan(root / (np.sqrt(whole) + ahead)) / root
+    of_series /= np.stack([length, length**3, length**5])
+    value = 2 * np.arctan(np.sqrt(s) / (np.sqrt(ahead**2 + s) + ahead)) / np.sqrt(s)
     first = (ahead / whole - value) / (2 * s)
     second = -(ahead / whole**2 + 3 * first) / (2 * s)
-    of_series /= np.stack([length, length**3, length**5])
-    return np.where(near, of_series, [value, first, second])
+    ratio, by_s, by_s_twice = np.where(near, of_series, [value, first, second])
+    by_chord = 2 * by_s * seen
+    by_chord[0] = -1 / whole
+    curved = 4 * by_s_twice * seen[:, None] * seen
+    curved[0] = curved[:, 0] = 2 * seen / whole**2
+    curved[across, across] += 2 * by_s
+    return ratio, by_chord, curved

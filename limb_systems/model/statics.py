@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from limb_systems.errors import LimbError
-from limb_systems.model.chain import Chain, Stiffness
+from limb_systems.model.chain import Chain
+from limb_systems.model.chain_stiffness import ChainStiffness
 from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
@@ -188,13 +189,11 @@ class _Balance:
         _, by_angle = self.wires.force_derivatives(states, angles)
         if by_angle is None:
             return force, stiffness
-        return force, _Matrix(
-            np.diag(self._springs) + self.chain.gravity_stiffness(angles) - by_angle
-        )
+        return force, _Matrix(stiffness.matrix() - by_angle)
 
 
 class _Matrix:
-    """A symmetric stiffness (..., n, n), as a `Stiffness`."""
+    """A symmetric stiffness (..., n, n), as a `ChainStiffness`."""
 
     def __init__(self, matrix: np.ndarray):
         self._matrix = matrix
@@ -207,7 +206,7 @@ class _Matrix:
         return np.linalg.solve(self._matrix, forces)
 
 
-_Stiffness = Stiffness | _Matrix
+_Stiffness = ChainStiffness | _Matrix
 
 
 def _where(refused: np.ndarray) -> str:
