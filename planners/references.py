@@ -103,17 +103,39 @@ def load(path: str | Path) -> PiecewisePolynomial:
     Raises:
         LimbError: if the file cannot be read as a reference.
     """
+    table, reference = _load(
+        path, lambda table: from_samples(table[:, 0], np.deg2rad(table[:, 1:].T))
+    )
+    for doubt in _doubts(table):
+        warnings.warn(f"{path}: {doubt}", stacklevel=2)
+    return reference
+
+
+def load_tip_path(path: str | Path, parameters: LimbParameters) -> PiecewisePolynomial:
+    """`from_tip_path` of a CSV as of `load`: time in s, then the tip's coordinates E2 (and E3), mm.
+
+    Raises:
+        LimbError: if the file cannot be read, or the tip does not reach a point.
+    """
+
+    def of_path(table: np.ndarray) -> PiecewisePolynomial:
+        return from_tip_path(parameters, table[:, 0], table[:, 1:].T / 1e3)
+
+    return _load(path, of_path)[1]
+
+
+def _load(
+    path: str | Path, reference_of: Callable[[np.ndarray], PiecewisePolynomial]
+) -> tuple[np.ndarray, PiecewisePolynomial]:
+    """A file's table, and the reference that is made of it."""
     text = read_text(path, "reference", LimbError, LARGEST_TABLE)
     if foreign := _foreign(text):
         raise LimbError(f"{path} {foreign}.")
     try:
         table = _table(text)
-        reference = from_samples(table[:, 0], np.deg2rad(table[:, 1:].T))
+        return table, reference_of(table)
     except LimbError as error:
         raise LimbError(f"{path}: {error}") from error
-    for doubt in _doubts(table):
-        warnings.warn(f"{path}: {doubt}", stacklevel=2)
-    return reference
 
 
 def _foreign(text: str) -> str | None:

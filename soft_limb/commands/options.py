@@ -80,8 +80,9 @@ SHARED: dict[str, Option | list[Option]] = {
     "trajectory": Option("trajectory", type=Path, help="trajectory file (.csv)"),
     "reference": Option(
         "reference",
-        help="'fig5' for the paper's two steps and decaying sinusoid; or a recording (teach and "
-        "repeat); or a CSV of time in s and bend angle in degrees, as spreadsheets write it",
+        help="'fig5' for the paper's two steps and decaying sinusoid; 'circle' or 'eight' for a "
+        "limb that bends in space; or a recording (teach and repeat); or a CSV of time in s and "
+        "bend angles in degrees, as spreadsheets write it",
     ),
     "limb": Option(
         "-l", "--limb", type=Path, help="limb parameters (.yaml); the nominal limb if left out"

@@ -27,6 +27,7 @@ def _plan(options: argparse.Namespace) -> int:
         options.reference,
         limb,
         options.smooth,
+        options.tip,
         task=options.task and task_named(options.task, limb),
         knot_rate=options.knot_rate,
         max_knots=options.max_knots,
@@ -73,6 +74,12 @@ COMMANDS = {
                 ),
             ],
             Option(
+                "--tip",
+                action="store_true",
+                help="the reference is a path of the tip: a CSV of time in s and the tip's place "
+                "beside the axis in mm, along E2, and E3 if the limb bends in space",
+            ),
+            Option(
                 "--diagnostics",
                 type=Path,
                 help="picture of constraint violations and the Jacobian's sparsity to write",
@@ -86,9 +93,8 @@ COMMANDS = {
             Option(
                 "--tolerance",
                 type=float,
-                default=0.1,
-                help="largest difference of the plan from its simulation, degrees (default "
-                "%(default)g)",
+                help="largest difference of the plan from its simulation, degrees (default 0.1, and "
+                "1 for a limb that bends in space)",
             ),
         ],
         stopped="stopped; nothing was written",
