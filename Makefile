@@ -29,6 +29,7 @@ wheel: $(VENV)/ready
 bench: $(VENV)/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS) -e '.[bench]'
 	$(BIN)/python benchmarks/simulation.py
+	$(BIN)/python benchmarks/space_simulation.py
 	$(BIN)/python benchmarks/replanning.py
 	$(BIN)/python benchmarks/sweep.py
 	$(BIN)/python benchmarks/calibration_accuracy.py
