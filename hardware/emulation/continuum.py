@@ -199,12 +199,12 @@ class ContinuumSpecimen(Specimen):
     segments: list[ContinuumBeam]
 
     def _draw(self, uniform, _):
-        if [w.lever[0] for w in self.description.wires] != [-1, 1] or len(
-            self.description.segments
-        ) != 1:
+        sides = [wire.lever[0] for wire in self.description.wires]
+        if sides != [-1, 1] or [segment.axes for segment in self.description.segments] != [1]:
             raise LimbError(
-                "An emulated limb of the physics continuum has one segment with a left and a right "
-                "wire, in this order; describe such a limb, or take the physics lumped."
+                "An emulated limb of the physics continuum has one segment that bends in a plane, "
+                "with a left and a right wire, in this order; describe such a limb, or take the "
+                "physics lumped."
             )
         self.segments = [_draw_beam(uniform)]
         kind = _draw_wire(uniform)

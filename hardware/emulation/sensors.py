@@ -154,23 +154,20 @@ class ExactBend(LeafSystem):
     """What the limb's bend sensors would show without their errors: α/2, or the chord's angle.
 
     - input 0 ``joint_state``: [θ, θ̇] (2n), rad and rad/s; only angles are used
-    - output 0 ``bend_angle``: (S), rad, from each segment's ``bend_sensor``
+    - output 0 ``bend_angle``: (F), rad, from each segment's ``bend_sensor``
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
 
     def __init__(self, parameters: LimbParameters):
         super().__init__()
-        self._parts = [
-            (segment.bend_sensor, joints)
-            for segment, joints in zip(
-                parameters.segments, Layout(parameters).joints_of, strict=True
-            )
-        ]
+        layout = Layout(parameters)
+        sensors = [segment.bend_sensor for segment in parameters.segments]
+        self._parts = list(zip(sensors, layout.chains, layout.joints_of, strict=True))
         port = self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
         self.DeclareVectorOutputPort(
             "bend_angle",
-            len(parameters.segments),
+            layout.num_bends,
             weak_method(self._calc),
             {self.input_port_ticket(port.get_index())},
         )
@@ -178,9 +175,8 @@ class ExactBend(LeafSystem):
 
     def _calc(self, context, output):
         angles = self.get_input_port().Eval(context)
-        output.SetFromVector(
-            [sensor.exact_bend_angle(angles[joints]) for sensor, joints in self._parts]
-        )
+        bends = [sensor.exact_bends(chain, angles[joints]) for sensor, chain, joints in self._parts]
+        output.SetFromVector(np.concatenate(bends))
 
 
 def limb_sensors(
@@ -198,8 +194,8 @@ def limb_sensors(
         parameters: description of the limb.
         bend_rate: rate at which bend sensors are read, Hz.
         thermocouple_period: time between readings of a thermocouple, s.
-        bend_response: what they read where exact ones would show angles (S,), rad.
-        bend_noise, bend_drift: their standard deviations, rad.
+        bend_response: what they read where exact ones would show angles (F,), rad.
+        bend_noise, bend_drift: their standard deviations, for all or for each (F,), rad.
     """
     thermocouples = Sensor(
         "measured_temperature",
@@ -210,7 +206,7 @@ def limb_sensors(
     )
     bend_sensors = Sensor(
         "bend_angle",
-        len(parameters.segments),
+        Layout(parameters).num_bends,
         1 / bend_rate,
         BEND_STEP,
         noise=bend_noise,
@@ -229,8 +225,8 @@ class SensedLimb(Diagram):
 
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
-    - output 1 ``bend_angle``: φ (S), rad, as bend sensors read it
-    - output 2 ``measurement``: [V (W), φ (S)], both of them
+    - output 1 ``bend_angle``: φ (F), rad, as bend sensors read it
+    - output 2 ``measurement``: [V (W), φ (F)], both of them
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -251,8 +247,12 @@ class SensedLimb(Diagram):
         self.parameters, self.accuracy = limb.parameters, limb.accuracy
         self.source = f"{limb.source} with sensor noise, seed {seed}"
         builder.ExportInput(limb.GetInputPort("duty"), "duty")
-        described = [segment.bend_sensor for segment in limb.parameters.segments]
-        gain, offset = np.array([[sensor.gain, sensor.offset] for sensor in described]).T
+        layout, segments = Layout(limb.parameters), limb.parameters.segments
+        described = [segments[number].bend_sensor for number in layout.bend_segment]
+        gain = np.array([sensor.gain for sensor in described])
+        offset = np.choose(
+            layout.bend_direction, np.array([(s.offset, s.offset_e3) for s in described]).T
+        )
         readings = limb_sensors(
             limb.parameters,
             bend_rate,

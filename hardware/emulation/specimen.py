@@ -38,6 +38,7 @@ import numpy as np
 from hardware.emulation.sensors import Noise
 from limb_systems import (
     EmulatedLimb,
+    Layout,
     LimbError,
     LimbParameters,
     LinearLaw,
@@ -49,10 +50,12 @@ from limb_systems.model.parameters import BoardIdentity
 
 EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor")
 EXTRA_EFFECTS = ("memory", "bond")  # that a limb has on request only
+SPACE_EFFECTS = ("places",)  # of limbs that bend about two axes
 # What may change about a limb, with the values of no change.
 DISTURBANCES = {
     "ambient": 0.0,
     "payload": 0.0,
+    "payload_e3": 0.0,
     "stiffness": 1.0,
     "cooling": 1.0,
     "supply": 1.0,
@@ -82,6 +85,7 @@ class WirePhysics:
     - ``expansion``: Θ of (3) over the stress of full transformation, 1/°C.
     - ``bond_time``: time constant of the thermocouple's lag where it is badly bonded,
       s, in place of ``lag_rate``; 0 if it is not.
+    - ``misplaced``: angle about E1 from where it is described to where it runs, rad.
     """
 
     heating: float
@@ -100,6 +104,7 @@ class WirePhysics:
     strain_relief: float
     expansion: float
     bond_time: float = 0.0
+    misplaced: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,6 +124,13 @@ class SegmentPhysics:
     - ``memory_angle``: angle at rest, towards the wire that was hot last, to which it is
       drawn, rad.
     - ``memory_share``: λ of a whole transformation, see `RestShift`.
+
+    Where the segment bends about two axes, too:
+
+    - ``stiffness_ratio``: stiffness against bends towards E3 over k.
+    - ``rest_offset_e3``, ``sensor_gain_e3``, ``sensor_offset_e3``, ``sensor_curvature_e3``: as
+      above, of the bend towards E3.
+    - ``sensor_roll``: angle about E1 from E2 to the axis that the sensor takes for it, rad.
     """
 
     stiffness: float
@@ -134,6 +146,12 @@ class SegmentPhysics:
     sensor_drift: float
     memory_angle: float = 0.0
     memory_share: float = 0.0
+    stiffness_ratio: float = 1.0
+    rest_offset_e3: float = 0.0
+    sensor_gain_e3: float = 1.0
+    sensor_offset_e3: float = 0.0
+    sensor_curvature_e3: float = 0.0
+    sensor_roll: float = 0.0
 
 
 class Specimen:
@@ -162,7 +180,7 @@ class Specimen:
 
     physics = "lumped"
     rest_period = 1.0
-    effects: tuple[str, ...] = EFFECTS
+    effects: tuple[str, ...] = EFFECTS + SPACE_EFFECTS
     extra_effects: tuple[str, ...] = EXTRA_EFFECTS
     wires: list[Any]
     segments: list[Any]
@@ -187,7 +205,7 @@ class Specimen:
         _check_effects(extra, self.extra_effects)
         if seed < 0:
             raise LimbError(f"The seed of an emulated limb is {seed}; it must be zero or more.")
-        draw_seed, noise_seed, extra_seed = np.random.SeedSequence(seed).spawn(3)
+        draw_seed, noise_seed, extra_seed, space_seed = np.random.SeedSequence(seed).spawn(4)
         generator = np.random.default_rng(draw_seed)
         self.description = copy.deepcopy(description)
         self.around_calibrated = description.calibration is not None
@@ -200,6 +218,7 @@ class Specimen:
         self.noise = Noise(np.random.default_rng(noise_seed))
         self.state: dict[str, np.ndarray] = {}
         self._draw(generator.uniform, extra_seed)
+        self._draw_in_space(np.random.default_rng(space_seed).uniform)
 
     def _draw(self, uniform, extra_seed: np.random.SeedSequence) -> None:
         """Draws the limb from a generator's uniform numbers, and what it has on request."""
@@ -218,6 +237,18 @@ class Specimen:
         if "bond" in self.extra:
             times = [{"bond_time": time if is_bad else 0.0} for is_bad, time in bonds]
             self.wires = list(map(_changed, self.wires, times))
+
+    def _draw_in_space(self, uniform) -> None:
+        """Draws what only segments of two axes have; their other draws are those of planar ones."""
+        layout = Layout(self.description)
+        for number, described in enumerate(self.description.segments):
+            if described.axes == 2:
+                drawn = _draw_second_axis(uniform, described)
+                self.segments[number] = _changed(self.segments[number], drawn)
+                for wire in range(layout.num_wires)[layout.wires_of[number]]:
+                    # 4° of standard deviation, ours: wires are laid into the mould by hand
+                    changes = {"misplaced": np.deg2rad(uniform(-7.0, 7.0))}
+                    self.wires[wire] = _changed(self.wires[wire], changes)
 
     @classmethod
     def of(cls, board: EmulatedLimb) -> "Specimen":
@@ -254,6 +285,7 @@ class Specimen:
                 - "rubber": it is linear, and rests at the described angle;
                 - "bend sensor": it reads α/2, or the chord's angle, exactly, except
                   for its steps;
+                - "places": wires run where they are described, and not some degrees beside;
                 - "memory", "bond": what the limb may have beside these.
 
         Raises:
@@ -270,7 +302,7 @@ class Specimen:
             specimen.wires = [_changed(wire, changes) for wire in specimen.wires]
             changes = dict.fromkeys(_SEGMENTS_WITHOUT.get(effect, ()), 0.0)
             if effect == "bend sensor":
-                changes["sensor_gain"] = 1.0
+                changes |= {"sensor_gain": 1.0, "sensor_gain_e3": 1.0}
             specimen.segments = [_changed(segment, changes) for segment in specimen.segments]
         specimen.absent += effects
         return specimen
@@ -292,8 +324,8 @@ class Specimen:
             changes: any of
 
                 - "ambient": by which the room is warmer, °C;
-                - "payload": rad, by which a constant torque on all joints would bend its rubber
-                  alone; cold wires hold back a tenth of that;
+                - "payload", "payload_e3": rad, by which a constant torque on all joints would
+                  bend its rubber alone, towards E2 and E3; cold wires hold back a tenth of that;
                 - "stiffness": factor of the rubber's k;
                 - "cooling": factor of the rates at which wires and silicone cool, as by a fan;
                 - "supply": factor of the heat for the same duty;
@@ -301,7 +333,7 @@ class Specimen:
 
         Raises:
             LimbError: if a change is unknown, or a factor not a positive number, or if the
-                limb was disturbed before.
+                limb was disturbed before, or cannot bend towards E3.
         """
         for name, value in changes.items():
             if name not in DISTURBANCES:
@@ -310,6 +342,8 @@ class Specimen:
                 raise LimbError(f"{name} of a limb is changed by {value!r}, which makes no sense.")
         if changes and self.disturbances:
             raise LimbError("This limb is disturbed already; disturb the original by both at once.")
+        if "payload_e3" in changes and Layout(self.description).is_planar:
+            raise LimbError("A limb that bends in a plane takes no payload_e3; give it a payload.")
         specimen = copy.deepcopy(self)
         change = DISTURBANCES | {name: float(value) for name, value in changes.items()}
         specimen.disturbances = self.disturbances | {name: change[name] for name in changes}
@@ -335,6 +369,7 @@ class Specimen:
                 stiffness=segment.stiffness * change["stiffness"],
                 # A torque on a spring is another angle at rest.
                 rest_offset=segment.rest_offset + change["payload"] / change["stiffness"],
+                rest_offset_e3=segment.rest_offset_e3 + change["payload_e3"] / change["stiffness"],
                 sensor_noise=segment.sensor_noise * change["noise"],
             )
             for segment in self.segments
@@ -356,23 +391,33 @@ class Specimen:
     def rest_angles(self) -> np.ndarray:
         """Joint angles of the unused limb at rest (n,), rad, by eqn (11)."""
         rest = [
-            described.rest_angle + segment.rest_offset
+            angle
             for described, segment in zip(self.description.segments, self.segments, strict=True)
+            for angle in (
+                described.rest_angle + segment.rest_offset,
+                described.rest_angle_e3 + segment.rest_offset_e3,
+            )[: described.axes]
         ]
         return joint_angles_from_bend_angle(self.description, rest)
 
     def mechanics(self) -> LimbParameters:
-        """Parameters of the linear part: true k, σ, ambient and lag; gravity as described.
+        """Parameters of the linear part: true k, σ, places of wires, ambient and lag.
 
-        Its springs are free of torque at the described angle at rest.
+        Gravity is as described. Its springs are free of torque at the described angle at rest.
         """
         parameters = copy.deepcopy(self.description)
         parameters.ambient_temperature = self.ambient
         for segment, physics in zip(parameters.segments, self.segments, strict=True):
             segment.stiffness, segment.damping = physics.stiffness, physics.damping
+            segment.stiffness_ratio = physics.stiffness_ratio
             segment.stiffening, segment.rest_memory = 0.0, None
         for wire, drawn in zip(parameters.wires, self.wires, strict=True):
             wire.law = LinearLaw(a3=-1 / drawn.bond_time if drawn.bond_time else drawn.lag_rate)
+            cosine, sine = np.cos(drawn.misplaced), np.sin(drawn.misplaced)
+            wire.e2, wire.e3 = (
+                float(cosine * wire.e2 - sine * wire.e3),
+                float(sine * wire.e2 + cosine * wire.e3),
+            )
         return parameters
 
 
@@ -461,6 +506,20 @@ def _draw_segment(uniform, segment) -> SegmentPhysics:
     )
 
 
+def _draw_second_axis(uniform, segment) -> dict[str, float]:
+    """What `SegmentPhysics` has beside, where the segment bends about two axes."""
+    sensor = segment.bend_sensor
+    return {
+        # A section cast to 1% of its width and thickness, whose ratio counts squared; ours.
+        "stiffness_ratio": segment.stiffness_ratio * uniform(0.97, 1.03),
+        "rest_offset_e3": np.deg2rad(uniform(-2.0, 2.0)),  # as towards E2
+        "sensor_gain_e3": sensor.gain * uniform(0.97, 1.03),
+        "sensor_curvature_e3": uniform(-0.03, 0.03),
+        "sensor_offset_e3": sensor.offset_e3,
+        "sensor_roll": np.deg2rad(uniform(-5.0, 5.0)),  # ours, glued on by eye
+    }
+
+
 def _changed(physics: Any, changes: dict[str, float]) -> Any:
     return dataclasses.replace(physics, **changes)
 
@@ -482,9 +541,13 @@ _WIRES_WITHOUT = {
     "silicone": ["silicone_share"],
     "stress": ["latent_heat", "stress_shift", "strain_relief", "expansion"],
     "bond": ["bond_time"],
+    "places": ["misplaced"],
 }
 _SEGMENTS_WITHOUT = {
     "memory": ["memory_angle", "memory_share"],
-    "rubber": ["stiffening", "viscous_share", "rest_offset"],
-    "bend sensor": ["sensor_offset", "sensor_curvature", "sensor_noise", "sensor_drift"],
+    "rubber": ["stiffening", "viscous_share", "rest_offset", "rest_offset_e3"],
+    "bend sensor": [
+        *("sensor_offset", "sensor_curvature", "sensor_noise", "sensor_drift"),
+        *("sensor_offset_e3", "sensor_curvature_e3", "sensor_roll"),
+    ],
 }

@@ -22,6 +22,7 @@ from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
 from hardware.emulation.wires import LONGEST_STEP, ShapeMemoryWires
 from hardware.firmware import guard
 from limb_systems import (
+    Layout,
     LimbError,
     LimbParameters,
     ThermocoupleLag,
@@ -55,14 +56,14 @@ class LimbTwin(Diagram):
     All this is its physics "lumped". That called "continuum" shares nothing with it but the
     ports, see `ContinuumLimb`.
 
-    For a limb of S segments, n joints in all and W wires:
+    For a limb of n joints, W wires and F bends in all, see `Layout`:
 
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C, as thermocouples read it
-    - output 1 ``bend_angle``: φ (S), rad, as bend sensors read it: α/2 of the tip's
+    - output 1 ``bend_angle``: φ (F), rad, as bend sensors read it: α/2 of the tip's
       tangent, or whatever each segment's ``bend_sensor`` is made for
     - output 2 ``applied_duty``: D (W) in the steps of the PWM
-    - output 3 ``measurement``: [V (W), φ (S)], as they are read
+    - output 3 ``measurement``: [V (W), φ (F)], as they are read
     - output 4 ``cut_out``: 1 once a wire was measured at the board's limit of 110 °C, where
       the heaters are switched off until the end of the simulation, else 0
     - outputs 5 and 6, only if the truth is asked for: ``wire_temperature`` (W), °C, and
@@ -102,8 +103,8 @@ class LimbTwin(Diagram):
             extra: effects that it has beside those of every limb, see `Specimen`.
             physics: one of `SPECIMENS`.
             specimen: the particular limb, in place of these four.
-            hand: bend angle over time, rad, to which a hand bends the limb until
-                the end of the trajectory.
+            hand: bend angle over time, or both of two axes, rad, to which a hand bends the
+                limb until the end of the trajectory.
             bend_rate: rate at which the bend sensors are read, Hz.
             wire_period: period of `ShapeMemoryWires`, s, or of `ContinuumLimb` if it is longer
                 than its own.
@@ -169,13 +170,16 @@ class LimbTwin(Diagram):
         )
         state = specimen.state
         (draws,) = state.get("draws", [0.0])
+        layout, segments = Layout(self.parameters), specimen.segments
         readings = limb_sensors(
             self.parameters,
             bend_rate,
             max(THERMOCOUPLE_PERIOD, wire_period),
-            bend_response=_bend_response(specimen.segments),
-            bend_noise=[segment.sensor_noise for segment in specimen.segments],
-            bend_drift=[segment.sensor_drift for segment in specimen.segments],
+            bend_response=lambda exact: np.concatenate(
+                [_shown(s, exact[of]) for s, of in zip(segments, layout.bends_of, strict=True)]
+            ),
+            bend_noise=[segments[number].sensor_noise for number in layout.bend_segment],
+            bend_drift=[segments[number].sensor_drift for number in layout.bend_segment],
         )
         sensors = builder.AddSystem(SampledSensors(readings, specimen.noise, int(draws)))
         builder.Connect(lag.get_output_port(), sensors.GetInputPort("measured_temperature"))
@@ -396,9 +400,14 @@ class _Memory(LeafSystem):
         self._specimen.state = {name: state[part] for name, part in self._parts.items()}
 
 
-def _bend_response(segments: Sequence[SegmentPhysics]):
-    """A function from what exact bend sensors would show (S,) to what these do, rad."""
-    gain = np.array([segment.sensor_gain for segment in segments])
-    curvature = np.array([segment.sensor_curvature for segment in segments]) / (np.pi / 4)
-    offset = np.array([segment.sensor_offset for segment in segments])
-    return lambda angle: gain * angle * (1 + curvature * angle) + offset
+def _shown(segment: SegmentPhysics, exact: np.ndarray) -> np.ndarray:
+    """What a segment's bend sensor shows where an exact one would show (axes,), rad."""
+    gain, curvature, offset = np.array([
+        (segment.sensor_gain, segment.sensor_gain_e3),
+        (segment.sensor_curvature, segment.sensor_curvature_e3),
+        (segment.sensor_offset, segment.sensor_offset_e3),
+    ])[:, : len(exact)]  # fmt: skip
+    if len(exact) == 2:
+        cosine, sine = np.cos(segment.sensor_roll), np.sin(segment.sensor_roll)
+        exact = np.array([[cosine, sine], [-sine, cosine]]) @ exact
+    return gain * exact * (1 + curvature / (np.pi / 4) * exact) + offset

@@ -43,7 +43,8 @@ class ShapeMemoryWires(LeafSystem):
         τ = G(ξ) (ε + 1 - ξ) + Θ (T - T_room),  G(ξ) = 1 - ξ (1 - G_M/G_A)
 
     with the strain ε = -r φ_own, which bending towards the wire's own side
-    reduces. The torque on each joint of the segment is proportional to τ. A
+    reduces. The torque on each joint of the segment is proportional to τ, and to the share of
+    the wire's lever that turns the joint, from where the wire runs in truth. A
     straight limb at the temperature of the room is free of torque. All this is
     integrated by Euler's method, at 20 Hz by default; while a limb rests, several of
     its steps are in a period, in which the strain changes evenly.
@@ -73,23 +74,15 @@ class ShapeMemoryWires(LeafSystem):
         self._room, self._num_wires, self._num_joints = specimen.ambient, num_wires, num_joints
         self._wires = wires
         self._rates = [_heat_rates(w.fast_time, w.slow_time, w.silicone_share) for w in wires]
-        # φ towards the wire's own side is the mean joint angle times (n + 1) / 2, eqn (11).
-        self._strain = np.zeros((num_wires, num_joints))
-        self._torque = np.zeros((num_joints, num_wires))
-        layout = Layout(parameters)
-        for segment, joints, around in zip(
-            parameters.segments,
-            layout.joints_of,
-            layout.wires_of,
-            strict=True,
-        ):
-            links = joints.stop - joints.start
-            for described, wire in zip(
-                segment.wires, range(around.start, around.stop), strict=True
-            ):
-                side, relief = described.lever[0], wires[wire].strain_relief
-                self._strain[wire, joints] = -side * relief * (links + 1) / (2 * links)
-                self._torque[joints, wire] = side * wires[wire].torque
+        layout = Layout(specimen.mechanics())
+        # φ towards the wire's own side is the mean angle that it sees on the links, over what
+        # equal ones are for a bend of one, eqn (11).
+        twice, links = np.empty((2, num_joints, 1))
+        for chain, joints in zip(layout.chains, layout.joints_of, strict=True):
+            twice[joints], links[joints] = 2 / chain.equal_angle, len(chain.lengths)
+        relief = layout.levers * [wire.strain_relief for wire in wires]
+        self._strain = np.ascontiguousarray(-(relief * twice / (2 * links)).T)
+        self._torque = layout.levers * [wire.torque for wire in wires]
 
         room = np.full(num_wires, specimen.ambient)
         rest = np.concatenate([room, room, np.ones(num_wires), np.zeros(num_wires)])

@@ -1,0 +1,167 @@
+"""The emulated limb that bends about two axes, against the planar one, closed forms and energy."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from pydrake.trajectories import PiecewisePolynomial
+
+from hardware.emulation.specimen import Specimen
+from hardware.emulation.twin import LimbTwin
+from limb_systems import (
+    ChordSensor,
+    Layout,
+    LimbError,
+    LimbParameters,
+    make_manipulator,
+    simulate,
+)
+from limb_systems.simulation import make_simulator
+
+EFFECTS = ("rubber", "bend sensor", "places")
+
+
+def changed(specimen: Specimen, wires=None, segments=None) -> Specimen:
+    specimen.wires = [dataclasses.replace(wire, **wires or {}) for wire in specimen.wires]
+    specimen.segments = [dataclasses.replace(s, **segments or {}) for s in specimen.segments]
+    return specimen
+
+
+def test_what_two_axes_have_beside_is_drawn_as_stated():
+    drawn = [Specimen(LimbParameters.in_space(4), seed) for seed in range(100)]
+    misplaced, roll = (
+        np.rad2deg([getattr(part, name) for limb in drawn for part in parts(limb)])
+        for name, parts in (("misplaced", lambda x: x.wires), ("sensor_roll", lambda x: x.segments))
+    )
+    assert misplaced.std() == pytest.approx(4.0, abs=0.3)
+    assert np.abs(np.corrcoef(misplaced.reshape(-1, 4).T) - np.eye(4)).max() < 0.35
+    assert 2.0 < np.abs(roll).mean() < 3.0
+    again = LimbTwin.of(LimbTwin(LimbParameters.in_space(4), seed=3).parameters).specimen
+    assert again.wires == drawn[3].wires
+    assert again.segments == drawn[3].segments
+    # A segment of one axis has none of it, also beside one of two.
+    planar = LimbParameters().segments[0]
+    limb = LimbParameters(segments=[planar, LimbParameters.in_space().segments[0]])
+    both = Specimen(limb, 3)
+    alone = Specimen(LimbParameters(), 3)
+    assert both.segments[0] == alone.segments[0]
+    assert [wire.misplaced != 0.0 for wire in both.wires] == [False] * 2 + [True] * 3
+
+
+@pytest.mark.parametrize("misplaced", [0.0, 6.0])
+def test_a_wire_bends_the_limb_to_where_it_runs(misplaced):
+    specimen = Specimen(LimbParameters.in_space(), 3).without(*EFFECTS)
+    changed(specimen, {"misplaced": np.deg2rad(misplaced)}, {"stiffness_ratio": 1.0})
+    bent = simulate(LimbTwin(specimen=specimen), [0.0, 0.3, 0.0], 20.0).bend_angle[:, -1]
+    assert np.rad2deg(np.hypot(*bent)) > 15.0
+    assert np.rad2deg(np.arctan2(bent[1], bent[0])) == pytest.approx(120 + misplaced, abs=0.6)
+
+
+def test_with_wires_at_e2_only_it_is_the_planar_limb():
+    limbs = LimbParameters(), LimbParameters()
+    limbs[1].segments[0].axes = 2
+    planar, space = (Specimen(limb, 3, ["memory"]) for limb in limbs)
+    space = changed(space.without("places"), segments={"rest_offset_e3": 0.0})
+    expected, found = (
+        simulate(LimbTwin(specimen=limb, truth=True), [0.3, 0.1], 15.0) for limb in (planar, space)
+    )
+    e2, e3 = Layout(limbs[1]).bend_joints
+    assert np.rad2deg(np.abs(expected.joint_state[:5]).max()) > 5.0
+    np.testing.assert_allclose(found.joint_state[e2], expected.joint_state[:5], atol=1e-4)
+    np.testing.assert_allclose(found.joint_state[e3], 0.0, atol=1e-9)
+    np.testing.assert_allclose(found.wire_temperature, expected.wire_temperature, atol=1e-2)
+
+
+def test_energy_only_falls_without_heat():
+    """That of Drake, and of stiffening and relaxing springs whose forces are its gradient."""
+    limb = LimbParameters.in_space(3)
+    limb.gravity, limb.payload, segment = [1.0, -5.0, 8.0], 0.02, limb.segments[0]
+    segment.twists = segment.centred_joints = True
+    segment.rest_angle, segment.rest_angle_e3, segment.links = 0.2, -0.1, 2
+    specimen = Specimen(limb, 5).without("stress")
+    (rubber,) = changed(specimen, segments={"damping": 1e-6, "stiffening": 2.0}).segments
+    layout = Layout(specimen.mechanics())
+    start = layout.shape @ [0.9, -0.7] + 0.1 * np.sin(np.arange(6))
+    specimen.state = {"joints": start, "rubber": start}
+    plant, described = make_manipulator(specimen.mechanics()), layout.shape @ [0.2, -0.1]
+    context = plant.CreateDefaultContext()
+
+    def energy(state):
+        plant.SetPositionsAndVelocities(context, state["joints"])
+        angles, k = state["joints"][:6], layout.stiffness
+        links = np.array([(angles - described)[j] ** 2 for j in layout.bend_joints]).sum(axis=0)
+        stiffening = rubber.stiffness * rubber.stiffening / (np.pi / 4) ** 2
+        lost = k @ ((specimen.rest_angles() - described) * angles)
+        creep = rubber.viscous_share * k @ (angles - state["rubber"]) ** 2 / 2
+        drake = plant.CalcKineticEnergy(context) + plant.CalcPotentialEnergy(context)
+        return drake + stiffening * (links**2).sum() / 4 - lost + creep
+
+    twin = LimbTwin(specimen=specimen)
+    simulator = make_simulator(twin, 1e-6)
+    twin.GetInputPort("duty").FixValue(simulator.get_mutable_context(), np.zeros(3))
+    energies = []
+    for time in np.arange(0.0, 0.4, 0.02):
+        simulator.AdvanceTo(time)
+        energies.append(energy(twin.specimen.state))
+    assert np.diff(energies).max() < 1e-4 * np.ptp(energies)
+    assert plant.CalcKineticEnergy(context) > 0.01 * np.ptp(energies)
+
+
+def test_the_sensor_reads_in_axes_of_its_own():
+    limb = LimbParameters.in_space()
+    segment = limb.segments[0]
+    segment.rest_angle, segment.rest_angle_e3 = 0.4, 0.3
+    segment.bend_sensor = ChordSensor(offset=0.1, offset_e3=-0.2, noise=0.0, drift=0.0)
+    specimen = Specimen(limb, 3).without("rubber", "stress")
+    sensor = {"sensor_roll": np.arctan2(3.0, 4.0), "sensor_gain_e3": 1.1}
+    changed(specimen, segments=sensor | {"sensor_curvature_e3": 0.0})
+    (drawn,) = specimen.segments
+    gain = drawn.sensor_gain * (1 + drawn.sensor_curvature * 0.5 / (np.pi / 4))
+    seen = simulate(LimbTwin(specimen=specimen), [0.0] * 3, 1.0).bend_angle[:, -1]
+    # Its first axis is along the bend of 0.5 rad.
+    np.testing.assert_allclose(np.rad2deg(seen), np.rad2deg([0.5 * gain + 0.1, -0.2]), atol=0.4)
+
+
+def test_each_axis_has_noise_and_drift_of_its_own():
+    specimen = Specimen(LimbParameters.in_space(), 3).without("rubber", "stress")
+    seen = np.rad2deg(
+        simulate(LimbTwin(specimen=specimen), [0.0] * 3, 60.0, sample_rate=5.0).bend_angle
+    )
+    noise = np.diff(seen) / np.sqrt(2)
+    assert noise.std(axis=1) == pytest.approx([0.5, 0.5], rel=0.1)
+    assert np.abs(np.corrcoef(noise)[0, 1]) < 0.2
+    assert np.diff(seen, axis=0).std() > 0.9  # more than the noise of both, by the drifts
+
+
+def test_a_hand_holds_both_bends():
+    wanted = np.array([0.5, -0.4])
+    hand = PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 3.0], np.outer(wanted, [0.0, 1.0, 1.0]))
+    limb = LimbParameters.in_space()
+    held = LimbTwin(specimen=Specimen(limb, 3).without("bend sensor"), hand=hand)
+    bent = simulate(held, [0.0] * 3, 2.9).bend_angle[:, -1]
+    np.testing.assert_allclose(bent, wanted, rtol=0.15)  # it is no stiffer than a hand
+    with pytest.raises(LimbError, match="The hand moves 2 bend angles, but the limb has 1"):
+        LimbTwin(hand=hand)
+
+
+def test_it_remembers_towards_the_wire_that_was_hot():
+    specimen = Specimen(LimbParameters.in_space(), 3, ["memory"]).without("places")
+    twin = LimbTwin(specimen=specimen)
+    simulate(twin, [0.0, 0.3, 0.0], 30.0)
+    shift = twin.specimen.state["rest"][:2]
+    (segment,) = specimen.segments
+    assert np.rad2deg(np.arctan2(*shift[::-1])) == pytest.approx(120.0, abs=0.1)
+    assert 0.3 * segment.memory_angle < np.hypot(*shift) < segment.memory_angle
+
+
+def test_loads_push_towards_both_axes_and_other_physics_is_refused():
+    specimen = Specimen(LimbParameters.in_space(), 3)
+    loaded = specimen.disturbed(payload=0.1, payload_e3=-0.2)
+    shape = Layout(specimen.description).shape
+    expected = specimen.rest_angles() + shape @ [0.1, -0.2]
+    np.testing.assert_allclose(loaded.rest_angles(), expected)
+    assert Specimen.of(loaded.board).segments == loaded.segments
+    with pytest.raises(LimbError, match="bends in a plane takes no payload_e3"):
+        Specimen(LimbParameters(), 3).disturbed(payload_e3=0.1)
+    with pytest.raises(LimbError, match="has one segment that bends in a plane"):
+        LimbTwin(LimbParameters.in_space(), physics="continuum")
