@@ -4,9 +4,10 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from typing import Any
 
-SILICONE_COLOR = "0.89 0.91 0.94 1"
+SILICONE_COLOR, CLEAR_SILICONE_COLOR = "0.89 0.91 0.94 1", "0.80 0.85 0.92 0.3"
 WIRE_COLOR = "0.45 0.45 0.5 1"
 BRACKET_COLOR = "0.25 0.27 0.3 1"
+STEEL = 33e3  # kg/m³, 4π/3 times that of steel: a payload is drawn as a ball of it
 PI_2 = 1.5707963267948966
 
 
@@ -72,6 +73,7 @@ def limb_urdf(segments: Sequence[Any], name: str = "limb", *, payload: float = 0
         inertial = ElementTree.SubElement(load, "inertial")
         ElementTree.SubElement(inertial, "mass", value=_text(payload))
         _inertia(inertial, 0.0, 0.0, 0.0)
+        _sphere(load, "load", (payload / STEEL) ** (1 / 3), BRACKET_COLOR)
         _add_joint(robot, "load", "fixed", parent, "payload", origin)
     ElementTree.indent(robot)
     return f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
@@ -110,19 +112,30 @@ def _inertia(inertial, ixx: float, iyy: float, izz: float) -> None:
 
 
 def _link_visuals(link, length: float, segment) -> None:
-    """A box, a disc that closes the gap to the link before when bent, and the wires.
+    """The silicone, what closes its gap to the link before when bent, and the wires.
 
-    Wires are drawn half sunk along the top, where a view from above shows them
-    however the limb bends; those below the axis (e3 < 0) along the bottom. They
+    A segment that bends in a plane is a box with discs, with its wires half sunk along the
+    top, where a view from above shows them however it bends; those below the axis
+    (e3 < 0) along the bottom. One that bends in space is of clear silicone, a cylinder
+    with balls if its section is a square, and its wires are where they run. They
     overlap from link to link.
     """
     thickness, width = segment.thickness, segment.width
-    _box(link, "silicone", (length, thickness, width), (0.5 * length, 0.0), SILICONE_COLOR)
-    disc = (0.495 * thickness, 0.99 * width)
-    _cylinder(link, "joint", disc, (0.0, 0.0, 0.0), 0.0, SILICONE_COLOR)
+    in_space, middle = "e3" in segment.joints[0], (0.5 * length, 0.0)
+    color = CLEAR_SILICONE_COLOR if in_space else SILICONE_COLOR
+    if in_space and thickness == width:
+        _cylinder(link, "silicone", (0.5 * width, length), (*middle, 0.0), PI_2, color)
+    else:
+        _box(link, "silicone", (length, thickness, width), middle, color)
+    if in_space:
+        _sphere(link, "joint", 0.495 * min(thickness, width), color)
+    else:
+        disc = (0.495 * thickness, 0.99 * width)
+        _cylinder(link, "joint", disc, (0.0, 0.0, 0.0), 0.0, color)
     radius = 0.12 * thickness
     for wire in segment.wires:
-        center = (0.5 * length, wire.e2, -0.5 * width if wire.e3 < 0 else 0.5 * width)
+        top_or_bottom = -0.5 * width if wire.e3 < 0 else 0.5 * width
+        center = (0.5 * length, wire.e2, wire.e3 if in_space else top_or_bottom)
         size = (radius, length + 1.5 * radius)
         _cylinder(link, f"wire_{wire.name}", size, center, PI_2, WIRE_COLOR)
 
@@ -136,6 +149,11 @@ def _cylinder(link, name: str, size, center, pitch: float, color: str) -> None:
     radius, length = map(_text, size)
     visual = _visual(link, name, center, pitch, color)
     ElementTree.SubElement(visual.find("geometry"), "cylinder", radius=radius, length=length)
+
+
+def _sphere(link, name: str, radius: float, color: str) -> None:
+    visual = _visual(link, name, (0.0, 0.0, 0.0), 0.0, color)
+    ElementTree.SubElement(visual.find("geometry"), "sphere", radius=_text(radius))
 
 
 def _visual(link, name: str, center, pitch: float, color: str):

@@ -6,13 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.geometry import Role
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint
+from pydrake.systems.framework import DiagramBuilder
 
 import urdf
-from limb_systems import LimbParameters, SegmentParameters, WireParameters
+from limb_systems import LimbParameters, SegmentParameters, WireParameters, add_manipulator
+from limb_systems.model.kinematics import link_positions
 from urdf import limb_urdf
 
 FOLDER = Path(urdf.__file__).parent
@@ -147,6 +150,42 @@ def test_a_wire_below_the_axis_is_drawn_below():
         visual = robot.find(f"link[@name='link_2']/visual[@name='wire_{name}']")
         place = visual.find("origin").get("xyz").split()
         assert [float(number) for number in place] == pytest.approx([0.01, 0.003, height])
+
+
+def test_in_space_wires_run_at_their_places_beside_the_axis_of_each_piece():
+    limb = LimbParameters.in_space(wires=4, links=3)
+    limb.payload, limb.segments[0].centred_joints, limb.segments[0].twists = 0.02, True, True
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+    add_manipulator(plant, limb)
+    plant.Finalize()
+    context = builder.Build().CreateDefaultContext()
+    query = scene_graph.get_query_output_port()
+    bent = np.random.default_rng(2).uniform(-0.4, 0.4, 9)
+    for angles in (np.zeros(9), bent):
+        plant.SetPositions(plant.GetMyContextFromRoot(context), angles)
+        shown = query.Eval(scene_graph.GetMyContextFromRoot(context))
+        ends = link_positions(limb, angles)
+        pieces = ("root_1", "link_1", "link_2", "link_3")
+        for body, start, end in zip(pieces, ends[:-1], ends[1:], strict=True):
+            frame = plant.GetBodyFrameIdOrThrow(plant.GetBodyByName(body).index())
+            geometries = shown.inspector().GetGeometries(frame, Role.kIllustration)
+            found = {shown.inspector().GetName(one).split("::")[-1]: one for one in geometries}
+            along = (end - start) / np.linalg.norm(end - start)
+            for wire in limb.segments[0].wires:
+                pose = shown.GetPoseInWorld(found[f"wire_{wire.name}"])
+                beside = pose.translation() - (start + end) / 2
+                assert np.linalg.norm(beside) == pytest.approx(np.hypot(wire.e2, wire.e3))
+                assert beside @ along == pytest.approx(0.0, abs=1e-12)
+                np.testing.assert_allclose(pose.rotation().col(2), along, atol=1e-12)
+                if not angles.any():
+                    np.testing.assert_allclose(beside, [0.0, wire.e2, wire.e3], atol=1e-12)
+    (ball,) = shown.inspector().GetGeometries(
+        plant.GetBodyFrameIdOrThrow(plant.GetBodyByName("payload").index()), Role.kIllustration
+    )
+    np.testing.assert_allclose(shown.GetPoseInWorld(ball).translation(), ends[-1], atol=1e-12)
+    radius = shown.inspector().GetShape(ball).radius()
+    assert 7850 * 4 / 3 * np.pi * radius**3 == pytest.approx(0.02, rel=0.01)  # of steel
 
 
 def test_limb_has_nothing_to_collide_with():
