@@ -1,7 +1,8 @@
 """The limb in 3D, described once: its links, wires, ghosts and bars of duty, and the camera.
 
 The view is down on the bending plane: E1 points to the right and E2 up, so that
-a positive bend angle bends the limb up, as in a plot, towards its right wire.
+a positive bend angle bends the limb up, as in a plot, towards its right wire. On limbs that
+bend in space it is from before their tip, with E3 up, so that the paths of tips are seen.
 """
 
 import dataclasses
@@ -10,20 +11,32 @@ import weakref
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.geometry import Box, Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Rgba
+from pydrake.geometry import (
+    Box,
+    Cylinder,
+    Meshcat,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    Rgba,
+)
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.perception import PointCloud
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.kinematics import joint_angles_from_bend_angle
+from limb_systems.model.kinematics import (
+    joint_angles_from_bend_angle,
+    link_positions,
+    tip_position,
+)
 from limb_systems.model.layout import Layout
-from limb_systems.model.manipulator import add_manipulator
-from limb_systems.model.parameters import LimbParameters
-from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR
+from limb_systems.model.manipulator import add_manipulator, make_manipulator
+from limb_systems.model.parameters import LimbParameters, SegmentParameters
+from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR
 
 GHOST_OPACITY = 0.5
 DUTY_COLOR = (0.16, 0.18, 0.22)  # sRGB
@@ -33,6 +46,8 @@ WIRE_COLORS = np.array(
 )
 _TRACK_COLOR, _OUTLINE_COLOR = (0.93, 0.94, 0.95), (0.45, 0.47, 0.5)
 _ELEVATION = np.radians(65.0)  # of the camera above the bending plane
+_IN_SPACE = np.radians([45.0, 25.0])  # the camera's azimuth and elevation, of limbs in space
+_ALONG = RotationMatrix.MakeYRotation(np.pi / 2)  # a cylinder's axis along E1
 _FIELD_OF_VIEW = np.radians(25.0)  # from top to bottom; narrow, so that lengths compare
 
 # What the camera of a Meshcat must see: corners (3, 8) for each root.
@@ -69,8 +84,11 @@ class Ghost:
     @property
     def color(self) -> tuple[float, ...]:
         """The colour of its curve in plots, sRGB."""
-        code = {"reference": REFERENCE_COLOR, "plan": PLAN_COLOR}[self.name]
-        return tuple(value / 255 for value in bytes.fromhex(code[1:]))
+        return _rgb({"reference": REFERENCE_COLOR, "plan": PLAN_COLOR}[self.name])
+
+
+def _rgb(code: str) -> tuple[float, ...]:
+    return tuple(value / 255 for value in bytes.fromhex(code[1:]))
 
 
 def joint_angle_trajectory(motion: Recording | Trajectory) -> PiecewisePolynomial:
@@ -137,18 +155,33 @@ class LimbView:
             root: beginning of the limb's paths in Meshcat; empty, or ends with a slash.
         """
         self._parameters, self._ghosts, self._root = parameters, ghosts, root
-        self._segments = [s for s in parameters.segments for _ in range(s.links)]
-        self._lengths = np.array([s.length / s.links for s in self._segments])
+        self._layout, self._plant = Layout(parameters), make_manipulator(parameters)
+        self._context = self._plant.CreateDefaultContext()
         self._unit = 0.1 * sum(segment.length for segment in parameters.segments)  # of the bars
-        links = f"{root}visualizer/limb/link"
-        self._link_paths = [f"{links}_{i + 1}" for i in range(len(self._segments))]
-        self.wire_paths = [
-            [f"{links}_{i + 1}/limb/wire_{wire.name}" for i in range(joints.start, joints.stop)]
-            for joints, segment in zip(
-                Layout(parameters).joints_of, parameters.segments, strict=True
-            )
-            for wire in segment.wires
-        ]  # of each wire's pieces, one on each link
+        self._limb = f"{root}visualizer/limb"
+        self._pieces: list[tuple[str, SegmentParameters, float]] = []  # bodies and their lengths
+        self.wire_paths: list[list[str]] = []  # of each wire's pieces, one on each of its bodies
+        numbers = itertools.count(1)
+        for index, (segment, chain) in enumerate(
+            zip(parameters.segments, self._layout.chains, strict=True), 1
+        ):
+            bodies = [f"root_{index}"] if chain.first_length else []
+            shares = [chain.first_length] * len(bodies) + chain.lengths.tolist()
+            bodies += [f"link_{number}" for number in itertools.islice(numbers, segment.links)]
+            for body, share in zip(bodies, shares, strict=True):
+                self._pieces.append((body, segment, share * (segment.length / segment.links)))
+            self.wire_paths += [
+                [f"{self._limb}/{body}/limb/wire_{wire.name}" for body in bodies]
+                for wire in segment.wires
+            ]
+        names = [name for name, _, _ in self._pieces] + ["payload"] * bool(parameters.payload)
+        self._bodies = [self._plant.GetBodyByName(name) for name in names]
+        azimuth, elevation = (0.0, _ELEVATION) if self._layout.is_planar else _IN_SPACE
+        sine, cosine = np.sin(elevation), np.cos(elevation)
+        to_camera = np.array([[1, 0, 0], [0, sine, cosine], [0, -cosine, sine]])
+        self._to_camera = to_camera @ RotationMatrix.MakeZRotation(-azimuth).matrix()
+        # The bars are in the plane of the bends, or face the camera.
+        self._facing = np.eye(3) if self._layout.is_planar else self._to_camera.T
 
     def add_to(self, meshcat: Meshcat, base_pose: RigidTransform | None = None) -> None:
         """Puts the limb into a scene, in place of one with the same root.
@@ -156,13 +189,25 @@ class LimbView:
         Args:
             base_pose: pose of the limb's frame (E1, E2, E3) in the world; its origin if None.
         """
-        for folder in ("visualizer", "ghosts", "duty"):
+        base_pose = base_pose or RigidTransform()
+        facing = base_pose @ RigidTransform(RotationMatrix(self._facing), np.zeros(3))
+        for folder, pose in (("visualizer", base_pose), ("ghosts", base_pose), ("duty", facing)):
             meshcat.Delete(f"{self._root}{folder}")
-            meshcat.SetTransform(f"{self._root}{folder}", base_pose or RigidTransform())
+            meshcat.SetTransform(f"{self._root}{folder}", pose)
         self._add_limb(meshcat)
         for level, ghost in enumerate(self._ghosts):
             self._add_ghost(meshcat, ghost, level)
         self._add_bars(meshcat)
+
+    def add_tip_path(
+        self, meshcat: Meshcat, joint_angles: np.ndarray, ghost: Ghost | None = None
+    ) -> None:
+        """Puts a dot where the tip of a limb in space is, or its ghost's, for each θ (n, K)."""
+        dots = PointCloud(joint_angles.shape[1])
+        dots.mutable_xyzs()[:] = tip_position(self._parameters, joint_angles)
+        path = f"{self._root}ghosts/{f'{ghost.name}/' if ghost else ''}tip"
+        color = ghost.color if ghost else _rgb(ROLLOUT_COLOR)
+        meshcat.SetObject(path, dots, 0.13 * self._unit, Rgba(*color))
 
     def show(
         self, meshcat: Meshcat, joint_angles: np.ndarray, duty: np.ndarray | None, time: float
@@ -174,21 +219,14 @@ class LimbView:
             duty: D (W); the bars stay as they are if None.
             time: time for the ghosts, s.
         """
-        directions = np.cumsum(joint_angles)
-        steps = self._lengths * np.array([np.cos(directions), np.sin(directions)])
-        origins = np.cumsum(steps, axis=1) - steps
-        for path, direction, origin in zip(self._link_paths, directions, origins.T, strict=True):
-            pose = RigidTransform(RotationMatrix.MakeZRotation(direction), [*origin, 0.0])
-            meshcat.SetTransform(path, pose, time)
+        for body, pose in zip(self._bodies, self._poses(joint_angles), strict=True):
+            meshcat.SetTransform(f"{self._limb}/{body.name()}", pose, time)
         for ghost in self._ghosts:
-            origin = 0.0
-            angles = ghost.joint_angles.value(time)[:, 0]
-            for path, angle, length in zip(
-                self._ghost_paths(ghost), angles, self._lengths, strict=True
-            ):
-                pose = RigidTransform(RotationMatrix.MakeZRotation(angle), [origin, 0.0, 0.0])
-                meshcat.SetTransform(path, pose, time)
-                origin = length
+            before = RigidTransform()
+            poses = self._poses(ghost.joint_angles.value(time)[:, 0])
+            for path, pose in zip(self._ghost_paths(ghost), poses, strict=False):  # no payload
+                meshcat.SetTransform(path, before.InvertAndCompose(pose), time)
+                before = pose
         if duty is not None:
             for name, value in zip(self._parameters.wire_names, duty, strict=True):
                 path = f"{self._root}duty/{name}/fill"
@@ -243,22 +281,24 @@ class LimbView:
         meshcat.SetProperty("/Lights/FillLight/<object>", "position", [-6.0, -2.0, 10.0])
 
         if joint_angles is None:
-            bends = np.radians([[-90.0, -45.0, 0.0, 45.0, 90.0]] * len(self._parameters.segments))
-            joint_angles = joint_angles_from_bend_angle(self._parameters, bends)
+            towards = self._layout.bend_direction
+            bends = [
+                np.outer(towards == one, np.radians([-90.0, -45.0, 0.0, 45.0, 90.0]))
+                for one in range(towards.max() + 1)
+            ]
+            joint_angles = joint_angles_from_bend_angle(self._parameters, np.hstack(bends))
         limbs = _in_view.setdefault(meshcat, {})
         limbs[self._root] = (base_pose or RigidTransform()) @ self._reach(joint_angles)
         corners = np.hstack(list(limbs.values()))
         target = (corners.min(axis=1) + corners.max(axis=1)) / 2
-        sine, cosine = np.sin(_ELEVATION), np.cos(_ELEVATION)
-        to_camera = np.array([[1, 0, 0], [0, sine, cosine], [0, -cosine, sine]])
-        right, up, near = to_camera @ (corners - target[:, np.newaxis])
+        right, up, near = self._to_camera @ (corners - target[:, np.newaxis])
         slope = np.tan(_FIELD_OF_VIEW / 2)
         distance = (np.abs(up) / slope + near).max()
         camera = "/Cameras/default/rotated/<object>"
         meshcat.SetProperty(camera, "fov", np.degrees(_FIELD_OF_VIEW))
         meshcat.SetProperty(camera, "near", 0.1 * distance)
         meshcat.SetProperty(camera, "far", 10.0 * distance)
-        meshcat.SetCameraPose(target + distance * to_camera[2], target)
+        meshcat.SetCameraPose(target + distance * self._to_camera[2], target)
         return (np.abs(right) / (distance - near)).max() / slope
 
     def _add_limb(self, meshcat: Meshcat) -> None:
@@ -273,25 +313,46 @@ class LimbView:
         MeshcatVisualizer.AddToBuilder(builder, scene_graph, meshcat, params)
         diagram = builder.Build()
         diagram.ForcedPublish(diagram.CreateDefaultContext())
+        # From the tip on, each link of clear silicone hides what of the next is within it.
+        order = 0.0
+        for name in () if self._layout.is_planar else ("silicone", "joint"):
+            for body, _, _ in reversed(self._pieces):
+                path, order = f"{self._limb}/{body}/limb/{name}/<object>", order + 1.0
+                meshcat.SetProperty(path, "renderOrder", order)
+                meshcat.SetProperty(path, "material.side", 0.0)  # front only
 
     def _ghost_paths(self, ghost: Ghost) -> list[str]:
         """Meshcat paths of a ghost's links, each below that of the link which it hangs on."""
-        names = [f"link_{number}" for number in range(1, len(self._segments) + 1)]
+        names = [name for name, _, _ in self._pieces]
         base = f"{self._root}ghosts/{ghost.name}"
         return list(itertools.accumulate(names, "{}/{}".format, initial=base))[1:]
+
+    def _poses(self, joint_angles: np.ndarray) -> list[RigidTransform]:
+        """Poses of the bodies in the limb's frame."""
+        self._plant.SetPositions(self._context, joint_angles)
+        return [self._plant.EvalBodyPoseInWorld(self._context, body) for body in self._bodies]
 
     def _add_ghost(self, meshcat: Meshcat, ghost: Ghost, level: int) -> None:
         """Puts a ghost into the scene.
 
-        It is a flat strip just below the limb's top and narrower than the limb.
+        In space it is a tube along the axis, seen through the silicone, and the path of its tip.
+        Else it is a flat strip just below the limb's top and narrower than the limb.
         Where both coincide the limb hides it, so that nothing flickers; where they
         differ it is visible beside the limb. Its centre line is always visible: it
         runs above the limb and between the wires. The line of the next ghost is above
         that of the previous one, and narrower.
         """
-        for segment, path in zip(self._segments, self._ghost_paths(ghost), strict=True):
-            length = segment.length / segment.links
+        if not self._layout.is_planar:
+            times = np.linspace(ghost.joint_angles.start_time(), ghost.joint_angles.end_time(), 999)
+            angles = ghost.joint_angles.vector_values(times)
+            self.add_tip_path(meshcat, angles, ghost)
+        for (_, segment, length), path in zip(self._pieces, self._ghost_paths(ghost), strict=True):
             thickness, width = segment.thickness, segment.width
+            if not self._layout.is_planar:
+                tube = Cylinder((0.05 + 0.03 * level) * thickness, length)
+                meshcat.SetObject(f"{path}/tube", tube, Rgba(*ghost.color))
+                meshcat.SetTransform(f"{path}/tube", RigidTransform(_ALONG, [length / 2, 0.0, 0.0]))
+                continue
             gap = 0.15 * thickness  # links that overlap would be seen twice
             flat = 0.02 * thickness
             strip = Box(max(length - gap, 0.5 * length), 0.96 * thickness, flat)
@@ -328,19 +389,19 @@ class LimbView:
     def _bar_positions(self) -> np.ndarray:
         """Positions of the bars along E1, m: left of the base, with gaps between segments."""
         steps = np.full(len(self._parameters.wires), 0.95)
-        steps[[wires.start for wires in Layout(self._parameters).wires_of]] = 1.25
+        steps[[wires.start for wires in self._layout.wires_of]] = 1.25
         places = np.cumsum(steps)
-        return self._unit * (places - places[-1] - 0.7) - 0.6 * self._segments[0].thickness
+        bracket = (0.6 if self._layout.is_planar else 1.2) * self._pieces[0][1].thickness
+        return self._unit * (places - places[-1] - 0.7) - bracket
 
     def _reach(self, joint_angles: np.ndarray) -> np.ndarray:
         """The corners (3, 8) of a box that limb and bars stay in, with a margin, m."""
-        directions = np.cumsum(joint_angles, axis=0)
-        steps = self._lengths[:, np.newaxis] * np.array([np.cos(directions), np.sin(directions)])
-        ends = np.cumsum(steps, axis=1)
-        margin, unit = 0.15 * self._lengths.sum(), self._unit
-        low = np.minimum(ends.min(axis=(1, 2)) - margin, -1.8 * unit)
-        high = np.maximum(ends.max(axis=(1, 2)) + margin, 1.8 * unit)
-        half_width = max(segment.width for segment in self._segments) / 2
-        left = min(low[0], self._bar_positions()[0] - 0.6 * unit)
-        ranges = [(left, high[0]), (low[1], high[1]), (-half_width, half_width)]
-        return np.array(list(itertools.product(*ranges))).T
+        ends = link_positions(self._parameters, joint_angles)[1:]
+        ends = np.einsum("ji,pjk->ipk", self._facing, ends)
+        half_width = max(segment.width for segment in self._parameters.segments) / 2
+        margin, unit = np.array([1.5 * self._unit, 1.5 * self._unit, half_width]), self._unit
+        bars = np.array([1.8 * unit, 1.8 * unit, 0.0])
+        low = np.minimum(ends.min(axis=(1, 2)) - margin, -bars)
+        high = np.maximum(ends.max(axis=(1, 2)) + margin, bars)
+        low[0] = min(low[0], self._bar_positions()[0] - 0.6 * unit)
+        return self._facing @ np.array(list(itertools.product(*zip(low, high, strict=True)))).T

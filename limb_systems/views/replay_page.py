@@ -18,6 +18,7 @@ from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.output import write_atomically
+from limb_systems.views.colors import ROLLOUT_COLOR
 from limb_systems.views.limb_view import (
     DUTY_COLOR,
     GHOST_OPACITY,
@@ -47,7 +48,8 @@ def write_meshcat_replay(
     angles, they follow from its bend angle by constant curvature, eqn (11). The
     wires' colour shows T, or V where T is not known, and bars beside the base
     show the duty. Translucent ghosts show the plan and its reference, or without
-    a plan the reference in the motion.
+    a plan the reference in the motion. In space the paths of all tips are shown, the motion's
+    own as far as it has come.
 
     Args:
         path: the HTML file, which is written whole or not at all.
@@ -84,12 +86,15 @@ def write_meshcat_replay(
         [ghost.joint_angles.vector_values(times - start) for ghost in ghosts],
     )
     page, aspect = _animate(parameters, frames, ghosts, rate)
+    names = [suffix.strip("_").replace("_", " ") for suffix in Layout(parameters).bend_suffixes]
     how = "planned" if isinstance(motion, Trajectory) else motion.how
     caption = template("replay.html", Path(__file__).parent / "templates").render(
         title=title,
         motion=_motion_in_words(motion),
         poses=[(how, None)] + [(ghost.name, _css(ghost.color)) for ghost in ghosts],
-        segments=[suffix.strip("_") for suffix in Layout(parameters).bend_suffixes],
+        bends=names,
+        in_space=not Layout(parameters).is_planar,
+        tip_color=ROLLOUT_COLOR,
         wires=[name.replace("_", " ") for name in parameters.wire_names],
         values=_values(parameters, frames),
         frames_per_second=repr(float(rate)),
@@ -147,7 +152,16 @@ def _motion_in_words(motion: Recording | Trajectory) -> str:
 
 
 def _places_in_words(parameters: LimbParameters) -> str:
-    """Where each wire is as one looks down on the limb, E2 being up."""
+    """Where each wire is as one looks down on the limb, E2 being up, or at its tip in space."""
+    if not Layout(parameters).is_planar:
+        places = dict.fromkeys(
+            ", ".join(
+                f"{wire.name} {np.rad2deg(np.arctan2(wire.e3, wire.e2)):.0f}°"
+                for wire in segment.wires
+            )
+            for segment in parameters.segments
+        )
+        return f"wires from +E2 towards +E3, which is up: {'; '.join(places)}"
     downwards = dict.fromkeys(
         ", ".join(wire.name for wire in sorted(segment.wires, key=lambda wire: -wire.e2))
         for segment in parameters.segments
@@ -182,6 +196,8 @@ def _animate(
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
     view = LimbView(parameters, ghosts)
     view.add_to(meshcat)
+    if not Layout(parameters).is_planar:
+        view.add_tip_path(meshcat, frames.joint_angles)
     meshcat.StartRecording(frames_per_second)
     animation = meshcat.get_mutable_recording()
     animation.set_repetitions(1_000_000)

@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import pytest
 
-from limb_systems import LimbParameters, PlanCheck, Recording, Trajectory
+from limb_systems import Layout, LimbParameters, PlanCheck, Recording, Trajectory
 
 LIMB = "/drake/visualizer/limb"
 
@@ -22,6 +22,11 @@ def unpack(data: bytes, at: int = 0):
     if tag in (0xCB, 0xCC, 0xCD, 0xCE):
         code = {0xCB: ">d", 0xCC: ">B", 0xCD: ">H", 0xCE: ">I"}[tag]
         return struct.unpack_from(code, data, at)[0], at + struct.calcsize(code)
+    if tag in (0xC7, 0xC8, 0xC9):  # an array: its size in bytes, its type, its numbers
+        code = {0xC7: ">B", 0xC8: ">H", 0xC9: ">I"}[tag]
+        at += struct.calcsize(code) + 1
+        (size,) = struct.unpack_from(code, data, at - struct.calcsize(code) - 1)
+        return data[at : at + size], at + size
     if tag < 0xC0:
         kind, mask = ("map", 0xF) if tag < 0x90 else ("array", 0xF) if tag < 0xA0 else ("str", 0x1F)
         size = tag & mask
@@ -153,7 +158,7 @@ def make_plan(parameters: LimbParameters) -> Trajectory:
     heat = np.full((num_wires, 9), 25.0)
     return Trajectory(
         time=time,
-        reference=rng.uniform(-0.5, 0.5, (len(parameters.segments), 9)),
+        reference=rng.uniform(-0.5, 0.5, (Layout(parameters).num_bends, 9)),
         duty=rng.random((num_wires, 9)),
         joint_state=rng.uniform(-0.2, 0.2, (2 * num_joints, 9)),
         wire_temperature=heat,
@@ -166,14 +171,14 @@ def make_plan(parameters: LimbParameters) -> Trajectory:
 def make_recording(parameters: LimbParameters, num_samples: int = 41, **signals) -> Recording:
     """A bend to and fro over 2 s; wires from ambient temperature to T_max and back."""
     time = np.linspace(3.0, 5.0, num_samples)
-    num_wires, num_segments = len(parameters.wires), len(parameters.segments)
+    num_wires, num_bends = len(parameters.wires), Layout(parameters).num_bends
     wave = np.sin(np.pi * (time - 3.0) / 2)
     heat = 25.0 + 75.0 * np.outer(1 / np.arange(1, num_wires + 1), wave)
     return Recording(
         time=time,
         duty=np.zeros((num_wires, num_samples)),
         measured_temperature=heat,
-        bend_angle=np.outer(np.linspace(0.9, -0.6, num_segments), wave),
+        bend_angle=np.outer(np.linspace(0.9, -0.6, num_bends), wave),
         parameters=parameters,
         source="a test",
         sample_rate=20.0,

@@ -12,7 +12,9 @@ from pathlib import Path
 import matplotlib.colors
 import numpy as np
 import pytest
+from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform, RotationMatrix
 
 from limb_systems import (
     Layout,
@@ -23,9 +25,11 @@ from limb_systems import (
     Trajectory,
     bend_angle,
     joint_angles_from_bend_angle,
+    tip_position,
     wire_color,
     write_meshcat_replay,
 )
+from limb_systems.model.kinematics import link_positions
 from limb_systems.views import colors, replay_page
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -281,6 +285,44 @@ def test_any_number_of_wires_is_shown_by_name(tmp_path, three_and_one):
     assert "wires from top to bottom: high, middle, low; only" in caption
     assert "duty from 0 to 1: low 1, middle 1, high 1, only 2" in caption
     assert readouts(page).shape == (2 + 2 * 4, 41)
+
+
+def test_in_space_links_ghosts_and_paths_of_tips_are_where_kinematics_says(tmp_path):
+    limb = LimbParameters.in_space(wires=4, links=3)
+    limb.segments[0].centred_joints = True
+    plan, recording = make_plan(limb), make_recording(limb)
+    page = replay(tmp_path, recording, plan=plan)
+    tracks, _, _ = animation(page)
+    frame, knot = 20, 8
+    bent = joint_angles_from_bend_angle(limb, recording.bend_angle)
+    wanted = joint_angles_from_bend_angle(limb, plan.reference[:, knot])
+    bodies = ("root_1", "link_1", "link_2", "link_3")
+    for body, place in zip(bodies, link_positions(limb, bent[:, frame]), strict=False):
+        shown = tracks[f"{LIMB}/{body}", "position"][frame]
+        np.testing.assert_allclose(shown, place, atol=1e-12)
+    for name, angles in (("plan", plan.joint_angles[:, knot]), ("reference", wanted)):
+        path, pose = f"/drake/ghosts/{name}", RigidTransform()
+        for body, place in zip(bodies, link_positions(limb, angles), strict=False):
+            path += f"/{body}"
+            x, y, z, w = tracks[path, "quaternion"][frame]
+            turn = RotationMatrix(Quaternion(np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z])))
+            pose = pose @ RigidTransform(turn, tracks[path, "position"][frame])
+            np.testing.assert_allclose(pose.translation(), place, atol=1e-7)
+    dots = {
+        command["path"]: np.frombuffer(
+            command["object"]["geometries"][0]["data"]["attributes"]["position"]["array"], "<f4"
+        ).reshape(-1, 3)
+        for command in commands(page)
+        if command["type"] == "set_object" and command["path"].endswith("/tip")
+    }
+    np.testing.assert_allclose(dots["/drake/ghosts/tip"], tip_position(limb, bent).T, atol=1e-7)
+    last = tip_position(limb, plan.joint_angles[:, -1])
+    np.testing.assert_allclose(dots["/drake/ghosts/plan/tip"][-1], last, atol=1e-7)
+    assert {"/drake/ghosts/reference/tip"} < set(dots)
+    assert readouts(page).shape == (3 * 2 + 2 * 4, 41)
+    caption = page.split('id="caption"')[1]
+    assert "wire_1 0°, wire_2 90°, wire_3 180°, wire_4 -90°" in caption
+    assert "φ<sub>e3</sub>" in caption
 
 
 def readouts(page: str) -> np.ndarray:
