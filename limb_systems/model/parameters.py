@@ -67,7 +67,8 @@ class WireParameters(Strict):
     def at(cls, name: str, degrees: float, radius: float = 0.0034) -> "WireParameters":
         """A wire at an angle from +E2 towards +E3, and at a distance from the axis, m."""
         angle = np.deg2rad(degrees)
-        e2, e3 = (float(radius * share.round(15)) for share in (np.cos(angle), np.sin(angle)))
+        # No zeros with a sign, which files would show.
+        e2, e3 = (float(radius * share.round(15)) + 0.0 for share in (np.cos(angle), np.sin(angle)))
         return cls(name, e2=e2, e3=e3)
 
     @property
