@@ -3,7 +3,8 @@
 import itertools
 
 LEFT_RIGHT_COLORS = ("#1f9bb4", "#e07b1f")  # cyan and orange, as in the paper
-_FURTHER_COLORS = ("#2f9e6e", "#7b61c9", "#8a5a2b", "#b09a1a")  # unlike those below, too
+# Unlike those below, too.
+_FURTHER_COLORS = ("#2f9e6e", "#7b61c9", "#8a5a2b", "#b09a1a", "#d83a4e", "#4caf1f")
 # These are seen on white and on black.
 REFERENCE_COLOR, PLAN_COLOR, ROLLOUT_COLOR = "#999999", "#4270ec", "#c2268f"
 NEUTRAL_COLOR = "#808080"

@@ -70,6 +70,7 @@ class Panel:
     - ``from_zero``: whether the vertical axis begins at zero.
     - ``x_ticks``: texts below the horizontal axis by where they stand; numbers if None.
     - ``limits``: lines whose names stand beside them in a picture, in the legend of a chart.
+    - ``equal``: whether both axes have one scale.
     """
 
     label: str
@@ -80,6 +81,7 @@ class Panel:
     from_zero: bool = False
     x_ticks: Mapping[int, str] | None = None
     limits: Sequence[Curve] = ()
+    equal: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,12 +103,16 @@ class Signal:
         """The signal's panel.
 
         Args:
-            where: suffix of the segment, such as "_2".
+            where: suffix of the segment or of the bend, such as "_2" or "_2_e3".
             options: further fields of `Panel`.
         """
-        label = f"{self.name}{where.replace('_', ' of segment ')}"
-        label += f" ({self.unit})" if self.unit else ""
+        label = f"{self.name}{in_words(where)}" + f" ({self.unit})" * bool(self.unit)
         return Panel(label, curves, **{"height": self.height, "y_range": self.y_range, **options})
+
+
+def in_words(suffix: str) -> str:
+    """A suffix of `Layout`'s in words, such as " of segment 2 towards E3"."""
+    return suffix.replace("_e", " towards E").replace("_", " of segment ")
 
 
 SIGNALS = {
@@ -122,7 +128,8 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
     Time counts from the start of the plan. Plans are dashed; the legend says whether
     the rollouts were simulated, emulated or recorded. Several recordings are drawn as their
     mean and the band of 95%, mean ± 1.96 standard deviations, at the sample times of the
-    first. Each segment has its own three panels.
+    first. Each segment has its own three panels; one that bends in space has one more for its
+    second bend, and at the end one of both bends over each other.
 
     Args:
         trajectory: the plan.
@@ -145,7 +152,7 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
         return [Curve(f"{wire}{names[signal]}", time, mean, color, band=band)]
 
     limits, time = trajectory.parameters.temperature_limits, trajectory.time
-    return measured_panels(
+    panels = measured_panels(
         trajectory.parameters,
         rollouts,
         trajectory,
@@ -158,6 +165,20 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
             if start < time[-1]
         ],
     )
+    layout = Layout(trajectory.parameters)
+    for bend in np.flatnonzero(layout.bend_direction):
+        place = bend + 2 * layout.bend_segment[bend]  # two of heat and duty follow each segment
+        panels.append(_path_panel(panels[place - 1], panels[place]))
+    return panels
+
+
+def _path_panel(across: Panel, up: Panel) -> Panel:
+    """The path of a segment's bends, one over the other, from the panels of both over time."""
+    curves = [
+        dataclasses.replace(curve, x=below.y, y=curve.y, band=None)
+        for below, curve in zip(across.curves, up.curves, strict=True)
+    ]
+    return Panel(up.label, curves, 420, across.label, equal=True)
 
 
 def measured_panels(
@@ -168,7 +189,7 @@ def measured_panels(
     limits: Sequence[Curve] = (),
     bands: Mapping[str, np.ndarray] | None = None,
 ) -> list[Panel]:
-    """Bend angle, temperatures and duty of each segment, with those of a plan.
+    """Bend angles, temperatures and duty of each segment, with those of a plan.
 
     Args:
         parameters: the limb.
@@ -191,16 +212,21 @@ def measured_panels(
             band = scale * bands[signal][0, row], scale * bands[signal][1, row]
         return [Curve(name, plan.time, values, color, dash, width, band)]
 
-    for segment, suffix in enumerate(Layout(parameters).segment_suffixes):
+    layout = Layout(parameters)
+    for segment, (bends, wired) in enumerate(zip(layout.bends_of, layout.wires_of, strict=True)):
         names = [wire.name for wire in parameters.segments[segment].wires]
-        first = Layout(parameters).wires_of[segment].start
-        wires = list(zip(itertools.count(first), names, wire_colors(len(names)), strict=False))
-        bend, heat, duty = [], [], []
-        if plan is not None:
-            wanted = np.rad2deg(plan.reference[segment])
-            bend.append(Curve("reference φ_REF", plan.time, wanted, REFERENCE_COLOR))
-        bend += measured("bend_angle", segment, "", ROLLOUT_COLOR)
-        bend += planned("plan φ*", "bend_angle", segment, PLAN_COLOR, "dashed")
+        wires = list(
+            zip(itertools.count(wired.start), names, wire_colors(len(names)), strict=False)
+        )
+        for index in range(bends.start, bends.stop):
+            bend, called = [], layout.bend_suffixes[index]
+            if plan is not None:
+                wanted = np.rad2deg(plan.reference[index])
+                bend.append(Curve("reference φ_REF", plan.time, wanted, REFERENCE_COLOR))
+            bend += measured("bend_angle", index, "", ROLLOUT_COLOR)
+            bend += planned("plan φ*", "bend_angle", index, PLAN_COLOR, "dashed")
+            panels.append(SIGNALS["bend_angle"].panel(bend, called))
+        heat, duty = [], []
         for index, name, color in wires:
             heat += measured("measured_temperature", index, f"{name}, ", color)
             duty += measured("duty", index, f"{name}, ", color)
@@ -210,11 +236,12 @@ def measured_panels(
             duty += planned(f"{name}, D* planned", "duty", index, color, dash)
         for index, name, color in wires:
             heat += planned(f"{name}, T* planned", "wire_temperature", index, color, "dotted", 1.0)
-        panels += [
-            SIGNALS["bend_angle"].panel(bend, suffix),
-            SIGNALS["measured_temperature"].panel(heat, limits=limits),
-            SIGNALS["duty"].panel(duty),
-        ]
+        legend = 20 * max(0, len(names) - 3)  # px, of more lines
+        for signal, curves, lines in (
+            (SIGNALS["measured_temperature"], heat, limits),
+            (SIGNALS["duty"], duty, ()),
+        ):
+            panels.append(signal.panel(curves, limits=lines, height=signal.height + legend))
     return panels
 
 
@@ -252,9 +279,9 @@ def repetition_panels(
             x_ticks={int(number): str(number) for number in numbers},
         )
     ]
-    for segment, suffix in enumerate(Layout(trajectory.parameters).bend_suffixes):
+    for bend, suffix in enumerate(Layout(trajectory.parameters).bend_suffixes):
         curves = [
-            Curve(name, run.time, np.rad2deg(angle[segment]), color, dash)
+            Curve(name, run.time, np.rad2deg(angle[bend]), color, dash)
             for name, run, angle, color, dash in (
                 ("reference φ_REF", trajectory, trajectory.reference, REFERENCE_COLOR, "solid"),
                 ("first repetition", first, first.bend_angle, LEFT_RIGHT_COLORS[1], "solid"),

@@ -159,7 +159,9 @@ def _draw_panel(axis: Axes, panel: Panel) -> None:
         axis.set_ylim(panel.y_range)
     if panel.from_zero:
         axis.set_ylim(bottom=0.0)
-    if panel.x_ticks is None:
+    if panel.equal:
+        axis.set_aspect("equal", adjustable="datalim")
+    elif panel.x_ticks is None:
         axis.margins(x=0.0)
     else:
         axis.set_xticks(list(panel.x_ticks), list(panel.x_ticks.values()))

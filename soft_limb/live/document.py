@@ -21,8 +21,9 @@ from bokeh.models import (
 
 from hardware.live.messages import BoardReading, Reading, RunHeader
 from hardware.robot.serial_limb import DEADLINE
+from limb_systems.model.layout import Layout
 from limb_systems.views.colors import REFERENCE_COLOR
-from limb_systems.views.panels import Curve, Panel, measured_panels
+from limb_systems.views.panels import Curve, Panel, in_words, measured_panels
 from limb_systems.views.template import part, template
 from soft_limb.live.run import MOST_POINTS, Run
 from soft_limb.reports import charts
@@ -107,13 +108,13 @@ class LiveDocument:
 
 
 def _columns(phase: RunHeader, readings: Sequence[Reading]) -> dict[str, list[float]]:
-    """The columns of the curves: angles in degrees, numbered by segment or wire."""
-    num_segments, num_wires = len(phase.parameters.segments), len(phase.parameters.wires)
+    """The columns of the curves: angles in degrees, numbered by bend or wire."""
+    num_bends, num_wires = Layout(phase.parameters).num_bends, len(phase.parameters.wires)
     nan = float("nan")
     columns = {"time": [reading.time for reading in readings]}
     for name, size, scale in (
-        ("bend_angle", num_segments, 180.0 / np.pi),
-        ("reference", num_segments, 180.0 / np.pi),
+        ("bend_angle", num_bends, 180.0 / np.pi),
+        ("reference", num_bends, 180.0 / np.pi),
         ("measured_temperature", num_wires, 1.0),
         ("duty", num_wires, 1.0),
         ("applied_duty", num_wires, 1.0),
@@ -277,9 +278,9 @@ def _wires(run: Run, phase: RunHeader, reading: Reading) -> list[tuple[str, Sequ
 
 
 def _bend(phase: RunHeader, reading: Reading) -> list[str]:
-    lines = []
-    for i, angle in enumerate(np.rad2deg(reading.bend_angle)):
-        said = [f"φ {angle:+.1f}°"]
+    lines, suffixes = [], Layout(phase.parameters).bend_suffixes
+    for i, (angle, suffix) in enumerate(zip(np.rad2deg(reading.bend_angle), suffixes, strict=True)):
+        said = [f"φ{in_words(suffix)} {angle:+.1f}°"]
         if phase.plan is not None and not reading.cooling:
             plan = phase.plan
             rows = (("plan", plan.bend_angle), ("reference", plan.reference))

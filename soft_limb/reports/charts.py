@@ -78,6 +78,7 @@ def draw(
         y_range=panel.y_range or DataRange1d(),
         x_axis_label=panel.x_label,
         y_axis_label=panel.label,
+        match_aspect=panel.equal,
         # Nothing is active at first: a finger scrolls the page, and not the plot.
         tools="xpan,box_zoom,xwheel_zoom,reset,save" if stream is None else "",
         toolbar_location="above" if stream is None else None,

@@ -11,11 +11,13 @@ from limb_systems.provenance import Provenance
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
 from limb_systems.views.panels import SIGNALS, Curve, Panel
 from soft_limb.reports import page
-from soft_limb.results.comparison import Comparison, Curves
+from soft_limb.results.comparison import Comparison
 from soft_limb.results.reading import TRAJECTORY, ResultFile
 
 _COLORS = (PLAN_COLOR, ROLLOUT_COLOR, *wire_colors(6))
-_DASHES = ("solid", "dashed", "dotted")  # of wires
+_STYLES = tuple(  # of wires
+    (dash, width) for width in (1.5, 3.0) for dash in ("solid", "dashed", "dotted", "dashdot")
+)
 
 
 def write_comparison(comparison: Comparison, path: str | Path) -> None:
@@ -70,44 +72,41 @@ def _signals(comparison: Comparison) -> list[page.Section]:
 def _panels(comparison: Comparison) -> list[Panel]:
     results, names = comparison.results, comparison.names
     parameters = results[0].value.parameters
-    panels = []
-    for segment, suffix in enumerate(Layout(parameters).segment_suffixes):
-        wires = list(range(len(parameters.wires)))[Layout(parameters).wires_of[segment]]
-        for signal, drawn in SIGNALS.items():
-            rows = [segment] if signal == "bend_angle" else wires
-            called = [""] if signal == "bend_angle" else [parameters.wire_names[w] for w in wires]
-            values, differences = [], []
-            if signal == "bend_angle":
-                values += _references(results, segment)
-            for number, curves in enumerate(comparison.curves):
-                color = _COLORS[number % len(_COLORS)]
-                for row, wire, dash in zip(rows, called, itertools.cycle(_DASHES), strict=False):
-                    name = ", ".join(filter(None, [names[number], wire]))
-                    run: Curves = curves[signal]
-                    values.append(Curve(name, run.time, run.values[row], color, dash))
-                    if number:
-                        differences.append(
-                            Curve(
-                                name,
-                                run.difference_time,
-                                run.differences[row],
-                                color,
-                                dash,
-                            )
-                        )
-            panels.append(drawn.panel(values, suffix, y_range=None))
-            unit = f" ({drawn.unit})" * bool(drawn.unit)
-            panels.append(Panel(f"Δ{drawn.symbol}{unit}", differences, height=170))
+    panels, layout = [], Layout(parameters)
+    drawn: list[tuple[str, list[int], str]] = []  # in each panel: a signal's rows, and where
+    for bends, wires, suffix in zip(
+        layout.bends_of, layout.wires_of, layout.segment_suffixes, strict=True
+    ):
+        for bend in range(bends.start, bends.stop):
+            drawn.append(("bend_angle", [bend], layout.bend_suffixes[bend]))
+        wired = list(range(wires.start, wires.stop))
+        drawn += [("measured_temperature", wired, suffix), ("duty", wired, suffix)]
+    for signal, rows, suffix in drawn:
+        bends_alone = signal == "bend_angle"
+        values, differences = _references(results, rows[0]) if bends_alone else [], []
+        for number, curves in enumerate(comparison.curves):
+            color, run = _COLORS[number % len(_COLORS)], curves[signal]
+            for row, style in zip(rows, itertools.cycle(_STYLES), strict=False):
+                wire = "" if bends_alone else parameters.wire_names[row]
+                name = ", ".join(filter(None, [names[number], wire]))
+                values.append(Curve(name, run.time, run.values[row], color, *style))
+                if number:
+                    apart = run.difference_time, run.differences[row]
+                    differences.append(Curve(name, *apart, color, *style))
+        kind = SIGNALS[signal]
+        panels.append(kind.panel(values, suffix, y_range=None))
+        unit = f" ({kind.unit})" * bool(kind.unit)
+        panels.append(Panel(f"Δ{kind.symbol}{unit}", differences, height=170))
     return panels
 
 
-def _references(results: Sequence[ResultFile], segment: int) -> list[Curve]:
+def _references(results: Sequence[ResultFile], bend: int) -> list[Curve]:
     """What the plans are for; one that several share is drawn once."""
     drawn: list[Curve] = []
     for result in results:
         if result.kind == TRAJECTORY:
             plan = result.value.since_start()
-            angle = np.rad2deg(plan.reference[segment])
+            angle = np.rad2deg(plan.reference[bend])
             if not any(np.array_equal(curve.y, angle) for curve in drawn):
                 drawn.append(Curve("reference φ_REF", plan.time, angle, REFERENCE_COLOR))
     return drawn

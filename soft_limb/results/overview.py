@@ -43,6 +43,7 @@ from soft_limb.results.reading import (
 RECENT = 5.0  # s since the last change of a recording
 BEING_RECORDED = "it is being recorded, or its program was killed just now"
 POINTS = 150  # of a curve in a small picture
+_TOWARDS = ("solid", "dotted")  # of bends towards E2 and E3
 # Of kinds of files, those from which they are made.
 _MADE_FROM = {
     RECORDING: (TRAJECTORY, LIMB),
@@ -283,7 +284,11 @@ def small_panels(result: ResultFile) -> list[Panel]:
     color = PLAN_COLOR if isinstance(run, Trajectory) else ROLLOUT_COLOR
     wanted = [] if run.reference is None else list(np.rad2deg(run.reference[:, kept]))
     bend = [Curve("reference", times, row, REFERENCE_COLOR, "dashed") for row in wanted]
-    bend += [Curve("φ", times, row, color) for row in np.rad2deg(run.bend_angle[:, kept])]
+    towards = Layout(run.parameters).bend_direction
+    bend += [
+        Curve("φ", times, row, color, _TOWARDS[axis])
+        for row, axis in zip(np.rad2deg(run.bend_angle[:, kept]), towards, strict=True)
+    ]
     wires = run.measured_temperature[:, kept]
     heat = [
         Curve("V", times, row, shade)
@@ -308,12 +313,13 @@ def _bend_by_heat(limb: LimbParameters) -> list[Panel]:
         return []
     cold, curves = limb.ambient_temperature, []
     heat = np.linspace(cold, limb.temperature_limits.maximum, 25)
-    for segment, wires in enumerate(Layout(limb).wires_of):
+    for bends, wires in zip(Layout(limb).bends_of, Layout(limb).wires_of, strict=True):
         several = range(wires.start, wires.stop)
         for wire, color in zip(several, wire_colors(len(several)), strict=True):
             held_at = np.full((len(heat), len(limb.wires)), cold)
             held_at[:, wire] = heat
             states = np.array([held.wires.settled_states(row) for row in held_at])
-            bend = np.rad2deg(bend_angle(limb, held.angles(states).T)[segment])
-            curves.append(Curve(limb.wire_names[wire], heat, bend, color))
+            bent = np.rad2deg(bend_angle(limb, held.angles(states).T)[bends])
+            for bend, dash in zip(bent, _TOWARDS, strict=False):
+                curves.append(Curve(limb.wire_names[wire], heat, bend, color, dash))
     return [Panel("bend at rest, one wire hot (°)", curves, x_label="temperature (°C)")]

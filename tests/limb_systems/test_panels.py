@@ -12,7 +12,16 @@ import pytest
 from matplotlib.colors import to_hex
 
 from hardware import LimbTwin, SensedLimb
-from limb_systems import Limb, LimbError, PlanCheck, Recording, Trajectory, simulate
+from limb_systems import (
+    Limb,
+    LimbError,
+    LimbParameters,
+    PlanCheck,
+    Recording,
+    SegmentParameters,
+    Trajectory,
+    simulate,
+)
 from limb_systems.views import plots
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
@@ -196,10 +205,48 @@ def test_each_segment_has_its_panels_and_each_wire_its_name_and_colour(three_and
             np.testing.assert_array_equal(heat[f"{name}, V* planned"].y, 26.0 + warm[row])
             np.testing.assert_array_equal(heat[f"{name}, T* planned"].y, 25.0 + warm[row])
             assert {heat[f"{name}, {what} planned"].color for what in ("V*", "T*")} == {color}
-    colors = [*wire_colors(6), REFERENCE_COLOR, PLAN_COLOR, ROLLOUT_COLOR]
-    assert len(set(colors)) == 9  # all that is drawn beside each other
+    colors = [*wire_colors(8), REFERENCE_COLOR, PLAN_COLOR, ROLLOUT_COLOR]
+    assert len(set(colors)) == 11  # all that is drawn beside each other
     assert tuple(colors[:2]) == LEFT_RIGHT_COLORS
-    assert len(wire_colors(7)) == 7
+    assert len(wire_colors(9)) == 9
+
+
+def test_in_space_each_bend_has_its_panel_and_both_are_drawn_over_each_other():
+    limb = LimbParameters.in_space(wires=4, links=2)
+    limb.segments = [SegmentParameters(links=1), *limb.segments]
+    angles = np.random.default_rng(4).uniform(-0.3, 0.3, (10, 6))
+    plan = Trajectory(
+        time=np.arange(6.0),
+        reference=angles[:3],
+        duty=np.zeros((6, 6)),
+        joint_state=angles,
+        wire_temperature=np.full((6, 6), 25.0),
+        measured_temperature=np.full((6, 6), 25.0),
+        parameters=limb,
+        check=PlanCheck(),
+    )
+    panels = tracking_panels(plan)
+    assert [panel.label for panel in panels] == [
+        "bend angle of segment 1 (°)",
+        "temperature (°C)",
+        "duty",
+        "bend angle of segment 2 towards E2 (°)",
+        "bend angle of segment 2 towards E3 (°)",
+        "temperature (°C)",
+        "duty",
+        "bend angle of segment 2 towards E3 (°)",
+    ]
+    for name, bends in (("reference φ_REF", plan.reference), ("plan φ*", plan.bend_angle)):
+        for panel, bend in zip((panels[0], *panels[3:5]), np.rad2deg(bends), strict=True):
+            np.testing.assert_allclose(by_name(panel)[name].y, bend)
+        path = by_name(panels[-1])[name]
+        np.testing.assert_allclose([path.x, path.y], np.rad2deg(bends[1:]))
+    assert panels[-1].x_label == "bend angle of segment 2 towards E2 (°)"
+    shown = plots.draw(panels).axes
+    assert [axis.get_aspect() for axis in shown] == ["auto"] * 7 + [1.0]
+    plotted = [model for model in models_of(chart_of(panels)).values() if model["name"] == "Figure"]
+    equal = [plot["attributes"].get("match_aspect", False) for plot in plotted]
+    assert equal == [False] * 7 + [True]
 
 
 def test_the_legend_says_how_a_recording_came_about(model_recording):
