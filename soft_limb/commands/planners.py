@@ -93,8 +93,8 @@ COMMANDS = {
             Option(
                 "--tolerance",
                 type=float,
-                help="largest difference of the plan from its simulation, degrees (default 0.1, and "
-                "1 for a limb that bends in space)",
+                help="largest difference of the plan from its simulation, degrees (default 0.1, "
+                "and 1 for a limb that bends in space)",
             ),
         ],
         stopped="stopped; nothing was written",
