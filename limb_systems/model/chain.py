@@ -20,8 +20,8 @@ from numpy.polynomial.polynomial import polyder, polyval
 from limb_systems.model.chain_stiffness import ChainStiffness, nested
 from limb_systems.model.layout import Layout
 
-_NEAR = 0.05  # (across / ahead)² of a chord, below which a series is more accurate
-_SERIES = np.array([(-1.0) ** k / (2 * k + 1) for k in range(16)])  # of atan(√z)/√z in z
+_NEAR = 0.01  # (across / ahead)² of a chord, below which a series is more accurate
+_SERIES = np.array([(-1.0) ** k / (2 * k + 1) for k in range(10)])  # of atan(√z)/√z in z
 _SERIES = np.array([np.pad(polyder(_SERIES, k), (0, k)) for k in range(3)]).T  # and derivatives
 
 
