@@ -44,10 +44,15 @@ class ChainStiffness:
         """The matrix itself (..., n, n)."""
         return np.diag(self._springs) + nested(self._inboard, self._outboard)
 
-    def solve(self, forces: np.ndarray) -> np.ndarray:
-        """Changes of q (..., n, k), rad, under forces on the joints (..., n, k), N·m."""
+    def solve(self, forces: np.ndarray, downhill: bool = False) -> np.ndarray:
+        """Changes of q (..., n, k), rad, under forces on the joints (..., n, k), N·m.
+
+        Args:
+            downhill: whether pivots count by their size, so that work is done on all changes.
+        """
         loads = np.moveaxis(forces, (-2, -1), (0, 1))
-        inboard, shares, pivots = self._inboard[:, :, None], self._shares[:, :, None], self._pivots
+        inboard, shares = self._inboard[:, :, None], self._shares[:, :, None]
+        pivots = np.abs(self._pivots) if downhill else self._pivots
         shape = np.broadcast_shapes(loads[0].shape, pivots[0].shape)
         turned = np.empty((len(pivots), *shape), np.result_type(forces, pivots))
         gathered = np.zeros((3, *shape), turned.dtype)

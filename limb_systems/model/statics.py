@@ -14,7 +14,7 @@ from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.wires import Wires
 
 NEWTON_STEPS = 50
-CONVERGED = 1e-10  # rad; the error after such a step is far below rounding errors
+CONVERGED = 1e-12  # rad; the derivatives there are as exact
 
 
 def static_equilibrium(
@@ -79,7 +79,10 @@ class HeldAngles:
         angles = at_rest + (self.wires.forces(states, at_rest) - self._cold) @ self.compliance.T
         if self._balance.is_linear:
             return angles
-        self._angles, stiffness = self._balance.settled(states, angles)
+        try:
+            self._angles, stiffness = self._balance.settled(states, angles)
+        except LimbError:  # of a limb that is heavy for its springs
+            self._angles, stiffness = self._balance.settled(states, at_rest, downhill=True)
         self._states, self._by_force = states.copy(), stiffness.solve
         return self._angles
 
@@ -151,11 +154,15 @@ class _Balance:
         self._springs, self._relaxed = layout.stiffness, rest_joint_angles(parameters)
         self.is_linear = not (self.chain.weighs or self.wires.torque_needs_angle)
 
-    def settled(self, states: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, "_Stiffness"]:
+    def settled(
+        self, states: np.ndarray, start: np.ndarray, downhill: bool = False
+    ) -> tuple[np.ndarray, "_Stiffness"]:
         """θ (..., n) where r = 0 at states (..., N), and the stiffness there, by Newton's method.
 
         Args:
             start: angles to start from (..., n).
+            downhill: whether to take shorter steps that never gain potential energy at first order,
+                and so end where the limb is stable.
 
         Raises:
             LimbError: if there is no stable equilibrium.
@@ -163,10 +170,10 @@ class _Balance:
         angles = start
         for _ in range(NEWTON_STEPS):
             force, stiffness = self._expanded(states, angles)
-            step = stiffness.solve(force[..., None])[..., 0]
+            step = stiffness.solve(force[..., None], downhill)[..., 0]
             largest = np.abs(step).max(axis=-1, keepdims=True)
-            # Steps of at most one radian per joint, so that no joint turns over.
-            angles = angles + step / np.maximum(1.0, largest)
+            # No step is so long that a joint turns over.
+            angles = angles + step / np.maximum(1.0, largest / (0.2 if downhill else 1.0))
             if (largest < CONVERGED).all():
                 break
         else:
@@ -202,8 +209,11 @@ class _Matrix:
     def is_stable(self) -> np.ndarray:
         return np.linalg.eigvalsh(self._matrix)[..., 0] > 0
 
-    def solve(self, forces: np.ndarray) -> np.ndarray:
-        return np.linalg.solve(self._matrix, forces)
+    def solve(self, forces: np.ndarray, downhill: bool = False) -> np.ndarray:
+        if not downhill:
+            return np.linalg.solve(self._matrix, forces)
+        values, axes = np.linalg.eigh(self._matrix)
+        return axes @ ((axes.swapaxes(-1, -2) @ forces) / np.abs(values)[..., None])
 
 
 _Stiffness = ChainStiffness | _Matrix
