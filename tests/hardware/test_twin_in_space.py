@@ -165,3 +165,11 @@ def test_loads_push_towards_both_axes_and_other_physics_is_refused():
         Specimen(LimbParameters(), 3).disturbed(payload_e3=0.1)
     with pytest.raises(LimbError, match="has one segment that bends in a plane"):
         LimbTwin(LimbParameters.in_space(), physics="continuum")
+
+
+def test_a_stiff_limb_does_not_get_lost():
+    """At the accuracy of other limbs Newton's method once went to NaN here, after 0.8 s."""
+    limb = LimbParameters.in_space()
+    limb.segments[0].twists, limb.payload, limb.gravity = True, 0.02, [0.0, 0.0, -9.81]
+    bent = simulate(LimbTwin(limb, seed=28), [0.3, 0.1, 0.0], 1.0).bend_angle
+    assert np.rad2deg(bent[1, -1]) < -5.0
