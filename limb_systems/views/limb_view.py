@@ -261,7 +261,7 @@ class LimbView:
         The camera still shows what it was set to show of limbs with other roots.
 
         Args:
-            joint_angles: θ, (n, K), rad; bends of up to 90° if None.
+            joint_angles: θ, (n, K), rad; bends of up to 90°, or 60° in space, if None.
             base_pose: pose that `add_to` took.
 
         Returns:
@@ -282,10 +282,9 @@ class LimbView:
 
         if joint_angles is None:
             towards = self._layout.bend_direction
-            bends = [
-                np.outer(towards == one, np.radians([-90.0, -45.0, 0.0, 45.0, 90.0]))
-                for one in range(towards.max() + 1)
-            ]
+            largest = np.radians(90.0 if self._layout.is_planar else 60.0)
+            angles = largest * np.linspace(-1.0, 1.0, 5)
+            bends = [np.outer(towards == one, angles) for one in range(towards.max() + 1)]
             joint_angles = joint_angles_from_bend_angle(self._parameters, np.hstack(bends))
         limbs = _in_view.setdefault(meshcat, {})
         limbs[self._root] = (base_pose or RigidTransform()) @ self._reach(joint_angles)

@@ -10,6 +10,7 @@ import numpy as np
 from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
+from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import CalibrationRecord, LimbParameters
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
 from limb_systems.views.panels import SIGNALS
@@ -290,12 +291,13 @@ def _is_size(value: Any) -> bool:
 
 def _check_shapes(results: Sequence[ResultFile]) -> None:
     limbs = [result.value.parameters for result in results]
-    shapes = [(len(limb.segments), len(limb.wires)) for limb in limbs]
+    shapes = [(len(one.segments), len(one.wires), Layout(one).num_bends) for one in limbs]
     for result, shape in zip(results, shapes, strict=True):
         if shape != shapes[0]:
             raise ComparisonError(
                 f"{results[0].path} is of {shapes[0][0]} segments and {shapes[0][1]} wires, but "
-                f"{result.path} of {shape[0]} and {shape[1]}; compare runs of limbs alike."
+                f"{result.path} of {shape[0]} and {shape[1]}, with {shapes[0][2]} and {shape[2]} "
+                "bends; compare runs of limbs alike."
             )
         if len(result.value.time) < 2:
             raise ComparisonError(f"{result.path} has fewer than two samples to compare.")
