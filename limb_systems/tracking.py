@@ -1,4 +1,8 @@
-"""How near a limb came to its reference and to its plan: the numbers of Table I."""
+"""How near a limb came to its reference and to its plan: the numbers of Table I.
+
+A distance between bends is |φ - φ'| of a segment. If it bends about two axes, it is that of both
+angles together, √((φ2 - φ2')² + (φ3 - φ3')²), which does not depend on where +E2 is.
+"""
 
 import dataclasses
 import warnings
@@ -11,6 +15,7 @@ from limb_systems.errors import LimbError
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.kinematics import recorded_bend_angle
+from limb_systems.model.layout import Layout
 from limb_systems.simulation import PERIOD
 
 
@@ -56,7 +61,10 @@ def tracking_errors(trajectory: Trajectory, recordings: Sequence[Recording]) -> 
     plan = trajectory.since_start()
     samples = _samples(plan, recordings)
     errors = np.concatenate(
-        [np.abs(plan.bend_angle_at(times) - bend).ravel() for times, bend in samples]
+        [
+            Layout(plan.parameters).distances(plan.bend_angle_at(times) - bend).ravel()
+            for times, bend in samples
+        ]
     )
     return TrackingErrors(
         mean=float(errors.mean()),
@@ -76,7 +84,7 @@ def reference_distances(
         trajectory: the plan φ*, with its reference φ_ref, which is linear between the knots.
         recordings: recordings of rollouts, of which the samples count that count in
             `tracking_errors`; without any the plan counts over its whole time, at 20 Hz.
-        nearest: bend angles of the best plan at the knots (S, K), rad, as of
+        nearest: bend angles of the best plan at the knots (F, K), rad, as of
             `planners.nearest_bend_angle`; None if it is not known.
 
     Raises:
@@ -92,7 +100,7 @@ def reference_distances(
     wanted = _between_knots(plan, plan.reference, times)
 
     def distance(bend: np.ndarray) -> float:
-        return float(np.abs(wanted - bend).mean())
+        return float(Layout(plan.parameters).distances(wanted - bend).mean())
 
     return ReferenceDistances(
         done=distance(np.hstack([bend for _, bend in samples])) if recordings else None,
@@ -116,7 +124,7 @@ def true_bend(recording: Recording) -> Recording:
 def _samples(
     plan: Trajectory, recordings: Sequence[Recording]
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Times (M,), s, and bend angles (S, M), rad, of each recording that count."""
+    """Times (M,), s, and bend angles (F, M), rad, of each recording that count."""
     samples = []
     for recording in recordings:
         read = np.isfinite(recording.bend_angle).all(axis=0) & ~recording.implausible
@@ -128,5 +136,5 @@ def _samples(
 
 
 def _between_knots(plan: Trajectory, angles: ArrayLike, times: np.ndarray) -> np.ndarray:
-    """Angles at the knots (S, K) at other times (M,), (S, M)."""
+    """Angles at the knots (F, K) at other times (M,), (F, M)."""
     return np.array([np.interp(times, plan.time, row) for row in np.asarray(angles)])

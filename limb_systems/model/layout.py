@@ -127,6 +127,11 @@ class Layout:
         ]
         return np.concatenate(bends)
 
+    def distances(self, bends: ArrayLike) -> np.ndarray:
+        """How far bends (F, ...) are from zero, of each segment (S, ...): |φ|, or √Σ φ² of two."""
+        angles = np.abs(bends)
+        return np.array([np.hypot.reduce(angles[of_segment]) for of_segment in self.bends_of])
+
 
 def _slices(sizes: list[int]) -> list[slice]:
     ends = np.cumsum(sizes).tolist()
