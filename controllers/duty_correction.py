@@ -14,7 +14,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, Trajectory
 from limb_systems.band import MEAN_TO_DEVIATION
-from limb_systems.model.kinematics import bend_angle
+from limb_systems.model.kinematics import bend_angle, joint_angles_from_bend_angle
 from planners.transcription.descent import descend, first_that_reduces
 
 ROUNDING = 1e-9  # s, of knots and nodes at the same time
@@ -33,12 +33,12 @@ LITTLE = 0.01  # relative; a tangent that reduces the cost by less is the last
 class Errors:
     """What a limb has more than the model, at the M + 1 nodes, about a correction.
 
-    - ``bend_angle``: (M + 1, S), rad.
+    - ``bend_angle``: (M + 1, F), rad.
     - ``wire_temperature``, ``measured_temperature``: (M + 1, W), °C.
     - ``about``: the correction where this is known (M + 1, W).
-    - ``gains``: changes of each segment's bend over those of the model, as the duty of each
-      wire changes from there (S, W).
-    - ``doubt``: share of `DutyCorrection.changes` that is wrong at random (S,).
+    - ``gains``: changes of each bend over those of the model, as the duty of each wire changes from
+      there (F, W).
+    - ``doubt``: share of `DutyCorrection.changes` that is wrong at random (F,).
     """
 
     bend_angle: np.ndarray
@@ -54,8 +54,8 @@ class _Prediction:
     """What a limb is expected to do under a correction.
 
     - ``duty``, ``heat``: in the model's steps (L, W) and (L + 1, H).
-    - ``missed``: φ* - φ (M + 1, S), degrees.
-    - ``unsure``: standard deviation of φ by the change of each wire's duty (M + 1, S, W), degrees.
+    - ``missed``: φ* - φ (M + 1, F), degrees.
+    - ``unsure``: standard deviation of φ by the change of each wire's duty (M + 1, F, W), degrees.
     """
 
     duty: np.ndarray
@@ -68,9 +68,10 @@ class DutyCorrection:
     """Corrections of the duty of a plan, at M + 1 nodes.
 
     - ``model``: `ReducedModel` of the limb, whose period divides the time between nodes.
+    - ``layout``: the limb's `Layout`.
     - ``nodes``: times of the nodes (M + 1,), s since the start of the plan.
     - ``middles``: times of the middles of the model's steps (L,), s.
-    - ``target``: φ* at the nodes (M + 1, S), rad.
+    - ``target``: φ* at the nodes (M + 1, F), rad.
     - ``none``: no correction (M + 1, W).
     """
 
@@ -79,7 +80,7 @@ class DutyCorrection:
         num_nodes = max(2, round(plan.duration / NODES_APART)) + 1
         self.nodes = np.linspace(0.0, plan.duration, num_nodes)
         period = plan.duration / (STEPS * (num_nodes - 1))
-        self.model = ReducedModel(plan.parameters, period)
+        self.model, self.layout = ReducedModel(plan.parameters, period), Layout(plan.parameters)
         self.middles = (np.arange(STEPS * (num_nodes - 1)) + 0.5) * period
         self.target = plan.bend_angle_at(self.nodes).T
         if target == "reference":
@@ -92,6 +93,10 @@ class DutyCorrection:
         # °C, by which a wire may be warmer than its readings say: two standard deviations.
         record = plan.parameters.calibration
         self._unknown = 2.0 * MEAN_TO_DEVIATION * record.temperature_error if record else 0.0
+
+    def distance(self, bend: np.ndarray) -> float:
+        """Mean distance of bends at the nodes (M + 1, F) from the target, rad; NaN do not count."""
+        return float(np.nanmean(self.layout.distances((self.target - bend).T)))
 
     def duty_trajectory(self, correction: np.ndarray) -> PiecewisePolynomial:
         """The corrected duty since the start of the plan, in [0, 1] and within the total duty."""
@@ -145,10 +150,7 @@ class DutyCorrection:
         missed = (
             self.target.T - np.deg2rad(predicted.missed.T) - bend_angle(plan.parameters, angles)
         )
-        for segment, joints, more in zip(
-            plan.parameters.segments, Layout(plan.parameters).joints_of, missed, strict=True
-        ):
-            angles[joints] += 2 / (segment.links + 1) * more  # (11)
+        angles += joint_angles_from_bend_angle(plan.parameters, missed)  # (11)
         at_knots = PiecewisePolynomial.CubicShapePreserving(self.nodes, angles, True)
         rates = at_knots.derivative()
         knots = plan.time
@@ -219,7 +221,7 @@ class DutyCorrection:
     def expected_bend(
         self, correction: np.ndarray, start: np.ndarray, errors: Errors
     ) -> np.ndarray:
-        """φ of the limb at the nodes (M + 1, S), rad, under a correction."""
+        """φ of the limb at the nodes (M + 1, F), rad, under a correction."""
         return self.target - np.deg2rad(self._predict(correction, start, errors).missed)
 
     def _predict(self, correction: np.ndarray, start: np.ndarray, errors: Errors) -> "_Prediction":
@@ -238,7 +240,7 @@ class DutyCorrection:
             before, after: duty of the model's steps (L, W) and (L, ..., W).
 
         Returns:
-            (M + 1, ..., S, W).
+            (M + 1, ..., F, W).
         """
         return self._one_by_one(start, before, after)[1]
 
@@ -252,7 +254,7 @@ class DutyCorrection:
         some = np.where(one, after[..., np.newaxis, :], before[..., np.newaxis, :])
         duty = np.concatenate([some, before[..., np.newaxis, :], after[..., np.newaxis, :]], -2)
         heat = self.model.rollout(np.broadcast_to(start, (*duty.shape[1:-1], len(start))), duty)
-        bend = self.model.bend_angle(heat[::STEPS, ..., :-1, :])  # (M + 1, ..., W + 1, S)
+        bend = self.model.bend_angle(heat[::STEPS, ..., :-1, :])  # (M + 1, ..., W + 1, F)
         changes = bend[..., :W, :] - bend[..., W:, :]
         return heat[..., -1, :], np.swapaxes(changes, -1, -2)
 
@@ -318,9 +320,9 @@ class DutyCorrection:
             prog.AddQuadraticCost(
                 change, np.zeros(2 * W), np.concatenate(variables[:2]), is_convex=True
             )
-            slopes = np.rad2deg(bend_by_heat[k + 1]) * scales  # (S, H)
+            slopes = np.rad2deg(bend_by_heat[k + 1]) * scales  # (F, H)
             of_wires = slopes[:, np.newaxis] * errors.gains[..., np.newaxis] * heated_by.T
-            doubted = errors.doubt[:, np.newaxis, np.newaxis] * of_wires  # (S, W, H)
+            doubted = errors.doubt[:, np.newaxis, np.newaxis] * of_wires  # (F, W, H)
             rows = np.vstack([of_wires.sum(axis=1), *doubted])
             wanted = np.concatenate([missed[k + 1], -unsure[k + 1].ravel()])
             prog.AddQuadraticCost(2 * rows.T @ rows, -2 * rows.T @ wanted, x[k], is_convex=True)

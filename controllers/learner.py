@@ -24,7 +24,7 @@ from scipy.signal import detrend
 
 from controllers.duty_correction import READING_MARGIN, TARGETS, DutyCorrection, Errors
 from controllers.estimator import DRIFT_TIME
-from limb_systems import LimbError, Provenance, Recording, Trajectory
+from limb_systems import Layout, LimbError, Provenance, Recording, Trajectory
 from limb_systems.band import MEAN_TO_DEVIATION
 from limb_systems.files.csv_format import FileFormatError
 from limb_systems.input import LARGEST_TABLE, read_bytes
@@ -153,7 +153,7 @@ class RepeatingError:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Repetition:
-    """What a repetition of a plan has shown, of S segments and W wires.
+    """What a repetition of a plan has shown, of F bends and W wires.
 
     - ``reference_distance``, ``mean_error``: means of |φ_ref - φ| and of |φ* - φ| as it was
       read, rad; as far as it came.
@@ -163,7 +163,7 @@ class Repetition:
       (M + 1, W).
     - ``duty``: duty that the wires got, in the model's L steps (L, W).
     - ``start``: readings at the start (W,), °C.
-    - ``bend_angle``, ``measured_temperature``: readings around the nodes (M + 1, S), rad,
+    - ``bend_angle``, ``measured_temperature``: readings around the nodes (M + 1, F), rad,
       and (M + 1, W), °C; NaN where there are none.
     """
 
@@ -187,7 +187,7 @@ class Repetition:
 class _Belief:
     """What is known about the duty of a repetition.
 
-    - ``bend``: `Estimate` of each segment's bend (S).
+    - ``bend``: `Estimate` of each bend (F).
     - ``errors``: the same for `DutyCorrection`.
     - ``error``: mean distance of the bend from the target, rad.
     """
@@ -267,7 +267,7 @@ class Learner:
         return self._program.corrected(errors.about, self._start, errors)
 
     def expected_bend_angle(self) -> np.ndarray:
-        """φ that is expected of the next repetition, at ``nodes`` (M + 1, S), rad.
+        """φ that is expected of the next repetition, at ``nodes`` (M + 1, F), rad.
 
         It is the target where the limb can follow it, and else what it can do
         within the bounds: what a feedback should hold it to.
@@ -277,7 +277,7 @@ class Learner:
     @property
     def expected_error(self) -> float:
         """Mean distance of the bend from the target that is expected of the next repetition."""
-        return float(np.abs(self._program.target - self.expected_bend_angle()).mean())
+        return self._program.distance(self.expected_bend_angle())
 
     @property
     def finished(self) -> str:
@@ -331,10 +331,10 @@ class Learner:
             # The shares, by how the bend has changed from the best repetition.
             about = self.repetitions[best].duty
             changes = self._program.changes(self._start, about, repetition.duty)
-            for s, part in enumerate(self._bend):
-                before, shown = self._belief.bend[s], self._shown[-1][0][:, s]
-                found = part.likelihoods(before, shown, changes[:, s])
-                self._evidence[s] = LATELY * self._evidence[s] + found - found.max()
+            for bend, part in enumerate(self._bend):
+                before, shown = self._belief.bend[bend], self._shown[-1][0][:, bend]
+                found = part.likelihoods(before, shown, changes[:, bend])
+                self._evidence[bend] = LATELY * self._evidence[bend] + found - found.max()
         remark = ""
         if best is not None:
             self._belief = self._about(best)
@@ -362,8 +362,7 @@ class Learner:
 
     def _is_better(self, belief: "_Belief", repetition: Repetition, best: Repetition) -> bool:
         """Whether a repetition is better than the best one, and not worse as it was read."""
-        target = self._program.target
-        now, before = (np.nanmean(abs(target - r.bend_angle)) for r in (repetition, best))
+        now, before = (self._program.distance(r.bend_angle) for r in (repetition, best))
         by_chance = WORSE * SPREAD * np.sqrt(2) * self._sensor_error  # a difference of two
         if now > before + by_chance:
             return False
@@ -377,10 +376,10 @@ class Learner:
     def _seen(self, recording: Recording) -> Repetition:
         """What a recording says about a repetition."""
         limbs = self.trajectory.parameters, recording.parameters
-        planned, recorded = ((len(limb.segments), len(limb.wires)) for limb in limbs)
+        planned, recorded = ((Layout(limb).num_bends, len(limb.wires)) for limb in limbs)
         if planned != recorded:
             raise LimbError(
-                f"The recording is of {recorded[0]} segments and {recorded[1]} wires, but the "
+                f"The recording is of {recorded[0]} bends and {recorded[1]} wires, but the "
                 f"plan of {planned[0]} and {planned[1]}; give a recording of this plan."
             )
         program = self._program
@@ -412,16 +411,15 @@ class Learner:
 
     def _estimate_afresh(self) -> None:
         """Estimates before the first repetition."""
-        parameters, nodes = self.trajectory.parameters, self.nodes
+        parameters, nodes, program = self.trajectory.parameters, self.nodes, self._program
         record, limits = parameters.calibration, parameters.temperature_limits
         of_bend, of_heat = UNKNOWN_BEND, UNKNOWN_TEMPERATURE
         if record is not None and record.bend_error > 0:
             of_bend = MEAN_TO_DEVIATION * record.bend_error
             of_heat = MEAN_TO_DEVIATION * record.temperature_error
-        sensors = [segment.bend_sensor for segment in parameters.segments]
+        sensors = [parameters.segments[s].bend_sensor for s in program.layout.bend_segment]
         self._sensor_error = max(np.hypot(sensor.noise, sensor.drift) for sensor in sensors)
         # The torque's error is about in proportion to the heat, which no wire has at first.
-        program = self._program
         heat = program.model.temperatures(
             program.rollout(self._start, program.steps(self.correction))
         )
@@ -469,7 +467,7 @@ class Learner:
         self._belief = _Belief([], errors, 0.0)
 
     def _shares(self) -> np.ndarray:
-        """Share of a change of each segment's bend which is wrong at random (S,)."""
+        """Share of a change of each bend which is wrong at random (F,)."""
         weights = np.exp(self._evidence - self._evidence.max(axis=1, keepdims=True))
         return np.sqrt(weights @ SHARES**2 / weights.sum(axis=1))
 
@@ -493,8 +491,8 @@ class Learner:
             np.array(part) for part in zip(*self._shown, strict=True)
         )
         bend = [
-            part.estimate(shown[..., s], changes[:, :, s], share)
-            for s, (part, share) in enumerate(zip(self._bend, self._shares(), strict=True))
+            part.estimate(shown[..., f], changes[:, :, f], share)
+            for f, (part, share) in enumerate(zip(self._bend, self._shares(), strict=True))
         ]
         warmer = temperatures - temperatures[index]
         heat = []
@@ -516,7 +514,7 @@ class Learner:
         seen = np.isfinite(about.bend_angle).all(axis=1)
         unlike = detrend((about.bend_angle - expected)[seen], axis=0)
         expected[seen] += uniform_filter1d(unlike, NODES_OF_NOISE, axis=0)
-        return _Belief(bend, errors, float(np.abs(program.target - expected).mean()))
+        return _Belief(bend, errors, program.distance(expected))
 
     def _cooler(self) -> float:
         """Margin of temperature, °C, as interrupted repetitions were read too hot."""
@@ -580,7 +578,7 @@ class Learner:
             "correction": (nodes, wires),
             "duty": (len(self._program.middles), wires),
             "start": (wires,),
-            "bend_angle": (nodes, len(self.trajectory.parameters.segments)),
+            "bend_angle": self._program.target.shape,
             "measured_temperature": (nodes, wires),
             "evidence": self._evidence.shape,
         }

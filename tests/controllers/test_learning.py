@@ -395,7 +395,7 @@ def test_recordings_of_another_shape_and_failed_plans_are_refused(two_segments):
     parameters = limb()
     learner = Learner(plan_of(parameters))
     other = Learner(plan_of(two_segments))
-    with pytest.raises(LimbError, match="2 segments and 4 wires, but the plan of 1 and 2"):
+    with pytest.raises(LimbError, match="2 bends and 4 wires, but the plan of 1 and 2"):
         learner.update(Plant(two_segments).repeat(other))
     assert not learner.repetitions
     failed = dataclasses.replace(CHECKED, largest_defect=1.0)
