@@ -1,9 +1,9 @@
 """What the sensors tell about a limb: an extended Kalman filter on `ReducedModel`.
 
-It estimates the heat [x, V] (H) of W wires and S segments and what the model
-leaves out: a heating rate q (W), by which the wires warm faster than their law
-says (another supply voltage, a fan, a room that is warmer); the drift d (S) of the
-bend sensors; and a bend p (S) that a torque from outside holds, such as a payload's:
+It estimates the heat [x, V] (H) of W wires and what the model leaves out of them and of
+F bends: a heating rate q (W), by which the wires warm faster than their law
+says (another supply voltage, a fan, a room that is warmer); the drift d (F) of the
+bend sensors; and a bend p (F) that a torque from outside holds, such as a payload's:
 
     readings  V + v,   bend  φ(x) + p + d + w
     Ṫ = law + q,   q̇ = -q / τ_q + noise,   ḋ = -d / τ_d + noise,   ṗ = noise
@@ -15,7 +15,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from controllers.reduced_model import ReducedModel
-from limb_systems import LimbParameters
+from limb_systems import Layout, LimbParameters
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 
@@ -57,16 +57,15 @@ class StateEstimate:
 
     - ``heat``: [x, V] (H).
     - ``heating_rate``: q (W), °C/s.
-    - ``drift``: d (S), rad.
-    - ``offset``: p (S), rad.
+    - ``drift``: d (F), rad.
+    - ``offset``: p (F), rad.
     - ``covariance``: covariance of the four above, in this order (M, M).
-    - ``unbelieved``: time since each thermocouple and bend sensor was last believed
-      (W + S), s.
-    - ``alike``: time since each sensor's reading last changed (W + S), s.
+    - ``unbelieved``: time since each thermocouple and bend was last believed (W + F), s.
+    - ``alike``: time since each reading last changed (W + F), s.
     - ``unshown``: change of each wire's temperature since its reading changed (W), °C.
     - ``raised``: recent rise of the estimate to readings that were too hot (W), °C.
     - ``hotter``: excess of readings that are too hot and not believed yet (W), °C.
-    - ``last``: last reading of each sensor (W + S), °C and rad.
+    - ``last``: last readings (W + F), °C and rad.
     """
 
     heat: np.ndarray
@@ -96,14 +95,16 @@ class Estimator:
     def __init__(self, parameters: LimbParameters):
         self.parameters = parameters
         model = self.model = ReducedModel(parameters)
-        H, W, S = model.size, model.num_wires, model.num_segments
-        self._means = H + W + 2 * S
-        self._ends = np.cumsum([H, W, S])
-        self.size = self._means + self._means**2 + 6 * W + 3 * S
+        H, W, F = model.size, model.num_wires, model.num_bends
+        self._means = H + W + 2 * F
+        self._ends = np.cumsum([H, W, F])
+        self.size = self._means + self._means**2 + 6 * W + 3 * F
         self.nothing = np.full(self.size, np.nan)
-        sensors = [segment.bend_sensor for segment in parameters.segments]
+        layout = Layout(parameters)
+        sensors = [parameters.segments[s].bend_sensor for s in layout.bend_segment]
         self._gain = np.array([sensor.gain for sensor in sensors])
-        self._sensor_offset = np.array([sensor.offset for sensor in sensors])
+        offsets = np.array([(sensor.offset, sensor.offset_e3) for sensor in sensors])
+        self._sensor_offset = offsets[range(F), layout.bend_direction]
         noise = np.maximum([sensor.noise for sensor in sensors], np.deg2rad(0.1))
         self._reading_variances = np.concatenate([np.full(W, READING_NOISE), noise]) ** 2
         temperatures = model.scales >= 10.0
@@ -116,26 +117,28 @@ class Estimator:
                 walks**2,
                 np.full(W, 2 * HEATING_RATE**2 / HEATING_TIME),
                 2 * drift**2 / DRIFT_TIME,
-                np.full(S, BEND_WALK**2),
+                np.full(F, BEND_WALK**2),
             ]
         )
         self._decay = np.concatenate(
             [
                 np.full(W, np.exp(-h / HEATING_TIME)),
-                np.full(S, np.exp(-h / DRIFT_TIME)),
-                np.ones(S),
+                np.full(F, np.exp(-h / DRIFT_TIME)),
+                np.ones(F),
             ]
         )
         initial = np.where(temperatures, SILICONE, 0.0)
         initial[:W] = initial[-W:] = INITIAL_TEMPERATURE
         self._initial = np.concatenate(
-            [initial, np.full(W, HEATING_RATE / 2), drift, np.full(S, INITIAL_BEND)]
+            [initial, np.full(W, HEATING_RATE / 2), drift, np.full(F, INITIAL_BEND)]
         )
         self._others = np.flatnonzero(~temperatures)
         # How far limbs may rest, without a load, from where their parameters say.
-        self._rest_error, record = np.full(S, INITIAL_BEND), parameters.calibration
-        if record is not None and "rest_angle" in record.names:
-            self._rest_error[:] = record.standard_errors[record.names.index("rest_angle")]
+        self._rest_error, record = np.full(F, INITIAL_BEND), parameters.calibration
+        for direction, name in enumerate(["rest_angle", "rest_angle_e3"]):
+            if record is not None and name in record.names:
+                error = record.standard_errors[record.names.index(name)]
+                self._rest_error[layout.bend_direction == direction] = error
         self._heating = model.period * model.heating_rates  # °C per step, by full duty
 
     def begin(self, readings: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
@@ -147,26 +150,26 @@ class Estimator:
 
         Args:
             readings: V (W), °C; NaN where there is none.
-            bend_angle: readings of the bend sensors (S), rad; NaN where there is none.
+            bend_angle: readings of the bend sensors (F), rad; NaN where there is none.
         """
-        W, S = self.model.num_wires, self.model.num_segments
+        W, F = self.model.num_wires, self.model.num_bends
         known = np.where(np.isfinite(readings), readings, self.model.cold[-W:])
         heat = self.model.heated(known)
-        initial, none = self._initial.copy(), np.zeros(S)
+        initial, none = self._initial.copy(), np.zeros(F)
         initial[self._others] = (self.model.heated(known + SILICONE) - heat)[self._others]
-        initial[-S:] = self._rest_error
+        initial[-F:] = self._rest_error
         held, C = self._sensing(heat)
         spread = ((C[W:] * initial) ** 2).sum(axis=1) + self._reading_variances[W:]
         off = np.abs((bend_angle - self._sensor_offset) / self._gain - held)
-        initial[-S:][off > UNLOADED * np.sqrt(spread)] = INITIAL_BEND
+        initial[-F:][off > UNLOADED * np.sqrt(spread)] = INITIAL_BEND
         return StateEstimate(
             heat,
             np.zeros(W),
             none,
             none,
             np.diag(initial**2),
-            np.zeros(W + S),
-            np.zeros(W + S),
+            np.zeros(W + F),
+            np.zeros(W + F),
             np.zeros(W),
             np.maximum(known - self.model.cold[-W:], 0.0),
             np.zeros(W),
@@ -188,8 +191,8 @@ class Estimator:
 
     def unpack(self, vector: np.ndarray) -> StateEstimate:
         """The inverse of `pack`."""
-        M, W, S = self._means, self.model.num_wires, self.model.num_segments
-        sizes = [self.model.size, W, S, S, M * M, W + S, W + S, W, W, W]
+        M, W, F = self._means, self.model.num_wires, self.model.num_bends
+        sizes = [self.model.size, W, F, F, M * M, W + F, W + F, W, W, W]
         parts = np.split(vector, np.cumsum(sizes))
         parts[4] = parts[4].reshape(M, M)
         return StateEstimate(*parts)
@@ -203,13 +206,13 @@ class Estimator:
         must suffer from a wrong estimate: its wire is so much hotter altogether. If it jumped
         there, it has to stay first, and is believed when it jumps back.
         """
-        model, W, S = self.model, self.model.num_wires, self.model.num_segments
+        model, W, F = self.model, self.model.num_wires, self.model.num_bends
         read = np.concatenate([readings, bend_angle])
         same = read == estimate.last
         alike = np.where(same, estimate.alike + model.period, 0.0)
         unshown = np.where(same[:W], estimate.unshown, 0.0)
         frozen = np.abs(unshown) > STUCK_CHANGE
-        works = np.isfinite(read) & (alike < np.repeat([STUCK_READING_TIME, STUCK_TIME], [W, S]))
+        works = np.isfinite(read) & (alike < np.repeat([STUCK_READING_TIME, STUCK_TIME], [W, F]))
         works[:W] &= ~frozen
         held, C = self._sensing(estimate.heat)
         bend = (bend_angle - self._sensor_offset) / self._gain
@@ -260,17 +263,15 @@ class Estimator:
         together[:W] = together[H - W : H] = np.diag(warmer)
         return together @ together.T
 
-    def _forgetting(self, estimate: StateEstimate, segments: np.ndarray) -> StateEstimate:
-        """An estimate that knows nothing of p and d of some segments (S,)."""
-        kept = np.concatenate(
-            [np.full(self._means - 2 * len(segments), True), ~segments, ~segments]
-        )
+    def _forgetting(self, estimate: StateEstimate, bends: np.ndarray) -> StateEstimate:
+        """An estimate that knows nothing of p and d of some bends (F,)."""
+        kept = np.concatenate([np.full(self._means - 2 * len(bends), True), ~bends, ~bends])
         covariance = np.where(np.outer(kept, kept), estimate.covariance, 0.0)
         covariance[np.diag_indices_from(covariance)] += np.where(kept, 0.0, self._initial**2)
         return dataclasses.replace(
             estimate,
-            drift=np.where(segments, 0.0, estimate.drift),
-            offset=np.where(segments, 0.0, estimate.offset),
+            drift=np.where(bends, 0.0, estimate.drift),
+            offset=np.where(bends, 0.0, estimate.offset),
             covariance=covariance,
         )
 
@@ -286,7 +287,7 @@ class Estimator:
         walk[:W] += (HEATING_ERROR * self._heating * duty) ** 2 / period
         P = F @ estimate.covariance @ F.T
         P[np.diag_indices_from(P)] += walk
-        decay = np.split(self._decay, [W, W + self.model.num_segments])
+        decay = np.split(self._decay, [W, W + self.model.num_bends])
         return dataclasses.replace(
             estimate,
             heat=heat,
@@ -297,31 +298,31 @@ class Estimator:
         )
 
     def _sensing(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """φ(x) (S,), rad, and derivatives (W + S, M) of readings by all that is estimated."""
-        H, W, S = self.model.size, self.model.num_wires, self.model.num_segments
+        """φ(x) (F,), rad, and derivatives (W + F, M) of readings by all that is estimated."""
+        H, W, F = self.model.size, self.model.num_wires, self.model.num_bends
         held, slopes = self.model.bend_slopes(heat)
-        C = np.zeros((W + S, self._means))
+        C = np.zeros((W + F, self._means))
         C[:W, H - W : H] = np.eye(W)
         C[W:, :H] = slopes
-        C[W:, H + W : H + W + S] = C[W:, H + W + S :] = np.eye(S)
+        C[W:, H + W : H + W + F] = C[W:, H + W + F :] = np.eye(F)
         return held, C
 
 
 class LimbObserver(LeafSystem):
-    """An extended Kalman filter for a limb of W wires and S segments, with any wire law.
+    """An extended Kalman filter for a limb of W wires and F bends, with any wire law.
 
     Its outputs are what is expected at the next readings, from those so far.
 
     - input 0 ``duty``: D (W), in [0, 1], that the limb gets
     - input 1 ``measured_temperature``: V (W), °C; NaN where there is no reading
-    - input 2 ``bend_angle``: φ (S), rad, as read; NaN where there is no reading
+    - input 2 ``bend_angle``: φ (F), rad, as read; NaN where there is no reading
     - output 0 ``wire_temperature``: T (W), °C
     - output 1 ``temperature_deviation``: standard deviation of T (W), °C
     - output 2 ``heat``: [x, V] (H), the states of the wires' laws and the readings
-    - output 3 ``bend_angle``: φ (S), rad, without the sensors' noise and drift
-    - output 4 ``sensor_drift``: d (S), rad
-    - output 5 ``torque_disturbance``: from outside, on each joint of the segments (S), N·m
-    - output 6 ``believed``: 1 for each thermocouple (W) and bend sensor (S), or 0 if its last
+    - output 3 ``bend_angle``: φ (F), rad, without the sensors' noise and drift
+    - output 4 ``sensor_drift``: d (F), rad
+    - output 5 ``torque_disturbance``: from outside, on each joint that makes a bend (F), N·m
+    - output 6 ``believed``: 1 for each thermocouple (W) and bend (F), or 0 if its last
       reading cannot be explained
     - output 7 ``highest_temperature``: largest T within the next second (W), °C, if the duty
       stays
@@ -343,19 +344,19 @@ class LimbObserver(LeafSystem):
         self._estimator = Estimator(parameters)
         self._ahead = ReducedModel(parameters, AHEAD[0])
         model = self._estimator.model
-        H, W, S = model.size, model.num_wires, model.num_segments
+        H, W, F = model.size, model.num_wires, model.num_bends
         self.DeclareVectorInputPort("duty", W)
         self.DeclareVectorInputPort("measured_temperature", W)
-        self.DeclareVectorInputPort("bend_angle", S)
+        self.DeclareVectorInputPort("bend_angle", F)
         state = self.DeclareDiscreteState(self._estimator.nothing)
         for name, size, calc in (
             ("wire_temperature", W, lambda e: e.heat[:W]),
             ("temperature_deviation", W, lambda e: np.sqrt(np.diag(e.covariance)[:W])),
             ("heat", H, lambda e: e.heat),
-            ("bend_angle", S, lambda e: model.bend_angle(e.heat) + e.offset),
-            ("sensor_drift", S, lambda e: e.drift),
-            ("torque_disturbance", S, lambda e: e.offset / model.bend_by_torque),
-            ("believed", W + S, lambda e: (e.unbelieved == 0).astype(float)),
+            ("bend_angle", F, lambda e: model.bend_angle(e.heat) + e.offset),
+            ("sensor_drift", F, lambda e: e.drift),
+            ("torque_disturbance", F, lambda e: e.offset / model.bend_by_torque),
+            ("believed", W + F, lambda e: (e.unbelieved == 0).astype(float)),
         ):
             self.DeclareVectorOutputPort(
                 name, size, self._shown(calc), {self.discrete_state_ticket(state)}

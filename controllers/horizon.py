@@ -258,7 +258,7 @@ class HorizonPlanner:
         each bend misses, rad, and how far each T is above T_max and the plan's, and below
         T_warm, °C.
         """
-        W, S, N = self._model.num_wires, self._model.num_segments, self._num_states
+        W, S, N = self._model.num_wires, self._model.num_bends, self._num_states
         prog = self._prog = MathematicalProgram()
         duty = self._duty = prog.NewContinuousVariables(K, W, "D")
         states = prog.NewContinuousVariables(K, N, "x")
@@ -329,6 +329,6 @@ class HorizonPlanner:
         C = slopes[:, :, : self._num_states] * self._scales
         x = heats[:, : self._num_states] / self._scales
         rest = target - bend + np.einsum("kij,kj->ki", C, x)
-        minus = -np.eye(self._model.num_segments)
+        minus = -np.eye(self._model.num_bends)
         for binding, row, value in zip(self._bends, C, rest, strict=True):
             binding.evaluator().UpdateCoefficients(np.hstack([row, minus]), value)

@@ -2,6 +2,7 @@
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
+from scipy.optimize import lsq_linear, nnls
 
 from controllers.estimator import Estimator, StateEstimate
 from controllers.reduced_model import ReducedModel
@@ -12,16 +13,18 @@ from limb_systems.model.statics import mean_bend_by_temperature
 from limb_systems.simulation import PERIOD
 
 LEAST_GAIN = 0.25  # of the mean gain, that a cold wire is taken to have at least
+ABOVE_ALL = 1e4  # s/rad, by which bend rates that are not made count more than changes of duty
+ROUNDING = 1e-9  # of duty
 
 
 class PlanController(LeafSystem):
-    """Base of controllers for a limb of W wires and S segments; they say what is wanted.
+    """Base of controllers for a limb of W wires and F bends; they say what is wanted.
 
     Each period the `Estimator` takes the readings, `_duty` makes a duty of the
     estimate within the most that each wire may have, and the estimate goes on.
 
     - input 0 ``measured_temperature``: V (W), °C; NaN where there is no reading
-    - input 1 ``bend_angle``: φ (S), rad, as read; NaN where there is no reading
+    - input 1 ``bend_angle``: φ (F), rad, as read; NaN where there is no reading
     - output 0 ``duty``: D (W), in [0, 1]
     - state, discrete, at 20 Hz: 0: the duty; 1: the `StateEstimate`, NaN before the first
       readings; subclasses may have more
@@ -41,7 +44,7 @@ class PlanController(LeafSystem):
         self._limiter = TemperatureLimiter(parameters)
         model = self._estimator.model
         self.DeclareVectorInputPort("measured_temperature", model.num_wires)
-        self.DeclareVectorInputPort("bend_angle", model.num_segments)
+        self.DeclareVectorInputPort("bend_angle", model.num_bends)
         state = self.DeclareDiscreteState(duty)
         self.DeclareDiscreteState(self._estimator.nothing)
         self.DeclareStateOutputPort("duty", state)
@@ -75,7 +78,7 @@ class SampledPlan:
     """A plan at the controllers' period.
 
     - ``duty``: mean duty over each period (K, W).
-    - ``bend_angle``: φ* at the ends of the periods (K, S), rad.
+    - ``bend_angle``: φ* at the ends of the periods (K, F), rad.
     - ``temperature``: T* at their beginnings (K, W), °C.
     - ``heat``: [x, V] at their beginnings (K, H).
 
@@ -111,17 +114,25 @@ def within_total(duty: np.ndarray, total: float) -> np.ndarray:
 def allocate(
     bend_rate: np.ndarray, duty: np.ndarray, gains: np.ndarray, caps: np.ndarray
 ) -> np.ndarray:
-    """Duty (W,) that bends segments faster than another duty does, with the least change of it.
+    """Duty (W,) that makes a limb bend faster than another duty does, with the least change of it.
 
-    The wires of a segment change it in proportion to their gains, δ = λ g; what one cannot do,
-    because its duty is at zero or at its cap, the others do as far as they can.
+    The wires of a bend change it in proportion to their gains, δ = λ g; what one cannot do,
+    because its duty is at zero or at its cap, the others do as far as they can. Wires that have a
+    part in two bends change it by Σ λ g, in the same way: as wires cannot be cooled, those on
+    the other side heat.
 
     Args:
-        bend_rate: additional bend rate of the segments (S,), rad/s.
+        bend_rate: additional bend rates (F,), rad/s.
         duty: the other duty (W,), within the caps.
-        gains: g, bend rate of each segment by duty of each wire (S, W), rad/s.
+        gains: g, rate of each bend by duty of each wire (F, W), rad/s.
         caps: the most duty of each wire (W,).
     """
+    if (np.count_nonzero(gains, axis=0) > 1).any():
+        costs = np.vstack([ABOVE_ALL * gains, np.eye(len(duty))])
+        wanted = np.append(ABOVE_ALL * bend_rate, 0.0 * duty)
+        bounds = -duty - ROUNDING, caps - duty + ROUNDING  # apart, as the method needs them
+        change = lsq_linear(costs, wanted, bounds, method="bvls", tol=1e-15).x
+        return np.clip(duty + change, 0.0, caps)
     result = duty.copy()
     for wanted, gain in zip(bend_rate, gains, strict=True):
         wires = np.flatnonzero(gain)
@@ -135,27 +146,26 @@ def allocate(
 
 
 def mean_gains(model: ReducedModel) -> np.ndarray:
-    """g (S, W), rad/s: the bend rate by full duty, on average from T_warm to T_max."""
+    """g (F, W), rad/s: the bend rate by full duty, on average from T_warm to T_max."""
     return bend_by_temperature(model) * model.heating_rates
 
 
 def bend_by_temperature(model: ReducedModel) -> np.ndarray:
-    """`mean_bend_by_temperature` (S, W), rad/°C, of a model."""
+    """`mean_bend_by_temperature` (F, W), rad/°C, of a model."""
     return mean_bend_by_temperature(model.parameters, lambda T: model.bend_angle(model.heated(T)))
 
 
 def temperature_to_hold(by_temperature: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """How much warmer wires are (W,), °C, that hold a limb against a bend from outside (S,), rad.
+    """How much warmer wires are (W,), °C, that hold a limb against a bend from outside (F,), rad.
 
     Args:
-        by_temperature: as of `bend_by_temperature` (S, W).
+        by_temperature: as of `bend_by_temperature` (F, W).
     """
-    against = np.sign(by_temperature) * -offset[:, None]
-    return np.maximum(against, 0.0).max(axis=0) / np.abs(by_temperature).max(axis=0)
+    return nnls(by_temperature, -offset)[0]
 
 
 def planned_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
-    """g (K, S, W), rad/s: the bend rate by full duty along a plan, from a quarter of the mean up.
+    """g (K, F, W), rad/s: the bend rate by full duty along a plan, from a quarter of the mean up.
 
     It is not more than the mean, as a wire that transforms now may not do so later.
     """

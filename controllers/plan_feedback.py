@@ -14,7 +14,7 @@ from controllers.plan_controller import (
     temperature_to_hold,
 )
 from controllers.reduced_model import ReducedModel
-from limb_systems import LimbParameters, Trajectory
+from limb_systems import Layout, LimbParameters, Trajectory
 from limb_systems.simulation import PERIOD
 
 PROPORTIONAL = 2.5  # 1/s
@@ -37,8 +37,8 @@ class PlanFeedback(PlanController):
 
         w = k_p (φ* - p - φ(x))
 
-    which both wires share: D = D* + λ g, with g the bend rate that full duty makes there. As the
-    antagonist can always push, what runs out is heat. Where the wires of a segment are
+    which the wires share: D = D* + λ g, with g the bend rate that full duty makes there. As the
+    antagonists can always push, what runs out is heat. Where the wires of a segment are
     warmer than in the plan on average, the plan's duty is reduced, so that they cool:
 
         D* - k_c max(0, mean T - mean T*) / a2
@@ -73,6 +73,9 @@ class PlanFeedback(PlanController):
         model = self._estimator.model
         self._bend_by_temperature, self._heating = bend_by_temperature(model), model.heating_rates
         self._gains = planned_gains(model, self._plan)
+        self._to_mean = np.zeros((model.num_wires, model.num_wires))
+        for wires in Layout(parameters).wires_of:
+            self._to_mean[wires, wires] = 1.0 / (wires.stop - wires.start)
         planned = self._plan.temperature
         self._planned_mean = self._mean(planned)
         ahead = round(AHEAD / PERIOD)
@@ -97,8 +100,7 @@ class PlanFeedback(PlanController):
 
     def _mean(self, temperature: np.ndarray) -> np.ndarray:
         """The mean over the wires of each wire's segment (..., W) of T (..., W), °C."""
-        same = np.abs(np.sign(self._estimator.model.sides))
-        return temperature @ (same.T @ (same / same.sum(axis=1, keepdims=True)))
+        return temperature @ self._to_mean
 
 
 class PlanRegulator(PlanController):
@@ -145,19 +147,19 @@ class PlanRegulator(PlanController):
 
 
 def regulator_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
-    """K (periods, W, N + S) of `PlanRegulator`, by the Riccati recursion from the plan's end.
+    """K (periods, W, N + F) of `PlanRegulator`, by the Riccati recursion from the plan's end.
 
     The bend at the beginning of a period counts at its end, and so not in the last one.
     """
-    W, S, N = model.num_wires, model.num_segments, model.size - model.num_wires
+    W, F, N = model.num_wires, model.num_bends, model.size - model.num_wires
     _, by_heat, by_duty = model.linearized_step(plan.heat, plan.duty)
     slopes = model.bend_slopes(plan.heat)[1]
-    A, B, P = np.eye(N + S), np.zeros((N + S, W)), np.zeros((N + S, N + S))
-    cost, gains = np.diag(np.append(np.full(W, TEMPERATURE**-2), np.zeros(N + S - W))), []
+    A, B, P = np.eye(N + F), np.zeros((N + F, W)), np.zeros((N + F, N + F))
+    cost, gains = np.diag(np.append(np.full(W, TEMPERATURE**-2), np.zeros(N + F - W))), []
     for k in reversed(range(len(by_heat))):
         A[:N, :N], B[:N] = by_heat[k, :N, :N], by_duty[k, :N]
         gains.append(np.linalg.solve(DUTY**-2 * np.eye(W) + B.T @ P @ B, B.T @ P @ A))
-        C = np.hstack([slopes[k, :, :N], np.eye(S)])
+        C = np.hstack([slopes[k, :, :N], np.eye(F)])
         bend_cost = C.T @ C * BEND**-2 if len(gains) > 1 else 0.0
         P = cost + bend_cost + A.T @ P @ (A - B @ gains[-1])
     return np.array(gains[::-1])

@@ -13,19 +13,16 @@ from limb_systems.simulation import PERIOD
 
 
 class ReducedModel:
-    """A limb of S segments and W wires, in steps of constant duty.
+    """A limb of F bends and W wires, in steps of constant duty.
 
     Its state, the heat, is [x, V] (H = N + W): the states of the wires' laws and of
     the rubber's memory, of which the first W are T, °C, and the readings, °C.
     Arrays have any number of points before their last axis.
 
-    - ``num_wires``, ``num_segments``, ``size``: W, S and H.
+    - ``num_wires``, ``num_bends``, ``size``: W, F and H.
     - ``cold``: heat of wires that were never heated (H,).
     - ``scales``: typical changes of the heat (H,).
-    - ``sides``: direction of each wire's torque in each segment (S, W), zero for wires of
-      other segments.
-    - ``bend_by_torque``: bend of each segment by a torque on each of its joints (S,),
-      rad/(N·m).
+    - ``bend_by_torque``: each bend by a torque on each of the joints that make it (F,), rad/(N·m).
 
     Args:
         parameters: description of the limb.
@@ -37,25 +34,16 @@ class ReducedModel:
         self._held = HeldAngles(parameters)
         wires = self._wires = self._held.wires
         W = self.num_wires = wires.num_wires
-        self.num_segments = len(parameters.segments)
+        layout = Layout(parameters)
+        self.num_bends, self._is_planar = layout.num_bends, layout.is_planar
         self.size = wires.num_states + W
         self.cold = np.concatenate([wires.cold_states, wires.cold_states[:W]])
         self.scales = wires.heat_scales
-        self._to_bend = np.zeros((self.num_segments, parameters.num_joints))
-        self.sides = np.zeros((self.num_segments, W))
-        layout = Layout(parameters)
-        for index, (segment, joints, around) in enumerate(
-            zip(
-                parameters.segments,
-                layout.joints_of,
-                layout.wires_of,
-                strict=True,
-            )
-        ):
-            self._to_bend[index, joints] = (segment.links + 1) / (2 * segment.links)  # (11)
-            self.sides[index, around] = [wire.lever[0] for wire in segment.wires]
-        in_segment = (self._to_bend > 0).T
-        self.bend_by_torque = np.diag(self._to_bend @ self._held.compliance @ in_segment).copy()
+        self._to_bend = (layout.shape / (layout.shape**2).sum(axis=0)).T  # (11)
+        if not self._is_planar:
+            _, self._to_bend = self._held.chain.expanded_bends(self._held.rest_angles)
+        in_bend = layout.shape > 0
+        self.bend_by_torque = np.diag(self._to_bend @ self._held.compliance @ in_bend).copy()
 
     @property
     def heating_rates(self) -> np.ndarray:
@@ -89,8 +77,14 @@ class ReducedModel:
         return self._held.angles(heat[..., : -self.num_wires])
 
     def bend_angle(self, heat: np.ndarray) -> np.ndarray:
-        """φ (..., S) that the wires hold, rad, by (11)."""
-        return self.joint_angles(heat) @ self._to_bend.T
+        """φ (..., F) that the wires hold, rad.
+
+        It is the mean of the joints by (11) in a plane, and the chord's in space, as in plans. What
+        a sensor reads otherwise, of a sagging limb, is for the observer a bend from outside.
+        """
+        if self._is_planar:
+            return self.joint_angles(heat) @ self._to_bend.T
+        return self._held.bends(heat[..., : -self.num_wires])
 
     def linearized_step(
         self, heat: np.ndarray, duty: np.ndarray
@@ -115,11 +109,14 @@ class ReducedModel:
         return after, slopes[..., :H], slopes[..., H:]
 
     def bend_slopes(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`bend_angle` (..., S), rad, and its derivatives by the heat (..., S, H)."""
-        angles, by_state = self._held.expanded(heat[..., : -self.num_wires])
-        slopes = np.zeros((*heat.shape[:-1], self.num_segments, self.size))
-        slopes[..., : -self.num_wires] = self._to_bend @ by_state
-        return angles @ self._to_bend.T, slopes
+        """`bend_angle` (..., F), rad, and its derivatives by the heat (..., F, H)."""
+        states = heat[..., : -self.num_wires]
+        if self._is_planar:
+            angles, by_state = self._held.expanded(states)
+            bend, by_state = angles @ self._to_bend.T, self._to_bend @ by_state
+        else:
+            bend, by_state = self._held.expanded_bends(states)
+        return bend, np.pad(by_state, [(0, 0)] * (by_state.ndim - 1) + [(0, self.num_wires)])
 
     def rollout(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """The heat (K + 1, ..., H) from a start (..., H) on, under duty (K, ..., W) of steps."""

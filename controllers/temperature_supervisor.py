@@ -113,7 +113,7 @@ class TemperatureSupervisor(LeafSystem):
 
     def _update(self, context, state) -> None:
         readings = self.GetInputPort("measured_temperature").Eval(context)
-        no_bend = np.full(self._estimator.model.num_segments, np.nan)
+        no_bend = np.full(self._estimator.model.num_bends, np.nan)
         estimate = self._estimator.read(state.value(1), readings, no_bend)
         estimate = self._estimator.predicted(estimate, self._allowed(context, state.value(0)))
         state.set_value(0, self._limiter.caps(estimate))

@@ -24,6 +24,7 @@ from hardware.robot.journal import journaled
 from hardware.robot.serial_limb import SerialLimb
 from limb_systems import (
     EmulatedLimb,
+    Layout,
     LimbError,
     LimbSystem,
     Provenance,
@@ -63,7 +64,7 @@ def replay(
             it becomes part of a diagram and cannot be replayed on twice.
         controller: what drives it: a system with the output port ``duty`` (W),
             in [0, 1], and any of the input ports ``measured_temperature`` (W),
-            °C, ``bend_angle`` (S), rad, and ``measurement``, both of them.
+            °C, ``bend_angle`` (F), rad, and ``measurement``, both of them.
             Time is that since the start of the plan. The trajectory's duty,
             open loop, if None.
         unchecked: whether to replay a plan without a check, such as one that was not
@@ -204,7 +205,7 @@ def _check_robot(trajectory: Trajectory, limb: SerialLimb) -> None:
 def _check_controller(controller: System, limb: LimbSystem) -> None:
     """Raises ReplayError unless the limb has a port for each port of the controller."""
     name, num_wires = type(controller).__name__, len(limb.parameters.wires)
-    sizes = {"measured_temperature": num_wires, "bend_angle": len(limb.parameters.segments)}
+    sizes = {"measured_temperature": num_wires, "bend_angle": Layout(limb.parameters).num_bends}
     sizes["measurement"] = sum(sizes.values())
     if not controller.HasOutputPort("duty"):
         raise ReplayError(f"{name} has no output port duty, and cannot drive a limb.")

@@ -66,7 +66,6 @@ def test_segments_bend_as_their_own_wires_do(two_segments):
     np.testing.assert_allclose(
         np.rad2deg(model.bend_angle(heats).T), np.rad2deg(recording.bend_angle), atol=0.25
     )
-    np.testing.assert_array_equal(model.sides, [[-1, 1, 0, 0], [0, 0, -1, 1]])
 
 
 def test_a_torque_bends_by_the_springs():
