@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from pydrake.trajectories import PiecewisePolynomial
+from scipy.stats import chi2
 
 from controllers import estimator as module
 from controllers.estimator import Estimator
@@ -93,6 +94,40 @@ def test_on_a_linear_law_it_is_the_textbook_filter():
     expected, covariance = textbook_filter(parameters, duty, readings, bends)
     np.testing.assert_allclose(means, expected, rtol=1e-7, atol=1e-9)
     np.testing.assert_allclose(estimate.covariance, covariance, rtol=1e-7, atol=1e-12)
+
+
+def test_its_covariance_is_that_of_its_errors_in_space():
+    """e' P⁻¹ e of 15 limbs whose errors are as large as the filter's constants say is of χ²."""
+    parameters, rng = LimbParameters.in_space(links=2), np.random.default_rng(5)
+    filtered = Estimator(parameters)
+    model, W, F, noise = filtered.model, 3, 2, parameters.segments[0].bend_sensor.noise
+    drift, h = parameters.segments[0].bend_sensor.drift, PERIOD
+    decay = np.exp(-h / np.repeat([module.HEATING_TIME, module.DRIFT_TIME, np.inf], [W, F, F]))
+    walk = np.repeat([2 / module.HEATING_TIME, 2 * drift**2 / 120, module.BEND_WALK**2], [W, F, F])
+    normalized = []
+    for _ in range(15):
+        heat = model.cold + rng.normal(size=6)
+        others = rng.normal(size=W + 2 * F) * np.repeat(
+            [0.5, drift, module.INITIAL_BEND], [W, F, F]
+        )
+        estimate = filtered.begin(model.cold[:W], np.full(F, np.nan))
+        for k in range(60):
+            q, d, p = np.split(others, [W, W + F])
+            readings = heat[W:] + module.READING_NOISE * rng.normal(size=W)
+            bend = model.bend_angle(heat) + d + p + noise * rng.normal(size=F)
+            estimate = filtered.corrected(estimate, readings, bend)
+            duty = np.clip(0.4 + 0.4 * np.sin(0.05 * k + np.arange(W) * 2.0), 0.0, 1.0)
+            estimate = filtered.predicted(estimate, duty)
+            heating = rng.normal(size=W) * 0.1 * h * 20.0 * duty
+            heat = model.step(heat, duty)
+            heat[:W] += h * q + heating + 0.5 * np.sqrt(h) * rng.normal(size=W)
+            heat[W:] += 0.1 * np.sqrt(h) * rng.normal(size=W)
+            others = decay * others + np.sqrt(h * walk) * rng.normal(size=W + 2 * F)
+        means = estimate.heat, estimate.heating_rate, estimate.drift, estimate.offset
+        error = np.concatenate(means) - np.concatenate([heat, others])
+        normalized.append(error @ np.linalg.solve(estimate.covariance, error))
+    low, high = chi2.ppf([0.001, 0.999], 15 * len(error))
+    assert low < np.sum(normalized) < high
 
 
 def test_an_estimate_is_one_vector_for_the_context():

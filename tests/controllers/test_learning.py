@@ -19,6 +19,7 @@ from controllers.learner import COOLER, SHARES, RepeatingError, wandering
 from controllers.reduced_model import ReducedModel
 from limb_systems import (
     HystereticLaw,
+    Layout,
     LimbError,
     LimbParameters,
     Recording,
@@ -78,8 +79,9 @@ class Plant:
         self.heat = self.model.rollout(self.start, duty)
         self.bend = self.model.bend_angle(self.heat) + self.disturbance(times)[:, None] + offset
         bend = self.bend.copy()
-        for column, segment in zip(bend.T, self.model.parameters.segments, strict=True):
-            sensor = segment.bend_sensor
+        limb = self.model.parameters
+        for column, segment in zip(bend.T, Layout(limb).bend_segment, strict=True):
+            sensor = limb.segments[segment].bend_sensor
             drift = self.random.multivariate_normal(0 * times, wandering(times, sensor.drift, 120))
             column += drift + sensor.noise * self.random.normal(size=len(times))
         return Recording(
@@ -214,7 +216,7 @@ def hysteretic() -> LimbParameters:
 
 
 def test_error_falls_on_limbs_that_differ_from_their_model(two_segments):
-    for known in (limb(), hysteretic(), two_segments):
+    for known in (limb(), hysteretic(), two_segments, LimbParameters.in_space(links=2)):
         learner, plant = Learner(plan_of(known)), Plant(wrong(known))
         errors = []
         for _ in range(4):

@@ -5,14 +5,22 @@ import dataclasses
 
 import numpy as np
 import pytest
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from scipy.optimize import lsq_linear
 
 from controllers import PlanFeedback, PlanRegulator, ReducedModel
-from controllers.plan_controller import SampledPlan, allocate, mean_gains, within_total
+from controllers.plan_controller import (
+    SampledPlan,
+    allocate,
+    mean_gains,
+    temperature_to_hold,
+    within_total,
+)
 from controllers.plan_feedback import BEND, DUTY, TEMPERATURE, regulator_gains
 from hardware import LimbTwin, replay
 from limb_systems import Layout, Limb, LimbParameters, simulate
 from limb_systems.model.parameters import CalibrationRecord
+from limb_systems.model.statics import HeldAngles
 from limb_systems.tracking import tracking_errors
 from planners import plan, references
 
@@ -41,6 +49,55 @@ def test_a_wire_that_can_do_no_more_is_helped():
     np.testing.assert_allclose((gains @ (found - duty))[1], -0.06)
     assert found[2] > 0.1
     assert found[3] < 0.2
+
+
+def least_change(bend_rate, duty, gains, caps):
+    """That of all changes which come nearest to the bend rate, by two convex programs."""
+    prog = MathematicalProgram()
+    change = prog.NewContinuousVariables(len(duty))
+    prog.AddBoundingBoxConstraint(-duty, caps - duty, change)
+    missed = prog.Add2NormSquaredCost(gains, bend_rate, change)
+    nearest = gains @ ClarabelSolver().Solve(prog).GetSolution(change)
+    prog.RemoveCost(missed)
+    prog.AddLinearEqualityConstraint(gains, nearest, change)
+    prog.Add2NormSquaredCost(np.eye(len(duty)), np.zeros(len(duty)), change)
+    return duty + ClarabelSolver().Solve(prog).GetSolution(change)
+
+
+@pytest.mark.parametrize("wires", [3, 4, 7])
+def test_wires_around_an_axis_share_both_bends(wires):
+    """Wires at 17° and on, also where they are off or at their caps, and cannot do all of it."""
+    rng, angles = np.random.default_rng(wires), 0.3 + 2 * np.pi * np.arange(wires) / wires
+    gains = RIGHT * np.array([np.cos(angles), np.sin(angles)])
+    made = []
+    for _ in range(15):
+        caps = rng.uniform(0.0, 1.0, wires) * (rng.random(wires) < 0.8)
+        duty = caps * np.clip(rng.uniform(-0.5, 1.5, wires), 0.0, 1.0)
+        wanted = rng.uniform(-0.08, 0.08, 2)
+        found = allocate(wanted, duty, gains, caps)
+        assert ((found >= 0.0) & (found <= caps)).all()
+        np.testing.assert_allclose(
+            found, least_change(wanted, duty, gains, caps), atol=3e-4, err_msg=f"{wanted}"
+        )
+        made.append(np.allclose(gains @ (found - duty), wanted, atol=1e-5))
+    assert 3 < sum(made) < 15
+
+
+def test_two_ways_of_sharing_agree_in_a_plane():
+    """The wires of planar segments, and the same as if each had a trace of the other bend."""
+    gains = np.array([[LEFT, RIGHT, 0.0, 0.0], [0.0, 0.0, LEFT, RIGHT]])
+    rng, caps = np.random.default_rng(2), np.array([0.9, 0.5, 1.0, 0.3])
+    for _ in range(20):
+        duty, wanted = caps * rng.random(4), rng.uniform(-0.1, 0.1, 2)
+        found = [allocate(wanted, duty, gains + trace, caps) for trace in (0.0, 1e-12)]
+        np.testing.assert_allclose(*found, atol=1e-5)
+
+
+def test_what_holds_a_bend_between_two_wires_is_in_both():
+    """With three wires at 120°: p between two of them takes as much in each as in one alone."""
+    around = 0.004 * np.array([[1.0, -0.5, -0.5], [0.0, np.sqrt(0.75), -np.sqrt(0.75)]])
+    for push, warmer in (([-0.1, 0.0], [25.0, 0.0, 0.0]), ([0.1, 0.0], [0.0, 25.0, 25.0])):
+        np.testing.assert_allclose(temperature_to_hold(around, np.array(push)), warmer, atol=1e-9)
 
 
 def test_duty_within_the_supply_keeps_its_proportions():
@@ -177,6 +234,33 @@ def test_each_segment_is_held_to_its_own_plan(two_segments):
     late = held.time > 3.9
     missed = np.rad2deg(held.bend_angle - course.bend_angle_at(held.time))[:, late]
     assert np.abs(missed).max() < 1.0
+
+
+@pytest.mark.parametrize("gravity", [[0.0, 0.0, 0.0], [0.0, -6.0, 7.0]])
+def test_both_bends_of_a_limb_in_space_are_held(gravity):
+    """Whose torque is 10% weaker than known, and which rests bent in another direction."""
+    parameters = LimbParameters.in_space(wires=3, links=2)
+    parameters.gravity, parameters.temperature_limits.warm_up_time = gravity, 1000.0
+    turned = np.deg2rad([[0.0, 0.0, 9.0, 9.0], [0.0, 0.0, -6.0, -6.0]])
+    start = Layout(parameters).bend_angle(HeldAngles(parameters).rest_angles)[:, None]
+    course = plan(
+        parameters, references.from_samples([0.0, 1.0, 3.0, 5.0], start + turned), knot_rate=5.0
+    )
+    other = copy.deepcopy(parameters)
+    other.segments[0].rest_angle, other.segments[0].rest_angle_e3 = np.deg2rad([-2.0, 3.0]).tolist()
+    for wire in other.wires:
+        wire.law.beta *= 0.9
+    missed = []
+    for controller in (None, PlanFeedback(course), PlanRegulator(course)):
+        held = replay(course, Limb(other), controller=controller)
+        late = held.time > 4.0
+        errors = Layout(other).distances(held.bend_angle - course.bend_angle_at(held.time))
+        missed.append(np.rad2deg(errors[0, late]).max())
+    assert missed[0] > 3.0
+    assert max(missed[1:]) < 0.25 * missed[0]
+    beside = course.bend_angle_at(held.time) + np.deg2rad([[3.0], [-4.0]])
+    errors = tracking_errors(course, [dataclasses.replace(held, bend_angle=beside)])
+    assert np.rad2deg(errors.percentile_90) == pytest.approx(5.0)
 
 
 def test_no_wire_is_heated_far_beyond_the_plan(short_plan):
