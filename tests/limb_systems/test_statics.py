@@ -127,10 +127,11 @@ def two_unlike_segments(base: SegmentParameters, axes: int) -> LimbParameters:
     return LimbParameters(segments=[base, tip], gravity=[2.0, -9.0, 3.0])
 
 
-def with_a_heavy_tip() -> LimbParameters:
+def with_a_heavy_tip(stiffening: float) -> LimbParameters:
     """A limb which Newton's method alone does not settle at two of the states."""
     parameters = LimbParameters.in_space(links=3)
-    parameters.segments[0].stiffness, parameters.payload = 0.07476, 0.06
+    parameters.segments[0].stiffness, parameters.segments[0].stiffening = 0.07476, stiffening
+    parameters.payload = 0.06
     parameters.gravity = [-9.5, -2.0, 1.0]
     return parameters
 
@@ -142,7 +143,8 @@ HELD_LIMBS = {
     "space, stiffens": two_unlike_segments(
         SegmentParameters(3, axes=2, twists=True, centred_joints=True, stiffening=0.5), 2
     ),
-    "heavy tip": with_a_heavy_tip(),
+    "heavy tip": with_a_heavy_tip(0.0),
+    "heavy tip, stiffens": with_a_heavy_tip(1e-5),
 }
 
 
