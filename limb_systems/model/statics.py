@@ -210,7 +210,7 @@ class _Matrix:
         return np.linalg.eigvalsh(self._matrix)[..., 0] > 0
 
     def solve(self, forces: np.ndarray, downhill: bool = False) -> np.ndarray:
-        if not downhill:
+        if not downhill or self.is_stable.all():
             return np.linalg.solve(self._matrix, forces)
         values, axes = np.linalg.eigh(self._matrix)
         return axes @ ((axes.swapaxes(-1, -2) @ forces) / np.abs(values)[..., None])
