@@ -1,10 +1,10 @@
 """Plans of the coming seconds, from the heat that a limb has towards its reference.
 
 The chain swings at some hertz; knots at 5 Hz cannot tell it from one that is
-always where its wires hold it. So a horizon is planned with `ReducedModel`, which
-has a fifth of the states of (17), by sequential convex programs: the heat is
-linearized along the best duty known, a program with linear dynamics is solved, and
-the best of some steps towards its solution is taken, by the cost of the curved
+always where its wires hold it. So a horizon is planned by the quasi-static program with
+`ReducedModel`, which has a fifth of the states of (17), and by sequential convex programs:
+the heat is linearized along the best duty known, the program with linear dynamics is solved,
+and the best of some steps towards its solution is taken, by the cost of the curved
 model. What has to be feasible once, T_max and T_warm, costs here instead, so
 that there is always a plan. So does heat beyond that of a plan of the whole motion,
 which knows what comes after the horizon: a wire that was too hot holds the limb for
@@ -12,19 +12,23 @@ longer than that.
 """
 
 import dataclasses
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake import trajectories
-from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolverOptions
+from pydrake.solvers import Binding
 
 from controllers.plan_controller import bend_by_temperature, temperature_to_hold
 from controllers.reduced_model import ReducedModel
-from limb_systems import LimbParameters, Trajectory
+from limb_systems import Layout, LimbParameters, Trajectory
+from limb_systems.model.statics import HeldAngles
 from planners import Task, references
 from planners.nearest import nearest_plan
 from planners.transcription.descent import descend
-from planners.transcription.program import temperature_weights
+from planners.transcription.ipopt import ConstraintBlock
+from planners.transcription.program import add_soft_bounds, temperature_weights
+from planners.transcription.quasi_static import QuasiStaticProgram
 
 DURATION, KNOT_RATE = 10.0, 5.0  # s, Hz
 ROUNDS = 1  # of linearizing and solving, from a plan before; two are not better, and slower
@@ -33,6 +37,10 @@ SHARES = np.array([1.0, 0.7, 0.4, 0.2, 0.1, 0.03])  # of the way to a program's 
 LITTLE = 1e-3  # relative; a round that reduces the cost by less is the last
 # °C, that a wire may be warmer than in the plan of the whole motion; 1/°C, of each knot beyond.
 WARMER, WARMER_WEIGHT = 3.0, 0.03
+COUNTED = (  # fields of a task that a horizon heeds
+    *("angle_weight", "duty_weight", "terminal_factor", "phases", "temperature_weight"),
+    *("temperature_margin", "duty_margin"),
+)
 LIMIT_WEIGHT = 1.0  # 1/°C, of each knot beyond T_max or T_warm; as much as 11° of bend
 
 
@@ -48,14 +56,14 @@ def horizon_task() -> Task:
 
 @dataclasses.dataclass(frozen=True)
 class HorizonPlan:
-    """The coming seconds of a limb with S segments and W wires, whose heat has H numbers.
+    """The coming seconds of a limb with F bends and W wires, whose heat has H numbers.
 
     Duty is constant between the K knots, and each is that after its knot.
 
     - ``time``: times of the knots (K + 1,), s.
     - ``duty``: D (K, W).
     - ``heat``: [x, V] at the knots (K + 1, H), as of `ReducedModel`.
-    - ``bend_angle``: φ at the knots (K + 1, S), rad, offset included.
+    - ``bend_angle``: φ at the knots (K + 1, F), rad, offset included.
     - ``cost``: value of the cost, excess of limits included.
     - ``success``: whether a program was solved; else the duty is that of the plan before.
     """
@@ -73,7 +81,7 @@ class HorizonPlan:
         return self.duty[np.clip(index, 0, len(self.duty) - 1)]
 
     def bend_angle_at(self, time: float) -> np.ndarray:
-        """φ (S,) at a time, s, in rad; the last after the end."""
+        """φ (F,) at a time, s, in rad; the last after the end."""
         return np.array([np.interp(time, self.time, bend) for bend in self.bend_angle.T])
 
 
@@ -85,7 +93,7 @@ class HorizonPlanner:
 
     Args:
         parameters: description of the limb.
-        reference: φ_ref in rad, a row for each segment, over the time of the plan;
+        reference: φ_ref in rad, a row for each bend, over the time of the plan;
             its last angle is held.
         task: its weights of angles, duty, temperature and the end, and its margins
             count; `horizon_task()` if None. T_max and T_warm may be passed, at a cost.
@@ -108,17 +116,15 @@ class HorizonPlanner:
         self._reference, self._limits, self._planned = reference, limits, planned
         self._times = times = np.arange(max(1, round(duration * knot_rate)) + 1) / knot_rate
         self._model = model = ReducedModel(parameters, 1.0 / knot_rate)
+        self._program = HorizonProgram(model, times, task)
         self._bend_by_temperature = bend_by_temperature(model)
-        self._num_states = model.size - model.num_wires
-        self._scales = model.scales[: self._num_states]
-        self._ambient, self._total = parameters.ambient_temperature, parameters.total_duty
+        self._ambient = parameters.ambient_temperature
         self._hottest = limits.maximum - task.temperature_margin
-        self._fullest, self._duty_weight = 1.0 - task.duty_margin, task.duty_weight
+        self._duty_weight = task.duty_weight
         # (15) weighs the joints' distances from (11).
-        links = np.array([segment.links for segment in parameters.segments])
-        self._angle_weights = np.outer(task.weights(times[1:])[0], 4 * links / (links + 1) ** 2)
+        shares = (Layout(parameters).shape ** 2).sum(axis=0)
+        self._angle_weights = np.outer(task.weights(times[1:])[0], shares)
         self._heat_weights = temperature_weights(parameters, times[1:], task)
-        self._build(len(times) - 1)
 
     @classmethod
     def of(cls, trajectory: Trajectory, task: Task | None = None) -> "HorizonPlanner":
@@ -143,14 +149,16 @@ class HorizonPlanner:
         Args:
             time: time since the start of the reference, s.
             heat: [x, V] at that time (H,).
-            bend_offset: bend angle of the limb less that of the model (S,), rad.
+            bend_offset: bend angle of the limb less that of the model (F,), rad.
             previous: a plan that begins before, to start from; wires that are off if None.
         """
         times = time + self._times
         reference = self._reference.vector_values(np.minimum(times, self._reference.end_time()))
         warm = np.where(times > self._limits.warm_up_time, self._limits.warm, -np.inf)
         warmest = self._warmest(times[1:], bend_offset)
-        aims = reference.T[1:] - bend_offset, warm[1:], warmest
+        target = reference.T - bend_offset
+        aims = target[1:], warm[1:], warmest
+        self._program.aim(target, heat, self._limits.warm_up_time - time, warmest)
         if previous is None:
             duty = np.zeros((len(times) - 1, self._model.num_wires))
         else:
@@ -159,7 +167,7 @@ class HorizonPlanner:
 
         def solve(point):
             duty, heats = point
-            best = self._solve(heats, duty, *aims)
+            best = self._program.tangent_duty(heats, duty)
             return None if best is None else (best, heats)
 
         def step(point, best, _):
@@ -216,7 +224,7 @@ class HorizonPlanner:
         """The cost (B,) of heats (K + 1, B, H) under duty (B, K, W).
 
         Args:
-            target: bend of the model that is wanted at the knots but the first (K, S), rad.
+            target: bend of the model that is wanted at the knots but the first (K, F), rad.
             warm: T_warm at these knots, or -inf (K,), °C.
             warmest: temperatures of the plan, with what wires may be warmer (K, W), °C.
         """
@@ -231,104 +239,101 @@ class HorizonPlanner:
             + WARMER_WEIGHT * np.maximum(T - warmest[:, None], 0.0).sum(axis=(0, 2))
         )
 
-    def _solve(
-        self,
-        heats: np.ndarray,
-        duty: np.ndarray,
-        target: np.ndarray,
-        warm: np.ndarray,
-        warmest: np.ndarray,
-    ) -> np.ndarray | None:
-        """The best duty (K, W) where the model is linear about heats (K + 1, H); None if none."""
-        self._set_dynamics(heats, duty)
-        self._set_bend(heats[1:], target)
-        scales = self._scales[: self._model.num_wires]
-        for cool, hot, least, most in zip(self._cool, self._warmer, warm, warmest, strict=True):
-            cool.evaluator().UpdateLowerBound(least / scales)
-            hot.evaluator().UpdateUpperBound(most / scales)
-        result = ClarabelSolver().Solve(self._prog, None, SolverOptions())
-        if not result.is_success():
-            return None
-        return np.clip(result.GetSolution(self._duty), 0.0, self._fullest)
 
-    def _build(self, K: int) -> None:
-        """The program; `_solve` fills in what depends on heats and aims.
+class HorizonProgram(QuasiStaticProgram):
+    """`QuasiStaticProgram` of the coming seconds, in steps of a `ReducedModel`.
 
-        Its variables after each interval are the wires' states over their scales, what
-        each bend misses, rad, and how far each T is above T_max and the plan's, and below
-        T_warm, °C.
+    T_max and T_warm may be passed at a cost, and so may the temperatures of a plan of the whole
+    motion. Duty is constant between knots; that at the last one has no effect.
+
+    Args:
+        model: limb in steps from knot to knot.
+        times: times of the knots (K + 1,), s, from 0.
+        task: its weights of angles, duty, temperature and the end, and its margins count.
+    """
+
+    def __init__(self, model: ReducedModel, times: np.ndarray, task: Task):
+        self._model = model
+        counted = {name: getattr(task, name) for name in COUNTED}
+        super().__init__(
+            model.parameters,
+            times,
+            HeldAngles(model.parameters),
+            Task(**counted, duty_hold=0.0),
+            limit_weight=LIMIT_WEIGHT,
+        )
+        T = self.prog.decision_variables()[self.heat[1:, : model.num_wires]].ravel()
+        free = np.full(len(T), np.inf)
+        self._warmest = add_soft_bounds(self.prog, T, None, free, WARMER_WEIGHT)
+
+    def aim(
+        self, target: np.ndarray, heat: np.ndarray, warm_up_time: float, warmest: np.ndarray
+    ) -> None:
+        """Sets what changes from plan to plan.
+
+        Args:
+            target: bend of the model that is wanted at the knots (K + 1, F), rad.
+            heat: [x, V] at the first knot (H,).
+            warm_up_time: k_warm, s from the first knot.
+            warmest: temperatures beyond which heat costs, at the knots but the first (K, W), °C.
         """
-        W, S, N = self._model.num_wires, self._model.num_bends, self._num_states
-        prog = self._prog = MathematicalProgram()
-        duty = self._duty = prog.NewContinuousVariables(K, W, "D")
-        states = prog.NewContinuousVariables(K, N, "x")
-        missed = prog.NewContinuousVariables(K, S, "e")
-        hot = prog.NewContinuousVariables(K, W, "h")
-        cool = prog.NewContinuousVariables(K, W, "c")
-        for weights, variables in (
-            (self._angle_weights.ravel(), missed.ravel()),
-            (np.full(duty.size, self._duty_weight), duty.ravel()),
-        ):
-            prog.AddQuadraticCost(np.diag(weights), 0.0 * weights, variables, is_convex=True)
-        T, scales = states[:, :W], self._scales[:W]
-        prog.AddLinearCost((self._heat_weights * scales).ravel(), 0.0, T.ravel())
-        warmer = prog.NewContinuousVariables(K, W, "m")
-        for excess, weight in (
-            (hot, LIMIT_WEIGHT),
-            (cool, LIMIT_WEIGHT),
-            (warmer, WARMER_WEIGHT),
-        ):
-            prog.AddLinearCost(np.full(excess.size, weight), 0.0, excess.ravel())
-            prog.AddBoundingBoxConstraint(0.0, np.inf, excess.ravel())
-        prog.AddBoundingBoxConstraint(0.0, self._fullest, duty.ravel())
-        self._dynamics, self._bends, self._cool, self._warmer = [], [], [], []
-        below, above = np.full(W, -np.inf), np.full(W, np.inf)
-        same, per_degree = np.eye(W), np.diag(1.0 / scales)
-        for k in range(K):
-            before = states[k - 1] if k else states[0, :0]
-            of_step = np.r_[before, states[k], duty[k]]
-            self._dynamics.append(
-                prog.AddLinearEqualityConstraint(np.zeros((N, len(of_step))), np.zeros(N), of_step)
-            )
-            self._bends.append(
-                prog.AddLinearEqualityConstraint(
-                    np.zeros((S, N + S)), np.zeros(S), np.r_[states[k], missed[k]]
-                )
-            )
-            prog.AddLinearConstraint(
-                np.hstack([same, -per_degree]), below, self._hottest / scales, np.r_[T[k], hot[k]]
-            )
-            self._warmer.append(
-                prog.AddLinearConstraint(
-                    np.hstack([same, -per_degree]), below, above, np.r_[T[k], warmer[k]]
-                )
-            )
-            self._cool.append(
-                prog.AddLinearConstraint(
-                    np.hstack([same, per_degree]), below, above, np.r_[T[k], cool[k]]
-                )
-            )
-            prog.AddLinearConstraint(np.ones((1, W)), [-np.inf], [self._total], duty[k])
+        self.update(target.T, heat, warm_up_time)
+        self._warmest.evaluator().UpdateUpperBound(warmest.ravel())
 
-    def _set_dynamics(self, heats: np.ndarray, duty: np.ndarray) -> None:
-        """x' = A x + B D + c in each interval, about heats (K + 1, H) and duty (K, W)."""
-        N, scales = self._num_states, self._scales
-        after, by_heat, by_duty = self._model.linearized_step(heats[:-1], duty)
-        A = by_heat[:, :N, :N] * (scales / scales[:, None])
-        B = by_duty[:, :N] / scales[:, None]
-        x, one = heats[:-1, :N] / scales, np.eye(N)
-        c = after[:, :N] / scales - np.einsum("kij,kj->ki", B, duty)
-        c[1:] -= np.einsum("kij,kj->ki", A[1:], x[1:])  # the first x is known
-        for k, binding in enumerate(self._dynamics):
-            row = [-A[k], one, -B[k]] if k else [one, -B[k]]
-            binding.evaluator().UpdateCoefficients(np.hstack(row), c[k])
+    def tangent_duty(self, heats: np.ndarray, duty: np.ndarray) -> np.ndarray | None:
+        """The best duty (K, W) where the model is linear about heats (K + 1, H) and a duty."""
+        x = np.zeros(self.prog.num_vars())
+        x[self.heat], x[self.duty[:-1]] = heats[:, : self.heat.shape[1]], duty
+        x[self.bends] = self._model.bend_angle(heats)
+        found = self.tangent_solution(x)
+        if found is None:
+            return None
+        return np.clip(found[self.duty[:-1]], 0.0, 1.0 - self.task.duty_margin)
 
-    def _set_bend(self, heats: np.ndarray, target: np.ndarray) -> None:
-        """e = φ(x) - target (K, S) at each knot, about heats (K, H)."""
-        bend, slopes = self._model.bend_slopes(heats)
-        C = slopes[:, :, : self._num_states] * self._scales
-        x = heats[:, : self._num_states] / self._scales
-        rest = target - bend + np.einsum("kij,kj->ki", C, x)
-        minus = -np.eye(self._model.num_bends)
-        for binding, row, value in zip(self._bends, C, rest, strict=True):
-            binding.evaluator().UpdateCoefficients(np.hstack([row, minus]), value)
+    def _make_blocks(self) -> list[ConstraintBlock]:
+        return [_ModelSteps(self._model, self.heat, self.duty[:-1], self.bends)]
+
+
+class _ModelSteps:
+    """Steps and bends of a `ReducedModel` as a `ConstraintBlock`, for what needs no curvature.
+
+    Args:
+        heat, duty, bends: indices of x (K + 1, N), D (K, W) and φ (K + 1, F).
+    """
+
+    replaces: Collection[Binding] = ()
+
+    def __init__(self, model: ReducedModel, heat: np.ndarray, duty: np.ndarray, bends: np.ndarray):
+        self._model, self._heat, self._duty, self._bends = model, heat, duty, bends
+        (K, N), F = heat[1:].shape, bends.shape[1]
+        of_step = np.repeat(np.hstack([heat[:-1], duty])[:, None], N, axis=1)
+        steps = np.concatenate([heat[1:, :, None], of_step], axis=2)
+        held = np.concatenate([bends[:, :, None], np.repeat(heat[:, None], F, axis=1)], axis=2)
+        self.columns = np.append(steps, held)
+        of_rows = np.append(np.full(K * N, steps.shape[2]), np.full(bends.size, held.shape[2]))
+        self.rows = np.repeat(np.arange(len(of_rows)), of_rows)
+        self.lower = self.upper = np.zeros(len(of_rows))
+        self.hessian_rows = self.hessian_columns = np.zeros(0, int)
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        heats = self._heats(x)
+        steps = heats[1:] - self._model.step(heats[:-1], x[self._duty])
+        held = x[self._bends] - self._model.bend_angle(heats)
+        return np.append(steps[:, : self._heat.shape[1]], held)
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        heats, N = self._heats(x), self._heat.shape[1]
+        _, by_heat, by_duty = self._model.linearized_step(heats[:-1], x[self._duty])
+        _, by_states = self._model.bend_slopes(heats)
+        one = np.ones((len(by_heat), N, 1))
+        steps = np.concatenate([one, -by_heat[:, :N, :N], -by_duty[:, :N]], axis=2)
+        one = np.ones((*self._bends.shape, 1))
+        return np.append(steps, np.concatenate([one, -by_states[:, :, :N]], axis=2))
+
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        return np.zeros(0)
+
+    def _heats(self, x: np.ndarray) -> np.ndarray:
+        """[x, V] (K + 1, H), with readings of which nothing here depends."""
+        readings = np.zeros((len(self._heat), self._model.num_wires))
+        return np.hstack([x[self._heat], readings])

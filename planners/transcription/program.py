@@ -3,9 +3,10 @@
 import textwrap
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import ArrayLike
 from pydrake.planning import DirectCollocation
-from pydrake.solvers import Binding, MathematicalProgram
+from pydrake.solvers import Binding, LinearConstraint, MathematicalProgram
 from pydrake.systems.analysis import BatchEvalTimeDerivatives
 
 from limb_systems import (
@@ -385,6 +386,7 @@ def add_wires(
     task: Task,
     warm_up_time: float,
     measured_margin: ArrayLike = 0.0,
+    limit_weight: float | None = None,
 ) -> Binding:
     """Adds what a plan asks of the wires: costs of duty and heat, (18)-(20), and the task's limits.
 
@@ -393,6 +395,7 @@ def add_wires(
         heat, duty: decision variables [x, V] (K, N + W) and D (K, W); V may be left out.
         warm_up_time: k_warm, s from the first knot.
         measured_margin: margin of the readings, as of `TrajectoryProgram`.
+        limit_weight: cost of each °C beyond (19)-(20), 1/°C; they are never passed if None.
 
     Returns:
         The binding of (19)-(20), whose lower bounds are `warm_bounds`.
@@ -421,7 +424,11 @@ def add_wires(
     warm = warm_bounds(parameters, times, warm_up_time)
     hot = np.full(len(warm), parameters.temperature_limits.maximum - task.temperature_margin)
     hot[:W] = np.inf  # of the given initial state
-    warm_up = prog.AddBoundingBoxConstraint(warm, hot, x[:, :W].ravel())  # (19)-(20)
+    T = x[:, :W].ravel()
+    if limit_weight is None:
+        warm_up = prog.AddBoundingBoxConstraint(warm, hot, T)  # (19)-(20)
+    else:
+        warm_up = add_soft_bounds(prog, T, warm, hot, limit_weight)
     if readings.size:
         bounds = reading_bounds(parameters, measured_margin)
         bounded, bounds = readings[1:, np.isfinite(bounds)], bounds[np.isfinite(bounds)]
@@ -440,6 +447,30 @@ def add_wires(
             variables = np.r_[x[k], duty[k]]
             prog.AddLinearConstraint(rate, -limit - c[:W], limit - c[:W], variables)
     return warm_up
+
+
+def add_soft_bounds(
+    prog: MathematicalProgram,
+    variables: np.ndarray,
+    lower: np.ndarray | None,
+    upper: np.ndarray,
+    weight: float,
+) -> Binding:
+    """Adds bounds of variables (m,) that they may pass at a cost of a weight times the excess.
+
+    Args:
+        lower, upper: the bounds (m,); there is no lower one if None.
+
+    Returns:
+        The binding of the bounds.
+    """
+    signs = [-1.0] if lower is None else [-1.0, 1.0]
+    excess = prog.NewContinuousVariables(len(variables) * len(signs), "excess")
+    prog.AddLinearCost(np.full(len(excess), weight), 0.0, excess)
+    prog.AddBoundingBoxConstraint(0.0, np.inf, excess)
+    A = scipy.sparse.kron([[1.0, *signs]], scipy.sparse.identity(len(variables)), "csc")
+    least = np.full(len(variables), -np.inf) if lower is None else lower
+    return prog.AddConstraint(LinearConstraint(A, least, upper), np.append(variables, excess))
 
 
 def temperature_weights(parameters: LimbParameters, times: np.ndarray, task: Task) -> np.ndarray:

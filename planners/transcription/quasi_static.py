@@ -14,14 +14,22 @@ import dataclasses
 from collections.abc import Collection
 
 import numpy as np
+import scipy.sparse
 from numpy.typing import ArrayLike
-from pydrake.solvers import Binding, MathematicalProgram
+from pydrake.solvers import (
+    Binding,
+    ClarabelSolver,
+    LinearEqualityConstraint,
+    MathematicalProgram,
+    SolverOptions,
+)
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import Layout, LimbParameters, Wires
 from limb_systems.model.statics import HeldAngles
 from planners.task import Task
 from planners.transcription.collocation import ANGLE_SCALE, LimbDefects
+from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import (
     REACH_TOLERANCE,
     REST_RATE,
@@ -185,6 +193,8 @@ class QuasiStaticProgram(PlanProgram):
         held: angles that the wires hold.
         task: weights and limits.
         measured_margin: margin of the readings, as of `TrajectoryProgram`.
+        limit_weight: cost of each °C beyond (19)-(20), 1/°C; they are never passed if None.
+            V is left out if they may be.
     """
 
     def __init__(
@@ -194,6 +204,7 @@ class QuasiStaticProgram(PlanProgram):
         held: HeldAngles,
         task: Task,
         measured_margin: ArrayLike = 0.0,
+        limit_weight: float | None = None,
     ):
         self.parameters, self.times, self.task, self.held = parameters, times, task, held
         wires, K = held.wires, len(times)
@@ -201,10 +212,11 @@ class QuasiStaticProgram(PlanProgram):
         self._layout = Layout(parameters)
         self._shares = (self._layout.shape**2).sum(axis=0)  # of (15) in the joints' angles
         self.prog = prog = MathematicalProgram()
+        scales = wires.heat_scales[: None if limit_weight is None else wires.num_states]
         heat, duty, bends = (
             prog.NewContinuousVariables(K, size, name)
             for size, name in (
-                (len(wires.heat_scales), "y"),
+                (len(scales), "y"),
                 (W, "D"),
                 (len(self._shares), "b"),
             )
@@ -216,9 +228,16 @@ class QuasiStaticProgram(PlanProgram):
         self._add_time(steps)
         prog.AddBoundingBoxConstraint(*self._shortest_and_longest_step(), steps)
         self._start = prog.AddBoundingBoxConstraint(0.0, 0.0, heat[0])
-        warm_up_time = parameters.temperature_limits.warm_up_time
         self._warm_up = add_wires(
-            prog, parameters, times, heat, duty, task, warm_up_time, measured_margin
+            prog,
+            parameters,
+            times,
+            heat,
+            duty,
+            task,
+            parameters.temperature_limits.warm_up_time,
+            measured_margin,
+            limit_weight,
         )
         if parameters.total_duty < W:
             for of_knot in duty:
@@ -228,14 +247,18 @@ class QuasiStaticProgram(PlanProgram):
             for bend in bends
         ]
         self._add_limits_of_motion(steps)
-        scales = np.append(wires.heat_scales, np.full(len(self._shares), ANGLE_SCALE))
+        scales = np.append(scales, np.full(len(self._shares), ANGLE_SCALE))
         self._set_scaling(np.hstack([heat, bends]), scales)
-        typical = float(np.median(np.diff(times)))
-        self.blocks = [
-            LimbDefects(None, wires, self.heat, self.duty, self.time_steps, typical),
-            HeldBends(held, self.heat[:, : wires.num_states], self.bends),
-        ]
+        self.blocks = self._make_blocks()
+        self._tangent: tuple[MathematicalProgram, LinearEqualityConstraint] | None = None
         self._customize()
+
+    def _make_blocks(self) -> list[ConstraintBlock]:
+        typical = float(np.median(np.diff(self.times)))
+        return [
+            LimbDefects(None, self.wires, self.heat, self.duty, self.time_steps, typical),
+            HeldBends(self.held, self.heat[:, : self.wires.num_states], self.bends),
+        ]
 
     def update(self, reference: np.ndarray, initial_state: np.ndarray, warm_up_time: float) -> None:
         """Sets the values that change from plan to plan.
@@ -245,8 +268,9 @@ class QuasiStaticProgram(PlanProgram):
             initial_state: x_init, a state of `Limb`, or its heat [x, V] alone.
             warm_up_time: k_warm, s from the first knot.
         """
-        motion, heat = np.split(initial_state, [-self.heat.shape[1]])
+        motion, heat = np.split(initial_state, [-len(self.wires.heat_scales)])
         self._initial_motion, self._initial_heat = motion, heat
+        heat = heat[: self.heat.shape[1]]
         weights, _ = self.task.weights(self.times)
         for binding, weight, target in zip(self._costs, weights, reference.T, strict=True):
             Q = weight * self._shares
@@ -292,6 +316,30 @@ class QuasiStaticProgram(PlanProgram):
         x[self.duty], x[self.bends] = duty, self.held.bends(states)
         x[self.time_steps] = np.diff(self.times)
         return x
+
+    def tangent_solution(self, x: np.ndarray) -> np.ndarray | None:
+        """The solution where ``blocks`` are linear about x, by Clarabel; None if there is none."""
+        jacobian = scipy.sparse.vstack(
+            [
+                scipy.sparse.csc_matrix(
+                    (block.jacobian(x), (block.rows, block.columns)), (len(block.lower), len(x))
+                )
+                for block in self.blocks
+            ],
+            "csc",
+        )
+        jacobian.eliminate_zeros()
+        ends = jacobian @ x - np.concatenate([block.evaluate(x) for block in self.blocks])
+        if self._tangent is None:
+            prog = self.prog.Clone()  # it shares the costs and constraints with this one
+            prog.ClearVariableScaling()  # Clarabel has its own
+            rows = LinearEqualityConstraint(jacobian, ends)
+            prog.AddConstraint(rows, prog.decision_variables())
+            self._tangent = prog, rows
+        prog, rows = self._tangent
+        rows.UpdateCoefficients(jacobian, ends)
+        result = ClarabelSolver().Solve(prog, None, SolverOptions())
+        return result.get_x_val() if result.is_success() else None
 
     def signals(self, x: np.ndarray) -> dict[str, np.ndarray | None]:
         """The signals of a `Trajectory`, from all decision variables."""
