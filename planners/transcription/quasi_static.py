@@ -25,7 +25,7 @@ from pydrake.solvers import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems import Layout, LimbParameters, Wires
+from limb_systems import Layout, LimbError, LimbParameters, Wires
 from limb_systems.model.statics import HeldAngles
 from planners.task import Task
 from planners.transcription.collocation import ANGLE_SCALE, LimbDefects
@@ -385,7 +385,12 @@ class HeldBends:
         self.hessian_rows, self.hessian_columns = (states[:, i].ravel() for i in self._triangle)
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
-        return (x[self._bends] - self._held.bends(x[self._states])).ravel()
+        """φ - φ(x); not a number where a limb folds, from which IPOPT turns back."""
+        try:
+            bends = self._held.bends(x[self._states])
+        except LimbError:
+            return np.full(self._bends.size, np.nan)
+        return (x[self._bends] - bends).ravel()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         bends, slopes = self._held.expanded_bends(x[self._states])
