@@ -52,11 +52,11 @@ def rare(default: Any) -> Any:
 
 
 class Strict:
-    """A dataclass that refuses to be given an attribute it has no field for."""
+    """A dataclass that refuses to be given an attribute it has no field or property for."""
 
     def __setattr__(self, name: str, value: Any) -> None:
         names = [field.name for field in dataclasses.fields(self)]  # type: ignore[arg-type]
-        if name not in names:
+        if name not in names and not isinstance(getattr(type(self), name, None), property):
             raise SchemaError(
                 f"{type(self).__name__} has no field {name!r}{nearest(name, names)}; it has "
                 f"{', '.join(names)}."

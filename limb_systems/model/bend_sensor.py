@@ -34,6 +34,12 @@ def chord_angle(joint_angles: ArrayLike) -> np.ndarray:
     return _planar(joint_angles).bend_angle(joint_angles)[0]
 
 
+def rolled(bends: np.ndarray, roll: ArrayLike) -> np.ndarray:
+    """Bends (2, ...) towards E2 and E3 as bends towards axes that are turned about E1, rad."""
+    cosine, sine = np.cos(roll), np.sin(roll)
+    return np.array([cosine * bends[0] + sine * bends[1], cosine * bends[1] - sine * bends[0]])
+
+
 def _planar(joint_angles: ArrayLike) -> SegmentChain:
     """The paper's chain with so many joints."""
     return SegmentChain([["e2"]] * len(np.asarray(joint_angles)))
@@ -46,6 +52,7 @@ class BendSensor(Tagged, abc.ABC):
     - ``gain``: slope of what it shows, 1 if it is exact.
     - ``offset``: reading where it should be zero, rad.
     - ``offset_e3``: the same of the bend towards E3, rad, where there are two axes.
+    - ``roll``: angle about E1 from E2 to the axis that the sensor takes for it, rad.
     - ``noise``: standard deviation of a sample, rad.
     - ``drift``: standard deviation of a slow drift, rad.
 
@@ -58,6 +65,7 @@ class BendSensor(Tagged, abc.ABC):
     noise: float = quantity(float(np.deg2rad(0.5)), "rad", 0.0, 1.0)
     drift: float = quantity(float(np.deg2rad(1.0)), "rad", 0.0, 1.0)
     offset_e3: float = quantity(0.0, "rad", -3.2, 3.2, rare=True)
+    roll: float = quantity(0.0, "rad", -3.2, 3.2, rare=True)
 
     @abc.abstractmethod
     def bend_angle(self, reading: ArrayLike) -> np.ndarray:
@@ -94,9 +102,21 @@ class BendSensor(Tagged, abc.ABC):
         """
         return self.gain * self.exact_bend_angle(joint_angles) + self.offset
 
+    def apparent_bends(self, chain: SegmentChain, joint_angles: ArrayLike) -> np.ndarray:
+        """What would be recorded, as `exact_bends`, with gain, offsets and roll."""
+        bends = self.exact_bends(chain, joint_angles)
+        bends = rolled(bends, self.roll) if len(bends) > 1 else bends
+        offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
+        return np.array([self.gain * bend + offset for bend, offset in offsets])
+
     def corrected(self, bend_angle: ArrayLike) -> np.ndarray:
         """A recorded bend angle, rad, of any shape, without gain and offset."""
         return (np.asarray(bend_angle, float) - self.offset) / self.gain
+
+    def corrected_bends(self, bends: np.ndarray) -> np.ndarray:
+        """Recorded bends of a segment (axes, ...), rad, without gain and offsets; rolled still."""
+        offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
+        return np.array([(bend - offset) / self.gain for bend, offset in offsets])
 
 
 @dataclasses.dataclass

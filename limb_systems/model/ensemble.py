@@ -103,8 +103,12 @@ def _owner(parameters: LimbParameters, name: str) -> tuple[Any, str]:
     owners: Sequence[Any] = (parameters, segment)
     if before == "rest_memory":
         owners = [segment.rest_memory or RestMemory()]
+    elif before == "bend_sensor":
+        owners = [segment.bend_sensor]
     elif before:
-        owners = [wire.law for wire in segment.wires if wire.name == before]
+        owners = [
+            owner for wire in segment.wires if wire.name == before for owner in (wire.law, wire)
+        ]
     for owner in owners:
         if hasattr(owner, field):
             return owner, field
@@ -114,8 +118,8 @@ def _owner(parameters: LimbParameters, name: str) -> tuple[Any, str]:
 
 
 def _range(owner: Any, name: str) -> tuple[float, float]:
-    (field,) = (field for field in dataclasses.fields(owner) if field.name == name)
-    return field.metadata["range"]
+    fields = {field.name: field for field in dataclasses.fields(owner)}
+    return fields[name].metadata["range"] if name in fields else (-np.inf, np.inf)
 
 
 class OpenLoop:
@@ -160,15 +164,6 @@ class OpenLoop:
         every = heat.shape[1:]
         law, room = _stretched(law, every), _full(ambient[..., None], every)
         _keep_within(law, heat)
-        num_steps = len(self._duty)
-        temperatures = np.empty((num_steps + 1, *heat.shape[1:]))
-        readings = np.empty_like(temperatures)
-        bends = np.empty((num_steps + 1, *ambient.shape))
-        to_bend = (self._links + 1) / 2  # (11)
-        stiffness, rest = rubber["stiffness"][:, None], rubber["rest_angle"][:, None]
-        angle = np.zeros(ambient.shape)  # of each joint, from rest
-        alone = np.zeros(heat.shape[1:])  # bend angle that each wire would hold alone
-        shift = np.zeros(ambient.shape)  # of the rest angle by its memory
 
         def heat_rates(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
             rates, x = np.empty_like(heat), list(heat[:-1])
@@ -177,10 +172,28 @@ class OpenLoop:
             rates[-1] = law.reading_rate(heat[-1], x)
             return rates
 
-        for number in range(num_steps + 1):
-            temperatures[number], readings[number] = heat[0], heat[-1]
+        course = np.empty((len(self._duty) + 1, *heat.shape))
+        course[0] = heat
+        for number, levels in enumerate(self._duty):
+            duty = _full(levels, every)
+            heat = runge_kutta(heat_rates, heat, (duty, duty, duty), self.step)
+            _keep_within(law, heat)
+            course[number + 1] = heat
+        return course[:, 0], course[:, -1], self._bends(law, room, course[:, :-1], rubber)
+
+    def _bends(
+        self, law: WireLaw, room: np.ndarray, course: np.ndarray, rubber: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        """φ (K + 1, B, R), rad, while the wires are in states (K + 1, X, B, R, W)."""
+        bends = np.empty((*course.shape[:1], *course.shape[2:4]))
+        to_bend = (self._links + 1) / 2  # (11)
+        stiffness, rest = rubber["stiffness"][:, None], rubber["rest_angle"][:, None]
+        angle = np.zeros(bends.shape[1:])  # of each joint, from rest
+        alone = np.zeros(course.shape[2:])  # bend angle that each wire would hold alone
+        shift = np.zeros(bends.shape[1:])  # of the rest angle by its memory
+        for number, states in enumerate(course):
             theta = (angle + rest / to_bend)[..., None]
-            torques = law.torque(list(heat[:-1]), room, theta) * self._directions
+            torques = law.torque(list(states), room, theta) * self._directions
             before, alone = alone, to_bend / stiffness[..., None] * np.abs(torques)
             if "shift" in rubber and number:
                 progress = self.step * ramp((alone - before) / self.step)
@@ -190,11 +203,7 @@ class OpenLoop:
             pull = torques.sum(axis=-1) / stiffness + shift / to_bend
             angle = self._at_rest(pull, angle, rubber)
             bends[number] = rest + to_bend * angle
-            if number < num_steps:
-                duty = _full(self._duty[number], every)
-                heat = runge_kutta(heat_rates, heat, (duty, duty, duty), self.step)
-                _keep_within(law, heat)
-        return temperatures, readings, bends
+        return bends
 
     def _at_rest(
         self, pull: np.ndarray, angle: np.ndarray, rubber: Mapping[str, np.ndarray]

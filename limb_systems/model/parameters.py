@@ -76,6 +76,16 @@ class WireParameters(Strict):
         """Direction of the torque: shares (2,) that bend towards +E2 and +E3."""
         return np.array([self.e2, self.e3]) / np.hypot(self.e2, self.e3)
 
+    @property
+    def angle(self) -> float:
+        """Angle of the wire from +E2 towards +E3, rad; setting it keeps the distance."""
+        return float(np.arctan2(self.e3, self.e2))
+
+    @angle.setter
+    def angle(self, value: float) -> None:
+        radius = np.hypot(self.e2, self.e3)
+        self.e2, self.e3 = float(radius * np.cos(value)), float(radius * np.sin(value))
+
 
 @dataclasses.dataclass
 class RestMemory(Strict):

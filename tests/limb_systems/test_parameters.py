@@ -95,7 +95,7 @@ def nominal() -> LimbParameters:
     segment = parameters.segments[0]
     segment.axes, segment.twists, segment.centred_joints = 2, True, True
     segment.stiffness_ratio, segment.torsional_ratio, segment.rest_angle_e3 = 0.9, 0.6, 0.1
-    segment.bend_sensor.offset_e3 = 0.05
+    segment.bend_sensor.offset_e3, segment.bend_sensor.roll = 0.05, 0.1
     return parameters
 
 
@@ -436,7 +436,7 @@ NOT_NEGATIVE = {
     "rate",
 }
 ANY_SIGN = {"ambient_temperature", "gravity", "maximum", "warm", "e2", "e3", "offset"}
-ANY_SIGN |= {"rest_angle", "rest_angle_e3", "offset_e3", "measured_maximum"}
+ANY_SIGN |= {"rest_angle", "rest_angle_e3", "offset_e3", "roll", "measured_maximum"}
 
 
 def name_of(leaf: Leaf) -> str:
