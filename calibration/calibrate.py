@@ -100,7 +100,8 @@ class Calibration(Summarized):
     def as_described(self) -> list[str]:
         """Names of the parameters that no recording tells, which stay as described."""
         untold = [unknown.name for unknown in self.prediction.fit.untold] if self.prediction else []
-        return ["stiffness"] * (not self.stiffness) + ["damping"] * (not self.damping) + untold
+        fitted = self._estimates
+        return [name for name in ("stiffness", "damping") if name not in fitted] + untold
 
     @property
     def next_recording(self) -> str:
@@ -173,6 +174,8 @@ class Calibration(Summarized):
             "sag": (self.stiffness, "kept", kept),
             "ring-down": (self.damping, "kept", kept),
         }
+        if "stiffness" in self._estimates:
+            del lacking["sag"]  # sag and heat in several mountings tell k
         remarks = [
             Remark(kind, f"There is no recording of {what}: {meaning}.")
             for what, (fit, kind, meaning) in lacking.items()
@@ -232,6 +235,11 @@ def calibrate(
     pieces, left_out = _cut({k: recordings.get(k, []) for k in kinds}, whole=method == "paper")
     recordings = {k: [with_lost_rows(r) for r in group] for k, group in recordings.items()}
     heated = {k: [with_lost_rows(r) for r in group] for k, group in pieces.items()}
+    if method == "paper" and only_segment(described).axes > 1:
+        raise CalibrationError(
+            "The paper's method is one for limbs that bend in a plane; calibrate this one with "
+            "method prediction."
+        )
     if method == "paper":
         missing = [wire for wire in described.wire_names if not heated[wire]]
         if missing:
@@ -245,7 +253,11 @@ def calibrate(
     limb = copy.deepcopy(parameters or header)
     if not isinstance(header.board, NoBoard):
         limb.board = header.board
-    limb.gravity = [0.0, 0.0, 0.0]
+    if in_space := only_segment(limb).axes > 1:
+        mounting = parameters or _last(heated).parameters  # not the one with a weight at the tip
+        limb.gravity, limb.payload = list(mounting.gravity), mounting.payload
+    else:
+        limb.gravity = [0.0, 0.0, 0.0]
     limb.calibration = None  # until this one is done
     segment = only_segment(limb)
 
@@ -267,10 +279,20 @@ def calibrate(
             segment.rest_angle = rest.value
         tell("stiffness")
         stiffness = damping = None
-        if recordings.get("sag"):
+        if recordings.get("sag") and not in_space:
             error = rest.standard_error if segment.rest_angle == rest.value else 0.0
             stiffness = fit_stiffness(limb, recordings["sag"], error)
             segment.stiffness = stiffness.stiffness.value
+
+        def fit_laws(told: Mapping[str, Sequence[Recording]]) -> Prediction:
+            known = copy.deepcopy(segment)  # which stays as described
+            prediction = fit_by_prediction(laws, told, known, ambient.value, tell=tell)
+            prediction.fit.apply(segment)
+            return prediction
+
+        prediction = validation = None
+        if in_space:  # mountings tell k together with the wires' directions
+            prediction = fit_laws({"sag": recordings.get("sag", []), **heated})
         tell("damping")
         if recordings.get("ring_down"):
             damping = fit_damping(limb, recordings["ring_down"])
@@ -278,7 +300,6 @@ def calibrate(
             if stiffness:
                 sensor = remarks_on_sensor(limb, recordings["sag"], stiffness, damping)
                 damping.remarks.extend(sensor)
-        prediction = validation = None
         heat: list[HeatFit] = []
         force: list[ForceFit] = []
         if method == "paper":
@@ -287,9 +308,7 @@ def calibrate(
             if heated.get("both"):
                 validation = validate(limb, heated["both"][0])
         else:
-            known = copy.deepcopy(segment)  # which stays as described
-            prediction = fit_by_prediction(laws, heated, known, ambient.value, tell=tell)
-            prediction.fit.apply(segment)
+            prediction = prediction or fit_laws(heated)
             validation = validation_of(prediction.best.judged, limb)
         limb.validate()
     sources = {
@@ -302,6 +321,11 @@ def calibrate(
     limb.calibration = _record(calibration)
     limb.calibration.provenance = Provenance.now(limb)
     return calibration
+
+
+def _last(recordings: Mapping[str, Sequence[Recording]]) -> Recording:
+    """The last recording: a motion, if there is one."""
+    return [recording for group in recordings.values() for recording in group][-1]
 
 
 def _fit_as_paper(

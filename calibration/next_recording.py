@@ -16,6 +16,10 @@ TELL = {  # recordings, and the parameters that they tell best
     "slowly": (
         *("beta", "full_torque", "knee", "width", "middle", "heating_middle", "cooling_middle"),
     ),
+    "mount the limb horizontally, turned about its axis by 0°, 90°, 180° and 270°, and in each "
+    "mounting hold each wire at four levels, then neighbouring pairs": (
+        *("stiffness", "stiffness_ratio", "roll", "angle", "rest_angle_e3"),
+    ),
     "record the cold limb for 10 s, then heat it": ("rest_angle",),
     "bend the limb as far as it may be to one side, then to the other": ("stiffening",),
     "heat the wires in turn, each until it bends the limb to its side, three times": (

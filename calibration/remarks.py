@@ -38,6 +38,8 @@ RULES = {
     # For the validation; the verdict contains its error anyway.
     "far": (Severity.STOP, ""),
     "off": (Severity.CARE, ""),
+    # Where gravity and wires pull is known as well as the sensor's axes, and k not at all.
+    "mounted": (Severity.CARE, "the limb was mounted one way"),
     # It is unknown how well the model predicts data that it was not fitted to.
     "not validated": (Severity.CARE, "it is not validated"),
     # Standard errors come from few trials, each with errors of mounting and drift.

@@ -97,9 +97,10 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         initial_state=state,
     )
     assert simulation.joint_state is not None  # a model's
+    layout = Layout(parameters)
     seen = [
-        bend_sensor_of(recording, segment).apparent_bend_angle(simulation.joint_state[joints])
-        for segment, joints in enumerate(Layout(parameters).joints_of)
+        bend_sensor_of(recording, segment).apparent_bends(chain, simulation.joint_state[joints])
+        for segment, (chain, joints) in enumerate(zip(layout.chains, layout.joints_of, strict=True))
     ]
 
     def at_samples(signals: np.ndarray) -> np.ndarray:
@@ -109,7 +110,7 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         time=recording.time,
         duty=recording.duty,
         measured_temperature=at_samples(simulation.measured_temperature),
-        bend_angle=at_samples(np.array(seen)),
+        bend_angle=at_samples(np.concatenate(seen)),
         parameters=parameters,
         source="model",
         sample_rate=recording.sample_rate,
@@ -131,7 +132,7 @@ def validation_of(judged: Sequence[Predicted], parameters: LimbParameters) -> Va
             time=np.concatenate(times),
             duty=np.concatenate(duty).T,
             measured_temperature=np.concatenate([each.temperature for each in shown]).T,
-            bend_angle=np.concatenate([each.bend for each in shown])[np.newaxis],
+            bend_angle=np.concatenate([each.bend for each in shown]).T,
             parameters=parameters,
             source=source,
             sample_rate=1 / STEP,
@@ -142,7 +143,8 @@ def validation_of(judged: Sequence[Predicted], parameters: LimbParameters) -> Va
 
 
 def _compared(recording: Recording, simulation: Recording) -> Validation:
-    bend = np.abs(simulation.bend_angle - recording.bend_angle)
+    off = simulation.bend_angle - recording.bend_angle
+    bend = np.abs(off) if Layout(simulation.parameters).is_planar else np.linalg.norm(off, axis=0)
     heat = np.abs(simulation.measured_temperature - recording.measured_temperature)
     error, heat = bend[~np.isnan(bend)], heat[~np.isnan(heat)]
     return Validation(

@@ -14,16 +14,18 @@ STEP = 0.5  # s, of simulation and of averages; wires heat and cool within secon
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class HeatedRun:
-    """A heated recording of W wires in K steps of half a second, M of which have samples.
+    """A recording of W wires and F bends in K steps of half a second, M of which have samples.
 
     - ``source``: name of what was recorded.
     - ``duty``: mean duty over each step (K, W).
     - ``times``: mean times of the samples of a step (M,), s from the first.
-    - ``temperature``, ``bend``: mean readings V, °C (M, W), and φ, rad (M,); nan where missing.
-    - ``counts``: number of samples in each mean, of φ and of V (M, 1 + W).
+    - ``temperature``, ``bend``: mean readings V, °C (M, W), and φ, rad (M, F), without the sensor's
+      gain and offset; nan where missing.
+    - ``counts``: number of samples in each mean, of φ and of V (M, F + W).
     - ``first``: V at the beginning (W,), °C; nan without a thermocouple.
     - ``slope``: rate of V at the beginning, before the wire is heated (W,), °C/s; nan
       where less than a second shows it.
+    - ``load``: gravity in the frame of the limb's base, m/s², and payload, kg (4,).
     """
 
     source: str
@@ -34,12 +36,13 @@ class HeatedRun:
     counts: np.ndarray
     first: np.ndarray
     slope: np.ndarray
+    load: np.ndarray
 
     @classmethod
     def of(cls, recording: Recording) -> "HeatedRun":
         """A recording without readings that are missing, or far from their neighbours."""
         recording = despiked(at_sample_times(recording))
-        bend = bend_sensor_of(recording).corrected(recording.bend_angle[0])
+        bends = bend_sensor_of(recording).corrected_bends(recording.bend_angle)
         times = recording.time - recording.time[0]
         num_steps = max(1, int(np.ceil(times[-1] / STEP - 1e-6)))
         edges = STEP * np.arange(num_steps + 1)
@@ -47,34 +50,37 @@ class HeatedRun:
         dose = np.cumsum(recording.duty[:, 1:] * np.diff(times), axis=1)
         duty = [np.diff(np.interp(edges, times, np.append(0.0, d))) / STEP for d in dose]
         temperature = recording.measured_temperature
-        shown = ~np.isnan([bend, *temperature])
+        shown = ~np.isnan([*bends, *temperature])
+        every = np.vstack([shown.any(axis=0), shown])
         bins = (times / STEP).astype(int)
-        counts = np.array([np.bincount(bins, there) for there in (shown.any(axis=0), *shown)])
+        counts = np.array([np.bincount(bins, there) for there in every])
         filled = counts[0] > 0
 
-        def means(values: np.ndarray, number: int) -> np.ndarray:
-            there = shown[number - 1] if number else shown.any(axis=0)
+        def means(values: np.ndarray, there: np.ndarray, count: np.ndarray) -> np.ndarray:
             sums = np.bincount(bins, np.where(there, values, 0.0))[filled]
-            count = counts[number, filled]
-            return np.where(count > 0, sums / np.maximum(count, 1), np.nan)
+            return np.where(count[filled] > 0, sums / np.maximum(count[filled], 1), np.nan)
+
+        signals = zip([*bends, *temperature], shown, counts[1:], strict=True)
+        averaged = np.array([means(*signal) for signal in signals]).T
 
         soon = before_heat(recording) & (times <= max(3 * START, 5.0 / recording.sample_rate))
-        soon &= shown[1:]
+        soon &= shown[len(bends) :]
         slope = [_slope(times[s], v[s]) for v, s in zip(temperature, soon, strict=True)]
         return cls(
             source=recording.source,
             duty=np.array(duty).T,
-            times=means(times, 0),
-            temperature=np.array([means(v, n) for n, v in enumerate(temperature, 2)]).T,
-            bend=means(bend, 1),
+            times=means(times, every[0], counts[0]),
+            temperature=averaged[:, len(bends) :],
+            bend=averaged[:, : len(bends)],
             counts=counts[1:, filled].T,
             first=first_readings(recording),
             slope=np.array(slope),
+            load=np.array([*recording.parameters.gravity, recording.parameters.payload]),
         )
 
     @property
     def signals(self) -> np.ndarray:
-        """The readings φ, rad, and V, °C, side by side (M, 1 + W)."""
+        """The readings φ, rad, and V, °C, side by side (M, F + W)."""
         return np.column_stack([self.bend, self.temperature])
 
     def interpolated(self, signals: np.ndarray) -> np.ndarray:

@@ -17,6 +17,7 @@ from scipy.optimize import least_squares
 
 from calibration.estimate import Estimate, record_of
 from calibration.prediction.heated_run import STEP, HeatedRun
+from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.prediction.unknowns import (
     Unknown,
     prior_factor,
@@ -54,7 +55,7 @@ class Predicted:
     """A recording as a law predicts it from its duty.
 
     - ``run``: the recording.
-    - ``temperature``, ``bend``: predicted V (M, W), °C, and φ (M,), rad.
+    - ``temperature``, ``bend``: predicted V (M, W), °C, and φ (M, F), rad.
     """
 
     run: HeatedRun
@@ -64,7 +65,7 @@ class Predicted:
     @property
     def bend_error(self) -> float:
         """Mean |φ - φ_sim|, rad."""
-        return float(np.nanmean(np.abs(self.bend - self.run.bend)))
+        return float(np.nanmean(np.linalg.norm(self.bend - self.run.bend, axis=1)))
 
     @property
     def temperature_error(self) -> float:
@@ -102,7 +103,7 @@ class LawFit:
         """The parameters by name, with their standard errors."""
         errors = np.sqrt(np.diag(self.covariance)) * np.abs(self._slopes)
         return {
-            u.name: Estimate(value, float(error), u.unit, may_be_zero=u.field == "rest_angle")
+            u.name: Estimate(value, float(error), u.unit, may_be_zero=not u.form)
             for u, value, error in zip(self.unknowns, self._values, errors, strict=True)
         }
 
@@ -124,8 +125,12 @@ class LawFit:
         for unknown, value in zip(every, values, strict=True):
             if unknown.wire is None:
                 rubber[unknown.field] = value
+            elif unknown.field == "angle":
+                segment.wires[unknown.wire].angle = value
             else:
                 setattr(segment.wires[unknown.wire].law, unknown.field, value)
+        if "roll" in rubber:
+            segment.bend_sensor.roll = rubber.pop("roll")
         if "shift" in rubber:
             segment.rest_memory = RestMemory(rubber.pop("shift"), rubber.pop("rate"))
         for name, value in rubber.items():
@@ -259,7 +264,12 @@ class _Problem:
         duty = np.zeros((max(len(c.duty) for c in runs), len(runs), self._num_wires))
         for number, run in enumerate(runs):
             duty[: len(run.duty), number] = run.duty
-        self._open_loop = OpenLoop(duty, STEP, segment)
+        self._open_loop = (
+            OpenLoop(duty, STEP, segment)
+            if segment.axes == 1
+            else OpenLoopInSpace(duty, STEP, segment, [run.load for run in runs])
+        )
+        self._num_bends = segment.axes
         self._prior = prior_factor(unknowns)
         centers, spreads = zip(*[self._nuisances(run, ambient) for run in runs], strict=True)
         self.nuisance_center = np.concatenate(centers)
@@ -277,7 +287,7 @@ class _Problem:
         sensor = segment.bend_sensor
         self._bend_noise = (sensor.noise, sensor.drift, BEND_DRIFT_TIME, *BEND_FORM)
         self._forms = np.ones(2)  # multiples of what the form leaves, of bend and of readings
-        self._outliers = [np.zeros((1 + self._num_wires, len(c.times)), bool) for c in runs]
+        self._outliers = [np.zeros_like(shown) for shown in self._shown]
         self._whiten()
 
     def _nuisances(self, run: HeatedRun, ambient: float) -> tuple[np.ndarray, np.ndarray]:
@@ -312,17 +322,21 @@ class _Problem:
         self._factors = []
         for run, outliers, shown in zip(self._runs, self._outliers, self._shown, strict=True):
             lags = np.abs(run.times[:, None] - run.times)
-            factors = []
+            factors: list[np.ndarray] = []
+            alike: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
             for signal, there in enumerate(shown):
-                noise = TEMPERATURE_NOISE if signal else self._bend_noise
+                of_wire = signal >= self._num_bends
+                noise = TEMPERATURE_NOISE if of_wire else self._bend_noise
                 sample, drift, drift_time, form, form_time = noise
-                form *= self._forms[min(signal, 1)]
-                covariance = drift**2 * np.exp(-lags / drift_time)
-                covariance += form**2 * np.exp(-lags / form_time)
+                form *= self._forms[int(of_wire)]
                 own = sample**2 / np.maximum(run.counts[:, signal], 1)
                 own = own + (100 * sample * outliers[signal]) ** 2
-                covariance = (covariance + np.diag(own + 1e-12))[np.ix_(there, there)]
-                factors.append(np.linalg.cholesky(covariance))
+                if (key := (of_wire, there.tobytes(), own.tobytes())) not in alike:
+                    covariance = drift**2 * np.exp(-lags / drift_time)
+                    covariance += form**2 * np.exp(-lags / form_time)
+                    covariance = (covariance + np.diag(own + 1e-12))[np.ix_(there, there)]
+                    alike[key] = np.linalg.cholesky(covariance)
+                factors.append(alike[key])
             self._factors.append(factors)
 
     def reweigh(self, x: np.ndarray) -> None:
@@ -336,7 +350,7 @@ class _Problem:
                 around = error - np.nanmedian(error)
                 spread = 1.48 * np.nanmedian(np.abs(around)) + 1e-9
                 outliers[signal] = ~(np.abs(around) <= OUTLIER * spread)
-                rests[min(signal, 1)].append(around[~outliers[signal]])
+                rests[int(signal >= self._num_bends)].append(around[~outliers[signal]])
         for signal, (rest, form) in enumerate(
             zip(rests, (BEND_FORM[0], TEMPERATURE_NOISE[3]), strict=True)
         ):
@@ -345,7 +359,7 @@ class _Problem:
         self._whiten()
 
     def _simulate(self, x: np.ndarray) -> list[np.ndarray]:
-        """φ and V of each recording (M, B, 1 + W), for parameters and nuisances (B, P + R Q)."""
+        """φ and V of each recording (M, B, F + W), for parameters and nuisances (B, P + R Q)."""
         size, num_wires, num_sets = len(self._unknowns), self._num_wires, len(x)
         fields: dict[str, np.ndarray] = {}
         rubber = {"stiffness": np.full(num_sets, self._stiffness)}
@@ -354,6 +368,8 @@ class _Problem:
             value = unknown.value(column)
             if unknown.wire is None:
                 rubber[unknown.field] = value
+            elif unknown.field == "angle":
+                rubber.setdefault("angle", np.empty((num_sets, num_wires)))[:, unknown.wire] = value
             else:
                 array = fields.setdefault(unknown.field, np.empty((num_sets, 1, num_wires)))
                 array[:, 0, unknown.wire] = value
@@ -365,13 +381,18 @@ class _Problem:
         initial = [*states, np.broadcast_to(first, states[0].shape)]
         law = with_fields(self._law, fields)
         _, readings, bends = self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)
-        signals = np.concatenate([bends[..., None], readings], axis=-1)
+        bends = bends.reshape(*readings.shape[:-1], self._num_bends)
+        signals = np.concatenate([bends, readings], axis=-1)
         return [run.interpolated(signals[:, :, number]) for number, run in enumerate(self._runs)]
 
     def predicted(self, x: np.ndarray) -> list[Predicted]:
         """All recordings, for one x."""
         simulated = zip(self._runs, self._simulate(x[None]), strict=True)
-        return [Predicted(run, signals[:, 0, 1:], signals[:, 0, 0]) for run, signals in simulated]
+        count = self._num_bends
+        return [
+            Predicted(run, signals[:, 0, count:], signals[:, 0, :count])
+            for run, signals in simulated
+        ]
 
     def _whitened(self, x: np.ndarray) -> np.ndarray:
         """Residuals of each recording: of φ, then of each V, over their factors (all M, B).

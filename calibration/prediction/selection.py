@@ -29,7 +29,8 @@ LAWS: tuple[type[WireLaw], ...] = (  # from the simplest on
     SaturatingLaw,
     HystereticLaw,
 )
-OPTIONS = ("stiffening", "rest_memory")  # of the rubber, which are tried with the best law
+# Options of the rubber, which are tried with the best law; a memory only in the plane.
+OPTIONS = ("stiffening", "rest_memory")
 BEND_SCALE, TEMPERATURE_SCALE = np.deg2rad(1.0), 3.0  # rad and °C of error that weigh the same
 HELD_OUT = 0.12, 0.4  # of each recording, of its time and heat: least and most that judges
 MOST_HEAT = 0.6  # of a wire's heat, which judges at most
@@ -73,7 +74,7 @@ class Candidate:
             bend = np.ma.masked_invalid(predicted.bend - run.bend) / BEND_SCALE
             reading = np.ma.masked_invalid(predicted.temperature - run.temperature)
             heat = np.abs(reading).mean(axis=1) / TEMPERATURE_SCALE
-            error = np.abs(bend).filled(0.0) + np.ma.filled(heat, 0.0)
+            error = np.ma.filled(np.abs(bend).mean(axis=1), 0.0) + np.ma.filled(heat, 0.0)
             numbers = (run.times / BLOCK).astype(int)
             blocks += [error[numbers == number].mean() for number in np.unique(numbers)]
         return np.array(blocks)
@@ -108,9 +109,21 @@ class Prediction:
 
     @property
     def remarks(self) -> list[Remark]:
-        """Remarks on impossible starts, on wires that nothing tells of, and on parameters."""
+        """Remarks on judges, mountings, impossible starts, wires not told of, and parameters."""
         found = (self._remarks_on_starts(), self._remarks_on_wires(), self._remarks_on_parameters())
-        return [*self._remarks_on_judges(), *itertools.chain(*found)]
+        judged = *self._remarks_on_judges(), *self._remarks_on_mountings()
+        return [*judged, *itertools.chain(*found)]
+
+    def _remarks_on_mountings(self) -> Iterator[Remark]:
+        loads = np.array([predicted.run.load for predicted in self.fit.predicted])
+        if self.fit.segment.axes > 1 and np.ptp(loads[:, 1:3], axis=0).max() < 1.0:
+            yield Remark(
+                "mounted",
+                "Gravity pulled in one direction in all recordings, so that the stiffness stays "
+                "as described, and the wires' directions are those that the bend sensor shows, "
+                "however it is rolled: record the limb turned about its axis by 0°, 90°, 180° and "
+                "270° as well, as soft-limb collect does.",
+            )
 
     def _remarks_on_judges(self) -> Iterator[Remark]:
         judged = [p.run.duty[int(p.run.times[0] / STEP) :].sum() for p in self.best.judged]
@@ -210,7 +223,14 @@ def fit_by_prediction(
     continued = rest is not fitted and len(rest) == len(fitted)
     with threadpool_limits(1, "blas"):  # matrices are small; see README
         candidates, best = compare_laws(
-            laws, rest, judges, segment, ambient, continued=continued, tell=tell
+            laws,
+            rest,
+            judges,
+            segment,
+            ambient,
+            options=OPTIONS[: 3 - segment.axes],
+            continued=continued,
+            tell=tell,
         )
         fit = best.fit
         if rest is not fitted:

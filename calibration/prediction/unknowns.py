@@ -1,6 +1,7 @@
 """What is unknown of a limb's wires and rubber, and what is known of it beforehand."""
 
 import dataclasses
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -25,14 +26,22 @@ PRIORS: dict[str, tuple[float, float, float]] = {
     "cooling_middle": (62.0, 12.0, 4.0),
     "width": (9.0, 0.4, 0.15),
     "rest_angle": (0.0, float(np.deg2rad(3.0)), 0.0),
+    "rest_angle_e3": (0.0, float(np.deg2rad(3.0)), 0.0),
+    "stiffness": (0.1246, 0.5, 0.0),
+    "stiffness_ratio": (1.0, 0.1, 0.0),
+    "angle": (0.0, float(np.deg2rad(2.0)), float(np.deg2rad(5.0))),
+    "roll": (0.0, float(np.deg2rad(6.0)), 0.0),
     "stiffening": (0.08, 0.8, 0.0),
     "shift": (float(np.deg2rad(1.5)), 0.5, 0.0),
     "rate": (2.0, 0.5, 0.0),
 }
 LAG = "a3"  # of a thermocouple
+OF_SENSOR = "bend_sensor."  # before the names of its fields
 OTHER = (0.9, 0.3)  # spreads of what a law of one's own has
 FASTEST = 4.0  # 1/s, of rates: the open-loop simulation's steps follow no faster ones
 REST_BOUND = np.deg2rad(60.0)
+# Fitted where a segment bends about two axes: mountings under gravity then tell them.
+SPRINGS = {"stiffness": "N·m/rad", "stiffness_ratio": "of k"}
 # Options of the rubber: their names, and the unit of each number.
 RUBBER = (
     ("stiffening", "", {"stiffening": "of k"}),
@@ -79,11 +88,11 @@ class Unknown:
 def unknowns_of(
     law: type[WireLaw], segment: SegmentParameters, rubber: tuple[str, ...] = ()
 ) -> list[Unknown]:
-    """All that is unknown of a segment whose wires follow a law: of each wire, then of the rubber.
+    """All that is unknown of a segment whose wires follow a law: of each wire, then of the rest.
 
     Args:
         segment: description of the segment, whose wires' laws say what to expect.
-        rubber: what is fitted of it besides the rest angle: any of
+        rubber: what is fitted of it besides the angles at rest: any of
             "stiffening" and "rest_memory".
     """
     result = []
@@ -104,11 +113,15 @@ def unknowns_of(
             result.append(
                 Unknown(name, field.name, index, unit, form, center, spread, alike, *ends)
             )
-    angle, (_, spread, alike) = segment.rest_angle, PRIORS["rest_angle"]
-    bounds = -REST_BOUND, REST_BOUND
-    result.append(
-        Unknown("rest_angle", "rest_angle", None, "rad", "", angle, spread, alike, *bounds)
-    )
+    for name, of_wire, angle in _angles(segment):
+        what = name.split(".")[-1]
+        _, spread, alike = PRIORS[what]
+        bounds = angle - REST_BOUND, angle + REST_BOUND
+        result.append(Unknown(name, what, of_wire, "rad", "", angle, spread, alike, *bounds))
+    for name, unit in SPRINGS.items() if segment.axes > 1 else ():
+        center, (_, spread, alike) = np.log(getattr(segment, name)), PRIORS[name]
+        bounds = center - 3.0, center + 3.0
+        result.append(Unknown(name, name, None, unit, "+", center, spread, alike, *bounds))
     for option, prefix, units in RUBBER:
         for name, unit in units.items() if option in rubber else ():
             value, spread, alike = PRIORS[name]
@@ -117,6 +130,16 @@ def unknowns_of(
                 Unknown(prefix + name, name, None, unit, "+", center, spread, alike, -9.0, 3.0)
             )
     return result
+
+
+def _angles(segment: SegmentParameters) -> Iterator[tuple[str, int | None, float]]:
+    """Names of angles that are unknown, of which wire each is, and what is expected, rad."""
+    yield "rest_angle", None, segment.rest_angle
+    if segment.axes > 1:
+        yield "rest_angle_e3", None, segment.rest_angle_e3
+        yield f"{OF_SENSOR}roll", None, segment.bend_sensor.roll
+        for index, wire in enumerate(segment.wires):
+            yield f"{wire.name}.angle", index, wire.angle
 
 
 def split_unknowns(

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 
 from calibration.errors import CalibrationError
-from calibration.recordings.kinds import FREE_KINDS, gravity_bends, kind_of
+from calibration.recordings.kinds import FREE_KINDS, gravity_bends, kind_of, only_segment
 from calibration.recordings.pieces import FEWEST, SHORTEST, first_read, gaps_of
 from calibration.recordings.repair import despiked, interpolated
 from limb_systems import LimbParameters, Recording
@@ -125,7 +125,8 @@ def check_without_gaps(recording: Recording) -> None:
 
 def _check_missing(recording: Recording) -> None:
     """Whether enough readings are there, of the bend and of a thermocouple."""
-    count, bends = len(recording.time), int((~np.isnan(recording.bend_angle[0])).sum())
+    count = len(recording.time)
+    bends = int((~np.isnan(recording.bend_angle)).sum(axis=1).min())
     if bends < FEWEST:
         raise CalibrationError(
             f"the bend angle is there in {bends} of {count} samples, which tell nothing; leave "
@@ -143,8 +144,10 @@ def _check_zeros(recording: Recording) -> None:
     """Whether loggers or cameras wrote zeros where they had no reading."""
     names = [f"the {name} thermocouple" for name in recording.parameters.wire_names]
     signals = np.vstack([recording.measured_temperature, np.rad2deg(recording.bend_angle)])
-    jumps = [*[JUMPS] * len(names), np.rad2deg(BENT)]
-    for name, signal, jump in zip([*names, "the bend sensor"], signals, jumps, strict=False):
+    count = len(recording.bend_angle)
+    jumps = [*[JUMPS] * len(names), *[np.rad2deg(BENT)] * count]
+    names += ["the bend sensor"] * count
+    for name, signal, jump in zip(names, signals, jumps, strict=True):
         signal, time = signal[~np.isnan(signal)], recording.time[~np.isnan(signal)]
         # A limb that swings passes zero as fast as it passes other angles.
         steps = np.abs(np.diff(signal[signal != 0]))
@@ -190,7 +193,8 @@ def _check_gravity(recording: Recording) -> None:
             f"the header's gravity is {size:.3g} m/s², but it must be 9.81 m/s², or zero for a "
             "limb that lies level; correct the header."
         )
-    if recording.duty.any() and gravity_bends(recording.parameters):
+    in_plane = only_segment(recording.parameters).axes == 1
+    if in_plane and recording.duty.any() and gravity_bends(recording.parameters):
         raise CalibrationError(
             f"wires are heated while gravity {list(gravity)} bends the limb; record it level, with "
             "gravity zero in the header."
@@ -241,7 +245,7 @@ def _check_readings(recording: Recording) -> None:
                 "is it connected?"
             )
     heated = recording.duty.sum(axis=1).max() / recording.sample_rate
-    if heated > HEATED and not np.ptp(recording.bend_angle) > 0:
+    if heated > HEATED and not np.ptp(recording.bend_angle, axis=1).max() > 0:
         raise CalibrationError(
             f"the bend angle stays at {np.rad2deg(recording.bend_angle[0, 0]):.1f}° while wires "
             "are heated; is the bend sensor connected?"
@@ -282,16 +286,17 @@ def _check_wires(recording: Recording) -> None:
     kernel = np.ones(width) / width
     smooth = np.array([np.convolve(v, kernel, "valid") for v in measured])
     rise = smooth.max(axis=1) - smooth[:, :width].mean(axis=1)
-    directions = np.array([wire.lever[0] for wire in recording.parameters.wires])
+    axes = len(recording.bend_angle)
+    levers = np.array([wire.lever[:axes] for wire in recording.parameters.wires])
     for index, name in enumerate(names):
         if dose[index] < HEATED or not rise[index] < RISE:
             continue
         other = int(np.nanargmax(np.where(dose < HEATED, rise, -np.inf)))
         if dose[other] < HEATED and rise[other] >= RISE:
-            angle = recording.bend_angle[0]
-            bent = angle[np.argmax(smooth[other])] - np.median(angle[:width])
+            angle = recording.bend_angle
+            bent = angle[:, np.argmax(smooth[other])] - np.median(angle[:, :width], axis=1)
             side, what = "", "thermocouples"
-            if np.sign(directions[index]) * bent < -BENT:
+            if levers[index] @ bent < -BENT * np.linalg.norm(levers[index]):
                 side, what = " and bends the limb away from its own side", "wires' outputs"
             raise CalibrationError(
                 f"duty for the {name} wire warms the {names[other]} thermocouple{side}: the {what} "
@@ -302,12 +307,13 @@ def _check_wires(recording: Recording) -> None:
             f"its wire gets {dose[index]:.1f} s of full duty in all."
         )
     excess = smooth - smooth[:, :width].mean(axis=1, keepdims=True)
-    signal = np.convolve(recording.bend_angle[0], kernel, "valid")
+    signal = np.array([np.convolve(bend, kernel, "valid") for bend in recording.bend_angle])
     unread = ~recording.has_thermocouple
     excess[unread] = WARMTH * _heat(recording)[unread, width - 1 :]
-    drive = directions @ excess
-    moves = np.ptp(signal) > 2 * BENT and np.ptp(drive) > 0
-    agreement = np.corrcoef(drive, signal)[0, 1] if moves else 0.0
+    drive = levers.T @ excess
+    moves = np.ptp(signal, axis=1).max() > 2 * BENT and np.ptp(drive) > 0
+    both = [(rows - rows.mean(axis=1, keepdims=True)).ravel() for rows in (drive, signal)]
+    agreement = np.corrcoef(*both)[0, 1] if moves else 0.0
     swapped = _exchanged(recording)
     if swapped and abs(agreement) > 0.5:
         pair, what = " and ".join(names[index] for index in swapped), "thermocouples"

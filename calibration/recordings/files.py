@@ -7,7 +7,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.recordings.checks import check_recording, check_whole
-from calibration.recordings.kinds import FREE_KINDS, HEATED_NAMES, kinds_of
+from calibration.recordings.kinds import FREE_KINDS, HEATED_NAMES, MOUNTINGS, kinds_of
 from limb_systems import LimbError, Recording
 from limb_systems.files.table_writer import is_unfinished
 
@@ -54,7 +54,7 @@ def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
             check_whole(recording)
             kinds = [*kinds_of(recording.parameters), *FREE_KINDS]
             named = [kind for kind in kinds if path.stem.startswith(kind)]
-            named += ["heated"] if path.stem in HEATED_NAMES else []
+            named += ["heated"] if path.stem in (*HEATED_NAMES, *MOUNTINGS) else []
             kind = check_recording(recording, max(named, key=len, default=None))
             bends = recording.bend_angle[~np.isnan(recording.bend_angle)]
             if not named and kind == "ring_down" and np.ptp(bends) < SWING:

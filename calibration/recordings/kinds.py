@@ -16,6 +16,8 @@ FREE_KINDS = ("heated", "motion")  # of heated recordings of any wires
 # Names of recordings of the kind "heated" that collecting makes.
 FIRST_CONTACT, WARM_UP = "first_contact", "warm_up"
 HEATED_NAMES = (FIRST_CONTACT, WARM_UP, "conditioning", "pulses", "ramps", "random")
+TURNS = (0, 90, 180, 270)  # degrees, of the mountings of a limb that bends in space
+MOUNTINGS = tuple(f"mounting_{turned}" for turned in TURNS)
 
 
 def only_segment(parameters: LimbParameters) -> SegmentParameters:
@@ -96,5 +98,7 @@ def kind_of(recording: Recording) -> str:
 
 
 def gravity_bends(parameters: LimbParameters) -> bool:
-    """Whether the limb is mounted so that gravity bends it."""
-    return bool(np.linalg.norm(parameters.gravity[:2]) > 1.0)
+    """Whether the limb is mounted so that gravity bends it; one in space that hangs is straight."""
+    gravity = parameters.gravity
+    bending = gravity[:2] if only_segment(parameters).axes == 1 else gravity[1:]
+    return bool(np.linalg.norm(bending) > 1.0)

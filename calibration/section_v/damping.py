@@ -227,14 +227,26 @@ def fit_damping(parameters: LimbParameters, recordings: Sequence[Recording]) -> 
     estimate = Estimate(float(values.mean()), error, "N·m·s/rad")
     remarks += remarks_on_estimate("the damping", estimate)
     first = recordings[0]
-    return DampingFit(estimate, measured, simulated, first.time, first.bend_angle[0], remarks)
+    return DampingFit(estimate, measured, simulated, first.time, _swing(first)[1], remarks)
+
+
+def _swing(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Direction in which the limb was released, unit (F,), and the bend along it (K,), rad."""
+    if len(recording.bend_angle) == 1:
+        return np.ones(1), recording.bend_angle[0]
+    bends = np.array([filled(recording.time, bend) for bend in recording.bend_angle])
+    away = bends - np.median(bends[:, -FEWEST // 2 :], axis=1, keepdims=True)
+    widest = away[:, np.argmax(np.linalg.norm(away, axis=0))]
+    towards = widest / max(np.linalg.norm(widest), 1e-9)
+    return towards, towards @ recording.bend_angle
 
 
 def _fit_recording(parameters, recording: Recording):
     """σ and its standard error, and the sinusoids of limb and model."""
     recording.check_plausible()
-    sensor, seen_angle = bend_sensor_of(recording), recording.bend_angle[0]
+    sensor, (towards, seen_angle) = bend_sensor_of(recording), _swing(recording)
     signal = filled(recording.time, seen_angle)
+    gravity = recording.parameters.gravity if len(towards) > 1 else [0.0, 0.0, 0.0]
     if len(signal) < FEWEST or not np.ptp(signal) > 0:
         fit_damped_sinusoid(recording.time, signal)  # which says so
     release = _release(signal)
@@ -245,15 +257,16 @@ def _fit_recording(parameters, recording: Recording):
 
     def ring_down(damping: float, released: float) -> DampedSinusoid:
         limb = copy.deepcopy(parameters)
-        limb.gravity, limb.segments[0].damping = [0.0, 0.0, 0.0], float(damping)
+        limb.gravity, limb.segments[0].damping = list(gravity), float(damping)
         room = np.full(len(limb.wires), limb.ambient_temperature)
-        angles = rest_joint_angles(limb) + joint_angles_from_bend_angle(limb, [released])
+        angles = rest_joint_angles(limb)
+        angles = angles + joint_angles_from_bend_angle(limb, released * towards)
         cold = Wires(limb).cold_states
         state = np.concatenate([angles, np.zeros_like(angles), cold, room])
         model = simulate(Limb(limb), 0 * room, duration, sample_rate=rate, initial_state=state)
         assert model.joint_state is not None  # a model's
-        seen = sensor.apparent_bend_angle(model.joint_state[: limb.num_joints])
-        return fit_damped_sinusoid(model.time, seen)
+        seen = sensor.apparent_bends(limb.segments[0].chain, model.joint_state[: limb.num_joints])
+        return fit_damped_sinusoid(model.time, towards @ seen)
 
     described = ring_down(only_segment(parameters).damping, released)
     if recording.sample_rate < PER_PERIOD * described.frequency:

@@ -68,7 +68,7 @@ def error_split(
         angles = [
             trajectory.bend_angle_at(times)[0],
             np.interp(times, model.time, model.bend_angle[0]),
-            np.interp(times, hindsight.run.times, hindsight.bend),
+            np.interp(times, hindsight.run.times, hindsight.bend[:, 0]),
             truth.bend_angle[0, counted],
             rollout.bend_angle[0, counted],
         ]

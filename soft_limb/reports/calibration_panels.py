@@ -19,7 +19,7 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.panels import SIGNALS, Curve, Panel
 
-Samples = tuple[str, np.ndarray, np.ndarray, np.ndarray]  # name, times, φ (K) in rad, V (W, K)
+Samples = tuple[str, np.ndarray, np.ndarray, np.ndarray]  # name, times, φ (F, K) in rad, V (W, K)
 
 
 def validation_panels(validation: Validation) -> list[Panel]:
@@ -27,7 +27,7 @@ def validation_panels(validation: Validation) -> list[Panel]:
     recording, simulation = validation.recording, validation.simulation
     names = recording.parameters.wire_names
     runs = [
-        (name, run.time, run.bend_angle[0], run.measured_temperature)
+        (name, run.time, run.bend_angle, run.measured_temperature)
         for name, run in (("limb", recording), ("model", simulation))
     ]
     bend, readings = _against_model(runs, names)
@@ -50,8 +50,8 @@ def predicted_panels(predicted: Predicted, wire_names: Sequence[str]) -> list[Pa
     """A recording and its open-loop simulation by the fitted law."""
     run = predicted.run
     runs = [
-        ("limb", run.times, run.bend, run.temperature.T),
-        ("law", run.times, predicted.bend, predicted.temperature.T),
+        ("limb", run.times, run.bend.T, run.temperature.T),
+        ("law", run.times, predicted.bend.T, predicted.temperature.T),
     ]
     bend, readings = _against_model(runs, wire_names)
     return [SIGNALS["bend_angle"].panel(bend), SIGNALS["measured_temperature"].panel(readings)]
@@ -63,8 +63,10 @@ def _against_model(
     """Bend angles and readings of a limb, and dashed of its model."""
     bend, readings, colors = [], [], wire_colors(len(wire_names))
     styles = ((ROLLOUT_COLOR, "solid", 1.0), (PLAN_COLOR, "dashed", 1.75))
-    for (run, time, angle, heats), (color, dash, width) in zip(runs, styles, strict=True):
-        bend.append(Curve(run, time, np.rad2deg(angle), color, dash, width))
+    for (run, time, angles, heats), (color, dash, width) in zip(runs, styles, strict=True):
+        names = [run] if len(angles) == 1 else [f"{run}, {axis}" for axis in ("E2", "E3")]
+        for name, angle in zip(names, angles, strict=True):
+            bend.append(Curve(name, time, np.rad2deg(angle), color, dash, width))
         for wire, wire_color, heat in zip(wire_names, colors, heats, strict=True):
             readings.append(Curve(f"{wire}, V {run}", time, heat, wire_color, dash, width))
     return bend, readings

@@ -1,0 +1,124 @@
+"""Open-loop simulation of a segment that bends in space, mounted in several ways under gravity.
+
+Two torques act on all links alike: those that its wires make towards E2 and towards E3. The
+bend that they hold is a smooth function of both. It is solved exactly, links, gravity and all, at
+points on rings, and a polynomial through these is evaluated between them.
+"""
+
+import copy
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.polynomial.chebyshev import chebvander
+
+from limb_systems import Layout, LimbParameters, SegmentParameters, WireLaw
+from limb_systems.model.bend_sensor import rolled
+from limb_systems.model.chain import Chain
+from limb_systems.model.ensemble import OpenLoop
+from limb_systems.model.rubber import NonlinearRubber
+
+DEGREE = 8  # of the polynomial; a test compares it with exact equilibria
+MOST = np.deg2rad(78.0)  # bend that both torques hold, at most; no tip tangent shows 90°
+STEPS, TOLERANCE = 12, 1e-6  # of Newton's method, whose step after such a one is 1e-12, and rad
+
+
+def _disc() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points in a disc of radius 1 (P, 2), terms of polynomials, and their weights by values."""
+    rings = np.cos(np.pi / (DEGREE + 2) * (np.arange(DEGREE // 2 + 1) + 0.5))
+    turns = np.exp(2j * np.pi * np.arange(2 * DEGREE + 2) / (2 * DEGREE + 2))
+    points = np.multiply.outer(rings, turns).ravel()
+    points = np.stack([points.real, points.imag], axis=-1)
+    terms = np.add.outer(*2 * [np.arange(DEGREE + 1)]) <= DEGREE
+    e2, e3 = (chebvander(along, DEGREE) for along in points.T)
+    series = e2[:, :, None] * e3[:, None]
+    return points, terms, np.linalg.pinv(series[:, terms])
+
+
+class OpenLoopInSpace(OpenLoop):
+    """`OpenLoop` of a segment of two axes, whose bends (K + 1, B, R, 2) are as its sensor reads.
+
+    Its `simulate` takes as ``rubber`` of each set: ``stiffness``, ``stiffness_ratio``,
+    ``rest_angle``, ``rest_angle_e3``, the sensor's ``roll`` (B,), ``angle``, of each wire (B, W),
+    all in SI, and optionally ``stiffening`` (B,). Torques are those at straight links.
+
+    Args:
+        duty, step, segment: as for `OpenLoop`.
+        loads: gravity in the base's frame, m/s², and payload, kg, of each run (R, 4).
+    """
+
+    def __init__(
+        self, duty: np.ndarray, step: float, segment: SegmentParameters, loads: Sequence[np.ndarray]
+    ):
+        super().__init__(duty, step, segment)
+        unit = copy.deepcopy(segment)
+        unit.stiffness = unit.stiffening = unit.stiffness_ratio = 1.0
+        unit.rest_angle = unit.rest_angle_e3 = 0.0
+        unit.rest_memory = None
+        self._layout = Layout(LimbParameters(segments=[unit]))
+        self._cubic = NonlinearRubber(LimbParameters(segments=[unit]))
+        self._sensor, self._disc = segment.bend_sensor, _disc()
+        kinds, self._mounting = np.unique(np.round(loads, 9), axis=0, return_inverse=True)
+        self._chains = [
+            Chain(Layout(LimbParameters(segments=[unit], payload=payload)), gravity)
+            for *gravity, payload in kinds.tolist()
+        ]
+
+    def _bends(
+        self, law: WireLaw, room: np.ndarray, course: np.ndarray, rubber: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        torques = np.asarray(law.torque(list(np.moveaxis(course, 1, 0)), room, 0.0))
+        levers = np.stack([np.cos(rubber["angle"]), np.sin(rubber["angle"])], axis=-1)
+        pulls = torques.swapaxes(0, 1) @ levers[:, None]
+        pulls /= rubber["stiffness"][:, None, None, None]
+        bends = np.empty_like(pulls)
+        for number, chain in enumerate(self._chains):
+            runs = np.flatnonzero(self._mounting == number)
+            bends[:, :, runs] = self._interpolated(chain, pulls[:, :, runs], rubber)
+        read = rolled(bends.transpose(3, 1, 0, 2), rubber["roll"][:, None])
+        return np.moveaxis(read, 0, -1)
+
+    def _interpolated(
+        self, chain: Chain, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
+        """Bends (B, ..., 2) held by torques towards E2 and E3 over k (B, ..., 2), rad."""
+        sizes = np.linalg.norm(pulls, axis=-1, keepdims=True)
+        most = np.minimum(sizes.max(axis=(1, 2, 3)), MOST * self._layout.shape.max()) + 1e-9
+        ranges = most[:, None, None, None]
+        points, terms, weights = self._disc
+        held = self.held(chain, ranges[:, 0] * points, rubber)
+        coefficients = np.zeros((len(pulls), 2, *terms.shape))
+        coefficients[:, :, terms] = (weights @ held).swapaxes(1, 2)
+        within = (pulls / np.maximum(sizes, ranges)).reshape(len(pulls), 1, -1, 2)
+        series = chebvander(within, DEGREE)
+        bends = ((series[..., 0, :] @ coefficients) * series[..., 1, :]).sum(axis=-1)
+        return bends.swapaxes(1, 2).reshape(pulls.shape)
+
+    def held(self, chain: Chain, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Bends (B, P, 2), rad, as exact equilibria of `_interpolated`; nan where there is none."""
+        layout = self._layout
+        towards = (layout.shape > 0).astype(float)  # joints by bends (n, 2)
+        ratio = np.stack([np.ones_like(rubber["stiffness"]), rubber["stiffness_ratio"]], axis=-1)
+        # A twist joint keeps its own share of k.
+        springs = ratio @ towards.T + layout.stiffness * (1 - towards.sum(axis=-1))
+        rest = np.stack([rubber["rest_angle"], rubber["rest_angle_e3"]], axis=-1) @ layout.shape.T
+        springs, rest, k = springs[:, None], rest[:, None], rubber["stiffness"][:, None, None]
+        stiffening = np.asarray(rubber.get("stiffening", np.zeros(len(k)))).reshape(-1, 1, 1)
+        force = pulls @ towards.T
+        angles = rest + force / springs
+        no_shift = np.zeros((*angles.shape[:-1], 0))
+        for _ in range(STEPS):
+            bent = angles - rest
+            load, stiffness = chain.held(angles, layout.stiffness)
+            left = force - springs * bent - load / k
+            weight = stiffness.matrix() - np.diag(layout.stiffness)
+            slopes = springs[..., None] * np.eye(layout.num_joints) + weight / k[..., None]
+            if "stiffening" in rubber:
+                left = left + stiffening * self._cubic.forces(no_shift, bent)
+                slopes = slopes - stiffening[..., None] * self._cubic.force_by_angle(bent)
+            step = np.linalg.solve(slopes, left[..., None])[..., 0]
+            angles = angles + np.clip(step, -0.5, 0.5)
+            if np.abs(step).max() < TOLERANCE:
+                break
+        angles = np.where(np.abs(step).max(axis=-1, keepdims=True) < TOLERANCE, angles, np.nan)
+        seen = self._sensor.exact_bends(layout.chains[0], np.moveaxis(angles, -1, 0))
+        return np.moveaxis(seen, 0, -1)

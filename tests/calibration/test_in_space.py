@@ -1,0 +1,118 @@
+"""Calibration of a limb that bends about two axes, from mountings turned under gravity.
+
+The limb is the model by other code than the fit's: exact equilibria of all links, and heat in
+steps of a tenth of a second.
+"""
+
+import numpy as np
+import pytest
+
+from calibration import calibrate
+from calibration.collecting.protocol import mounted
+from calibration.recordings.kinds import TURNS
+from limb_systems import Layout, LimbParameters, LinearLaw, Recording, Wires
+from limb_systems.model.ensemble import draw_ensemble
+from limb_systems.model.statics import HeldAngles
+
+RATE, DRIFT = 4.0, np.deg2rad(0.1)
+TRUE = {
+    "stiffness": 0.135,
+    "stiffness_ratio": 1.05,
+    "rest_angle": np.deg2rad(1.5),
+    "rest_angle_e3": np.deg2rad(-1.0),
+    "bend_sensor.roll": np.deg2rad(4.0),
+    **{f"wire_{n}.beta": beta for n, beta in enumerate((4.2e-4, 5.1e-4, 4.6e-4), 1)},
+    **{f"wire_{n}.a2": a2 for n, a2 in enumerate((18.0, 21.0, 23.0), 1)},
+    **{f"wire_{n}.angle": np.deg2rad(at) for n, at in enumerate((3.0, 115.0, -116.0), 1)},
+}
+
+
+def described() -> LimbParameters:
+    limb = LimbParameters.in_space()
+    limb.segments[0].bend_sensor.drift = DRIFT
+    return limb
+
+
+def true_limb() -> LimbParameters:
+    """The described limb as it is in truth."""
+    limb = described()
+    segment = limb.segments[0]
+    for name, value in TRUE.items():
+        owner, _, field = name.rpartition(".")
+        wires = [wire for wire in segment.wires if wire.name == owner]
+        owners = [segment] if not owner else [segment.bend_sensor, *(w.law for w in wires), *wires]
+        setattr(next(o for o in reversed(owners) if hasattr(o, field)), field, float(value))
+    return limb
+
+
+def recording_of(turned: float | None, seed: int, levels: list[list[float]]) -> Recording:
+    """Each level held for 15 s, then 15 s without duty, as a noisy, drifting sensor shows it."""
+    limb = mounted(true_limb(), turned)
+    wires, random = Wires(limb), np.random.default_rng(seed)
+    parts = np.array([[0.0] * 3, *(row for level in levels for row in (level, [0.0] * 3))])
+    times = np.arange(0.0, 15.0 * len(parts), 1 / RATE)
+    duty = np.repeat(parts, round(15 * RATE), axis=0)  # from each sample to the next
+    states, readings = [wires.cold_states], [wires.cold_states[:3]]
+    for level in duty[:-1]:
+        heat = np.concatenate([states[-1], readings[-1]])
+        for _ in range(5):  # steps of 0.05 s
+            middle = heat + 0.025 * wires.heat_rates(heat, level)
+            heat = heat + 0.05 * wires.heat_rates(middle, level)
+        states.append(heat[: wires.num_states])
+        readings.append(heat[wires.num_states :])
+    angles = HeldAngles(limb).angles(np.array(states))
+    (segment,) = limb.segments
+    seen = segment.bend_sensor.apparent_bends(Layout(limb).chains[0], angles.T)
+    noise = np.deg2rad(0.3) * random.standard_normal(seen.shape)
+    return Recording(
+        time=times,
+        duty=np.concatenate([duty[:1], duty[:-1]]).T,
+        measured_temperature=np.array(readings).T + 0.3 * random.standard_normal((3, len(times))),
+        bend_angle=seen + noise + DRIFT * random.standard_normal((2, 1)),
+        parameters=mounted(described(), turned),
+        source=f"limb turned by {turned}°",
+        sample_rate=RATE,
+    )
+
+
+STAIRS = [[0.3, 0, 0], [0, 0.3, 0], [0, 0, 0.3], [0.2, 0.2, 0], [0, 0.2, 0.2]]
+
+
+@pytest.fixture(scope="module")
+def motion() -> Recording:
+    return recording_of(None, 9, [[0.25, 0.1, 0], [0.1, 0, 0.3], [0.15, 0.25, 0.1]])
+
+
+def test_four_mountings_tell_directions_gains_and_stiffness(motion):
+    heated = [recording_of(turned, seed, STAIRS) for seed, turned in enumerate(TURNS)]
+    calibration = calibrate({"heated": heated, "motion": [motion]}, laws=[LinearLaw])
+    off = {}
+    for name, true in TRUE.items():
+        estimate = calibration.estimates[name]
+        off[name] = abs(estimate.value - true)
+        assert off[name] < 3.0 * estimate.standard_error, name
+        allowed = np.deg2rad(1.5) if estimate.unit == "rad" else 0.04 * true
+        assert estimate.standard_error < allowed, name
+    angles = [off[f"wire_{n}.angle"] for n in (1, 2, 3)]
+    assert np.rad2deg(np.mean(angles)) < 1.0
+    for name in ("stiffness", "wire_1.beta", "wire_2.beta", "wire_3.beta"):
+        assert off[name] / TRUE[name] < 0.02, name
+    assert np.rad2deg(calibration.validation.mean) < 0.7  # of two angles with 0.3° of noise each
+    assert not {remark.kind for remark in calibration.remarks} & {"mounted", "bound", "start"}
+    limb = calibration.parameters
+    assert limb.segments[0].wires[1].angle == pytest.approx(TRUE["wire_2.angle"], abs=0.03)
+    assert limb.gravity == motion.parameters.gravity
+    drawn = draw_ensemble(limb, 50)
+    spread = np.std([each.segments[0].wires[0].angle for each in drawn])
+    assert spread == pytest.approx(calibration.estimates["wire_1.angle"].standard_error, rel=0.4)
+
+
+def test_one_mounting_tells_neither_the_stiffness_nor_where_the_sensor_is_rolled_to(motion):
+    heated = [recording_of(None, 3, STAIRS)]
+    calibration = calibrate({"heated": heated, "motion": [motion]}, laws=[LinearLaw])
+    (remark,) = [remark for remark in calibration.remarks if remark.kind == "mounted"]
+    assert "stiffness stays as described" in remark.sentence
+    assert "turned about its axis by 0°, 90°, 180° and 270°" in calibration.next_recording
+    assert np.rad2deg(calibration.estimates["bend_sensor.roll"].standard_error) > 2.0
+    stiffness = calibration.estimates["stiffness"]
+    assert stiffness.standard_error > 0.2 * stiffness.value
