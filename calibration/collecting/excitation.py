@@ -15,6 +15,7 @@ from pydrake.systems.framework import LeafSystem
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.collecting.bend_control import TAPER
+from calibration.recordings.kinds import MOUNTINGS, TURNS
 from limb_systems import LimbParameters
 from limb_systems.model.ensemble import draw_ensemble, stacked
 from limb_systems.model.ownership import weak_method
@@ -22,6 +23,7 @@ from limb_systems.model.ports import declare_part
 from limb_systems.simulation import PERIOD
 
 MEMBERS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max
+MOUNTED_LEVELS = (0.12, 0.2, 0.28, 0.36)  # of duty
 REACTION_TIME = 0.5  # s, within which a wire may reach the highest temperature
 RISE_TAPER = 0.2  # share of a rise, over which the duty is reduced
 MOTIONS = 3  # times that the motion is repeated
@@ -37,6 +39,8 @@ class Excitation:
     - ``pause``: time without heat before it, s.
     - ``duty``: duty over time, a row for each wire.
     - ``seed``: seed of what is random in it; None if nothing is.
+    - ``turned``: angle about E1, degrees, by which the limb lies turned under gravity; None
+      if gravity does not bend it.
     """
 
     name: str
@@ -44,6 +48,27 @@ class Excitation:
     pause: float
     duty: PiecewisePolynomial
     seed: int | None = None
+    turned: float | None = None
+
+
+def mountings(num_wires: int) -> list[Excitation]:
+    """The limb turned about its axis under gravity by 0°, 90°, 180° and 270°, 9 minutes each.
+
+    Each wire is held at four levels, then each pair of neighbours. From gravity's direction,
+    which turns, and the wires', which do not, follow these, the stiffness, and what the sensor
+    takes for E2; in one mounting they cannot be told apart.
+    """
+    each = np.eye(num_wires)
+    pairs = each + np.roll(each, 1, axis=1)
+    parts = [(10.0, 0 * each[0])]
+    for wire in each:
+        parts += [(15.0, level * wire) for level in MOUNTED_LEVELS] + [(40.0, 0 * wire)]
+    for pair in np.unique(pairs, axis=0) if num_wires > 1 else ():
+        parts += [(30.0, MOUNTED_LEVELS[1] * pair), (40.0, 0 * pair)]
+    return [
+        Excitation(name, "heated", 60.0, _held(parts), turned=turned)
+        for name, turned in zip(MOUNTINGS, TURNS, strict=True)
+    ]
 
 
 def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
@@ -74,9 +99,10 @@ def excitations(num_wires: int, seed: int = 0) -> list[Excitation]:
         ramps += [(LEVEL_STEP, level * each[wire]) for level in np.clip(levels, 0.0, 0.6)]
 
     motion = [(1.0, off)]
-    for duration, left, right in MOTION:
-        # Wires beyond the second one follow the two in turn.
-        motion.append((duration, np.resize([left, right], num_wires)))
+    for number, (duration, left, right) in enumerate(MOTION):
+        # More than two wires take turns in following the two.
+        turn = number if num_wires > 2 else 0
+        motion.append((duration, np.roll(np.resize([left, right], num_wires), turn)))
 
     at_random = [*_random_levels(random, num_wires), (120.0, off)]
     return [

@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import LawFit, fit_law
 from calibration.recordings.at_rest import ambient_temperature, rest_angle
-from calibration.recordings.kinds import only_segment
+from calibration.recordings.kinds import gravity_bends, only_segment
 from limb_systems import HystereticLaw, LimbParameters, Recording
 
 
@@ -43,15 +43,17 @@ class Knowledge:
             f"{predicted.temperature_error:.1f} °C on average before it was fitted"
         )
         if kind != "motion":
-            self._recordings.append(recording)
-            self._known = None
+            if not gravity_bends(recording.parameters):  # others tell little more of the heat
+                self._recordings.append(recording)
+                self._known = None
             return said
-        self._motions.append(recording.bend_angle[0])
+        self._motions.append(recording.bend_angle)
         if len(self._motions) > 1:
             differences = []
             for one, other in itertools.combinations(self._motions, 2):
-                length = min(len(one), len(other))
-                differences.append(np.abs(one[:length] - other[:length]).mean())
+                length = min(one.shape[1], other.shape[1])
+                away = one[:, :length] - other[:, :length]
+                differences.append(np.linalg.norm(away, axis=0).mean())
             said += f"; motions differ by {np.rad2deg(np.mean(differences)):.1f}° from each other"
         return said
 

@@ -24,7 +24,7 @@ from calibration.collecting.collect import (
     collect_warm_up,
     for_first_contact,
 )
-from calibration.collecting.excitation import excitations
+from calibration.collecting.excitation import Excitation, excitations, mountings
 from calibration.collecting.knowledge import Knowledge
 from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
 from calibration.recordings.kinds import FIRST_CONTACT, WARM_UP, heated_kinds, only_segment
@@ -36,15 +36,49 @@ from limb_systems.progress import Progress
 from limb_systems.simulation import PERIOD
 
 SAG_TRIALS, RING_DOWNS = 10, 3
-HANGING, LEVEL = (0.0, -9.81, 0.0), (0.0, 0.0, 0.0)  # gravity, m/s²
+GRAVITY = 9.81  # m/s²
+HANGING, LEVEL = (0.0, -GRAVITY, 0.0), (0.0, 0.0, 0.0)  # gravity, m/s²
 PROTOCOLS = ("all", "excitation", "paper")
 CONTACT_MARGIN = 0.5  # share by which bounds of first contact are widened, as it is hardly warm
 WARM_UP_MARGIN = 0.25  # share by which those of the warm-up are, as it is short and not hot
 
 
-def hand_for_ring_down() -> PiecewisePolynomial:
-    """A hand's course for `LimbTwin`: to 45° within 1 s, released after 2 s, in rad."""
-    return PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], [[0.0, np.pi / 4, np.pi / 4]])
+def hand_for_ring_down(axes: int = 1) -> PiecewisePolynomial:
+    """A hand's course for `LimbTwin`: to 45° towards E2 within 1 s, released after 2 s, in rad."""
+    course = np.zeros((axes, 3))
+    course[0, 1:] = np.pi / 4
+    return PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], course)
+
+
+def mounted(limb: LimbParameters, turned: float | None) -> LimbParameters:
+    """A limb as it is mounted for an excitation: turned about E1 under gravity, or unbent by it.
+
+    One that bends in space and is turned has another weight at its tip, as heavy as its segment,
+    with which it sags four times as far: bend sensors drift by a quarter of its own sag.
+    """
+    limb = copy.deepcopy(limb)
+    segment = only_segment(limb)
+    limb.gravity = list(LEVEL)
+    if turned is not None:
+        angle = np.deg2rad(turned)
+        limb.gravity = [0.0, -GRAVITY * float(np.cos(angle)), GRAVITY * float(np.sin(angle))]
+        limb.payload += segment.mass if segment.axes > 1 else 0.0
+    elif segment.axes > 1:
+        limb.gravity = [GRAVITY, 0.0, 0.0]  # it hangs
+    return limb
+
+
+def program(limb: LimbParameters, seed: int, protocol: str) -> list[Excitation]:
+    """The excitations of a protocol, motions last.
+
+    Where a limb bends in space, the stairs of `mountings` take the place of pulses and ramps.
+    """
+    every = excitations(len(limb.wires), seed)
+    if only_segment(limb).axes == 1 or protocol == "excitation":
+        return every
+    heated = [each for each in every if each.name in ("conditioning", "random")]
+    motions = [each for each in every if each.kind == "motion"]
+    return [*heated, *mountings(len(limb.wires)), *motions]
 
 
 def collect_from_twin(
@@ -81,19 +115,21 @@ def collect_from_twin(
     Raises:
         LimbError: if there is no such protocol.
     """
-    _check_protocol(protocol)
+    _check_protocol(protocol, twin.parameters)
     say = live.say if live else lambda _: None
+    described = twin.parameters
+    axes, level = only_segment(described).axes, mounted(described, None).gravity
     recordings: dict[str, list[Recording]] = {"sag": [], "ring_down": []}
-    for number in range(1, sag_trials + 1):
+    for number in range(1, sag_trials + 1) if axes == 1 else ():
         say(f"sag {number} of {sag_trials}")
         twin = twin.again(gravity=HANGING)
         recordings["sag"].append(collect_sag(twin, live=live))
     for number in range(1, ring_downs + 1):
         say(f"ring-down {number} of {ring_downs}")
-        twin = twin.again(gravity=LEVEL, hand=hand_for_ring_down(), bend_rate=RING_DOWN_RATE)
+        twin = twin.again(gravity=level, hand=hand_for_ring_down(axes), bend_rate=RING_DOWN_RATE)
         recordings["ring_down"].append(collect_ring_down(twin, live=live))
     kinds = heated_kinds(twin.parameters) if protocol != "excitation" else ()
-    for number, kind in enumerate(kinds):
+    for number, kind in enumerate(kinds if axes == 1 else ()):
         say(f"equilibria: {kind}")
         twin = twin.again(cooling_time, gravity=LEVEL)
         recordings[kind] = [
@@ -103,12 +139,14 @@ def collect_from_twin(
         ]
     if protocol == "paper":
         return recordings
-    twin = twin.again(cooling_time, gravity=LEVEL)
+    twin = twin.again(cooling_time, gravity=level)
     say("warm-up")
     recordings |= {"heated": [collect_warm_up(twin, live=live)], "motion": []}
     knowledge = Knowledge(twin.parameters, recordings["ring_down"] + recordings["heated"])
-    for number, excitation in enumerate(excitations(len(twin.parameters.wires), seed)):
-        twin = twin.again(excitation.pause if number else cooling_time)
+    for number, excitation in enumerate(program(described, seed, protocol)):
+        limb = mounted(described, excitation.turned)
+        pause = excitation.pause if number else cooling_time
+        twin = twin.again(pause, gravity=limb.gravity, payload=limb.payload)
         say(f"{excitation.name}: calibrating with what was recorded so far")
         known = knowledge.limb
         say(excitation.name)
@@ -118,9 +156,13 @@ def collect_from_twin(
     return recordings
 
 
-def _check_protocol(protocol: str) -> None:
+def _check_protocol(protocol: str, limb: LimbParameters) -> None:
     if protocol not in PROTOCOLS:
         raise LimbError(f"protocol is {protocol!r}; it must be one of {', '.join(PROTOCOLS)}.")
+    if protocol == "paper" and only_segment(limb).axes > 1:
+        raise LimbError(
+            "The paper's protocol is one for limbs that bend in a plane; collect with protocol all."
+        )
 
 
 def collect_from_robot(
@@ -162,11 +204,11 @@ def collect_from_robot(
         HardwareError: if the robot fails on the way; it is off then.
         OutputError: as for `hardware.replay`.
     """
-    _check_protocol(protocol)
+    _check_protocol(protocol, parameters)
     folder = Path(folder)
     say = live.say if live else lambda _: None
-    mounted, level = copy.deepcopy(parameters), copy.deepcopy(parameters)
-    mounted.gravity, level.gravity = list(HANGING), list(LEVEL)
+    planar = only_segment(parameters).axes == 1
+    sagging, level = mounted(parameters, 0.0), mounted(parameters, None)
 
     def made(
         name: str, limb: LimbParameters, collect: Callable[..., Recording], instruction: str
@@ -193,10 +235,12 @@ def collect_from_robot(
         f": Mount the limb so that gravity bends it {side} its {wires[0].name} wire, and let it "
         "hang still."
     )
-    swing = ": Mount the limb level. Bend it to 45° by hand, and release it 2 s after Enter."
-    cool = ": Leave the limb level and alone until its wires are cold."
-    for number in range(1, SAG_TRIALS + 1):
-        made(f"sag_{number}", mounted, collect_sag, hang)
+    place = "level" if planar else "so that it hangs straight down"
+    swing = f": Mount the limb {place}. Bend it to 45° by hand, and release it 2 s after Enter."
+    where = "level" if planar else "as it hangs"
+    cool = f": Leave the limb {where} and alone until its wires are cold."
+    for number in range(1, SAG_TRIALS + 1) if planar else ():
+        made(f"sag_{number}", sagging, collect_sag, hang)
     ring_down = functools.partial(collect_ring_down, sample_rate=1 / PERIOD)
     for number in range(1, RING_DOWNS + 1):
         made(f"ring_down_{number}", level, ring_down, swing)
@@ -213,7 +257,8 @@ def collect_from_robot(
     _set_heat_bounds(level, parameters, folder)
     tell_of(WARM_UP, made(WARM_UP, level, collect_warm_up, cool))
     _set_heat_bounds(level, parameters, folder)
-    for number, kind in enumerate(heated_kinds(parameters) if protocol != "excitation" else ()):
+    kinds = heated_kinds(parameters) if planar and protocol != "excitation" else ()
+    for number, kind in enumerate(kinds):
         held = functools.partial(
             collect_equilibria,
             actuated=kind,
@@ -226,8 +271,8 @@ def collect_from_robot(
         return
     before = [*sorted(folder.glob("ring_down_?.csv")), folder / f"{WARM_UP}.csv"]
     knowledge = Knowledge(level, map(Recording.load, before))
-    first = True
-    for excitation in excitations(len(wires), seed):
+    first, turned = True, None
+    for excitation in program(parameters, seed, protocol):
         name, path = excitation.name, folder / f"{excitation.name}.csv"
         if path.exists():
             knowledge.add(Recording.load(path), excitation.kind)
@@ -239,10 +284,27 @@ def collect_from_robot(
         # It takes seconds, in which no robot should wait.
         collect = functools.partial(collect_excitation, excitation=excitation, known=knowledge.limb)
         follows = f" and what follows{cool[:-1]}, and for 20 minutes after Enter." * first
-        recording = made(name, level, collect, follows)
+        if excitation.turned != turned:
+            turned = excitation.turned
+            follows = (
+                f": {_how_mounted(parameters, turned)} Leave it alone until its wires are cold."
+            )
+        limb = mounted(level, turned)
+        recording = made(name, limb, collect, follows)
         assert recording is not None  # there was no file
         tell(f"{name}: {knowledge.add(recording, excitation.kind)}")
         first = False
+
+
+def _how_mounted(limb: LimbParameters, turned: float | None) -> str:
+    """What the operator is to do for an excitation of a limb in space."""
+    if turned is None:
+        return "Take the weight off its tip, and mount the limb so that it hangs straight down."
+    up = ("+E2", "-E3", "-E2", "+E3")[round(turned / 90) % 4]
+    return (
+        f"Hang {1000 * only_segment(limb).mass:.0f} g to the limb's tip, and mount it "
+        f"horizontally, turned about its axis so that its {up} side is up."
+    )
 
 
 def _wait(duration: float, label: str) -> None:

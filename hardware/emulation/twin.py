@@ -284,6 +284,7 @@ class LimbTwin(Diagram):
         pause: float = 0.0,
         *,
         gravity: Sequence[float] | None = None,
+        payload: float | None = None,
         hand: trajectories.Trajectory | None = None,
         bend_rate: float = 20.0,
         truth: bool = False,
@@ -294,10 +295,13 @@ class LimbTwin(Diagram):
             pause: s, to cool down.
             gravity: m/s² along (E1, E2, E3), if the limb is mounted differently
                 from now on.
+            payload: kg at the tip from now on, if it is another than before.
             hand, bend_rate, truth: as for the constructor.
         """
         if gravity is not None:
             self.specimen.description.gravity = list(gravity)
+        if payload is not None:
+            self.specimen.description.payload = payload
         if pause > 0:
             # Without heat only the first swing is fast, so coarse steps are enough.
             swing = min(pause, SWING_TIME)

@@ -126,7 +126,8 @@ COMMANDS = {
         "After each of these it says how well it was predicted. A robot is recorded in real time, "
         "in some 65 minutes, or 30 without equilibria; the program says when to remount or hold "
         "the limb. Started again, it keeps recordings that are complete. An emulated limb takes a "
-        "minute.",
+        "minute. A limb that bends in space is mounted turned about its axis by 0°, 90°, 180° and "
+        "270°, in place of sag, equilibria, pulses and ramps.",
         "folder limb port text emulated extra physics live address force",
         [
             Option(
