@@ -2,6 +2,7 @@
 
 python docs/pictures.py              diagrams, flows and the drawing of the links
 python docs/pictures.py --demo out   copies of those that `make demo` left in a folder
+python docs/pictures.py --space out  a limb that draws in space, from files of the example
 python docs/pictures.py --live       a screenshot of the live page, by the tests' Chromium
 
 `replay.png` is a screenshot of the page that the demo writes; `wiring.svg` is drawn by hand.
@@ -16,15 +17,33 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPortIndex
+from scipy.interpolate import CubicSpline
 
 from calibration import BendAngleController, EquilibriumSchedule, calibrate, collect_from_twin
 from controllers import PlanFeedback
 from hardware import LimbTwin, replay
-from limb_systems import Limb, LimbParameters
-from limb_systems.views.colors import LEFT_RIGHT_COLORS
+from limb_systems import (
+    Layout,
+    Limb,
+    LimbParameters,
+    Recording,
+    Trajectory,
+    tip_position,
+    wire_color,
+)
+from limb_systems.model.kinematics import link_positions
+from limb_systems.views.colors import (
+    LEFT_RIGHT_COLORS,
+    PLAN_COLOR,
+    REFERENCE_COLOR,
+    ROLLOUT_COLOR,
+)
+from limb_systems.views.limb_view import ghost_of_reference, joint_angle_trajectory
 from limb_systems.views.plots import save_figure
 from planners import Task, plan, references
 from planners.diagnostics import plot_diagnostics
@@ -43,10 +62,15 @@ edge [color="#3b4a6b", fontname="Arial", fontsize=12, arrowsize=0.7];
 def main() -> None:
     parser = argparse.ArgumentParser(description="Makes the pictures of the documentation.")
     parser.add_argument("--demo", type=Path, help="folder of `make demo` to copy pictures from")
+    parser.add_argument("--space", type=Path, help="folder of a plan.csv and a recording.csv")
     parser.add_argument("--live", action="store_true", help="make the picture of the live page")
     options = parser.parse_args()
     if options.live:
         photograph_live_page(FOLDER / "live.png")
+        return
+    if folder := options.space:
+        files = Trajectory.load(folder / "plan.csv"), Recording.load(folder / "recording.csv")
+        save_figure(draw_in_space(*files), FOLDER / "space.png")
         return
     if folder := options.demo:
         for name in ("fig4.png", "fig5.png", "ways.png"):
@@ -285,6 +309,102 @@ def draw_links(parameters: LimbParameters) -> Figure:
     return figure
 
 
+# From where limbs in space are seen: to the right, up, and to the eye, in the limb's frame.
+TO_EYE = np.array([[0.707, 0.707, 0.0], [-0.299, 0.299, 0.906], [0.641, -0.641, 0.423]])
+
+
+def draw_in_space(plan: Trajectory, recording: Recording) -> Figure:
+    """A limb of one segment that draws with its tip: some poses, and the paths of tips."""
+    parameters, plan = recording.parameters, plan.since_start()
+    far = np.linalg.norm(plan.reference, axis=0)
+    begin = plan.time[np.argmax(far > 0.9 * far.max())]  # it waited, and approached
+    times = np.linspace(begin, recording.time[-1], 5)[:-1]
+    figure = Figure(figsize=(6.2, 4.6), layout="constrained")
+    axis = figure.subplots()
+    bracket = 1000 * np.array([6e-3, 0.02, 0.02])
+    for face in range(3):  # those that are seen end at +E1, -E2 and +E3
+        corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        corners = np.insert(corners, face, (1, -1, 1)[face], axis=1) * bracket / 2
+        corners = TO_EYE[:2] @ (corners - [bracket[0] / 2, 0.0, 0.0]).T
+        axis.add_patch(Polygon(corners.T, facecolor=("0.30", "0.22", "0.42")[face]))
+    motion = joint_angle_trajectory(recording)
+    poses = [motion.value(time)[:, 0] for time in times]
+    *tips, depth = 1000 * TO_EYE @ tip_position(parameters, np.transpose(poses))
+    tips = np.transpose(tips)
+    for pose in np.argsort(depth):
+        state = recording.wire_temperature
+        heat = recording.measured_temperature if state is None else state
+        at = [np.interp(times[pose], recording.time, row) for row in heat]
+        _draw_pose(axis, parameters, poses[pose], wire_color(parameters, at))
+        outwards = tips[pose] - tips.mean(axis=0)
+        beside = tips[pose] + 12 * outwards / np.linalg.norm(outwards)
+        axis.text(*beside, f"{times[pose]:.0f} s", ha="center", va="center")
+        axis.update_datalim([beside])
+    for label, angles, color, style in (
+        ("reference", ghost_of_reference(plan).joint_angles, REFERENCE_COLOR, "-"),
+        ("plan", joint_angle_trajectory(plan), PLAN_COLOR, "--"),
+        (f"limb ({recording.how})", motion, ROLLOUT_COLOR, "-"),
+    ):
+        along = angles.vector_values(np.linspace(0, recording.time[-1], 999))
+        right, up, _ = 1000 * TO_EYE @ tip_position(parameters, along)
+        axis.plot(right, up, style, color=color, linewidth=1.6, label=f"tip of the {label}")
+    for name, end in zip(("E1", "E2", "E3"), TO_EYE[:2].T, strict=True):
+        reach = 118 if name == "E1" else 36
+        arrow = {"arrowstyle": "-|>", "color": "0.35", "linewidth": 1.0}
+        axis.annotate("", reach * end, (0, 0), arrowprops=arrow, zorder=0.5)
+        axis.text(*(reach + 6) * end, name, color="0.35", ha="center", va="center")
+        axis.update_datalim([(reach + 6) * end])
+    limits = parameters.temperature_limits
+    values = np.linspace(parameters.ambient_temperature, limits.maximum, 100)
+    colors = ListedColormap(wire_color(parameters, values))
+    shades = ScalarMappable(Normalize(values[0], values[-1]), colors)
+    scale = axis.inset_axes([-12, -58, 45, 2.5], transform=axis.transData)
+    figure.colorbar(shades, scale, orientation="horizontal", label="wire temperature (°C)")
+    axis.plot([-12, 8], [-42, -42], color="0.2", linewidth=2)
+    axis.text(-2, -41, "20 mm", ha="center")
+    axis.legend(loc="upper right", frameon=False)
+    axis.set(aspect="equal")
+    axis.set_axis_off()
+    return figure
+
+
+def _draw_pose(axis, parameters: LimbParameters, joint_angles: np.ndarray, colors) -> None:
+    """Wires as they run, the farthest first, in clear silicone."""
+    (segment,) = parameters.segments
+    ends = link_positions(parameters, joint_angles)
+    frames = Layout(parameters).chains[0].frames(joint_angles)
+
+    def seen(e2: float, e3: float) -> np.ndarray:
+        """The curve of what runs at a place in the section, mm."""
+        middles = (ends[:-1] + ends[1:]) / 2 + [frame @ [0, e2, e3] for frame in frames]
+        first, last = ends[0] + [0, e2, e3], ends[-1] + frames[-1] @ [0, e2, e3]
+        points = 1000 * TO_EYE @ np.vstack([first, middles, last]).T
+        where = np.cumsum(np.append(0, np.linalg.norm(np.diff(points), axis=0)))
+        return CubicSpline(where, points, axis=1)(np.linspace(0, where[-1], 60))
+
+    def tube(curve: np.ndarray, radius: float, color, **style) -> None:
+        along = np.gradient(curve[:2], axis=1)
+        side = radius * np.array([-along[1], along[0]]) / np.linalg.norm(along, axis=0)
+        outline = np.hstack([curve[:2] + side, (curve[:2] - side)[:, ::-1]])
+        axis.add_patch(Polygon(outline.T, facecolor=color, linewidth=0, **style))
+
+    curves = [seen(wire.e2, wire.e3) for wire in segment.wires]
+    for wire in np.argsort([curve[2].mean() for curve in curves]):
+        for share in np.linspace(1.0, 0.2, 9):  # lighter towards the middle
+            shade = colors[wire] * (1.15 - 0.45 * share) + 0.12 * (1 - share)
+            tube(curves[wire], 1.5 * share, shade.clip(0, 1))
+    axial, radius = seen(0, 0), 500 * segment.thickness
+    clear = (1.0, "#6f86ab", 0.22), (0.9, "#c3cfe2", 0.25), (0.3, "white", 0.2)
+    for share, color, alpha in clear:
+        tube(axial, share * radius, color, alpha=alpha)
+    turn = np.linspace(0, 2 * np.pi, 60)
+    rim = (TO_EYE[:2] @ frames[-1] @ [0 * turn, np.cos(turn), np.sin(turn)]).T
+    ends_of = (axial, radius, "#e6ebf3"), *zip(curves, [1.5] * len(curves), colors, strict=True)
+    for curve, size, color in ends_of:
+        end = Polygon(curve[:2, -1] + size * rim, facecolor=color, edgecolor="#6f86ab", lw=0.6)
+        axis.add_patch(end)
+
+
 def photograph_live_page(path: Path) -> None:
     """The page of an emulated limb that follows a plan, shortly before the end."""
     # Only this picture needs a browser.
@@ -303,7 +423,6 @@ def photograph_live_page(path: Path) -> None:
         with LivePage(open_browser=False) as live:
             page = browser.new_page(viewport={"width": 1280, "height": 860})
             page.goto(live.url)
-            page.frame_locator("iframe").locator("#meshcat-pane canvas").wait_for()
             live.say("Replay of plan.csv, controller plan-feedback")
             controller = PlanFeedback(trajectory)
             run = threading.Thread(
@@ -312,6 +431,7 @@ def photograph_live_page(path: Path) -> None:
                 kwargs={"controller": controller, "live": live},
             )
             run.start()
+            page.frame_locator("iframe").locator("#meshcat-pane canvas").wait_for()
             page.wait_for_timeout(10_000)
             page.screenshot(path=path)
             run.join()
