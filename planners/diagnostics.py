@@ -2,11 +2,15 @@
 
 import numpy as np
 
-from limb_systems import Trajectory
+from limb_systems import Layout, Trajectory
+from limb_systems.model.statics import HeldAngles
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
 from limb_systems.model.wires import num_wire_states
 from limb_systems.views.plots import WIDTH, Figure, dress
+from planners.task import Task
+from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import TrajectoryProgram
+from planners.transcription.quasi_static import QuasiStaticProgram
 
 SHOWN_INTERVALS = 4  # of the Jacobian; it repeats from interval to interval
 
@@ -18,15 +22,24 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
     intervals; all others look the same.
     """
     parameters, time = trajectory.parameters, trajectory.time
-    n, num_states = parameters.num_joints, len(trajectory.state)
-    program = TrajectoryProgram(parameters, time)
-    x = program.variables(trajectory.state, trajectory.duty)
+    n, num_states = parameters.num_joints, num_wire_states(parameters)
     figure = Figure(figsize=(WIDTH, 8.5), layout="constrained")
     defects_axis, room_axis, jacobian_axis = figure.subplots(3, 1, height_ratios=[1, 1, 1.3])
 
-    defects = np.abs(program.defects_of(x))
-    sizes = np.cumsum([n, n, num_wire_states(parameters)])
-    for label, rows in zip(("θ", "θ̇", "wires", "V"), np.split(defects, sizes), strict=True):
+    sizes = {"θ": n, "θ̇": n, "wires": num_states, "V": len(parameters.wires)}
+    program: TrajectoryProgram | QuasiStaticProgram
+    block: ConstraintBlock
+    if Layout(parameters).is_planar:
+        program = TrajectoryProgram(parameters, time)
+        block, x = program.defects, program.variables(trajectory.state, trajectory.duty)
+        defects = program.defects_of(x)
+    else:  # which has heat alone
+        program = QuasiStaticProgram(parameters, time, HeldAngles(parameters), Task())
+        block, x = program.blocks[0], program.variables(trajectory.state[2 * n :], trajectory.duty)
+        defects = block.evaluate(x).reshape(len(time) - 1, -1).T
+        sizes = {"wires": num_states, "V": len(parameters.wires)}
+    ends = np.cumsum([*sizes.values()])[:-1]
+    for label, rows in zip(sizes, np.split(np.abs(defects), ends), strict=True):
         largest = np.maximum(rows.max(axis=0), 1e-17)
         defects_axis.semilogy(time[:-1], largest, linewidth=1.0, label=f"largest of {label}")
     defects_axis.set_ylabel("violation of the\ndynamics (17), scaled")
@@ -48,15 +61,14 @@ def plot_diagnostics(trajectory: Trajectory) -> Figure:
         axis.set_xlabel("time (s)")
         dress(axis)
 
-    shown = program.defects.rows < SHOWN_INTERVALS * num_states
-    shown &= ~np.isin(program.defects.columns, program.time_steps)
-    rows, columns = program.defects.rows[shown], program.defects.columns[shown]
-    _, columns = np.unique(columns, return_inverse=True)
-    jacobian_axis.plot(columns, rows, "s", color="0.25", markersize=2.0)
-    share = len(program.defects.rows) / (len(program.defects.lower) * program.prog.num_vars())
+    shown = block.rows < SHOWN_INTERVALS * sum(sizes.values())
+    shown &= ~np.isin(block.columns, program.time_steps)
+    _, columns = np.unique(block.columns[shown], return_inverse=True)
+    jacobian_axis.plot(columns, block.rows[shown], "s", color="0.25", markersize=2.0)
+    share = len(block.rows) / (len(block.lower) * program.prog.num_vars())
     jacobian_axis.set_title(
         f"Jacobian of (17), first {SHOWN_INTERVALS} of {len(time) - 1} intervals\n"
-        f"({len(program.defects.rows)} nonzeros, {100 * share:.2g}% of it)",
+        f"({len(block.rows)} nonzeros, {100 * share:.2g}% of it)",
         fontsize=10,
     )
     jacobian_axis.invert_yaxis()

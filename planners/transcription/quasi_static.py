@@ -311,10 +311,15 @@ class QuasiStaticProgram(PlanProgram):
         duty = np.tile(cooling / (cooling - heating), (len(self.times), 1))
         start = self._initial_heat
         states = wires.under_duty(start[:N], duty, self.times)
+        readings = readings_along(wires, states, start[N:], self.times)
+        return self.variables(np.hstack([states, readings]).T, duty.T)
+
+    def variables(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """All decision variables, from heat [x, V] (N + W, K) and duty (W, K)."""
         x = np.zeros(self.prog.num_vars())
-        x[self.heat] = np.hstack([states, readings_along(wires, states, start[N:], self.times)])
-        x[self.duty], x[self.bends] = duty, self.held.bends(states)
         x[self.time_steps] = np.diff(self.times)
+        x[self.heat], x[self.duty] = heat[: self.heat.shape[1]].T, duty.T
+        x[self.bends] = self.held.bends(heat[: self.wires.num_states].T)
         return x
 
     def tangent_solution(self, x: np.ndarray) -> np.ndarray | None:

@@ -179,6 +179,17 @@ def test_each_segment_follows_its_own_reference(two_segments):
     np.testing.assert_allclose(held + offset, shifted.bend_angle, atol=1e-9)
 
 
+def test_both_bends_of_a_limb_in_space_follow_their_references():
+    """Also where its weight turns it aside, and a bend from outside is made up for."""
+    parameters = LimbParameters.in_space(wires=4)
+    parameters.gravity, parameters.temperature_limits.warm_up_time = [3.0, -5.0, 4.0], 0.0
+    offset, wanted = np.deg2rad([2.0, -1.0]), wave(8.0, 2)
+    found = HorizonPlanner(parameters, wanted).plan(0.0, warm_heat(parameters), offset)
+    missed = np.rad2deg(np.abs(found.bend_angle - wanted.vector_values(found.time).T))
+    assert missed[10:].max() < 2.5
+    assert missed[10:].mean() < 0.7
+
+
 def test_the_ends_of_reference_and_plan_are_held():
     ramps = (
         FunctionHandleTrajectory(lambda time: np.array([[0.1 * (time - 14.5)]]), 1, 1, 0.0, 15.0),

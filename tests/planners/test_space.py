@@ -9,8 +9,10 @@ from pydrake.solvers import SnoptSolver
 
 from limb_systems import HystereticLaw, Layout, LimbParameters, WireParameters, simulate
 from limb_systems.model.limb import Limb
+from limb_systems.model.parameters import CalibrationRecord
 from limb_systems.model.statics import HeldAngles
 from planners import InfeasibleError, Planner, PlanningError, Task, plan, references
+from planners.diagnostics import plot_diagnostics
 from planners.transcription.quasi_static import HeldBends
 
 TIMES = np.linspace(0.0, 40.0, 401)
@@ -151,3 +153,22 @@ def test_what_cannot_be_planned_is_named():
     parameters.segments[0].wires = [WireParameters.at("only", 30.0)]
     with pytest.warns(UserWarning, match="far from its reference"):
         plan(parameters, reference, knot_rate=2.0)
+
+
+def test_diagnostics_show_the_heat_of_a_plan_in_space(circle_plan):
+    defects, *_ = plot_diagnostics(circle_plan).axes
+    assert [line.get_label() for line in defects.lines] == ["largest of wires", "largest of V"]
+    assert max(line.get_ydata().max() for line in defects.lines) < 1e-9
+
+
+def test_margins_for_feedback_do_not_depend_on_how_a_limb_is_turned():
+    margins = []
+    for turn in (0.0, 25.0):
+        parameters = limb_in_space(gravity=(0.0, 0.0, 0.0))
+        parameters.segments[0].wires = [
+            WireParameters.at(f"wire_{k}", 120.0 * k + turn) for k in range(3)
+        ]
+        parameters.calibration = CalibrationRecord([], [], [], [], bend_error=0.03)
+        margins.append(Task.closed_loop(parameters).temperature_margin)
+    assert 1.0 < margins[0] < 15.0
+    assert margins[1] == pytest.approx(margins[0], rel=1e-2)
