@@ -52,7 +52,7 @@ class ChainStiffness:
         """
         loads = np.moveaxis(forces, (-2, -1), (0, 1))
         inboard, shares = self._inboard[:, :, None], self._shares[:, :, None]
-        pivots = np.abs(self._pivots) if downhill else self._pivots
+        pivots = self._pivots * np.sign(self._pivots.real) if downhill else self._pivots
         shape = np.broadcast_shapes(loads[0].shape, pivots[0].shape)
         turned = np.empty((len(pivots), *shape), np.result_type(forces, pivots))
         gathered = np.zeros((3, *shape), turned.dtype)

@@ -15,6 +15,7 @@ from limb_systems.model.wires import Wires
 
 NEWTON_STEPS = 50
 CONVERGED = 1e-12  # rad; the derivatives there are as exact
+FOLDED = np.deg2rad(100.0)  # of a chord; with that, a limb hangs from a fold
 
 
 def static_equilibrium(
@@ -79,10 +80,7 @@ class HeldAngles:
         angles = at_rest + (self.wires.forces(states, at_rest) - self._cold) @ self.compliance.T
         if self._balance.is_linear:
             return angles
-        try:
-            self._angles, stiffness = self._balance.settled(states, angles)
-        except LimbError:  # of a limb that is heavy for its springs
-            self._angles, stiffness = self._balance.settled(states, at_rest, downhill=True)
+        self._angles, stiffness = self._balance.settled(states, angles)
         self._states, self._by_force = states.copy(), stiffness.solve
         return self._angles
 
@@ -154,25 +152,36 @@ class _Balance:
         self._springs, self._relaxed = layout.stiffness, rest_joint_angles(parameters)
         self.is_linear = not (self.chain.weighs or self.wires.torque_needs_angle)
 
-    def settled(
-        self, states: np.ndarray, start: np.ndarray, downhill: bool = False
-    ) -> tuple[np.ndarray, "_Stiffness"]:
-        """θ (..., n) where r = 0 at states (..., N), and the stiffness there, by Newton's method.
+    def settled(self, states: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, "_Stiffness"]:
+        """θ (..., n) where r = 0 at states (..., N), and the stiffness there.
+
+        Newton's method may miss the rest of a limb that is heavy for its springs. Steps that
+        go downhill do not, but may end with a limb that hangs from a fold.
 
         Args:
             start: angles to start from (..., n).
-            downhill: whether to take shorter steps that never gain potential energy at first order,
-                and so end where the limb is stable.
 
         Raises:
-            LimbError: if there is no stable equilibrium.
+            LimbError: if there is no stable equilibrium, or gravity folds a segment.
         """
+        try:
+            return self._newton(states, start)
+        except LimbError:
+            angles, stiffness = self._newton(states, start, downhill=True)
+        folded = (np.abs(self.chain.bends(angles)) > FOLDED).any(axis=-1)
+        if folded.any():
+            raise LimbError(f"Gravity folds the limb{_where(folded)}; is it too soft?")
+        return angles, stiffness
+
+    def _newton(
+        self, states: np.ndarray, start: np.ndarray, downhill: bool = False
+    ) -> tuple[np.ndarray, "_Stiffness"]:
         angles = start
         for _ in range(NEWTON_STEPS):
             force, stiffness = self._expanded(states, angles)
             step = stiffness.solve(force[..., None], downhill)[..., 0]
             largest = np.abs(step).max(axis=-1, keepdims=True)
-            # No step is so long that a joint turns over.
+            # No step is so long that a joint turns over, nor, downhill, that the slope turns.
             angles = angles + step / np.maximum(1.0, largest / (0.2 if downhill else 1.0))
             if (largest < CONVERGED).all():
                 break

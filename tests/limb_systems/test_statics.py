@@ -143,20 +143,22 @@ HELD_LIMBS = {
     "space, stiffens": two_unlike_segments(
         SegmentParameters(3, axes=2, twists=True, centred_joints=True, stiffening=0.5), 2
     ),
+}
+HEAVY_LIMBS = {
     "heavy tip": with_a_heavy_tip(0.0),
     "heavy tip, stiffens": with_a_heavy_tip(1e-5),
 }
 
 
-@pytest.fixture(params=HELD_LIMBS)
-def held_limb(request) -> LimbParameters:
-    return HELD_LIMBS[request.param]
+def of_each(limbs: dict[str, LimbParameters]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("held_limb", limbs.values(), ids=limbs.keys())
 
 
 def states_of(parameters) -> np.ndarray:
     return np.random.default_rng(5).uniform(25.0, 100.0, (6, len(parameters.wires)))
 
 
+@of_each(HELD_LIMBS | HEAVY_LIMBS)
 def test_drakes_plant_stays_at_rest_where_wires_hold_it(held_limb):
     held, states = HeldAngles(held_limb), states_of(held_limb)
     plant = make_manipulator(held_limb)
@@ -170,6 +172,7 @@ def test_drakes_plant_stays_at_rest_where_wires_hold_it(held_limb):
     np.testing.assert_allclose(held.bends(states).T, bend_angle(held_limb, angles.T), atol=1e-14)
 
 
+@of_each(HELD_LIMBS)
 @pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")  # of torques not used
 def test_derivatives_of_what_wires_hold_are_those_of_complex_steps(held_limb):
     held, states = HeldAngles(held_limb), states_of(held_limb)
