@@ -160,7 +160,8 @@ def _visual(link, name: str, center, pitch: float, color: str):
     visual = ElementTree.SubElement(link, "visual", name=name)
     ElementTree.SubElement(visual, "origin", xyz=_text(*center), rpy=_text(0.0, pitch, 0.0))
     ElementTree.SubElement(visual, "geometry")
-    material = ElementTree.SubElement(visual, "material", name=name)
+    kind = f"clear_{name}" if color == CLEAR_SILICONE_COLOR else name
+    material = ElementTree.SubElement(visual, "material", name=kind)
     ElementTree.SubElement(material, "color", rgba=color)
     return visual
 

@@ -155,24 +155,25 @@ def test_a_wire_below_the_axis_is_drawn_below():
 def test_in_space_wires_run_at_their_places_beside_the_axis_of_each_piece():
     limb = LimbParameters.in_space(wires=4, links=3)
     limb.payload, limb.segments[0].centred_joints, limb.segments[0].twists = 0.02, True, True
+    limb.segments.insert(0, SegmentParameters(links=1))  # of other silicone
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
     add_manipulator(plant, limb)
     plant.Finalize()
     context = builder.Build().CreateDefaultContext()
     query = scene_graph.get_query_output_port()
-    bent = np.random.default_rng(2).uniform(-0.4, 0.4, 9)
-    for angles in (np.zeros(9), bent):
+    bent = np.random.default_rng(2).uniform(-0.4, 0.4, 10)
+    for angles in (np.zeros(10), bent):
         plant.SetPositions(plant.GetMyContextFromRoot(context), angles)
         shown = query.Eval(scene_graph.GetMyContextFromRoot(context))
-        ends = link_positions(limb, angles)
-        pieces = ("root_1", "link_1", "link_2", "link_3")
+        ends = link_positions(limb, angles)[1:]
+        pieces = ("root_2", "link_2", "link_3", "link_4")
         for body, start, end in zip(pieces, ends[:-1], ends[1:], strict=True):
             frame = plant.GetBodyFrameIdOrThrow(plant.GetBodyByName(body).index())
             geometries = shown.inspector().GetGeometries(frame, Role.kIllustration)
             found = {shown.inspector().GetName(one).split("::")[-1]: one for one in geometries}
             along = (end - start) / np.linalg.norm(end - start)
-            for wire in limb.segments[0].wires:
+            for wire in limb.segments[1].wires:
                 pose = shown.GetPoseInWorld(found[f"wire_{wire.name}"])
                 beside = pose.translation() - (start + end) / 2
                 assert np.linalg.norm(beside) == pytest.approx(np.hypot(wire.e2, wire.e3))
