@@ -30,20 +30,13 @@ def validation_panels(validation: Validation) -> list[Panel]:
         (name, run.time, run.bend_angle, run.measured_temperature)
         for name, run in (("limb", recording), ("model", simulation))
     ]
-    bend, readings = _against_model(runs, names)
-    if recording.reference is not None:
-        wanted = np.rad2deg(recording.reference[0])
-        bend.insert(0, Curve("set point", recording.time, wanted, REFERENCE_COLOR, width=1.0))
+    wanted = None if recording.reference is None else np.rad2deg(recording.reference)
     colors = wire_colors(len(names))
     duties = [
         Curve(name, recording.time, duty, color, width=1.0)
         for name, duty, color in zip(names, recording.duty, colors, strict=True)
     ]
-    return [
-        SIGNALS["bend_angle"].panel(bend),
-        SIGNALS["measured_temperature"].panel(readings),
-        SIGNALS["duty"].panel(duties),
-    ]
+    return [*_against_model(runs, names, wanted), SIGNALS["duty"].panel(duties)]
 
 
 def predicted_panels(predicted: Predicted, wire_names: Sequence[str]) -> list[Panel]:
@@ -53,23 +46,28 @@ def predicted_panels(predicted: Predicted, wire_names: Sequence[str]) -> list[Pa
         ("limb", run.times, run.bend.T, run.temperature.T),
         ("law", run.times, predicted.bend.T, predicted.temperature.T),
     ]
-    bend, readings = _against_model(runs, wire_names)
-    return [SIGNALS["bend_angle"].panel(bend), SIGNALS["measured_temperature"].panel(readings)]
+    return _against_model(runs, wire_names)
 
 
 def _against_model(
-    runs: list[Samples], wire_names: Sequence[str]
-) -> tuple[list[Curve], list[Curve]]:
-    """Bend angles and readings of a limb, and dashed of its model."""
-    bend, readings, colors = [], [], wire_colors(len(wire_names))
+    runs: list[Samples], wire_names: Sequence[str], wanted: np.ndarray | None = None
+) -> list[Panel]:
+    """Bends and readings of a limb, and dashed of its model; with set points (F, K), degrees."""
+    panels, readings, colors = [], [], wire_colors(len(wire_names))
     styles = ((ROLLOUT_COLOR, "solid", 1.0), (PLAN_COLOR, "dashed", 1.75))
-    for (run, time, angles, heats), (color, dash, width) in zip(runs, styles, strict=True):
-        names = [run] if len(angles) == 1 else [f"{run}, {axis}" for axis in ("E2", "E3")]
-        for name, angle in zip(names, angles, strict=True):
-            bend.append(Curve(name, time, np.rad2deg(angle), color, dash, width))
-        for wire, wire_color, heat in zip(wire_names, colors, heats, strict=True):
-            readings.append(Curve(f"{wire}, V {run}", time, heat, wire_color, dash, width))
-    return bend, readings
+    for bend, suffix in enumerate(["_e2", "_e3"] if len(runs[0][2]) == 2 else [""]):
+        curves = [
+            Curve(run, time, np.rad2deg(angles[bend]), *style)
+            for (run, time, angles, _), style in zip(runs, styles, strict=True)
+        ]
+        if wanted is not None:
+            point = Curve("set point", runs[0][1], wanted[bend], REFERENCE_COLOR, width=1.0)
+            curves.insert(0, point)
+        panels.append(SIGNALS["bend_angle"].panel(curves, suffix))
+    for (run, time, _, heats), (_, dash, width) in zip(runs, styles, strict=True):
+        for wire, color, heat in zip(wire_names, colors, heats, strict=True):
+            readings.append(Curve(f"{wire}, V {run}", time, heat, color, dash, width))
+    return [*panels, SIGNALS["measured_temperature"].panel(readings)]
 
 
 def stiffness_panels(fit: StiffnessFit) -> list[Panel]:
