@@ -16,6 +16,7 @@ from pydrake.systems.framework import LeafSystem
 
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, LimbParameters
+from limb_systems.model.bend_sensor import rolled
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 
@@ -102,9 +103,7 @@ class Estimator:
         self.nothing = np.full(self.size, np.nan)
         layout = Layout(parameters)
         sensors = [parameters.segments[s].bend_sensor for s in layout.bend_segment]
-        self._gain = np.array([sensor.gain for sensor in sensors])
-        offsets = np.array([(sensor.offset, sensor.offset_e3) for sensor in sensors])
-        self._sensor_offset = offsets[range(F), layout.bend_direction]
+        self._bends_of = layout.bends_of
         noise = np.maximum([sensor.noise for sensor in sensors], np.deg2rad(0.1))
         self._reading_variances = np.concatenate([np.full(W, READING_NOISE), noise]) ** 2
         temperatures = model.scales >= 10.0
@@ -160,7 +159,7 @@ class Estimator:
         initial[-F:] = self._rest_error
         held, C = self._sensing(heat)
         spread = ((C[W:] * initial) ** 2).sum(axis=1) + self._reading_variances[W:]
-        off = np.abs((bend_angle - self._sensor_offset) / self._gain - held)
+        off = np.abs(self._corrected(bend_angle) - held)
         initial[-F:][off > UNLOADED * np.sqrt(spread)] = INITIAL_BEND
         return StateEstimate(
             heat,
@@ -215,7 +214,7 @@ class Estimator:
         works = np.isfinite(read) & (alike < np.repeat([STUCK_READING_TIME, STUCK_TIME], [W, F]))
         works[:W] &= ~frozen
         held, C = self._sensing(estimate.heat)
-        bend = (bend_angle - self._sensor_offset) / self._gain
+        bend = self._corrected(bend_angle)
         predicted = held + estimate.offset + estimate.drift
         innovations = np.concatenate([readings - model.readings(estimate.heat), bend - predicted])
         spread = C @ estimate.covariance @ C.T + np.diag(self._reading_variances)
@@ -296,6 +295,15 @@ class Estimator:
             covariance=P,
             unshown=estimate.unshown + heat[:W] - estimate.heat[:W],
         )
+
+    def _corrected(self, bend_angle: np.ndarray) -> np.ndarray:
+        """Bends (F,), rad, as sensors without gain, offset and roll would read them."""
+        bends = []
+        for segment, places in zip(self.parameters.segments, self._bends_of, strict=True):
+            sensor = segment.bend_sensor
+            read = sensor.corrected_bends(bend_angle[places])
+            bends.append(read if segment.axes == 1 else rolled(read, -sensor.roll))
+        return np.concatenate(bends)
 
     def _sensing(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """φ(x) (F,), rad, and derivatives (W + F, M) of readings by all that is estimated."""

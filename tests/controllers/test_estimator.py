@@ -19,6 +19,7 @@ from limb_systems import (
     TipTangentSensor,
     simulate,
 )
+from limb_systems.model.bend_sensor import rolled
 
 PERIOD = 0.05
 DUTY = np.array([0.15, 0.6])
@@ -99,9 +100,13 @@ def test_on_a_linear_law_it_is_the_textbook_filter():
 def test_its_covariance_is_that_of_its_errors_in_space():
     """e' P⁻¹ e of 15 limbs whose errors are as large as the filter's constants say is of χ²."""
     parameters, rng = LimbParameters.in_space(links=2), np.random.default_rng(5)
+    offsets = -0.02, 0.1
+    sensor = parameters.segments[0].bend_sensor = TipTangentSensor(
+        offset=offsets[0], offset_e3=offsets[1], roll=0.3
+    )
+    noise, drift, h = sensor.noise, sensor.drift, PERIOD
     filtered = Estimator(parameters)
-    model, W, F, noise = filtered.model, 3, 2, parameters.segments[0].bend_sensor.noise
-    drift, h = parameters.segments[0].bend_sensor.drift, PERIOD
+    model, W, F = filtered.model, 3, 2
     decay = np.exp(-h / np.repeat([module.HEATING_TIME, module.DRIFT_TIME, np.inf], [W, F, F]))
     walk = np.repeat([2 / module.HEATING_TIME, 2 * drift**2 / 120, module.BEND_WALK**2], [W, F, F])
     normalized = []
@@ -114,7 +119,8 @@ def test_its_covariance_is_that_of_its_errors_in_space():
         for k in range(60):
             q, d, p = np.split(others, [W, W + F])
             readings = heat[W:] + module.READING_NOISE * rng.normal(size=W)
-            bend = model.bend_angle(heat) + d + p + noise * rng.normal(size=F)
+            bend = offsets + rolled(model.bend_angle(heat) + d + p, 0.3)
+            bend += noise * rng.normal(size=F)
             estimate = filtered.corrected(estimate, readings, bend)
             duty = np.clip(0.4 + 0.4 * np.sin(0.05 * k + np.arange(W) * 2.0), 0.0, 1.0)
             estimate = filtered.predicted(estimate, duty)
