@@ -10,6 +10,7 @@ The trajectory program of a planar limb starts from it. Where torque or rates ar
 a few of the knots are enough for that.
 """
 
+import copy
 import dataclasses
 from collections.abc import Collection
 
@@ -25,7 +26,7 @@ from pydrake.solvers import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
-from limb_systems import Layout, LimbError, LimbParameters, Wires
+from limb_systems import Layout, LimbError, LimbParameters, LinearLaw, Wires
 from limb_systems.model.statics import HeldAngles
 from planners.task import Task
 from planners.transcription.collocation import ANGLE_SCALE, LimbDefects
@@ -43,6 +44,7 @@ from planners.transcription.solving import InfeasibleError, solve_program
 CHECK_STEP = 0.5  # s, of an integration that says whether limits can be met
 # s, between the knots of a start that is not convex: plans with half of it are as good a start.
 SPACING = 0.3
+LEAST_BETA = 1e-6  # N·m/°C, of wires that are taken to be linear
 
 
 def check_temperature_limits(
@@ -271,6 +273,7 @@ class QuasiStaticProgram(PlanProgram):
         motion, heat = np.split(initial_state, [-len(self.wires.heat_scales)])
         self._initial_motion, self._initial_heat = motion, heat
         heat = heat[: self.heat.shape[1]]
+        self._asked = reference, warm_up_time
         weights, _ = self.task.weights(self.times)
         for binding, weight, target in zip(self._costs, weights, reference.T, strict=True):
             Q = weight * self._shares
@@ -301,15 +304,18 @@ class QuasiStaticProgram(PlanProgram):
                 )
 
     def guess(self) -> np.ndarray:
-        """All decision variables under duty that holds wires between T_warm and T_max."""
-        limits, wires, N = self.parameters.temperature_limits, self.wires, self.wires.num_states
-        middle = wires.settled_states(
-            np.full(wires.num_wires, 0.5 * (limits.warm + limits.maximum))
-        )
-        none = np.zeros(wires.num_wires)
-        cooling, heating = (wires.rates(middle, D)[: len(none)] for D in (none, none + 1.0))
-        duty = np.tile(cooling / (cooling - heating), (len(self.times), 1))
-        start = self._initial_heat
+        """All decision variables under the best duty for wires that are about linear.
+
+        If the wires are linear, or it is not known how, it is the duty that holds them between
+        T_warm and T_max.
+        """
+        wires, N, start = self.wires, self.wires.num_states, self._initial_heat
+        duty = self._duty_of_linear_wires()
+        if duty is None:
+            limits, none = self.parameters.temperature_limits, np.zeros(wires.num_wires)
+            middle = wires.settled_states(none + 0.5 * (limits.warm + limits.maximum))
+            cooling, heating = (wires.rates(middle, D)[: len(none)] for D in (none, none + 1.0))
+            duty = np.tile(cooling / (cooling - heating), (len(self.times), 1))
         states = wires.under_duty(start[:N], duty, self.times)
         readings = readings_along(wires, states, start[N:], self.times)
         return self.variables(np.hstack([states, readings]).T, duty.T)
@@ -345,6 +351,22 @@ class QuasiStaticProgram(PlanProgram):
         rows.UpdateCoefficients(jacobian, ends)
         result = ClarabelSolver().Solve(prog, None, SolverOptions())
         return result.get_x_val() if result.is_success() else None
+
+    def _duty_of_linear_wires(self) -> np.ndarray | None:
+        """The best duty (K, W) for `linear_limb`, of one optimum; None if there is none."""
+        if self.wires.rates_are_affine and self.wires.torque_is_affine:
+            return None
+        reference, warm_up_time = self._asked
+        task = dataclasses.replace(self.task, customize=None)
+        try:
+            limb, W = linear_limb(self.parameters), self.wires.num_wires
+            program = QuasiStaticProgram(limb, self.times, HeldAngles(limb), task)
+            heat = np.concatenate([self._initial_heat[:W], self._initial_heat[-W:]])
+            program.update(reference, heat, warm_up_time)
+            x = solve_program(program, program.guess()).x
+        except LimbError:
+            return None
+        return np.clip(x[program.duty], 0.0, 1.0 - self.task.duty_margin)
 
     def signals(self, x: np.ndarray) -> dict[str, np.ndarray | None]:
         """The signals of a `Trajectory`, from all decision variables."""
@@ -408,6 +430,32 @@ class HeldBends:
         weights = -multipliers.reshape(self._bends.shape)
         curvature = self._held.bend_curvature(x[self._states], weights)
         return curvature[:, *self._triangle].ravel()
+
+
+def linear_limb(parameters: LimbParameters) -> LimbParameters:
+    """The limb with wires of the paper's law that are about its own, and with springs alone.
+
+    Torque is that of wires heated from cold, along its chord from T_warm to T_max.
+
+    Raises:
+        LimbError: if a law does not say how fast its wire heats and cools.
+    """
+    linear, limits = copy.deepcopy(parameters), parameters.temperature_limits
+    T0 = parameters.ambient_temperature
+    for segment in linear.segments:
+        segment.stiffening, segment.rest_memory = 0.0, None
+        for wire in segment.wires:
+            law, rates = wire.law, wire.law.typical_rates()
+            warm, hot = (
+                law.torque(law.warm_states(T, T0), T0, 0.0) for T in (limits.warm, limits.maximum)
+            )
+            wire.law = LinearLaw(
+                a1=-float(np.sqrt(rates["slowest_cooling"] * rates["fastest_cooling"])),
+                a2=rates["heating"],
+                a3=-rates["reading"],
+                beta=max(float(hot - warm) / (limits.maximum - limits.warm), LEAST_BETA),
+            )
+    return linear
 
 
 def readings_along(
