@@ -4,7 +4,7 @@ Everything is in simulated time: the firmware's own files, an emulated board and
 limb, and a host that goes on commanding whatever happens. It is an emulation,
 not a measurement of wires. It takes some hours; Ctrl-C shows what there is.
 
-    python benchmarks/board_faults.py faults [--limbs 50] [--jobs 2] [--fitted] [--other]
+    python benchmarks/board_faults.py faults [--limbs 50] [--fitted] [--other] [--wires 4]
     python benchmarks/board_faults.py ordinary [--limbs 50] [--jobs 2]
     python benchmarks/board_faults.py feedback [--limbs 50] [--jobs 2]
 
@@ -14,7 +14,7 @@ that it bears, the duty goes on. The fault is there from the beginning, or comes
 while the wire is hot. Half of the runs are with three times the noise of the
 emulated thermocouples. The board has the bounds of the described kind, or those
 fitted to a warm-up with the good thermocouple; limbs are emulated ones, or of
-another physics, those of other_limbs.py.
+another physics, those of other_limbs.py. With more than two wires they bend about two axes.
 
 ``ordinary`` collects, calibrates, plans, replays and teaches on each limb, every
 other one with three times the noise, and counts what switched off.
@@ -51,6 +51,7 @@ from hardware.emulation.specimen import Specimen
 from hardware.firmware import guard
 from hardware.robot.reasons import REASONS
 from limb_systems import (
+    Layout,
     LimbParameters,
     LimbSystem,
     Trajectory,
@@ -91,7 +92,7 @@ FAULTS = {
     "supply gives 50% more heat": ["weaken 1.5"],
     "30% more heat, 80% of the rise read": ["weaken 1.3", "share {side} 0.8"],
     "amplifiers read 20 °C too little": ["chill 20"],
-    "no fault, both wires hot": [],
+    "no fault, all wires hot": [],
 }
 
 
@@ -113,9 +114,9 @@ def fault_jobs(limbs: int, part: str) -> list[tuple[str, str, float, int, int]]:
 
 def prepare(board: SimulatedBoard, noise: int) -> None:
     """Adds noise to the thermocouples, and waits until the board can be armed."""
-    for side in SIDES:
+    for name in board.parameters.wire_names:
         extra = THERMOCOUPLE_NOISE * np.sqrt(noise**2 - 1)
-        board.emulation.misbehave(f"jitter {side} {extra}")
+        board.emulation.misbehave(f"jitter {name} {extra}")
     board.run(1.0)
 
 
@@ -131,17 +132,18 @@ def with_fitted_bounds(make: Callable[..., LimbSystem], seed: int) -> LimbParame
 
 
 def run_fault(
-    job: tuple[str, str, float, int, int], fitted: bool = False, other: bool = False
+    job: tuple[str, str, float, int, int], fitted: bool = False, other: bool = False, wires: int = 2
 ) -> dict:
     """One run; what became of it."""
     fault, when, duty, noise, seed = job
     random.seed(repr(job))
-    wire = seed % 2
+    wire = seed % wires
     make = OtherLimb if other else LimbTwin
     parameters = with_fitted_bounds(make, seed) if fitted else None
-    board = SimulatedBoard(make(seed=seed), parameters, step=STEP)
-    orders = [order.format(side=SIDES[wire]) for order in FAULTS[fault]]
-    duties = [duty, duty] if not orders else [duty * (wire == side) for side in (0, 1)]
+    limb = make(seed=seed) if wires == 2 else LimbTwin(LimbParameters.in_space(wires), seed=seed)
+    board = SimulatedBoard(limb, parameters, step=STEP)
+    orders = [order.format(side=board.parameters.wire_names[wire]) for order in FAULTS[fault]]
+    duties = [duty * (wire == other or not orders) for other in range(wires)]
     if when == FROM_BEGINNING:
         for order in orders:
             board.emulation.misbehave(order)
@@ -158,7 +160,7 @@ def run_fault(
     while armed and board.now < start + LONGEST:
         board.run(0.05, duties)
         hottest = max(hottest, board.emulation.board.wire_temperature().max())
-        if board.duty == (0.0, 0.0) and board.emulation.firmware.guard.state == guard.DISARMED:
+        if not any(board.duty) and board.emulation.firmware.guard.state == guard.DISARMED:
             off = board.duties[-1][0] - start
             break
     for _ in range(100 if off is not None else 0):  # it may go on to warm
@@ -224,14 +226,15 @@ class SimulatedRobot(LeafSystem):
         self.board, self.parameters, self.source = board, parameters, "emulated limb on its board"
         self.reduced, self.hottest = 0.0, -np.inf
         self.orders: list[tuple[float, str]] = []  # s, from when on, and what; in their order
-        self.DeclareVectorInputPort("duty", 2)
-        state = self.DeclareDiscreteState(5)
+        wires, angles = len(parameters.wires), Layout(parameters).num_bends
+        self.DeclareVectorInputPort("duty", wires)
+        state = self.DeclareDiscreteState(2 * wires + angles)
         self.DeclareInitializationDiscreteUpdateEvent(self._read)
         self.DeclarePeriodicDiscreteUpdateEvent(self.PERIOD, 0.0, self._update)
         for name, part in (
-            ("measured_temperature", slice(0, 2)),
-            ("bend_angle", slice(2, 3)),
-            ("applied_duty", slice(3, 5)),
+            ("measured_temperature", slice(0, wires)),
+            ("bend_angle", slice(wires, wires + angles)),
+            ("applied_duty", slice(wires + angles, 2 * wires + angles)),
         ):
             declare_part(self, name, state, part)
         # As a robot's recordings have it, so that calibration counts the duty that was applied.
@@ -249,10 +252,9 @@ class SimulatedRobot(LeafSystem):
         self._read(context, state)
 
     def _read(self, context, state):
-        sample = self.board.sent[-1]
-        bend = bend_angle_from_tip_tangent(np.deg2rad(sample[8] / 64))
-        duty = [ticks / 10000 for ticks in sample[9:11]]
-        state.set_value([*self.board.temperature, bend, *duty])
+        sample = self.board.samples[-1]
+        bends = bend_angle_from_tip_tangent(sample.tip_tangent)
+        state.set_value([*sample.temperature, *bends, *sample.duty])
 
 
 def run_ordinary(job: tuple[int, int]) -> dict:
@@ -419,12 +421,15 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     parser.add_argument("--fitted", action="store_true", help="bounds are fitted to a warm-up")
     parser.add_argument("--other", action="store_true", help="limbs are of another physics")
+    parser.add_argument("--wires", type=int, default=2, help="of each limb, for faults")
     parser.add_argument("--fault", help="only faults whose name contains this")
     options = parser.parse_args()
     start = time.perf_counter()
     jobs: list
     if options.what == "faults":
-        run = functools.partial(run_fault, fitted=options.fitted, other=options.other)
+        run = functools.partial(
+            run_fault, fitted=options.fitted, other=options.other, wires=options.wires
+        )
         show = print_faults
         jobs = fault_jobs(options.limbs, options.fault or "")
     elif options.what == "feedback":

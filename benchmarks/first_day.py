@@ -12,6 +12,7 @@ reduced the duty in replays. It is an emulation, not a measurement of wires.
 """
 
 import argparse
+import copy
 import functools
 import itertools
 import os
@@ -56,21 +57,30 @@ HOTTEST = 130.0  # °C, true, that no wire should pass
 class SimulatedLink:
     """What `check_wires` needs of a `BoardLink`, at a `SimulatedBoard`."""
 
+    port = "simulated"
+
     def __init__(self, board: SimulatedBoard):
         self._board, self.hottest = board, -np.inf
 
     def info(self):
-        return types.SimpleNamespace(serial_number="simulated", firmware_version="")
+        channels, angles = self._board.duty, self._board.samples[-1].tip_tangent
+        return types.SimpleNamespace(
+            serial_number="simulated",
+            firmware_version="",
+            channels=len(channels),
+            angles=len(angles),
+        )
 
     def next_sample(self) -> Sample:
         count = len(self._board.sent)
         while len(self._board.sent) == count:
             self._board.run(0.025)
         self.hottest = max(self.hottest, *self._board.emulation.board.wire_temperature())
-        return Sample.of(self._board.sent[-1], self._board.now)
+        return self._board.samples[-1]
 
     def arm(self, bounds, total_duty: float = 1.5) -> None:
-        parameters = LimbParameters(total_duty=total_duty)
+        parameters = copy.deepcopy(self._board.parameters)
+        parameters.total_duty = total_duty
         for wire, bound in zip(parameters.wires, bounds, strict=True):
             wire.heat_bounds = bound
         self._board.use(parameters)

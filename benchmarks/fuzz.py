@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "hardware"))
 from firmware_checks import Host  # noqa: E402
 
-from hardware.firmware import firmware, guard, heat, protocol  # noqa: E402
+from hardware.firmware import firmware, from_host, guard, heat, protocol  # noqa: E402
 from hardware.firmware.firmware import Firmware  # noqa: E402
 
 HOST_KINDS, BOARD_KINDS = (protocol.INFO, protocol.SAMPLE), (protocol.COMMAND, protocol.ARM)
@@ -130,7 +130,7 @@ def fuzz_guard(num_frames: int, seed: int) -> dict[str, int]:
             cleared = protocol.encode(protocol.CLEAR, subject.challenge)
             bounds = tuple(rng.uniform(0.95 * low, 1.05 * high) for low, high in heat.RANGES)
             given = heat.NOMINAL if rng.random() < 0.8 else bounds
-            values = protocol.arm_values(
+            values = from_host.arm_values(
                 subject.challenge, (given, heat.NOMINAL), rng.uniform(0, 2.1)
             )
             board.incoming += cleared + protocol.encode(protocol.ARM, *values)

@@ -6,7 +6,8 @@ from typing import Any
 
 from hardware.emulation.emulator import Emulation
 from hardware.emulation.twin import LimbTwin
-from hardware.firmware import guard, protocol
+from hardware.firmware import from_host, guard, protocol
+from hardware.robot.link import Assembly, Sample, pulls_of
 from limb_systems import LimbParameters
 
 COMMAND_PERIOD = 50  # ms
@@ -17,8 +18,8 @@ class SimulatedBoard:
 
     It is the board's `Cable`, too. Faults are given to ``emulation.misbehave``.
 
-    - ``duties``: time, s, and duty of left and right, of each change at the pins.
-    - ``sent``: values of each SAMPLE, as in docs/protocol.md.
+    - ``duties``: time, s, and duty of each wire, of each change at the pins.
+    - ``sent``: values of each SAMPLE, as in docs/protocol.md; ``samples``: the same whole.
     """
 
     def __init__(
@@ -32,11 +33,13 @@ class SimulatedBoard:
         """
         twin = twin or LimbTwin()
         self.milliseconds, self._step = 0, step
-        self.duties: list[tuple[float, float, float]] = []
+        self.duties: list[tuple[float, ...]] = []
         self.sent: list[tuple] = []
+        self.samples: list[Sample] = []
+        self._assembly = Assembly()
         self._to_board, self._sequence, self._session = b"", 0, 0
         self.use(parameters or twin.parameters)
-        self._parser = protocol.Parser((protocol.SAMPLE,))
+        self._parser = protocol.Parser(from_host.KINDS, from_host.FORMATS)
         self.emulation = Emulation(twin, self, self._note, lambda: self.now)
 
     @property
@@ -46,7 +49,7 @@ class SimulatedBoard:
 
     def _note(self, event, time, **duty):
         if event == "duty":
-            self.duties.append((time, duty["left"], duty["right"]))
+            self.duties.append((time, *duty.values()))
 
     # The board's end of the cable.
 
@@ -55,9 +58,13 @@ class SimulatedBoard:
         return data
 
     def write(self, data: bytes) -> None:
-        for _, values in self._parser.feed(data):
-            if not self.sent or self.sent[-1][0] != values[0]:  # they come twice
-                self.sent.append(values)
+        for kind, values in self._parser.feed(data):
+            if kind == protocol.SAMPLE:
+                self._newest = values
+            sample = kind != protocol.INFO and self._assembly.take(kind, values, self.now)
+            if sample and (not self.sent or self.sent[-1][0] != values[0]):  # they come twice
+                self.sent.append(self._newest)
+                self.samples.append(sample)
 
     def unplug(self) -> None:
         pass
@@ -66,25 +73,29 @@ class SimulatedBoard:
 
     def send(self, *frame: Any) -> None:
         """Sends a frame: its kind and its values."""
-        self._to_board += protocol.encode(*frame)
+        self._to_board += from_host.encode(self._parser.version, *frame)
 
     def command(self, duty: Sequence[float]) -> None:
-        """Sends a duty (2), in answer to the newest sample."""
+        """Sends a duty (W), in answer to the newest sample."""
         self._sequence += 1
         ticks = [round(protocol.FULL_DUTY * d) for d in duty]
         heard = self.sent[-1][1]
         for _ in (1, 2):  # as `BoardLink` does
-            self.send(protocol.COMMAND, self._session, self._sequence, heard, *ticks)
+            self._to_board += from_host.encode_command(
+                self._parser.version, self._session, self._sequence, heard, ticks
+            )
 
     def use(self, parameters: LimbParameters) -> None:
         """Arms the board with other parameters from now on."""
+        self.parameters = parameters
         self._bounds = [dataclasses.astuple(bounds) for bounds in parameters.heat_bounds]
-        self._total = parameters.total_duty
+        self._total, self._pulls = parameters.total_duty, pulls_of(parameters)
 
     def arm(self) -> bool:
         """Arms the board; whether it let itself be armed."""
         self._session, self._sequence = self.sent[-1][2], 0
-        self.send(protocol.ARM, *protocol.arm_values(self._session, self._bounds, self._total))
+        arming = self._parser.version, self._session, self._bounds, self._total, self._pulls
+        self._to_board += b"".join(from_host.encode_arming(*arming))
         self.run(0.06)
         return self.sent[-1][3] == guard.ARMED
 
@@ -94,7 +105,7 @@ class SimulatedBoard:
         self.run(0.06)
 
     def run(self, seconds: float, duty: Sequence[float] | None = None) -> None:
-        """Runs on, and commands a duty (2) every 50 ms if there is one."""
+        """Runs on, and commands a duty (W) every 50 ms if there is one."""
         end = self.milliseconds + round(1000 * seconds)
         while self.milliseconds < end:
             self.milliseconds += self._step
@@ -103,7 +114,7 @@ class SimulatedBoard:
             self.emulation.step()
 
     @property
-    def duty(self) -> tuple[float, float]:
+    def duty(self) -> tuple[float, ...]:
         """At the pins."""
         return self.duties[-1][1:]
 
@@ -114,5 +125,5 @@ class SimulatedBoard:
 
     @property
     def temperature(self) -> list[float]:
-        """V (2), as the board sends it, °C."""
-        return [quarters / 4 for quarters in self.sent[-1][6:8]]
+        """V (W), as the board sends it, °C."""
+        return self.samples[-1].temperature.tolist()

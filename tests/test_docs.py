@@ -265,7 +265,7 @@ class Board:
     """In place of `BoardLink`: what `SerialLimb` asks at construction."""
 
     def __init__(self, *_):
-        self.serial_number, self.channels = "none", 2
+        self.serial_number, self.channels, self.angles = "none", 2, 1
 
     def info(self):
         return self

@@ -9,15 +9,16 @@ import dataclasses
 import random
 import struct
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.emulation.twin import LimbTwin
-from hardware.firmware.firmware import CHANNELS, POWER_ON
-from limb_systems import LimbError
+from hardware.firmware.firmware import POWER_ON
+from hardware.firmware.wide import MOST_ANGLES, MOST_CHANNELS
+from limb_systems import Layout, LimbError
 from limb_systems.simulation import make_simulator
 
 LIMB_PERIOD = 0.02  # s, by which the limb is simulated at a time
@@ -48,36 +49,39 @@ class Thermocouple:
 
 
 class EmulatedBoard:
-    """A board for `firmware.Firmware`; see there for its methods.
+    """A board for `firmware.Firmware`, with channels and bend angles for all of a limb.
 
-    ``on_duty(left, right)`` is called whenever the duty at the pins changes;
+    ``on_duty(duty)`` is called with that of each wire whenever one changes at the pins;
     ``clock()`` is the time, s, along which the limb is simulated.
 
     Raises:
-        LimbError: at construction, if the limb has another number of wires than
-            the board has channels, or several segments.
+        LimbError: at construction, if the limb has more wires or bend angles than a
+            board may have.
     """
 
     def __init__(
         self,
         twin: LimbTwin,
-        on_duty: Callable[[float, float], None],
+        on_duty: Callable[[Sequence[float]], None],
         clock: Callable[[], float] = time.monotonic,
     ):
-        num_wires, num_segments = len(twin.parameters.wires), len(twin.parameters.segments)
-        if num_wires != CHANNELS or num_segments != 1:
+        self.channels, self.angles = (
+            twin.GetOutputPort(name).size() for name in ("measured_temperature", "bend_angle")
+        )
+        if self.channels > MOST_CHANNELS or self.angles > MOST_ANGLES:
             raise LimbError(
-                f"An emulated board is for {CHANNELS} wires and one bend sensor; this limb has "
-                f"{num_wires} wires in {num_segments} segment{'s' * (num_segments != 1)}."
+                f"An emulated board has at most {MOST_CHANNELS} channels and {MOST_ANGLES} bend "
+                f"angles; this limb has {self.channels} wires and {self.angles} bend angles."
             )
         self._clock, self._start = clock, clock()
         self._on_duty = on_duty
-        self._duty = [0.0, 0.0]
-        self._twin = twin
+        self._duty = [0.0] * self.channels
+        self._twin, limb = twin, twin.parameters
+        self._sensors = [limb.segments[n].bend_sensor for n in Layout(limb).bend_segment]
         self._simulator = make_simulator(twin, twin.accuracy)
         self._context = self._simulator.get_mutable_context()
         twin.without_cut_out(self._context)  # the firmware is what switches off
-        self._input = twin.GetInputPort("duty").FixValue(self._context, [0, 0])
+        self._input = twin.GetInputPort("duty").FixValue(self._context, self._duty)
         self._simulator.Initialize()
         self.to_host, self.from_host = bytearray(), bytearray()
         self.serial_number = twin.specimen.board.serial_number.encode()
@@ -89,15 +93,15 @@ class EmulatedBoard:
 
     def mend(self) -> None:
         """Removes all faults of sensors."""
-        self.thermocouples = [Thermocouple(), Thermocouple()]
+        self.thermocouples = [Thermocouple() for _ in range(self.channels)]
         self._faulty_since = self._clock()
         self._stopped_at: int | None = None
         self.frozen_bend: bytes | None = None
-        self.stuck_bend: float | None = None  # degrees, on which there is noise
+        self.stuck_bend: list[float] = []  # degrees of each angle, on which there is noise
         self.bend_is_silent = False
         self.heat_share = 1.0  # of the heat that the duty asks for, by a supply that is another
         self.chill = 0.0  # °C, by which amplifiers read their own temperature too low
-        self.shorted = [False, False]  # MOSFETs
+        self.shorted = [False] * self.channels  # MOSFETs
         self._heat()
 
     def fail(self, wire: int, **faults: Any) -> None:
@@ -164,19 +168,21 @@ class EmulatedBoard:
     def read_bend(self) -> bytes:
         if self.bend_is_silent:
             return b""
-        sensor = self._twin.parameters.segments[0].bend_sensor
-        tangent = np.rad2deg(sensor.reading(self.reading("bend_angle")[0]))
-        if self.stuck_bend is not None:
-            noise = float(np.rad2deg(sensor.reading(sensor.noise)))
-            tangent = self.stuck_bend + random.gauss(0.0, noise)
-        tangent += random.gauss(0.0, 0.05)  # below the twin's steps, like every converter's
-        data = struct.pack("<bh", 0, round(64 * tangent))
+        data = b"\0"
+        for angle, bend_angle in enumerate(self.reading("bend_angle")):
+            sensor = self._sensors[angle]
+            tangent = np.rad2deg(sensor.reading(bend_angle))
+            if self.stuck_bend:
+                noise = float(np.rad2deg(sensor.reading(sensor.noise)))
+                tangent = self.stuck_bend[angle] + random.gauss(0.0, noise)
+            tangent += random.gauss(0.0, 0.05)  # below the twin's steps, like every converter's
+            data += struct.pack("<h", round(64 * tangent))
         return data if self.frozen_bend is None else self.frozen_bend
 
     def set_duty(self, wire: int, duty: float) -> None:
         self._duty[wire] = duty
         self._heat()
-        self._on_duty(*self._duty)
+        self._on_duty(self._duty)
 
     def keep_supply(self) -> None:
         self._held = self._clock()
@@ -189,7 +195,7 @@ class EmulatedBoard:
 
     def reset(self, cause: int) -> None:
         """Resets the board, for one of the causes that `firmware` lists."""
-        for wire in range(CHANNELS):
+        for wire in range(self.channels):
             self.set_duty(wire, 0.0)  # as pins of a board in reset
         if cause == POWER_ON:
             self.remembered = 0
@@ -201,7 +207,7 @@ class EmulatedBoard:
         return self._twin.GetOutputPort(name).Eval(self._context)
 
     def wire_temperature(self) -> np.ndarray:
-        """T (2), °C, which no board can read."""
+        """T (W), °C, which no board can read."""
         wires = self._twin.GetSubsystemByName("shape_memory_wires")
         return wires.GetOutputPort("wire_temperature").Eval(
             wires.GetMyContextFromRoot(self._context)

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,6 @@ TURN = 0.001  # s, between two passes of the firmware's loop
 LONGEST_PASS = 0.05  # s, by which the board's clock goes on in one
 LONGEST_DELAY = 3.0  # s, of a buffer that is full
 WATCHDOG = 200  # ms of the board's one clock, as that of board_nrf52dk.py
-SIDES = {"left": 0, "right": 1}
 # Of a thermocouple and its amplifier, which sends nothing if dead, and a reserved bit if garbled.
 FAULTS: dict[str, dict[str, Any]] = {
     "open": {"faults": 1},
@@ -147,6 +146,7 @@ class Emulation:
                 wait for what takes long.
         """
         self._cable, self._on_event, self._time = cable, on_event, clock
+        self._wire_names = twin.parameters.wire_names
         self._clock = BoardClock(clock)
         self.board = EmulatedBoard(twin, self._report_duty, self._clock)
         self._lines = BadLine(self._clock), BadLine(self._clock)  # from and to the host
@@ -183,7 +183,7 @@ class Emulation:
         self._on_event(event="order", order=order.strip(), time=self._time())
 
     def _obey(self, words: list[str]) -> None:
-        board, lines = self.board, self._lines
+        board, lines, wire = self.board, self._lines, self._wire_names.index
         match words:
             case ["drop" | "corrupt" | "duplicate" | "reorder" as damage, rate]:
                 for line in lines:
@@ -204,21 +204,21 @@ class Emulation:
             case ["freeze", "bend"]:
                 board.frozen_bend = board.read_bend()
             case ["stick", "bend", *degrees]:
-                (now,) = np.rad2deg(board.reading("bend_angle"))
-                board.stuck_bend = float(degrees[0]) if degrees else now
+                now = np.rad2deg(board.reading("bend_angle")).tolist()
+                board.stuck_bend = [float(degrees[0])] * len(now) if degrees else now
             case ["silence"]:
                 board.bend_is_silent = True
-            case ["freeze", side]:
-                now = board.reading("measured_temperature")[SIDES[side]]
-                board.fail(SIDES[side], frozen=now)
-            case ["short", side]:
-                board.shorted[SIDES[side]] = True
-            case [fault, side] if fault in FAULTS:
-                board.fail(SIDES[side], **FAULTS[fault])
-            case ["share" | "offset" | "drift" as field, side, value]:
-                board.fail(SIDES[side], **{field: float(value)})
-            case ["jitter", side, value]:
-                board.fail(SIDES[side], noise=float(value))
+            case ["freeze", name]:
+                now = board.reading("measured_temperature")[wire(name)]
+                board.fail(wire(name), frozen=now)
+            case ["short", name]:
+                board.shorted[wire(name)] = True
+            case [fault, name] if fault in FAULTS:
+                board.fail(wire(name), **FAULTS[fault])
+            case ["share" | "offset" | "drift" as field, name, value]:
+                board.fail(wire(name), **{field: float(value)})
+            case ["jitter", name, value]:
+                board.fail(wire(name), noise=float(value))
             case ["weaken", share]:
                 board.heat_share = float(share)
             case ["chill", value]:
@@ -250,20 +250,21 @@ class Emulation:
         self._recorded = (self._recorded + data)[-4096:]
         return data
 
-    def _report_duty(self, left: float, right: float) -> None:
-        self._on_event(event="duty", left=left, right=right, time=self._time())
+    def _report_duty(self, duty: Sequence[float]) -> None:
+        by_name = dict(zip(self._wire_names, duty, strict=True))
+        self._on_event(event="duty", **by_name, time=self._time())
 
 
 ORDERS = (
     "drop RATE, corrupt RATE, duplicate RATE, reorder RATE, delay SECONDS, "
     "creep SECONDS_PER_S, noise BYTES (cable); "
-    "open SIDE, ground SIDE, supply SIDE, dead SIDE, garbled SIDE, hot SIDE, freeze SIDE, "
-    "detach SIDE, reverse SIDE, share SIDE SHARE, offset SIDE CELSIUS, "
-    "drift SIDE CELSIUS_PER_S, jitter SIDE CELSIUS, chill CELSIUS (thermocouples and "
+    "open WIRE, ground WIRE, supply WIRE, dead WIRE, garbled WIRE, hot WIRE, freeze WIRE, "
+    "detach WIRE, reverse WIRE, share WIRE SHARE, offset WIRE CELSIUS, "
+    "drift WIRE CELSIUS_PER_S, jitter WIRE CELSIUS, chill CELSIUS (thermocouples and "
     "amplifiers); "
-    "freeze bend, stick bend [DEGREES], silence (bend sensor); weaken SHARE, short SIDE "
+    "freeze bend, stick bend [DEGREES], silence (bend sensor); weaken SHARE, short WIRE "
     "(supply and MOSFETs); stall SECONDS, stop clock, reset, restart (board); unplug, replay, "
-    "mend, cool; SIDE is left or right"
+    "mend, cool; WIRE is a wire's name, such as left"
 )
 
 

@@ -5,7 +5,7 @@ They are written after what such sketches do, and know nothing of how the host d
 
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -55,7 +55,12 @@ class EmulatedSketch:
             kind: one of `KINDS`.
             twin, cable, on_event, clock: as for `Emulation`; the event "line" has each
                 ``text`` that came in.
+
+        Raises:
+            LimbError: if the limb has another number of wires than two.
         """
+        if (wires := len(twin.parameters.wires)) != 2:
+            raise LimbError(f"An emulated sketch is for two wires; this limb has {wires}.")
         self._kind, self._cable, self._on_event, self._clock = kind, cable, on_event, clock
         self.board = EmulatedBoard(twin, self._report_duty, clock)
         self._sensor = twin.parameters.segments[0].bend_sensor
@@ -124,5 +129,6 @@ class EmulatedSketch:
         said = self._said or f"[MPR]: {right:.2f} {left:.2f} {bend:.2f} 0"
         self._cable.write(f"{said}\r\n".encode())
 
-    def _report_duty(self, left: float, right: float) -> None:
+    def _report_duty(self, duty: Sequence[float]) -> None:
+        left, right = duty
         self._on_event(event="duty", left=left, right=right, time=self._clock())

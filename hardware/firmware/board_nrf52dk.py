@@ -6,22 +6,27 @@ of this MicroPython are worked around here. See `firmware` for what a board is.
 
 import machine
 
-HEATERS = (11, 12)  # P0.11, P0.12: gates of the MOSFETs of left and right
-CHIP_SELECTS = (3, 4)  # P0.03, P0.04: MAX31855 of left and right
+WIRES = 2  # up to six, of which the chip has pins here for PWM and chip selects
+AXES = 1  # bend angles of each bend sensor
+# P0.11 to P0.16: gates of the MOSFETs of left and right, and of further wires
+HEATERS = (11, 12, 13, 14, 15, 16)[:WIRES]
+# P0.03, P0.04, P0.28 to P0.31: MAX31855 of left and right, and of further wires
+CHIP_SELECTS = (3, 4, 28, 29, 30, 31)[:WIRES]
 SUPPLY = 22  # P0.22: the charge pump that holds the relay in the wires' supply
 SCK, MOSI, MISO = 25, 23, 24  # P0.25, P0.23, P0.24; the amplifiers have no MOSI
 SCL, SDA = 27, 26  # P0.27, P0.26
-BEND_ADDRESS = 0x12
+BEND_ADDRESSES = (0x12,)  # of the bend sensors, the one at the base first
 PWM_FREQUENCY = 1000  # Hz
 
-_PWM_ENABLE = 0x4001C500  # of the device 0, which drives both gates
+_PWM_ENABLES = (0x4001C500, 0x40021500)  # of the devices, each of which drives four gates
 
 
 def gates_low():
-    """Holds both gates low, also if the PWM has them, which goes on without the program."""
+    """Holds all gates low, also if the PWM has them, which goes on without the program."""
     for pin in HEATERS:
         machine.Pin(pin, machine.Pin.OUT, value=0)
-    machine.mem32[_PWM_ENABLE] = 0
+    for enable in _PWM_ENABLES[: (WIRES + 3) // 4]:
+        machine.mem32[enable] = 0
 
 
 gates_low()  # before the other imports, which take a while on the board
@@ -65,12 +70,15 @@ _RUNS_BY_CRYSTAL = 1 << 16 | _CRYSTAL
 _RAM = 0x2000E000
 _RAM_KEY = 0x5AC396  # in the upper 24 bits; after power-up they are random
 
-_ROOM = 128  # bytes that wait to be sent: two of the longest frames
+_FRAMES = 1 if (WIRES, AXES * len(BEND_ADDRESSES)) == (2, 1) else 2 + (WIRES - 1) // 4
+_ROOM = 128 * _FRAMES  # bytes that wait to be sent: two of the longest samples
 _DRAIN_PASSES = 200  # in one call, some ms: no clock, as that may stand still; a byte takes 87 us
 
 
 class Board:
     """See `firmware` for what a board is."""
+
+    channels, angles = WIRES, AXES * len(BEND_ADDRESSES)
 
     def __init__(self):
         self._take_crystal()  # before the watchdog, from which on no other can be chosen
@@ -101,15 +109,18 @@ class Board:
         self._frame = bytearray(4)
         # Without a device, a second PWM would write past the end of a table of this MicroPython.
         self._heaters = [
-            machine.PWM(machine.Pin(pin), freq=PWM_FREQUENCY, duty_ns=0, device=0, channel=channel)
-            for channel, pin in enumerate(HEATERS)
+            machine.PWM(
+                machine.Pin(pin), freq=PWM_FREQUENCY, duty_ns=0, device=n // 4, channel=n % 4
+            )
+            for n, pin in enumerate(HEATERS)
         ]
         self._now = 0
         self._ticks = time.ticks_ms()
-        try:
-            self._i2c.writeto(BEND_ADDRESS, b"\x00\x01\x00")  # run freely
-        except OSError:
-            pass  # its silence is noticed at the first sample
+        for address in BEND_ADDRESSES:
+            try:
+                self._i2c.writeto(address, b"\x00\x01\x00")  # run freely
+            except OSError:
+                pass  # its silence is noticed at the first sample
 
     def _take_crystal(self):
         if machine.mem32[_CLOCK_STATE] & 0x10003 == _RUNS_BY_CRYSTAL:
@@ -172,10 +183,14 @@ class Board:
         return bytes(self._frame)
 
     def read_bend(self):
+        data = b"\0"
         try:
-            return self._i2c.readfrom(BEND_ADDRESS, 3)
+            for address in BEND_ADDRESSES:
+                answer = self._i2c.readfrom(address, 1 + 2 * AXES)
+                data += answer[1:] if answer[0] == 0 else b""
         except OSError:
             return b""
+        return data
 
     def set_duty(self, wire, duty):
         # In ns, as a full duty_u16 is one count short of full in MicroPython 1.24.

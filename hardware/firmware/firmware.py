@@ -2,11 +2,13 @@
 
 A board is an object with
 
+- ``channels``: number of wires, each with its thermocouple; ``angles``: number of bend angles;
 - ``ticks()``: ms, counting on without wrapping;
 - ``receive()``: bytes from the host, maybe none;
 - ``send(data)``: bytes to the host, which may get lost; it does not wait;
 - ``read_thermocouple(wire)``: the 4 bytes of its MAX31855;
-- ``read_bend()``: the 3 bytes of the bend sensor, or none if it is silent;
+- ``read_bend()``: the 3 bytes of the bend sensor, with 2 more for each angle after the first,
+  or none if one is silent;
 - ``set_duty(wire, duty)``: PWM, duty in [0, 1];
 - ``keep_supply()``: holds the relay in the wires' supply for some passes of the loop;
 - ``feed()``: the watchdog;
@@ -17,8 +19,6 @@ A board is an object with
 
 from . import guard, protocol, readings
 
-FIRMWARE_VERSION = 3
-CHANNELS = 2  # wires, each with its thermocouple
 SAMPLE_PERIOD = 50  # ms
 LONGEST_STANDSTILL = 50  # passes of the loop, in which the clock must go on
 THERMOCOUPLE_TURN = 2  # samples: a MAX31855 needs 100 ms between readings to convert
@@ -32,24 +32,28 @@ class Firmware:
     """The board's program, in steps."""
 
     def __init__(self, board):
-        self._board = board
-        self._parser = protocol.Parser(
-            (protocol.HELLO, protocol.ARM, protocol.COMMAND, protocol.DISARM, protocol.CLEAR)
-        )
+        channels, angles, frames = board.channels, board.angles, protocol
+        self._board, self._wires, self._dialect = board, range(channels), None
+        if (channels, angles) != (2, 1):
+            from . import wide as frames  # only where it is needed, as it takes memory
+
+            self._dialect = frames.Dialect(channels, angles)
+        self._encode, self._version = frames.encode, frames.VERSION
+        self._parser = protocol.Parser(frames.KINDS, {self._version: frames.FORMATS})
         now = board.ticks()
         reason = _REASONS.get(board.reset_cause, guard.RESTARTED)
         if board.reset_cause != POWER_ON and board.remembered >= guard.LATCHING:
             reason = board.remembered
-        self.guard = guard.Guard(now, board.random, reason)
+        self.guard = guard.Guard(now, board.random, reason, channels, angles)
         self._remembered = board.remembered
         self._next = self._now = now
         self._standing = 0  # passes, for which the clock stood still
         self._sequence = 0
-        self._quarters = [0, 0]
-        self._junctions = [0, 0]
-        self._faults = [0, 0]
-        self._bend = None
-        self._applied = [None, None]
+        self._quarters = [0] * channels
+        self._junctions = [0] * channels
+        self._faults = [0] * channels
+        self._bends = None
+        self._applied = [None] * channels
         self._apply()
 
     def step(self):
@@ -75,10 +79,12 @@ class Firmware:
             board.feed()  # only here: sensors were read, and the guard has seen it
 
     def _handle(self, kind, values, now):
+        if self._dialect and self._dialect.handle(kind, values, self.guard, now):
+            return
         if kind == protocol.COMMAND:
             session, sequence, heard, left, right = values
             full = protocol.FULL_DUTY
-            self.guard.command(session, sequence, heard, left / full, right / full, now)
+            self.guard.command(session, sequence, heard, (left / full, right / full), now)
         elif kind == protocol.ARM:
             self.guard.arm(*protocol.read_arm_values(values), now)
         elif kind == protocol.DISARM:
@@ -86,33 +92,28 @@ class Firmware:
         elif kind == protocol.CLEAR:
             self.guard.clear(values[0])
         else:
-            self._board.send(
-                protocol.encode(
-                    protocol.INFO,
-                    FIRMWARE_VERSION,
-                    SAMPLE_PERIOD,
-                    int(4 * guard.TEMPERATURE_LIMIT),
-                    self._board.serial_number,
-                    CHANNELS,
-                    self._board.reset_cause,
-                )
-            )
+            board = self._board
+            info = [self._version, SAMPLE_PERIOD, int(4 * guard.TEMPERATURE_LIMIT)]
+            info += [board.serial_number, board.channels, board.reset_cause]
+            if self._dialect:
+                info += self._dialect.info()
+            board.send(self._encode(protocol.INFO, *info))
 
     def _read(self, now):
         board = self._board
         if self._sequence % THERMOCOUPLE_TURN == 0:
-            for wire in (0, 1):
+            for wire in self._wires:
                 reading = readings.thermocouple(board.read_thermocouple(wire))
                 self._faults[wire] = reading[2]
                 if not reading[2]:  # else it is no temperature, and the one before is kept
                     self._quarters[wire], self._junctions[wire] = reading[:2]
-        self._bend = readings.bend(board.read_bend())
+        self._bends = readings.bends(board.read_bend(), board.angles)
         temperatures = [quarters / 4 for quarters in self._quarters]
         junctions = [sixteenths / 16 for sixteenths in self._junctions]
-        self.guard.sample(now, temperatures, junctions, self._faults, self._bend)
+        self.guard.sample(now, temperatures, junctions, self._faults, self._bends)
 
     def _apply(self):
-        for wire in (0, 1):
+        for wire in self._wires:
             if self._applied[wire] != self.guard.duty[wire]:
                 self._applied[wire] = self.guard.duty[wire]
                 self._board.set_duty(wire, self._applied[wire])
@@ -123,21 +124,17 @@ class Firmware:
 
     def _send_sample(self, now):
         self._sequence = (self._sequence + 1) & 0xFFFF
-        frame = protocol.encode(
-            protocol.SAMPLE,
-            self._sequence,
-            now & 0xFFFFFFFF,
-            self.guard.challenge,
-            self.guard.state,
-            self.guard.reason,
-            self.guard.acknowledged & 0xFFFF,
-            self._quarters[0],
-            self._quarters[1],
-            0 if self._bend is None else self._bend,
-            int(protocol.FULL_DUTY * self._applied[0] + 0.5),
-            int(protocol.FULL_DUTY * self._applied[1] + 0.5),
-            self.guard.warmest(0),
-            self.guard.warmest(1),
-        )
+        subject = self.guard
+        header = [self._sequence, now & 0xFFFFFFFF, subject.challenge, subject.state]
+        header += [subject.reason, subject.acknowledged & 0xFFFF]
+        bends = [0] * self._board.angles if self._bends is None else list(self._bends)
+        ticks = [int(protocol.FULL_DUTY * duty + 0.5) for duty in self._applied]
+        most = [subject.warmest(wire) for wire in self._wires]
+        if self._dialect:
+            frames = self._dialect.encode_sample(header, self._quarters, bends, ticks, most)
+        else:
+            values = header + self._quarters + bends + ticks + most
+            frames = (protocol.encode(protocol.SAMPLE, *values),)
         for _ in (1, 2):  # one may get lost, and a host that hears nothing may not heat
-            self._board.send(frame)
+            for frame in frames:
+                self._board.send(frame)

@@ -57,53 +57,58 @@ STILL = 5000, 10000, 15000  # ms, for which a reading of a heated wire does not 
 LARGEST_JUMP = 10.0  # °C from one reading to the next
 SHORTFALL = 3.0  # °C, of a reading below the least that its wire's heat explains
 EXCESS = 15.0  # °C, of a reading above the most
-CROSSTALK = 0.25  # share of the other wire's temperature that may reach this one through the limb
+CROSSTALK = 0.25  # share of another wire's temperature that may reach this one through the limb
 COLD = 3.0  # °C above the room: wires whose readings must agree
 TOLERANCE = 8.0  # °C, of that agreement
 STUCK_SAMPLES = 10  # equal to the last bit, which a working bend sensor never sends
 MOVED = 3 * 64  # 1/64 degrees, by which the tip must turn when the wires'
 PULL = 60.0  # °C, of difference between right and left, change
-_CHANNELS = (0, 1)
+SHARES = ((-1.0, 1.0),)  # of the torques of left and right that turn the tip
 
 
 class Guard:
     """Holds the duty: reduces it where a wire gets hot, sets it to zero after any fault."""
 
-    def __init__(self, now, challenge, reason=POWER_UP):
+    def __init__(self, now, challenge, reason=POWER_UP, channels=2, angles=1):
         """now: ms. challenge: number that the next arming must repeat. reason: why it is off."""
+        self._wires, self._angles = range(channels), range(angles)
         self.state = DISARMED
         self.reason = reason
         self.challenge = challenge
         self.session = None
         self.acknowledged = 0
-        self.duty = [0.0, 0.0]
+        self.duty = [0.0] * channels
         # Nobody knows how warm the wires are after a reset.
         most = 0.0 if reason == POWER_UP else heat.HIGHEST_RISE
-        self.observers = [heat.WireObserver(most) for _ in _CHANNELS]
+        self.observers = [heat.WireObserver(most) for _ in self._wires]
         # Nor, after any start, what thermocouples are worth until each has followed some heat.
-        self.proven = [False, False]
-        self._unheated = [0.0, 0.0]
-        self._readings, self._moved = [None, None], [now, now]
-        self._asked, self._allowed, self._total = [0.0, 0.0], [0.0, 0.0], 0.0
-        self._given, self._since = [0.0, 0.0], now  # duty times ms since the last sample
+        self.proven = [False] * channels
+        self._unheated = [0.0] * channels
+        self._readings, self._moved = [None] * channels, [now] * channels
+        self._asked, self._allowed, self._total = [0.0] * channels, [0.0] * channels, 0.0
+        self._given, self._since = [0.0] * channels, now  # duty times ms since the last sample
         self._heard, self._answered, self._late = now, now, False
         self._samples, self._sampled, self._faulty = 0, now, False
         self._temperatures = self._averages = self._trends = self._junctions = None
-        self._offsets, self._rooms = [0.0, 0.0], [0.0, 0.0]
-        self._hot = [0, 0]
-        self._bend, self._alike = None, 0
-        self._tip, self._tip_before, self._pulls = None, 0.0, (0.0, 0.0)  # since it moved
+        self._offsets, self._rooms = [0.0] * channels, [0.0] * channels
+        self._hot = [0] * channels
+        self._bends, self._alike = [None] * angles, [0] * angles
+        self._tips, self._tips_before = [None] * angles, [0.0] * angles
+        self._shares = SHARES if (channels, angles) == (2, 1) else ((0.0,) * channels,) * angles
+        self._pulls = [(0.0, 0.0)] * angles  # least and largest since it moved
 
-    def arm(self, challenge, bounds, total, now):
+    def arm(self, challenge, bounds, total, now, shares=SHARES):
         """Arms the board if the host repeats the challenge, nothing is latched and sensors agree.
 
-        bounds: bounds of left and right, see `heat`; total: largest sum of both duties.
+        bounds: bounds of each wire, see `heat`; total: largest sum of all duties; shares: for
+        each angle, those of the wires' torques that turn it.
         """
         if challenge != self.challenge or self.state == ARMED or self.reason >= LATCHING:
             return
         if self._samples < SETTLING_SAMPLES or self._faulty:
             return
-        if not 0.0 < total <= 2.0 or not all(
+        whole = len(bounds) == len(self.duty) and 0.0 < total <= len(self.duty)
+        if not whole or not all(
             heat.acceptable(bound) and heat.shown(bound, total) for bound in bounds
         ):
             self.reason = BAD_BOUNDS
@@ -115,23 +120,27 @@ class Guard:
         self.session, self.acknowledged = challenge, 0
         self._heard, self._answered, self._late = now, now, False
         self._total = total
+        if shares != self._shares:
+            self._shares = shares
+            self._pulls = [(pull, pull) for pull in map(self._pull, self._angles)]
         for observer, bound in zip(self.observers, bounds):
             observer.bounds = bound
 
     def _agree(self):
-        """Whether cold wires and both amplifiers have the same temperature, that of a room."""
-        cold = [self._averages[n] for n in _CHANNELS if self.observers[n].most < COLD]
+        """Whether cold wires and all amplifiers have the same temperature, that of a room."""
+        cold = [self._averages[n] for n in self._wires if self.observers[n].most < COLD]
         cold += self._junctions
         return max(cold) - min(cold) <= TOLERANCE and min(self._junctions) >= COLDEST_ROOM
 
-    def command(self, session, sequence, heard, left, right, now):
+    def command(self, session, sequence, heard, duty, now):
         """Takes a duty if it is newer than any before in this session.
 
-        heard: time of the newest sample that the host had, ms modulo 2**32.
+        heard: time of the newest sample that the host had, ms modulo 2**32; duty: of each wire,
+        and maybe zeros.
         """
         if self.state != ARMED or session != self.session or sequence <= self.acknowledged:
             return
-        if not (0.0 <= left <= 1.0 and 0.0 <= right <= 1.0):
+        if min(duty) < 0.0 or max(duty) > 1.0 or any(duty[len(self.duty) :]):
             self.trip(OUT_OF_RANGE, now)
             return
         age = (now - heard) & 0xFFFFFFFF
@@ -140,7 +149,7 @@ class Guard:
             return
         self.acknowledged = sequence
         self._heard, self._answered, self._late = now, max(self._answered, now - age), False
-        self._asked = [left, right]
+        self._asked = list(duty)
         self._apply(now)
 
     def disarm(self, now):
@@ -161,20 +170,23 @@ class Guard:
         ):
             self.trip(LATE_COMMANDS if self._late else NO_COMMAND, now)
 
-    def sample(self, now, temperatures, junctions, faults, bend):
+    def sample(self, now, temperatures, junctions, faults, bends):
         """Checks a sample of all sensors.
 
-        temperatures: readings, left and right, °C; junctions, faults: temperatures, °C, and fault
-        bits of their amplifiers; bend: raw reading, or None if the sensor does not answer.
+        temperatures: readings of each wire, °C; junctions, faults: temperatures, °C, and fault
+        bits of their amplifiers; bends: raw readings, or None if a sensor does not answer.
         """
         self._faulty = False
         self._account(now)
         elapsed = now - self._sampled
         self._average(temperatures, junctions, elapsed)
-        for wire in _CHANNELS:
+        for wire in self._wires:
             self._check_wire(wire, temperatures[wire], faults[wire], elapsed, now)
-        self._check_bend(bend, elapsed, now)
-        self._given = [0.0, 0.0]
+        if bends is None:
+            self.trip(BEND_SILENT, now)
+        for angle in self._angles if bends else ():
+            self._check_bend(angle, bends[angle], elapsed, now)
+        self._given = [0.0] * len(self.duty)
         self._temperatures, self._sampled = list(temperatures), now
         self._samples += 1
         self._apply(now)
@@ -185,12 +197,12 @@ class Guard:
             self._averages, self._junctions = list(temperatures), list(junctions)
             self._trends = list(temperatures)
         share = min(1.0, elapsed / AVERAGING_TIME)
-        for wire in _CHANNELS:
+        for wire in self._wires:
             self._averages[wire] += share * (temperatures[wire] - self._averages[wire])
             self._trends[wire] += share * (self._averages[wire] - self._trends[wire])
             self._junctions[wire] += share * (junctions[wire] - self._junctions[wire])
-        self._amplifiers = (self._junctions[0] + self._junctions[1]) / 2
-        for wire in _CHANNELS:
+        self._amplifiers = sum(self._junctions) / len(self._junctions)
+        for wire in self._wires:
             offset = self._averages[wire] - self._amplifiers
             if offset < -TOLERANCE:
                 self.trip(BELOW_ROOM, self._since)
@@ -228,7 +240,11 @@ class Guard:
         ahead = self._averages[wire] + rise  # of its thermocouple, as the wire is
         if ahead > TEMPERATURE_LIMIT + OVERSHOOT:
             self.trip(OVER_TEMPERATURE, now)
-        if ahead - room > observer.most + EXCESS + CROSSTALK * self.observers[1 - wire].most:
+        others = 0.0
+        for other in self._wires:
+            if other != wire:
+                others = max(others, self.observers[other].most)
+        if ahead - room > observer.most + EXCESS + CROSSTALK * others:
             self.trip(TOO_WARM, now)
         # Its supply may give more heat than the most, which a thermocouple that lags shows late.
         outdone = temperature + OUTDONE * observer.hidden
@@ -257,38 +273,44 @@ class Guard:
             self.trip(NOT_WARMING, now)
         return (end - still) / (end - begin)
 
-    def _check_bend(self, bend, elapsed, now):
-        if bend is None:
-            self.trip(BEND_SILENT, now)
-            return
-        self._alike = self._alike + 1 if bend == self._bend else 0
-        if self._alike >= STUCK_SAMPLES:
+    def _pull(self, angle):
+        """How much warmer the wires that turn an angle one way are than others, at least, °C."""
+        pull = 0.0
+        for wire in self._wires:
+            pull += self._shares[angle][wire] * self.observers[wire].least
+        return pull
+
+    def _check_bend(self, angle, bend, elapsed, now):
+        self._alike[angle] = self._alike[angle] + 1 if bend == self._bends[angle] else 0
+        if self._alike[angle] >= STUCK_SAMPLES:
             self.trip(BEND_STUCK, now)
-        self._bend = bend
-        if self._tip is None:
-            self._tip = bend
-        self._tip += min(1.0, elapsed / AVERAGING_TIME) * (bend - self._tip)
-        pull = self.observers[1].least - self.observers[0].least
-        if abs(self._tip - self._tip_before) > MOVED:
-            self._tip_before, self._pulls = self._tip, (pull, pull)
-        self._pulls = min(self._pulls[0], pull), max(self._pulls[1], pull)
-        if self._pulls[1] - self._pulls[0] > PULL:
+        self._bends[angle] = bend
+        tip = bend if self._tips[angle] is None else self._tips[angle]
+        tip += min(1.0, elapsed / AVERAGING_TIME) * (bend - tip)
+        self._tips[angle] = tip
+        pull = self._pull(angle)
+        low, high = self._pulls[angle]
+        if abs(tip - self._tips_before[angle]) > MOVED:
+            self._tips_before[angle], low, high = tip, pull, pull
+        low, high = min(low, pull), max(high, pull)
+        self._pulls[angle] = low, high
+        if high - low > PULL:
             self.trip(BEND_STUCK, now)
 
     def _account(self, now):
         """Counts the heat that the wires were given up to now."""
-        for wire in _CHANNELS:
+        for wire in self._wires:
             self._given[wire] += self.duty[wire] * (now - self._since)
         self._since = now
 
     def _apply(self, now):
         """Sets the duty to what was asked for, as far as temperatures and power allow it."""
         self._account(now)
-        for wire in _CHANNELS:
+        for wire in self._wires:
             self.duty[wire] = min(self._asked[wire], self._allowed[wire])
-        total = self.duty[0] + self.duty[1]
+        total = sum(self.duty)
         if total > self._total:
-            for wire in _CHANNELS:
+            for wire in self._wires:
                 self.duty[wire] *= self._total / total
 
     def warmest(self, wire):
@@ -299,7 +321,7 @@ class Guard:
 
     def trip(self, reason, now):
         """Switches off. The first latching reason is kept; others are replaced by newer ones."""
-        self._asked = [0.0, 0.0]
+        self._asked = [0.0] * len(self.duty)
         self._apply(now)
         self._faulty = self._faulty or reason >= LATCHING
         if self.reason < LATCHING:

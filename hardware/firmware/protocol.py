@@ -1,5 +1,7 @@
 """Frames between host and board: docs/protocol.md in code, for both sides.
 
+Those here are for boards with two wires and one bend angle; `wide` has all others'.
+
 Runs under MicroPython and CPython alike, hence the plain style.
 """
 
@@ -11,11 +13,11 @@ FULL_DUTY = 10000  # a duty of 1 in a frame
 HEATING_SCALE, RATE_SCALE = 100, 1000  # of a2, and of a1 and a3, in a frame
 
 # From the host to the board.
-HELLO, ARM, COMMAND, DISARM, CLEAR = 0x01, 0x02, 0x03, 0x04, 0x05
+HELLO, ARM, COMMAND, DISARM, CLEAR = KINDS = 0x01, 0x02, 0x03, 0x04, 0x05
 # From the board to the host.
 INFO, SAMPLE = 0x81, 0x82
 
-_FORMATS = {
+FORMATS = {
     HELLO: "<",  # nothing
     # challenge, then of left and of right: a1 (slowest, fastest) in 1/1000 1/s, a2 (least, most) in
     # 1/100 °C/s, a3 (slowest) in 1/1000 1/s; largest sum of duties in 1/10000
@@ -33,7 +35,7 @@ _FORMATS = {
     SAMPLE: "<HIHBBHhhhHHBB",
 }
 
-_BOUNDS = RATE_SCALE, RATE_SCALE, HEATING_SCALE, HEATING_SCALE, RATE_SCALE  # of a wire
+BOUND_SCALES = RATE_SCALE, RATE_SCALE, HEATING_SCALE, HEATING_SCALE, RATE_SCALE  # of a wire
 
 _FLAG, _ESCAPE, _FLIP = 0x7E, 0x7D, 0x20
 _ESCAPED = (_FLAG, _ESCAPE, 0x03)  # 0x03 interrupts a MicroPython that is at its prompt
@@ -70,7 +72,12 @@ def crc32(data):
 
 def encode(kind, *values):
     """The bytes of one frame."""
-    body = bytes((VERSION, kind)) + struct.pack(_FORMATS[kind], *values)
+    return frame(VERSION, kind, struct.pack(FORMATS[kind], *values))
+
+
+def frame(version, kind, payload):
+    """The bytes of a frame of any version."""
+    body = bytes((version, kind)) + payload
     body += crc32(body)
     frame = bytearray((_FLAG,))
     for byte in body:
@@ -82,37 +89,29 @@ def encode(kind, *values):
     return bytes(frame)
 
 
-def arm_values(challenge, bounds, total):
-    """Values of an ARM.
-
-    bounds: bounds of left and right, see `heat`; total: largest sum of both duties.
-    """
-    values = [challenge]
-    for wire in bounds:
-        values += [int(value * scale + 0.5) for value, scale in zip(wire, _BOUNDS)]
-    values.append(int(min(total, 2.0) * FULL_DUTY + 0.5))  # two wires cannot have more
-    return values
-
-
 def read_arm_values(values):
     """Challenge, bounds and total of an ARM's values."""
-    bounds = [
-        tuple([value / scale for value, scale in zip(values[start : start + 5], _BOUNDS)])
-        for start in (1, 6)
-    ]
+    bounds = [read_bounds(values[start : start + 5]) for start in (1, 6)]
     return values[0], bounds, values[11] / FULL_DUTY
+
+
+def read_bounds(values):
+    """A wire's bounds from those in a frame."""
+    return tuple([value / scale for value, scale in zip(values, BOUND_SCALES)])
 
 
 class Parser:
     """Finds frames in a stream that may contain other bytes.
 
-    ``rejected`` counts what looked like frames and were none. ``other_version``
-    is the version of the last frame of another version, None if none came.
+    ``rejected`` counts what looked like frames and were none. ``version`` is that
+    of the last frame. ``other_version`` is the version of the last frame of
+    another version, None if none came.
     """
 
-    def __init__(self, kinds):
-        """kinds: of the frames that are accepted."""
-        self._kinds = kinds
+    def __init__(self, kinds, formats=None):
+        """kinds: of the frames that are accepted; formats: of their versions, if not of 3."""
+        self._kinds, self._formats = kinds, formats or {VERSION: FORMATS}
+        self.version = min(self._formats)
         self._body = bytearray()
         self._escaping = False
         self._lost = True  # until the first flag
@@ -157,9 +156,12 @@ class Parser:
         body = bytes(self._body)
         if len(body) < 6 or body[-4:] != crc32(body[:-4]):
             self.rejected += 1
-        elif body[0] != VERSION:
+        elif body[0] not in self._formats:
             self.other_version = body[0]
-        elif body[1] not in self._kinds or struct.calcsize(_FORMATS[body[1]]) != len(body) - 6:
-            self.rejected += 1
         else:
-            frames.append((body[1], struct.unpack(_FORMATS[body[1]], body[2:-4])))
+            form = self._formats[body[0]].get(body[1]) if body[1] in self._kinds else None
+            if form is None or struct.calcsize(form) != len(body) - 6:
+                self.rejected += 1
+                return
+            self.version = body[0]
+            frames.append((body[1], struct.unpack(form, body[2:-4])))

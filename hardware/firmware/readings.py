@@ -29,11 +29,11 @@ def _signed(bits, width):
     return bits - (1 << width) if bits >> (width - 1) else bits
 
 
-def bend(data):
-    """Tip tangent angle in 1/64 degrees from the 3 bytes of a Bend Labs sensor; None if invalid.
+def bends(data, angles=1):
+    """Tip tangent angles in 1/64 degrees from the bytes of Bend Labs sensors; None if invalid.
 
-    A sample is the byte 0 and a signed 16-bit number, low byte first.
+    A sample is the byte 0 and a signed 16-bit number for each angle, low byte first.
     """
-    if len(data) != 3 or data[0] != 0:
+    if len(data) != 1 + 2 * angles or data[0] != 0:
         return None
-    return struct.unpack("<h", data[1:])[0]
+    return struct.unpack(f"<{angles}h", data[1:])

@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from hardware.robot.heat_rates import HeatRates, fit_heat_rates, warmth
-from hardware.robot.link import BoardLink
-from limb_systems import LimbParameters, bend_angle_from_tip_tangent
+from hardware.robot.link import BoardLink, check_fit, shares_of
+from limb_systems import Layout, LimbParameters, bend_angle_from_tip_tangent
 from limb_systems.model.heat_bounds import SPREAD
 from limb_systems.simulation import PERIOD
 
@@ -18,14 +18,13 @@ BEND_DUTY, BEND_TIME, BEND_RISE = 0.2, 20.0, 45.0
 REST = 15.0  # s after each of these, for the thermocouple's lag, and to cool
 MARGIN = 0.5  # share by which bounds are wider than what the first degrees showed
 BEND, ENOUGH_BEND = np.deg2rad(1.0), np.deg2rad(6.0)  # at least, and to compare wires by
-ALIKE = 0.75  # share of what the other wire shows for its heat and its bend, at least
-SIDES = ("left", "right")
+ALIKE = 0.75  # share of what another wire shows for its heat and its bend, at least
 WHAT_TO_DO = (
     "Either its thermocouple shows a share of its rise, or its wire gets less heat or bends more "
-    "than the other. Bond the thermocouple anew, and compare resistances and thermocouples' types."
+    "than another. Bond the thermocouple anew, and compare resistances and thermocouples' types."
 )
 
-# Samples while one wire is heated: duty (K, 2), V (K, 2), °C, and φ (K), rad.
+# Samples while a wire is heated: duty (K, W), V (K, W), °C, and the bend to its own side (K), rad.
 Heating = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
@@ -35,9 +34,10 @@ def check_wires(
     """Whether sensors are alive and each wire does what it should.
 
     Each wire is warmed by some degrees, with a little duty and bounds for any limb. It must warm
-    its own thermocouple, more than the other. Then, with bounds around what that showed, each
+    its own thermocouple, more than any other. Then, with bounds around what that showed, each
     is heated until the limb bends: it must do so to the wire's own side. What a thermocouple shows
-    for the heat, and for the bend, must be like the other's. The board is disarmed at the end.
+    for the heat, and for the bend, must be like that of others in its segment. The board is
+    disarmed at the end.
 
     Args:
         link: connection to the board.
@@ -46,8 +46,10 @@ def check_wires(
 
     Raises:
         HardwareError: if the board fails on the way.
+        LimbError: if the board has not as many channels as the limb has wires.
     """
     passed, parameters = True, parameters or LimbParameters()
+    names = parameters.wire_names
 
     def judge(good: bool, what: str) -> None:
         nonlocal passed
@@ -56,28 +58,35 @@ def check_wires(
         say(good, what)
 
     info = link.info()
+    check_fit(parameters, info, link.port)
     judge(True, f"board {info.serial_number} answers, firmware {info.firmware_version}")
     samples = [link.next_sample() for _ in range(10)]
-    for side, V in zip(SIDES, np.mean([s.temperature for s in samples], axis=0), strict=True):
+    for side, V in zip(names, np.mean([s.temperature for s in samples], axis=0), strict=True):
         judge(ROOM[0] < V < ROOM[1], f"{side} thermocouple reads {V:.1f} °C, as in a room")
-    bend = np.mean([bend_angle_from_tip_tangent(sample.tip_tangent) for sample in samples])
-    judge(abs(bend) < np.deg2rad(30.0), f"bend sensor reads {np.rad2deg(bend):+.1f}° at rest")
+    bends = np.mean([bend_angle_from_tip_tangent(s.tip_tangent) for s in samples], axis=0)
+    for bend in bends:
+        judge(abs(bend) < np.deg2rad(30.0), f"bend sensor reads {np.rad2deg(bend):+.1f}° at rest")
+    towards = shares_of(parameters).T
+
+    def heat(*how: float) -> list[Heating]:
+        return [_heat(link, wire, towards[wire], how) for wire in range(len(names))]
+
     if not passed:
         return False
     kinds = parameters.heat_bounds
     try:
-        link.arm([kind.around_any() for kind in kinds], min(CONTACT_TOTAL, parameters.total_duty))
-        contacts = [
-            _heat(link, wire, CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, np.inf) for wire in (0, 1)
-        ]
+        total = min(CONTACT_TOTAL, parameters.total_duty)
+        link.arm([kind.around_any() for kind in kinds], total)
+        contacts = heat(CONTACT_DUTY, CONTACT_TIME, CONTACT_RISE, np.inf)
         link.disarm()
-        for wire, (side, (_, temperatures, _)) in enumerate(zip(SIDES, contacts, strict=True)):
+        for wire, (side, (_, temperatures, _)) in enumerate(zip(names, contacts, strict=True)):
             rise = temperatures - temperatures[:5].mean(axis=0)
             warmest = np.argmax(rise[:, wire])
-            own, other = rise[warmest, wire], rise[warmest, 1 - wire]
+            own = rise[warmest, wire]
+            other = np.delete(rise[warmest], wire).max(initial=0.0)
             judge(
                 own > RISE and own > 2 * other,
-                f"{side} wire warms its own thermocouple by {own:.1f} °C, the other by "
+                f"{side} wire warms its own thermocouple by {own:.1f} °C, another by "
                 f"{other:.1f} °C",
             )
         if not passed:
@@ -90,41 +99,46 @@ def check_wires(
             [rate.bounds(kind, hottest, MARGIN) for rate, kind in zip(rates, kinds, strict=True)],
             parameters.total_duty,
         )
-        bends = [_heat(link, wire, BEND_DUTY, BEND_TIME, BEND_RISE, ENOUGH_BEND) for wire in (0, 1)]
+        bent = heat(BEND_DUTY, BEND_TIME, BEND_RISE, ENOUGH_BEND)
     finally:
         link.disarm()
-    for wire, (side, (_, _, bend)) in enumerate(zip(SIDES, bends, strict=True)):
-        towards = np.rad2deg(_towards(bend, wire).max())
+    for side, (_, _, bend) in zip(names, bent, strict=True):
+        degrees = np.rad2deg(_change(bend).max())
         judge(
-            towards > np.rad2deg(BEND),
-            f"{side} wire bends the limb by {towards:.1f}° to the {side}",
+            degrees > np.rad2deg(BEND),
+            f"{side} wire bends the limb by {degrees:.1f}° to its own side",
         )
     rates = [
-        _rates(heatings, wire) for wire, heatings in enumerate(zip(contacts, bends, strict=True))
+        _rates(heatings, wire) for wire, heatings in enumerate(zip(contacts, bent, strict=True))
     ]
-    _judge_heat([rate.heating for rate in rates], [kind.most_heating for kind in kinds], judge)
+    heating, most = [rate.heating for rate in rates], [kind.most_heating for kind in kinds]
+    _judge_heat(names, heating, most, judge)
     if passed:
-        _judge_likeness(rates, bends, judge)
+        for around in Layout(parameters).wires_of:
+            _judge_likeness(names[around], rates[around], bent[around], judge)
     return passed
 
 
 def _judge_heat(
-    heating: Sequence[float], most: Sequence[float], judge: Callable[[bool, str], None]
+    names: Sequence[str],
+    heating: Sequence[float],
+    most: Sequence[float],
+    judge: Callable[[bool, str], None],
 ) -> None:
-    """Whether the wires heat as described, or at least neither alone does not."""
+    """Whether the wires heat as described, or at least none alone does not."""
     least = [bound / SPREAD["most_heating"] * SPREAD["least_heating"] for bound in most]
     low = [
         shown < SPREAD["least_heating"] * bound for shown, bound in zip(heating, least, strict=True)
     ]
-    for wire, side in enumerate(SIDES):
+    for wire, side in enumerate(names):
         shown = f"{side} wire shows {heating[wire]:.1f} °C/s at full duty, where its kind has " \
             f"{least[wire]:.0f} to {most[wire]:.0f}"  # fmt: skip
-        if low[wire] and not low[1 - wire]:
-            judge(False, f"{shown}, and the other one shows that. {WHAT_TO_DO}")
+        if low[wire] and not all(low):
+            judge(False, f"{shown}, and another one shows that. {WHAT_TO_DO}")
         elif low[wire] or heating[wire] > most[wire] / SPREAD["least_heating"]:
             judge(
                 True,
-                f"{shown}: the limb is unlike its description, or both thermocouples are wrong; "
+                f"{shown}: the limb is unlike its description, or all thermocouples are wrong; "
                 "if you are sure of them, describe its wires by their a2",
             )
         else:
@@ -132,31 +146,33 @@ def _judge_heat(
 
 
 def _judge_likeness(
-    rates: Sequence[HeatRates], bends: Sequence[Heating], judge: Callable[[bool, str], None]
+    names: Sequence[str],
+    rates: Sequence[HeatRates],
+    bends: Sequence[Heating],
+    judge: Callable[[bool, str], None],
 ) -> None:
-    """Whether both thermocouples show the like for the like heat and bend."""
-    heat = rates[0].heating / rates[1].heating
+    """Whether the thermocouples of a segment show the like for the like heat and bend."""
+    shown = np.array([rate.heating for rate in rates])
     risen = []
-    for wire, (duty, _, bend) in enumerate(bends):
-        rises = rates[wire].heating * warmth(duty[:, wire], rates[wire].cooling, 0.3, PERIOD)
-        reached = np.argmax(_towards(bend, wire) >= ENOUGH_BEND)
+    for rate, (duty, _, bend) in zip(rates, bends, strict=True):
+        rises = rate.heating * warmth(duty.sum(axis=1), rate.cooling, 0.3, PERIOD)
+        reached = np.argmax(_change(bend) >= ENOUGH_BEND)
         risen.append(rises[reached] if reached else np.nan)
     # How warm a wire has to be for a bend is another, independent witness.
     bent = not np.isnan(risen).any()
-    ratio = np.sqrt(heat * risen[0] / risen[1]) if bent else heat
-    wire = int(ratio > 1)
-    ratio = min(ratio, 1 / ratio)
+    shown = np.sqrt(shown * risen) if bent else shown
+    ratio = shown.min() / shown.max()
+    least, most = (names[int(wire)] for wire in (shown.argmin(), shown.argmax()))
     what = (
-        f"{SIDES[wire]} thermocouple shows {ratio:.0%} of what the other does for the same heat"
+        f"{least} thermocouple shows {ratio:.0%} of what the {most} one does for the same heat"
         + " and bend" * bent
     )
     judge(ratio > ALIKE, what if ratio > ALIKE else f"{what}. {WHAT_TO_DO}")
 
 
-def _towards(bend: np.ndarray, wire: int) -> np.ndarray:
-    """How far the limb has bent to a wire's side since a heating began (K), rad."""
-    change = bend - bend[:5].mean()
-    return change if wire else -change
+def _change(bend: np.ndarray) -> np.ndarray:
+    """How far the limb has bent since a heating began (K), rad."""
+    return bend - bend[:5].mean()
 
 
 def _rates(heatings: Sequence[Heating], wire: int) -> HeatRates:
@@ -167,21 +183,24 @@ def _rates(heatings: Sequence[Heating], wire: int) -> HeatRates:
     return rates
 
 
-def _heat(
-    link: BoardLink, wire: int, duty: float, longest: float, rise: float, bend: float
-) -> Heating:
-    """Heats a wire until it reads so much more, or the limb has bent so far, and lets it rest."""
+def _heat(link: BoardLink, wire: int, towards: np.ndarray, how: Sequence[float]) -> Heating:
+    """Heats a wire until it reads so much more, or the limb has bent so far, and lets it rest.
+
+    ``towards`` has how far each bend angle is to the wire's own side; ``how`` the duty, the
+    longest time, the rise and the bend.
+    """
+    duty, longest, rise, bend = how
     samples = [link.next_sample()]
-    heated = duty * np.eye(2)[wire]
+    heated = duty * np.eye(len(samples[0].duty))[wire]
     while (now := len(samples) * PERIOD) < longest + REST:
         link.command(heated)
         samples.append(link.next_sample())
-        turned = bend_angle_from_tip_tangent(samples[-1].tip_tangent - samples[0].tip_tangent)
+        turns = bend_angle_from_tip_tangent(samples[-1].tip_tangent - samples[0].tip_tangent)
         risen = samples[-1].temperature[wire] - samples[0].temperature[wire]
-        if now >= longest or risen >= rise or abs(turned) >= 1.2 * bend:
-            heated, longest = np.zeros(2), min(longest, now)
+        if now >= longest or risen >= rise or abs(towards @ turns) >= 1.2 * bend:
+            heated, longest = np.zeros_like(heated), min(longest, now)
     return (
         np.array([sample.duty for sample in samples]),
         np.array([sample.temperature for sample in samples]),
-        np.array([bend_angle_from_tip_tangent(sample.tip_tangent) for sample in samples]),
+        np.array([bend_angle_from_tip_tangent(s.tip_tangent) for s in samples]) @ towards,
     )

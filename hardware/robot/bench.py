@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from hardware.firmware import guard, protocol
-from hardware.robot.link import HardwareError, Sample, SerialPort
+from hardware.firmware import from_host, guard, protocol
+from hardware.robot.link import Assembly, HardwareError, Sample, SerialPort, pulls_of, shares_of
+from limb_systems import LimbParameters
 from limb_systems.signals import heed_signals
 
 POLL = 0.01  # s, between two looks at what came
@@ -22,6 +23,7 @@ UNDO = "Undo what you did, and wait until all is as cold and as straight as befo
 WIDE = (0.03, 0.5, 4.0, 40.0, 0.1)
 
 Bounds = Sequence[float]
+Duty = Sequence[float] | np.ndarray
 Ask = Callable[[str, str], bool]
 
 
@@ -57,17 +59,23 @@ class Bench:
     - ``infos``: values of each INFO.
     - ``received``: all bytes.
     - ``rest``: first sample of all, when the wires were cold.
+    - ``names``, ``shares``: names of the limb's wires, and their `shares_of` it.
     """
 
-    def __init__(self, cable: SerialPort, ask: Ask | None = None):
+    def __init__(
+        self, cable: SerialPort, ask: Ask | None = None, limb: LimbParameters | None = None
+    ):
         """
         Args:
             cable: the host's end of the cable to the board; in simulated time anything that can
                 ``send``, ``receive``, ``wait`` and tell the time, ``now``, as a port can.
             ask: has something done at the robot: takes an order to an emulated board, and what
                 to tell a person; whether it was done.
+            limb: the limb on the board; the nominal one if None.
         """
+        limb = limb or LimbParameters()
         self._cable, self._ask = cable, ask
+        self.names, self.shares, self._pulls = limb.wire_names, shares_of(limb), pulls_of(limb)
         self.samples: list[Sample] = []
         self.copies: list[int] = []
         self.infos: list[tuple] = []
@@ -76,7 +84,10 @@ class Bench:
         self._forget()
 
     def _forget(self) -> None:
-        self.parser = protocol.Parser((protocol.INFO, protocol.SAMPLE))
+        self.parser, self._assembly = (
+            protocol.Parser(from_host.KINDS, from_host.FORMATS),
+            Assembly(),
+        )
         self.received = bytearray()
         self.samples.clear()
         self.copies.clear()
@@ -109,7 +120,8 @@ class Bench:
             if kind == protocol.INFO:
                 self.infos.append(values)
                 continue
-            sample = Sample.of(values, self.now)
+            if not (sample := self._assembly.take(kind, values, self.now)):
+                continue
             if self.samples and sample.board_time == self.last.board_time:
                 self.copies[-1] += 1
                 continue
@@ -142,10 +154,22 @@ class Bench:
 
     # What a host says.
 
+    def every(self, share: float) -> list[float]:
+        """The same duty for each wire."""
+        return [share] * len(self.names)
+
+    def only(self, wire: int, share: float) -> list[float]:
+        """A duty for one wire, and none for the others."""
+        return [share * (number == wire % len(self.names)) for number in range(len(self.names))]
+
+    def encode(self, kind: int, *values: int) -> bytes:
+        """A frame of the version that the board speaks."""
+        return from_host.encode(self.parser.version, kind, *values)
+
     def switch_off(self) -> None:
         """Says DISARM, three times, as one may get lost. Never raises."""
         with contextlib.suppress(HardwareError):
-            self.send(3 * protocol.encode(protocol.DISARM))
+            self.send(3 * self.encode(protocol.DISARM))
 
     def off(self) -> Sample:
         """Switches off; the SAMPLE that shows it. StaysOnError if it stays armed."""
@@ -161,7 +185,7 @@ class Bench:
         end = self.now + CLEARING_TIME
         while self.last.latched:
             expect(self.now < end, f"CLEAR did not clear within 40 s: {state_of(self.last)}")
-            self.send(protocol.encode(protocol.CLEAR, self.last.challenge))
+            self.send(self.encode(protocol.CLEAR, self.last.challenge))
             self.fresh(0.5)
 
     def send_arm(
@@ -169,23 +193,32 @@ class Bench:
         bounds: Bounds = WIDE,
         total: float = 1.5,
         *,
-        right: Bounds | None = None,
+        each: Sequence[Bounds] = (),
         challenge: int | None = None,
+        lost: int | None = None,
     ) -> None:
-        """Sends an ARM once, by default with the newest challenge.
+        """Sends an ARM once, and what it needs, by default with the newest challenge.
 
         Args:
-            bounds: bounds of both wires, or of the left one.
-            total: the largest sum of both duties; in a frame it may be as large as 6.5.
-            right: bounds of the right wire, if they are others.
+            bounds: bounds of all wires.
+            total: the largest sum of all duties; in a frame it may be as large as 6.5.
+            each: bounds of each wire, if they are unlike.
             challenge: challenge that it repeats.
+            lost: wire whose BOUNDS is not sent.
         """
         heed_signals()
         self.session = self.last.challenge if challenge is None else challenge
         self.sequence = 0
-        values = protocol.arm_values(self.session, (bounds, right or bounds), 1.0)
-        values[-1] = round(protocol.FULL_DUTY * total)
-        self.send(protocol.encode(protocol.ARM, *values))
+        bounds_of_wires = each or [bounds] * len(self.names)
+        if self.parser.version == protocol.VERSION:
+            values = from_host.arm_values(self.session, bounds_of_wires, 1.0)
+            values[-1] = round(protocol.FULL_DUTY * total)
+            self.send(self.encode(protocol.ARM, *values))
+            return
+        arming = self.session, bounds_of_wires, total, self._pulls
+        for number, frame in enumerate(from_host.encode_arming(self.parser.version, *arming)):
+            self.send(frame if number != lost else b"")
+            self.wait(POLL)
 
     def arm(self, bounds: Bounds = WIDE, total: float = 1.5) -> None:
         """Asks the board to arm until it is; NotRunError if that takes more than 1 s."""
@@ -198,8 +231,7 @@ class Bench:
 
     def command(
         self,
-        left: float,
-        right: float,
+        duty: Duty,
         *,
         sequence: int | None = None,
         session: int | None = None,
@@ -208,7 +240,7 @@ class Bench:
         """Sends a COMMAND twice, by default the next one, in answer to the newest SAMPLE.
 
         Args:
-            left, right: duties; in a frame they may be as large as 6.5.
+            duty: duty of each wire; in a frame it may be as large as 6.5.
             sequence: number of the COMMAND.
             session: challenge that armed the board.
             age: time by which the SAMPLE that it answers is older than the newest one, s.
@@ -218,13 +250,13 @@ class Bench:
             sequence = self.sequence
         session = self.session if session is None else session
         heard = round(1000 * (self.last.board_time - age)) & 0xFFFFFFFF
-        ticks = [round(protocol.FULL_DUTY * duty) for duty in (left, right)]
-        self.send(2 * protocol.encode(protocol.COMMAND, session, sequence, heard, *ticks))
+        ticks = [round(protocol.FULL_DUTY * share) for share in duty]
+        version = self.parser.version
+        self.send(2 * from_host.encode_command(version, session, sequence, heard, ticks))
 
     def hold(
         self,
-        left: float,
-        right: float,
+        duty: Duty,
         seconds: float,
         until: Callable[[Sample], bool] = lambda _: False,
         hottest: float = HOTTEST,
@@ -235,7 +267,7 @@ class Bench:
             StaysOnError: if a wire is read above ``hottest``, °C.
             NotRunError: if commands come too late to keep the board armed.
         """
-        self.command(left, right)
+        self.command(duty)
         for came in self.steps(seconds):
             if not came:
                 continue
@@ -250,13 +282,17 @@ class Bench:
                 )
             if until(self.last):
                 return True
-            self.command(left, right)
+            self.command(duty)
         return False
 
     # What happens at the robot.
 
     def do(self, order: str, by_hand: str) -> None:
-        """Switches off, and has something done by an order or by hand; NotRunError if it is not."""
+        """Switches off, and has something done by an order or by hand; NotRunError if it is not.
+
+        Both may have {0} for the name of the first wire, and {1} for that of the last.
+        """
+        order, by_hand = (text.format(self.names[0], self.names[-1]) for text in (order, by_hand))
         self.switch_off()
         if self._ask is None or not self._ask(order, by_hand):
             raise NotRunError("what it needs at the robot was not done")

@@ -24,6 +24,7 @@ from hardware.robot.bench import (
     state_of,
 )
 from hardware.robot.link import HardwareError, Sample, SerialPort
+from limb_systems import LimbParameters
 
 PASSED, FAILED, NOT_RUN = "passed", "failed", "not run"
 
@@ -78,6 +79,7 @@ def check_board(
     say: Callable[[Outcome], None] = lambda _: None,
     ask: Ask | None = None,
     rules: Sequence[Rule] = RULES,
+    limb: LimbParameters | None = None,
 ) -> list[Outcome]:
     """Checks a board, rule by rule. It is off at the end, whatever happens.
 
@@ -87,15 +89,22 @@ def check_board(
         ask: has something done at the robot, see `Bench`. Without it the rules that need that are
             not checked.
         rules: rules to check, in their order.
+        limb: the limb on the board; the nominal one if None.
 
     Raises:
-        HardwareError: if the cable is gone, or if a fault is latched at the beginning.
+        HardwareError: if the cable is gone, the board is for another limb, or if a fault is
+            latched at the beginning.
     """
     outcomes: list[Outcome] = []
-    bench = Bench(cable, ask)
+    bench = Bench(cable, ask, limb)
     ended = None  # why no further rule is checked
     try:
         bench.wait(0.5)
+        if bench.samples and len(bench.last.temperature) != len(bench.names):
+            raise HardwareError(
+                f"The board has {len(bench.last.temperature)} channels, but the limb has the wires "
+                f"{', '.join(bench.names)}; name the file of the limb that is on it: --limb FILE."
+            )
         if bench.samples and bench.last.latched:
             raise HardwareError(
                 f"The board cannot be checked: {state_of(bench.last)}. Mend it, then clear the "
@@ -150,13 +159,13 @@ def _rule(section: str, by_hand: bool = False):
 
 
 def _percent(duty: Sequence[float] | np.ndarray) -> str:
-    return f"{100 * duty[0]:g}% and {100 * duty[1]:g}%"
+    return " and ".join(f"{100 * share:g}%" for share in duty)
 
 
-def _expect_duty(sample: Sample, left: float, right: float, when: str) -> None:
+def _expect_duty(sample: Sample, duty: Sequence[float], when: str) -> None:
     expect(
-        np.allclose(sample.duty, (left, right), rtol=0, atol=5e-5),
-        f"{_percent(sample.duty)} {when}; expected {_percent((left, right))}",
+        np.allclose(sample.duty, duty, rtol=0, atol=5e-5),
+        f"{_percent(sample.duty)} {when}; expected {_percent(duty)}",
     )
 
 
@@ -201,7 +210,7 @@ def _frames_are_valid(bench: Bench) -> None:
     received, damaged = bytes(bench.received[start:]), bench.parser.rejected - rejected
     expect(damaged == 0, f"{damaged} frames were damaged; expected none")
     other = bench.parser.other_version
-    expect(other is None, f"frames are of version {other}; expected 3")
+    expect(other is None, f"frames are of version {other}; expected 3 or 4")
     longest = max(map(len, received.split(b"\x7e"))) + 2
     expect(longest <= 64, f"a frame has {longest} bytes; expected 64 at most")
     expect(3 not in received, "the byte 03 came; expected it to be escaped")
@@ -220,7 +229,8 @@ def _framed(body: bytes, spoil: int = 0) -> bytes:
     return bytes(frame + b"\x7e")
 
 
-_HELLO = _framed(b"\x03\x01")
+def _hello(bench: Bench) -> bytes:
+    return _framed(bytes((bench.parser.version, 1)))
 
 
 def _answers(bench: Bench, *pieces: bytes) -> int:
@@ -236,19 +246,27 @@ def _answers(bench: Bench, *pieces: bytes) -> int:
 @_rule("from-the-board")
 def _info_describes_the_board(bench: Bench) -> None:
     """The board answers HELLO with INFO, which has its numbers."""
-    answered = any(_answers(bench, _HELLO) for _ in range(3))
+    answered = any(_answers(bench, _hello(bench)) for _ in range(3))
     expect(answered, "no INFO came after three HELLO; expected one for each")
-    version, period, limit, _, channels, cause = bench.infos[-1]
-    expect(version == 3, f"firmware version {version}; expected 3")
+    version, period, limit, _, channels, cause, *others = bench.infos[-1]
+    wires, angles = len(bench.names), len(bench.last.tip_tangent)
+    expected = 3 if (wires, angles) == (2, 1) else 4
+    spoken = bench.parser.version
+    expect(
+        version == spoken == expected,
+        f"firmware version {version}, version {spoken} of the protocol; expected {expected}",
+    )
     expect(period == 50, f"a sample period of {period} ms; expected 50 ms")
     expect(0 < limit <= 440, f"a limit of {limit / 4:g} °C; expected 110 °C at most")
-    expect(channels == 2, f"{channels} channels; expected 2")
+    expect(channels == wires, f"{channels} channels; expected {wires}")
+    frames = [] if expected == 3 else [angles, -(-wires // 4)]
+    expect(others == frames, f"{others} angles and CHANNELS; expected {frames}")
     expect(cause <= 5, f"cause {cause} of the last reset; expected 0 to 5")
 
 
 def _expect_answers(bench: Bench, expected: int, cases: Mapping[str, Sequence[bytes]]) -> None:
     """Each case must bring so many INFO, and no other change."""
-    if not any(_answers(bench, _HELLO) for _ in range(3)):
+    if not any(_answers(bench, _hello(bench)) for _ in range(3)):
         raise NotRunError("the board does not answer HELLO")
     before = bench.last
     for case, pieces in cases.items():
@@ -259,35 +277,37 @@ def _expect_answers(bench: Bench, expected: int, cases: Mapping[str, Sequence[by
         (after.challenge, after.reason) == (before.challenge, before.reason),
         f"challenge or reason changed: {state_of(after)}; expected no change",
     )
-    expect(_answers(bench, _HELLO), "a HELLO after them had no answer; expected INFO")
+    expect(_answers(bench, _hello(bench)), "a HELLO after them had no answer; expected INFO")
 
 
 @_rule("frames")
 def _damaged_frames_are_ignored(bench: Bench) -> None:
     """A frame with a wrong CRC, or of another version, length or type, has no effect."""
-    hello, kinds = b"\x03\x01", (0x00, 0x06, 0x42, 0x81, 0x82, 0xFF)
+    version, kinds = bench.parser.version, (0x00, 0x06, 0x42, 0x81, 0x82, 0xFF)
+    hello = bytes((version, 1))
     cases = {f"a CRC that is wrong by {n:02X}": [_framed(hello, n)] for n in (0x01, 0x80)}
-    cases |= {f"a HELLO of version {n}": [_framed(bytes((n, 1)))] for n in (2, 4)}
+    cases |= {f"a HELLO of version {n}": [_framed(bytes((n, 1)))] for n in {2, 3, 4} - {version}}
     cases |= {f"a HELLO with {n} bytes more": [_framed(hello + bytes(n))] for n in (1, 24)}
-    cases |= {f"a frame of type {n:02X}": [_framed(bytes((3, n)))] for n in kinds}
+    cases |= {f"a frame of type {n:02X}": [_framed(bytes((version, n)))] for n in kinds}
     _expect_answers(bench, 0, cases)
 
 
 @_rule("frames")
 def _noise_is_skipped(bench: Bench) -> None:
     """Other bytes are skipped up to the next flag; frames may share one, or come byte by byte."""
+    hello = _hello(bench)
     noises = {
         "bytes without a flag": b"\x55" * 40,
         "a body that is too long": b"\x7e" + b"\x55" * 60,
         "two escapes in a row": b"\x7e\x05\x7d\x7d",
         "an escape before a flag": b"\x7e\x05\x7d",
-        "half a frame": _HELLO[:4],
+        "half a frame": hello[:4],
         "empty bodies": b"\x7e\x7e\x7e",
     }
-    cases = {f"{name} and a HELLO": [noise + _HELLO] for name, noise in noises.items()}
-    cases["a HELLO in pieces"] = [bytes((byte,)) for byte in _HELLO]
+    cases = {f"{name} and a HELLO": [noise + hello] for name, noise in noises.items()}
+    cases["a HELLO in pieces"] = [bytes((byte,)) for byte in hello]
     _expect_answers(bench, 1, cases)
-    _expect_answers(bench, 2, {"two HELLO with a shared flag": [_HELLO[:-1] + _HELLO]})
+    _expect_answers(bench, 2, {"two HELLO with a shared flag": [hello[:-1] + hello]})
 
 
 # Readings at rest.
@@ -304,7 +324,7 @@ def _temperatures_in_quarter_degrees(bench: Bench) -> None:
 def _bend_in_64ths_of_a_degree(bench: Bench) -> None:
     """The tip tangent angle is in 1/64 degrees, to the right positive."""
     with bench.fault("stick bend 90", "Bend the tip to the right, square to the base, and hold it"):
-        angle = np.rad2deg(bench.fresh().tip_tangent)
+        angle = np.rad2deg(bench.fresh().tip_tangent[0])
         expect(60 <= angle <= 120, f"the tip tangent is read as {angle:.0f}°; expected about 90°")
 
 
@@ -324,28 +344,28 @@ def _arm_arms(bench: Bench) -> None:
     _expect_armed(bench)
     expect(bench.last.reason == 0, f"it is armed with reason {bench.last.reason}; expected 0")
     bench.arm()
-    bench.hold(GENTLE, GENTLE, 0.2)
+    bench.hold(bench.every(GENTLE), 0.2)
     bench.off()
     bench.arm()
-    _expect_duty(bench.fresh(0.05), 0, 0, "after ARM, before any COMMAND")
-    bench.hold(GENTLE, GENTLE, 0.15)
+    _expect_duty(bench.fresh(0.05), bench.every(0.0), "after ARM, before any COMMAND")
+    bench.hold(bench.every(GENTLE), 0.15)
     number = bench.sequence
     bench.send_arm(total=0.01, challenge=bench.session)
-    bench.command(GENTLE, GENTLE, sequence=number + 1)
+    bench.command(bench.every(GENTLE), sequence=number + 1)
     sample = bench.fresh(0.05)
     expect(
         sample.armed and sample.acknowledged == number + 1,
         f"after a second ARM {state_of(sample)}, and command {sample.acknowledged} is the last; "
         f"expected armed, and {number + 1}",
     )
-    _expect_duty(sample, GENTLE, GENTLE, "after a second ARM")
+    _expect_duty(sample, bench.every(GENTLE), "after a second ARM")
 
 
 @_rule("what-a-board-must-do", by_hand=True)
 def _cold_thermocouples_must_agree(bench: Bench) -> None:
     """Thermocouples of cold wires that disagree by more than 8 °C do not arm."""
-    with bench.fault("drift left 2", "Hold the left thermocouple between two warm fingers"):
-        if not bench.sees(lambda sample: abs(np.diff(sample.temperature)) > 10.5, 20.0):
+    with bench.fault("drift {0} 2", "Hold the {0} thermocouple between two warm fingers"):
+        if not bench.sees(lambda sample: np.ptp(sample.temperature) > 10.5, 20.0):
             raise NotRunError("the thermocouples did not differ by 10 °C")
         bench.send_arm()
         _expect_off(bench.fresh(0.05), "after ARM", 8)
@@ -367,7 +387,7 @@ def _arm_needs_the_newest_challenge(bench: Bench) -> None:
 
 @_rule("from-the-host")
 def _bounds_in_range(bench: Bench) -> None:
-    """ARM does not arm with bounds out of range or order, nor if heat by them need not show."""
+    """ARM arms only with bounds of all wires, in range and order, by which heat shows."""
     low_a1, high_a1, low_a2, high_a2, a3 = NOMINAL
     cases: dict[str, Bounds] = {"a cooling": (high_a1, low_a1, low_a2, high_a2, a3)}
     cases["a heating"] = (low_a1, high_a1, high_a2, low_a2, a3)
@@ -377,12 +397,17 @@ def _bounds_in_range(bench: Bench) -> None:
             what = f"bound {number + 1} at {value:g}, where {allowed} is allowed,"
             cases[what] = (*NOMINAL[:number], value, *NOMINAL[number + 1 :])
     for what, bounds in cases.items():
-        for left, right in ((bounds, NOMINAL), (NOMINAL, bounds)):
-            bench.send_arm(left, 1.0, right=right)
+        for wire in range(len(bench.names)):
+            each = [bounds if n == wire else NOMINAL for n in range(len(bench.names))]
+            bench.send_arm(total=1.0, each=each)
             _expect_off(bench.fresh(0.02), f"after ARM with {what}", 7)
-    for total in (0.0, 2.0001, 6.5535):
+    most = len(bench.names)
+    for total in (0.0, most + 1e-4, 6.5535) if most < 6 else (0.0,):  # a frame cannot say more
         bench.send_arm(NOMINAL, total)
         _expect_off(bench.fresh(0.02), f"after ARM with a sum of {total:g}", 7)
+    if bench.parser.version > 3:
+        bench.send_arm(lost=1)
+        _expect_off(bench.fresh(0.02), "after ARM without the BOUNDS of a wire", 7)
     bench.send_arm(HIDING, 1.0)
     _expect_off(bench.fresh(0.02), "after ARM with bounds by which 0.12 shows by 1 °C", 7)
     _expect_armed(bench, HIDING, 0.12)
@@ -393,16 +418,19 @@ def _bounds_in_range(bench: Bench) -> None:
 
 @_rule("from-the-host")
 def _duty_goes_to_its_wire(bench: Bench) -> None:
-    """COMMAND has the duty of left, then of right; above the sum both are reduced in proportion."""
+    """COMMAND has the duty of each wire; above the sum all are reduced in proportion."""
+    wires = len(bench.names)
+    unlike = [0.02 + 0.01 * wire for wire in range(wires)]
+    far = [0.09, 0.03, *bench.every(0.06)[2:]]
     for total, asked, applied in (
-        (1.5, (0.02, 0.05), (0.02, 0.05)),
-        (1.5, (0.0123, 0.0), (0.0123, 0.0)),
-        (0.06, (0.06, 0.06), (0.03, 0.03)),
-        (0.06, (0.09, 0.03), (0.045, 0.015)),
+        (1.5, unlike, unlike),
+        (1.5, bench.only(0, 0.0123), bench.only(0, 0.0123)),
+        (0.03 * wires, bench.every(0.06), bench.every(0.03)),
+        (0.03 * wires, far, [share / 2 for share in far]),
     ):
         bench.arm(total=total)
-        bench.hold(*asked, 0.15)
-        _expect_duty(bench.fresh(), *applied, f"for {_percent(asked)} and a sum of {total:g}")
+        bench.hold(asked, 0.15)
+        _expect_duty(bench.fresh(), applied, f"for {_percent(asked)} and a sum of {total:g}")
         bench.off()
 
 
@@ -411,9 +439,9 @@ def _acknowledges_the_last_command(bench: Bench) -> None:
     """SAMPLE has the low half of its sequence; 7D and a byte stand for the byte XOR 20."""
     bench.arm()
     first = bench.fresh().acknowledged
-    expect(first == 0, f"{first} is the last command of a new session; expected 0")
-    for number in (1, 2, 0x03, 0x7D, 0x7E, 0x7E7D, 70000, 0x037E7D, 0x7D7D7D7D):
-        bench.command(0.0, 0.0, sequence=number)
+    expect(first == 0, f"{0} is the last command of a new session; expected 0")
+    for number in (1, 2, 0x03, 0x7D, 0x7E, 0x7E7D, 50000, 70000, 0x037E7D, 0x7D7DFD7D):
+        bench.command(bench.every(0.0), sequence=number)
         seen = bench.fresh(0.1).acknowledged
         expect(
             seen == number & 0xFFFF,
@@ -426,13 +454,13 @@ def _stale_commands_do_nothing(bench: Bench) -> None:
     """COMMAND has no effect if it is old, late, repeated or of another session, nor while off."""
     bench.arm()
     before = bench.session
-    bench.command(GENTLE, GENTLE)
+    bench.command(bench.every(GENTLE))
     bench.fresh(0.05)
     for session in (before, bench.off().challenge, 0):
-        bench.command(GENTLE, GENTLE, sequence=1000, session=session)
+        bench.command(bench.every(GENTLE), sequence=1000, session=session)
         _expect_off(bench.fresh(), "after a COMMAND while it was off")
     bench.arm()
-    bench.hold(0.02, 0.02, 0.4)
+    bench.hold(bench.every(0.02), 0.4)
     commands: list[tuple[str, dict]] = [
         (f"of session {session}", {"sequence": 10**6, "session": session})
         for session in {before, bench.session ^ 1, 0} - {bench.session}
@@ -441,19 +469,20 @@ def _stale_commands_do_nothing(bench: Bench) -> None:
     # The last of these answers a sample that is not yet.
     commands += [(f"that answers a sample {age:g} s old", {"age": age}) for age in (0.3, 5.0, -1.0)]
     for what, command in commands:
-        bench.command(0.02, 0.02)
+        asked = bench.every(0.02)
+        bench.command(asked)
         bench.fresh()
-        bench.command(GENTLE, GENTLE, sequence=bench.sequence)
-        bench.command(GENTLE, GENTLE, **command)
-        _expect_duty(bench.fresh(), 0.02, 0.02, f"after a command {what}, and one that repeats")
+        bench.command(bench.every(GENTLE), sequence=bench.sequence)
+        bench.command(bench.every(GENTLE), **command)
+        _expect_duty(bench.fresh(), asked, f"after a command {what}, and one that repeats")
 
 
 def _last_command(bench: Bench) -> float:
     """Ends a series of commands; the time of the SAMPLE that the last one answered, s."""
     bench.arm()
-    bench.hold(GENTLE, GENTLE, 0.3)
+    bench.hold(bench.every(GENTLE), 0.3)
     answered = bench.fresh().board_time
-    bench.command(GENTLE, GENTLE)
+    bench.command(bench.every(GENTLE))
     return answered
 
 
@@ -462,13 +491,13 @@ def _duty_ends_in_time(bench: Bench) -> None:
     """A duty holds until 250 ms after its COMMAND, and 290 ms after the SAMPLE it answers."""
     answered = _last_command(bench)
     while (age := bench.fresh().board_time - answered) <= 0.22:
-        _expect_duty(bench.last, GENTLE, GENTLE, f"{1000 * age:.0f} ms after the last command")
+        _expect_duty(bench.last, bench.every(GENTLE), f"{1000 * age:.0f} ms after the last command")
     bench.off()
     for after, answers_it, within in ((0.27, False, 0.36), (0.19, True, 0.385)):
         answered = _last_command(bench)
         # A SAMPLE tells too late when it ended; but a board that is off takes no command any more.
         bench.wait(after)
-        bench.command(GENTLE, GENTLE, age=answers_it * (bench.last.board_time - answered))
+        bench.command(bench.every(GENTLE), age=answers_it * (bench.last.board_time - answered))
         ended = bench.sees(lambda sample: not sample.armed, 1.0)
         age = bench.last.board_time - answered
         expect(
@@ -483,13 +512,16 @@ def _duty_ends_in_time(bench: Bench) -> None:
 @_rule("from-the-host")
 def _off_has_its_reason(bench: Bench) -> None:
     """DISARM and a duty above 10000 switch off at once; SAMPLE says why the board is off."""
-    for duty in ((1.0001, 0.0), (0.0, 6.5535)):
+    wrong = [bench.only(0, 1.0001), bench.only(-1, 6.5535)]
+    if bench.parser.version > 3 and len(bench.names) < 8:
+        wrong.append([*bench.every(0.0), GENTLE])  # of a wire that is not there
+    for duty in wrong:
         bench.arm()
-        bench.hold(GENTLE, GENTLE, 0.1)
-        bench.command(*duty)
+        bench.hold(bench.every(GENTLE), 0.1)
+        bench.command(duty)
         _expect_off(bench.fresh(0.03), f"after a duty of {_percent(duty)}", 2)
     bench.arm()
-    bench.hold(GENTLE, GENTLE, 0.1)
+    bench.hold(bench.every(GENTLE), 0.1)
     bench.switch_off()
     _expect_off(bench.fresh(0.03), "after DISARM", 3)
     bench.arm()
@@ -500,7 +532,7 @@ def _off_has_its_reason(bench: Bench) -> None:
     bench.arm()
     for came in bench.steps(0.8):
         if came:
-            bench.command(0.0, 0.0, age=0.4)
+            bench.command(bench.every(0.0), age=0.4)
     _expect_off(bench.last, "when only late commands came", 6)
 
 
@@ -508,12 +540,11 @@ def _off_has_its_reason(bench: Bench) -> None:
 
 
 def _make_fault(bench: Bench) -> None:
-    """Heats the cooler wire, which ARM says warms far more, until the board is off for 21."""
+    """Heats the coolest wire, which ARM says warms far more, until the board is off for 21."""
     bench.cool(min)
     bench.arm(STRONG)
-    left, right = bench.last.temperature
-    duty = (0.3, 0.0) if left < right else (0.0, 0.3)
-    bench.hold(*duty, 6.0, until=lambda sample: not sample.armed)
+    duty = bench.only(int(np.argmin(bench.last.temperature)), 0.3)
+    bench.hold(duty, 6.0, until=lambda sample: not sample.armed)
     _expect_off(bench.last, "where ARM said that the wire warms by 60 °C/s at least", 21)
 
 
@@ -526,7 +557,7 @@ def _heat_that_is_not_read_latches(bench: Bench) -> None:
     bench.send_arm()
     _expect_off(bench.fresh(0.15), "after ARM without a CLEAR", 21)
     for challenge in {old, new ^ 1} - {new}:
-        bench.send(protocol.encode(protocol.CLEAR, challenge))
+        bench.send(bench.encode(protocol.CLEAR, challenge))
         _expect_off(bench.fresh(0.15), f"after CLEAR with {challenge}, not the newest,", 21)
     new = bench.last.challenge
     bench.clear()
@@ -538,9 +569,8 @@ def _heat_that_is_not_read_latches(bench: Bench) -> None:
 def _warmth_without_heat_latches(bench: Bench) -> None:
     """A reading above the band latches 24."""
     bench.arm(WEAK)
-    left, right = bench.last.warmest  # of which the board knows the less heat is taken
-    duty = (0.3, 0.0) if left <= right else (0.0, 0.3)
-    bench.hold(*duty, 15.0, until=lambda sample: not sample.armed)
+    duty = bench.only(int(np.argmin(bench.last.warmest)), 0.3)  # of which it knows the least heat
+    bench.hold(duty, 15.0, until=lambda sample: not sample.armed)
     seen = bench.last
     bench.switch_off()
     bench.cool(max)  # or else a board takes the thermocouple for a wrong one
@@ -549,28 +579,30 @@ def _warmth_without_heat_latches(bench: Bench) -> None:
 
 
 def _prove(bench: Bench) -> None:
-    """Has both thermocouples follow some heat, as they must after a start; then it is off."""
+    """Has all thermocouples follow some heat, as they must after a start; then it is off."""
     if bench.last.warmest.max() >= 127:
         bench.arm(NOMINAL)
-        bench.hold(0.25, 0.25, 4.0)
+        bench.hold(bench.every(0.25), 4.0)
         bench.off()
 
 
 @_rule("from-the-board")
 def _heated_wire_is_the_one_that_warms(bench: Bench) -> None:
-    """Left is the left wire, its thermocouple and negative angles, and so is right."""
+    """Left is the left wire, its thermocouple and negative angles, and so is any other wire."""
     _prove(bench)
-    for wire, side in ((1, "right"), (0, "left")):
+    for wire, side in reversed(list(enumerate(bench.names))):
         before = bench.fresh()
         bench.arm()
-        bench.hold(0.3 * (wire == 0), 0.3 * (wire == 1), 7.0)
+        bench.hold(bench.only(wire, 0.3), 7.0)
         after = bench.fresh(0.05)
         bench.switch_off()
-        own, other = (after.temperature - before.temperature)[[wire, 1 - wire]]
-        turned = np.rad2deg(after.tip_tangent - before.tip_tangent) * (1 if wire else -1)
+        risen = after.temperature - before.temperature
+        own, other = risen[wire], np.delete(risen, wire).max(initial=0.0)
+        turns = np.rad2deg(after.tip_tangent - before.tip_tangent)
+        turned = bench.shares[:, wire] @ turns
         expect(
             own > 3 and own > 2 * other,
-            f"heat to the {side} wire raised its own V by {own:.1f} °C, the other by {other:.1f}; "
+            f"heat to the {side} wire raised its own V by {own:.1f} °C, another by {other:.1f}; "
             "expected more than 3 °C, and twice the other",
         )
         expect(
@@ -581,11 +613,11 @@ def _heated_wire_is_the_one_that_warms(bench: Bench) -> None:
 @_rule("the-band", by_hand=True)
 def _detached_thermocouple_latches(bench: Bench) -> None:
     """A thermocouple that has come off latches 21."""
-    with bench.fault("detach left", "Take the left thermocouple off its wire, into the air"):
+    with bench.fault("detach {0}", "Take the {0} thermocouple off its wire, into the air"):
         bench.fresh()
         bench.clear()  # it may have jumped
         bench.arm(NOMINAL)
-        bench.hold(0.15, 0.15, 10.0, until=lambda sample: not sample.armed)
+        bench.hold(bench.every(0.15), 10.0, until=lambda sample: not sample.armed)
         _expect_off(bench.last, "10 s after it was heated", 21)
 
 
@@ -596,15 +628,18 @@ def _bend_that_does_not_follow_latches(bench: Bench) -> None:
     bench.cool(max)
     with bench.fault("stick bend", "Clamp the limb so that it cannot bend"):
         bench.arm((0.042, 0.07, 17.0, 23.0, 0.5))  # they cool more slowly at most
-        least, pulls = np.zeros(2), [0.0]  # °C, as the board calculates it
+        shares = bench.shares[0]
+        least, pulls = np.zeros(len(shares)), [0.0]  # °C, as the board calculates it
+        sides = [np.where(side * shares > 0.1, side * shares, 0.0) for side in (-1, 1)]
+        one, other = (0.5 * (side > 0) / side.sum() for side in sides)  # as two wires pull
 
         def ends(sample: Sample) -> bool:
             least[:] += 0.05 * (17.0 * sample.duty - 0.07 * least)
-            pulls.append(least[1] - least[0])
+            pulls.append(shares @ least)
             return not sample.armed or np.ptp(pulls) > 65 or sample.temperature.max() > WARM
 
-        for left, right, seconds in ((0.5, 0.0, 4.5), (0.0, 0.0, 20.0), (0.0, 0.5, 9.0)):
-            if bench.hold(left, right, seconds, until=ends):
+        for duty, seconds in ((one, 4.5), (0 * one, 20.0), (other, 9.0)):
+            if bench.hold(duty, seconds, until=ends):
                 break
         if bench.last.armed and np.ptp(pulls) <= 65:
             raise NotRunError("these wires would become too warm; they are stronger than others")
@@ -616,11 +651,11 @@ def _warmest_follows_the_heat(bench: Bench) -> None:
     """The most a wire can have follows its duty."""
     _prove(bench)
     bench.arm(BUDGET)
-    bench.command(0.0, 0.0)
+    bench.command(bench.every(0.0))
     start = bench.fresh()
     count = len(bench.samples) - 1
-    bench.hold(0.1, 0.0, 3.0)
-    bench.hold(0.0, 0.08, 3.0)
+    bench.hold(bench.only(0, 0.1), 3.0)
+    bench.hold(bench.only(-1, 0.08), 3.0)
     given = sum(
         100.0 * (after.board_time - before.board_time) * before.duty
         for before, after in itertools.pairwise(bench.samples[count:])
@@ -646,11 +681,11 @@ def _duty_is_reduced_before_127_c(bench: Bench) -> None:
     """The duty is reduced so that the most a wire can have stays below 127 °C."""
     _prove(bench)
     bench.arm(BUDGET)
-    bench.hold(0.0, 0.25, 8.0, until=lambda sample: 0 < sample.duty[1] < 0.2)
-    bench.hold(0.0, 0.25, 1.0)
+    bench.hold(bench.only(-1, 0.25), 8.0, until=lambda sample: 0 < sample.duty[-1] < 0.2)
+    bench.hold(bench.only(-1, 0.25), 1.0)
     seen = bench.fresh()
     expect(
-        seen.armed and seen.duty[1] < 0.2 and seen.warmest.max() <= 129,
+        seen.armed and seen.duty[-1] < 0.2 and seen.warmest.max() <= 129,
         f"{state_of(seen)}, with {_percent(seen.duty)} after heat for {seen.warmest.max():g} °C; "
         "expected it to stay armed, at a reduced duty, and at 127 °C at most",
     )
@@ -679,19 +714,19 @@ def _latching(what: str, *fault) -> Rule:
 
 
 RULES += [
-    _latching("open thermocouple", 17, "open left", "Unplug the left thermocouple"),
-    _latching("short to ground", 18, "ground right", "Ground a lead of the right thermocouple"),
-    _latching("short to supply", 19, "supply left", "Put the left thermocouple's lead to 3.3 V"),
-    _latching("dead amplifier", 17, "dead right", "Unplug the right amplifier's data line, DO"),
+    _latching("open thermocouple", 17, "open {0}", "Unplug the {0} thermocouple"),
+    _latching("short to ground", 18, "ground {1}", "Ground a lead of the {1} thermocouple"),
+    _latching("short to supply", 19, "supply {0}", "Put the {0} thermocouple's lead to 3.3 V"),
+    _latching("dead amplifier", 17, "dead {1}", "Unplug the {1} amplifier's data line, DO"),
     _latching("silent bend sensor", 22, "silence", "Unplug the bend sensor"),
-    _latching("reading below the room", 25, "drift left -1", "Hold ice on the left bead", 30.0),
+    _latching("reading below the room", 25, "drift {0} -1", "Hold ice on the {0} bead", 30.0),
 ]
 
 
 @_rule("what-a-board-must-do", by_hand=True)
 def _first_fault_is_kept(bench: Bench) -> None:
     """The first fault that latches stays."""
-    with bench.fault("supply right", "Connect a lead of the right thermocouple to 3.3 V"):
+    with bench.fault("supply {1}", "Connect a lead of the {1} thermocouple to 3.3 V"):
         bench.fresh(0.3)
         bench.do("silence", "Unplug the bend sensor as well")
         _expect_off(bench.fresh(0.3), "after two faults", 19)
@@ -715,7 +750,7 @@ def _reset_begins_anew(bench: Bench) -> None:
         f"{state_of(bench.last)} at sample {number}; expected it to arm after sample 10",
     )
     bench.off()
-    _answers(bench, 3 * _HELLO)
+    _answers(bench, 3 * _hello(bench))
     causes = [info[5] for info in bench.infos]
     expect({1, 3} & {*causes}, f"causes {causes} of the last reset; expected 1 or 3")
 
@@ -735,16 +770,17 @@ def _little_heat_after_a_start(bench: Bench) -> None:
     bench.reset()
     bench.fresh(0.6)
     bench.arm(NOMINAL)
-    bench.hold(0.3, 0.3, 0.3)
+    share = round(min(0.3, 1.2 / len(bench.names)), 2)
+    bench.hold(bench.every(share), 0.3)
     seen = bench.fresh()
     expect(
         seen.warmest.min() >= 120 and seen.duty.max() <= 0.12,
         f"{_percent(seen.duty)} after a reset, where the wires can have {seen.warmest} °C; "
         "expected 12% at most, and 120 °C or more",
     )
-    bench.hold(0.3, 0.3, 10.0, until=lambda sample: sample.duty.min() == 0.3)
+    bench.hold(bench.every(share), 10.0, until=lambda sample: sample.duty.min() == share)
     seen = bench.last
-    _expect_duty(seen, 0.3, 0.3, "after ten seconds of the duty that was asked for")
+    _expect_duty(seen, bench.every(share), "after ten seconds of the duty that was asked for")
     hottest = seen.warmest.max()
     expect(hottest < 100, f"a wire can have {hottest:g} °C after ten seconds; expected below 100")
 
@@ -754,6 +790,6 @@ def _reading_above_110_c_latches(bench: Bench) -> None:
     """Two readings in a row above 110 °C latch 16."""
     bench.reset()  # after which a wire may be hot by its heat, so that the band bears it
     bench.wait(0.6)
-    warm = "Begin to warm the left thermocouple, off the limb, slowly to above 110 °C by hot air"
-    hottest = _expect_latch(bench, 16, "drift left 4", warm, 60.0)
+    warm = "Begin to warm the {0} thermocouple, off the limb, slowly to above 110 °C by hot air"
+    hottest = _expect_latch(bench, 16, "drift {0} 4", warm, 60.0)
     expect(110 <= hottest <= 113, f"it latched at {hottest:.1f} °C; expected 110 to 113 °C")

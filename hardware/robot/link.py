@@ -13,13 +13,13 @@ from typing import Any, TypeVar
 import numpy as np
 import serial
 
-from hardware.firmware import firmware, guard, protocol
+from hardware.firmware import firmware, from_host, guard, protocol, wide
 from hardware.robot.reasons import REASONS
-from limb_systems import LimbError
+from limb_systems import Layout, LimbError, LimbParameters
 from limb_systems.model.heat_bounds import HeatBounds
 from limb_systems.signals import heed_signals
 
-FIRMWARE_VERSIONS = (3,)
+FIRMWARE_VERSIONS = tuple(from_host.FORMATS)
 BAUD_RATE = 115200
 STALE = 0.25  # s, age after which a sample must not be used, nor a command be unanswered
 # Share by which the board's clock may be slower than this computer's, as without a crystal.
@@ -29,6 +29,7 @@ SESSION_END = 0.5  # s, within which a session that nobody commands has ended
 ANSWER_TIME = 1.0  # s, within which a board answers
 ARMING_TIME = 3.0  # s, in which a board that was just switched on has settled
 WAITING_FRAMES = 8
+FRAME_PAUSE = 0.01  # s, between those that arm, as many boards keep some 60 bytes that come
 RESET_CAUSES = {
     firmware.POWER_ON: "switched on",
     firmware.PIN_RESET: "reset button",
@@ -56,11 +57,11 @@ class Sample:
     - ``armed``: whether the wires may be heated.
     - ``reason``: why they may not, one of the reasons of `hardware.firmware.guard`.
     - ``acknowledged``: sequence of the last command, modulo 65536.
-    - ``temperature``: V (2), °C.
-    - ``tip_tangent``: α, as the bend sensor reads it, rad.
-    - ``duty``: applied (2); the board reduces what was commanded where a wire
-      gets hot, or both of them ask for too much.
-    - ``warmest``: highest temperatures that the wires can have by their heat (2), °C.
+    - ``temperature``: V (W), °C.
+    - ``tip_tangent``: α (A), as the bend sensors read it, rad.
+    - ``duty``: applied (W); the board reduces what was commanded where a wire
+      gets hot, or all of them ask for too much.
+    - ``warmest``: highest temperatures that the wires can have by their heat (W), °C.
     """
 
     received: float
@@ -71,14 +72,15 @@ class Sample:
     reason: int
     acknowledged: int
     temperature: np.ndarray
-    tip_tangent: float
+    tip_tangent: np.ndarray
     duty: np.ndarray
     warmest: np.ndarray
 
     @classmethod
-    def of(cls, values: Sequence, received: float) -> "Sample":
-        """The sample in the values of a SAMPLE, as docs/protocol.md lists them."""
-        sequence, ticks, challenge, state, reason, acknowledged, left, right, bend = values[:9]
+    def of(cls, header: Sequence, bends: Sequence, wires: Sequence, received: float) -> "Sample":
+        """The sample in frames: values that begin a SAMPLE, all angles, and three of each wire."""
+        sequence, ticks, challenge, state, reason, acknowledged = header
+        quarters, duty, warmest = zip(*wires, strict=True)
         return cls(
             received=received,
             sequence=sequence,
@@ -87,10 +89,10 @@ class Sample:
             armed=state == guard.ARMED,
             reason=reason,
             acknowledged=acknowledged,
-            temperature=np.array([left, right]) / 4,
-            tip_tangent=float(np.deg2rad(bend / 64)),
-            duty=np.array(values[9:11]) / protocol.FULL_DUTY,
-            warmest=np.array(values[11:13], float),
+            temperature=np.array(quarters) / 4,
+            tip_tangent=np.deg2rad(np.array(bends) / 64),
+            duty=np.array(duty) / protocol.FULL_DUTY,
+            warmest=np.array(warmest, float),
         )
 
     @property
@@ -110,6 +112,36 @@ class Sample:
         return REASONS.get(self.reason, unknown)
 
 
+class Assembly:
+    """Puts samples together: one counts only if its SAMPLE and all its CHANNELS came."""
+
+    def __init__(self):
+        self._sequence: int | None = None
+        self._header: tuple = ()
+        self._wires: dict[int, tuple] = {}
+        self._count = 1
+
+    def take(self, kind: int, values: tuple, received: float) -> Sample | None:
+        """The sample that the values of a SAMPLE or CHANNELS complete, or None."""
+        if kind == protocol.SAMPLE and len(values) > 12:  # of two wires, without CHANNELS
+            wires = list(zip(values[6:8], values[9:11], values[11:], strict=True))
+            return Sample.of(values[:6], values[8:9], wires, received)
+        if values[0] != self._sequence:
+            self._sequence, self._header, self._wires = values[0], (), {}
+        if kind == protocol.SAMPLE:
+            self._header = values
+        else:
+            _, first, self._count, *parts = values
+            for wire in range(first, min(first + wide.GROUP, self._count)):
+                self._wires[wire] = tuple(parts[3 * (wire - first) :][:3])
+        if not self._header or len(self._wires) < self._count:
+            return None
+        self._sequence = None  # its copy is another one
+        bends = [bend for bend in self._header[6:] if bend != wide.NO_ANGLE]
+        wires = [self._wires[wire] for wire in range(self._count)]
+        return Sample.of(self._header[:6], bends, wires, received)
+
+
 @dataclasses.dataclass(frozen=True)
 class BoardInfo:
     """A board's description of itself.
@@ -120,6 +152,7 @@ class BoardInfo:
     - ``serial_number``: number of the board, as text.
     - ``channels``: number of wires that it drives.
     - ``reset_cause``: cause of its last reset, in words.
+    - ``angles``: number of bend angles that it measures.
     """
 
     firmware_version: int
@@ -128,6 +161,7 @@ class BoardInfo:
     serial_number: str
     channels: int
     reset_cause: str
+    angles: int = 1
 
 
 class SerialPort:
@@ -209,12 +243,37 @@ def _in_words(error: Exception) -> str:
     return os.strerror(number) if number else str(error)
 
 
-def checked_duty(duty: np.ndarray) -> np.ndarray:
-    """A duty (2); HardwareError if it is out of [0, 1] or not a number."""
+def checked_duty(duty: np.ndarray, num_wires: int) -> np.ndarray:
+    """A duty (W); HardwareError if it is out of [0, 1] or not a number."""
     duty = np.asarray(duty, float)
-    if duty.shape != (2,) or not ((duty >= 0) & (duty <= 1)).all():  # NaN is not
-        raise HardwareError(f"duty is {duty.tolist()}; it must be two numbers from 0 to 1.")
+    if duty.shape != (num_wires,) or not ((duty >= 0) & (duty <= 1)).all():  # NaN is not
+        raise HardwareError(f"duty is {duty.tolist()}; it must be {num_wires} numbers from 0 to 1.")
     return duty
+
+
+def check_fit(limb: LimbParameters, board: BoardInfo, port: str) -> None:
+    """Raises LimbError unless a board has what a limb needs, and nothing else."""
+    wires, angles = len(limb.wires), Layout(limb).num_bends
+    if (wires, angles) != (board.channels, board.angles):
+        raise LimbError(
+            f"This limb has {wires} wires and {angles} bend angles, but the board on {port} has "
+            f"{board.channels} channels and {board.angles} angles; describe the limb that is on "
+            "it, or take the port of its board."
+        )
+
+
+def pulls_of(limb: LimbParameters) -> list[int]:
+    """How each wire pulls (W), as `wide.shares` reads it."""
+    return [
+        from_host.pull(bends.start, wire.e2, wire.e3 if segment.axes == 2 else 0.0)
+        for bends, segment in zip(Layout(limb).bends_of, limb.segments, strict=True)
+        for wire in segment.wires
+    ]
+
+
+def shares_of(limb: LimbParameters) -> np.ndarray:
+    """Shares of each wire's torque that turn the bend angles (F, W), as the board has them."""
+    return np.array([wide.shares(pulls_of(limb), n) for n in range(Layout(limb).num_bends)])
 
 
 class BoardLink:
@@ -228,17 +287,19 @@ class BoardLink:
     - ``delay``: time by which the newest sample was longer on its way than the fastest one, s.
     """
 
-    def __init__(self, port: str):
+    def __init__(self, port: str, limb: LimbParameters | None = None):
         """
         Args:
             port: name of a serial port, or any URL of pyserial's.
+            limb: limb on the board; the nominal one if None.
 
         Raises:
             HardwareError: if it cannot be opened, or another program has it.
         """
-        self.port = port
+        self.port, self._pulls = port, pulls_of(limb or LimbParameters())
         self._cable = SerialPort(port)
-        self.parser = protocol.Parser((protocol.INFO, protocol.SAMPLE))
+        self.parser = protocol.Parser(from_host.KINDS, from_host.FORMATS)
+        self._assembly = Assembly()
         self.lost_samples = 0
         self._sample: Sample | None = None
         self._info: BoardInfo | None = None
@@ -270,7 +331,7 @@ class BoardLink:
         Raises:
             HardwareError: if it does not answer, or speaks another protocol.
         """
-        self._send_until(protocol.encode(protocol.HELLO), lambda: self._info, ANSWER_TIME)
+        self._send_until(lambda: [self._encode(protocol.HELLO)], lambda: self._info, ANSWER_TIME)
         info = self._answer(self._info, "a greeting")
         if info.firmware_version not in FIRMWARE_VERSIONS:
             raise HardwareError(
@@ -314,8 +375,8 @@ class BoardLink:
         """Arms the board: commands heat from now on.
 
         Args:
-            bounds: bounds of both wires, as `LimbParameters.heat_bounds` has them.
-            total_duty: largest sum of both duties.
+            bounds: bounds of all wires, as `LimbParameters.heat_bounds` has them.
+            total_duty: largest sum of all duties.
 
         Raises:
             HardwareError: if it does not let itself be armed, with its reason,
@@ -337,12 +398,11 @@ class BoardLink:
         self._session, self._sequence = sample.challenge, 0
         self._unanswered.clear()
         self._restarts_when_armed = self._restarts
-        values = protocol.arm_values(
-            sample.challenge, [dataclasses.astuple(bound) for bound in bounds], total_duty
-        )
-        armed = self._send_until(
-            protocol.encode(protocol.ARM, *values), lambda: self._sample_now().armed, ARMING_TIME
-        )
+        values = [dataclasses.astuple(bound) for bound in bounds]
+        total = min(total_duty, len(values))  # they cannot have more
+        arming = sample.challenge, values, total, self._pulls
+        frames = from_host.encode_arming(self.parser.version, *arming)
+        armed = self._send_until(lambda: frames, lambda: self._sample_now().armed, ARMING_TIME)
         if not armed:
             raise HardwareError(
                 f"The board on {self.port} does not let itself be armed: "
@@ -350,7 +410,7 @@ class BoardLink:
             )
 
     def command(self, duty: np.ndarray) -> None:
-        """Sends a duty (2), in [0, 1]; it holds for 250 ms.
+        """Sends a duty (W), in [0, 1]; it holds for 250 ms.
 
         Raises:
             HardwareError: if it is out of range or not a number, if the board
@@ -359,8 +419,8 @@ class BoardLink:
             KeyboardInterrupt: if a signal has ended the command that runs.
         """
         heed_signals()
-        duty = checked_duty(duty)
         sample = self.sample()
+        duty = checked_duty(duty, len(sample.duty))
         if not sample.armed:
             raise HardwareError(f"The board on {self.port} switched off: {sample.reason_text}.")
         if self._restarts != self._restarts_when_armed:
@@ -370,7 +430,8 @@ class BoardLink:
         self._unanswered.append((self._sequence, time.monotonic()))
         ticks = np.round(protocol.FULL_DUTY * duty).astype(int).tolist()
         heard = round(1000 * sample.board_time)
-        frame = protocol.encode(protocol.COMMAND, self._session, self._sequence, heard, *ticks)
+        values = self._session, self._sequence, heard, ticks
+        frame = from_host.encode_command(self.parser.version, *values)
         self._send(2 * frame)  # one may get lost; the board takes each once
 
     def _check_answers(self, sample: Sample) -> None:
@@ -387,7 +448,7 @@ class BoardLink:
     def disarm(self) -> None:
         """Switches the wires off. Does not wait, and never raises."""
         with contextlib.suppress(HardwareError):
-            self._send(protocol.encode(protocol.DISARM))
+            self._send(self._encode(protocol.DISARM))
 
     def clear(self) -> None:
         """Clears a latched fault; the board stays off until it is armed.
@@ -399,7 +460,7 @@ class BoardLink:
         if not sample.latched:
             return
         cleared = self._send_until(
-            protocol.encode(protocol.CLEAR, sample.challenge),
+            lambda: [self._encode(protocol.CLEAR, sample.challenge)],
             lambda: not self._sample_now().latched,
             ANSWER_TIME,
         )
@@ -420,11 +481,19 @@ class BoardLink:
         self._threads[0].join(1.0)
         self._cable.close()
 
-    def _send_until(self, frame: bytes, done: Callable[[], Any], limit: float) -> bool:
-        """Sends a frame until something is so, because frames may get lost; whether it is."""
+    def _encode(self, kind: int, *values: int) -> bytes:
+        """A frame of the version that the board speaks, as far as that is known."""
+        return from_host.encode(self.parser.version, kind, *values)
+
+    def _send_until(
+        self, frames: Callable[[], Sequence[bytes]], done: Callable[[], Any], limit: float
+    ) -> bool:
+        """Sends frames until something is so, because they may get lost; whether it is."""
         end = time.monotonic() + limit
         while time.monotonic() < end:
-            self._send(frame)
+            for number, frame in enumerate(frames()):
+                time.sleep(FRAME_PAUSE if number else 0.0)
+                self._send(frame)
             if self._wait_for(done, 0.1):
                 break
         self._check()
@@ -445,10 +514,11 @@ class BoardLink:
         if answer:
             return answer
         if (other := self.parser.other_version) is not None:
+            known = " and ".join(map(str, FIRMWARE_VERSIONS))
             mend = (
-                f"version {protocol.VERSION}; flash the board with the firmware of this version."
+                f"versions {known}; flash the board with the firmware of this version."
                 if other < protocol.VERSION
-                else f"only version {protocol.VERSION}; use a newer version of this program."
+                else f"only versions {known}; use a newer version of this program."
             )
             raise HardwareError(
                 f"The board on {self.port} speaks version {other} of the protocol, but this "
@@ -492,13 +562,15 @@ class BoardLink:
 
     def _take(self, kind: int, values: tuple) -> None:
         if kind == protocol.INFO:
-            version, period, limit, number, channels, cause = values
+            version, period, limit, number, channels, cause, *others = values
             text = number.rstrip(b"\0")
             name = text.decode() if text.isalnum() else number.hex()
             cause = RESET_CAUSES.get(cause, f"unknown ({cause})")
-            self._info = BoardInfo(version, period / 1000, limit / 4, name, channels, cause)
+            numbers = version, period / 1000, limit / 4
+            self._info = BoardInfo(*numbers, name, channels, cause, *others[:1])
             return
-        sample = Sample.of(values, time.monotonic())
+        if (sample := self._assembly.take(kind, values, time.monotonic())) is None:
+            return
         if (before := self._sample) is not None:
             step = (sample.sequence - before.sequence) & 0xFFFF
             if step == 0 or sample.board_time == before.board_time:

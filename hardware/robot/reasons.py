@@ -11,8 +11,8 @@ REASONS = {
     guard.RESET: "it was reset",
     guard.LATE_COMMANDS: "commands come more than 250 ms late",
     guard.BAD_BOUNDS: (
-        "the limb's heat_bounds are out of the board's range, or so wide that heat need not show; "
-        "narrow them, or lower total_duty"
+        "the limb's heat_bounds did not all arrive, are out of the board's range, or so wide that "
+        "heat need not show; narrow them, or lower total_duty"
     ),
     guard.DISAGREEING: (
         "thermocouples and amplifiers disagree, or are below 10 °C; let the wires cool, then check "

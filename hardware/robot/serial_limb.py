@@ -6,32 +6,33 @@ from pathlib import Path
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from hardware.robot.link import HardwareError
+from hardware.robot.link import HardwareError, check_fit
 from hardware.robot.text_board import TextBoard
 from hardware.robot.text_link import TextLink, open_link
-from limb_systems import LimbError, LimbParameters, NoBoard, SerialBoard
+from limb_systems import Layout, LimbError, LimbParameters, NoBoard, SerialBoard
 from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.ports import declare_part
 from limb_systems.simulation import PERIOD
 
-CHANNELS = 2  # that a COMMAND and a SAMPLE are for
 LATEST = 0.1  # s, that a command may be late
 DEADLINE = 5e-3  # s, by which it is late for the record
 
 
 class SerialLimb(LeafSystem):
-    """The robot: a board with two wires, two thermocouples and a bend sensor.
+    """The robot: a board with a limb's wires, their thermocouples and its bend sensors.
 
-    - input 0 ``duty``: D (2), in [0, 1]
-    - output 0 ``measured_temperature``: V (2), °C
-    - output 1 ``bend_angle``: φ (1), rad, what the segment's ``bend_sensor`` makes of
+    For a limb of W wires and F bend angles:
+
+    - input 0 ``duty``: D (W), in [0, 1]
+    - output 0 ``measured_temperature``: V (W), °C
+    - output 1 ``bend_angle``: φ (F), rad, what each segment's ``bend_sensor`` makes of
       the board's reading, such as α/2
     - output 2 ``sample_age``: time since the sample was received, s
-    - output 3 ``applied_duty``: the duty that the board had applied at the sample (2)
+    - output 3 ``applied_duty``: the duty that the board had applied at the sample (W)
     - output 4 ``board_time``: time from the start of the board to the sample, s
-    - output 5 ``measurement``: [V (2), φ]
-    - state, discrete, at 20 Hz: [V (2), φ, applied duty (2), board time, time of
+    - output 5 ``measurement``: [V (W), φ (F)]
+    - state, discrete, at 20 Hz: [V (W), φ (F), applied duty (W), board time, time of
       reception on the simulation's clock]
 
     The outputs hold the last sample; only its age increases between samples. The
@@ -75,8 +76,7 @@ class SerialLimb(LeafSystem):
 
         Raises:
             HardwareError: if no board with a known firmware answers.
-            LimbError: if the number of wires is not the board's number of
-                channels, or the limb has several segments, for one bend sensor.
+            LimbError: if the limb has not as many wires and bend angles as the board.
             TextBoardError: if the description of a text board is wrong, or of another limb.
         """
         super().__init__()
@@ -84,7 +84,7 @@ class SerialLimb(LeafSystem):
         self.link = open_link(port, self.parameters, board)
         try:
             self.info = self.link.info()
-            self._check_channels()
+            check_fit(self.parameters, self.info, port)
             self.link.sample()
         except LimbError:
             self.link.close()
@@ -96,18 +96,22 @@ class SerialLimb(LeafSystem):
         self._heated, self._start = heated, 0.0
         self._failure: HardwareError | None = None
         self._failure_is_recorded = False
-        self.DeclareVectorInputPort("duty", 2)
-        state = self.DeclareDiscreteState(7)
+        segments = [self.parameters.segments[n] for n in Layout(self.parameters).bend_segment]
+        self._bend_sensors = [segment.bend_sensor for segment in segments]
+        wires, angles = len(self.parameters.wires), len(segments)
+        self.DeclareVectorInputPort("duty", wires)
+        state = self.DeclareDiscreteState(2 * wires + angles + 2)
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._begin))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._command))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
-        declare_part(self, "measured_temperature", state, slice(0, 2))
-        declare_part(self, "bend_angle", state, slice(2, 3))
+        read = wires + angles
+        declare_part(self, "measured_temperature", state, slice(0, wires))
+        declare_part(self, "bend_angle", state, slice(wires, read))
         tickets = {self.discrete_state_ticket(state), self.time_ticket()}
         self.DeclareVectorOutputPort("sample_age", 1, _show_age, tickets)
-        declare_part(self, "applied_duty", state, slice(3, 5))
-        declare_part(self, "board_time", state, slice(5, 6))
-        declare_part(self, "measurement", state, slice(0, 3))
+        declare_part(self, "applied_duty", state, slice(read, read + wires))
+        declare_part(self, "board_time", state, slice(read + wires, read + wires + 1))
+        declare_part(self, "measurement", state, slice(0, read))
         self.set_name("serial_limb")
 
     @property
@@ -120,20 +124,6 @@ class SerialLimb(LeafSystem):
 
     def __exit__(self, *_) -> None:
         self.close()
-
-    def _check_channels(self) -> None:
-        """Raises LimbError unless the board, and its frames, have all that the limb needs."""
-        num_wires, channels = len(self.parameters.wires), self.info.channels
-        if not num_wires == channels == CHANNELS:
-            raise LimbError(
-                f"This limb has {num_wires} wires, but the board on {self.link.port} has "
-                f"{channels} channels; a command is for {CHANNELS}."
-            )
-        if (num_segments := len(self.parameters.segments)) != 1:
-            raise LimbError(
-                f"This limb has {num_segments} segments, but the board on {self.link.port} has one "
-                "bend sensor."
-            )
 
     def close(self) -> None:
         """Switches the wires off and closes the port."""
@@ -171,11 +161,14 @@ class SerialLimb(LeafSystem):
         self._failure_is_recorded = self._failure is not None
         sample = self.link.sample()
         received = sample.received - self._start
-        bend_angle = self.parameters.segments[0].bend_sensor.bend_angle(sample.tip_tangent)
-        last = [bend_angle, *sample.duty, sample.board_time, received]
+        bend_angles = [
+            sensor.bend_angle(reading)
+            for sensor, reading in zip(self._bend_sensors, sample.tip_tangent, strict=True)
+        ]
+        last = [*bend_angles, *sample.duty, sample.board_time, received]
         discrete_state.set_value(np.append(sample.temperature, last))
 
 
 def _show_age(context, output):
-    received = context.get_discrete_state_vector()[6]
+    received = context.get_discrete_state_vector().value()[-1]
     output.SetFromVector([max(0.0, context.get_time() - received)])

@@ -50,7 +50,7 @@ def open_link(
         TextBoardError: if the description is wrong, or of another limb.
     """
     if board is None:
-        return BoardLink(port)
+        return BoardLink(port, limb)
     board = TextBoard.of(board)
     board.check_limb(limb)
     return TextLink(port, board, limb.wire_names)
@@ -140,7 +140,7 @@ class TextLink:
             reason=guard.NONE if self._armed else guard.HOST,
             acknowledged=0,
             temperature=np.array([values.get(name, np.nan) for name in self._wires]),
-            tip_tangent=values.get(BEND, np.nan),
+            tip_tangent=np.array([values.get(BEND, np.nan)]),
             duty=self._sent,
             warmest=np.full(len(self._wires), np.nan),
         )
@@ -150,7 +150,7 @@ class TextLink:
 
         Args:
             _bounds: bounds of the wires, which no text board knows.
-            total_duty: largest sum of both duties; commands are reduced to it.
+            total_duty: largest sum of all duties; commands are reduced to it.
 
         Raises:
             HardwareError: if readings are missing or too high.
@@ -173,7 +173,7 @@ class TextLink:
         self._armed = time.monotonic()
 
     def command(self, duty: np.ndarray) -> None:
-        """Sends a duty (2), in [0, 1]; it holds for 250 ms.
+        """Sends a duty (W), in [0, 1]; it holds for 250 ms.
 
         More than ``most_duty`` and ``total_duty`` is reduced to them, as a board does it.
 
@@ -183,7 +183,7 @@ class TextLink:
             KeyboardInterrupt: if a signal has ended the command that runs.
         """
         heed_signals()
-        duty = np.minimum(checked_duty(duty), self.board.most_duty)
+        duty = np.minimum(checked_duty(duty, len(self._wires)), self.board.most_duty)
         duty = duty * min(1.0, self._total / max(duty.sum(), 1e-9))
         if self._armed is None:
             raise self._error(f"The board on {self.port} is not armed")
@@ -225,7 +225,7 @@ class TextLink:
                     f"The {name} wire is read at {temperature:.1f} °C, and temperature_limit is "
                     f"{self.board.temperature_limit:g} °C"
                 )
-        if BEND in answered and not np.isfinite(sample.tip_tangent):
+        if BEND in answered and not np.isfinite(sample.tip_tangent).all():
             raise self._error("The bend sensor reads no number")
 
     def _error(self, what: str) -> HardwareError:

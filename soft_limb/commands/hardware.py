@@ -22,7 +22,7 @@ from hardware.live.feed import board_reading
 from hardware.live.messages import Reading, RunHeader
 from hardware.robot import board_check
 from hardware.robot.arm_check import check_wires
-from hardware.robot.link import SerialPort
+from hardware.robot.link import SerialPort, check_fit
 from hardware.robot.text_board import TextBoard
 from hardware.robot.text_link import open_link
 from limb_systems import (
@@ -66,28 +66,33 @@ def _ports(options: argparse.Namespace) -> int:
 
 
 def _status(options: argparse.Namespace) -> int:
-    with BoardLink(options.port) as link:
+    limb = LimbParameters.of(options.limb)
+    with BoardLink(options.port, limb) as link:
         info = link.info()
         if options.clear:
             link.clear()
-        print_summary(options, _state(info, link.sample()))
+        print_summary(options, _state(info, link.sample(), limb))
         with live_page(options) as live:
             if live:
-                _show_board(link, info, live)
+                check_fit(limb, info, options.port)
+                _show_board(link, info, limb, live)
     return 0
 
 
-def _state(info: BoardInfo, sample: Sample) -> Summary:
-    bend_angle = float(np.rad2deg(bend_angle_from_tip_tangent(sample.tip_tangent)))
-    (left, right), (warm_left, warm_right) = sample.temperature, sample.warmest
+def _state(info: BoardInfo, sample: Sample, limb: LimbParameters) -> Summary:
+    bends = np.rad2deg(bend_angle_from_tip_tangent(sample.tip_tangent)).tolist()
+    names = limb.wire_names
+    if len(names) != info.channels:  # of another limb
+        names = [f"wire {number + 1}" for number in range(info.channels)]
+    read = [f"{name} {V:.2f} °C" for name, V in zip(names, sample.temperature, strict=True)]
+    most = [f"{name} at most {T:.0f} °C" for name, T in zip(names, sample.warmest, strict=True)]
     texts = {
         "board": f"{info.serial_number}, firmware {info.firmware_version}",
         "state": "armed" if sample.armed else f"off: {sample.reason_text}",
         "last reset": info.reset_cause,
-        "wires": f"left {left:.2f} °C, right {right:.2f} °C; off at {info.temperature_limit:g} °C",
-        "heat": f"left at most {warm_left:.0f} °C, right at most {warm_right:.0f} °C, by their "
-        "duty",
-        "bend angle": f"{bend_angle:.1f}°",
+        "wires": f"{', '.join(read)}; off at {info.temperature_limit:g} °C",
+        "heat": f"{', '.join(most)}, by their duty",
+        "bend angle": ", ".join(f"{bend:.1f}°" for bend in bends),
     }
     values = {
         "serial_number": info.serial_number,
@@ -98,23 +103,23 @@ def _state(info: BoardInfo, sample: Sample) -> Summary:
         "reset_cause": info.reset_cause,
         "highest_temperature_c": sample.warmest.tolist(),
         "measured_temperature_c": sample.temperature.tolist(),
-        "bend_angle_deg": bend_angle,
+        "bend_angle_deg": bends[0] if len(bends) == 1 else bends,
         "duty": sample.duty.tolist(),
     }
     return Summary.of(texts, values)
 
 
-def _show_board(link: BoardLink, info: BoardInfo, live: LivePage) -> None:
+def _show_board(link: BoardLink, info: BoardInfo, limb: LimbParameters, live: LivePage) -> None:
     """Shows a board, which is not armed, until a signal comes."""
     live.say("State of the board; this program does not arm it")
-    live.begin(RunHeader(f"board {info.serial_number}", LimbParameters(), info.temperature_limit))
+    live.begin(RunHeader(f"board {info.serial_number}", limb, info.temperature_limit))
     start = time.monotonic()
     while True:
         sample = link.sample()
         live.show(
             Reading(
                 time.monotonic() - start,
-                [float(bend_angle_from_tip_tangent(sample.tip_tangent))],
+                bend_angle_from_tip_tangent(sample.tip_tangent).tolist(),
                 sample.temperature.tolist(),
                 sample.duty.tolist(),
                 board=board_reading(link),
@@ -132,7 +137,7 @@ def _arm_check(options: argparse.Namespace) -> int:
         if not options.json:
             print(f"{'ok    ' if good else 'FAILED'}  {what}", flush=True)
 
-    with BoardLink(options.port) as link:
+    with BoardLink(options.port, parameters) as link:
         passed = check_wires(link, say, parameters)
     if options.json:
         print_summary(options, Summary.of({}, {"passed": passed, "checks": checks}))
@@ -164,7 +169,11 @@ def _board_check(options: argparse.Namespace) -> int:
 
     with SerialPort(options.port) as cable:
         results = board_check.check_board(
-            cable, say, ask if options.by_hand or options.by_order else None, board_check.RULES
+            cable,
+            say,
+            ask if options.by_hand or options.by_order else None,
+            board_check.RULES,
+            LimbParameters.of(options.limb),
         )
     counts = {
         outcome: sum(result.outcome == outcome for result in results)
@@ -373,7 +382,7 @@ COMMANDS = {
     "status": Command(
         _status,
         "Prints the state of a board.",
-        "board json live address",
+        "board limb json live address",
         [Option("--clear", action="store_true", help="clear a fault that is latched")],
     ),
     "arm-check": Command(
@@ -389,7 +398,7 @@ COMMANDS = {
         "own. Takes three minutes, and wires reach 75 °C. Rules for faults of sensors need a hand "
         "at the robot, and are not run without one; with it, wires reach 90 °C. Exit status 0 if "
         "all that ran passed.",
-        "board json",
+        "board limb json",
         [
             [
                 Option(

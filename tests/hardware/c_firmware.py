@@ -104,7 +104,14 @@ def compile_core(folder, real="float"):
     return CFirmware
 
 
-FACTS = ("reset_cause", "remembered", "random", "serial_number")  # of a board that starts
+FACTS = (
+    "channels",
+    "angles",
+    "reset_cause",
+    "remembered",
+    "random",
+    "serial_number",
+)  # of a board that starts
 
 
 class Recorder:

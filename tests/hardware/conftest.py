@@ -24,10 +24,10 @@ SETTLING_TIME = 0.6  # s, of a board that was switched on, before it can be arme
 class Emulator:
     """``python -m hardware emulate``, with its log."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, *options):
         self.log = folder / f"log_{time.monotonic_ns()}.jsonl"
         self._begin = 0
-        command = [sys.executable, "-m", "hardware", "emulate", "--log", str(self.log)]
+        command = [sys.executable, "-m", "hardware", "emulate", "--log", str(self.log), *options]
         self.errors = folder / "errors.txt"
         with self.errors.open("w") as errors:
             self.process = subprocess.Popen(

@@ -6,7 +6,7 @@ pytest runs them under CPython, test_firmware.py under MicroPython as well.
 import math
 import struct
 
-from hardware.firmware import firmware, guard, heat, protocol, readings
+from hardware.firmware import firmware, from_host, guard, heat, protocol, readings, wide
 from hardware.firmware.firmware import Firmware
 
 ROOM = 25.0  # °C
@@ -15,16 +15,18 @@ ROOM = 25.0  # °C
 class PaperBoard:
     """A board on paper: nominal wires, (6) and (7), and whatever a test writes over them."""
 
-    def __init__(self, cause=firmware.POWER_ON, remembered=0):
+    def __init__(self, cause=firmware.POWER_ON, remembered=0, pulls=(16, 0), angles=1):
+        """pulls: of each wire, see `from_host.pull`."""
+        self.channels, self.angles, self.pulls = len(pulls), angles, pulls
         self.now = 0
         self.incoming = b""
         self.sent = []
-        self.duty = [None, None]
-        self.wires = [ROOM, ROOM]  # °C
-        self.temperatures = [ROOM, ROOM]  # as read
-        self.junctions = [ROOM, ROOM]
-        self.errors = [0.0, 0.0]  # °C, of the readings
-        self.faults = [0, 0]
+        self.duty = [None] * self.channels
+        self.wires = [ROOM] * self.channels  # °C
+        self.temperatures = [ROOM] * self.channels  # as read
+        self.junctions = [ROOM] * self.channels
+        self.errors = [0.0] * self.channels  # °C, of the readings
+        self.faults = [0] * self.channels
         self.reserved = 0  # bits that no amplifier sends
         self.bend = 0
         self.silent = False
@@ -36,7 +38,7 @@ class PaperBoard:
 
     def pass_time(self, milliseconds=1):
         self.now += milliseconds
-        for wire in (0, 1):
+        for wire in range(self.channels):
             interval, rise = milliseconds / 1000, self.wires[wire] - ROOM
             lag = self.wires[wire] - self.temperatures[wire]
             self.wires[wire] += interval * (20.0 * (self.duty[wire] or 0.0) - 0.07 * rise)
@@ -62,8 +64,13 @@ class PaperBoard:
     def read_bend(self):
         """The nominal limb's, with some noise in the last bits."""
         self.bend = (self.bend + 1) % 5
-        pull = self.wires[1] - self.wires[0]
-        return b"" if self.silent else struct.pack("<bh", 0, int(32 * pull) + self.bend)
+        data = b"\0"
+        for angle in range(self.angles):
+            pull = 0.0
+            for wire, share in enumerate(wide.shares(self.pulls, angle)):
+                pull += share * self.wires[wire]
+            data += struct.pack("<h", int(32 * pull) + self.bend)
+        return b"" if self.silent else data
 
     def set_duty(self, wire, duty):
         self.duty[wire] = duty
@@ -86,10 +93,11 @@ class Host:
         self.board = board or PaperBoard()
         self.firmware = Firmware(self.board)
         self.guard = self.firmware.guard
+        self.version = self.firmware._version
         self.sequence = 0
         self.run(milliseconds)
         if proven:
-            self.guard.proven = [True, True]
+            self.guard.proven = [True] * self.board.channels
 
     def run(self, milliseconds, duty=None, delay=0):
         """Runs on; commands a duty each 50 ms if there is one, as if late by a delay, ms."""
@@ -100,11 +108,13 @@ class Host:
             self.firmware.step()
 
     def send(self, *frame):
-        self.board.incoming += protocol.encode(*frame)
+        self.board.incoming += from_host.encode(self.version, *frame)
 
     def arm(self, bounds=heat.NOMINAL, total=1.0):
-        values = protocol.arm_values(self.guard.challenge, (bounds, bounds), total)
-        self.send(protocol.ARM, *values)
+        pulls = self.board.pulls
+        challenge, bounds = self.guard.challenge, [bounds] * len(pulls)
+        frames = from_host.encode_arming(self.version, challenge, bounds, total, pulls)
+        self.board.incoming += b"".join(frames)
         self.sequence = 0
         self.run(1)
 
@@ -114,23 +124,26 @@ class Host:
         session = self.guard.session or 0 if session is None else session
         sequence = self.sequence if sequence is None else sequence
         heard = (self.last_sample()[1] - delay) & 0xFFFFFFFF
-        self.send(protocol.COMMAND, session, sequence, heard, *ticks)
+        values = session, sequence, heard, ticks
+        self.board.incoming += from_host.encode_command(self.version, *values)
 
     def heat(self):
         self.arm()
         self.run(500, (0.0, 1.0))
-        assert self.board.duty == [0.0, 1.0]
+        assert self.board.duty[:2] == [0.0, 1.0]
 
     def time_to_off(self, limit, duty=(0.0, 1.0)):
         start = self.board.now
-        while self.board.duty != [0.0, 0.0]:
+        while any(self.board.duty):
             self.run(1, duty)
             assert self.board.now - start <= limit, "still on"
         return self.board.now - start
 
     def last_sample(self):
-        parser = protocol.Parser((protocol.SAMPLE,))
-        return parser.feed(self.board.sent[-1])[0][1]
+        """Values of the newest SAMPLE."""
+        parser = protocol.Parser((protocol.SAMPLE,), from_host.FORMATS)
+        sent = self.board.sent[-3:]
+        return parser.feed(b"".join(sent))[-1][1]
 
 
 def test_a_session_from_greeting_to_disarming():
@@ -147,7 +160,7 @@ def test_a_session_from_greeting_to_disarming():
     assert frames[0][1][3:] == (b"paper\0\0\0", 2, firmware.POWER_ON)
     host.run(60)
     wrong = host.guard.challenge ^ 1
-    host.send(protocol.ARM, *protocol.arm_values(wrong, (heat.NOMINAL, heat.NOMINAL), 1.0))
+    host.send(protocol.ARM, *from_host.arm_values(wrong, (heat.NOMINAL, heat.NOMINAL), 1.0))
     host.run(200, (1.0, 0.0))
     assert host.board.duty == [0.0, 0.0]
     host.guard.proven = [True, True]
@@ -157,7 +170,7 @@ def test_a_session_from_greeting_to_disarming():
     assert close(host.board.duty[1], 0.3, 1e-6)
     host.run(60, (0.0, 0.4))
     session, old = host.guard.session, host.sequence
-    other = protocol.arm_values(host.guard.challenge, (heat.NOMINAL, heat.NOMINAL), 0.1)
+    other = from_host.arm_values(host.guard.challenge, (heat.NOMINAL, heat.NOMINAL), 0.1)
     host.send(protocol.ARM, *other)
     for sequence in (old, old - 1, 1):
         host.command((1.0, 0.0), sequence=sequence)
@@ -256,7 +269,7 @@ def test_two_readings_above_the_limit_are_too_hot_and_one_is_not():
                 now += 50
                 if subject.state == guard.DISARMED and subject.reason < guard.LATCHING:
                     subject.arm(subject.challenge, (heat.NOMINAL, heat.NOMINAL), 1.0, now)
-                subject.sample(now, [105.0, reading], [30.0, 30.0], [0, 0], now)
+                subject.sample(now, [105.0, reading], [30.0, 30.0], [0, 0], [now])
         assert subject.reason == reason, subject.reason
 
 
@@ -270,9 +283,9 @@ def rising(rate, until):
         now += 50
         if now > 1000:
             reading += rate / 20
-        subject.sample(now, [60.0, reading], [30.0, 30.0], [0, 0], now)
+        subject.sample(now, [60.0, reading], [30.0, 30.0], [0, 0], [now])
         subject.arm(subject.challenge, (heat.NOMINAL, heat.NOMINAL), 1.0, now)
-        subject.command(subject.session, now, now, 0.0, 0.01, now)
+        subject.command(subject.session, now, now, (0.0, 0.01), now)
         seen.append((reading, subject.duty[1]))
     return subject.reason, seen
 
@@ -329,7 +342,7 @@ def test_bounds_out_of_range_do_not_arm():
     a1_slow, a1_fast, a2_least, a2_most, a3_slow = heat.NOMINAL
     host.arm((a1_slow, a1_fast, a2_most, a2_least, a3_slow))
     assert host.guard.reason == guard.BAD_BOUNDS
-    values = protocol.arm_values(host.guard.challenge, (heat.NOMINAL, heat.NOMINAL), 1.0)
+    values = from_host.arm_values(host.guard.challenge, (heat.NOMINAL, heat.NOMINAL), 1.0)
     for total in (0, 20001):
         values[-1] = total
         host.send(protocol.ARM, *values)
@@ -454,15 +467,15 @@ def test_heat_that_a_thermocouple_does_not_show():
         assert host.guard.reason == guard.NOT_WARMING
 
 
-def cold_thermocouple(board):
+def cold_thermocouple(board, off=1):
     """It has come off the wire, and reads the room with noise."""
     read, noise = board.read_thermocouple, iter(range(1000000))
 
     def read_cold(wire):
-        there = board.temperatures[1]
-        board.temperatures[1] = ROOM + (next(noise) * 5 % 7 - 3) / 4
+        there = board.temperatures[off]
+        board.temperatures[off] = ROOM + (next(noise) * 5 % 7 - 3) / 4
         data = read(wire)
-        board.temperatures[1] = there
+        board.temperatures[off] = there
         return data
 
     return read_cold
@@ -594,6 +607,163 @@ def test_steady_reading_is_no_frozen_one():
     assert abs(host.board.wires[1] - ROOM - 0.11 * 20.0 / 0.07) < 0.6
 
 
+def four_wires():
+    """A host of a board whose limb bends about two axes: wires at +E2, +E3, -E2 and -E3."""
+    return Host(PaperBoard(pulls=(0, 8, 16, 24), angles=2))
+
+
+def only(wire, share):
+    """A duty of one wire of four."""
+    return [share * (number == wire) for number in range(4)]
+
+
+def check_ends(host, duty, reason, limit):
+    """All wires are off within a limit, ms, for a reason, and stay off."""
+    host.time_to_off(limit, duty)
+    assert host.guard.reason == reason, host.guard.reason
+    assert host.last_sample()[4] in (reason, guard.NONE)  # the sample may be from before
+    host.run(300, duty)
+    assert host.board.duty == [0.0] * 4
+
+
+def test_each_of_four_wires_is_guarded():
+    """While another one is heated, or this one for heat that its thermocouple does not show."""
+
+    def open_it(board, wire):
+        board.faults[wire] = 1
+
+    def jump(board, wire):
+        board.errors[wire] += guard.LARGEST_JUMP + 1.0
+
+    def detach(board, wire):
+        board.read_thermocouple = cold_thermocouple(board, wire)
+
+    def conduct(board, wire):
+        pass_time = board.pass_time
+
+        def pass_and_warm():
+            pass_time()
+            board.wires[wire] += 0.02
+
+        board.pass_time = pass_and_warm
+
+    for wire in range(4):
+        for change, reason, heated, limit in (
+            (open_it, guard.THERMOCOUPLE_OPEN, wire + 1, 101),
+            (jump, guard.TEMPERATURE_JUMP, wire + 1, 101),
+            (conduct, guard.TOO_WARM, wire + 1, 3000),
+            (detach, guard.NOT_WARMING, wire, 1600),
+        ):
+            host, duty = four_wires(), only(heated % 4, 1.0)
+            host.arm()
+            host.run(60, duty)
+            assert host.board.duty == duty
+            change(host.board, wire)
+            check_ends(host, duty, reason, limit)
+
+
+def test_four_wires_share_their_total():
+    host = four_wires()
+    host.arm(total=1.2)
+    host.run(300, (0.8, 0.8, 0.4, 0.4))
+    for wire, share in enumerate((0.4, 0.4, 0.2, 0.2)):
+        assert close(host.board.duty[wire], share, 1e-6)
+
+
+def test_four_wires_arm_only_by_all_of_their_bounds():
+    """One lost, one of another set, of another challenge, for fewer wires, or too much in all."""
+    pulls, bounds = (0, 8, 16, 24), [heat.NOMINAL] * 4
+    other = [(0.05, 0.095, 17.0, 23.0, 0.5)] * 4
+
+    def frames(challenge, bounds=bounds, total=1.0, count=4):
+        return from_host.encode_arming(wide.VERSION, challenge, bounds, total, pulls[:count])
+
+    for wrong in (
+        lambda right: frames(right)[1:],
+        lambda right: frames(right)[:2] + frames(right)[3:],
+        lambda right: frames(right, other)[:1] + frames(right)[1:],
+        lambda right: frames(right ^ 1)[:4] + frames(right)[4:],
+        lambda right: frames(right, count=3),
+        lambda right: frames(right, total=4.1),
+    ):
+        host = four_wires()
+        host.board.incoming = b"".join(wrong(host.guard.challenge))
+        host.run(10)
+        assert (host.guard.state, host.guard.reason) == (guard.DISARMED, guard.BAD_BOUNDS)
+        host.guard.session = host.guard.challenge  # as a host that heats all the same
+        host.run(200, (0.5,) * 4)
+        assert host.board.duty == [0.0] * 4
+        host.arm()
+        host.run(60, (0.2,) * 4)
+        assert host.board.duty == [0.2] * 4
+    host = four_wires()
+    host.board.incoming = b"".join(frames(host.guard.challenge ^ 1))
+    host.run(10)
+    assert (host.guard.state, host.guard.reason) == (guard.DISARMED, guard.POWER_UP)
+
+
+def test_frames_of_the_other_version_have_no_effect():
+    for host, spoken in ((Host(), wide.VERSION), (four_wires(), protocol.VERSION)):
+        host.arm()
+        host.run(300, [0.1] * host.board.channels)
+        sent = len(host.board.sent)
+        values = host.guard.session, host.sequence + 1, host.board.now, [9000, 9000]
+        host.board.incoming += from_host.encode_command(spoken, *values)
+        for kind in (protocol.DISARM, protocol.HELLO):
+            host.board.incoming += from_host.encode(spoken, kind)
+        host.run(2)
+        assert host.board.duty == [0.1] * host.board.channels
+        assert len(host.board.sent) == sent  # no INFO
+        assert host.firmware._parser.other_version == spoken
+
+
+def test_duty_of_a_wire_that_is_not_there_switches_off():
+    host = four_wires()
+    host.arm()
+    host.run(300, only(0, 0.5))
+    host.command((0.5, 0.0, 0.0, 0.0, 0.1))
+    host.run(1)
+    assert (host.board.duty, host.guard.reason) == ([0.0] * 4, guard.OUT_OF_RANGE)
+
+
+def test_a_session_goes_on_when_the_half_of_its_sequence_begins_anew():
+    host = four_wires()
+    host.arm()
+    host.guard.acknowledged = host.sequence = 0xFFFD
+    host.run(500, only(1, 0.5))
+    assert host.guard.acknowledged == host.sequence == 0xFFFD + 10
+    assert host.last_sample()[5] < 10
+    for old in (0xFFFD, host.sequence, host.sequence + 0x8000):
+        host.command(only(1, 1.0), sequence=old)
+    host.run(5)
+    assert host.board.duty == only(1, 0.5)
+
+
+def test_each_of_two_angles_must_follow_its_wires():
+    """One follows, the other has noise alone, or nothing, when wires across and along it heat."""
+    noise = iter(range(1000000))
+    for angle, silent in ((0, False), (1, False), (0, True), (1, True)):
+        host = four_wires()
+        host.arm()
+        host.run(60, only(1 - angle, 0.5))
+        read = host.board.read_bend
+
+        def stick(read=read, angle=angle, silent=silent):
+            data, stuck = read(), 0 if silent else next(noise) * 7 % 100
+            data = data[: 1 + 2 * angle], struct.pack("<h", stuck), data[3 + 2 * angle :]
+            return b"".join(data)
+
+        host.board.read_bend = stick
+        if silent:
+            assert host.time_to_off(600, only(1 - angle, 0.5)) > 400
+        else:
+            host.run(10000, only(1 - angle, 0.5))
+            host.run(8000, only(angle, 0.5))
+            assert host.guard.state == guard.ARMED
+            host.time_to_off(12000, only(angle + 2, 0.5))
+        assert host.guard.reason == guard.BEND_STUCK
+
+
 def test_samples_come_at_their_rate_and_the_watchdog_is_fed():
     host = Host()
     sent, fed = len(host.board.sent), host.board.fed
@@ -668,10 +838,12 @@ def test_thermocouple_bytes_of_the_datasheet():
 
 
 def test_bend_bytes():
-    assert readings.bend(b"\x00\x40\x00") == 64
-    assert readings.bend(b"\x00\xc0\xff") == -64
-    assert readings.bend(b"\x01\x40\x00") is None
-    assert readings.bend(b"") is None
+    assert readings.bends(b"\x00\x40\x00") == (64,)
+    assert readings.bends(b"\x00\xc0\xff") == (-64,)
+    assert readings.bends(b"\x01\x40\x00") is None
+    assert readings.bends(b"") is None
+    assert readings.bends(b"\x00\x40\x00\xc0\xff", 2) == (64, -64)
+    assert readings.bends(b"\x00\x40\x00", 2) is None
 
 
 def run_all():

@@ -11,10 +11,11 @@ import time
 class Board:
     """A limb at rest."""
 
-    def __init__(self):
+    def __init__(self, channels=2, angles=1):
+        self.channels, self.angles = channels, angles
         self.now, self.random, self.reset_cause, self.remembered = 0, 4711, 0, 0
         self.serial_number, self.incoming = b"\0" * 8, b""
-        self.duty, self.bend = [0.0, 0.0], 0
+        self.duty, self.bend = [0.0] * channels, 0
 
     def ticks(self):
         return self.now
@@ -28,7 +29,7 @@ class Board:
 
     def read_bend(self):
         self.bend = (self.bend + 1) % 9
-        return bytes((0, self.bend, 0))
+        return b"\0" + bytes((self.bend, 0)) * self.angles
 
     def set_duty(self, wire, duty):
         self.duty[wire] = duty
@@ -50,23 +51,26 @@ class Load:
     """A firmware that is armed and commanded, a pass at a time."""
 
     def __init__(self, board, firmware):
-        from hardware.firmware import heat, protocol
+        from hardware.firmware import from_host, heat
 
-        self._protocol, self._bounds = protocol, (heat.NOMINAL, heat.NOMINAL)
+        self._from_host, self._bounds = from_host, [heat.NOMINAL] * board.channels
         self._board, self._firmware = board, firmware
         self._number = self._time = self._longest = self._garbage = 0
 
     def run(self):
         """One pass, with a sample and with a command that comes twice."""
-        board, guard, protocol = self._board, self._firmware.guard, self._protocol
+        board, guard, said = self._board, self._firmware.guard, self._from_host
+        version = 3 if board.channels == 2 else 4
         board.now += 50
         self._number += 1
         if guard.session is None:
-            values = protocol.arm_values(guard.challenge, self._bounds, 1.0)
-            board.incoming = protocol.encode(protocol.ARM, *values)
+            pulls = [0] * board.channels
+            values = guard.challenge, self._bounds, 1.0, pulls
+            board.incoming = b"".join(said.encode_arming(version, *values))
         else:
-            values = guard.session, guard.acknowledged + 1, board.now - 50, 100, 100
-            board.incoming = 2 * protocol.encode(protocol.COMMAND, *values)
+            ticks = [100] * board.channels
+            values = guard.session, guard.acknowledged + 1, board.now - 50, ticks
+            board.incoming = 2 * said.encode_command(version, *values)
         before, start = gc.mem_alloc(), time.ticks_us()
         self._firmware.step()
         taken, garbage = time.ticks_diff(time.ticks_us(), start), gc.mem_alloc() - before
@@ -75,9 +79,10 @@ class Load:
             self._garbage = max(self._garbage, garbage)
 
     def tell(self, in_use):
-        """Prints the mean time and the most memory of a pass, and what is in use."""
+        """Prints wires, the mean time and the most memory of a pass, and what is in use."""
         assert self._board.duty[0] > 0
         mean = self._time // (self._number - 50)
+        print("with", self._board.channels, "wires")
         print("a pass with a sample and two commands takes", mean, "us and", self._garbage, "bytes")
         print("code and data are", in_use, "bytes")
 

@@ -28,20 +28,22 @@ print(sys.implementation.name, *sys.version_info[:3])
 import firmware_checks
 print(firmware_checks.run_all(), "passed")
 `);
-  const load = await start();
-  const run = (line) => load.runPython(line); // garbage is collected between two of these
-  run("import firmware_load");
-  run("firmware_load.live()");
-  run("before = firmware_load.live()");
-  run("from hardware.firmware.firmware import Firmware");
-  run("board = firmware_load.Board(); firmware = Firmware(board)");
-  run("in_use = firmware_load.live() - before");
-  run("load = firmware_load.Load(board, firmware)");
-  for (let pass = 0; pass < 400; pass++) {
+  for (const size of ["2, 1", "6, 2"]) {
+    const load = await start();
+    const run = (line) => load.runPython(line); // garbage is collected between two of these
+    run("import firmware_load");
     run("firmware_load.live()");
-    run("load.run()");
+    run("before = firmware_load.live()");
+    run("from hardware.firmware.firmware import Firmware");
+    run(`board = firmware_load.Board(${size}); firmware = Firmware(board)`);
+    run("in_use = firmware_load.live() - before");
+    run("load = firmware_load.Load(board, firmware)");
+    for (let pass = 0; pass < 400; pass++) {
+      run("firmware_load.live()");
+      run("load.run()");
+    }
+    run("load.tell(in_use)");
   }
-  run("load.tell(in_use)");
 } catch (error) {
   console.log(error.message); // without the text of the interpreter itself
   process.exit(1);

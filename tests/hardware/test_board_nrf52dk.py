@@ -57,7 +57,7 @@ def test_the_board_starts_safely_and_reads_and_sends(chip, monkeypatch):
         assert readings.thermocouple(board.read_thermocouple(0)) == (100, 22 * 16, 0)
         assert readings.thermocouple(board.read_thermocouple(1)) == (104, 22 * 16, 0)
     assert chip.i2c_writes == [(fake.BEND_ADDRESS, b"\x00\x01\x00")]
-    assert readings.bend(board.read_bend()) == 64
+    assert readings.bends(board.read_bend()) == (64,)
     assert board.serial_number == 0x0123456789ABCDEF.to_bytes(8, "little")
     assert board.random == 0x0201
     assert board.receive() == b""

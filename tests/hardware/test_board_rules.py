@@ -8,10 +8,12 @@ import pytest
 
 from hardware.emulation.emulator import Emulation
 from hardware.emulation.twin import LimbTwin
-from hardware.firmware import firmware, guard, heat, protocol
+from hardware.firmware import firmware, from_host, guard, heat, protocol, wide
 from hardware.firmware.firmware import Firmware
 from hardware.robot.bench import Bench
 from hardware.robot.board_check import FAILED, NOT_RUN, PASSED, RULES, check_board
+from hardware.robot.link import HardwareError, pulls_of
+from limb_systems import Layout, LimbParameters
 
 from .firmware_checks import ROOM, PaperBoard
 
@@ -22,8 +24,10 @@ WATCHDOG = 200  # ms
 class PaperRobot(PaperBoard):
     """A board on paper that obeys the orders of `soft-limb emulate`, and the host's end."""
 
-    def __init__(self, program=Firmware):
-        super().__init__()
+    def __init__(self, program=Firmware, limb=None):
+        limb = limb or LimbParameters()
+        super().__init__(pulls=pulls_of(limb), angles=Layout(limb).num_bends)
+        self._names = limb.wire_names
         self._random = random.Random(0)
         self.program = program
         self.hung = 0
@@ -55,9 +59,11 @@ class PaperRobot(PaperBoard):
 
     def obey(self, order):
         name, *words = order.split()
-        wire = 0 if "left" in words else 1
+        wire = self._names.index(words[0]) if words and words[0] in self._names else 0
         if name == "mend":
-            self.faults, self.words, self.errors = [0, 0], [None, None], [0.0, 0.0]
+            self.faults, self.words, self.errors = (
+                [what] * self.channels for what in (0, None, 0.0)
+            )
             self.drift = self.drifted = 0.0
             self.detached, self.silent, self.bends = False, False, None
             self.hung, self.stopped = 0, None
@@ -87,7 +93,7 @@ class PaperRobot(PaperBoard):
             self.reset(firmware.PIN_RESET)
 
     def reset(self, cause):
-        self.duty = [0.0, 0.0]
+        self.duty = [0.0] * self.channels
         self.reset_cause, self.random = cause, self._random.getrandbits(16)
         self.hung, self.fed = 0, self.now
         self.firmware = self.program(self)
@@ -106,7 +112,9 @@ class PaperRobot(PaperBoard):
 
     def read_bend(self):
         data = super().read_bend()
-        return data if self.bends is None or not data else struct.pack("<bh", 0, self.bends())
+        if self.bends is None or not data:
+            return data
+        return b"\0" + b"".join(struct.pack("<h", self.bends()) for _ in range(self.angles))
 
 
 class Cable:
@@ -156,6 +164,40 @@ def test_this_firmware_keeps_all_rules_and_those_that_need_no_hand_without_one()
     assert {o.rule.by_hand for o in found if o.outcome == NOT_RUN} == {True}
     assert {o.rule.by_hand for o in found if o.outcome == PASSED} == {False}
     assert len({o.outcome for o in found}) == 2
+
+
+def test_boards_with_four_wires_keep_all_rules(two_segments):
+    """Around two axes, and in two segments."""
+    for limb in (LimbParameters.in_space(wires=4), two_segments):
+        robot = PaperRobot(limb=limb)
+        found = check_board(Cable(robot), ask=robot.ask, limb=limb)
+        assert [(o.rule.name, o.what) for o in found if o.outcome != PASSED] == []
+    with pytest.raises(
+        HardwareError, match="has 4 channels, but the limb has the wires left, right"
+    ):
+        check_board(Cable(robot))
+
+
+def test_a_host_that_misses_channels_ends_the_heat_of_all_wires():
+    """It answers whole samples alone, so that the board's heartbeat ends."""
+    limb = LimbParameters.in_space(wires=6)
+    cable = Cable(PaperRobot(limb=limb))
+    bench = Bench(cable, limb=limb)
+    bench.wait(0.7)
+    bench.arm()
+    bench.hold(bench.every(0.05), 0.3)
+    assert cable.robot.duty == bench.every(0.05)
+    receive, parser = cable.receive, protocol.Parser(from_host.KINDS, from_host.FORMATS)
+    cable.receive = lambda: b"".join(
+        wide.encode(kind, *values)
+        for kind, values in parser.feed(receive())
+        if (kind, values[1]) != (wide.CHANNELS, 4)  # the second of two
+    )
+    start = cable.robot.now
+    bench.hold(bench.every(0.05), 0.35)
+    assert cable.robot.duty == bench.every(0.0)
+    assert cable.robot.firmware.guard.reason == guard.NO_COMMAND
+    assert cable.robot.now - start < 400
 
 
 class EmulatedCable:
@@ -216,7 +258,7 @@ def test_an_emulated_board_whose_computer_was_busy_switches_off_in_time():
     bench = Bench(cable, cable.ask)
     bench.wait(0.7)
     bench.arm()
-    bench.hold(0.0, 1.0, 4.0)
+    bench.hold((0.0, 1.0), 4.0)
     before = cable.emulation.board.wire_temperature()[1]
     duty = bench.last.duty[1]
     cable.milliseconds += 3000
@@ -437,6 +479,13 @@ def no_greeting(program, handle, kind, values, now):
         handle(kind, values, now)
 
 
+@in_program("_handle")
+def no_wires(program, handle, *arguments):
+    channels, program._board.channels = program._board.channels, 1
+    handle(*arguments)
+    program._board.channels = channels
+
+
 @in_program("_send_sample")
 def whole_degrees(program, send_sample, now):
     quarters = program._quarters
@@ -447,10 +496,10 @@ def whole_degrees(program, send_sample, now):
 
 @in_program("_send_sample")
 def sixteenths_of_a_degree(program, send_sample, now):
-    bend = program._bend
-    program._bend = bend // 4 if bend else bend
+    bends = program._bends
+    program._bends = bends and [bend // 4 for bend in bends]
     send_sample(now)
-    program._bend = bend
+    program._bends = bends
 
 
 @in_guard("arm")
@@ -497,10 +546,10 @@ def keeps_the_duty(program, patch):
 
 def heats_when_off(program, patch):
     @in_guard("command")
-    def command(subject, old, session, sequence, heard, left, right, now):
-        old(session, sequence, heard, left, right, now)
+    def command(subject, old, session, sequence, heard, duty, now):
+        old(session, sequence, heard, duty, now)
         if subject.state == guard.DISARMED:
-            subject._asked = [left, right]
+            subject._asked = list(duty)
 
     @in_guard("sample")
     def sample(subject, old, *arguments):
@@ -527,13 +576,13 @@ def only_in_range(bounds):
 
 
 @in_guard("arm")
-def any_sum(subject, arm, challenge, bounds, total, now):
-    arm(challenge, bounds, total if 0.0 < total <= 2.0 else 1.0, now)
+def any_sum(subject, arm, challenge, bounds, total, *others):
+    arm(challenge, bounds, total if 0.0 < total <= 2.0 else 1.0, *others)
 
 
 @in_guard("command")
-def swapped_wires(subject, command, session, sequence, heard, left, right, now):
-    command(session, sequence, heard, right, left, now)
+def swapped_wires(subject, command, session, sequence, heard, duty, now):
+    command(session, sequence, heard, [duty[1], duty[0], *duty[2:]], now)
 
 
 @in_program("_send_sample")
@@ -557,14 +606,14 @@ def any_session(subject, command, session, *arguments):
 
 
 @in_guard("command")
-def any_age(subject, command, session, sequence, heard, left, right, now):
+def any_age(subject, command, session, sequence, heard, duty, now):
     late = (now - heard) & 0xFFFFFFFF >= 250
-    command(session, sequence, now - 249 if late else heard, left, right, now)
+    command(session, sequence, now - 249 if late else heard, duty, now)
 
 
 @in_guard("command")
-def limits_the_duty(subject, command, session, sequence, heard, left, right, now):
-    command(session, sequence, heard, min(left, 1.0), min(right, 1.0), now)
+def limits_the_duty(subject, command, session, sequence, heard, duty, now):
+    command(session, sequence, heard, [min(share, 1.0) for share in duty], now)
 
 
 def heartbeat_of(milliseconds):
@@ -588,8 +637,8 @@ def always_the_host(subject, trip, reason, now):
 
 
 @in_guard("arm")
-def any_power(subject, arm, challenge, bounds, total, now):
-    arm(challenge, bounds, 2.0 if 0.0 < total <= 2.0 else total, now)
+def any_power(subject, arm, challenge, bounds, total, *others):
+    arm(challenge, bounds, 2.0 if 0.0 < total <= 2.0 else total, *others)
 
 
 def no_open(wire):
@@ -671,7 +720,7 @@ def no_watchdog(program, patch):
 BOARDS = {
     "samples-every-50-ms": (slow_samples, once, jumping_sequence, fast_clock),
     "frames-are-valid": (damaged_copies, sends(lambda data: data.replace(b"\x7d\x23", b"\x03"))),
-    "info-describes-the-board": (no_greeting, constants(firmware, CHANNELS=1)),
+    "info-describes-the-board": (no_greeting, no_wires),
     "damaged-frames-are-ignored": (
         parses(NoChecksum),
         parses(AnyVersion),

@@ -212,7 +212,7 @@ def wait_for_calm(link):
 def test_duty_out_of_range_is_not_sent(emulator, link):
     link.arm(BOUNDS)
     for duty in ((0.0, 1.01), (-0.1, 0.0), (np.nan, 0.0), (0.0, np.inf)):
-        with pytest.raises(HardwareError, match="must be two numbers from 0 to 1"):
+        with pytest.raises(HardwareError, match="must be 2 numbers from 0 to 1"):
             link.command(np.array(duty))
     assert emulator.duty() == [0.0, 0.0]
 

@@ -9,7 +9,7 @@ import fuzz
 import pytest
 
 from hardware.emulation import emulator
-from hardware.firmware import firmware, guard, heat, protocol
+from hardware.firmware import firmware, from_host, guard, heat, protocol
 from hardware.robot.board_check import PASSED, RULES, check_board
 
 from .c_firmware import COMPILER, compile_core, make_both
@@ -142,7 +142,7 @@ class Episode(PaperBoard):
             return protocol.encode(protocol.COMMAND, *values)
         self.sequence = 0
         clear = protocol.encode(protocol.CLEAR, subject.challenge) if rng.random() < 0.05 else b""
-        values = protocol.arm_values(subject.challenge, self.bounds, self.total)
+        values = from_host.arm_values(subject.challenge, self.bounds, self.total)
         return clear + protocol.encode(protocol.ARM, *values)
 
 

@@ -46,12 +46,14 @@ def test_the_board_ends_arm_check_where_no_heat_shows():
 
 def test_thermocouples_are_compared_by_heat_and_by_bend():
     duty, bend = np.full((200, 2), 0.2), np.deg2rad(np.linspace(0.0, 10.0, 200))
-    heatings = [(duty, np.zeros((200, 2)), side * bend) for side in (-1, 1)]
+    heatings = 2 * [(duty, np.zeros((200, 2)), bend)]
     for shown, good in ((14.0, False), (18.0, True)):
         rates = [HeatRates(heating, 0.07, 1.0) for heating in (20.0, shown)]
         said = []
-        arm_check._judge_likeness(rates, heatings, lambda ok, what: said.append((ok, what)))
+        arm_check._judge_likeness(
+            ["left", "right"], rates, heatings, lambda ok, what: said.append((ok, what))
+        )
         ((passed, what),) = said
         assert passed == good
-        assert f"right thermocouple shows {shown / 20:.0%} of what the other does" in what
+        assert f"right thermocouple shows {shown / 20:.0%} of what the left one does" in what
         assert ("Bond the thermocouple anew" in what) != good

@@ -48,7 +48,7 @@ class GuardMachine(RuleBasedStateMachine):
     def command(self, step, age, duty, stray):
         session = (self.guard.session or 0) ^ (stray and duty[0] > 0.9)
         heard = (self.now - age) & 0xFFFFFFFF
-        self.guard.command(session, self.guard.acknowledged + step, heard, *duty, self.now)
+        self.guard.command(session, self.guard.acknowledged + step, heard, duty, self.now)
 
     @rule(milliseconds=st.one_of(st.integers(1, 60), st.integers(0, 10_000)))
     def wait(self, milliseconds):
@@ -69,7 +69,7 @@ class GuardMachine(RuleBasedStateMachine):
         self.guard.arm(self.guard.challenge, (heat.NOMINAL, heat.NOMINAL), 2.0, self.now)
         for _ in range(count):
             sequence = self.guard.acknowledged + 1
-            self.guard.command(self.guard.session, sequence, self.now, *duty, self.now)
+            self.guard.command(self.guard.session, sequence, self.now, duty, self.now)
             self.guard.tick(self.now)
             self.now += 50
             self._sample((None, None), (0, 0), False)
@@ -85,7 +85,7 @@ class GuardMachine(RuleBasedStateMachine):
             there if reading is None else reading
             for reading, there in zip(readings, self.temperatures, strict=True)
         ]
-        bend = None if silent else self.bend
+        bend = None if silent else [self.bend]
         self.guard.sample(self.now, shown, [26.0, 26.0], list(faults), bend)
 
     @rule()

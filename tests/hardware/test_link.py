@@ -13,9 +13,17 @@ from pydrake.systems.analysis import Simulator
 from calibration import collect_sag
 from hardware import BoardLink, HardwareError, LimbTwin, SerialLimb
 from hardware.emulation.emulated_board import EmulatedBoard
-from hardware.firmware import guard, protocol, readings
+from hardware.firmware import from_host, guard, protocol, readings, wide
+from hardware.robot.link import Assembly
 from hardware.robot.reasons import REASONS
-from limb_systems import ChordSensor, LimbError, LimbParameters, Recording, TipTangentSensor
+from limb_systems import (
+    ChordSensor,
+    LimbError,
+    LimbParameters,
+    Recording,
+    SegmentParameters,
+    TipTangentSensor,
+)
 from limb_systems.model.heat_bounds import HeatBounds
 from soft_limb.command import main
 
@@ -49,13 +57,12 @@ def test_a_board_of_another_version_is_refused(board, monkeypatch):
     """Also one of the first version, which did not tell its channels."""
     monkeypatch.setattr("hardware.robot.link.ANSWER_TIME", 0.3)
     first = bytes.fromhex("7e0181010032 00b8016d69 6e653030 30314766 dc367e")
-    with monkeypatch.context() as other:
-        other.setattr(protocol, "VERSION", protocol.VERSION + 1)
-        newer = greeting(9)
+    newer = bytes((0x05, protocol.INFO)) + bytes(20)
+    newer = b"\x7e" + newer + protocol.crc32(newer) + b"\x7e"
     for frame, said in (
         (greeting(7), "has firmware 7; this program needs 3"),
-        (first, "speaks version 1 of the protocol, but this program version 3; flash"),
-        (newer, "only version 3; use a newer version of this"),
+        (first, "speaks version 1 of the protocol, but this program versions 3 and 4; flash"),
+        (newer, "only versions 3 and 4; use a newer version of this"),
     ):
         with BoardLink(board[1]) as link:
             os.write(board[0], frame)
@@ -77,7 +84,9 @@ def test_a_board_with_other_channels_is_refused(board):
         os.write(board[0], greeting(3, channels=4))
         assert link.info().channels == 4
     threading.Timer(0.3, os.write, (board[0], greeting(3, channels=4))).start()
-    with pytest.raises(LimbError, match=r"has 2 wires, but the board on .* has 4 channels"):
+    with pytest.raises(
+        LimbError, match=r"has 2 wires and 1 bend angles, but the board on .* has 4 channels"
+    ):
         SerialLimb(board[1])
 
 
@@ -110,7 +119,7 @@ def test_the_segment_tells_what_a_reading_means(board):
             limb.GetInputPort("duty").FixValue(simulator.get_mutable_context(), [0.0, 0.0])
             simulator.Initialize()
             (angle,) = limb.GetOutputPort("bend_angle").Eval(simulator.get_context())
-            assert limb.link.sample().tip_tangent == pytest.approx(np.deg2rad(30.0))
+            assert limb.link.sample().tip_tangent == pytest.approx([np.deg2rad(30.0)])
         assert angle == pytest.approx(np.deg2rad(degrees))
 
 
@@ -120,15 +129,16 @@ def test_the_emulated_board_s_bytes_are_of_the_segment_s_sensor():
     for sensor in (TipTangentSensor(), ChordSensor()):
         board = EmulatedBoard(LimbTwin(limb_with(sensor), seed=3), lambda *_: None)
         angle = np.rad2deg(board.reading("bend_angle")[0])
-        said[type(sensor)] = np.mean([readings.bend(board.read_bend()) / 64 for _ in range(50)])
+        said[type(sensor)] = np.mean([readings.bends(board.read_bend()) for _ in range(50)]) / 64
     assert abs(angle) > 0.5
     assert said[TipTangentSensor] == pytest.approx(2 * angle, abs=0.05)
     assert said[ChordSensor] == pytest.approx(angle, abs=0.05)
 
 
-def test_an_emulated_board_is_for_a_limb_of_two_wires(two_segments):
-    with pytest.raises(LimbError, match="this limb has 4 wires in 2 segments"):
-        EmulatedBoard(LimbTwin(two_segments), lambda *_: None)
+def test_an_emulated_board_is_for_a_limb_of_eight_wires():
+    limb = LimbParameters(segments=[SegmentParameters(links=1) for _ in range(5)])
+    with pytest.raises(LimbError, match="this limb has 10 wires and 5 bend angles"):
+        EmulatedBoard(LimbTwin(limb), lambda _: None)
 
 
 def test_the_reason_for_which_a_board_is_off_is_told(board):
@@ -174,6 +184,34 @@ class Talking:
             os.write(self._end, self._make(number))
             if self._stop.wait(0.05):
                 return
+
+
+def test_a_sample_counts_only_if_all_of_its_channels_came():
+    """Of six wires and three angles, each frame twice; damage takes some of them."""
+    quarters, bends, ticks = [100, 101, 102, 103, 104, 105], [64, -64, 32], 6 * [5000]
+
+    def frames(sequence):
+        header = [sequence, 50 * sequence, 4711, guard.ARMED, 0, 9]
+        dialect = wide.Dialect(6, 3)
+        sent = dialect.encode_sample(header, quarters, bends, ticks, [25, 26, 27, 28, 29, 30])
+        parser = protocol.Parser(from_host.KINDS, from_host.FORMATS)
+        return parser.feed(b"".join(sent))
+
+    one, two, three, four = (frames(sequence) for sequence in (1, 2, 3, 4))
+    assembly = Assembly()
+    came = [
+        *one, *one,  # both copies
+        *two[:2], two[0], *three[:1],  # a CHANNELS was lost, twice
+        *three[1:2], *three[2:], four[2], four[0], four[1], four[1],  # in another order
+    ]  # fmt: skip
+    samples = [s for kind, values in came if (s := assembly.take(kind, values, 0.0))]
+    assert [sample.sequence for sample in samples] == [1, 1, 3, 4]
+    for sample in samples:
+        np.testing.assert_array_equal(sample.temperature, np.array(quarters) / 4)
+        np.testing.assert_allclose(np.rad2deg(sample.tip_tangent), [1.0, -1.0, 0.5])
+        np.testing.assert_array_equal(sample.duty, 6 * [0.5])
+        np.testing.assert_array_equal(sample.warmest, [25, 26, 27, 28, 29, 30])
+        assert (sample.armed, sample.acknowledged) == (True, 9)
 
 
 def keep_commanding(link, seconds=1.5):

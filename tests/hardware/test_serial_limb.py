@@ -32,7 +32,7 @@ from limb_systems.progress import Progress
 from planners import plan, references
 from soft_limb.command import main
 
-from .conftest import SimulatedBoard, wait_for
+from .conftest import Emulator, SimulatedBoard, wait_for
 
 
 @pytest.fixture(scope="module")
@@ -59,6 +59,28 @@ def test_has_the_ports_of_the_limb(emulator):
         assert robot.parameters.board == SerialBoard("twin0000")
         builder = DiagramBuilder()
         builder.AddSystem(robot)
+
+
+def test_a_limb_of_four_wires_has_its_ports_and_heats_on_its_board(tmp_path):
+    limb = LimbParameters.in_space(wires=4)
+    limb.save(tmp_path / "limb.yaml")
+    emulator = Emulator(tmp_path, "--limb", str(tmp_path / "limb.yaml"))
+    try:
+        with pytest.raises(LimbError, match=r"has 2 wires and 1 bend angles, but .* has 4"):
+            SerialLimb(emulator.port)
+        with SerialLimb(emulator.port, limb) as robot:
+            sizes = {"measured_temperature": 4, "bend_angle": 2, "applied_duty": 4}
+            for name, size in {**sizes, "measurement": 6}.items():
+                assert robot.GetOutputPort(name).size() == size
+            duty = [0.05, 0.0, 0.1, 0.02]
+            recording = simulate(robot, duty, 1.0)
+            heated = emulator.events("duty")[-1]
+        np.testing.assert_allclose(recording.applied_duty[:, -1], duty, atol=1e-4)
+        assert [heated[name] for name in limb.wire_names] == pytest.approx(duty)
+        assert recording.bend_angle.shape[0] == 2
+        assert wait_for(lambda: not any(emulator.events("duty")[-1][n] for n in limb.wire_names))
+    finally:
+        emulator.stop()
 
 
 def test_a_plan_for_more_power_than_the_limb_s_is_refused(emulator, short_plan):
@@ -146,13 +168,13 @@ def test_plans_for_another_limb_or_temperature_are_refused(emulator, short_plan)
     assert emulator.duty() == [0.0, 0.0]
 
 
-def test_a_limb_of_two_segments_has_no_board(emulator, two_segments):
-    message = f"has 4 wires, but the board on {emulator.port} has 2 channels"
+def test_a_limb_of_two_segments_does_not_fit_this_board(emulator, two_segments):
+    message = f"has 4 wires and 2 bend angles, but the board on {emulator.port} has 2 channels"
     with pytest.raises(LimbError, match=message):
         SerialLimb(emulator.port, two_segments)
     for segment in two_segments.segments:
         segment.wires.pop()
-    with pytest.raises(LimbError, match=r"has 2 segments, but .* has one bend sensor"):
+    with pytest.raises(LimbError, match=r"has 2 wires and 2 bend angles, but .* and 1 angles"):
         SerialLimb(emulator.port, two_segments)
 
 

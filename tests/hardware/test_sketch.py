@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from hardware.firmware import firmware, guard, heat, protocol
+from hardware.firmware import firmware, from_host, guard, heat, protocol
 
 from .c_firmware import COMPILER, CXX, SKETCH
 from .test_board_rules import fast_checksum  # noqa: F401
@@ -92,7 +92,7 @@ class Teensy:
 
     def heat(self):
         challenge, now = self.sample[2], self.sample[1]
-        values = protocol.arm_values(challenge, [heat.NOMINAL] * 2, 2.0)
+        values = from_host.arm_values(challenge, [heat.NOMINAL] * 2, 2.0)
         self.send(protocol.encode(protocol.ARM, *values))
         self.send(protocol.encode(protocol.COMMAND, challenge, 1, now, 0, 1000))
         return self.run(100)

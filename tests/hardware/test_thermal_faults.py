@@ -91,6 +91,6 @@ def test_a_mosfet_that_is_shorted_is_noticed_and_the_supply_let_go():
 
 
 def test_both_wires_stay_below_the_limit_for_as_long_as_they_are_heated():
-    result = board_faults.run_fault(("no fault, both wires hot", FROM_BEGINNING, 1.0, 3, 0))
+    result = board_faults.run_fault(("no fault, all wires hot", FROM_BEGINNING, 1.0, 3, 0))
     assert result["off"] is None
     assert 95.0 < result["hottest"] < HOTTEST

@@ -352,7 +352,7 @@ def test_an_emulated_board_s_limb_leaves_the_cut_out_to_the_firmware():
 def test_an_emulated_board_that_comes_late_still_has_its_limb():
     """Each time 3 ms after a step of the wires, which is how the integrator once got to NaN."""
     now = 0.0
-    board = EmulatedBoard(LimbTwin(seed=0), lambda left, right: None, lambda: now)
+    board = EmulatedBoard(LimbTwin(seed=0), lambda _: None, lambda: now)
     for turn in range(200):
         board.set_duty(0, 0.3 * (turn % 3 == 0))
         board.keep_supply()
