@@ -143,7 +143,7 @@ def solve_quasi_static(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Heat and duty of the wires in the best quasi-static plan.
 
-    It heeds neither the task's limits of the motion nor ``total_duty``.
+    It does not heed the task's limits of the motion, nor, as plans of planar limbs, ``total_duty``.
 
     Args:
         times, initial_heat, warm_up_time, measured_margin: as for `check_temperature_limits`.
@@ -161,7 +161,8 @@ def solve_quasi_static(
         num_intervals = max(1, round((times[-1] - times[0]) / SPACING))
         grid = np.linspace(times[0], times[-1], num_intervals + 1)
         some = np.unique(np.searchsorted(times, grid - 1e-9).clip(0, len(times) - 1))
-    parameters = dataclasses.replace(parameters, total_duty=float(wires.num_wires))
+    if Layout(parameters).is_planar:
+        parameters = dataclasses.replace(parameters, total_duty=float(wires.num_wires))
     task = dataclasses.replace(
         task,
         max_bend_rate=None,
@@ -215,15 +216,9 @@ class QuasiStaticProgram(PlanProgram):
         self._shares = (self._layout.shape**2).sum(axis=0)  # of (15) in the joints' angles
         self.prog = prog = MathematicalProgram()
         scales = wires.heat_scales[: None if limit_weight is None else wires.num_states]
-        heat, duty, bends = (
-            prog.NewContinuousVariables(K, size, name)
-            for size, name in (
-                (len(scales), "y"),
-                (W, "D"),
-                (len(self._shares), "b"),
-            )
-        )
-        self._heat, self._bends = heat, bends
+        sizes = {"y": len(scales), "D": W, "b": len(self._shares)}
+        heat, duty, bends = (prog.NewContinuousVariables(K, sizes[name], name) for name in sizes)
+        self._bends = bends
         self.heat, self.duty, self.bends = map(self.indices, (heat, duty, bends))
         self._of_knots = np.hstack([self.heat, self.duty, self.bends])
         steps = prog.NewContinuousVariables(K - 1, "h")
@@ -412,12 +407,7 @@ class HeldBends:
         self.hessian_rows, self.hessian_columns = (states[:, i].ravel() for i in self._triangle)
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
-        """φ - φ(x); not a number where a limb folds, from which IPOPT turns back."""
-        try:
-            bends = self._held.bends(x[self._states])
-        except LimbError:
-            return np.full(self._bends.size, np.nan)
-        return (x[self._bends] - bends).ravel()
+        return (x[self._bends] - self._held.bends(x[self._states])).ravel()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         bends, slopes = self._held.expanded_bends(x[self._states])
