@@ -15,7 +15,7 @@ import pytest
 from scipy.signal import lsim
 
 import calibration
-from limb_systems import LimbParameters, LinearLaw, Recording, Trajectory
+from limb_systems import LimbParameters, LinearLaw, Recording, Trajectory, tip_position
 from planners import references
 
 ROOT = Path(__file__).parents[2]
@@ -223,6 +223,21 @@ def test_two_segments(tmp_path):
         np.testing.assert_allclose(np.rad2deg(angle), equilibrium_angle(segment, wire), atol=0.5)
     assert (tmp_path / "two_segments.png").read_bytes().startswith(PNG)
     assert b"</html>" in (tmp_path / "two_segments.html").read_bytes()
+
+
+def test_draw_in_space(tmp_path):
+    """Feedback brings the tip of a limb that is not calibrated to where it is asked to be."""
+    (tmp_path / "path.csv").write_text("8,0\n8,8\n0,8\n")
+    arguments = [EXAMPLES / "draw_in_space.py", "path.csv", "-o", tmp_path]
+    said = run(arguments, tmp_path)
+    open_loop, feedback = map(float, re.findall(r"^\w+ +(.*)° from what", said, re.MULTILINE))
+    assert feedback < open_loop / 2
+    plan = Trajectory.load(tmp_path / "drawing.csv")
+    _, *tip = 1e3 * tip_position(plan.parameters, plan.joint_angles)
+    np.testing.assert_allclose(np.array(tip)[:, [0, 250, -1]], [[0, 8, 0], [0, 0, 8]], atol=0.7)
+    for name in ("open_loop", "feedback"):
+        assert (tmp_path / f"drawing_{name}.png").read_bytes().startswith(PNG)
+        assert b"</html>" in (tmp_path / f"drawing_{name}.html").read_bytes()
 
 
 def test_readme_script_is_the_example():

@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import nbformat
+import numpy as np
 import pytest
 from jupyter_client.manager import start_new_kernel
 from nbclient import NotebookClient
@@ -94,11 +95,24 @@ def check_feedback_and_learning(text):
     assert last < first / 2
 
 
+def check_limb_in_space(text):
+    """The bend of one wire alone by (12), towards its own side; plans, and both ways to drive."""
+    assert "3 wires, 10 joints, 2 bends" in text
+    towards = [number(rf"wire_{wire} bends it towards (.*)° from E2", text) for wire in (1, 2, 3)]
+    assert towards == [0.0, 120.0, -120.0]
+    bend = 3 * 4.7e-4 * 20.0 * 0.25 / 0.07 / 0.1246 * (1 - np.exp(-0.07 * 60.0))
+    along, across = (number(rf"(\S+)° towards E{axis}", text) for axis in (2, 3))
+    assert np.hypot(along, across) == pytest.approx(np.rad2deg(bend), rel=0.02)
+    assert number(r"simulated within (.*)°", text) < 0.3
+    assert number(r"feedback: +(.*)° from", text) < number(r"open loop: +(.*)° from", text) / 3
+
+
 CHECKS = [
     check_limb_in_ten_minutes,
     check_plan_your_own_motion,
     check_calibrate_from_your_logger,
     check_feedback_and_learning,
+    check_limb_in_space,
 ]
 
 
