@@ -7,7 +7,7 @@ from pydrake.systems.primitives import SymbolicVectorSystem
 from pydrake.trajectories import Trajectory
 
 from hardware.emulation.specimen import Specimen
-from limb_systems import Layout, LimbError, LimbParameters
+from limb_systems import Layout, LimbParameters
 from limb_systems.model.chain import Chain
 from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.ownership import weak_method
@@ -153,18 +153,10 @@ class Hand(LeafSystem):
         Args:
             parameters: description of the limb.
             motion: bend angles (F) over time, rad, to which the hand moves the limb.
-
-        Raises:
-            LimbError: if the motion has not as many rows as the limb bends.
         """
         super().__init__()
         self._motion, self._layout = motion, Layout(parameters)
         (segment,), (self._segment_chain,) = parameters.segments, self._layout.chains
-        if motion.rows() != self._layout.num_bends:
-            raise LimbError(
-                f"The hand moves {motion.rows()} bend angles, but the limb has "
-                f"{self._layout.num_bends}; give a trajectory with a row for each."
-            )
         self._chain = Chain(self._layout, parameters.gravity)
         # A torque at the tip turns the chord by about (n + 1) / 2 joints' worth of angle.
         self._stiffness = GRIP * segment.stiffness * self._segment_chain.equal_angle

@@ -46,7 +46,7 @@ from limb_systems import (
     WireLaw,
     joint_angles_from_bend_angle,
 )
-from limb_systems.model.parameters import BoardIdentity
+from limb_systems.model.parameters import BoardIdentity, SegmentParameters
 
 EFFECTS = ("hysteresis", "silicone", "stress", "rubber", "bend sensor")
 EXTRA_EFFECTS = ("memory", "bond")  # that a limb has on request only
@@ -243,12 +243,25 @@ class Specimen:
         layout = Layout(self.description)
         for number, described in enumerate(self.description.segments):
             if described.axes == 2:
-                drawn = _draw_second_axis(uniform, described)
+                drawn = self._draw_second_axis(uniform, described)
                 self.segments[number] = _changed(self.segments[number], drawn)
                 for wire in range(layout.num_wires)[layout.wires_of[number]]:
                     # 4° of standard deviation, ours: wires are laid into the mould by hand
                     changes = {"misplaced": np.deg2rad(uniform(-7.0, 7.0))}
                     self.wires[wire] = _changed(self.wires[wire], changes)
+
+    def _draw_second_axis(self, uniform, segment: SegmentParameters) -> dict[str, float]:
+        """What the segment's physics has beside, where it bends about two axes."""
+        sensor = segment.bend_sensor
+        return {
+            # A section cast to 1% of its width and thickness, whose ratio counts squared; ours.
+            "stiffness_ratio": segment.stiffness_ratio * uniform(0.97, 1.03),
+            "rest_offset_e3": np.deg2rad(uniform(-2.0, 2.0)),  # as towards E2
+            "sensor_gain_e3": sensor.gain * uniform(0.97, 1.03),
+            "sensor_curvature_e3": uniform(-0.03, 0.03),
+            "sensor_offset_e3": sensor.offset_e3,
+            "sensor_roll": np.deg2rad(uniform(-5.0, 5.0)),  # ours, glued on by eye
+        }
 
     @classmethod
     def of(cls, board: EmulatedLimb) -> "Specimen":
@@ -400,6 +413,13 @@ class Specimen:
         ]
         return joint_angles_from_bend_angle(self.description, rest)
 
+    def places(self) -> np.ndarray:
+        """Where the wires run in truth (W, 2), m along E2 and E3."""
+        e2, e3 = np.array([[wire.e2, wire.e3] for wire in self.description.wires]).T
+        misplaced = np.array([wire.misplaced for wire in self.wires])
+        cosine, sine = np.cos(misplaced), np.sin(misplaced)
+        return np.column_stack([cosine * e2 - sine * e3, sine * e2 + cosine * e3])
+
     def mechanics(self) -> LimbParameters:
         """Parameters of the linear part: true k, σ, places of wires, ambient and lag.
 
@@ -413,11 +433,8 @@ class Specimen:
             segment.stiffening, segment.rest_memory = 0.0, None
         for wire, drawn in zip(parameters.wires, self.wires, strict=True):
             wire.law = LinearLaw(a3=-1 / drawn.bond_time if drawn.bond_time else drawn.lag_rate)
-            cosine, sine = np.cos(drawn.misplaced), np.sin(drawn.misplaced)
-            wire.e2, wire.e3 = (
-                float(cosine * wire.e2 - sine * wire.e3),
-                float(sine * wire.e2 + cosine * wire.e3),
-            )
+        for wire, place in zip(parameters.wires, self.places().tolist(), strict=True):
+            wire.e2, wire.e3 = place
         return parameters
 
 
@@ -504,20 +521,6 @@ def _draw_segment(uniform, segment) -> SegmentPhysics:
         sensor_noise=sensor.noise,
         sensor_drift=sensor.drift,
     )
-
-
-def _draw_second_axis(uniform, segment) -> dict[str, float]:
-    """What `SegmentPhysics` has beside, where the segment bends about two axes."""
-    sensor = segment.bend_sensor
-    return {
-        # A section cast to 1% of its width and thickness, whose ratio counts squared; ours.
-        "stiffness_ratio": segment.stiffness_ratio * uniform(0.97, 1.03),
-        "rest_offset_e3": np.deg2rad(uniform(-2.0, 2.0)),  # as towards E2
-        "sensor_gain_e3": sensor.gain * uniform(0.97, 1.03),
-        "sensor_curvature_e3": uniform(-0.03, 0.03),
-        "sensor_offset_e3": sensor.offset_e3,
-        "sensor_roll": np.deg2rad(uniform(-5.0, 5.0)),  # ours, glued on by eye
-    }
 
 
 def _changed(physics: Any, changes: dict[str, float]) -> Any:

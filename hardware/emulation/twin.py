@@ -17,6 +17,7 @@ from hardware.emulation.sensors import (
     ExactBend,
     SampledSensors,
     limb_sensors,
+    rolled,
 )
 from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
 from hardware.emulation.wires import LONGEST_STEP, ShapeMemoryWires
@@ -115,7 +116,8 @@ class LimbTwin(Diagram):
 
         Raises:
             ParameterError: if a parameter is out of its range.
-            LimbError: if there is no such physics, or it has no such limb.
+            LimbError: if there is no such physics, or it has no such limb, or if the hand moves
+                another number of bends than the limb has.
         """
         super().__init__()
         if specimen is None:
@@ -126,6 +128,11 @@ class LimbTwin(Diagram):
         segments = self.parameters.segments
         if any(s.twists or (s.axes == 2 and s.links > MOST_LINKS) for s in segments):
             self.accuracy = STIFF_ACCURACY
+        if hand is not None and hand.rows() != layout.num_bends:
+            raise LimbError(
+                f"The hand moves {hand.rows()} bend angles, but the limb has {layout.num_bends}; "
+                "give a trajectory with a row for each."
+            )
         names = [f"with {name}" for name in specimen.extra]
         names += [f"without {name}" for name in specimen.absent]
         names += [f"{name} changed by {value:.4g}" for name, value in specimen.disturbances.items()]
@@ -418,7 +425,5 @@ def _shown(segment: SegmentPhysics, exact: np.ndarray) -> np.ndarray:
         (segment.sensor_curvature, segment.sensor_curvature_e3),
         (segment.sensor_offset, segment.sensor_offset_e3),
     ])[:, : len(exact)]  # fmt: skip
-    if len(exact) == 2:
-        cosine, sine = np.cos(segment.sensor_roll), np.sin(segment.sensor_roll)
-        exact = np.array([[cosine, sine], [-sine, cosine]]) @ exact
-    return gain * exact * (1 + curvature / (np.pi / 4) * exact) + offset
+    angle = rolled(exact, segment.sensor_roll)
+    return gain * angle * (1 + curvature / (np.pi / 4) * angle) + offset
