@@ -37,15 +37,20 @@ from pydrake.trajectories import Trajectory
 from scipy.linalg import eigh, expm
 from scipy.special import ndtri
 
-from hardware.emulation.sensors import THERMOCOUPLE_NOISE, THERMOCOUPLE_PERIOD, THERMOCOUPLE_STEP
+from hardware.emulation.sensors import (
+    THERMOCOUPLE_NOISE,
+    THERMOCOUPLE_PERIOD,
+    THERMOCOUPLE_STEP,
+    rolled,
+)
 from hardware.emulation.specimen import Specimen
-from limb_systems import LimbError
+from limb_systems import Layout, LimbError
+from limb_systems.model.chain import Chain as StaticChain
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import SegmentParameters
 from limb_systems.model.ports import declare_part
 
-SIDES = np.array([-1.0, 1.0])  # of the two wires
-JOINTS = 8  # of the chain, whatever the links of the description
+JOINTS = 8  # of the chain for each axis, whatever the links of the description
 SHELLS = 7  # of silicone around each wire
 RELAYS = 1000  # of each wire
 CREEP_TIMES = 0.2 * 8.0 ** np.arange(4)  # s, of the Prony series: 0.2 to 100 s
@@ -95,6 +100,7 @@ class ContinuumWire:
     - ``lag``, ``second_lag``: time constants of the thermocouple, s.
     - ``leak``: share of the reading that is the innermost shell's temperature.
     - ``pick_up``: °C that full duty's current adds to the reading.
+    - ``misplaced``: as of `WirePhysics`.
     """
 
     heating: float
@@ -120,6 +126,7 @@ class ContinuumWire:
     second_lag: float
     leak: float
     pick_up: float
+    misplaced: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,6 +158,8 @@ class ContinuumBeam:
     - ``sensor_noise``: standard deviation of a sample, rad.
     - ``sensor_walk``: random walk since it was switched on, rad/√s.
     - ``missing``: share of samples that are missing, so that the one before is shown again.
+
+    Where the segment bends about two axes, it also has the last five of `SegmentPhysics`.
     """
 
     stiffness: float
@@ -178,6 +187,11 @@ class ContinuumBeam:
     sensor_noise: float
     sensor_walk: float
     missing: float
+    stiffness_ratio: float = 1.0
+    rest_offset_e3: float = 0.0
+    sensor_gain_e3: float = 1.0
+    sensor_offset_e3: float = 0.0
+    sensor_roll: float = 0.0
 
 
 class ContinuumSpecimen(Specimen):
@@ -187,7 +201,7 @@ class ContinuumSpecimen(Specimen):
     what its wires do does not depend on the description's laws. A change of "cooling" is one of
     its surface alone.
 
-    - ``wires``: two `ContinuumWire`, left and right.
+    - ``wires``: `ContinuumWire` (W); left and right, if the limb bends in a plane.
     - ``segments``: one `ContinuumBeam`.
     """
 
@@ -200,16 +214,26 @@ class ContinuumSpecimen(Specimen):
 
     def _draw(self, uniform, _):
         sides = [wire.lever[0] for wire in self.description.wires]
-        if sides != [-1, 1] or [segment.axes for segment in self.description.segments] != [1]:
+        is_planar = self.description.segments[0].axes == 1
+        if (is_planar and sides != [-1, 1]) or len(self.description.segments) != 1:
             raise LimbError(
-                "An emulated limb of the physics continuum has one segment that bends in a plane, "
-                "with a left and a right wire, in this order; describe such a limb, or take the "
-                "physics lumped."
+                "An emulated limb of the physics continuum has one segment with a left and a right "
+                "wire, in this order, or one that bends about two axes; describe such a limb, or "
+                "take the physics lumped."
             )
         self.segments = [_draw_beam(uniform)]
         kind = _draw_wire(uniform)
-        self.wires = [_draw_side(uniform, kind) for _ in SIDES]
+        self.wires = [_draw_side(uniform, kind) for _ in sides]
         self.ambient = self.description.ambient_temperature + uniform(-3.0, 3.0)  # °C, ours
+
+    def _draw_second_axis(self, uniform, segment: SegmentParameters) -> dict[str, float]:
+        return {
+            "stiffness_ratio": segment.stiffness_ratio * uniform(0.94, 1.06),  # ours
+            "rest_offset_e3": np.deg2rad(uniform(-4.0, 4.0)),  # these as towards E2
+            "sensor_gain_e3": uniform(0.97, 1.03),
+            "sensor_offset_e3": np.deg2rad(uniform(-0.5, 0.5)),
+            "sensor_roll": np.deg2rad(uniform(-5.0, 5.0)),  # ours
+        }
 
     def _change(self, change: dict[str, float]) -> None:
         self.wires = [
@@ -222,6 +246,7 @@ class ContinuumSpecimen(Specimen):
             stiffness=beam.stiffness * change["stiffness"],
             # A torque on a spring is another angle at rest.
             rest_offset=beam.rest_offset + change["payload"] / change["stiffness"],
+            rest_offset_e3=beam.rest_offset_e3 + change["payload_e3"] / change["stiffness"],
             cooling=beam.cooling * change["cooling"],
             sensor_noise=beam.sensor_noise * change["noise"],
         )
@@ -234,29 +259,44 @@ class ContinuumSpecimen(Specimen):
     def _move_state(self, warmer: float, bent: np.ndarray) -> None:
         if not self.state:
             return
-        state = self.state
+        state, rows = self.state, bent.reshape(-1, JOINTS)
+        segment, (beam,) = fine(self.description.segments[0]), self.segments
+        bends = np.array([bend_gradient(segment, axis) @ row for axis, row in enumerate(rows)])
+        moved = [[row, 0 * row, *[row] * len(CREEP_TIMES)] for row in rows]
         self.state = state | {
             "heat": state["heat"] + warmer,
             "thermocouples": state["thermocouples"] + warmer,
-            "play": state["play"] + bend_gradient(self.description.segments[0], JOINTS) @ bent,
-            "beam": state["beam"] + np.concatenate([bent, 0 * bent, *[bent] * len(CREEP_TIMES)]),
+            "play": state["play"] + rolled(bends, beam.sensor_roll),
+            "beam": state["beam"] + np.ravel(moved),
         }
 
     def rest_angles(self) -> np.ndarray:
-        """Joint angles at rest (8), rad."""
+        """Joint angles at rest (8 for each axis), rad."""
         (segment,), (beam,) = self.description.segments, self.segments
-        return (segment.rest_angle + beam.rest_offset) * equal_joint_angles(segment)
+        towards_e2 = (segment.rest_angle + beam.rest_offset) * equal_joint_angles(segment)
+        if segment.axes == 1:
+            return towards_e2
+        rest = segment.rest_angle_e3 + beam.rest_offset_e3
+        return np.append(towards_e2, rest * equal_joint_angles(segment, 1))
 
 
-def equal_joint_angles(segment: SegmentParameters) -> np.ndarray:
+def fine(segment: SegmentParameters) -> SegmentParameters:
+    """The chain of eight links that stands for a segment; in space it twists, and is centred."""
+    in_space = segment.axes == 2
+    return dataclasses.replace(segment, links=JOINTS, twists=in_space, centred_joints=in_space)
+
+
+def equal_joint_angles(segment: SegmentParameters, axis: int = 0) -> np.ndarray:
     """Equal angles (8) of the chain's joints that an exact bend sensor shows as one radian."""
-    return np.full(JOINTS, 1 / bend_gradient(segment, JOINTS).sum())
+    return np.full(JOINTS, 1 / bend_gradient(fine(segment), axis).sum())
 
 
-def bend_gradient(segment: SegmentParameters, joints: int) -> np.ndarray:
-    """Derivatives (joints,) of what an exact bend sensor shows of a chain, where it is straight."""
-    step = 1e-6
-    return segment.bend_sensor.exact_bend_angle(step * np.eye(joints)) / step
+def bend_gradient(segment: SegmentParameters, axis: int = 0) -> np.ndarray:
+    """Derivatives of a bend that an exact sensor shows by its joints, where all are straight."""
+    step, chain = 1e-6, segment.chain
+    joints = np.array(chain.kinds) == ("e2", "e3")[axis]
+    angles = np.ascontiguousarray(step * np.eye(len(joints))[:, joints])
+    return segment.bend_sensor.exact_bends(chain, angles)[axis] / step
 
 
 class Preisach:
@@ -304,28 +344,29 @@ def _relays(wire: ContinuumWire) -> tuple[np.ndarray, np.ndarray]:
 
 
 class RadialShells:
-    """Heat of two wires and of the silicone around each, in finite volumes per metre of limb.
+    """Heat of wires and of the silicone around each, in finite volumes per metre of limb.
 
     Each wire is surrounded by `SHELLS` cylindrical shells, whose radii grow by one factor up to
-    that of half the limb's cross-section. Heat flows from the wire over a contact resistance
-    into the first, on to the next by conduction, and from the last to the room by free
-    convection and radiation, and to the other wire's last shell:
+    that of its share of the limb's cross-section. Heat flows from the wire over a contact
+    resistance into the first, on to the next by conduction, and from the last to the room by free
+    convection and radiation, and to the last shells of the wires beside it:
 
         C_0 Ṫ_0 = P - g (T_0 - T_1)
         C_i Ṫ_i = g_(i-1) (T_(i-1) - T_i) - g_i (T_i - T_(i+1)),   g_i = 2π λ / ln(r_(i+1) / r_i)
 
     with r_i at the volumes' middles by their logarithms. Integrated by Euler's method.
 
-    - ``capacities``: C (2, 1 + `SHELLS`), J/(m K).
-    - ``conductances``: g (2, `SHELLS`), W/(m K), from each to the next.
+    - ``capacities``: C (W, 1 + `SHELLS`), J/(m K).
+    - ``conductances``: g (W, `SHELLS`), W/(m K), from each to the next.
     """
 
     def __init__(self, specimen: ContinuumSpecimen):
         (segment,), (beam,) = specimen.description.segments, specimen.segments
-        outside = np.sqrt(segment.width * segment.thickness / 2 / np.pi)
-        self.capacities = np.empty((2, 1 + SHELLS))
-        self.conductances = np.empty((2, SHELLS))
-        self._last = np.empty(2)  # from the last shell's middle to the surface
+        count = len(specimen.wires)
+        outside = np.sqrt(segment.width * segment.thickness / count / np.pi)
+        self.capacities = np.empty((count, 1 + SHELLS))
+        self.conductances = np.empty((count, SHELLS))
+        self._last = np.empty(count)  # from the last shell's middle to the surface
         for index, wire in enumerate(specimen.wires):
             radii = np.geomspace(wire.radius, max(outside, 2 * wire.radius), SHELLS + 1)
             own = wire.heat_capacity * np.pi * wire.radius**2
@@ -337,15 +378,20 @@ class RadialShells:
             self._last[index] = 2 * one
         self._power = np.array([wire.heating for wire in specimen.wires]) * self.capacities[:, 0]
         self._room, self._beam = specimen.ambient, beam
-        self._surface = segment.width + segment.thickness  # m² per m, half the perimeter
+        self._surface = 2 * (segment.width + segment.thickness) / count  # m² per m, each wire's
+        around = np.argsort([np.arctan2(wire.e3, wire.e2) for wire in segment.wires]).tolist()
+        self._beside = np.zeros((count, count))  # differences between each and those beside it
+        for one, other in {tuple(sorted(p)) for p in zip(around, np.roll(around, 1), strict=True)}:
+            pair = np.eye(count)[one] - np.eye(count)[other]
+            self._beside += np.outer(pair, pair)
         self._crossing = beam.crossing * beam.conductivity
 
     def power(self, heating: np.ndarray) -> np.ndarray:
-        """Heat into the wires (2), W/m, at a share of the full power of each."""
+        """Heat into the wires (W), W/m, at a share of the full power of each."""
         return self._power * heating
 
     def after(self, temperatures: np.ndarray, power: np.ndarray, step: float) -> np.ndarray:
-        """Temperatures (2, 1 + `SHELLS`) after a step, °C, with heat into the wires (2), W/m."""
+        """Temperatures (W, 1 + `SHELLS`) after a step, °C, with heat into the wires (W), W/m."""
         flows = self.conductances * (temperatures[:, :-1] - temperatures[:, 1:])
         net = np.empty_like(temperatures)
         net[:, 0] = power
@@ -353,13 +399,11 @@ class RadialShells:
         net[:, :-1] -= flows
         last = temperatures[:, -1]
         net[:, -1] -= self.loss(last)
-        crossing = self._crossing * (last[0] - last[1])
-        net[0, -1] -= crossing
-        net[1, -1] += crossing
+        net[:, -1] -= self._crossing * (self._beside @ last)
         return temperatures + step * net / self.capacities
 
     def loss(self, last: np.ndarray) -> np.ndarray:
-        """Heat from the last shells, at temperatures (2), °C, to the room (2), W/m."""
+        """Heat from the last shells, at temperatures (W), °C, to the room (W), W/m."""
         rise = last - self._room
         convection = self._beam.convection * ((np.abs(rise) + 0.1) / 10) ** 0.25
         mean = (last + self._room) / 2 + ZERO_CELSIUS
@@ -369,7 +413,7 @@ class RadialShells:
 
 
 class Chain:
-    """The beam as a chain of eight joints, whose stiffness varies along it.
+    """The beam, bent about one axis, as a chain of eight joints, whose stiffness varies along it.
 
         M θ̈ + C θ̇ + K ((1 + s) (θ - θ_0) + v Σ_j (θ - q_j)) = moments,   q̇_j = (θ - q_j) / τ_j
 
@@ -381,20 +425,29 @@ class Chain:
     - ``gradient``: derivatives (8) of the bend by the joint angles.
     """
 
-    def __init__(self, specimen: ContinuumSpecimen):
+    def __init__(self, specimen: ContinuumSpecimen, axis: int = 0):
+        """
+        Args:
+            specimen: the limb.
+            axis: 0 for bends towards E2, 1 towards E3.
+        """
         (segment,), (beam,) = specimen.description.segments, specimen.segments
-        self.segment, self.gradient = segment, bend_gradient(segment, JOINTS)
-        self.rest = specimen.rest_angles()
+        self.gradient = bend_gradient(fine(segment), axis)
+        self.rest = specimen.rest_angles()[axis * JOINTS :][:JOINTS]
         along = (np.arange(JOINTS) + 0.5) / JOINTS
         mean = segment.stiffness * beam.stiffness * JOINTS / segment.links
+        mean *= (1.0, beam.stiffness_ratio)[axis]
         self.stiffness = mean * (1 + beam.taper * (1 - 2 * along))
         self._link, self._link_mass = segment.length / JOINTS, segment.mass / JOINTS
         gravity = self._link_mass * np.array(specimen.description.gravity[:2])
         self._gravity = gravity if gravity.any() else None
         turned = np.tril(np.ones((JOINTS, JOINTS)))  # directions of the links by joint angles
         lateral = self._link * (np.tril(np.ones((JOINTS, JOINTS)), -1) + 0.5 * np.eye(JOINTS))
-        own = (self._link**2 + segment.thickness**2) / 12  # of a box, over its mass
+        across = (segment.thickness, segment.width)[axis]
+        own = (self._link**2 + across**2) / 12  # of a box, over its mass
         inertia = lateral.T @ lateral + own * np.eye(JOINTS)
+        self._payload = specimen.description.payload / self._link_mass
+        inertia += self._payload * self._link**2  # at the tip
         self._inertia = self._link_mass * turned.T @ inertia @ turned
         squares = eigh(np.diag(self.stiffness), self._inertia, eigvals_only=True)
         self._creep = beam.creep
@@ -429,12 +482,8 @@ class Chain:
         """Stiffness of a hand's grip against the bend, N·m/rad."""
         return GRIP / (self.gradient**2 / self.stiffness).sum()
 
-    def bend(self, angles: np.ndarray) -> float:
-        """What an exact bend sensor shows of joint angles (8), rad."""
-        return float(self.segment.bend_sensor.exact_bend_angle(angles))
-
     def weight(self, angles: np.ndarray) -> np.ndarray | float:
-        """Moments of gravity (8), N·m, at joint angles (8); 0 where there is none."""
+        """Moments of gravity (8), N·m, at joint angles (8) in a plane; 0 where there is none."""
         if self._gravity is None:
             return 0.0
         directions = np.cumsum(angles)
@@ -444,19 +493,21 @@ class Chain:
         beyond = np.arange(JOINTS, 0, -1)
         centres = np.cumsum((ends - links / 2)[:, ::-1], axis=1)[:, ::-1]
         lever = centres - beyond * (ends - links)
+        lever += self._payload * (ends[:, -1:] - (ends - links))
         return lever[0] * self._gravity[1] - lever[1] * self._gravity[0]
 
-    def resampled(self, joints: int) -> tuple[np.ndarray, np.ndarray]:
-        """Another chain of this shape, which shows the same bend.
+    def resampled(self, segment: SegmentParameters, axis: int) -> tuple[np.ndarray, np.ndarray]:
+        """The chain of a described segment of this shape, which shows the same bend.
 
         Returns:
-            matrix (joints, 8) from these angles to its angles, and equal angles of it (joints,)
+            matrix (links, 8) from these angles to its angles, and equal angles of it (links,)
             that an exact bend sensor shows as one radian.
         """
+        joints = segment.links
         ends, wanted = np.linspace(0.0, 1.0, JOINTS + 1), np.linspace(0.0, 1.0, joints + 1)
         turned = np.vstack([np.zeros(JOINTS), np.tril(np.ones((JOINTS, JOINTS)))])
         tangent = np.array([np.interp(wanted, ends, column) for column in turned.T]).T
-        angles, gradient = np.diff(tangent, axis=0), bend_gradient(self.segment, joints)
+        angles, gradient = np.diff(tangent, axis=0), bend_gradient(segment, axis)
         one = np.full(joints, 1 / gradient.sum())
         return angles + np.outer(one, self.gradient - gradient @ angles), one
 
@@ -469,22 +520,23 @@ class ContinuumLimb(LeafSystem):
         p = x (1 - r b) - (1 - x) s tanh(b / b_0)
 
     with the share of austenite x, a `Preisach` operator of T - Δ p, and the bend b to the wire's
-    own side. Heat is that of `RadialShells`, the latent heat taken from the wire. Power falls
-    with the resistance, which depends on phase and temperature. The beam is a `Chain`, each of
-    whose joints has the moment
+    own side, along its lever. Heat is that of `RadialShells`, the latent heat taken from the
+    wire. Power falls with the resistance, which depends on phase and temperature. The beam is a
+    `Chain`, each of whose joints has the moment
 
         k θ η(x) (1 - a x² + b x⁴) + k v Σ_j (θ - q_j) + F z
 
     softer below its largest bend so far by η, as Mullins saw, with creep by a power law in q_j,
-    and dry friction z by Dahl.
+    and dry friction z by Dahl. In space there is one for each axis, x² is the sum of both, weight
+    is that of the bent chain, and twist is what its springs hold at rest under the weight.
 
-    - input 0 ``duty``: D (2), in [0, 1]
-    - output 0 ``thermocouples``: V (2), °C, before noise and steps
-    - output 1 ``bend``: φ (1), rad, before noise, walk and steps
-    - output 2 ``wire_temperature``: T (2), °C
+    - input 0 ``duty``: D (W), in [0, 1]
+    - output 0 ``thermocouples``: V (W), °C, before noise and steps
+    - output 1 ``bend``: φ (F), rad, before noise, walk and steps
+    - output 2 ``wire_temperature``: T (W), °C
     - output 3 ``joint_state``: [θ, θ̇] (2n), rad and rad/s, of a chain as described that shows
       the same bend
-    - output 4 ``applied_duty``: D (2) in the steps of the PWM
+    - output 4 ``applied_duty``: D (W) in the steps of the PWM
     - state, discrete: what `_unused` lists
     """
 
@@ -500,35 +552,50 @@ class ContinuumLimb(LeafSystem):
         Args:
             specimen: the limb, with the state after its last use, which this keeps up to date.
             period: s, of the steps of heat; those of the beam are half as long.
-            hand: bend angle over time, rad, to which a hand bends the limb until its end.
+            hand: bend angles (F) over time, rad, to which a hand bends the limb until its end.
         """
         super().__init__()
         self._specimen, self._period, self._hand = specimen, period, hand
-        (beam,), wires = specimen.segments, specimen.wires
-        self._beam, self._room = beam, specimen.ambient
-        self._heat, self._preisach, self._chain = (
-            RadialShells(specimen),
-            Preisach.of(wires),
-            chain := Chain(specimen),
+        (beam,), wires, (segment,) = (
+            specimen.segments,
+            specimen.wires,
+            specimen.description.segments,
         )
+        self._beam, self._room, num_wires = beam, specimen.ambient, len(wires)
+        self._heat, self._preisach = RadialShells(specimen), Preisach.of(wires)
+        self._chains = [Chain(specimen, axis) for axis in range(segment.axes)]
+        self._described = Layout(specimen.description)
+        limb = dataclasses.replace(specimen.description, segments=[fine(segment)])
+        self._layout, self._sensor = Layout(limb), segment.bend_sensor
+        self._in_space = StaticChain(self._layout, limb.gravity)
+        self._twists = np.flatnonzero(~self._layout.shape.any(axis=1))
+        self._torsional = segment.torsional_ratio * self._chains[0].stiffness[: len(self._twists)]
+        self._springs = np.ones(self._layout.num_joints)
         step = period / SUBSTEPS
-        self._free, self._held = chain.propagator(step), chain.propagator(step, held=True)
+        self._free = [chain.propagator(step) for chain in self._chains]
+        self._held = [chain.propagator(step, held=True) for chain in self._chains]
         for name in WIRE_ARRAYS:
             setattr(self, f"_{name}", np.array([getattr(wire, name) for wire in wires]))
         # A moment along the beam, less at the last joint, that would bend it as drawn.
         profile = np.ones(JOINTS)
         profile[-1] -= beam.anchor
-        one = chain.gradient @ (profile / chain.stiffness)
-        self._moments = profile[:, None] * SIDES * [wire.bend / one for wire in wires]
-        equal = equal_joint_angles(chain.segment)
-        self._at_45 = np.pi / 4 * equal
-        self._friction = beam.friction * equal * chain.stiffness
-        self._friction_yield = beam.friction_yield * equal
-        joints = chain.segment.links
-        self._shown, self._one_shown = chain.resampled(joints)
+        one = self._chains[0].gradient @ (profile / self._chains[0].stiffness)
+        places = specimen.places()
+        self._levers = (places / np.hypot(*places.T)[:, None])[:, : segment.axes]
+        self._moments = [
+            profile[:, None] * lever * [wire.bend / one for wire in wires]
+            for lever in self._levers.T
+        ]
+        equal = [equal_joint_angles(segment, axis) for axis in range(segment.axes)]
+        self._at_45 = np.pi / 4 * np.array(equal)
+        self._friction = beam.friction * np.array(equal) * [c.stiffness for c in self._chains]
+        self._friction_yield = beam.friction_yield * np.array(equal)
+        self._shown = [chain.resampled(segment, a) for a, chain in enumerate(self._chains)]
         # The beam's state counts angles from where it rests.
-        self._rest = np.concatenate([chain.rest, 0 * chain.rest, *[chain.rest] * len(CREEP_TIMES)])
-        self._gripped = chain.hand * chain.gradient
+        self._rest = np.array(
+            [[c.rest, 0 * c.rest, *[c.rest] * len(CREEP_TIMES)] for c in self._chains]
+        ).reshape(segment.axes, -1)
+        joints = self._described.num_joints
 
         unused = self._unused()
         ends = np.cumsum([len(part) for part in unused.values()]).tolist()
@@ -538,19 +605,19 @@ class ContinuumLimb(LeafSystem):
         }
         first = np.concatenate([specimen.state.get(name, part) for name, part in unused.items()])
         state = self.DeclareDiscreteState(first)
-        duty = self.DeclareVectorInputPort("duty", 2)
+        duty = self.DeclareVectorInputPort("duty", num_wires)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weak_method(self._update))
         tickets = {self.discrete_state_ticket(state)}
         for name, size, calc in (
-            ("thermocouples", 2, self._calc_thermocouples),
-            ("bend", 1, self._calc_bend),
-            ("wire_temperature", 2, self._calc_temperature),
+            ("thermocouples", num_wires, self._calc_thermocouples),
+            ("bend", segment.axes, self._calc_bend),
+            ("wire_temperature", num_wires, self._calc_temperature),
             ("joint_state", 2 * joints, self._calc_joints),
         ):
             self.DeclareVectorOutputPort(name, size, weak_method(calc), tickets)
         self.DeclareVectorOutputPort(
             "applied_duty",
-            2,
+            num_wires,
             weak_method(self._calc_duty),
             {self.input_port_ticket(duty.get_index())},
         )
@@ -558,18 +625,33 @@ class ContinuumLimb(LeafSystem):
 
     def _unused(self) -> dict[str, np.ndarray]:
         """The state of a limb that was never used, by the names of its parts."""
+        num_wires, twist = len(self._levers), np.zeros(len(self._twists))
+        rest = self._exact_bend(self._rest[:, :JOINTS], twist)
         return {
-            "heat": np.full(2 * (1 + SHELLS), self._room),
-            "relays": np.zeros(2 * RELAYS),
-            "share": np.zeros(2),
-            "beam": self._rest,
-            "friction": np.zeros(JOINTS),
+            "heat": np.full(num_wires * (1 + SHELLS), self._room),
+            "relays": np.zeros(num_wires * RELAYS),
+            "share": np.zeros(num_wires),
+            "beam": self._rest.ravel(),
+            "twist": twist,
+            "friction": np.zeros(JOINTS * len(self._chains)),
             "largest": np.zeros(JOINTS),
-            "thermocouples": np.full(4, self._room),  # after the first lag, after both
-            "pulls": np.zeros(2),
-            "play": np.array([self._chain.bend(self._chain.rest)]),
-            "duty": np.zeros(2),
+            "thermocouples": np.full(2 * num_wires, self._room),  # after the first lag, after both
+            "pulls": np.zeros(num_wires),
+            "play": rolled(rest, self._beam.sensor_roll),
+            "duty": np.zeros(num_wires),
         }
+
+    def _all_angles(self, angles: np.ndarray, twist: np.ndarray) -> np.ndarray:
+        """Angles of all joints, of those of each axis (axes, 8) and the twists."""
+        result = np.zeros(self._layout.num_joints)
+        result[self._twists] = twist
+        for joints, of_axis in zip(self._layout.bend_joints, angles, strict=True):
+            result[joints] = of_axis
+        return result
+
+    def _exact_bend(self, angles: np.ndarray, twist: np.ndarray) -> np.ndarray:
+        """What an exact bend sensor shows (F), rad, of joint angles as of `_all_angles`."""
+        return self._sensor.exact_bends(self._layout.chains[0], self._all_angles(angles, twist))
 
     def _part(self, context: Context, name: str) -> np.ndarray:
         return context.get_discrete_state_vector().value()[self._parts[name]]
@@ -584,84 +666,113 @@ class ContinuumLimb(LeafSystem):
         self._after_heat(state)
         now, hand, wanted = context.get_time(), self._hand, None
         if hand is not None and now < hand.end_time():
-            wanted = hand.value(now).item()
+            wanted = hand.value(now).ravel()
         for _ in range(SUBSTEPS):
             self._after_beam(state, wanted)
-        bend = self._chain.bend(state["beam"][:JOINTS])
+        angles = state["beam"].reshape(len(self._chains), -1)[:, :JOINTS]
+        bend = rolled(self._exact_bend(angles, state["twist"]), self._beam.sensor_roll)
         half = self._beam.sensor_play / 2
-        state["play"][:] = min(max(state["play"][0], bend - half), bend + half)
+        state["play"][:] = np.minimum(np.maximum(state["play"], bend - half), bend + half)
         self._specimen.state = self._specimen.state | state
         discrete_state.set_value(values)
 
     def _after_heat(self, state: dict[str, np.ndarray]) -> None:
         """Advances the wires and thermocouples."""
-        temperatures, share = state["heat"].reshape(2, -1), state["share"]
+        share, num_wires = state["share"], len(state["share"])
+        temperatures = state["heat"].reshape(num_wires, -1)
         warm = 1 + self._resistance_slope * (temperatures[:, 0] - 25.0)
         coil = (1 - self._resistance_drop * share) * warm
         resistance = self._lead_share + (1 - self._lead_share) * coil
         power = self._heat.power(state["duty"] / resistance)
         after = self._heat.after(temperatures, power, self._period)
         shifted = after[:, :1] - (self._stress_shift * state["pulls"])[:, None]
-        relays = self._preisach.after(state["relays"].reshape(2, -1) > 0.5, shifted)
+        relays = self._preisach.after(state["relays"].reshape(num_wires, -1) > 0.5, shifted)
         changed = np.array([np.count_nonzero(row) for row in relays]) / RELAYS
         after[:, 0] -= self._latent_heat * (changed - share)
         share[:] = changed
         state["heat"][:] = after.ravel()
         state["relays"][:] = relays.ravel()
-        first, second = state["thermocouples"][:2], state["thermocouples"][2:]
+        first, second = np.split(state["thermocouples"], 2)
         bonded = after[:, 0] + self._leak * (after[:, 1] - after[:, 0])
         second += (1 - np.exp(-self._period / self._second_lag)) * (first - second)
         first += (1 - np.exp(-self._period / self._lag)) * (bonded - first)
 
-    def _after_beam(self, state: dict[str, np.ndarray], wanted: float | None) -> None:
+    def _after_beam(self, state: dict[str, np.ndarray], wanted: np.ndarray | None) -> None:
         """Advances the beam by a step of its own, with or without a hand."""
-        chain, beam = self._chain, self._beam
-        relative = state["beam"] - self._rest
-        bent, share = relative[:JOINTS], state["share"]
-        own_bend = SIDES * (chain.gradient @ state["beam"][:JOINTS])
+        chains, beam, share = self._chains, self._beam, state["share"]
+        absolute = state["beam"].reshape(len(chains), -1)
+        relative = absolute - self._rest
+        bent = relative[:, :JOINTS]
+        bend = np.array(
+            [c.gradient @ row[:JOINTS] for c, row in zip(chains, absolute, strict=True)]
+        )
+        own_bend = self._levers @ bend
         yielding = MARTENSITE_YIELD * np.tanh(own_bend / MARTENSITE_YIELD)
         pulls = share * (1 - self._relief * own_bend)
         pulls -= (1 - share) * self._martensite_pull * yielding
-        squares = (bent / self._at_45) ** 2
+        squares = ((bent / self._at_45) ** 2).sum(axis=0)
         largest = np.maximum(state["largest"], squares)
         healthy = 1 - beam.mullins * np.tanh((largest - squares) / MULLINS_RANGE)
         capped = np.minimum(squares, STIFFEST)
         shape = healthy * (1 - (beam.softening - beam.stiffening * capped) * capped)
-        friction = state["friction"]
-        moments = self._moments @ pulls - chain.stiffness * (shape - 1 - ADDED) * bent
-        moments += chain.weight(state["beam"][:JOINTS]) - self._friction * friction
-        free, forced = self._free if wanted is None else self._held
-        if wanted is not None:
-            moments += self._gripped * (wanted - chain.gradient @ chain.rest)
-        after = free @ relative + forced @ moments
-        turned = after[:JOINTS] - bent
-        side = np.sign(turned)
-        slip = np.exp(-np.abs(turned) / self._friction_yield)
-        state["friction"][:] = side + (friction - side) * slip
+        weights = self._weights(absolute[:, :JOINTS], state["twist"])
+        for axis, friction in enumerate(state["friction"].reshape(len(chains), -1)):
+            chain = chains[axis]
+            moments = self._moments[axis] @ pulls
+            moments -= chain.stiffness * (shape - 1 - ADDED) * bent[axis]
+            moments += weights[axis] - self._friction[axis] * friction
+            free, forced = (self._free if wanted is None else self._held)[axis]
+            if wanted is not None:
+                to_hand = wanted[axis] - chain.gradient @ chain.rest
+                moments += chain.hand * chain.gradient * to_hand
+            after = free @ relative[axis] + forced @ moments
+            turned = after[:JOINTS] - bent[axis]
+            side = np.sign(turned)
+            slip = np.exp(-np.abs(turned) / self._friction_yield[axis])
+            friction[:] = side + (friction - side) * slip
+            absolute[axis] = after + self._rest[axis]
         state["largest"][:], state["pulls"][:] = largest, pulls
-        state["beam"][:] = after + self._rest
+
+    def _weights(self, angles: np.ndarray, twist: np.ndarray) -> list[np.ndarray | float]:
+        """Moments of gravity on the joints of each axis, N·m, under which the twists settle."""
+        if len(self._chains) == 1:
+            return [self._chains[0].weight(angles[0])]
+        if not self._in_space.weighs:
+            return [0.0, 0.0]
+        load, _ = self._in_space.held(self._all_angles(angles, twist), self._springs)
+        moments = -load
+        twist[:] = moments[self._twists] / self._torsional
+        return [moments[joints] for joints in self._layout.bend_joints]
 
     def _calc_thermocouples(self, context, output):
-        read = self._part(context, "thermocouples")[2:]
+        _, read = np.split(self._part(context, "thermocouples"), 2)
         output.SetFromVector(read + self._pick_up * self._part(context, "duty"))
 
     def _calc_bend(self, context, output):
-        beam = self._beam
-        left, right = self._part(context, "heat").reshape(2, -1)[:, -1]
-        gain = beam.sensor_gain + beam.sensor_warming * ((left + right) / 2 - self._room)
-        shift = beam.sensor_shift * (right - left) + beam.sensor_offset
+        beam, axes = self._beam, len(self._chains)
+        last = self._part(context, "heat").reshape(len(self._levers), -1)[:, -1]
+        gain = np.array([beam.sensor_gain, beam.sensor_gain_e3])[:axes]
+        offset = np.array([beam.sensor_offset, beam.sensor_offset_e3])[:axes]
+        gain = gain + beam.sensor_warming * (last.mean() - self._room)
+        shift = beam.sensor_shift * (self._levers.T @ last) + offset
         output.SetFromVector(gain * self._part(context, "play") + shift)
 
     def _calc_temperature(self, context, output):
-        output.SetFromVector(self._part(context, "heat").reshape(2, -1)[:, 0])
+        output.SetFromVector(self._part(context, "heat").reshape(len(self._levers), -1)[:, 0])
 
     def _calc_joints(self, context, output):
-        angles, rates = self._part(context, "beam")[: 2 * JOINTS].reshape(2, -1)
-        shown, chain = self._shown @ angles, self._chain
+        beam = self._part(context, "beam").reshape(len(self._chains), -1)
+        angles, rates = beam[:, :JOINTS], beam[:, JOINTS : 2 * JOINTS]
+        shown = np.zeros((2, self._described.num_joints))
+        for axis, joints in enumerate(self._described.bend_joints):
+            shown[:, joints] = [self._shown[axis][0] @ row[axis] for row in (angles, rates)]
         # Exact already for a sensor that adds up angles; one that sees the chord is curved.
-        sensor = chain.segment.bend_sensor
-        shown += self._one_shown * (chain.bend(angles) - sensor.exact_bend_angle(shown))
-        output.SetFromVector(np.append(shown, self._shown @ rates))
+        bend = self._exact_bend(angles, self._part(context, "twist"))
+        for _ in self._chains:
+            error = bend - self._sensor.exact_bends(self._described.chains[0], shown[0])
+            for axis, joints in enumerate(self._described.bend_joints):
+                shown[0, joints] += self._shown[axis][1] * error[axis]
+        output.SetFromVector(shown.ravel())
 
     def _calc_duty(self, context, output):
         output.SetFromVector(self._applied_duty(context))
@@ -670,11 +781,11 @@ class ContinuumLimb(LeafSystem):
 class WalkingSensors(LeafSystem):
     """Samples thermocouples and bend, with noise, steps, a random walk and missing samples.
 
-    - input 0 ``thermocouples``: V (2), °C
-    - input 1 ``bend``: φ (1), rad
-    - output 0 ``measured_temperature``: V (2), °C
-    - output 1 ``bend_angle``: φ (1), rad
-    - output 2 ``measurement``: [V (2), φ (1)]
+    - input 0 ``thermocouples``: V (W), °C
+    - input 1 ``bend``: φ (F), rad
+    - output 0 ``measured_temperature``: V (W), °C
+    - output 1 ``bend_angle``: φ (F), rad
+    - output 2 ``measurement``: [V (W), φ (F)]
     - state, discrete: the same; the walk, rad; how many numbers of the noise were used
     """
 
@@ -691,19 +802,21 @@ class WalkingSensors(LeafSystem):
         (self._draws,) = specimen.state.get("draws", np.zeros(1))
         self._walk_step = self._beam.sensor_walk / np.sqrt(bend_rate)
         self._missing_below = ndtri(self._beam.missing)
-        readings = self.DeclareDiscreteState(3)
-        self.DeclareDiscreteState(1)
+        self._num_wires = num_wires = len(specimen.wires)
+        self._num_bends = num_bends = specimen.description.segments[0].axes
+        readings = self.DeclareDiscreteState(num_wires + num_bends)
+        self.DeclareDiscreteState(num_bends)
         self.DeclareDiscreteState([self._draws])
-        self.DeclareVectorInputPort("thermocouples", 2)
-        self.DeclareVectorInputPort("bend", 1)
+        self.DeclareVectorInputPort("thermocouples", num_wires)
+        self.DeclareVectorInputPort("bend", num_bends)
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
         for period, sample in (
             (THERMOCOUPLE_PERIOD, self._sample_temperature),
             (1 / bend_rate, self._sample_bend),
         ):
             self.DeclarePeriodicDiscreteUpdateEvent(period, period, weak_method(sample))
-        declare_part(self, "measured_temperature", readings, slice(0, 2))
-        declare_part(self, "bend_angle", readings, slice(2, 3))
+        declare_part(self, "measured_temperature", readings, slice(0, num_wires))
+        declare_part(self, "bend_angle", readings, slice(num_wires, num_wires + num_bends))
         self.DeclareStateOutputPort("measurement", readings)
         self.set_name("sensors")
 
@@ -724,19 +837,20 @@ class WalkingSensors(LeafSystem):
             self._read_temperature(context, state)
 
     def _sample_bend(self, context, state):
-        missing, walk = self._draw(state, 2)
-        state.get_mutable_value(1)[0] += self._walk_step * walk
+        missing, *walk = self._draw(state, 1 + self._num_bends)
+        state.get_mutable_value(1)[:] += self._walk_step * np.array(walk)
         if missing > self._missing_below:
-            self._read_bend(context, state, state.get_mutable_value(1)[0])
+            self._read_bend(context, state, state.get_mutable_value(1))
 
     def _read_temperature(self, context, state):
-        read = self.get_input_port(0).Eval(context) + THERMOCOUPLE_NOISE * self._draw(state, 2)
-        state.get_mutable_value(0)[:2] = THERMOCOUPLE_STEP * np.rint(read / THERMOCOUPLE_STEP)
+        noise = THERMOCOUPLE_NOISE * self._draw(state, self._num_wires)
+        read = np.rint((self.get_input_port(0).Eval(context) + noise) / THERMOCOUPLE_STEP)
+        state.get_mutable_value(0)[: self._num_wires] = THERMOCOUPLE_STEP * read
 
-    def _read_bend(self, context, state, walk: float):
+    def _read_bend(self, context, state, walk: ArrayLike):
         read = self.get_input_port(1).Eval(context) + walk
-        read = read + self._beam.sensor_noise * self._draw(state, 1)
-        state.get_mutable_value(0)[2:] = BEND_STEP * np.rint(read / BEND_STEP)
+        read = read + self._beam.sensor_noise * self._draw(state, self._num_bends)
+        state.get_mutable_value(0)[self._num_wires :] = BEND_STEP * np.rint(read / BEND_STEP)
 
 
 MARTENSITE_YIELD = 0.25  # rad of stretch, at which detwinning martensite yields; ours

@@ -1,4 +1,4 @@
-"""The emulated limb that bends about two axes, against the planar one, closed forms and energy."""
+"""Emulated limbs that bend about two axes, against planar ones, closed forms and energy."""
 
 import dataclasses
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydrake.trajectories import PiecewisePolynomial
 
+from hardware.emulation.continuum import ContinuumSpecimen, RadialShells, fine
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import LimbTwin
 from limb_systems import (
@@ -16,6 +17,8 @@ from limb_systems import (
     make_manipulator,
     simulate,
 )
+from limb_systems.model.kinematics import recorded_bend_angle
+from limb_systems.model.statics import static_equilibrium
 from limb_systems.simulation import make_simulator
 
 EFFECTS = ("rubber", "bend sensor", "places")
@@ -154,7 +157,7 @@ def test_it_remembers_towards_the_wire_that_was_hot():
     assert 0.3 * segment.memory_angle < np.hypot(*shift) < segment.memory_angle
 
 
-def test_loads_push_towards_both_axes_and_other_physics_is_refused():
+def test_loads_push_towards_both_axes():
     specimen = Specimen(LimbParameters.in_space(), 3)
     loaded = specimen.disturbed(payload=0.1, payload_e3=-0.2)
     shape = Layout(specimen.description).shape
@@ -163,8 +166,6 @@ def test_loads_push_towards_both_axes_and_other_physics_is_refused():
     assert Specimen.of(loaded.board).segments == loaded.segments
     with pytest.raises(LimbError, match="bends in a plane takes no payload_e3"):
         Specimen(LimbParameters(), 3).disturbed(payload_e3=0.1)
-    with pytest.raises(LimbError, match="has one segment that bends in a plane"):
-        LimbTwin(LimbParameters.in_space(), physics="continuum")
 
 
 def test_a_stiff_limb_does_not_get_lost():
@@ -173,3 +174,56 @@ def test_a_stiff_limb_does_not_get_lost():
     limb.segments[0].twists, limb.payload, limb.gravity = True, 0.02, [0.0, 0.0, -9.81]
     bent = simulate(LimbTwin(limb, seed=28), [0.3, 0.1, 0.0], 1.0).bend_angle
     assert np.rad2deg(bent[1, -1]) < -5.0
+
+
+# Of the physics "continuum"
+
+
+PLAIN = dict.fromkeys(
+    ("taper", "softening", "stiffening", "mullins", "creep", "friction", "rest_offset", "anchor",
+     "rest_offset_e3", "sensor_roll", "sensor_play"), 0.0)  # fmt: skip
+
+
+@pytest.mark.parametrize("limb", [LimbParameters(), LimbParameters.in_space()])
+def test_the_continuum_hangs_as_its_chain_does_at_rest(limb):
+    """With weight and payload across a bent limb, where twist counts; found by Newton's method."""
+    limb.gravity, limb.payload, segment = [3.0, 5.0, -8.0], 0.03, limb.segments[0]
+    segment.rest_angle = 0.5
+    beam = PLAIN | {"stiffness": 1.0, "stiffness_ratio": 1.2, "damping_ratio": 1.0}
+    specimen = changed(ContinuumSpecimen(limb, 3), {"martensite_pull": 0.0}, beam)
+    simulate(LimbTwin(specimen=specimen), [0.0] * len(limb.wires), 15.0)
+    chain = dataclasses.replace(fine(segment), stiffness=segment.stiffness * 8 / 5)
+    limb.segments = [dataclasses.replace(chain, stiffness_ratio=1.2)]
+    angles, _ = static_equilibrium(limb)
+    twists = Layout(limb).axes[:, 0] != 0
+    assert not twists.any() or np.rad2deg(np.abs(angles[twists]).max()) > 3.0
+    bends = recorded_bend_angle(limb, angles)
+    np.testing.assert_allclose(np.rad2deg(specimen.state["play"]), np.rad2deg(bends), atol=0.05)
+
+
+def test_in_the_continuum_a_wire_bends_the_limb_to_where_it_runs():
+    specimen = ContinuumSpecimen(LimbParameters.in_space(4), 3)
+    beam = PLAIN | {"stiffness_ratio": 1.0, "sensor_shift": 0.0}
+    changed(specimen, {"misplaced": np.deg2rad(6.0)}, beam)
+    twin = LimbTwin(specimen=specimen, truth=True)
+    recording = simulate(twin, [0.0, 0.3, 0.0, 0.0], 20.0)
+    seen = twin.specimen.state["play"]
+    assert np.rad2deg(np.hypot(*seen)) > 20.0
+    assert np.rad2deg(np.arctan2(seen[1], seen[0])) == pytest.approx(96.0, abs=0.2)
+    shown = recorded_bend_angle(twin.parameters, recording.joint_state[:10, -1])
+    np.testing.assert_allclose(shown, seen, atol=1e-3)
+
+
+def test_heat_crosses_to_the_wires_beside_and_none_is_lost_on_the_way():
+    """Four wires in a ring, of which the first is hot, without loss to the room."""
+    specimen = ContinuumSpecimen(LimbParameters.in_space(4), 3)
+    shells = RadialShells(changed(specimen, segments={"cooling": 0.0}))
+    temperatures = np.full(shells.capacities.shape, specimen.ambient)
+    temperatures[0] += 50.0
+    before = (shells.capacities * temperatures).sum()
+    for _ in range(2000):
+        temperatures = shells.after(temperatures, np.zeros(4), 0.02)
+    assert (shells.capacities * temperatures).sum() == pytest.approx(before, rel=1e-12)
+    rise = temperatures.mean(axis=1) - specimen.ambient
+    assert rise[1] == pytest.approx(rise[3], rel=0.1)
+    assert rise[1] > 4 * rise[2] > 0.0
