@@ -129,7 +129,7 @@ def ghost_of_reference(motion: Recording | Trajectory) -> Ghost:
 
 
 def _bend_angle_trajectory(parameters, time, bend_angle) -> PiecewisePolynomial:
-    """θ over time for bend angles (S, K), rad, by eqn (11), linear between samples."""
+    """θ over time for bend angles (F, K), rad, by eqn (11), linear between samples."""
     angles = joint_angles_from_bend_angle(parameters, bend_angle)
     return PiecewisePolynomial.FirstOrderHold(time, angles)
 
@@ -137,6 +137,9 @@ def _bend_angle_trajectory(parameters, time, bend_angle) -> PiecewisePolynomial:
 def _shape_in_words(parameters: LimbParameters) -> str:
     return " and ".join(
         f"{s.links} links, {1e3 * s.length:g} mm x {1e3 * s.thickness:g} mm x {1e3 * s.width:g} mm"
+        + ", two axes" * (s.axes == 2)
+        + ", twists" * s.twists
+        + ", centred" * s.centred_joints
         for s in parameters.segments
     )
 
