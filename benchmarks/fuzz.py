@@ -21,7 +21,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "hardware"))
-from firmware_checks import Host  # noqa: E402
+from firmware_checks import Host, PaperBoard, four_wires  # noqa: E402
 
 from hardware.firmware import firmware, from_host, guard, heat, protocol  # noqa: E402
 from hardware.firmware.firmware import Firmware  # noqa: E402
@@ -99,7 +99,7 @@ def check_guard(subject: guard.Guard, now: int) -> None:
     """Raises AssertionError if there is duty that should not be, after a tick at that time."""
     assert all(0.0 <= duty <= 1.0 for duty in subject.duty)
     assert sum(subject.duty) <= subject._total + 1e-9, "more than the power of both"
-    if subject.duty != [0.0, 0.0]:
+    if any(subject.duty):
         assert subject.state == guard.ARMED, "not armed"
         assert subject.reason == guard.NONE, "off for a reason"
         assert now - subject._answered < guard.LONGEST_HOLD, "nothing fresh"
@@ -116,55 +116,54 @@ def check_guard(subject: guard.Guard, now: int) -> None:
                 assert a2_most * duty <= loss + 1e-9, "too hot, and warming"
 
 
-def fuzz_guard(num_frames: int, seed: int) -> dict[str, int]:
+def fuzz_guard(num_frames: int, seed: int, paper: PaperBoard | None = None) -> dict[str, int]:
     """Counts of frames and of steps with duty; raises AssertionError if there was too much."""
     rng = random.Random(seed)
-    host = Host()
-    board, program = host.board, host.firmware
+    host = Host(paper)
+    board, program, version, wires = host.board, host.firmware, host.version, len(host.board.wires)
     heated = latched = resets = 0
     for _ in range(num_frames):
         # Mostly what a host sends and a limb reads, so that much of it is while the board heats.
         subject = program.guard
         what = rng.random()
         if subject.state == guard.DISARMED and what < 0.5:
-            cleared = protocol.encode(protocol.CLEAR, subject.challenge)
+            cleared = from_host.encode(version, protocol.CLEAR, subject.challenge)
             bounds = tuple(rng.uniform(0.95 * low, 1.05 * high) for low, high in heat.RANGES)
             given = heat.NOMINAL if rng.random() < 0.8 else bounds
-            values = from_host.arm_values(
-                subject.challenge, (given, heat.NOMINAL), rng.uniform(0, 2.1)
-            )
-            board.incoming += cleared + protocol.encode(protocol.ARM, *values)
+            bounds, total = [given] + [heat.NOMINAL] * (wires - 1), rng.uniform(0, 1.05 * wires)
+            arming = subject.challenge, bounds, total, board.pulls
+            board.incoming += cleared + b"".join(from_host.encode_arming(version, *arming))
         elif what < 0.97:
             sequence = max(0, subject.acknowledged + rng.choice((1, 1, 1, 1, 0, -1, 7)))
             heard = board.now - int(rng.expovariate(1 / 60))
             session = subject.session if rng.random() < 0.95 else rng.getrandbits(16)
-            ticks = [rng.choice((0, 2000, 10000, rng.randrange(10001))) for _ in (0, 1)]
+            ticks = [rng.choice((0, 2000, 10000, rng.randrange(10001))) for _ in range(wires)]
             if rng.random() < 0.002:
                 ticks[0] = rng.randrange(10001, 65536)
-            values = session or 0, sequence, heard & 0xFFFFFFFF, *ticks
-            board.incoming += protocol.encode(protocol.COMMAND, *values)
+            values = session or 0, sequence, heard & 0xFFFFFFFF, ticks
+            board.incoming += from_host.encode_command(version, *values)
         elif what < 0.98:
-            board.incoming += protocol.encode(rng.choice((protocol.DISARM, protocol.HELLO)))
+            kind = rng.choice((protocol.DISARM, protocol.HELLO))
+            board.incoming += from_host.encode(version, kind)
         elif what < 0.99:
-            board.errors[rng.randrange(2)] = rng.choice((0.0, 0.0, 0.0, -20.0, rng.gauss(0, 9)))
-            board.faults[rng.randrange(2)] = rng.choice((0, 0, 0, 0, 1, 2, 4))
+            board.errors[rng.randrange(wires)] = rng.choice((0.0, 0.0, 0.0, -20.0, rng.gauss(0, 9)))
+            board.faults[rng.randrange(wires)] = rng.choice((0, 0, 0, 0, 1, 2, 4))
             board.silent = rng.random() < 0.1
         elif what < 0.9905:
             board.reset_cause = rng.randrange(6)
-            board.duty = [0.0, 0.0]
+            board.duty = [0.0] * wires
             program = Firmware(board)
             host.firmware, host.guard = program, program.guard
             resets += 1
         elif what < 0.991:
-            board.wires = [25.0, 25.0]
-            board.temperatures = [25.0, 25.0]
-            board.errors, board.faults, board.silent = [0.0, 0.0], [0, 0], False
+            board.wires, board.temperatures = [25.0] * wires, [25.0] * wires
+            board.errors, board.faults, board.silent = [0.0] * wires, [0] * wires, False
         for _ in range(int(rng.expovariate(0.05)) + 1):
             board.pass_time()
         program.step()
         board.sent.clear()
         check_guard(program.guard, board.now)
-        heated += board.duty != [0.0, 0.0]
+        heated += any(board.duty)
         latched += program.guard.reason >= guard.LATCHING
     return {"frames to the guard": num_frames, "steps with duty": heated,
             "steps latched": latched, "resets": resets}  # fmt: skip
@@ -176,7 +175,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     start = time.perf_counter()
-    for counts in (fuzz(options.frames, options.seed), fuzz_guard(options.frames, options.seed)):
+    for counts in (
+        fuzz(options.frames, options.seed),
+        fuzz_guard(options.frames, options.seed),
+        fuzz_guard(options.frames, options.seed, four_wires().board),
+    ):
         for name, count in counts.items():
             print(f"{name:<22}{count:>10}", flush=True)
     print(f"{'seconds':<22}{time.perf_counter() - start:>10.0f}")

@@ -10,10 +10,10 @@ from hardware import LimbTwin
 from hardware.robot import arm_check
 from hardware.robot.arm_check import check_wires
 from hardware.robot.heat_rates import HeatRates
-from limb_systems import LimbError
+from limb_systems import LimbError, LimbParameters
 
 
-def check(limb, order=None):
+def check(limb, order=None, described=None):
     """Whether it passed, what was said of what failed, and the hottest wire, °C."""
     board = SimulatedBoard(limb, step=25)
     if order:
@@ -21,8 +21,8 @@ def check(limb, order=None):
     board.run(1.0)
     link = first_day.SimulatedLink(board)
     failures = []
-    passed = check_wires(link, lambda good, what: good or failures.append(what))
-    assert board.duty == (0.0, 0.0)
+    passed = check_wires(link, lambda good, what: good or failures.append(what), described)
+    assert not any(board.duty)
     return passed, failures, link.hottest
 
 
@@ -37,6 +37,14 @@ def test_arm_check_finds_a_thermocouple_that_shows_a_share():
     assert not passed
     assert "Either its thermocouple shows a share of its rise" in failures[0]
     assert hottest < 90.0
+
+
+def test_arm_check_finds_it_among_four_wires_too():
+    described = LimbParameters.in_space(wires=4)
+    passed, failures, _ = check(LimbTwin(described, seed=1), "share wire_3 0.6", described)
+    assert not passed
+    assert len(failures) == 1
+    assert failures[0].startswith("wire_3 wire shows 9.9 °C/s at full duty")
 
 
 def test_the_board_ends_arm_check_where_no_heat_shows():

@@ -1,6 +1,7 @@
 """The guard, whatever comes in whatever order: commands, samples, ticks, resets."""
 
 import fuzz
+from firmware_checks import four_wires
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
@@ -123,7 +124,9 @@ TestGuard.settings = settings(
 
 
 def test_frames_of_the_present_session():
-    counts = fuzz.fuzz_guard(10_000, seed=1)
-    assert counts["steps with duty"] > 1000
-    assert counts["steps latched"] > 300
-    assert counts["resets"] >= 1
+    """To boards with two wires, and with four that bend about two axes."""
+    for board in (None, four_wires().board):
+        counts = fuzz.fuzz_guard(10_000, seed=1, paper=board)
+        assert counts["steps with duty"] > 1000
+        assert counts["steps latched"] > 300
+        assert counts["resets"] >= 1
