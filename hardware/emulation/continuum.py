@@ -159,7 +159,8 @@ class ContinuumBeam:
     - ``sensor_walk``: random walk since it was switched on, rad/√s.
     - ``missing``: share of samples that are missing, so that the one before is shown again.
 
-    Where the segment bends about two axes, it also has the last five of `SegmentPhysics`.
+    ``stiffness_ratio``, ``rest_offset_e3``, ``sensor_gain_e3``, ``sensor_offset_e3`` and
+    ``sensor_roll`` are as of `SegmentPhysics`.
     """
 
     stiffness: float
