@@ -116,7 +116,9 @@ class ReducedModel:
             bend, by_state = angles @ self._to_bend.T, self._to_bend @ by_state
         else:
             bend, by_state = self._held.expanded_bends(states)
-        return bend, np.pad(by_state, [(0, 0)] * (by_state.ndim - 1) + [(0, self.num_wires)])
+        slopes = np.zeros((*bend.shape, self.size))
+        slopes[..., : -self.num_wires] = by_state
+        return bend, slopes
 
     def rollout(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """The heat (K + 1, ..., H) from a start (..., H) on, under duty (K, ..., W) of steps."""

@@ -200,12 +200,14 @@ class _Balance:
 
     def _expanded(self, states: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, "_Stiffness"]:
         """-r (..., n), N·m, and the derivatives of r by θ."""
-        load, stiffness = self.chain.held(angles, self._springs)
-        force = self.wires.forces(states, angles) - self._springs * (angles - self._relaxed) - load
+        force = self.wires.forces(states, angles) - self._springs * (angles - self._relaxed)
         _, by_angle = self.wires.force_derivatives(states, angles)
+        if by_angle is not None and not self.chain.weighs:
+            return force, _Matrix(np.diag(self._springs) - by_angle)
+        load, stiffness = self.chain.held(angles, self._springs)
         if by_angle is None:
-            return force, stiffness
-        return force, _Matrix(stiffness.matrix() - by_angle)
+            return force - load, stiffness
+        return force - load, _Matrix(stiffness.matrix() - by_angle)
 
 
 class _Matrix:
