@@ -42,6 +42,7 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/bridge.py
 	$(BIN)/python benchmarks/laws.py
 	$(BIN)/python benchmarks/controller_steps.py
+	$(BIN)/python benchmarks/space_feedback.py
 	$(BIN)/python benchmarks/planning.py
 
 # For the tests that look at pages; a Chromium that is installed already will do.

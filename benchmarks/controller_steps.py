@@ -3,7 +3,8 @@
 Each controller gets the readings of an emulated limb that follows Fig. 5 by it, one
 step after the other, and nothing else is timed: estimate, feedback, and bounds of duty.
 Receding horizons are in benchmarks/horizon.py. The limb is not calibrated, but its law
-is the costliest, `HystereticLaw`, with rubber that stiffens.
+is the costliest, `HystereticLaw`, with rubber that stiffens. So is a limb with three wires that
+draws a circle, without gravity and lying across it.
 
     python benchmarks/controller_steps.py
 """
@@ -24,23 +25,31 @@ from planners import Task, plan, references
 
 
 def main() -> None:
-    parameters = LimbParameters()
-    parameters.segments[0].stiffening = 0.05
-    for wire in parameters.wires:
-        wire.law = HystereticLaw()
-    trajectory = plan(
-        parameters, references.step_and_decaying_sine(), task=Task.closed_loop(parameters)
-    )
-    recording = replay(trajectory, LimbTwin(), controller=PlanFeedback(trajectory))
-    print(f"{'one step':<24}{'median':>10}{'99%':>10}{'largest':>10}")
-    for controller in (
-        PlanFeedback(trajectory),
-        PlanRegulator(trajectory),
-        TemperatureSupervisor(parameters),
+    planar, across = LimbParameters(), [0.0, -9.81, 0.0]
+    step, circle = references.step_and_decaying_sine(), references.circle(np.radians(12.0), 50.0)
+    planar.segments[0].stiffening = 0.05
+    print(f"{'one step':<32}{'median':>10}{'99%':>10}{'largest':>10}")
+    for name, parameters, gravity, reference in (
+        ("planar", planar, planar.gravity, step),
+        ("in space", LimbParameters.in_space(), planar.gravity, circle),
+        ("across", LimbParameters.in_space(), across, circle),
     ):
-        took = 1000 * np.array(steps(controller, recording))
-        figures = [np.median(took), np.percentile(took, 99), took.max()]
-        print(f"{type(controller).__name__:<24}" + "".join(f"{f:>7.2f} ms" for f in figures))
+        parameters.gravity = gravity
+        for wire in parameters.wires:
+            wire.law = HystereticLaw()
+        trajectory = plan(parameters, reference, task=Task.closed_loop(parameters))
+        recording = replay(trajectory, LimbTwin(parameters), controller=PlanFeedback(trajectory))
+        for controller in (
+            PlanFeedback(trajectory),
+            PlanRegulator(trajectory),
+            TemperatureSupervisor(parameters),
+        ):
+            took = 1000 * np.array(steps(controller, recording))
+            figures = [np.median(took), np.percentile(took, 99), took.max()]
+            print(
+                f"{name:<9}{type(controller).__name__:<23}"
+                + "".join(f"{figure:>7.2f} ms" for figure in figures)
+            )
 
 
 def steps(controller, recording) -> list[float]:
