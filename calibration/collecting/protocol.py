@@ -287,7 +287,7 @@ def collect_from_robot(
         if excitation.turned != turned:
             turned = excitation.turned
             follows = (
-                f": {_how_mounted(parameters, turned)} Leave it alone until its wires are cold."
+                f": {how_mounted(parameters, turned)} Leave it alone until its wires are cold."
             )
         limb = mounted(level, turned)
         recording = made(name, limb, collect, follows)
@@ -296,7 +296,7 @@ def collect_from_robot(
         first = False
 
 
-def _how_mounted(limb: LimbParameters, turned: float | None) -> str:
+def how_mounted(limb: LimbParameters, turned: float | None) -> str:
     """What the operator is to do for an excitation of a limb in space."""
     if turned is None:
         return "Take the weight off its tip, and mount the limb so that it hangs straight down."

@@ -6,12 +6,14 @@ steps of a tenth of a second.
 
 import numpy as np
 import pytest
+from pydrake.math import RotationMatrix
 
 from calibration import calibrate
-from calibration.collecting.protocol import mounted
+from calibration.collecting.protocol import how_mounted, mounted
+from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.recordings.kinds import TURNS
 from limb_systems import Layout, LimbParameters, LinearLaw, Recording, Wires
-from limb_systems.model.ensemble import draw_ensemble
+from limb_systems.model.ensemble import draw_ensemble, stacked
 from limb_systems.model.statics import HeldAngles
 
 RATE, DRIFT = 4.0, np.deg2rad(0.1)
@@ -116,3 +118,42 @@ def test_one_mounting_tells_neither_the_stiffness_nor_where_the_sensor_is_rolled
     assert np.rad2deg(calibration.estimates["bend_sensor.roll"].standard_error) > 2.0
     stiffness = calibration.estimates["stiffness"]
     assert stiffness.standard_error > 0.2 * stiffness.value
+
+
+def test_the_open_loop_in_space_shows_exact_equilibria():
+    """Of wires hotter than in any plan, in several mountings at once, with joints that twist."""
+    limb, (own,) = true_limb(), true_limb().segments
+    limb.segments = [own]
+    own.stiffening, own.twists = 0.1, True
+    limbs = [mounted(limb, turned) for turned in (None, 0, 90)]
+    hot = np.random.default_rng(0).uniform(25.0, 110.0, (40, 3))
+    loads = [[*each.gravity, each.payload] for each in limbs for _ in hot]
+    law, ambient, rubber = stacked([limb])
+    rubber |= {
+        name: np.array([getattr(own, name)]) for name in ("stiffness_ratio", "rest_angle_e3")
+    }
+    rubber |= {"roll": np.array([own.bend_sensor.roll])}
+    rubber |= {"angle": np.array([[wire.angle for wire in own.wires]])}
+    heat = np.tile(hot, (3, 1))[None]
+    open_loop = OpenLoopInSpace(np.zeros((1, len(loads), 3)), 0.5, own, loads)
+    rooms = np.full((1, len(loads)), ambient[0])
+    _, _, bends = open_loop.simulate(law, rooms, [heat, heat], rubber)
+    chain = Layout(limb).chains[0]
+    angles = np.concatenate([HeldAngles(each).angles(hot) for each in limbs])
+    exact = own.bend_sensor.apparent_bends(chain, angles.T).T
+    assert np.rad2deg(np.linalg.norm(exact, axis=1)).max() > 45.0
+    assert np.rad2deg(np.abs(bends[0, 0] - exact)).max() < 0.03
+
+
+def test_the_operator_is_told_which_side_is_up():
+    """Gravity in the limb's frame is that of the world, turned back by Drake's rotation."""
+    limb = LimbParameters.in_space()
+    sides = {"+E2": [0, 1, 0], "-E2": [0, -1, 0], "+E3": [0, 0, 1], "-E3": [0, 0, -1]}
+    for turned in TURNS:
+        of_limb = RotationMatrix.MakeXRotation(np.deg2rad(turned))
+        gravity = mounted(limb, turned).gravity
+        np.testing.assert_allclose(gravity, of_limb.inverse() @ [0, -9.81, 0], atol=1e-12)
+        (up,) = [
+            axis for side, axis in sides.items() if f"its {side} side" in how_mounted(limb, turned)
+        ]
+        assert np.dot(gravity, up) == pytest.approx(-9.81)
