@@ -33,6 +33,7 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/replanning.py
 	$(BIN)/python benchmarks/sweep.py
 	$(BIN)/python benchmarks/calibration_accuracy.py
+	$(BIN)/python benchmarks/space_calibration.py
 	$(BIN)/python benchmarks/fuzz.py
 	$(BIN)/python benchmarks/lab_door.py --quick
 	$(BIN)/python benchmarks/board_faults.py faults --limbs 2

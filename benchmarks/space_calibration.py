@@ -1,0 +1,105 @@
+"""How well calibration recovers emulated limbs that bend in space, and what plans with it do.
+
+Errors are those of the wires' angles, of the sensor's roll, and of the bends that wires make
+alone, which have the gains over k; then of motions that were left out of the fit, as the sensor
+reads them; then of three plans that are replayed open loop, of the true bend from the reference.
+"""
+
+import argparse
+import time
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial, Trajectory
+
+from calibration import calibrate, collect_from_twin
+from calibration.collecting.protocol import mounted
+from hardware import LimbTwin, replay
+from limb_systems import Limb, LimbError, LimbParameters, simulate
+from limb_systems.model.bend_sensor import rolled
+from limb_systems.tracking import true_bend
+from planners import plan, references
+
+LEVEL, HEATED, COOLED = 0.25, 20.0, 40.0  # duty of one wire, to the middle of plans, s, s
+COLUMNS = ("angles °", "roll °", "gains %", "motions °", "circle °", "eight °", "taught °")
+
+
+def hand() -> PiecewisePolynomial:
+    """A hand that leads the limb around for 60 s, after 20 s of rest, rad."""
+    times = np.linspace(0.0, 80.0, 81)
+    angle = 2 * np.pi / 60 * np.maximum(times - 20.0, 0.0)
+    sizes = np.deg2rad([[15.0], [18.0]]) * np.array([np.sin(angle), np.sin(angle / 2) ** 2])
+    return PiecewisePolynomial.CubicShapePreserving(times, sizes)
+
+
+def gains(limb: LimbTwin, calibrated: LimbParameters) -> float:
+    """Mean relative error of the bends that wires make alone, for the same duty, %."""
+    wires = np.eye(len(calibrated.wires))
+    levels = [row for wire in wires for row in (LEVEL * wire, 0 * wire)]
+    times = np.cumsum([0.0, *[HEATED, COOLED] * len(wires)])
+    duty = PiecewisePolynomial.ZeroOrderHold(times, np.array([*levels, levels[-1]]).T)
+    bends = []
+    for run in (true_bend(simulate(limb, duty)), simulate(Limb(calibrated), duty)):
+        away = run.bend_angle - run.bend_angle[:, :10].mean(axis=1, keepdims=True)
+        bends.append([away[:, (run.time > t) & (run.time < t + HEATED)] for t in times[:-1:2]])
+    ratios = [
+        (true * model).sum() / (true * true).sum() for true, model in zip(*bends, strict=True)
+    ]
+    return 100 * float(np.abs(np.array(ratios) - 1).mean())
+
+
+def distance(limb: LimbTwin, calibrated: LimbParameters, reference: Trajectory) -> float:
+    """Mean distance of the true bend from a reference, planned and driven open loop, degrees."""
+    try:
+        planned = plan(calibrated, reference)
+    except LimbError as error:
+        print(error)
+        return np.nan
+    done = true_bend(replay(planned, limb))
+    wanted = [np.interp(done.time, planned.time, row) for row in planned.reference]
+    return float(np.rad2deg(np.linalg.norm(done.bend_angle - wanted, axis=0).mean()))
+
+
+def errors(seed: int, wires: int) -> list[float]:
+    """What `COLUMNS` says of one limb."""
+    described = mounted(LimbParameters.in_space(wires), None)
+    twin = LimbTwin(described, seed=seed)
+    calibration = calibrate(collect_from_twin(twin, ring_downs=0), described)
+    limb, true = calibration.parameters, twin.specimen.mechanics()
+    roll = limb.segments[0].bend_sensor.roll
+
+    def unused(**more) -> LimbTwin:
+        """The same limb, before it was collected."""
+        return LimbTwin(described, seed=seed, **more)
+
+    taught = simulate(unused(hand=hand()), np.zeros(wires), 80.0)
+    paths = [
+        references.circle(np.deg2rad(20.0), 60.0),
+        references.eight(np.deg2rad(20.0), np.deg2rad(12.0), 80.0),
+        references.from_samples(taught.time[::10], rolled(taught.bend_angle, -roll)[:, ::10]),
+    ]
+    turned = [a.angle - b.angle for a, b in zip(limb.wires, true.wires, strict=True)]
+    return [
+        float(np.rad2deg(np.abs(np.angle(np.exp(1j * np.array(turned)))).mean())),
+        np.rad2deg(abs(roll - twin.specimen.segments[0].sensor_roll)),
+        gains(unused(truth=True), limb),
+        np.rad2deg(calibration.validation.mean) if calibration.validation else np.nan,
+        *(distance(unused(truth=True), limb, path) for path in paths),
+    ]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, nargs="*", default=range(10))
+    parser.add_argument("--wires", type=int, default=3)
+    options = parser.parse_args()
+    print("seed", *(f"{name:>9}" for name in COLUMNS), "  CPU s")
+    rows = []
+    for seed in options.seeds:
+        started = time.process_time()
+        rows.append([*errors(seed, options.wires), time.process_time() - started])
+        print(f"{seed:>4}", *(f"{value:9.2f}" for value in rows[-1]), flush=True)
+    print("mean", *(f"{value:9.2f}" for value in np.nanmean(rows, axis=0)))
+
+
+if __name__ == "__main__":
+    main()
