@@ -96,7 +96,7 @@ class Firmware:
             info = [self._version, SAMPLE_PERIOD, int(4 * guard.TEMPERATURE_LIMIT)]
             info += [board.serial_number, board.channels, board.reset_cause]
             if self._dialect:
-                info += self._dialect.info()
+                info += self._dialect.info
             board.send(self._encode(protocol.INFO, *info))
 
     def _read(self, now):

@@ -55,11 +55,8 @@ class Dialect:
 
     def __init__(self, channels, angles):
         self._channels, self._angles = channels, angles
+        self.info = [angles, (channels - 1) // GROUP + 1]  # at the end of an INFO
         self._parts = [None] * channels  # values of each wire's last BOUNDS
-
-    def info(self):
-        """The values of an INFO that other boards do not send."""
-        return [self._angles, (self._channels - 1) // GROUP + 1]
 
     def handle(self, kind, values, guard, now):
         """Does what a frame asks the guard for; whether it is not as on other boards."""
@@ -67,8 +64,7 @@ class Dialect:
             if values[1] < self._channels:
                 self._parts[values[1]] = values
         elif kind == protocol.ARM:
-            challenge, bounds, total, shares = self._read_arm(values)
-            guard.arm(challenge, bounds, total, now, shares)
+            self._arm(values, guard, now)
         elif kind == protocol.COMMAND:
             newest = guard.acknowledged  # the frame has the low half, which may have begun anew
             sequence = newest + ((values[1] - newest + 0x8000) & 0xFFFF) - 0x8000
@@ -78,8 +74,8 @@ class Dialect:
             return False
         return True
 
-    def _read_arm(self, values):
-        """What it arms with; there are no bounds unless all BOUNDS came that it is for."""
+    def _arm(self, values, guard, now):
+        """Arms, or has no bounds to arm with unless all BOUNDS came that the ARM is for."""
         challenge, channels, total, expected = values
         parts = self._parts
         whole = channels == len(parts) and all(part and part[0] == challenge for part in parts)
@@ -88,7 +84,7 @@ class Dialect:
         bounds = [protocol.read_bounds(part[2:7]) for part in parts]
         pulls = [part[7] for part in parts]
         turned = [shares(pulls, angle) for angle in range(self._angles)]
-        return challenge, bounds, total / protocol.FULL_DUTY, turned
+        guard.arm(challenge, bounds, total / protocol.FULL_DUTY, now, turned)
 
     def encode_sample(self, header, quarters, bends, ticks, most):
         """The frames of a sample, each as bytes; arguments as the values of `protocol.SAMPLE`."""
