@@ -16,7 +16,6 @@ from pydrake.systems.framework import LeafSystem
 
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, LimbParameters
-from limb_systems.model.bend_sensor import rolled
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 
@@ -298,11 +297,10 @@ class Estimator:
 
     def _corrected(self, bend_angle: np.ndarray) -> np.ndarray:
         """Bends (F,), rad, as sensors without gain, offset and roll would read them."""
-        bends = []
-        for segment, places in zip(self.parameters.segments, self._bends_of, strict=True):
-            sensor = segment.bend_sensor
-            read = sensor.corrected_bends(bend_angle[places])
-            bends.append(read if segment.axes == 1 else rolled(read, -sensor.roll))
+        bends = [
+            segment.bend_sensor.unrolled_bends(bend_angle[places])
+            for segment, places in zip(self.parameters.segments, self._bends_of, strict=True)
+        ]
         return np.concatenate(bends)
 
     def _sensing(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,7 +2,7 @@
 
 python docs/pictures.py              diagrams, flows and the drawing of the links
 python docs/pictures.py --demo out   copies of those that `make demo` left in a folder
-python docs/pictures.py --space out  a limb that draws in space, from files of the example
+python docs/pictures.py --space out  a limb that draws in space, from a plan.csv and recording.csv
 python docs/pictures.py --live       a screenshot of the live page, by the tests' Chromium
 
 `replay.png` is a screenshot of the page that the demo writes; `wiring.svg` is drawn by hand.

@@ -19,6 +19,7 @@ from limb_systems.tracking import reference_distances, true_bend
 from limb_systems.views.plots import plot_tracking, save_figure
 from planners import plan, references
 
+L = [[-6, -12], [4, -10], [4, 10], [4, -10], [12, -10]]  # mm
 SPEED, WAIT = 2.0, 25.0  # mm/s, and s until the wires are warm and the tip is where it begins
 
 
@@ -27,13 +28,10 @@ def arc(center, radius, first, last):  # degrees
     return center + radius * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-S = np.vstack([arc([-6, 5], 5, 20, 270), arc([-6, -5], 5, 90, -160)])
-L = [[-6, -12], [4, -10], [4, 10], [4, -10], [12, -10]]
-DRAWING = np.vstack([arc([0, 0], 18, 90, 450), S, L])
-
-
 def main(options):
-    path = np.loadtxt(options.path, delimiter=",", ndmin=2) if options.path else DRAWING
+    s = [arc([-6, 5], 5, 20, 270), arc([-6, -5], 5, 90, -160)]
+    letters = np.vstack([arc([0, 0], 18, 90, 450), *s, L])
+    path = np.loadtxt(options.path, delimiter=",", ndmin=2) if options.path else letters
     steps = np.maximum(np.hypot(*np.diff(path, axis=0).T), 1e-3)
     times = [0.0, 20.0, *(WAIT + np.append(0.0, np.cumsum(steps)) / SPEED)]
     tip = np.vstack([np.zeros((2, 2)), path]).T / 1e3
@@ -42,11 +40,12 @@ def main(options):
     for name, controller in (("open_loop", None), ("feedback", RecedingHorizon(trajectory))):
         twin = LimbTwin(options.limb, seed=1, truth=True)
         recording = true_bend(replay(trajectory, twin, controller=controller))
+        recording.save(options.out / f"drawing_{name}.csv")
         missed = np.rad2deg(reference_distances(trajectory, [recording]).done)
         print(f"{name:<12}{missed:.2f}° from what was asked for, on average")
         write_meshcat_replay(options.out / f"drawing_{name}.html", recording, plan=trajectory)
         save_figure(plot_tracking(trajectory, [recording]), options.out / f"drawing_{name}.png")
-    print(f"written     drawing.csv, drawing_*.html and .png in {options.out}")
+    print(f"written     drawing.csv, drawing_*.csv, .html and .png in {options.out}")
 
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ def from_samples(times: ArrayLike, bend_angles: ArrayLike) -> PiecewisePolynomia
 
 
 def from_recording(recording: Recording, smoothing_time: float = 0.0) -> PiecewisePolynomial:
-    """Teach and repeat: the bend angle of a recording as the reference.
+    """Teach and repeat: the bend of a recording, without what is known of its sensors' errors.
 
     Args:
         smoothing_time: s; if it is not zero, a quadratic polynomial is fitted
@@ -71,7 +71,13 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
             f"{recording.missing.sum()} of {len(recording.time)} samples of the recording are "
             "missing; where the limb was meanwhile is not known, so teach it again."
         )
-    angles = recording.bend_angle
+    limb = recording.parameters
+    angles = np.concatenate(
+        [
+            segment.bend_sensor.unrolled_bends(recording.bend_angle[bends])
+            for segment, bends in zip(limb.segments, Layout(limb).bends_of, strict=True)
+        ]
+    )
     if angles.shape[1] < 2:
         return from_samples(recording.time, angles)  # which says that there are too few
     window = 2 * round(smoothing_time * recording.sample_rate / 2) + 1

@@ -34,9 +34,9 @@ from limb_systems.simulation import PERIOD, make_simulator
 
 SPECIMENS = {specimen.physics: specimen for specimen in (Specimen, ContinuumSpecimen)}
 SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
-# Accuracy of simulations where a segment in space twists or has more links: the least step at 1e-2
-# is too long for their stiffest modes, in which one limb in four got lost.
-STIFF_ACCURACY, MOST_LINKS = 1e-3, 6
+# Accuracy of simulations in space: the least step at 1e-2 is too long for the stiffest modes of
+# limbs that twist, have many links or are let go, in which one limb in four got lost.
+SPACE_ACCURACY = 1e-3
 SWING_TIME, REST_STEPS = 30.0, 270  # of a pause: s with fine steps, and least number of coarse ones
 
 
@@ -125,9 +125,8 @@ class LimbTwin(Diagram):
         self.specimen, self.parameters = specimen, copy.deepcopy(specimen.description)
         self.parameters.board = specimen.board
         layout = Layout(self.parameters)
-        segments = self.parameters.segments
-        if any(s.twists or (s.axes == 2 and s.links > MOST_LINKS) for s in segments):
-            self.accuracy = STIFF_ACCURACY
+        if not layout.is_planar:
+            self.accuracy = SPACE_ACCURACY
         if hand is not None and hand.rows() != layout.num_bends:
             raise LimbError(
                 f"The hand moves {hand.rows()} bend angles, but the limb has {layout.num_bends}; "

@@ -118,6 +118,11 @@ class BendSensor(Tagged, abc.ABC):
         offsets = zip(bends, (self.offset, self.offset_e3), strict=False)
         return np.array([(bend - offset) / self.gain for bend, offset in offsets])
 
+    def unrolled_bends(self, bends: np.ndarray) -> np.ndarray:
+        """`corrected_bends` about the axes of the limb: without the sensor's roll, too."""
+        read = self.corrected_bends(bends)
+        return rolled(read, -self.roll) if len(read) > 1 else read
+
 
 @dataclasses.dataclass
 class TipTangentSensor(BendSensor):
