@@ -63,7 +63,7 @@ def errors(seed: int, wires: int) -> list[float]:
     """What `COLUMNS` says of one limb."""
     described = mounted(LimbParameters.in_space(wires), None)
     twin = LimbTwin(described, seed=seed)
-    calibration = calibrate(collect_from_twin(twin, ring_downs=0), described)
+    calibration = calibrate(collect_from_twin(twin), described)
     limb, true = calibration.parameters, twin.specimen.mechanics()
     roll = limb.segments[0].bend_sensor.roll
 
