@@ -111,7 +111,7 @@ class Rollout:
         )
         if reduced:
             said += (
-                f"; the duty was reduced for {reduced:.1f} s, as a wire got hot, both asked for "
+                f"; the duty was reduced for {reduced:.1f} s, as a wire got hot, all asked for "
                 "too much or the board was just started"
             )
         values = {
