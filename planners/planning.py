@@ -373,9 +373,9 @@ def number_of_knots(reference: trajectories.Trajectory, knot_rate: float, max_kn
 def _sample_reference(reference, times: np.ndarray, layout: Layout) -> np.ndarray:
     if reference.cols() != 1 or reference.rows() != layout.num_bends:
         of_each = "an angle each" if layout.is_planar else f"{layout.num_bends} bend angles in all"
-        segments = len(layout.chains)
+        segments, angles = len(layout.chains), reference.rows() * reference.cols()
         raise PlanningError(
-            f"The reference has {reference.rows() * reference.cols()} angles at each time; "
+            f"The reference has {angles} angle{'s' * (angles != 1)} at each time; "
             f"this limb has {segments} segment{'s' * (segments > 1)}, with {of_each}."
         )
     angles = reference.vector_values(times)
