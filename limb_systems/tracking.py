@@ -1,7 +1,7 @@
 """How near a limb came to its reference and to its plan: the numbers of Table I.
 
-A distance between bends is ``|φ - φ'|`` of a segment. If it bends about two axes, it is that of both
-angles together, √((φ2 - φ2')² + (φ3 - φ3')²), which does not depend on where +E2 is.
+A distance between bends is ``|φ - φ'|`` of a segment. If it bends about two axes, it is that of
+both angles together, √((φ2 - φ2')² + (φ3 - φ3')²), which does not depend on where +E2 is.
 """
 
 import dataclasses
