@@ -139,7 +139,7 @@ def test_what_cannot_be_planned_is_named():
     parameters, reference = limb_in_space(), circle(10.0)
     for arguments, message in (
         ({"solver": SnoptSolver()}, "Snopt|SNOPT.* cannot plan for a limb that bends in space"),
-        ({"reference": circle(10.0, 1)}, "has 1 angles .* 1 segment, with 2 bend angles in all"),
+        ({"reference": circle(10.0, 1)}, "has 1 angle at .* 1 segment, with 2 bend angles in all"),
     ):
         with pytest.raises(PlanningError, match=message):
             plan(**{"parameters": parameters, "reference": reference, **arguments})
