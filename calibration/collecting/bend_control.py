@@ -59,7 +59,7 @@ class BendAngleController(LeafSystem):
             for change in (-1.0, 1.0)
         )
         steady = (warmer - cooler) / (more - less)
-        gain = (segment.links + 1) / 2 * abs(steady) / segment.stiffness
+        gain = segment.chain.bend_by_equal_angle * abs(steady) / segment.stiffness
         slowest = np.abs(np.diag(wires.affine_rates()[0])[: wires.num_wires]).min()
         self._proportional, self._integral = 1.5 / gain, 1.5 / gain * slowest
         sides = np.sign([wire.lever[0] for wire in segment.wires])

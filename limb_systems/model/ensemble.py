@@ -135,7 +135,7 @@ class OpenLoop:
     """
 
     def __init__(self, duty: np.ndarray, step: float, segment: SegmentParameters):
-        self._duty, self.step, self._links = duty, step, segment.links
+        self._duty, self.step, self._chain = duty, step, segment.chain
         self._directions = np.array([wire.lever[0] for wire in segment.wires])
         self._sides = np.sign(self._directions)
 
@@ -186,7 +186,7 @@ class OpenLoop:
     ) -> np.ndarray:
         """φ (K + 1, B, R), rad, while the wires are in states (K + 1, X, B, R, W)."""
         bends = np.empty((*course.shape[:1], *course.shape[2:4]))
-        to_bend = (self._links + 1) / 2  # (11)
+        to_bend = self._chain.bend_by_equal_angle  # (11)
         stiffness, rest = rubber["stiffness"][:, None], rubber["rest_angle"][:, None]
         angle = np.zeros(bends.shape[1:])  # of each joint, from rest
         alone = np.zeros(course.shape[2:])  # bend angle that each wire would hold alone
@@ -211,7 +211,7 @@ class OpenLoop:
         """Joint angle that a torque over k holds, from the angle before, by Newton's method."""
         if "stiffening" not in rubber:
             return pull
-        at_45 = np.pi / 2 / (self._links + 1)
+        at_45 = np.pi / 4 / self._chain.bend_by_equal_angle
         cubic = rubber["stiffening"][:, None] / at_45**2
         for _ in range(2):
             excess = angle + cubic * angle**3 - pull

@@ -38,6 +38,12 @@ class SegmentChain:
         self.lengths[-1] -= self.first_length
 
     @property
+    def bend_by_equal_angle(self) -> float:
+        """Bend where each joint turns by one (11)."""
+        links = len(self.lengths)
+        return links / 2 if self.first_length else (links + 1) / 2
+
+    @property
     def equal_angle(self) -> float:
         """Angle of each joint where all are equal and the bend is one (11)."""
         links = len(self.lengths)

@@ -321,9 +321,10 @@ class TrajectoryProgram(PlanProgram):
             len(self.times), np.inf if task.max_bend_rate is None else task.max_bend_rate
         )
         limits[resting] = np.minimum(limits[resting], REST_RATE)
-        for joints in Layout(self.parameters).bend_joints:
+        layout = Layout(self.parameters)
+        for joints, chain in zip(layout.bend_joints, layout.chains, strict=True):
             links = len(joints)
-            to_bend = np.full((1, links), (links + 1) / (2 * links))  # (11)
+            to_bend = np.full((1, links), chain.bend_by_equal_angle / links)  # (11)
             angles, rates = self._states[:, :n][:, joints], self._states[:, n : 2 * n][:, joints]
             # The initial state is given, so its rate cannot be planned.
             for k in np.flatnonzero(np.isfinite(limits[1:])) + 1:

@@ -15,6 +15,7 @@ from limb_systems import (
     make_manipulator,
     tip_position,
 )
+from limb_systems.model.ensemble import OpenLoop, stacked
 
 
 def plant_tip(parameters, joint_angles, segment=-1, base="base") -> np.ndarray:
@@ -138,3 +139,17 @@ def test_gradient_for_small_angles_is_that_of_the_chord():
     value = bend_angle(parameters, InitializeAutoDiff(np.zeros(5))[:, 0])
     assert isinstance(value[0], AutoDiffXd)
     np.testing.assert_allclose(ExtractGradient(value), [[1.0, 0.8, 0.6, 0.4, 0.2]], rtol=1e-14)
+
+
+def test_centred_joints_bend_alike_in_a_plane_however_they_are_calculated():
+    """Equal angles by (11) are the chord, and many limbs at once bend as the chain does."""
+    limb = LimbParameters(segments=[SegmentParameters(links=4, centred_joints=True)])
+    angles = joint_angles_from_bend_angle(limb, [0.4])
+    np.testing.assert_allclose(bend_angle(limb, angles), [0.4], rtol=1e-12)
+    law, ambient, rubber = stacked([limb])
+    duty = np.tile([0.0, 0.3], (200, 1, 1))
+    cold = [np.full((1, 1, 2), 25.0)] * 2
+    loop = OpenLoop(duty, 0.1, limb.segments[0])
+    bend = loop.simulate(law, ambient[:, np.newaxis], cold, rubber)[2][-1, 0, 0]
+    held = 4 / 2 / 0.1246 * 4.7e-4 * 20.0 * 0.3 / 0.07 * (1 - np.exp(-0.07 * 20.0))
+    assert bend == pytest.approx(held, rel=1e-6)
