@@ -1,5 +1,7 @@
 """What arm-check finds; benchmarks/first_day.py goes on from there to replays."""
 
+import re
+
 import first_day
 import numpy as np
 import pytest
@@ -44,7 +46,8 @@ def test_arm_check_finds_it_among_four_wires_too():
     passed, failures, _ = check(LimbTwin(described, seed=1), "share wire_3 0.6", described)
     assert not passed
     assert len(failures) == 1
-    assert failures[0].startswith("wire_3 wire shows 9.9 °C/s at full duty")
+    shown = re.match(r"wire_3 wire shows (.*) °C/s at full duty", failures[0])
+    assert float(shown[1]) == pytest.approx(9.9, abs=0.3)  # sensors' noise differs each time
 
 
 def test_the_board_ends_arm_check_where_no_heat_shows():
