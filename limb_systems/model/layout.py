@@ -78,8 +78,10 @@ class Layout:
             zip(segments, self.chains, self.segment_suffixes, strict=True)
         ):
             joints, wires = self.joints_of[number], self.wires_of[number]
-            of_kind = {kind: joints.start + np.flatnonzero(np.array(chain.kinds) == kind)
-                       for kind in TURNS}  # fmt: skip
+            kinds_of_joints = np.array(chain.kinds)
+            of_kind = {
+                kind: joints.start + np.flatnonzero(kinds_of_joints == kind) for kind in TURNS
+            }
             for kind, ratio in segment.joint_ratios.items():
                 self.stiffness[of_kind[kind]] = ratio * segment.stiffness
                 self.damping[of_kind[kind]] = ratio * segment.damping
@@ -109,9 +111,9 @@ class Layout:
         if parameters.payload:
             bodies.append((self.num_joints - 1, parameters.payload, end))
         self.link_of_joint, self.last_joints = np.array(links), np.array(last_joints)
-        joints_of_bodies, masses, centers = zip(*bodies, strict=True)
+        joints_of_bodies, masses, centres = zip(*bodies, strict=True)
         self.body_joints, self.body_masses = np.array(joints_of_bodies), np.array(masses)
-        self.body_centres = np.outer(centers, [1.0, 0.0, 0.0])
+        self.body_centres = np.outer(centres, [1.0, 0.0, 0.0])
 
     @property
     def is_planar(self) -> bool:

@@ -46,8 +46,7 @@ class SegmentChain:
     @property
     def equal_angle(self) -> float:
         """Angle of each joint where all are equal and the bend is one (11)."""
-        links = len(self.lengths)
-        return 2 / links if self.first_length else 2 / (links + 1)
+        return 1 / self.bend_by_equal_angle
 
     def frames(self, joint_angles: ArrayLike) -> list[np.ndarray]:
         """Frames of the links in that of the base, their axes side by side (3, 3, ...).
