@@ -38,6 +38,14 @@ from limb_systems.model.parameters import (
     WireParameters,
     wires_around,
 )
+from limb_systems.model.robot import Robot, add_robot
+from limb_systems.model.robot_parameters import (
+    BodyParameters,
+    FootParameters,
+    GroundParameters,
+    RobotLimb,
+    RobotParameters,
+)
 from limb_systems.model.two_mass_laws import (
     HystereticLaw,
     SaturatingLaw,
@@ -57,9 +65,12 @@ __all__ = [
     "ActiveConstraint",
     "Band",
     "BendSensor",
+    "BodyParameters",
     "CalibrationRecord",
     "ChordSensor",
     "EmulatedLimb",
+    "FootParameters",
+    "GroundParameters",
     "HeatBounds",
     "HystereticLaw",
     "JouleHeating",
@@ -75,6 +86,9 @@ __all__ = [
     "Provenance",
     "Recording",
     "RestMemory",
+    "Robot",
+    "RobotLimb",
+    "RobotParameters",
     "SaturatingLaw",
     "SegmentParameters",
     "SerialBoard",
@@ -89,6 +103,7 @@ __all__ = [
     "WireParameters",
     "Wires",
     "add_manipulator",
+    "add_robot",
     "band",
     "bend_angle",
     "bend_angle_from_tip_tangent",

@@ -25,6 +25,7 @@ from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb
 from limb_systems.model.limb_system import ACCURACY, LimbSystem, check_limb
+from limb_systems.model.robot import TIME_STEP, Robot
 from limb_systems.progress import Progress
 from limb_systems.provenance import Provenance
 from limb_systems.schema import shown
@@ -56,10 +57,10 @@ def simulate(
     accuracy: float | None = None,
     initial_state: ArrayLike | None = None,
 ) -> Recording:
-    """Simulates a limb with Drake's Simulator and records its outputs.
+    """Simulates a limb or a robot with Drake's Simulator and records its outputs.
 
     Args:
-        system: a `Limb`, or any other `LimbSystem`. It becomes part of a
+        system: a `Limb`, a `Robot`, or any other `LimbSystem`. It becomes part of a
             diagram and cannot be simulated again.
         duty: a planned trajectory, a Drake trajectory of W rows, or constant
             duty (W,). A trajectory starts at its own start time.
@@ -67,8 +68,8 @@ def simulate(
         sample_rate: rate of the recording, Hz.
         accuracy: relative accuracy of the implicit integrator; the system's
             own if None.
-        initial_state: all continuous states of the system, by default those
-            of its default context: for a `Limb` at rest and at ambient.
+        initial_state: all continuous states of the system, of a `Robot` its state; by default
+            those of its default context: for a `Limb` at rest and at ambient.
 
     Returns:
         A recording from time 0 to the duration, both included if the sample
@@ -142,7 +143,7 @@ def record(
     builder.Connect(duty, system.GetInputPort("duty"))
     # A Limb's bend angle follows from its joint state for all samples at once, so that the C++
     # loop does not call Python at each of them.
-    calculated = ["bend_angle"] if isinstance(system, Limb) else []
+    calculated = ["bend_angle"] if isinstance(system, Limb | Robot) else []
     names = [n for n in (*Recording.MEASURED, *Recording.OPTIONAL) if n not in calculated]
     ports = {name: system.GetOutputPort(name) for name in names if system.HasOutputPort(name)}
     ports |= {"duty": duty} | ({"reference": reference} if reference else {})
@@ -160,7 +161,7 @@ def record(
     simulator = make_simulator(diagram, accuracy)
     context = simulator.get_mutable_context()
     if initial_state is not None:
-        _set_state(system.GetMyMutableContextFromRoot(context), initial_state)
+        _set_state(system, system.GetMyMutableContextFromRoot(context), initial_state)
     num_samples = int(np.floor(duration * sample_rate + 1e-6)) + 1
     # Drake's clock ticks at multiples of the period, which round their own way.
     end = max(duration, (num_samples - 1) * (1 / sample_rate))
@@ -169,13 +170,14 @@ def record(
     signals = {name: sink.FindLog(context).data() for name, sink in sinks.items()}
     signals |= {name: signals[name][0] for name in TIMES if name in signals}
     signals["duty"] = without_rounding(signals["duty"])
-    if isinstance(system, Limb):
+    if isinstance(system, Limb | Robot):
         angles = signals["joint_state"][: system.parameters.num_joints]
         signals["bend_angle"] = bend_angle(system.parameters, angles)
     times = np.minimum(np.arange(signals["duty"].shape[1]) / sample_rate, duration)
     return Recording(
         time=times,
         parameters=system.parameters,
+        robot=getattr(system, "robot", None),
         source=system.source,
         sample_rate=sample_rate,
         provenance=provenance,
@@ -183,9 +185,17 @@ def record(
     )
 
 
-def make_simulator(system: System, accuracy: float = ACCURACY) -> Simulator:
-    """Drake's Simulator with the integrator that a limb needs."""
+def make_simulator(system: System, accuracy: float | None = ACCURACY) -> Simulator:
+    """Drake's Simulator with the integrator that a limb needs.
+
+    If the accuracy is None, the mechanics is in steps, and heat is by Euler's method in them,
+    which for the wires is as good as any.
+    """
     simulator = Simulator(system)
+    if accuracy is None:
+        config = SimulatorConfig(integration_scheme="explicit_euler", max_step_size=TIME_STEP)
+        ApplySimulatorConfig(config, simulator)
+        return simulator
     ApplySimulatorConfig(
         SimulatorConfig(
             integration_scheme=INTEGRATION_SCHEME,
@@ -263,14 +273,18 @@ def _check_positive(name: str, value: Any, unit: str = "") -> None:
         raise SimulationError(f"{name} is {value!r}{unit}; it must be a positive number.")
 
 
-def _set_state(context, state) -> None:
-    state = np.asarray(state, float)
-    if state.shape != (context.num_continuous_states(),) or not np.isfinite(state).all():
+def _set_state(system, context, state) -> None:
+    state, size = np.asarray(state, float), context.num_continuous_states()
+    steps = isinstance(system, Robot) and context.num_discrete_state_groups()
+    of_steps = context.get_discrete_state_vector().size() if steps else 0
+    if state.shape != (of_steps + size,) or not np.isfinite(state).all():
         raise SimulationError(
-            f"initial_state must be {context.num_continuous_states()} finite numbers, but it has "
+            f"initial_state must be {of_steps + size} finite numbers, but it has "
             f"the shape {state.shape} or contains values that are not finite."
         )
-    context.SetContinuousState(state)
+    if steps:
+        context.SetDiscreteState(state[:of_steps])
+    context.SetContinuousState(state[of_steps:])
 
 
 def _advance(

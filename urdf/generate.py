@@ -1,4 +1,4 @@
-"""Writes the URDF of a limb; ``limb_5.urdf`` is that of the nominal one."""
+"""Writes the URDF of a limb or a robot; ``limb_5.urdf`` is that of the nominal limb."""
 
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
@@ -6,7 +6,9 @@ from typing import Any
 
 SILICONE_COLOR, CLEAR_SILICONE_COLOR = "0.89 0.91 0.94 1", "0.80 0.85 0.92 0.3"
 WIRE_COLOR = "0.45 0.45 0.5 1"
-BRACKET_COLOR = "0.25 0.27 0.3 1"
+BRACKET_COLOR, BODY_COLOR = "0.25 0.27 0.3 1", "0.36 0.42 0.50 1"
+# N/m and s, of contact: a foot that carries 0.25 N sinks in by 25 µm.
+CONTACT_STIFFNESS, RELAXATION_TIME = 2e4, 0.01
 STEEL = 33e3  # kg/m³, 4π/3 times that of steel: a payload is drawn as a ball of it
 PI_2 = 1.5707963267948966
 
@@ -37,46 +39,124 @@ def limb_urdf(segments: Sequence[Any], name: str = "limb", *, payload: float = 0
         payload: mass of a point at the tip, kg.
     """
     robot = ElementTree.Element("robot", name=name)
-    base = ElementTree.SubElement(robot, "link", name="base")
+    parent, origin = _add_chain(robot, segments)
+    if payload:
+        _add_payload(robot, "", parent, origin, payload)
+    return _document(robot)
+
+
+def robot_urdf(robot: Any) -> str:
+    """URDF text of a robot: the link ``body`` and, fixed to it, the limbs with their feet.
+
+    What belongs to a limb begins with its name, as in ``rear_base``, ``rear_joint_1``,
+    ``rear_link_1`` and ``rear_foot``. The body and the feet collide with what there is, with the
+    friction of the ground. The body's frame has x forward and z up.
+
+    Args:
+        robot: such as `limb_systems.RobotParameters`.
+    """
+    element = ElementTree.Element("robot", name="robot")
+    parts, size = robot.body, (robot.body.length, robot.body.width, robot.body.height)
+    body = ElementTree.SubElement(element, "link", name="body")
+    inertial = ElementTree.SubElement(body, "inertial")
+    ElementTree.SubElement(inertial, "mass", value=_text(parts.mass))
+    _inertia(inertial, *parts.moments)
+    _box(body, "body", size, (0.0, 0.0), BODY_COLOR)
+    if robot.ground:
+        _collision(body, "box", robot.ground.friction, size=_text(*size))
+    for limb in robot.limbs:
+        parent, origin = _add_chain(element, limb.parameters.segments, f"{limb.name}_")
+        mount = ElementTree.SubElement(element, "joint", name=f"{limb.name}_mount", type="fixed")
+        ElementTree.SubElement(mount, "parent", link="body")
+        ElementTree.SubElement(mount, "child", link=f"{limb.name}_base")
+        place = {"xyz": _text(*limb.position), "rpy": _text(*limb.rpy)}
+        ElementTree.SubElement(mount, "origin", place)
+        end = parent, origin
+        if limb.parameters.payload:
+            _add_payload(element, f"{limb.name}_", *end, limb.parameters.payload)
+        names = f"{limb.name}_foot", f"{limb.name}_ankle"
+        foot = _add_point(element, *names, *end, robot.feet.mass)
+        _sphere(foot, "foot", robot.feet.radius, BRACKET_COLOR)
+        if robot.ground:
+            radius = _text(robot.feet.radius)
+            _collision(foot, "sphere", robot.ground.friction, radius=radius)
+    if robot.ground:  # the robot's parts go through each other
+        group = ElementTree.SubElement(element, "drake:collision_filter_group", name="robot")
+        for link in ("body", *(f"{limb.name}_foot" for limb in robot.limbs)):
+            ElementTree.SubElement(group, "drake:member", link=link)
+        ElementTree.SubElement(group, "drake:ignored_collision_filter_group", name="robot")
+    return _document(element)
+
+
+def _document(robot) -> str:
+    ElementTree.indent(robot)
+    return f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
+
+
+def _add_chain(robot, segments: Sequence[Any], prefix: str = "") -> tuple[str, float]:
+    """The base and the links of a limb; the last link, and how far along it the limb ends, m."""
+    base = ElementTree.SubElement(robot, "link", name=f"{prefix}base")
     first = segments[0]
     bracket = (0.6 * first.thickness, 1.6 * first.thickness, 1.2 * first.width)
     _box(base, "bracket", bracket, (-0.5 * bracket[0], 0.0), BRACKET_COLOR)
 
-    parent, origin = "base", 0.0
+    parent, origin = f"{prefix}base", 0.0
     number = joint_number = 0
     for segment_number, segment in enumerate(segments, 1):
         piece, first = segment.length / segment.links, 0.5 if segment.centred_joints else 0.0
         if first:
-            root = f"root_{segment_number}"
+            root = f"{prefix}root_{segment_number}"
             _add_link(robot, root, segment, first)
-            _add_joint(robot, f"mount_{segment_number}", "fixed", parent, root, origin)
+            _add_joint(robot, f"{prefix}mount_{segment_number}", "fixed", parent, root, origin)
             parent, origin = root, first * piece
         for index, kinds in enumerate(segment.joints):
             number += 1
             for kind in kinds:
                 joint_number += 1
-                child = f"link_{number}" if kind == kinds[-1] else f"cross_{joint_number}"
+                name = f"link_{number}" if kind == kinds[-1] else f"cross_{joint_number}"
+                child = f"{prefix}{name}"
                 if kind != kinds[-1]:
                     ElementTree.SubElement(robot, "link", name=child)
                 else:
                     last = index == segment.links - 1
                     _add_link(robot, child, segment, 1.0 - first if last else 1.0)
-                name = f"joint_{joint_number}"
+                name = f"{prefix}joint_{joint_number}"
                 joint = _add_joint(robot, name, "continuous", parent, child, origin)
                 ElementTree.SubElement(joint, "axis", xyz=AXES[kind])
                 damping = segment.joint_ratios[kind] * segment.damping
                 ElementTree.SubElement(joint, "dynamics", damping=_text(damping))
                 parent, origin = child, 0.0
             origin = (1.0 - first if index == segment.links - 1 else 1.0) * piece
-    if payload:
-        load = ElementTree.SubElement(robot, "link", name="payload")
-        inertial = ElementTree.SubElement(load, "inertial")
-        ElementTree.SubElement(inertial, "mass", value=_text(payload))
-        _inertia(inertial, 0.0, 0.0, 0.0)
-        _sphere(load, "load", (payload / STEEL) ** (1 / 3), BRACKET_COLOR)
-        _add_joint(robot, "load", "fixed", parent, "payload", origin)
-    ElementTree.indent(robot)
-    return f'<?xml version="1.0"?>\n{ElementTree.tostring(robot, encoding="unicode")}\n'
+    return parent, origin
+
+
+def _add_payload(robot, prefix: str, parent: str, origin: float, mass: float) -> None:
+    load = _add_point(robot, f"{prefix}payload", f"{prefix}load", parent, origin, mass)
+    _sphere(load, "load", (mass / STEEL) ** (1 / 3), BRACKET_COLOR)
+
+
+def _add_point(robot, name: str, joint: str, parent: str, origin: float, mass: float):
+    """A link that is a point of some mass, kg, at a distance along its parent, m."""
+    link = ElementTree.SubElement(robot, "link", name=name)
+    inertial = ElementTree.SubElement(link, "inertial")
+    ElementTree.SubElement(inertial, "mass", value=_text(mass))
+    _inertia(inertial, 0.0, 0.0, 0.0)
+    _add_joint(robot, joint, "fixed", parent, name, origin)
+    return link
+
+
+def _collision(link, shape: str, friction: float, **size: str) -> None:
+    """A shape of a link that collides, with its friction."""
+    collision = ElementTree.SubElement(link, "collision", name=shape)
+    ElementTree.SubElement(ElementTree.SubElement(collision, "geometry"), shape, size)
+    properties = ElementTree.SubElement(collision, "drake:proximity_properties")
+    for name, value in (
+        ("mu_dynamic", friction),
+        ("mu_static", friction),
+        ("point_contact_stiffness", CONTACT_STIFFNESS),
+        ("relaxation_time", RELAXATION_TIME),
+    ):
+        ElementTree.SubElement(properties, f"drake:{name}", value=_text(value))
 
 
 def _add_link(robot, name: str, segment, share: float) -> None:

@@ -9,11 +9,12 @@ import numpy as np
 
 from limb_systems.errors import LimbError
 from limb_systems.files.csv_format import Table
-from limb_systems.files.samples import Samples
+from limb_systems.files.samples import Samples, described
 from limb_systems.logs.guess import limbs_in_log
 from limb_systems.logs.mapping import LogMapping
 from limb_systems.logs.reading import read_log
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.provenance import Provenance
 from limb_systems.schema import check_text, load_typed
 from limb_systems.summary import Entry, Summary
@@ -27,14 +28,17 @@ class RecordingHeader:
 
     - ``source``: text that names what was recorded.
     - ``sample_rate_hz``: nominal rate of the samples, Hz.
-    - ``parameters``: parameters of the limb as they were known when it was recorded.
+    - ``parameters``: parameters of the limb as they were known when it was recorded; None if
+      it was a robot.
     - ``provenance``: what made the recording; None if it is not known.
+    - ``robot``: parameters of the robot; None if it was a limb.
     """
 
     source: str
     sample_rate_hz: float
-    parameters: LimbParameters
+    parameters: LimbParameters | None = None
     provenance: Provenance | None = None
+    robot: RobotParameters | None = None
 
 
 @dataclasses.dataclass(eq=False, repr=False)
@@ -65,6 +69,12 @@ class Recording(Samples):
     - ``interrupted``: why it ended before its time, in a line of text, such as the
       fault of a board; empty if it did not.
     - ``provenance``: what made it; None if it is not known.
+    - ``robot``: the robot whose limbs these are, and ``parameters`` all of them together; None
+      if it is a limb.
+    - ``body_pose``: pose of the robot's body, (3, K): x, z, m, and θ, rad, from +x towards +z; or
+      (6, K): x, y, z, m, roll, pitch, yaw, rad; None if it is not known.
+    - ``contact_force``: force from the ground on each foot, N, along x and z (2L, K), or along x,
+      y and z (3L, K); None if it is not known.
 
     Raises:
         LimbError: at construction, if shapes disagree or other values are not
@@ -80,6 +90,8 @@ class Recording(Samples):
         "applied_duty",
         "board_time",
         "sample_age",
+        "body_pose",
+        "contact_force",
     )
     MEASURED: ClassVar[tuple[str, ...]] = ("measured_temperature", "bend_angle")
 
@@ -98,6 +110,9 @@ class Recording(Samples):
     sample_age: np.ndarray | None = None
     interrupted: str = ""
     provenance: Provenance | None = None
+    robot: RobotParameters | None = None
+    body_pose: np.ndarray | None = None
+    contact_force: np.ndarray | None = None
 
     def __post_init__(self):
         check_text(self.source, "source")
@@ -215,10 +230,11 @@ class Recording(Samples):
     @classmethod
     def _from_table(cls, table: Table) -> "Recording":
         header = load_typed(RecordingHeader, table.header)
-        header.parameters.validate()
+        parameters = described(header.parameters, header.robot)
         return cls(
-            **cls.signals_of(table.columns, header.parameters),
-            parameters=header.parameters,
+            **cls.signals_of(table.columns, parameters, header.robot),
+            parameters=parameters,
+            robot=header.robot,
             source=header.source,
             sample_rate=header.sample_rate_hz,
             interrupted=table.interrupted,
@@ -226,8 +242,9 @@ class Recording(Samples):
         )
 
     def _header(self) -> RecordingHeader:
+        parameters = None if self.robot else self.parameters
         return RecordingHeader(
-            self.source, float(self.sample_rate), self.parameters, self.provenance
+            self.source, float(self.sample_rate), parameters, self.provenance, self.robot
         )
 
     def _about(self) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from limb_systems.files.csv_format import (
 )
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.model.wires import Wires
 from limb_systems.output import write_atomically
 from limb_systems.provenance import Provenance
@@ -44,6 +45,7 @@ _UNITS = {  # in files
     "reference": "°",
     "wire_temperature": "°C",
     "joint_state": "°",
+    "contact_force": "N",
 }
 _RANGES = {  # a value outside these is a mistake, of units or of a sensor
     "duty": (0.0, 1.0, ""),
@@ -55,13 +57,16 @@ _RANGES = {  # a value outside these is a mistake, of units or of a sensor
 }
 
 
-def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
+def column_names(
+    parameters: LimbParameters, robot: RobotParameters | None = None
+) -> dict[str, list[str]]:
     """Names of the columns of each signal; the unit is in the name.
 
     Signals of joints are split into angles and rates. Columns of wires have the
     wires' names; with several segments, the number of the segment follows, and with
     several bends of a segment, what they are towards. The
-    signal ``other_wire_state`` is there only if wires have states other than T.
+    signal ``other_wire_state`` is there only if wires have states other than T, and
+    ``body_pose`` and ``contact_force`` only if a robot has a body that moves, and a ground.
     """
     wires, suffixes = parameters.wire_names, Layout(parameters).bend_suffixes
     joints = range(1, parameters.num_joints + 1)
@@ -79,7 +84,21 @@ def column_names(parameters: LimbParameters) -> dict[str, list[str]]:
         "joint_state": [f"joint_angle_{i}_deg" for i in joints]
         + [f"joint_rate_{i}_deg_s" for i in joints],
         **({"other_wire_state": [f"wire_state_{name}" for name in others]} if others else {}),
+        **(_columns_of_body(robot) if robot else {}),
     }
+
+
+def _columns_of_body(robot: RobotParameters) -> dict[str, list[str]]:
+    poses = {"planar": "x_m z_m pitch_deg", "free": "x_m y_m z_m roll_deg pitch_deg yaw_deg"}
+    axes = "xz" if robot.force_size == 2 else "xyz"
+    columns = {
+        "body_pose": [f"body_{name}" for name in poses.get(robot.body.mount, "").split()],
+        "contact_force": [
+            f"contact_force_{limb.name}_{axis}_n" for limb in robot.limbs for axis in axes
+        ],
+    }
+    there = {"body_pose": robot.pose_size, "contact_force": robot.ground}
+    return {name: group for name, group in columns.items() if there[name]}
 
 
 class Samples(Summarized):
@@ -92,19 +111,23 @@ class Samples(Summarized):
     time: np.ndarray
     bend_angle: np.ndarray
     parameters: LimbParameters
+    robot: RobotParameters | None = None
     provenance: Provenance | None
     interrupted = ""
 
     @classmethod
-    def columns_of(cls, parameters: LimbParameters) -> dict[str, list[str]]:
+    def columns_of(
+        cls, parameters: LimbParameters, robot: RobotParameters | None = None
+    ) -> dict[str, list[str]]:
         """`column_names` of the signals that these samples have."""
         signals = {field.name for field in dataclasses.fields(cls)} | {"bend_angle"}  # type: ignore[arg-type]
-        return {name: names for name, names in column_names(parameters).items() if name in signals}
+        names = column_names(parameters, robot)
+        return {name: group for name, group in names.items() if name in signals}
 
     def columns(self) -> dict[str, np.ndarray]:
         """The columns (K,) of the file, angles in rad, without signals that are None."""
         columns: dict[str, np.ndarray] = {}
-        for name, group in self.columns_of(self.parameters).items():
+        for name, group in self.columns_of(self.parameters, self.robot).items():
             value = getattr(self, name)
             if value is not None:
                 columns.update(zip(group, np.atleast_2d(value), strict=True))
@@ -112,14 +135,17 @@ class Samples(Summarized):
 
     @classmethod
     def signals_of(
-        cls, columns: Mapping[str, np.ndarray], parameters: LimbParameters
+        cls,
+        columns: Mapping[str, np.ndarray],
+        parameters: LimbParameters,
+        robot: RobotParameters | None = None,
     ) -> dict[str, np.ndarray]:
         """The signals (size, K) that a file's columns make up; those in `TIMES` are (K,).
 
         Raises:
             FileFormatError: if a column is missing or belongs to no signal.
         """
-        groups = cls.columns_of(parameters)
+        groups = cls.columns_of(parameters, robot)
         known = {column for group in groups.values() for column in group}
         for column in columns:
             if column not in known:
@@ -185,7 +211,7 @@ class Samples(Summarized):
             "kind": self.KIND,
             "units": {
                 name: "°/s" if name.startswith("joint_rate") else _UNITS.get(signal, "")
-                for signal, names in self.columns_of(self.parameters).items()
+                for signal, names in self.columns_of(self.parameters, self.robot).items()
                 for name in names
                 if name in columns
             },
@@ -215,7 +241,7 @@ class Samples(Summarized):
         """
         self.parameters.validate()
         self.time = np.asarray(self.time, float)
-        names = column_names(self.parameters)
+        names = column_names(self.parameters, self.robot)
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
             name, value = field.name, getattr(self, field.name)
             if name == "time" or name not in names or (value is None and name in self.OPTIONAL):
@@ -261,6 +287,21 @@ class Samples(Summarized):
         """The range of the bend angles."""
         low, high = np.rad2deg([np.nanmin(self.bend_angle), np.nanmax(self.bend_angle)]).tolist()
         return Entry("motion", [low, high], "°", f"bend {low:.0f}° to {high:.0f}°")
+
+
+def described(parameters: LimbParameters | None, robot: RobotParameters | None) -> LimbParameters:
+    """The parameters that a header has, valid: those of a limb, or of a robot's limbs together.
+
+    Raises:
+        LimbError: if it has neither, or they are out of their range.
+    """
+    if robot:
+        robot.validate()
+        return robot.together
+    if not parameters:
+        raise FileFormatError("parameters is missing.")
+    parameters.validate()
+    return parameters
 
 
 def without_rounding(duty: np.ndarray) -> np.ndarray:

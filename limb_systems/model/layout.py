@@ -15,8 +15,9 @@ class Layout:
 
     Names:
 
-    - ``segment_suffixes`` (S), ``bend_suffixes`` (F): such as ``_2`` and ``_2_e3``. A limb of one
-      segment has no number, and a bend no axis if its segment has one.
+    - ``segment_suffixes`` (S), ``bend_suffixes`` (F): such as ``_2`` and ``_2_e3``, with the
+      name of a segment that has one in place of its number. A limb of one segment has no number,
+      and a bend no axis if its segment has one.
 
     Places, as slices for each segment:
 
@@ -50,7 +51,10 @@ class Layout:
     def __init__(self, parameters: LimbParameters):
         segments = parameters.segments
         several = len(segments) > 1
-        self.segment_suffixes = [f"_{i + 1}" if several else "" for i in range(len(segments))]
+        self.segment_suffixes = [
+            f"_{segment.name or number}" if segment.name or several else ""
+            for number, segment in enumerate(segments, 1)
+        ]
         self.chains = [segment.chain for segment in segments]
         kinds = [chain.kinds for chain in self.chains]
         self.joints_of = _slices([len(of_segment) for of_segment in kinds])

@@ -24,13 +24,13 @@ class LimbSystem(Protocol):
     - ``real_time``: whether it must run in real time and be closed at the end
       by its method ``close``, as a robot must; False if left out.
     - ``accuracy``: relative accuracy of the integrator that it needs; 1e-3 if
-      left out.
+      left out; None if its mechanics is in steps.
     """
 
     parameters: LimbParameters
     source: str
     real_time: bool
-    accuracy: float
+    accuracy: float | None
 
     # The methods of Drake systems that are used here.
     def HasOutputPort(self, port_name: str) -> bool:

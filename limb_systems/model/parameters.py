@@ -143,6 +143,7 @@ class SegmentParameters(Strict):
     - ``torsional_ratio``: stiffness against twist, as a share of k; that of a round
       section of rubber is GJ/EI = 2/3.
     - ``rest_angle_e3``: bend angle towards +E3 at rest with cold wires, rad.
+    - ``name``: name in files and messages; its number, if the limb has several, if it is empty.
     """
 
     links: int = quantity(5, "links", 1, 100)
@@ -163,6 +164,7 @@ class SegmentParameters(Strict):
     stiffness_ratio: float = quantity(1.0, "of k", 0.01, 100.0, rare=True)
     torsional_ratio: float = quantity(2 / 3, "of k", 0.01, 100.0, rare=True)
     rest_angle_e3: float = quantity(0.0, "rad", -1.5, 1.5, rare=True)
+    name: str = rare("")
 
     @property
     def joints(self) -> list[list[str]]:
@@ -481,9 +483,13 @@ class LimbParameters(Strict):
 
     @property
     def wire_names(self) -> list[str]:
-        """Names of all wires; with a segment number if there are several."""
+        """Names of all wires; with the segment's name before, or its number after if several."""
         return [
-            f"{wire.name}_{number}" if len(self.segments) > 1 else wire.name
+            f"{segment.name}_{wire.name}"
+            if segment.name
+            else f"{wire.name}_{number}"
+            if len(self.segments) > 1
+            else wire.name
             for number, segment in enumerate(self.segments, 1)
             for wire in segment.wires
         ]

@@ -1,0 +1,363 @@
+"""Robots of several limbs, on a ground or without one, as one Drake diagram."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.common.value import Value
+from pydrake.geometry import AddContactMaterial, Box, ProximityProperties
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    ContactResults,
+    CoulombFriction,
+    DiscreteContactApproximation,
+    MultibodyPlant,
+)
+from pydrake.multibody.tree import FixedOffsetFrame, PlanarJoint, RevoluteJoint, RevoluteSpring
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.primitives import MatrixGain, Multiplexer
+
+from limb_systems.model.kinematics import rest_joint_angles
+from limb_systems.model.layout import Layout
+from limb_systems.model.limb_system import ACCURACY
+from limb_systems.model.ownership import weak_method
+from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.robot_parameters import RobotParameters
+from limb_systems.model.wire_blocks import VectorFunction, make_blocks
+from limb_systems.model.wires import Wires
+from urdf import robot_urdf
+from urdf.generate import CONTACT_STIFFNESS, RELAXATION_TIME
+
+TIME_STEP = 1e-3  # s, of the mechanics where there is contact
+GROUND = 200.0, 200.0, 1.0  # m, of a box about the origin, of whose half space Drake warns
+PLANE = RotationMatrix(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]))  # x, z, -y
+
+
+class Robot(Diagram):
+    """A robot of L limbs on a body: duty in; temperatures, bends, pose and contact forces out.
+
+    All limbs and the body are one MultibodyPlant. On a ground, it is discrete, with steps of
+    1 ms and Drake's SAP contact; else it is continuous. Wires are those of `Limb`. A robot of one
+    welded limb without a ground is that limb.
+
+    For F bends, n joints and W wires in all, N states of wires, those of the first limb first:
+
+    - input 0 ``duty``: D (W), in [0, 1]
+    - inputs 1 to L, ``rear.duty`` and so on with each limb's name: D of its wires, which is taken
+      in place of its part of ``duty`` if it is connected; then ``duty`` may be left unconnected
+    - output 0 ``measured_temperature``: V (W), °C
+    - output 1 ``bend_angle``: φ (F), rad
+    - output 2 ``wire_temperature``: T (W), °C
+    - output 3 ``joint_state``: [θ, θ̇] (2n), rad and rad/s, of the limbs' joints
+    - output 4 ``measurement``: [V (W), φ (F)], °C and rad
+    - outputs ``rear.measured_temperature``, ``rear.bend_angle`` and so on: those of each limb
+    - output ``body_pose``, unless the body is welded: x, z, m, and θ, rad, from +x towards +z, in
+      the plane; or x, y, z, m, and roll, pitch and yaw, rad
+    - output ``contact_force``, if there is a ground: force from the ground on each foot, N, along x
+      and z (2L), or along x, y and z (3L) if the body is not planar
+    - state: [positions, velocities] of the plant, the body's first, and x (N), V (W) of the wires;
+      by default at rest, at the rest angles, at ambient temperature, with the feet of the
+      straight limbs at the ground
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(
+        self,
+        robot: RobotParameters | LimbParameters | str | Path | None = None,
+        *,
+        name: str = "robot",
+    ):
+        """
+        Args:
+            robot: description of the robot, or its YAML file, or that of a limb; the crawler if
+                None. The system keeps a copy, its attribute ``robot``; its attribute
+                ``parameters`` is that of all limbs together.
+            name: name of the system; robots in one diagram need different names.
+
+        Raises:
+            ParameterError: if a parameter is out of its range.
+        """
+        super().__init__()
+        self.robot = robot = RobotParameters.of(robot)
+        self.parameters = parameters = robot.together
+        self.source = "model"
+        self.accuracy = None if robot.ground else ACCURACY  # None: heat in the mechanics' steps
+        builder, layout = DiagramBuilder(), Layout(parameters)
+        n, num_wires, num_bends = layout.num_joints, layout.num_wires, layout.num_bends
+        plant = make_robot(builder, robot)
+        duty = builder.AddSystem(DutyOfLimbs(robot))
+        heating, lag, torque_map = map(builder.AddSystem, make_blocks(parameters))
+        select, spread = _joint_maps(plant, robot)
+        joint_state = builder.AddSystem(MatrixGain(select))
+        force = builder.AddSystem(MatrixGain(spread))
+        bend = builder.AddNamedSystem(
+            "bend_angle",
+            VectorFunction(lambda state: layout.bend_angle(state[:n]), [2 * n], num_bends),
+        )
+        measurement = builder.AddSystem(Multiplexer([num_wires, num_bends]))
+        temperature = builder.AddSystem(
+            MatrixGain(np.eye(num_wires, heating.num_continuous_states()))
+        )
+
+        for source, target in (
+            (duty.get_output_port(), heating.get_input_port()),
+            (heating.get_output_port(), torque_map.get_input_port(0)),
+            (heating.get_output_port(), lag.get_input_port()),
+            (heating.get_output_port(), temperature.get_input_port()),
+            (torque_map.get_output_port(), force.get_input_port()),
+            (force.get_output_port(), plant.get_applied_generalized_force_input_port()),
+            (plant.get_state_output_port(), joint_state.get_input_port()),
+            (joint_state.get_output_port(), bend.get_input_port()),
+            (lag.get_output_port(), measurement.get_input_port(0)),
+            (bend.get_output_port(), measurement.get_input_port(1)),
+        ):
+            builder.Connect(source, target)
+        if torque_map.num_input_ports() > 1:
+            builder.Connect(joint_state.get_output_port(), torque_map.get_input_port(1))
+
+        for port in range(duty.num_input_ports()):
+            builder.ExportInput(duty.get_input_port(port), duty.get_input_port(port).get_name())
+        builder.ExportOutput(lag.get_output_port(), "measured_temperature")
+        builder.ExportOutput(bend.get_output_port(), "bend_angle")
+        builder.ExportOutput(temperature.get_output_port(), "wire_temperature")
+        builder.ExportOutput(joint_state.get_output_port(), "joint_state")
+        builder.ExportOutput(measurement.get_output_port(), "measurement")
+        for limb, wires, bends in zip(robot.limbs, robot.wires_of, robot.bends_of, strict=True):
+            for signal, source, part in (
+                ("measured_temperature", lag, np.eye(num_wires)[wires]),
+                ("bend_angle", bend, np.eye(num_bends)[bends]),
+            ):
+                of_limb = builder.AddSystem(MatrixGain(part))
+                builder.Connect(source.get_output_port(), of_limb.get_input_port())
+                builder.ExportOutput(of_limb.get_output_port(), f"{limb.name}.{signal}")
+        export_body(builder, plant, robot)
+        builder.BuildInto(self)
+        self.set_name(name)
+
+    def set_state(
+        self,
+        context: Context,
+        body_pose: ArrayLike,
+        joint_angles: ArrayLike,
+        wire_states: ArrayLike | None = None,
+        readings: ArrayLike | None = None,
+    ) -> None:
+        """Sets the state of a robot that stands still.
+
+        Args:
+            context: the robot's own.
+            body_pose: as the port ``body_pose``; empty if the body is welded.
+            joint_angles: θ (n,), rad.
+            wire_states: x (N,); cold if None.
+            readings: V (W,), °C; the wires' temperatures if None.
+        """
+        plant = self.GetSubsystemByName("plant")
+        of_plant = plant.GetMyMutableContextFromRoot(context)
+        positions = np.zeros(plant.num_positions())
+        pose = np.asarray(body_pose, float)
+        if self.robot.body.mount == "free":
+            rotation = RollPitchYaw(pose[3:]).ToQuaternion()
+            pose = np.concatenate([rotation.wxyz(), pose[:3]])
+        positions[: len(pose)] = pose
+        for joint, angle in zip(limb_joints(plant, self.robot), joint_angles, strict=True):
+            positions[joint.position_start()] = angle
+        plant.SetPositions(of_plant, positions)
+        plant.SetVelocities(of_plant, np.zeros(plant.num_velocities()))
+        wires = Wires(self.parameters)
+        states = wires.cold_states if wire_states is None else np.asarray(wire_states, float)
+        readings = states[: wires.num_wires] if readings is None else readings
+        for name, values in (("joule_heating", states), ("thermocouple_lag", readings)):
+            block = self.GetSubsystemByName(name)
+            block.GetMyMutableContextFromRoot(context).SetContinuousState(values)
+
+
+def make_robot(builder: DiagramBuilder, robot: RobotParameters) -> MultibodyPlant:
+    """Adds the robot's finalized plant to a diagram, with a SceneGraph if there is a ground."""
+    if robot.ground:
+        plant, _ = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
+        plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
+    else:
+        plant = builder.AddSystem(MultibodyPlant(0.0))
+    plant.set_name("plant")
+    add_robot(plant, robot)
+    plant.Finalize()
+    return plant
+
+
+def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:
+    """Parses the robot's URDF into a plant, mounts its body and adds springs, gravity and ground.
+
+    The plant is not finalized, so that you can add to it. Joints are named ``rear_joint_1``, ...;
+    that of the body, which moves in the plane of x and z, is ``body``, with the positions x, z, m,
+    and θ, rad, from +x towards +z. Torques of wires enter at ``applied_generalized_force``.
+
+    Args:
+        plant: not finalized; registered with a SceneGraph if the robot has a ground.
+        robot: description of the robot.
+    """
+    robot.validate()
+    Parser(plant).AddModelsFromString(robot_urdf(robot), "urdf")
+    body, world = plant.GetFrameByName("body"), plant.world_frame()
+    if robot.body.mount == "welded":
+        plant.WeldFrames(world, body)
+    elif robot.body.mount == "planar":
+        frames = [
+            plant.AddFrame(FixedOffsetFrame(name, parent, RigidTransform(PLANE)))
+            for name, parent in (("ground_plane", world), ("body_plane", body))
+        ]
+        plant.AddJoint(PlanarJoint("body", *frames))
+    together = robot.together
+    for joint, rest_angle, k in zip(
+        limb_joints(plant, robot),
+        rest_joint_angles(together),
+        Layout(together).stiffness,
+        strict=True,
+    ):
+        joint.set_default_angle(rest_angle)
+        plant.AddForceElement(RevoluteSpring(joint, rest_angle, k))
+    height = _standing_height(robot) if robot.ground else 0.0
+    if robot.body.mount == "planar":
+        plant.GetJointByName("body").set_default_translation([0.0, height])
+    elif robot.body.mount == "free":
+        plant.SetDefaultFloatingBaseBodyPose(
+            plant.GetBodyByName("body"), RigidTransform([0.0, 0.0, height])
+        )
+    plant.mutable_gravity_field().set_gravity_vector(robot.world_gravity)
+    if robot.ground:
+        friction = CoulombFriction(robot.ground.friction, robot.ground.friction)
+        properties = ProximityProperties()
+        AddContactMaterial(None, CONTACT_STIFFNESS, friction, properties)
+        properties.AddProperty("material", "relaxation_time", RELAXATION_TIME)
+        shape, below = Box(*GROUND), RigidTransform([0.0, 0.0, -GROUND[2] / 2])
+        plant.RegisterCollisionGeometry(plant.world_body(), below, shape, "ground", properties)
+
+
+def limb_joints(plant: MultibodyPlant, robot: RobotParameters) -> list[RevoluteJoint]:
+    """The joints of the limbs (n), those of the first limb first, each from base to tip."""
+    return [
+        plant.GetJointByName(f"{limb.name}_joint_{number}")
+        for limb in robot.limbs
+        for number in range(1, limb.parameters.num_joints + 1)
+    ]
+
+
+def export_body(builder: DiagramBuilder, plant: MultibodyPlant, robot: RobotParameters) -> None:
+    """Exports the output ports ``body_pose`` and ``contact_force``, as far as there are any."""
+    size = plant.num_multibody_states()
+    pose: System | None = None
+    if robot.body.mount == "planar":
+        pose = builder.AddSystem(MatrixGain(np.eye(3, size)))
+    elif robot.body.mount == "free":
+        pose = builder.AddSystem(VectorFunction(_pose_in_space, [size], 6))
+    if pose:
+        builder.Connect(plant.get_state_output_port(), pose.get_input_port(0))
+        builder.ExportOutput(pose.get_output_port(), "body_pose")
+    if robot.ground:
+        forces = builder.AddSystem(FootForces(plant, robot))
+        builder.Connect(plant.get_contact_results_output_port(), forces.get_input_port())
+        builder.ExportOutput(forces.get_output_port(), "contact_force")
+
+
+class FootForces(LeafSystem):
+    """Forces from the ground on each foot of a robot.
+
+    - input 0 ``contact_results``: abstract, of the plant
+    - output 0 ``contact_force``: N, as the port of `Robot`
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, plant: MultibodyPlant, robot: RobotParameters):
+        """
+        Args:
+            plant: finalized, with the robot.
+            robot: description of the robot.
+        """
+        super().__init__()
+        self._axes = [0, 2] if robot.force_size == 2 else [0, 1, 2]
+        self._feet = {
+            plant.GetBodyByName(f"{limb.name}_foot").index(): number
+            for number, limb in enumerate(robot.limbs)
+        }
+        self.DeclareAbstractInputPort("contact_results", Value[ContactResults]())
+        size = len(self._feet) * len(self._axes)
+        self.DeclareVectorOutputPort("contact_force", size, weak_method(self._calc))
+        self.set_name("foot_forces")
+
+    def _calc(self, context, output):
+        results = self.get_input_port().Eval(context)
+        forces = np.zeros((len(self._feet), 3))
+        for index in range(results.num_point_pair_contacts()):
+            contact = results.point_pair_contact_info(index)
+            for body, sign in ((contact.bodyA_index(), -1), (contact.bodyB_index(), 1)):
+                if body in self._feet:
+                    forces[self._feet[body]] += sign * contact.contact_force()
+        output.SetFromVector(forces[:, self._axes].ravel())
+
+
+class DutyOfLimbs(LeafSystem):
+    """Duty of all wires, given for all or limb by limb.
+
+    - input 0 ``duty``: D (W)
+    - inputs 1 to L, ``rear.duty`` and so on: D of each limb's wires, in place of its part of
+      ``duty`` if it is connected
+    - output 0 ``all_duty``: D (W)
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, robot: RobotParameters):
+        """
+        Args:
+            robot: description of the robot.
+        """
+        super().__init__()
+        self._wires_of = robot.wires_of
+        self._size = robot.wires_of[-1].stop
+        self.DeclareVectorInputPort("duty", self._size)
+        for limb, wires in zip(robot.limbs, robot.wires_of, strict=True):
+            self.DeclareVectorInputPort(f"{limb.name}.duty", wires.stop - wires.start)
+        self.DeclareVectorOutputPort(
+            "all_duty", self._size, weak_method(self._calc), {self.all_input_ports_ticket()}
+        )
+        self.set_name("duty_of_limbs")
+
+    def _calc(self, context, output):
+        of_all, *of_limbs = map(self.get_input_port, range(self.num_input_ports()))
+        connected = [port.HasValue(context) for port in of_limbs]
+        duty = np.zeros(self._size) if all(connected) else of_all.Eval(context).copy()
+        for port, given, wires in zip(of_limbs, connected, self._wires_of, strict=True):
+            if given:
+                duty[wires] = port.Eval(context)
+        output.SetFromVector(duty)
+
+
+def _joint_maps(plant: MultibodyPlant, robot: RobotParameters) -> tuple[np.ndarray, np.ndarray]:
+    """Matrices from the plant's state to [θ, θ̇], and from torques of the joints to its forces."""
+    joints, positions = limb_joints(plant, robot), plant.num_positions()
+    n, size = len(joints), plant.num_multibody_states()
+    select, spread = np.zeros((2 * n, size)), np.zeros((plant.num_velocities(), n))
+    for number, joint in enumerate(joints):
+        select[number, joint.position_start()] = 1.0
+        select[n + number, positions + joint.velocity_start()] = 1.0
+        spread[joint.velocity_start(), number] = 1.0
+    return select, spread
+
+
+def _pose_in_space(state: np.ndarray) -> np.ndarray:
+    """x, y, z, roll, pitch and yaw of a free body, whose quaternion and position begin a state."""
+    rotation = Quaternion(state[:4] / np.linalg.norm(state[:4]))
+    return np.concatenate([state[4:7], RollPitchYaw(rotation).vector()])
+
+
+def _standing_height(robot: RobotParameters) -> float:
+    """Height of the body's origin, m, where the lowest foot of straight limbs is at the ground."""
+    tips = [
+        limb.position[2] + limb.axes[2, 0] * sum(s.length for s in limb.parameters.segments)
+        for limb in robot.limbs
+    ]
+    return robot.feet.radius - min(tips)

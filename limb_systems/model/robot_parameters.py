@@ -1,0 +1,374 @@
+"""A robot of several limbs in one YAML file: a body, limbs on it, their feet and the ground."""
+
+import copy
+import dataclasses
+import hashlib
+import re
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RollPitchYaw, RotationMatrix
+
+from limb_systems.input import read_text
+from limb_systems.model.parameters import (
+    LimbParameters,
+    ParameterError,
+    SegmentParameters,
+)
+from limb_systems.output import write_atomically
+from limb_systems.schema import SchemaError, Strict, dump_typed, load_typed, quantity, validate
+
+FORMAT = 1  # of the YAML file
+MOUNTS = ("welded", "planar", "free")
+MOST_LIMBS = 20
+SQUARE = 1e-6  # largest cosine between directions that are at right angles
+
+
+@dataclasses.dataclass
+class BodyParameters(Strict):
+    """The rigid body that carries the limbs, a box about the origin of its frame.
+
+    - ``mount``: "planar" if it moves in the vertical plane of x and z, "free" if in space,
+      "welded" if it is fixed to the world.
+    - ``length``, ``width``, ``height``: along x (forward), y and z (up), m.
+    - ``mass``: kg; its centre is that of the box.
+    - ``inertia``: moments of inertia about x, y and z through the centre, kg·m²; those of a
+      homogeneous box if None.
+    """
+
+    mount: str = "planar"
+    length: float = quantity(0.07, "m", 1e-3, 10.0)
+    width: float = quantity(0.03, "m", 1e-3, 10.0)
+    height: float = quantity(0.01, "m", 1e-3, 10.0)
+    mass: float = quantity(0.020, "kg", 1e-6, 100.0)
+    inertia: list[float] | None = dataclasses.field(
+        default=None, metadata={"unit": "kg·m²", "range": (1e-12, 1e3)}
+    )
+
+    @property
+    def moments(self) -> np.ndarray:
+        """Moments of inertia about x, y and z (3,), kg·m²."""
+        if self.inertia is not None:
+            return np.array(self.inertia)
+        squares = np.square([self.length, self.width, self.height])
+        return self.mass / 12 * (squares.sum() - squares)
+
+
+@dataclasses.dataclass
+class RobotLimb(Strict):
+    """A limb of a robot, and where it is on the body.
+
+    - ``name``: letters, digits and underscores; it names ports, joints and columns in files.
+    - ``position``: of the limb's base in the body's frame, m.
+    - ``e1``, ``e2``: directions of the limb's axes E1 and E2 in the body's frame: where the
+      straight limb points to, and where its wires on the +E2 side bend it to.
+    - ``parameters``: the limb; its ``gravity`` and ``total_duty`` are the robot's here.
+    """
+
+    name: str
+    position: list[float] = quantity((0.0, 0.0, 0.0), "m", -10.0, 10.0)
+    e1: list[float] = quantity((0.0, 0.0, -1.0), "", -1.0, 1.0)
+    e2: list[float] = quantity((1.0, 0.0, 0.0), "", -1.0, 1.0)
+    parameters: LimbParameters = dataclasses.field(default_factory=LimbParameters)
+
+    @property
+    def axes(self) -> np.ndarray:
+        """E1, E2 and E3 in the body's frame, side by side (3, 3)."""
+        e1 = np.array(self.e1) / np.linalg.norm(self.e1)
+        e2 = self.e2 - np.dot(e1, self.e2) * e1
+        e2 = e2 / np.linalg.norm(e2)
+        return np.column_stack([e1, e2, np.cross(e1, e2)])
+
+    @property
+    def rpy(self) -> np.ndarray:
+        """Roll, pitch and yaw of the limb's base in the body's frame (3,), rad, as in URDF."""
+        return RollPitchYaw(RotationMatrix(self.axes)).vector()
+
+
+@dataclasses.dataclass
+class FootParameters(Strict):
+    """The feet, spheres about the tips of the limbs.
+
+    - ``radius``: m.
+    - ``mass``: mass of each, kg.
+    """
+
+    radius: float = quantity(0.001, "m", 1e-4, 0.1)
+    mass: float = quantity(0.0, "kg", 0.0, 10.0)
+
+
+@dataclasses.dataclass
+class GroundParameters(Strict):
+    """The ground, a plane.
+
+    - ``friction``: Coulomb's μ between it and all that touches it, at rest and sliding.
+    - ``slope``: angle by which it rises along x, rad.
+    """
+
+    friction: float = quantity(0.3, "", 0.0, 10.0)
+    slope: float = quantity(0.0, "rad", -1.5, 1.5)
+
+
+def walking_limb() -> LimbParameters:
+    """A limb of 6 cm that is stiff enough to stand on: k = 0.2077 N·m/rad, 15 g."""
+    segment = SegmentParameters(length=0.06, mass=0.015, stiffness=0.2077)
+    return LimbParameters(segments=[segment])
+
+
+def _rear_and_front() -> list[RobotLimb]:
+    return [
+        RobotLimb(name, position=[x, 0.0, 0.0], parameters=walking_limb())
+        for name, x in (("rear", -0.03), ("front", 0.03))
+    ]
+
+
+@dataclasses.dataclass
+class RobotParameters(Strict):
+    """A robot: a body, limbs on it, their feet, and the ground that they are on.
+
+    ``RobotParameters()`` is a crawler of 50 g with two limbs that hang down from its body.
+    The world has x along the ground and z normal to it. The body's frame is x forward, z up.
+
+    - ``format``: version of the file's format.
+    - ``body``: `BodyParameters`.
+    - ``limbs``: one or more `RobotLimb`; wires, bends and joints are in their order.
+    - ``feet``: `FootParameters`.
+    - ``ground``: `GroundParameters`; None if there is none.
+    - ``gravity``: acceleration along x, y and z of a level world, m/s².
+    - ``total_duty``: largest sum of the duties of all wires at a time, for which the supply is
+      made.
+    """
+
+    format: int = quantity(FORMAT, "", FORMAT, FORMAT)
+    body: BodyParameters = dataclasses.field(default_factory=BodyParameters)
+    limbs: list[RobotLimb] = dataclasses.field(default_factory=_rear_and_front)
+    feet: FootParameters = dataclasses.field(default_factory=FootParameters)
+    ground: GroundParameters | None = dataclasses.field(default_factory=GroundParameters)
+    gravity: list[float] = quantity((0.0, 0.0, -9.81), "m/s²", -100.0, 100.0)
+    total_duty: float = quantity(1.5, "of full duty", 0.01, 100.0)
+
+    @classmethod
+    def of_limb(cls, limb: LimbParameters) -> "RobotParameters":
+        """A limb as a robot: alone on a welded body, its axes those of the world."""
+        return cls(
+            body=BodyParameters(mount="welded"),
+            limbs=[RobotLimb("limb", e1=[1.0, 0.0, 0.0], e2=[0.0, 1.0, 0.0], parameters=limb)],
+            ground=None,
+            gravity=list(limb.gravity),
+            total_duty=limb.total_duty,
+        )
+
+    @classmethod
+    def of(cls, robot: "RobotParameters | LimbParameters | str | Path | None") -> "RobotParameters":
+        """A copy of parameters, those in a file, a limb as a robot, or the crawler for None.
+
+        Raises:
+            ParameterError: if it is none of these, or out of its range.
+        """
+        if isinstance(robot, str | Path):
+            return cls.load(robot)
+        if isinstance(robot, LimbParameters):
+            robot = cls.of_limb(robot)
+        if not isinstance(robot, cls | None):
+            raise ParameterError(
+                "A robot is described by RobotParameters, LimbParameters or the path of their YAML "
+                f"file, but this is a {type(robot).__name__}."
+            )
+        parameters = copy.deepcopy(robot) if robot is not None else cls()
+        parameters.validate()
+        return parameters
+
+    @classmethod
+    def load(cls, path: str | Path) -> "RobotParameters":
+        """Reads and validates a robot's YAML file, or a limb's, which is then a robot `of_limb`.
+
+        Raises:
+            ParameterError: with one sentence naming the file and the field.
+        """
+        text = read_text(path, "robot parameters", ParameterError)
+        if re.search(r"^segments:", text, re.MULTILINE):
+            return cls.of(LimbParameters.load(path))
+        try:
+            return cls.from_yaml(text)
+        except ParameterError as error:
+            raise ParameterError(f"{path}: {error}") from error
+
+    @classmethod
+    def from_yaml(cls, text: str) -> "RobotParameters":
+        """Parses YAML text; fields that are left out have their defaults, unknown ones are refused.
+
+        Raises:
+            ParameterError: with one sentence naming the field.
+        """
+        try:
+            parameters = load_typed(cls, text)
+        except SchemaError as error:
+            raise ParameterError(str(error)) from error
+        parameters.validate()
+        return parameters
+
+    def to_yaml(self) -> str:
+        """The YAML text of these parameters, every float exact."""
+        self.validate()
+        return dump_typed(self)
+
+    def save(self, path: str | Path) -> None:
+        """Validates, then writes a YAML file whole or not at all."""
+        write_atomically(path, self.to_yaml())
+
+    @property
+    def digest(self) -> str:
+        """The first 12 hex digits of the SHA-256 of their YAML, without what made the limbs'."""
+        plain = copy.copy(self)
+        plain.limbs = [
+            dataclasses.replace(limb, parameters=limb.parameters.without_provenance())
+            for limb in self.limbs
+        ]
+        return hashlib.sha256(plain.to_yaml().encode()).hexdigest()[:12]
+
+    def validate(self) -> None:
+        """Raises ParameterError for the first field that is out of its range."""
+        try:
+            validate(self)
+        except SchemaError as error:
+            raise ParameterError(str(error)) from error
+        body = self.body
+        if body.mount not in MOUNTS:
+            raise ParameterError(
+                f"body.mount is {body.mount!r}; it must be one of {', '.join(MOUNTS)}."
+            )
+        if body.inertia is not None and (
+            len(body.inertia) != 3 or 2 * max(body.inertia) > sum(body.inertia) * (1 + 1e-9)
+        ):
+            raise ParameterError(
+                f"body.inertia is {body.inertia}; it must be three moments about x, y and z, none "
+                "of them larger than the other two together."
+            )
+        _validate_vector(self.gravity, "gravity")
+        if not 1 <= len(self.limbs) <= MOST_LIMBS:
+            raise ParameterError(f"limbs has {len(self.limbs)} elements, not 1 to {MOST_LIMBS}.")
+        names = [limb.name for limb in self.limbs]
+        for index, limb in enumerate(self.limbs):
+            where = f"limbs[{index}]"
+            if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", limb.name) or limb.name == "body":
+                raise ParameterError(
+                    f"{where}.name is {limb.name!r}; it must be of letters, digits and "
+                    "underscores, and not 'body', as it names ports and columns."
+                )
+            if limb.name in names[:index]:
+                raise ParameterError(
+                    f"{where}.name is {limb.name!r}, as another limb's; rename it."
+                )
+            try:
+                limb.parameters.validate()
+            except ParameterError as error:
+                raise ParameterError(f"{where}.parameters.{error}") from error
+            self._validate_place(limb, where)
+            first = self.limbs[0].parameters
+            for field in ("ambient_temperature", "temperature_limits"):
+                if getattr(limb.parameters, field) != getattr(first, field):
+                    raise ParameterError(
+                        f"{where}.parameters.{field} differs from that of limb {names[0]}; the "
+                        "limbs of a robot share the air and the limits of heat, so make them equal."
+                    )
+
+    def _validate_place(self, limb: RobotLimb, where: str) -> None:
+        for name in ("position", "e1", "e2"):
+            _validate_vector(getattr(limb, name), f"{where}.{name}")
+        lengths = [np.linalg.norm(axis) for axis in (limb.e1, limb.e2)]
+        if min(lengths) < SQUARE or abs(np.dot(limb.e1, limb.e2)) > SQUARE * np.prod(lengths):
+            raise ParameterError(
+                f"{where} has e1 = {limb.e1} and e2 = {limb.e2}; both must have a direction, at "
+                "right angles to each other."
+            )
+        if self.body.mount != "planar":
+            return
+        if any(segment.axes == 2 for segment in limb.parameters.segments):
+            raise ParameterError(
+                f"{where} bends in space, but the body moves in a plane; set body.mount to free, "
+                "or the axes of the limb's segments to 1."
+            )
+        if max(abs(limb.e1[1]), abs(limb.e2[1])) > SQUARE:
+            raise ParameterError(
+                f"{where} has e1 = {limb.e1} and e2 = {limb.e2}, out of the plane of x and z in "
+                "which the body moves; their second numbers must be 0."
+            )
+
+    def limb(self, name: str) -> LimbParameters:
+        """The parameters of a limb.
+
+        Raises:
+            ParameterError: if no limb has that name.
+        """
+        for limb in self.limbs:
+            if limb.name == name:
+                return limb.parameters
+        names = ", ".join(limb.name for limb in self.limbs)
+        raise ParameterError(f"This robot has no limb {name!r}; it has {names}.")
+
+    @property
+    def together(self) -> LimbParameters:
+        """All limbs as one: their segments in order, with the limbs' names.
+
+        Whatever is about wires, joints and bends takes a robot by it: `Wires`, `Layout`,
+        recordings, supervisors and boards. Where the limbs are it does not say.
+        """
+        if len(self.limbs) == 1 and self.body.mount == "welded":
+            limb = copy.deepcopy(self.limbs[0].parameters)
+            limb.gravity = (self.limbs[0].axes.T @ self.world_gravity + 0.0).tolist()
+            return limb
+        segments = []
+        for limb in self.limbs:
+            own = limb.parameters.segments
+            for number, segment in enumerate(own, 1):
+                name = limb.name if len(own) == 1 else f"{limb.name}_{number}"
+                segments.append(dataclasses.replace(segment, name=name))
+        first = self.limbs[0].parameters
+        return LimbParameters(
+            segments=segments,
+            ambient_temperature=first.ambient_temperature,
+            temperature_limits=first.temperature_limits,
+            total_duty=self.total_duty,
+        )
+
+    @property
+    def world_gravity(self) -> np.ndarray:
+        """Gravity (3,) in the world, whose x is along the sloping ground, m/s²."""
+        slope = self.ground.slope if self.ground else 0.0
+        cosine, sine = np.cos(slope), np.sin(slope)
+        return np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]]) @ self.gravity
+
+    @property
+    def pose_size(self) -> int:
+        """Numbers of the body's pose: 3 if planar, 6 if free, 0 if welded."""
+        return {"welded": 0, "planar": 3, "free": 6}[self.body.mount]
+
+    @property
+    def force_size(self) -> int:
+        """Numbers of a foot's contact force: x and z if the body is planar, else x, y and z."""
+        return 2 if self.body.mount == "planar" else 3
+
+    @property
+    def joints_of(self) -> list[slice]:
+        """Places of each limb's joints among those of all."""
+        return _places([limb.parameters.num_joints for limb in self.limbs])
+
+    @property
+    def wires_of(self) -> list[slice]:
+        """Places of each limb's wires among those of all."""
+        return _places([len(limb.parameters.wires) for limb in self.limbs])
+
+    @property
+    def bends_of(self) -> list[slice]:
+        """Places of each limb's bends among those of all."""
+        return _places([sum(s.axes for s in limb.parameters.segments) for limb in self.limbs])
+
+
+def _validate_vector(value: list[float], name: str) -> None:
+    if len(value) != 3:
+        raise ParameterError(f"{name} is {value}; it must be three numbers, along x, y and z.")
+
+
+def _places(sizes: list[int]) -> list[slice]:
+    ends = np.cumsum(sizes).tolist()
+    return [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]
