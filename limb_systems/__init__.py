@@ -8,6 +8,7 @@ check_shadows()
 
 from limb_systems.band import Band, band
 from limb_systems.errors import LimbError
+from limb_systems.files.gait import Gait, GaitCheck, GaitPhase, GaitVariation
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import ActiveConstraint, PlanCheck, Trajectory
 from limb_systems.model.bend_sensor import (
@@ -70,6 +71,10 @@ __all__ = [
     "ChordSensor",
     "EmulatedLimb",
     "FootParameters",
+    "Gait",
+    "GaitCheck",
+    "GaitPhase",
+    "GaitVariation",
     "GroundParameters",
     "HeatBounds",
     "HystereticLaw",

@@ -163,7 +163,8 @@ class Robot(Diagram):
             rotation = RollPitchYaw(pose[3:]).ToQuaternion()
             pose = np.concatenate([rotation.wxyz(), pose[:3]])
         positions[: len(pose)] = pose
-        for joint, angle in zip(limb_joints(plant, self.robot), joint_angles, strict=True):
+        angles = np.asarray(joint_angles, float)
+        for joint, angle in zip(limb_joints(plant, self.robot), angles, strict=True):
             positions[joint.position_start()] = angle
         plant.SetPositions(of_plant, positions)
         plant.SetVelocities(of_plant, np.zeros(plant.num_velocities()))

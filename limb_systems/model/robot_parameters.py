@@ -318,10 +318,10 @@ class RobotParameters(Strict):
             limb.gravity = (self.limbs[0].axes.T @ self.world_gravity + 0.0).tolist()
             return limb
         segments = []
-        for limb in self.limbs:
-            own = limb.parameters.segments
+        for part in self.limbs:
+            own = part.parameters.segments
             for number, segment in enumerate(own, 1):
-                name = limb.name if len(own) == 1 else f"{limb.name}_{number}"
+                name = part.name if len(own) == 1 else f"{part.name}_{number}"
                 segments.append(dataclasses.replace(segment, name=name))
         first = self.limbs[0].parameters
         return LimbParameters(

@@ -1,0 +1,259 @@
+"""A gait: one cycle of a robot that walks, in which everything but travel repeats."""
+
+import dataclasses
+import math
+from typing import Any, ClassVar
+
+import numpy as np
+from pydrake.trajectories import PiecewisePolynomial
+
+from limb_systems.errors import LimbError
+from limb_systems.files.csv_format import Table
+from limb_systems.files.samples import Samples, without_rounding
+from limb_systems.model.kinematics import bend_angle
+from limb_systems.model.robot_parameters import RobotParameters
+from limb_systems.provenance import Provenance
+from limb_systems.schema import load_typed
+from limb_systems.summary import Entry, Summary
+
+CONTACTS = ("stick", "slide_forward", "slide_backward", "swing")
+VIOLATION_TOLERANCE = 1e-6
+STRIDE_TOLERANCE = 0.05  # share of the planned stride by which each simulated one may differ
+
+
+@dataclasses.dataclass
+class GaitPhase:
+    """A phase of a gait's cycle, until the next begins.
+
+    - ``start``: s from the start of the cycle.
+    - ``contacts``: what each limb's foot does, one of `CONTACTS`.
+    """
+
+    start: float
+    contacts: list[str]
+
+
+@dataclasses.dataclass
+class GaitVariation:
+    """A gait's duty on another robot or ground, in simulation.
+
+    - ``what``: what was changed, such as "friction x 0.7".
+    - ``strides``: each stride as a share of the planned one.
+    - ``highest_temperature``: of any wire, °C.
+    - ``fall``: how it fell; empty if it did not.
+    """
+
+    what: str = ""
+    strides: list[float] = dataclasses.field(default_factory=list)
+    highest_temperature: float = math.nan
+    fall: str = ""
+
+
+@dataclasses.dataclass
+class GaitCheck:
+    """How a gait was found, and how it went in simulation with contact.
+
+    - ``solver``, ``status``: name of the solver that found it, and its status.
+    - ``objective``: "speed" or "energy".
+    - ``iterations``, ``solve_time``: iterations and time of the solver, s.
+    - ``violation``: largest violation of the program's constraints, scaled.
+    - ``simulation``: the gait as planned; without strides if it was not simulated.
+    - ``spread``: what it does where the robot or the ground is another than described.
+    - ``tolerance``: share of the planned stride by which a simulated one may differ.
+    """
+
+    solver: str = ""
+    status: str = ""
+    objective: str = ""
+    iterations: int = 0
+    solve_time: float = 0.0
+    violation: float = math.nan
+    simulation: GaitVariation = dataclasses.field(default_factory=GaitVariation)
+    spread: list[GaitVariation] = dataclasses.field(default_factory=list)
+    tolerance: float = STRIDE_TOLERANCE
+
+    @property
+    def is_missing(self) -> bool:
+        """Whether the gait was never simulated."""
+        return not (self.simulation.strides or self.simulation.fall)
+
+    def failure(self) -> str | None:
+        """One sentence on why the gait must not be used, or None if it may."""
+        if not self.violation <= VIOLATION_TOLERANCE:
+            return (
+                f"its constraints are violated by {self.violation:.1e} (scaled), more than "
+                f"{VIOLATION_TOLERANCE:.0e}."
+            )
+        if self.is_missing:
+            return "it was never checked by simulating it."
+        if self.simulation.fall:
+            return f"the robot falls in simulation: {self.simulation.fall}."
+        worst = max(self.simulation.strides, key=lambda share: abs(share - 1))
+        if not abs(worst - 1) <= self.tolerance:
+            return (
+                f"in simulation a stride is {worst:.1%} of the planned one, which misses it by "
+                f"more than {self.tolerance:.0%}."
+            )
+        return None
+
+
+@dataclasses.dataclass
+class GaitHeader:
+    """The header of a gait's file.
+
+    - ``robot``: description of the robot.
+    - ``phases``: phases of the cycle, the first at 0 s.
+    - ``check``: how the gait was found and checked.
+    - ``provenance``: what made it; None if it is not known.
+    """
+
+    robot: RobotParameters
+    phases: list[GaitPhase]
+    check: GaitCheck
+    provenance: Provenance | None = None
+
+
+@dataclasses.dataclass(eq=False, repr=False)
+class Gait(Samples):
+    """One cycle of a robot with L limbs, F bends, n joints and W wires in all.
+
+    The robot is in balance at each of the K knots. The last knot is the first one again, a
+    stride further: heat, states of wires, angles and forces are equal. Duty is held from each
+    knot to the next.
+
+    - ``time``: time of the knots (K,), s, from 0 to the period.
+    - ``duty``: D (W, K), in [0, 1], from each knot on.
+    - ``joint_state``: [θ, θ̇] (2n, K), rad and rad/s, of the limbs' joints.
+    - ``wire_temperature``, ``measured_temperature``: T, V (W, K), °C.
+    - ``body_pose``: x, z, m, and θ, rad, from +x towards +z (3, K).
+    - ``contact_force``: force from the ground on each foot along x and z (2L, K), N.
+    - ``robot``: the robot; ``parameters`` are all its limbs together.
+    - ``phases``: what the feet do, `GaitPhase`.
+    - ``check``: how it was found and checked.
+    - ``other_wire_state``: the states of the wires' laws other than T (N - W, K), in the order
+      of `Wires`; None if there are no others.
+    - ``provenance``: what made it; None if it is not known.
+
+    Raises:
+        LimbError: at construction, if shapes disagree, values are not finite, time does not
+            increase from 0, duty leaves [0, 1], or a phase is not within the cycle.
+    """
+
+    KIND: ClassVar[str] = "gait"
+
+    time: np.ndarray
+    duty: np.ndarray
+    joint_state: np.ndarray
+    wire_temperature: np.ndarray
+    measured_temperature: np.ndarray
+    body_pose: np.ndarray
+    contact_force: np.ndarray
+    robot: RobotParameters = dataclasses.field()  # without the default of `Samples`
+    phases: list[GaitPhase]
+    check: GaitCheck
+    other_wire_state: np.ndarray | None = None
+    provenance: Provenance | None = None
+
+    def __post_init__(self):
+        self.robot.validate()
+        self.parameters = self.robot.together
+        self._check()
+        if len(self.time) < 3 or self.time[0] != 0:
+            raise LimbError("a gait needs at least three knots, the first of them at 0 s.")
+        starts = [phase.start for phase in self.phases]
+        if starts != sorted(starts) or not starts or starts[0] != 0 or starts[-1] >= self.period:
+            raise LimbError(
+                f"the phases begin at {starts} s; they must begin one after the other from 0 s to "
+                f"the period of {self.period:g} s."
+            )
+        for phase in self.phases:
+            if len(phase.contacts) != len(self.robot.limbs) or set(phase.contacts) - {*CONTACTS}:
+                raise LimbError(
+                    f"the phase at {phase.start:g} s has the contacts {phase.contacts}; it must "
+                    f"have one of {', '.join(CONTACTS)} for each of {len(self.robot.limbs)} limbs."
+                )
+
+    @property
+    def stride(self) -> float:
+        """Travel of the body in a cycle, m."""
+        return float(self.body_pose[0, -1] - self.body_pose[0, 0])
+
+    @property
+    def period(self) -> float:
+        """Duration of a cycle, s."""
+        return float(self.time[-1])
+
+    @property
+    def speed(self) -> float:
+        """Stride by period, m/s."""
+        return self.stride / self.period
+
+    @property
+    def passed(self) -> bool:
+        """Whether it was simulated with contact, and went as planned."""
+        return self.check.failure() is None
+
+    @property
+    def joint_angles(self) -> np.ndarray:
+        """θ at the knots (n, K), rad."""
+        return self.joint_state[: self.parameters.num_joints]
+
+    @property
+    def bend_angle(self) -> np.ndarray:  # type: ignore[override]
+        """φ at the knots (F, K), rad, by forward kinematics."""
+        return bend_angle(self.parameters, self.joint_angles)
+
+    @property
+    def wire_states(self) -> np.ndarray:
+        """x at the knots (N, K): T, then the other states of the wires' laws."""
+        others = [] if self.other_wire_state is None else [self.other_wire_state]
+        return np.vstack([self.wire_temperature, *others])
+
+    @property
+    def initial_state(self) -> np.ndarray:
+        """State of a `Robot` at rest at the first knot, for `simulate`."""
+        pose, angles = self.body_pose[:, 0], self.joint_angles[:, 0]
+        rates = np.zeros(len(pose) + len(angles))
+        heat = self.wire_states[:, 0], self.measured_temperature[:, 0]
+        return np.concatenate([pose, angles, rates, *heat])
+
+    def duty_trajectory(self, cycles: int = 1) -> PiecewisePolynomial:
+        """Duty over some cycles from time 0, for a `TrajectorySource`."""
+        starts = np.arange(cycles)[:, None] * self.period
+        times = np.append((starts + self.time[:-1]).ravel(), cycles * self.period)
+        duty = np.hstack([*[self.duty[:, :-1]] * cycles, self.duty[:, :1]])
+        return PiecewisePolynomial.ZeroOrderHold(times, without_rounding(duty))
+
+    def summary(self) -> Summary:
+        """Stride, period, speed, largest temperature, and whether it passed its check."""
+        judged = "checked" if self.passed else "failed its check"
+        heat, speed = float(self.wire_temperature.max()), 1e3 * self.speed
+        return Summary(
+            [
+                Entry("stride", self.stride, "m", f"stride {1e3 * self.stride:.1f} mm"),
+                Entry("period", self.period, "s", f"period {self.period:.1f} s"),
+                Entry("speed", self.speed, "m/s", f"{speed:.2f} mm/s"),
+                Entry("heat", heat, "°C", f"up to {heat:.0f} °C"),
+                Entry("check", "not checked" if self.check.is_missing else judged),
+            ]
+        )
+
+    @classmethod
+    def _from_table(cls, table: Table) -> "Gait":
+        header = load_typed(GaitHeader, table.header)
+        header.robot.validate()
+        signals = cls.signals_of(table.columns, header.robot.together, header.robot)
+        del signals["bend_angle"]  # it follows from the joint angles
+        return cls(
+            **signals,
+            robot=header.robot,
+            phases=header.phases,
+            check=header.check,
+            provenance=header.provenance,
+        )
+
+    def _header(self) -> GaitHeader:
+        return GaitHeader(self.robot, self.phases, self.check, self.provenance)
+
+    def _about(self) -> dict[str, Any]:
+        return {"check": dataclasses.asdict(self.check)}
