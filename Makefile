@@ -30,6 +30,7 @@ bench: $(VENV)/ready
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS) -e '.[bench]'
 	$(BIN)/python benchmarks/simulation.py
 	$(BIN)/python benchmarks/space_simulation.py
+	$(BIN)/python benchmarks/public_crawler.py
 	$(BIN)/python benchmarks/replanning.py
 	$(BIN)/python benchmarks/sweep.py
 	$(BIN)/python benchmarks/calibration_accuracy.py
