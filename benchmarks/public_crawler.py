@@ -17,7 +17,8 @@ What that program does, and a rod does not, is done here, too:
 
 Its edges stretch, by some 1e-4, and these do not; its ground is rigid, this one of 1e7 N/m. This
 one starts at rest, which that one has come to when its first wire is heated. `Robot` cannot
-describe it: its limbs keep their stiffness, and its feet are spheres fixed to them.
+describe it: its limbs keep their stiffness, and its feet are spheres fixed to them. Contact, frames
+and time step are those of `Robot`.
 
     python benchmarks/public_crawler.py [LOG]
 """
@@ -27,12 +28,7 @@ import sys
 import numpy as np
 from pydrake.geometry import AddContactMaterial, Box, ProximityProperties, Sphere
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import (
-    AddMultibodyPlantSceneGraph,
-    CoulombFriction,
-    DiscreteContactApproximation,
-    MultibodyPlant,
-)
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
     PlanarJoint,
@@ -43,7 +39,7 @@ from pydrake.multibody.tree import (
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from limb_systems.model.robot import GROUND, PLANE, TIME_STEP
+from limb_systems.model.robot import GROUND, PLANE, TIME_STEP, add_contact_plant
 
 # options_default.txt
 EDGES, LIMB, FOOT, RADIUS = 13, 0.022, 0.2 * 0.022, 2e-3  # edges of a limb; m
@@ -158,10 +154,7 @@ def simulate_crawler(duration: float = 0.981) -> tuple[np.ndarray, np.ndarray]:
         side[np.isin(BENDS[:, 1], middles)] = sign
 
     builder = DiagramBuilder()
-    plant, _ = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
-    # With kSap, feet as light as these creep where they should stick, and x is off by 0.28 mm rms.
-    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kLagged)
-    plant.set_stiction_tolerance(1e-5)  # m/s
+    plant = add_contact_plant(builder)
     damping = VISCOSITY * stiffness / np.cos(made / 2) ** 4 @ bent**2
     angles = add_crawler(plant, nodes, damping)
     simulator = Simulator(builder.Build())

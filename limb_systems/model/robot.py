@@ -176,13 +176,19 @@ class Robot(Diagram):
             block.GetMyMutableContextFromRoot(context).SetContinuousState(values)
 
 
+def add_contact_plant(builder: DiagramBuilder) -> MultibodyPlant:
+    """Adds an empty discrete plant with SAP contact, and its SceneGraph, to a diagram."""
+    plant, _ = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
+    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
+    # Drake's default softens contact at the end of chains of light links: the crawler's feet sank
+    # in twice as far as their stiffness says.
+    plant.set_sap_near_rigid_threshold(0.0)
+    return plant
+
+
 def make_robot(builder: DiagramBuilder, robot: RobotParameters) -> MultibodyPlant:
     """Adds the robot's finalized plant to a diagram, with a SceneGraph if there is a ground."""
-    if robot.ground:
-        plant, _ = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
-        plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
-    else:
-        plant = builder.AddSystem(MultibodyPlant(0.0))
+    plant = add_contact_plant(builder) if robot.ground else builder.AddSystem(MultibodyPlant(0.0))
     plant.set_name("plant")
     add_robot(plant, robot)
     plant.Finalize()
