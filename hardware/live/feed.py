@@ -8,9 +8,9 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem, OutputPort
 
 from hardware.firmware import guard
 from hardware.live.messages import BoardReading, Reading, RunHeader
-from hardware.robot.link import BoardLink, HardwareError
+from hardware.robot.link import HardwareError
 from hardware.robot.serial_limb import DEADLINE, SerialLimb
-from hardware.robot.text_link import TextLink
+from hardware.robot.text_link import Link
 from limb_systems import Layout, LimbSystem, Trajectory
 from limb_systems.band import band
 from limb_systems.model.ownership import weak_method
@@ -75,7 +75,7 @@ class Feed(LeafSystem):
         board = self._board(*self._robot) if self._robot else None
         self._live.show(Reading(context.get_time(), **signals, board=board))
 
-    def _board(self, link: BoardLink | TextLink, late: list[float]) -> BoardReading | None:
+    def _board(self, link: Link, late: list[float]) -> BoardReading | None:
         new = late[self._commands :]
         self._commands += len(new)
         self._missed += sum(delay > DEADLINE for delay in new)
@@ -86,7 +86,7 @@ class Feed(LeafSystem):
 
 
 def board_reading(
-    link: BoardLink | TextLink,
+    link: Link,
     late: float | None = None,
     commands: int = 0,
     missed: int = 0,

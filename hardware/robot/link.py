@@ -62,6 +62,7 @@ class Sample:
     - ``duty``: applied (W); the board reduces what was commanded where a wire
       gets hot, or all of them ask for too much.
     - ``warmest``: highest temperatures that the wires can have by their heat (W), °C.
+    - ``parts``: sample of each board, if this is one of several boards.
     """
 
     received: float
@@ -75,6 +76,7 @@ class Sample:
     tip_tangent: np.ndarray
     duty: np.ndarray
     warmest: np.ndarray
+    parts: tuple["Sample", ...] = ()
 
     @classmethod
     def of(cls, header: Sequence, bends: Sequence, wires: Sequence, received: float) -> "Sample":
@@ -285,6 +287,7 @@ class BoardLink:
 
     - ``lost_samples``: number of samples that did not arrive.
     - ``delay``: time by which the newest sample was longer on its way than the fastest one, s.
+    - ``when_off``: called by a thread when the board is not armed any more or its cable is gone.
     """
 
     def __init__(self, port: str, limb: LimbParameters | None = None):
@@ -301,6 +304,7 @@ class BoardLink:
         self.parser = protocol.Parser(from_host.KINDS, from_host.FORMATS)
         self._assembly = Assembly()
         self.lost_samples = 0
+        self.when_off: Callable[[], None] = lambda: None
         self._sample: Sample | None = None
         self._info: BoardInfo | None = None
         self._session, self._sequence = 0, 0
@@ -540,6 +544,7 @@ class BoardLink:
         with self._arrived:
             self._failure = self._failure or str(error)
             self._arrived.notify_all()
+        self.when_off()
 
     def _write(self) -> None:
         while (frame := self._outgoing.get()) is not None:
@@ -584,3 +589,5 @@ class BoardLink:
         self._clock_offset = min(self._clock_offset, offset)
         self.delay = offset - self._clock_offset
         self._sample = sample
+        if before and before.armed and not sample.armed:
+            self.when_off()

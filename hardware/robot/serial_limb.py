@@ -7,8 +7,9 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 
 from hardware.robot.link import HardwareError, check_fit
+from hardware.robot.several_boards import SeveralBoards
 from hardware.robot.text_board import TextBoard
-from hardware.robot.text_link import TextLink, open_link
+from hardware.robot.text_link import Ports, TextLink, open_link
 from limb_systems import Layout, LimbError, LimbParameters, NoBoard, SerialBoard
 from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
@@ -22,18 +23,22 @@ DEADLINE = 5e-3  # s, by which it is late for the record
 class SerialLimb(LeafSystem):
     """The robot: a board with a limb's wires, their thermocouples and its bend sensors.
 
-    For a limb of W wires and F bend angles:
+    Or several boards, each with a limb of a robot: they are armed before any of them heats,
+    are commanded in the same tick, and are all switched off when one is.
+
+    For a limb of W wires and F bend angles, or all limbs together:
 
     - input 0 ``duty``: D (W), in [0, 1]
     - output 0 ``measured_temperature``: V (W), °C
     - output 1 ``bend_angle``: φ (F), rad, what each segment's ``bend_sensor`` makes of
       the board's reading, such as α/2
-    - output 2 ``sample_age``: time since the sample was received, s
+    - output 2 ``sample_age``: time since the sample was received, s; the longest of all boards
     - output 3 ``applied_duty``: the duty that the board had applied at the sample (W)
-    - output 4 ``board_time``: time from the start of the board to the sample, s
+    - output 4 ``board_time``: time from the start of the (first) board to the sample, s
     - output 5 ``measurement``: [V (W), φ (F)]
+    - further outputs, of several boards, ``NAME.sample_age``: that of each limb's board, s
     - state, discrete, at 20 Hz: [V (W), φ (F), applied duty (W), board time, time of
-      reception on the simulation's clock]
+      reception on the simulation's clock, then those of each of several boards]
 
     The outputs hold the last sample; only its age increases between samples. The
     board is armed at initialization. Once per period a new duty is sent from the
@@ -58,7 +63,7 @@ class SerialLimb(LeafSystem):
 
     def __init__(
         self,
-        port: str,
+        port: Ports,
         parameters: LimbParameters | str | Path | None = None,
         *,
         heated: bool = True,
@@ -66,9 +71,10 @@ class SerialLimb(LeafSystem):
     ):
         """
         Args:
-            port: name of a serial port, or any URL that pyserial accepts.
+            port: name of a serial port, or any URL that pyserial accepts; or those of several
+                boards by their limbs' names.
             parameters: parameters of the limb, as far as they are known, or their YAML file;
-                the nominal limb if None.
+                the nominal limb if None. Of a robot, `RobotParameters.together`.
             heated: whether the board is armed. If not, the limb is only watched
                 and its ``duty`` ignored, for example for teaching.
             board: description of a board that speaks text, or its YAML file; a board
@@ -84,14 +90,14 @@ class SerialLimb(LeafSystem):
         self.link = open_link(port, self.parameters, board)
         try:
             self.info = self.link.info()
-            check_fit(self.parameters, self.info, port)
+            check_fit(self.parameters, self.info, self.link.port)
             self.link.sample()
         except LimbError:
             self.link.close()
             raise
         if isinstance(self.parameters.board, NoBoard):
             self.parameters.board = SerialBoard(self.info.serial_number)
-        self.source = f"limb {self.info.serial_number} on {port}"
+        self.port, self.source = port, f"limb {self.info.serial_number} on {self.link.port}"
         self.timing_errors: list[float] = []
         self._heated, self._start = heated, 0.0
         self._failure: HardwareError | None = None
@@ -100,7 +106,9 @@ class SerialLimb(LeafSystem):
         self._bend_sensors = [segment.bend_sensor for segment in segments]
         wires, angles = len(self.parameters.wires), len(segments)
         self.DeclareVectorInputPort("duty", wires)
-        state = self.DeclareDiscreteState(2 * wires + angles + 2)
+        boards = self.link.names if isinstance(self.link, SeveralBoards) else []
+        size = 2 * wires + angles + 2
+        state = self.DeclareDiscreteState(size + len(boards))
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._begin))
         self.DeclarePeriodicPublishEvent(PERIOD, 0.0, weak_method(self._command))
         self.DeclarePeriodicDiscreteUpdateEvent(PERIOD, 0.0, weak_method(self._update))
@@ -108,10 +116,12 @@ class SerialLimb(LeafSystem):
         declare_part(self, "measured_temperature", state, slice(0, wires))
         declare_part(self, "bend_angle", state, slice(wires, read))
         tickets = {self.discrete_state_ticket(state), self.time_ticket()}
-        self.DeclareVectorOutputPort("sample_age", 1, _show_age, tickets)
+        self.DeclareVectorOutputPort("sample_age", 1, _shown_age(size - 1), tickets)
         declare_part(self, "applied_duty", state, slice(read, read + wires))
         declare_part(self, "board_time", state, slice(read + wires, read + wires + 1))
         declare_part(self, "measurement", state, slice(0, read))
+        for place, name in enumerate(boards, size):
+            self.DeclareVectorOutputPort(f"{name}.sample_age", 1, _shown_age(place), tickets)
         self.set_name("serial_limb")
 
     @property
@@ -160,15 +170,20 @@ class SerialLimb(LeafSystem):
             raise self._failure
         self._failure_is_recorded = self._failure is not None
         sample = self.link.sample()
-        received = sample.received - self._start
+        received = [each.received - self._start for each in (sample, *sample.parts)]
         bend_angles = [
             sensor.bend_angle(reading)
             for sensor, reading in zip(self._bend_sensors, sample.tip_tangent, strict=True)
         ]
-        last = [*bend_angles, *sample.duty, sample.board_time, received]
+        last = [*bend_angles, *sample.duty, sample.board_time, *received]
         discrete_state.set_value(np.append(sample.temperature, last))
 
 
-def _show_age(context, output):
-    received = context.get_discrete_state_vector().value()[-1]
-    output.SetFromVector([max(0.0, context.get_time() - received)])
+def _shown_age(place: int):
+    """A function that shows the age of a sample whose reception is at a place of the state."""
+
+    def show(context, output):
+        received = context.get_discrete_state_vector().value()[place]
+        output.SetFromVector([max(0.0, context.get_time() - received)])
+
+    return show

@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -26,7 +26,8 @@ from hardware.robot.link import (
     SerialPort,
     checked_duty,
 )
-from hardware.robot.text_board import BEND, UNUSED, TextBoard
+from hardware.robot.several_boards import SeveralBoards
+from hardware.robot.text_board import BEND, UNUSED, TextBoard, TextBoardError
 from limb_systems import LimbParameters
 from limb_systems.model.heat_bounds import HeatBounds
 from limb_systems.signals import heed_signals
@@ -34,6 +35,7 @@ from limb_systems.signals import heed_signals
 SILENCE = 0.5  # s, after which a board that should answer is given up
 LONGEST_LINE = 1000  # bytes
 CLOSING_TIME = 2.0  # s
+Ports = str | Mapping[str, str]  # of a board, or of those of a robot's limbs by name
 
 
 class TextBoardWarning(UserWarning):
@@ -41,14 +43,22 @@ class TextBoardWarning(UserWarning):
 
 
 def open_link(
-    port: str, limb: LimbParameters, board: TextBoard | str | Path | None = None
-) -> "BoardLink | TextLink":
+    port: Ports, limb: LimbParameters, board: TextBoard | str | Path | None = None
+) -> "Link":
     """A link to the board of a limb, which speaks the protocol unless it is described.
 
     Raises:
-        HardwareError: if the port cannot be opened.
-        TextBoardError: if the description is wrong, or of another limb.
+        HardwareError: if a port cannot be opened.
+        LimbError: if there are several ports, but not for all limbs.
+        TextBoardError: if the description is wrong, or of another limb, or there are several ports.
     """
+    if not isinstance(port, str):
+        if board is not None:
+            raise TextBoardError(
+                "Several boards are switched off together only if all of them speak the protocol; "
+                "give one port, or no description of a board."
+            )
+        return SeveralBoards(port, limb)
     if board is None:
         return BoardLink(port, limb)
     board = TextBoard.of(board)
@@ -288,3 +298,6 @@ class TextLink:
             self._count += 1
             self._read_last = time.monotonic(), values
             self._arrived.notify_all()
+
+
+Link = BoardLink | TextLink | SeveralBoards

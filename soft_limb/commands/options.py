@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import dataclasses
 import json
+import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -75,7 +76,26 @@ EMULATED = Option(
     help="seed of the emulated limb (default %(default)s)",
 )
 OUTPUT = Option("-o", "--output", required=True, type=Path, help="recording to write (.csv)")
-PORT = Option("-p", "--port", help=f"of the robot, {PORT_HELP}; an emulated limb if left out")
+
+
+class _AddPort(argparse.Action):
+    """A port, or with NAME= before it that of one limb, which joins those of the others."""
+
+    def __call__(self, parser, namespace, value, option_string=None):
+        """Sets the option, to text or to the ports by their names."""
+        if named := re.fullmatch(r"(\w+)=(.+)", value):
+            before = getattr(namespace, self.dest)
+            value = (before if isinstance(before, dict) else {}) | {named[1]: named[2]}
+        setattr(namespace, self.dest, value)
+
+
+PORT = Option(
+    "-p",
+    "--port",
+    action=_AddPort,
+    help=f"of the robot, {PORT_HELP}, or NAME=PORT for each limb that has a board of its own; an "
+    "emulated limb if left out",
+)
 SHARED: dict[str, Option | list[Option]] = {
     "trajectory": Option("trajectory", type=Path, help="trajectory file (.csv)"),
     "reference": Option(

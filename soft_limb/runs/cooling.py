@@ -32,7 +32,7 @@ def cool_down(limb: LimbSystem, recording: Recording, live: LiveView, longest: f
         return
     try:
         after = (
-            SerialLimb(limb.link.port, limb.parameters, heated=False, board=limb.text_board)
+            SerialLimb(limb.port, limb.parameters, heated=False, board=limb.text_board)
             if isinstance(limb, SerialLimb)
             else limb.again()
         )

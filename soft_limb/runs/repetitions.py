@@ -14,7 +14,7 @@ from hardware.replay import ReplayError
 from hardware.robot.link import HardwareError
 from hardware.robot.serial_limb import SerialLimb
 from hardware.robot.text_board import TextBoard
-from hardware.robot.text_link import open_link
+from hardware.robot.text_link import Ports, open_link
 from limb_systems import LimbSystem, Recording, Trajectory
 from limb_systems.files.table_writer import unfinished_files
 from limb_systems.output import OutputError, check_folder
@@ -119,7 +119,7 @@ def rested_twins(
 
 
 def rested_robots(
-    port: str,
+    port: Ports,
     trajectory: Trajectory,
     live: LivePage | None = None,
     board: TextBoard | None = None,
