@@ -3,7 +3,7 @@
 import contextlib
 import dataclasses
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
 
@@ -104,7 +104,7 @@ class SeveralBoards:
         return dataclasses.replace(
             infos[0],
             temperature_limit=min(info.temperature_limit for info in infos),
-            serial_number=", ".join(info.serial_number for info in infos),
+            serial_number=", ".join(dict.fromkeys(info.serial_number for info in infos)),
             channels=sum(info.channels for info in infos),
             angles=sum(info.angles for info in infos),
         )
@@ -141,12 +141,12 @@ class SeveralBoards:
                 reduced to it.
 
         Raises:
-            HardwareError: as `BoardLink.arm`, of any of them; then all are switched off.
+            HardwareError: as `BoardLink.arm`, of any of them; all are off then.
             KeyboardInterrupt: if a signal has ended the command that runs.
         """
         self._total = total_duty
         starts = [0, *self._ends]
-        try:
+        with self._all_or_none():
             with ThreadPoolExecutor(len(self._links)) as pool:
                 armings = [
                     pool.submit(link.arm, bounds[start:end], total_duty)
@@ -159,22 +159,21 @@ class SeveralBoards:
             for link, arming in zip(self._links, armings, strict=True):
                 arming.result()
                 link.when_off = self.disarm
-        except BaseException:
-            self.disarm()
-            raise
 
     def command(self, duty: np.ndarray) -> None:
         """Sends each board its part of a duty (W), in [0, 1]; it holds for 250 ms.
 
         Raises:
-            HardwareError, KeyboardInterrupt: as `BoardLink.command`, of any of them.
+            HardwareError, KeyboardInterrupt: as `BoardLink.command`, of any of them; all are
+                off then.
         """
         duty = checked_duty(duty, self._ends[-1])
         duty = duty * min(1.0, self._total / max(duty.sum(), 1e-9))
         parts = zip(self._links, np.split(duty, self._ends[:-1]), strict=True)
-        # One that is off comes first, and ends this before another is heated.
-        for link, part in sorted(parts, key=lambda pair: _rank(pair[0].sample())):
-            link.command(part)
+        with self._all_or_none():
+            # One that is off comes first, and ends this before another is heated.
+            for link, part in sorted(parts, key=lambda pair: _rank(pair[0].sample())):
+                link.command(part)
 
     def disarm(self) -> None:
         """Switches all wires off. Does not wait, and never raises."""
@@ -185,6 +184,15 @@ class SeveralBoards:
         """Disarms all boards, then closes their ports; a second call does nothing."""
         self.disarm()
         self._opened.close()
+
+    @contextlib.contextmanager
+    def _all_or_none(self) -> Iterator[None]:
+        """A context after which all wires are off if it ends by an error."""
+        try:
+            yield
+        except BaseException:
+            self.disarm()
+            raise
 
 
 def _rank(sample: Sample) -> tuple[bool, bool]:

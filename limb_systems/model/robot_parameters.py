@@ -12,8 +12,10 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 from limb_systems.input import read_text
 from limb_systems.model.parameters import (
     LimbParameters,
+    NoBoard,
     ParameterError,
     SegmentParameters,
+    SerialBoard,
 )
 from limb_systems.output import write_atomically
 from limb_systems.schema import SchemaError, Strict, dump_typed, load_typed, quantity, validate
@@ -311,7 +313,8 @@ class RobotParameters(Strict):
         """All limbs as one: their segments in order, with the limbs' names.
 
         Whatever is about wires, joints and bends takes a robot by it: `Wires`, `Layout`,
-        recordings, supervisors and boards. Where the limbs are it does not say.
+        recordings, supervisors and boards. Where the limbs are it does not say. Its ``board`` has
+        the serial numbers of all limbs' boards, if all were calibrated on one.
         """
         if len(self.limbs) == 1 and self.body.mount == "welded":
             limb = copy.deepcopy(self.limbs[0].parameters)
@@ -324,8 +327,10 @@ class RobotParameters(Strict):
                 name = part.name if len(own) == 1 else f"{part.name}_{number}"
                 segments.append(dataclasses.replace(segment, name=name))
         first = self.limbs[0].parameters
+        boards = [getattr(limb.parameters.board, "serial_number", "") for limb in self.limbs]
         return LimbParameters(
             segments=segments,
+            board=SerialBoard(", ".join(dict.fromkeys(boards))) if all(boards) else NoBoard(),
             ambient_temperature=first.ambient_temperature,
             temperature_limits=first.temperature_limits,
             total_duty=self.total_duty,

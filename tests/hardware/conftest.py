@@ -93,7 +93,7 @@ class Heating:
 
     def __init__(self, link, duty=(0.0, 1.0)):
         self.error, self._stop, self._duty = None, threading.Event(), np.array(duty)
-        link.arm(BOUNDS)
+        link.arm(BOUNDS * (len(duty) // len(BOUNDS)))
         self._thread = threading.Thread(target=self._run, args=(link,), daemon=True)
         self._thread.start()
 

@@ -1,0 +1,160 @@
+"""A robot whose limbs have boards of their own: they heat together, and go off together."""
+
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from hardware import BoardLink, HardwareError, ReplayError, SerialLimb
+from hardware.replay import check_replayable
+from hardware.robot.several_boards import SeveralBoards, limbs_of
+from hardware.robot.text_board import TextBoardError
+from limb_systems import LimbError, Recording, RobotLimb, RobotParameters, SerialBoard
+from planners import plan, references
+from soft_limb.command import main
+
+from .conftest import BOUNDS, Emulator, Heating, wait_for
+
+NAMES = ["rear", "front"]
+DUTY = [0.02, 0.08, 0.06, 0.04]  # another one for each wire
+HEARTBEAT = 0.3  # s, as in test_faults.py
+SAMPLE = 0.05  # s, between those of a board
+
+HOST = f"""
+import sys
+from hardware import SerialLimb
+from limb_systems import RobotLimb, RobotParameters, simulate
+robot = RobotParameters(limbs=[RobotLimb(name) for name in {NAMES}]).together
+ports = dict(zip({NAMES}, sys.stdin.readline().split()))
+simulate(SerialLimb(ports, robot), {DUTY}, 60.0)
+"""
+
+
+@pytest.fixture(scope="module")
+def boards(tmp_path_factory):
+    """The emulated boards of the rear and the front limb."""
+    with ThreadPoolExecutor() as pool:
+        boards = list(pool.map(Emulator, map(tmp_path_factory.mktemp, NAMES)))
+    yield boards
+    for board in boards:
+        board.stop()
+
+
+@pytest.fixture
+def ports(boards):
+    for board in boards:
+        board.renew()
+    return {name: board.port for name, board in zip(NAMES, boards, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def robot():
+    """Two nominal limbs, such as the emulated boards have."""
+    return RobotParameters(limbs=[RobotLimb(name) for name in NAMES])
+
+
+def test_limbs_have_their_segments_by_name():
+    robot = RobotParameters(limbs=[RobotLimb("rear"), RobotLimb("front_1")])
+    robot.limbs[1].parameters.segments *= 2
+    limbs = limbs_of(robot.together, ["front_1", "rear"])
+    assert [(name, len(limb.wires)) for name, limb in limbs.items()] == [
+        ("rear", 2),
+        ("front_1", 4),
+    ]
+    for names in (["rear"], ["rear", "front"], ["rear", "front_1", "middle"]):
+        with pytest.raises(LimbError, match="are rear, front_1_1, front_1_2; give a port for each"):
+            limbs_of(robot.together, names)
+
+
+def test_a_plan_is_replayed_on_all_boards_in_one_time(ports, boards, robot, tmp_path, capsys):
+    for limb in robot.limbs:
+        limb.parameters.temperature_limits.warm_up_time = 100.0
+    reference = references.from_samples([0.0, 1.2], [[0.0, 0.02], [0.0, -0.03]])
+    planned = plan(robot.together, reference, knot_rate=10.0)
+    planned.save(tmp_path / "plan.csv")
+    command = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
+    # In another order than the robot's.
+    command += ["-p", f"front={ports['front']}", "-p", f"rear={ports['rear']}"]
+    assert main(command) == 0, capsys.readouterr().err
+    recording = Recording.load(tmp_path / "recording.csv")
+    assert recording.parameters.wire_names[0] == "rear_left"
+    duty = planned.duty_trajectory().vector_values(recording.time)
+    for board, part in zip(boards, np.split(duty, 2), strict=True):
+        applied = np.array([(event["left"], event["right"]) for event in board.events("duty")])
+        away = np.abs(applied[:, :, np.newaxis] - part[:, :-1]).max(axis=1)
+        assert away.min(axis=0).max() < 1e-4
+        assert not any(board.duty())
+    first = [next(e for e in board.events("duty") if e["left"] + e["right"]) for board in boards]
+    assert abs(first[0]["time"] - first[1]["time"]) < 0.02
+    assert recording.sample_age[1:].max() < 0.25
+
+    # Plugged in the other way round, each board would get what is for the other's limb.
+    for limb, number in zip(robot.limbs, ("front000", "twin0000"), strict=True):
+        limb.parameters.board = SerialBoard(number)
+    planned.parameters.board = robot.together.board
+    with SerialLimb(ports, robot.together) as limb:
+        assert limb.GetOutputPort("front.sample_age").size() == 1
+        with pytest.raises(ReplayError, match=r"the limb front000, twin0000, but .* is twin0000"):
+            check_replayable(planned, limb)
+    with pytest.raises(TextBoardError, match="only if all of them speak the protocol"):
+        SerialLimb(ports, robot.together, board="examples/text_board.yaml")
+
+
+def test_boards_go_off_together(ports, boards, robot, start_host, record_property):
+    rear, front = boards
+    host = start_host([sys.executable, "-c", HOST], stdin=subprocess.PIPE)
+
+    def heated():
+        return [*rear.duty(), *front.duty()] == pytest.approx(DUTY, abs=1e-4)
+
+    def off(board, since, what, limit):
+        seconds = board.off_after(since)
+        record_property(what, f"{1000 * seconds:.0f} ms")
+        print(f"\n{what}: {1000 * seconds:.0f} ms")
+        assert seconds < limit
+
+    def fails(order, board, said):
+        """The time of a fault of a board, and of the other's wires' switching off by it."""
+        heating = Heating(link, DUTY)
+        assert wait_for(heated)
+        since = board.order(order)
+        assert said in heating.failure()
+        return since
+
+    with SeveralBoards(ports, robot.together) as link:
+        since = fails("open left", front, "thermocouple is open")
+        front.off_after(since)
+        off(rear, front.events("duty")[-1]["time"], "after another board's fault", 0.1)
+        count = len(rear.events("duty"))
+        with pytest.raises(HardwareError, match="refuses to be armed: a thermocouple is open"):
+            link.arm(2 * BOUNDS)
+        assert wait_for(lambda: not any(part.armed for part in link.sample().parts))
+        with pytest.raises(HardwareError, match="thermocouple is open"):  # not: by the host
+            link.command(np.array(DUTY))
+        assert len(rear.events("duty")) == count
+    front.renew()
+
+    host.stdin.write(f"{rear.port} {front.port}\n")
+    host.stdin.flush()
+    assert wait_for(heated, 20.0)
+    since = time.monotonic()
+    host.kill()
+    for board in boards:
+        off(board, since, "host killed", HEARTBEAT)
+
+    with SeveralBoards(ports, robot.together) as link:
+        since = fails("drop 1.0", rear, "Nothing new came from the board")
+        off(front, since, "after another board's silence", 0.4)
+        rear.order("mend")
+        rear.order("restart")  # it is ready later than the other, which has to wait
+        time.sleep(3 * SAMPLE)
+        since = fails("unplug", rear, "The cable to")
+        off(front, since, "after another board's cable was unplugged", 0.1)
+        off(rear, since, "cable unplugged", HEARTBEAT)
+    with pytest.raises(HardwareError, match=f"Cannot open {rear.port}"):
+        SeveralBoards(ports, robot.together)
+    with BoardLink(front.port) as link:  # is free, and off
+        assert not link.sample().armed
