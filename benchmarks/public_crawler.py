@@ -15,10 +15,10 @@ What that program does, and a rod does not, is done here, too:
 - the curvature of a bend by φ is 2 tan(φ/2), whatever the edges' length;
 - the lowest bend of the rear leg, number 0, gets the curvature of the front leg.
 
-Its edges stretch, by some 1e-4, and these do not; its ground is rigid, here it yields by 0.1 µm. This
-one starts at rest, which that one has come to when its first wire is heated. `Robot` cannot
-describe it: its limbs keep their stiffness, and its feet are spheres fixed to them. Contact, frames
-and time step are those of `Robot`.
+Its edges stretch, by some 1e-4, and these do not; its ground is rigid, this one yields by 0.1 µm.
+This one starts at rest, which that one has come to when its first wire is heated. `Robot` cannot
+describe it: its limbs keep their stiffness, and its feet are spheres fixed to them. Contact,
+frames and time step are those of `Robot`.
 
     python benchmarks/public_crawler.py [LOG]
 """
