@@ -11,6 +11,7 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 
 from limb_systems.input import read_text
 from limb_systems.model.parameters import (
+    HEAVIEST,
     LimbParameters,
     NoBoard,
     ParameterError,
@@ -246,6 +247,12 @@ class RobotParameters(Strict):
                 f"body.inertia is {body.inertia}; it must be three moments about x, y and z, none "
                 "of them larger than the other two together."
             )
+        times_water = body.mass / (1000.0 * body.length * body.width * body.height)
+        if times_water > HEAVIEST:
+            raise ParameterError(
+                f"body.mass is {body.mass:g} kg, {times_water:.0f} times the water that its "
+                "length, width and height hold; is it in grams, or are they not in m?"
+            )
         _validate_vector(self.gravity, "gravity")
         if not 1 <= len(self.limbs) <= MOST_LIMBS:
             raise ParameterError(f"limbs has {len(self.limbs)} elements, not 1 to {MOST_LIMBS}.")
@@ -259,7 +266,8 @@ class RobotParameters(Strict):
                 )
             if limb.name in names[:index]:
                 raise ParameterError(
-                    f"{where}.name is {limb.name!r}, as another limb's; rename it."
+                    f"{where}.name is {limb.name!r}, but another limb has this name; give each "
+                    "limb its own."
                 )
             try:
                 limb.parameters.validate()

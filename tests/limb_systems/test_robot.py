@@ -1,0 +1,146 @@
+"""Robots of several limbs: the plant, the ground, the files."""
+
+import numpy as np
+import pytest
+
+from limb_systems import (
+    BodyParameters,
+    Limb,
+    LimbError,
+    LimbParameters,
+    Recording,
+    Robot,
+    RobotParameters,
+    simulate,
+)
+
+COLD = np.zeros(4)
+
+
+def weight(robot):
+    """Of the whole robot, N, along x and z of its world."""
+    limbs = sum(s.mass for limb in robot.limbs for s in limb.parameters.segments)
+    mass = robot.body.mass + limbs + len(robot.limbs) * robot.feet.mass
+    return mass * robot.world_gravity[[0, 2]]
+
+
+def test_a_welded_limb_is_todays_limb(tmp_path):
+    limb = LimbParameters()
+    limb.gravity = [0.0, -9.81, 0.0]
+    limb.save(tmp_path / "limb.yaml")
+    robot = Robot(tmp_path / "limb.yaml")
+    assert robot.parameters.digest == limb.digest
+    alone, on_body = (simulate(system, [0.1, 0.6], 5.0) for system in (Limb(limb), robot))
+    for signal in ("bend_angle", "wire_temperature", "measured_temperature", "joint_state"):
+        np.testing.assert_allclose(getattr(on_body, signal), getattr(alone, signal), atol=1e-12)
+
+
+@pytest.mark.parametrize("mount", ["planar", "free"])
+def test_the_ground_carries_the_weight(mount):
+    robot = RobotParameters()
+    robot.body.mount, robot.ground.slope, robot.feet.mass = mount, 0.1, 0.002
+    robot.body.width = 0.1
+    if mount == "free":  # two feet in a line do not stand
+        for index, y in enumerate((-0.04, 0.04)):
+            limb = RobotParameters().limbs[index]
+            limb.name, limb.position = f"side_{index}", [0.0, y, 0.0]
+            robot.limbs.append(limb)
+    recording = simulate(Robot(robot), np.zeros(2 * len(robot.limbs)), 2.0)
+    forces = recording.contact_force[:, -1].reshape(len(robot.limbs), -1)
+    np.testing.assert_allclose(forces.sum(axis=0)[[0, -1]], -weight(robot), rtol=2e-3)
+    np.testing.assert_allclose(recording.body_pose[:, -1], recording.body_pose[:, -11], atol=1e-5)
+
+
+def test_feet_slide_down_with_the_acceleration_of_coulombs_law():
+    robot = RobotParameters()
+    robot.ground.slope, robot.ground.friction = 0.3, 0.1
+    recording = simulate(Robot(robot), COLD, 0.5, sample_rate=100.0)
+    rate = np.diff(recording.body_pose[0]) * 100.0
+    expected = -9.81 * (np.sin(0.3) - 0.1 * np.cos(0.3))
+    # Feet swing back and forth under the body by the way; the mean is that of the whole.
+    assert rate[-1] / 0.495 == pytest.approx(expected, rel=0.03)
+
+
+def test_limbs_bend_the_way_they_are_mounted():
+    robot = RobotParameters(body=BodyParameters(mount="welded"), ground=None)
+    robot.gravity = [0.0, 0.0, 0.0]
+    robot.limbs[0].e2 = [-1.0, 0.0, 0.0]
+    system = Robot(robot)
+    recording = simulate(system, [0.0, 0.5, 0.0, 0.5], 3.0)
+    assert recording.bend_angle[0, -1] == pytest.approx(recording.bend_angle[1, -1], abs=1e-12)
+    plant = system.GetSubsystemByName("plant")
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, recording.joint_state[:10, -1])
+    rear, front = (
+        plant.GetBodyByName(f"{name}_foot").EvalPoseInWorld(context).translation()
+        for name in ("rear", "front")
+    )
+    assert front[0] > 0.032
+    np.testing.assert_allclose(rear, front * [-1, 1, 1], atol=1e-12)
+
+
+def test_duty_is_given_for_all_wires_or_limb_by_limb():
+    system = Robot()
+    context = system.CreateDefaultContext()
+    system.GetInputPort("duty").FixValue(context, [0.1, 0.2, 0.3, 0.4])
+    system.GetInputPort("front.duty").FixValue(context, [0.5, 0.6])
+    rates = system.EvalTimeDerivatives(context).CopyToVector()[:4]
+    np.testing.assert_allclose(rates, 20.0 * np.array([0.1, 0.2, 0.5, 0.6]))  # a2 D (6)
+    assert system.GetOutputPort("front.bend_angle").size() == 1
+
+
+def test_files_of_robots_and_of_their_recordings_round_trip(tmp_path):
+    robot = RobotParameters()
+    robot.limbs[1].parameters.segments[0].wires[0].law.a1 = -0.06
+    robot.save(tmp_path / "robot.yaml")
+    assert RobotParameters.load(tmp_path / "robot.yaml") == robot
+    recording = simulate(Robot(robot), COLD + 0.1, 0.2)
+    recording.save(tmp_path / "recording.csv")
+    loaded = Recording.load(tmp_path / "recording.csv")
+    assert loaded.robot == robot
+    assert loaded.parameters == robot.together
+    assert "duty_front_left" in loaded.columns()
+    np.testing.assert_array_equal(loaded.contact_force, recording.contact_force)
+    np.testing.assert_array_equal(loaded.body_pose, recording.body_pose)
+
+
+def _rename(robot):
+    robot.limbs[1].name = "rear"
+
+
+def _tilt(robot):
+    robot.limbs[1].e2 = [0.5, 0.0, 0.5]
+
+
+def _turn_out_of_the_plane(robot):
+    robot.limbs[1].e2 = [0.0, 1.0, 0.0]
+
+
+def _in_space(robot):
+    robot.limbs[0].parameters = LimbParameters.in_space()
+
+
+def _in_grams(robot):
+    robot.body.mass = 20.0
+
+
+def _in_other_air(robot):
+    robot.limbs[1].parameters.ambient_temperature = 20.0
+
+
+@pytest.mark.parametrize(
+    ("mistake", "sentence"),
+    [
+        (_rename, r"limbs\[1\].name is 'rear', but another limb has this name"),
+        (_tilt, r"limbs\[1\] has e1 = .* at right angles"),
+        (_turn_out_of_the_plane, r"limbs\[1\] .* out of the plane of x and z"),
+        (_in_space, r"limbs\[0\] bends in space, but the body moves in a plane"),
+        (_in_grams, "body.mass is 20 kg, 952 times the water"),
+        (_in_other_air, r"limbs\[1\].parameters.ambient_temperature differs"),
+    ],
+)
+def test_a_robot_that_cannot_be_is_refused(mistake, sentence):
+    robot = RobotParameters()
+    mistake(robot)
+    with pytest.raises(LimbError, match=sentence):
+        Robot(robot)
