@@ -28,6 +28,7 @@ REAL_TIME = (
     "tests/hardware/test_live_page.py",
     "tests/hardware/test_replay.py",
     "tests/hardware/test_serial_limb.py",
+    "tests/hardware/test_several_boards.py",
     "tests/hardware/test_text_board.py",
     "tests/examples/test_examples.py::test_plan_export_replay",
     "tests/soft_limb/test_bridge.py",

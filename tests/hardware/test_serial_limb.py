@@ -20,11 +20,14 @@ from hardware import BoardLink, LimbTwin, ReplayError, SerialLimb, replay
 from hardware.replay import check_replayable
 from hardware.robot.reasons import REASONS
 from limb_systems import (
+    BodyParameters,
     EmulatedLimb,
     Limb,
     LimbError,
     LimbParameters,
     Recording,
+    RobotLimb,
+    RobotParameters,
     SerialBoard,
     simulate,
 )
@@ -61,23 +64,25 @@ def test_has_the_ports_of_the_limb(emulator):
         builder.AddSystem(robot)
 
 
-def test_a_limb_of_four_wires_has_its_ports_and_heats_on_its_board(tmp_path):
-    limb = LimbParameters.in_space(wires=4)
+def test_a_robot_of_six_wires_has_its_ports_and_heats_on_one_board(tmp_path):
+    in_space = RobotLimb("front", parameters=LimbParameters.in_space(wires=4))
+    limbs = [RobotLimb("rear"), in_space]
+    limb = RobotParameters(body=BodyParameters("free"), limbs=limbs).together
     limb.save(tmp_path / "limb.yaml")
     emulator = Emulator(tmp_path, "--limb", str(tmp_path / "limb.yaml"))
     try:
-        with pytest.raises(LimbError, match=r"has 2 wires and 1 bend angles, but .* has 4"):
+        with pytest.raises(LimbError, match=r"has 2 wires and 1 bend angles, but .* has 6"):
             SerialLimb(emulator.port)
         with SerialLimb(emulator.port, limb) as robot:
-            sizes = {"measured_temperature": 4, "bend_angle": 2, "applied_duty": 4}
-            for name, size in {**sizes, "measurement": 6}.items():
+            sizes = {"measured_temperature": 6, "bend_angle": 3, "applied_duty": 6}
+            for name, size in {**sizes, "measurement": 9}.items():
                 assert robot.GetOutputPort(name).size() == size
-            duty = [0.05, 0.0, 0.1, 0.02]
+            duty = [0.05, 0.0, 0.1, 0.02, 0.03, 0.0]
             recording = simulate(robot, duty, 1.0)
             heated = emulator.events("duty")[-1]
         np.testing.assert_allclose(recording.applied_duty[:, -1], duty, atol=1e-4)
         assert [heated[name] for name in limb.wire_names] == pytest.approx(duty)
-        assert recording.bend_angle.shape[0] == 2
+        assert recording.bend_angle.shape[0] == 3
         assert wait_for(lambda: not any(emulator.events("duty")[-1][n] for n in limb.wire_names))
     finally:
         emulator.stop()
