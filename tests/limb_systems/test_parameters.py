@@ -382,7 +382,7 @@ def test_a_law_that_does_not_say_how_fast_it_heats_has_no_heat_bounds():
 
 
 def range_text(leaf: Leaf) -> str:
-    return f"from {leaf.low:g} to {leaf.high:g} {leaf.unit}"
+    return f"from {leaf.low:g} to {leaf.high:g} {leaf.unit}".rstrip()
 
 
 def test_a_mass_in_grams_is_refused(refused):
