@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import Value
@@ -24,14 +25,16 @@ from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.layout import Layout
 from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
-from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.parameters import LimbParameters, ParameterError
 from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.model.wire_blocks import VectorFunction, make_blocks
 from limb_systems.model.wires import Wires
 from urdf import robot_urdf
 from urdf.generate import CONTACT_STIFFNESS, RELAXATION_TIME
 
-TIME_STEP = 1e-3  # s, of the mechanics where there is contact
+# s, of the mechanics where there is contact. Feet that stick creep by 0.4 mm/s for each N along the
+# ground, as SAP rounds Coulomb's law off; with half the step it is half as much.
+TIME_STEP = 1e-3
 GROUND = 200.0, 200.0, 1.0  # m, of a box about the origin, of whose half space Drake warns
 PLANE = RotationMatrix(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]))  # x, z, -y
 
@@ -69,6 +72,7 @@ class Robot(Diagram):
         self,
         robot: RobotParameters | LimbParameters | str | Path | None = None,
         *,
+        time_step: float = TIME_STEP,
         name: str = "robot",
     ):
         """
@@ -76,10 +80,12 @@ class Robot(Diagram):
             robot: description of the robot, or its YAML file, or that of a limb; the crawler if
                 None. The system keeps a copy, its attribute ``robot``; its attribute
                 ``parameters`` is that of all limbs together.
+            time_step: s, of the mechanics if there is a ground.
             name: name of the system; robots in one diagram need different names.
 
         Raises:
-            ParameterError: if a parameter is out of its range.
+            ParameterError: if a parameter is out of its range, or the limbs are too stiff for
+                their mass and damping to be simulated in such steps.
         """
         super().__init__()
         self.robot = robot = RobotParameters.of(robot)
@@ -88,7 +94,7 @@ class Robot(Diagram):
         self.accuracy = None if robot.ground else ACCURACY  # None: heat in the mechanics' steps
         builder, layout = DiagramBuilder(), Layout(parameters)
         n, num_wires, num_bends = layout.num_joints, layout.num_wires, layout.num_bends
-        plant = make_robot(builder, robot)
+        plant = make_robot(builder, robot, time_step)
         duty = builder.AddSystem(DutyOfLimbs(robot))
         heating, lag, torque_map = map(builder.AddSystem, make_blocks(parameters))
         select, spread = _joint_maps(plant, robot)
@@ -176,9 +182,9 @@ class Robot(Diagram):
             block.GetMyMutableContextFromRoot(context).SetContinuousState(values)
 
 
-def add_contact_plant(builder: DiagramBuilder) -> MultibodyPlant:
+def add_contact_plant(builder: DiagramBuilder, time_step: float = TIME_STEP) -> MultibodyPlant:
     """Adds an empty discrete plant with SAP contact, and its SceneGraph, to a diagram."""
-    plant, _ = AddMultibodyPlantSceneGraph(builder, TIME_STEP)
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
     # Drake's default softens contact at the end of chains of light links: the crawler's feet sank
     # in twice as far as their stiffness says.
@@ -186,13 +192,43 @@ def add_contact_plant(builder: DiagramBuilder) -> MultibodyPlant:
     return plant
 
 
-def make_robot(builder: DiagramBuilder, robot: RobotParameters) -> MultibodyPlant:
-    """Adds the robot's finalized plant to a diagram, with a SceneGraph if there is a ground."""
-    plant = add_contact_plant(builder) if robot.ground else builder.AddSystem(MultibodyPlant(0.0))
+def make_robot(
+    builder: DiagramBuilder, robot: RobotParameters, time_step: float = TIME_STEP
+) -> MultibodyPlant:
+    """Adds the robot's finalized plant to a diagram, with a SceneGraph if there is a ground.
+
+    Raises:
+        ParameterError: as `Robot`.
+    """
+    if robot.ground:
+        plant = add_contact_plant(builder, time_step)
+    else:
+        plant = builder.AddSystem(MultibodyPlant(0.0))
     plant.set_name("plant")
     add_robot(plant, robot)
     plant.Finalize()
+    if robot.ground:
+        _check_step(plant, robot)
     return plant
+
+
+def _check_step(plant: MultibodyPlant, robot: RobotParameters) -> None:
+    """Raises ParameterError if the springs, whose forces are those before each step, blow up.
+
+    With damping by the forces after it, a mode is stable where 4 m + 2 h σ > h² k.
+    """
+    joints, step, layout = limb_joints(plant, robot), plant.time_step(), Layout(robot.together)
+    excess = np.zeros(plant.num_velocities())
+    of_joints = step * (step * layout.stiffness - 2 * layout.damping)
+    excess[[joint.velocity_start() for joint in joints]] = of_joints
+    mass = 4 * plant.CalcMassMatrix(plant.CreateDefaultContext())
+    if (highest := scipy.linalg.eigh(np.diag(excess), mass, eigvals_only=True)[-1]) >= 1.0:
+        raise ParameterError(
+            f"The limbs are too stiff for their mass and damping to be simulated in steps of "
+            f"{1e3 * step:g} ms: their fastest mode is {highest:.2g} times as stiff as it may be; "
+            f"give Robot a smaller time_step, or the segments a damping of "
+            f"{0.5 * step * layout.stiffness.max():.2g} N·m·s/rad, if that is possible."
+        )
 
 
 def add_robot(plant: MultibodyPlant, robot: RobotParameters) -> None:

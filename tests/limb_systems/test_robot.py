@@ -61,6 +61,21 @@ def test_feet_slide_down_with_the_acceleration_of_coulombs_law():
     assert rate[-1] / 0.495 == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.parametrize(("damping", "holds"), [(7e-5, True), (6e-5, False)])
+def test_springs_that_would_blow_up_in_steps_are_refused(damping, holds):
+    """Where Drake's simulation begins to fail, found by trying."""
+    robot = RobotParameters()
+    for limb in robot.limbs:
+        limb.parameters.segments[0].damping = damping
+    if not holds:
+        with pytest.raises(LimbError, match="too stiff for their mass and damping"):
+            Robot(robot)
+        Robot(robot, time_step=5e-4)
+        return
+    recording = simulate(Robot(robot), COLD + 0.2, 0.5)
+    assert np.abs(recording.joint_state[10:, -1]).max() < 0.1
+
+
 def test_limbs_bend_the_way_they_are_mounted():
     robot = RobotParameters(body=BodyParameters(mount="welded"), ground=None)
     robot.gravity = [0.0, 0.0, 0.0]
