@@ -224,6 +224,33 @@ class Gait(Samples):
         duty = np.hstack([*[self.duty[:, :-1]] * cycles, self.duty[:, :1]])
         return PiecewisePolynomial.ZeroOrderHold(times, without_rounding(duty))
 
+    def repeated(self, cycles: int) -> "Gait":
+        """Some cycles, one after the other, as one."""
+        further = np.arange(cycles)
+
+        def tiled(signal: np.ndarray) -> np.ndarray:
+            return np.hstack([*[signal[:, :-1]] * cycles, signal[:, -1:]])
+
+        pose = tiled(self.body_pose)
+        pose[0] += self.stride * np.append(np.repeat(further, len(self.time) - 1), cycles - 1)
+        others = self.other_wire_state
+        return dataclasses.replace(
+            self,
+            time=np.array(self.duty_trajectory(cycles).get_segment_times()),
+            duty=tiled(self.duty),
+            joint_state=tiled(self.joint_state),
+            wire_temperature=tiled(self.wire_temperature),
+            measured_temperature=tiled(self.measured_temperature),
+            body_pose=pose,
+            contact_force=tiled(self.contact_force),
+            other_wire_state=None if others is None else tiled(others),
+            phases=[
+                GaitPhase(phase.start + cycle * self.period, phase.contacts)
+                for cycle in further.tolist()
+                for phase in self.phases
+            ],
+        )
+
     def summary(self) -> Summary:
         """Stride, period, speed, largest temperature, and whether it passed its check."""
         judged = "checked" if self.passed else "failed its check"

@@ -163,16 +163,7 @@ class Robot(Diagram):
         """
         plant = self.GetSubsystemByName("plant")
         of_plant = plant.GetMyMutableContextFromRoot(context)
-        positions = np.zeros(plant.num_positions())
-        pose = np.asarray(body_pose, float)
-        if self.robot.body.mount == "free":
-            rotation = RollPitchYaw(pose[3:]).ToQuaternion()
-            pose = np.concatenate([rotation.wxyz(), pose[:3]])
-        positions[: len(pose)] = pose
-        angles = np.asarray(joint_angles, float)
-        for joint, angle in zip(limb_joints(plant, self.robot), angles, strict=True):
-            positions[joint.position_start()] = angle
-        plant.SetPositions(of_plant, positions)
+        set_positions(plant, of_plant, self.robot, body_pose, joint_angles)
         plant.SetVelocities(of_plant, np.zeros(plant.num_velocities()))
         wires = Wires(self.parameters)
         states = wires.cold_states if wire_states is None else np.asarray(wire_states, float)
@@ -286,6 +277,35 @@ def limb_joints(plant: MultibodyPlant, robot: RobotParameters) -> list[RevoluteJ
         for limb in robot.limbs
         for number in range(1, limb.parameters.num_joints + 1)
     ]
+
+
+def set_positions(
+    plant: MultibodyPlant,
+    context: Context,
+    robot: RobotParameters,
+    body_pose: ArrayLike | None,
+    joint_angles: ArrayLike,
+) -> None:
+    """Puts a robot into a pose.
+
+    Args:
+        plant: finalized, with the robot.
+        context: the plant's own.
+        robot: description of the robot.
+        body_pose: as the port ``body_pose`` of `Robot`; where the body is by default if None.
+        joint_angles: θ (n,), rad.
+    """
+    positions = plant.GetDefaultPositions()
+    if body_pose is not None:
+        pose = np.asarray(body_pose, float)
+        if robot.body.mount == "free":
+            rotation = RollPitchYaw(pose[3:]).ToQuaternion()
+            pose = np.concatenate([rotation.wxyz(), pose[:3]])
+        positions[: len(pose)] = pose
+    angles = np.asarray(joint_angles, float)
+    for joint, angle in zip(limb_joints(plant, robot), angles, strict=True):
+        positions[joint.position_start()] = angle
+    plant.SetPositions(context, positions)
 
 
 def export_body(builder: DiagramBuilder, plant: MultibodyPlant, robot: RobotParameters) -> None:

@@ -317,6 +317,11 @@ class RobotParameters(Strict):
         raise ParameterError(f"This robot has no limb {name!r}; it has {names}.")
 
     @property
+    def is_limb(self) -> bool:
+        """Whether this is one limb that is held, and `together` describes all of it."""
+        return len(self.limbs) == 1 and self.body.mount == "welded"
+
+    @property
     def together(self) -> LimbParameters:
         """All limbs as one: their segments in order, with the limbs' names.
 
@@ -324,7 +329,7 @@ class RobotParameters(Strict):
         recordings, supervisors and boards. Where the limbs are it does not say. Its ``board`` has
         the serial numbers of all limbs' boards, if all were calibrated on one.
         """
-        if len(self.limbs) == 1 and self.body.mount == "welded":
+        if self.is_limb:
             limb = copy.deepcopy(self.limbs[0].parameters)
             limb.gravity = (self.limbs[0].axes.T @ self.world_gravity + 0.0).tolist()
             return limb

@@ -1,13 +1,16 @@
-"""The limb in 3D, described once: its links, wires, ghosts and bars of duty, and the camera.
+"""The limb or robot in 3D, described once: links, wires, ghosts and bars of duty, and the camera.
 
 The view is down on the bending plane: E1 points to the right and E2 up, so that
 a positive bend angle bends the limb up, as in a plot, towards its right wire. On limbs that
 bend in space it is from before their tip, with E3 up, so that the paths of tips are seen.
+Robots are seen from their right side, so that they walk to the right, on a ground with marks
+that is tilted as it slopes.
 """
 
 import dataclasses
 import itertools
 import weakref
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,14 +21,16 @@ from pydrake.geometry import (
     MeshcatVisualizer,
     MeshcatVisualizerParams,
     Rgba,
+    SceneGraph,
 )
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.perception import PointCloud
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems.errors import LimbError
+from limb_systems.files.gait import Gait
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.kinematics import (
@@ -34,8 +39,10 @@ from limb_systems.model.kinematics import (
     tip_position,
 )
 from limb_systems.model.layout import Layout
-from limb_systems.model.manipulator import add_manipulator, make_manipulator
+from limb_systems.model.manipulator import add_manipulator
 from limb_systems.model.parameters import LimbParameters, SegmentParameters
+from limb_systems.model.robot import PLANE, add_robot, set_positions
+from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR
 
 GHOST_OPACITY = 0.5
@@ -45,8 +52,11 @@ WIRE_COLORS = np.array(
     [[0.30, 0.42, 0.60], [0.50, 0.32, 0.50], [0.86, 0.20, 0.16], [1.00, 0.54, 0.05]]
 )
 _TRACK_COLOR, _OUTLINE_COLOR = (0.93, 0.94, 0.95), (0.45, 0.47, 0.5)
-_ELEVATION = np.radians(65.0)  # of the camera above the bending plane
-_IN_SPACE = np.radians([45.0, 25.0])  # the camera's azimuth and elevation, of limbs in space
+# The camera's azimuth and elevation, of limbs in a plane and in space, and of robots.
+_IN_PLANE, _IN_SPACE, _BESIDE = np.radians([[0.0, 65.0], [45.0, 25.0], [0.0, 15.0]])
+_GROUND_COLOR, _MARK_COLOR = (0.97, 0.98, 0.96), (0.62, 0.64, 0.66)
+MARK, _FIFTH = 0.01, 5  # m, from mark to mark on the ground; each so many, one is wider
+_IN_SIGHT = 4.0  # lengths of a robot to go, to which the camera shows all of the way
 _ALONG = RotationMatrix.MakeYRotation(np.pi / 2)  # a cylinder's axis along E1
 _FIELD_OF_VIEW = np.radians(25.0)  # from top to bottom; narrow, so that lengths compare
 
@@ -91,8 +101,13 @@ def _rgb(code: str) -> tuple[float, ...]:
     return tuple(value / 255 for value in bytes.fromhex(code[1:]))
 
 
-def joint_angle_trajectory(motion: Recording | Trajectory) -> PiecewisePolynomial:
-    """θ over time: cubic between samples where rates are known, else linear."""
+def joint_angle_trajectory(motion: Recording | Trajectory | Gait) -> PiecewisePolynomial:
+    """θ over time: cubic between samples where rates are known, else linear.
+
+    Between a gait's knots it is linear, as the body's pose, so that feet stay where they are.
+    """
+    if isinstance(motion, Gait):
+        return PiecewisePolynomial.FirstOrderHold(motion.time, motion.joint_angles)
     if motion.joint_state is None:
         shown = ~np.isnan(motion.bend_angle).any(axis=0)
         return _bend_angle_trajectory(
@@ -145,58 +160,91 @@ def _shape_in_words(parameters: LimbParameters) -> str:
 
 
 class LimbView:
-    """A limb in 3D, its wires in the colour of their heat, with ghosts and bars of duty.
+    """A limb or a robot in 3D, its wires in the colour of their heat, with bars of duty.
 
-    `add_to` puts it into a Meshcat, and `show` moves it there, or wherever there are
-    ``SetTransform`` and ``SetProperty`` as Meshcat has them.
+    A limb may have ghosts. A robot is on its ground; the camera shows all of its way if that is
+    known and short, and else goes with it. `add_to` puts the view into a Meshcat, `set_scene`
+    sets the camera, and `show` moves it there, or wherever there are ``SetTransform`` and
+    ``SetProperty`` as Meshcat has them.
     """
 
-    def __init__(self, parameters: LimbParameters, ghosts: list[Ghost], root: str = ""):
+    def __init__(
+        self, limb: LimbParameters | RobotParameters, ghosts: Sequence[Ghost] = (), root: str = ""
+    ):
         """
         Args:
+            limb: the limb, or the robot.
             ghosts: poses to compare the limb's with.
-            root: beginning of the limb's paths in Meshcat; empty, or ends with a slash.
+            root: beginning of the paths in Meshcat; empty, or ends with a slash.
+
+        Raises:
+            LimbError: if a robot is to have ghosts.
         """
+        robot: RobotParameters | None = None
+        if isinstance(limb, RobotParameters):
+            robot, limb = None if limb.is_limb else limb, limb.together
+        parameters, self._robot = limb, robot
+        if robot and ghosts:
+            raise LimbError("A robot is shown without a plan beside it; leave the plan out.")
         self._parameters, self._ghosts, self._root = parameters, ghosts, root
-        self._layout, self._plant = Layout(parameters), make_manipulator(parameters)
+        self._layout, self._follows = Layout(parameters), True
+        self._builder = DiagramBuilder()  # it keeps the plant
+        self._plant, _ = self._add_plant(self._builder)
         self._context = self._plant.CreateDefaultContext()
-        self._unit = 0.1 * sum(segment.length for segment in parameters.segments)  # of the bars
-        self._limb = f"{root}visualizer/limb"
+        model = "robot" if robot else "limb"
+        self._limb = f"{root}visualizer/{model}"
         self._pieces: list[tuple[str, SegmentParameters, float]] = []  # bodies and their lengths
         self.wire_paths: list[list[str]] = []  # of each wire's pieces, one on each of its bodies
-        numbers = itertools.count(1)
-        for index, (segment, chain) in enumerate(
-            zip(parameters.segments, self._layout.chains, strict=True), 1
-        ):
-            bodies = [f"root_{index}"] if chain.first_length else []
-            shares = [chain.first_length] * len(bodies) + chain.lengths.tolist()
-            bodies += [f"link_{number}" for number in itertools.islice(numbers, segment.links)]
-            for body, share in zip(bodies, shares, strict=True):
-                self._pieces.append((body, segment, share * (segment.length / segment.links)))
-            self.wire_paths += [
-                [f"{self._limb}/{body}/limb/wire_{wire.name}" for body in bodies]
-                for wire in segment.wires
-            ]
-        names = [name for name, _, _ in self._pieces] + ["payload"] * bool(parameters.payload)
+        others: list[str] = []
+        limbs = {"": limb}
+        if robot:
+            others, limbs = ["body"], {f"{one.name}_": one.parameters for one in robot.limbs}
+        for prefix, one in limbs.items():
+            numbers = itertools.count(1)
+            for index, (segment, chain) in enumerate(
+                zip(one.segments, Layout(one).chains, strict=True), 1
+            ):
+                bodies = [f"{prefix}root_{index}"] if chain.first_length else []
+                shares = [chain.first_length] * len(bodies) + chain.lengths.tolist()
+                bodies += [f"{prefix}link_{i}" for i in itertools.islice(numbers, segment.links)]
+                for body, share in zip(bodies, shares, strict=True):
+                    self._pieces.append((body, segment, share * (segment.length / segment.links)))
+                self.wire_paths += [
+                    [f"{self._limb}/{body}/{model}/wire_{wire.name}" for body in bodies]
+                    for wire in segment.wires
+                ]
+            others += [f"{prefix}payload"] * bool(one.payload)
+            others += [f"{prefix}base", f"{prefix}foot"] if robot else []
+        names = [name for name, _, _ in self._pieces] + others
+        self._body = len(self._pieces)  # place of a robot's body among the bodies
         self._bodies = [self._plant.GetBodyByName(name) for name in names]
-        azimuth, elevation = (0.0, _ELEVATION) if self._layout.is_planar else _IN_SPACE
+        # The length of the bars is 3 units.
+        self._unit = 0.1 * max(sum(s.length for s in one.segments) for one in limbs.values())
+        planar = self._layout.is_planar
+        azimuth, elevation = _BESIDE if robot else _IN_PLANE if planar else _IN_SPACE
         sine, cosine = np.sin(elevation), np.cos(elevation)
         to_camera = np.array([[1, 0, 0], [0, sine, cosine], [0, -cosine, sine]])
         self._to_camera = to_camera @ RotationMatrix.MakeZRotation(-azimuth).matrix()
-        # The bars are in the plane of the bends, or face the camera.
-        self._facing = np.eye(3) if self._layout.is_planar else self._to_camera.T
+        # The bars are in the plane of the bends, or of a robot's walk, or face the camera.
+        facing = PLANE.matrix() if robot else np.eye(3) if planar else self._to_camera.T
+        self._facing = RigidTransform(RotationMatrix(facing), np.zeros(3))
+        self._bar_foot = robot.body.height / 2 + 1.5 * self._unit if robot else -1.5 * self._unit
 
     def add_to(self, meshcat: Meshcat, base_pose: RigidTransform | None = None) -> None:
         """Puts the limb into a scene, in place of one with the same root.
 
         Args:
-            base_pose: pose of the limb's frame (E1, E2, E3) in the world; its origin if None.
+            base_pose: pose of the limb's frame (E1, E2, E3) in the world, or of the world of a
+                robot on level ground; the world's origin if None.
         """
-        base_pose = base_pose or RigidTransform()
-        facing = base_pose @ RigidTransform(RotationMatrix(self._facing), np.zeros(3))
-        for folder, pose in (("visualizer", base_pose), ("ghosts", base_pose), ("duty", facing)):
+        self._base_pose = base_pose or RigidTransform()
+        if self._robot and self._robot.ground:
+            slope = RotationMatrix.MakeYRotation(-self._robot.ground.slope)
+            self._base_pose = self._base_pose @ RigidTransform(slope, np.zeros(3))
+        for folder in ("visualizer", "ghosts", "duty", "ground"):
             meshcat.Delete(f"{self._root}{folder}")
-            meshcat.SetTransform(f"{self._root}{folder}", pose)
+            meshcat.SetTransform(f"{self._root}{folder}", self._base_pose)
+        meshcat.SetTransform(f"{self._root}duty", self._base_pose @ self._facing)
         self._add_limb(meshcat)
         for level, ghost in enumerate(self._ghosts):
             self._add_ghost(meshcat, ghost, level)
@@ -213,7 +261,12 @@ class LimbView:
         meshcat.SetObject(path, dots, 0.13 * self._unit, Rgba(*color))
 
     def show(
-        self, meshcat: Meshcat, joint_angles: np.ndarray, duty: np.ndarray | None, time: float
+        self,
+        meshcat: Meshcat,
+        joint_angles: np.ndarray,
+        duty: np.ndarray | None,
+        time: float,
+        body_pose: np.ndarray | None = None,
     ) -> None:
         """Moves limb, ghosts and bars; a recording by Meshcat shows them at this time, too.
 
@@ -221,13 +274,25 @@ class LimbView:
             joint_angles: θ (n), rad.
             duty: D (W); the bars stay as they are if None.
             time: time for the ghosts, s.
+            body_pose: pose of a robot's body, as in `Recording`; that of a robot that stands on
+                straight limbs if None.
         """
-        for body, pose in zip(self._bodies, self._poses(joint_angles), strict=True):
+        poses = self._poses(joint_angles, body_pose)
+        for body, pose in zip(self._bodies, poses, strict=True):
             meshcat.SetTransform(f"{self._limb}/{body.name()}", pose, time)
+        if self._robot:
+            center = poses[self._body].translation()
+            back = -center * [1.0, 1.0, 0.0] if self._follows else np.zeros(3)
+            step = _FIFTH * MARK  # the marks repeat
+            for folder, moved in (("visualizer", back), ("ground", np.fmod(back, step))):
+                pose = self._base_pose @ RigidTransform(moved)
+                meshcat.SetTransform(f"{self._root}{folder}", pose, time)
+            pose = self._base_pose @ RigidTransform(center + back) @ self._facing
+            meshcat.SetTransform(f"{self._root}duty", pose, time)
         for ghost in self._ghosts:
             before = RigidTransform()
-            poses = self._poses(ghost.joint_angles.value(time)[:, 0])
-            for path, pose in zip(self._ghost_paths(ghost), poses, strict=False):  # no payload
+            ghostly = self._poses(ghost.joint_angles.value(time)[:, 0])
+            for path, pose in zip(self._ghost_paths(ghost), ghostly, strict=False):  # no payload
                 meshcat.SetTransform(path, before.InvertAndCompose(pose), time)
                 before = pose
         if duty is not None:
@@ -257,15 +322,16 @@ class LimbView:
         self,
         meshcat: Meshcat,
         joint_angles: np.ndarray | None = None,
-        base_pose: RigidTransform | None = None,
+        body_pose: np.ndarray | None = None,
     ) -> float:
         """Sets the background, the lights, and a camera that shows a whole motion and the bars.
 
-        The camera still shows what it was set to show of limbs with other roots.
+        The camera still shows what it was set to show of limbs with other roots. Call it after
+        `add_to`, and before `show`.
 
         Args:
-            joint_angles: θ, (n, K), rad; bends of up to 90°, or 60° in space, if None.
-            base_pose: pose that `add_to` took.
+            joint_angles: θ, (n, K), rad; bends of up to 90°, 60° in space or 30° of robots if None.
+            body_pose: pose of a robot's body (3 or 6, K), as far as it is known.
 
         Returns:
             Width by height of the narrowest window that shows all of it.
@@ -281,16 +347,24 @@ class LimbView:
             meshcat.SetProperty("/Background/<object>", end, [0.975, 0.98, 0.985])
         meshcat.SetProperty("/Lights/AmbientLight/<object>", "intensity", 1.5)
         meshcat.SetProperty("/Lights/FillLight/<object>", "intensity", 1.7)
-        meshcat.SetProperty("/Lights/FillLight/<object>", "position", [-6.0, -2.0, 10.0])
+        light = [-4.0, -10.0, 5.0] if self._robot else [-6.0, -2.0, 10.0]
+        meshcat.SetProperty("/Lights/FillLight/<object>", "position", light)
 
         if joint_angles is None:
             towards = self._layout.bend_direction
-            largest = np.radians(90.0 if self._layout.is_planar else 60.0)
+            largest = np.radians(30.0 if self._robot else 90.0 if self._layout.is_planar else 60.0)
             angles = largest * np.linspace(-1.0, 1.0, 5)
             bends = [np.outer(towards == one, angles) for one in range(towards.max() + 1)]
             joint_angles = joint_angles_from_bend_angle(self._parameters, np.hstack(bends))
         limbs = _in_view.setdefault(meshcat, {})
-        limbs[self._root] = (base_pose or RigidTransform()) @ self._reach(joint_angles)
+        if self._robot:
+            low, high = self._robot_reach(joint_angles, body_pose)
+            if self._robot.ground:
+                self._add_ground(meshcat, low, high)
+            corners = np.array(list(itertools.product(*zip(low, high, strict=True)))).T
+        else:
+            corners = self._reach(joint_angles)
+        limbs[self._root] = self._base_pose @ corners
         corners = np.hstack(list(limbs.values()))
         target = (corners.min(axis=1) + corners.max(axis=1)) / 2
         right, up, near = self._to_camera @ (corners - target[:, np.newaxis])
@@ -306,9 +380,7 @@ class LimbView:
     def _add_limb(self, meshcat: Meshcat) -> None:
         """Puts the bodies of the limb's URDF into a scene; once, as only their poses change."""
         builder = DiagramBuilder()
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-        add_manipulator(plant, self._parameters)
-        plant.Finalize()
+        _, scene_graph = self._add_plant(builder)
         params = MeshcatVisualizerParams(
             prefix=f"{self._root}visualizer", delete_on_initialization_event=False
         )
@@ -323,15 +395,45 @@ class LimbView:
                 meshcat.SetProperty(path, "renderOrder", order)
                 meshcat.SetProperty(path, "material.side", 0.0)  # front only
 
+    def _add_plant(self, builder: DiagramBuilder) -> tuple[MultibodyPlant, SceneGraph]:
+        """Adds the limb or the robot to a diagram."""
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+        if self._robot:
+            add_robot(plant, self._robot)
+        else:
+            add_manipulator(plant, self._parameters)
+        plant.Finalize()
+        return plant, scene_graph
+
+    def _add_ground(self, meshcat: Meshcat, low: np.ndarray, high: np.ndarray) -> None:
+        """Puts the ground below a box from low to high (3,), m, with a mark each 10 mm along x."""
+        step, path = _FIFTH * MARK, f"{self._root}ground"
+        first, last = np.floor(low[0] / step) - 1, np.ceil(high[0] / step) + 1
+        middle, depth = (low[1] + high[1]) / 2, 1.5 * (high[1] - low[1])
+        size = (last - first) * step, depth, MARK / 5
+        center = [(first + last) / 2 * step, middle, -size[2] / 2]
+        meshcat.SetObject(f"{path}/plane", Box(*size), Rgba(*_GROUND_COLOR))
+        meshcat.SetTransform(f"{path}/plane", RigidTransform(center))
+        for number in range(round((last - first) * _FIFTH) + 1):
+            mark = Box(MARK * (0.05 if number % _FIFTH else 0.15), depth, 1e-5)
+            meshcat.SetObject(f"{path}/mark_{number}", mark, Rgba(*_MARK_COLOR))
+            at = [first * step + number * MARK, middle, 1e-5]
+            meshcat.SetTransform(f"{path}/mark_{number}", RigidTransform(at))
+
     def _ghost_paths(self, ghost: Ghost) -> list[str]:
         """Meshcat paths of a ghost's links, each below that of the link which it hangs on."""
         names = [name for name, _, _ in self._pieces]
         base = f"{self._root}ghosts/{ghost.name}"
         return list(itertools.accumulate(names, "{}/{}".format, initial=base))[1:]
 
-    def _poses(self, joint_angles: np.ndarray) -> list[RigidTransform]:
-        """Poses of the bodies in the limb's frame."""
-        self._plant.SetPositions(self._context, joint_angles)
+    def _poses(
+        self, joint_angles: np.ndarray, body_pose: np.ndarray | None = None
+    ) -> list[RigidTransform]:
+        """Poses of the bodies in the limb's frame, or in the robot's world."""
+        if self._robot:
+            set_positions(self._plant, self._context, self._robot, body_pose, joint_angles)
+        else:
+            self._plant.SetPositions(self._context, joint_angles)
         return [self._plant.EvalBodyPoseInWorld(self._context, body) for body in self._bodies]
 
     def _add_ghost(self, meshcat: Meshcat, ghost: Ghost, level: int) -> None:
@@ -373,11 +475,11 @@ class LimbView:
             meshcat.SetProperty(f"{path}/strip/<object>", "material.side", 0.0)  # front only
 
     def _add_bars(self, meshcat: Meshcat) -> None:
-        """Puts a bar for each wire beside the base, in a track that is as long as duty 1."""
+        """Puts a bar for each wire beside the base, or above the body; its track is duty 1."""
         unit, thin = self._unit, 0.02 * self._unit
         for name, x in zip(self._parameters.wire_names, self._bar_positions(), strict=True):
             path = f"{self._root}duty/{name}"
-            meshcat.SetTransform(path, RigidTransform([x, -1.5 * unit, 0.0]))
+            meshcat.SetTransform(path, RigidTransform([x, self._bar_foot, 0.0]))
             for part, margin, layer, color in (
                 ("outline", 0.12 * unit, 0, _OUTLINE_COLOR),
                 ("track", 0.06 * unit, 1, _TRACK_COLOR),
@@ -389,21 +491,56 @@ class LimbView:
                 meshcat.SetTransform(f"{path}/{part}", center)
 
     def _bar_positions(self) -> np.ndarray:
-        """Positions of the bars along E1, m: left of the base, with gaps between segments."""
+        """Positions of the bars, m, with gaps between segments.
+
+        They are along E1, left of the base, or along x about the middle of a robot's body.
+        """
         steps = np.full(len(self._parameters.wires), 0.95)
         steps[[wires.start for wires in self._layout.wires_of]] = 1.25
         places = np.cumsum(steps)
+        if self._robot:
+            return self._unit * (places - (places[0] + places[-1]) / 2)
         bracket = (0.6 if self._layout.is_planar else 1.2) * self._pieces[0][1].thickness
         return self._unit * (places - places[-1] - 0.7) - bracket
+
+    def _robot_reach(
+        self, joint_angles: np.ndarray, body_pose: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The ends (3,) of a box that the robot and its bars stay in, with a margin, m.
+
+        From here on the camera goes with the robot if it goes far, or nobody knows how far.
+        """
+        kept = np.unique(np.linspace(0, joint_angles.shape[1] - 1, 60).astype(int))
+        bodies = [
+            [
+                pose.translation()
+                for pose in self._poses(
+                    joint_angles[:, k], None if body_pose is None else body_pose[:, k]
+                )
+            ]
+            for k in kept
+        ]
+        places = np.array(bodies)  # (K, bodies, 3)
+        centers = places[:, [self._body]]
+        size = np.ptp(places - centers, axis=(0, 1)).max()
+        far = np.ptp(centers, axis=(0, 1))[:2].max() > _IN_SIGHT * size
+        self._follows = body_pose is None or bool(far)
+        if self._follows:
+            places = places - centers * [1.0, 1.0, 0.0]
+        margin = np.array([4.0, 3.0, 1.0]) * self._unit
+        low, high = places.min(axis=(0, 1)) - margin, places.max(axis=(0, 1)) + margin
+        high[2] = max(high[2], places[:, self._body, 2].max() + self._bar_foot + 4.0 * self._unit)
+        return low, high
 
     def _reach(self, joint_angles: np.ndarray) -> np.ndarray:
         """The corners (3, 8) of a box that limb and bars stay in, with a margin, m."""
         ends = link_positions(self._parameters, joint_angles)[1:]
-        ends = np.einsum("ji,pjk->ipk", self._facing, ends)
+        facing = self._facing.rotation().matrix()
+        ends = np.einsum("ji,pjk->ipk", facing, ends)
         half_width = max(segment.width for segment in self._parameters.segments) / 2
         margin, unit = np.array([1.5 * self._unit, 1.5 * self._unit, half_width]), self._unit
         bars = np.array([1.8 * unit, 1.8 * unit, 0.0])
         low = np.minimum(ends.min(axis=(1, 2)) - margin, -bars)
         high = np.maximum(ends.max(axis=(1, 2)) + margin, bars)
         low[0] = min(low[0], self._bar_positions()[0] - 0.6 * unit)
-        return self._facing @ np.array(list(itertools.product(*zip(low, high, strict=True)))).T
+        return facing @ np.array(list(itertools.product(*zip(low, high, strict=True)))).T

@@ -1,4 +1,4 @@
-"""The limb in 3D, live during a simulation."""
+"""The limb or the robot in 3D, live during a simulation."""
 
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
@@ -7,22 +7,25 @@ from pydrake.systems.framework import Context, LeafSystem
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.views.limb_view import LimbView, ghosts_of_plan
 
 PUBLISH_PERIOD = 1 / 32  # s, of a live view
 
 
 class LimbVisualizer(LeafSystem):
-    """Shows a limb in Meshcat while it is simulated, wires in the colour of their heat.
+    """Shows a limb or a robot in Meshcat while it is simulated, wires in the colour of their heat.
 
-    For a limb of n joints in all and W wires:
+    For n joints and W wires in all:
 
     - input 0 ``joint_state``: [θ, θ̇] (2n), rad and rad/s
     - input 1 ``wire_temperature``: T (W), °C; or V, where T is not known
     - input 2 ``duty``: D (W), in [0, 1], shown as bars beside the base; may be
       left unconnected
+    - input 3 ``body_pose``: of a robot whose body moves, as the port of `Robot`; may be left
+      unconnected
 
-    Connect them to the ports of a `Limb` with the same names. The view is
+    Connect them to the ports of a `Limb` or `Robot` with the same names. The view is
     updated periodically in simulated time; to watch in real time, call the
     simulator's ``set_target_realtime_rate(1.0)``.
 
@@ -38,7 +41,7 @@ class LimbVisualizer(LeafSystem):
 
     def __init__(
         self,
-        parameters: LimbParameters,
+        parameters: LimbParameters | RobotParameters,
         meshcat: Meshcat,
         plan: Trajectory | None = None,
         *,
@@ -48,27 +51,32 @@ class LimbVisualizer(LeafSystem):
     ):
         """
         Args:
-            parameters: the limb.
+            parameters: the limb, or the robot.
             meshcat: scene to show it in; background, lights and camera are set.
             plan: trajectory to show as a ghost, with its reference.
             prefix: beginning of the limb's paths in Meshcat, ``visualizer``, ``ghosts``
                 and ``duty``, and of the system's name.
-            base_pose: pose of the limb's frame (E1, E2, E3) in Meshcat's world; its
-                origin if None.
+            base_pose: pose of the limb's frame (E1, E2, E3), or of the world of a robot, in
+                Meshcat's world; its origin if None.
             publish_period: time from one update of the view to the next, s.
 
         Raises:
-            LimbError: if the plan is for a limb of another shape.
+            LimbError: if the plan is for a limb of another shape, or there is one for a robot.
         """
         super().__init__()
-        ghosts = ghosts_of_plan(parameters, plan) if plan else []
         self._meshcat, self._root = meshcat, f"{prefix}/" if prefix else ""
-        self._view = LimbView(parameters, ghosts, self._root)
+        pose_size, shown = 0, parameters
+        if isinstance(parameters, RobotParameters):
+            pose_size, parameters = parameters.pose_size, parameters.together
+        ghosts = ghosts_of_plan(parameters, plan) if plan else []
+        self._view = LimbView(shown, ghosts, self._root)
         self._view.add_to(meshcat, base_pose)
-        self._view.set_scene(meshcat, base_pose=base_pose)
+        self._view.set_scene(meshcat)
         self.DeclareVectorInputPort("joint_state", 2 * parameters.num_joints)
         self.DeclareVectorInputPort("wire_temperature", len(parameters.wires))
         self.DeclareVectorInputPort("duty", len(parameters.wires))
+        if pose_size:
+            self.DeclareVectorInputPort("body_pose", pose_size)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, weak_method(self._publish))
         self.DeclareForcedPublishEvent(weak_method(self._publish))
         self.set_name(f"{prefix or 'limb'}_visualizer")
@@ -79,5 +87,8 @@ class LimbVisualizer(LeafSystem):
         has_duty = duty.HasValue(context)
         self._meshcat.SetProperty(f"{self._root}duty", "visible", has_duty)
         shown = duty.Eval(context) if has_duty else None
-        self._view.show(self._meshcat, angles, shown, context.get_time())
+        pose = None
+        if self.num_input_ports() > 3 and self.get_input_port(3).HasValue(context):
+            pose = self.get_input_port(3).Eval(context)
+        self._view.show(self._meshcat, angles, shown, context.get_time(), pose)
         self._view.show_heat(self._meshcat, temperature.Eval(context))

@@ -1,4 +1,4 @@
-"""A motion of the limb in 3D as one HTML file, which any browser replays."""
+"""A motion of a limb or a robot in 3D as one HTML file, which any browser replays."""
 
 import contextlib
 import dataclasses
@@ -12,16 +12,19 @@ import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from limb_systems.errors import LimbError
+from limb_systems.files.gait import Gait
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.output import write_atomically
 from limb_systems.views.colors import ROLLOUT_COLOR
 from limb_systems.views.limb_view import (
     DUTY_COLOR,
     GHOST_OPACITY,
+    MARK,
     WIRE_COLORS,
     Ghost,
     LimbView,
@@ -31,16 +34,35 @@ from limb_systems.views.limb_view import (
 )
 from limb_systems.views.template import template
 
+CYCLES = 3  # of a gait
+
 
 def write_meshcat_replay(
     path: str | Path,
-    motion: Recording | Trajectory,
+    motion: Recording | Trajectory | Gait,
     *,
     plan: Trajectory | None = None,
-    title: str = "Soft limb",
+    title: str = "",
     frames_per_second: float = 20.0,
 ) -> None:
-    """Writes a page that replays a motion in 3D, over and over, in any browser.
+    """Writes a page that replays a motion in 3D, over and over, in any browser; see `replay_page`.
+
+    Args:
+        path: the HTML file, which is written whole or not at all.
+        motion, plan, title, frames_per_second: as of `replay_page`.
+    """
+    page = replay_page(motion, plan=plan, title=title, frames_per_second=frames_per_second)
+    write_atomically(path, page)
+
+
+def replay_page(
+    motion: Recording | Trajectory | Gait,
+    *,
+    plan: Trajectory | None = None,
+    title: str = "",
+    frames_per_second: float = 20.0,
+) -> str:
+    """A page, HTML, that replays a motion in 3D.
 
     The page needs no other file; the browser runs it in real time. It has a
     button (or the space bar) to pause and a slider for the time, and shows φ,
@@ -51,28 +73,33 @@ def write_meshcat_replay(
     a plan the reference in the motion. In space the paths of all tips are shown, the motion's
     own as far as it has come.
 
+    A robot is on its ground, with a mark each 10 mm, and the page says where its body is. A gait
+    is shown for some cycles.
+
     Args:
-        path: the HTML file, which is written whole or not at all.
-        motion: recording or trajectory to replay.
+        motion: recording, trajectory or gait to replay.
         plan: trajectory to show as a ghost. A recording's time starts with the plan, as
             for `tracking_errors`; after its end the plan stays in its last
             pose.
-        title: title of the page.
+        title: title of the page; one that says what is shown if empty.
         frames_per_second: rate of the poses that are stored, about, Hz; the browser
             interpolates. 20 Hz and five links take 30 kB per second, and nearly as
             much again for two ghosts.
 
     Raises:
         LimbError: if the motion has fewer than two samples, the rate is not
-            positive, or the plan is for a limb of another shape.
+            positive, the plan is for a limb of another shape, or there is one for a robot.
     """
     if ((~motion.missing).sum() if isinstance(motion, Recording) else len(motion.time)) < 2:
         raise LimbError("A replay needs at least two samples.")
     if not (np.isfinite(frames_per_second) and frames_per_second > 0):
         raise LimbError(f"frames_per_second is {frames_per_second!r}; it must be positive.")
+    if isinstance(motion, Gait):
+        motion = motion.repeated(CYCLES)
     parameters, limits = motion.parameters, motion.parameters.temperature_limits
+    title = title or ("Robot" if motion.robot else "Soft limb")
     start, end = motion.time[[0, -1]]
-    ghosts = _ghosts_beside(motion, plan)
+    ghosts, pose = _ghosts_beside(motion, plan), getattr(motion, "body_pose", None)
     times = np.linspace(start, end, 1 + max(1, round((end - start) * frames_per_second)))
     temperature, measured = motion.wire_temperature, motion.wire_temperature is None
     if temperature is None:
@@ -82,18 +109,24 @@ def write_meshcat_replay(
     frames = _Frames(
         joint_angle_trajectory(motion).vector_values(times),
         np.array([np.interp(times, motion.time[shown], row[shown]) for row in temperature]),
-        np.array([np.interp(times, motion.time, row) for row in motion.duty]),
+        motion.duty_trajectory().vector_values(times)
+        if isinstance(motion, Gait)
+        else np.array([np.interp(times, motion.time, row) for row in motion.duty]),
         [ghost.joint_angles.vector_values(times - start) for ghost in ghosts],
+        None if pose is None else np.array([np.interp(times, motion.time, row) for row in pose]),
     )
-    page, aspect = _animate(parameters, frames, ghosts, rate)
+    robot = None if motion.robot is None or motion.robot.is_limb else motion.robot
+    in_space = not (robot or Layout(parameters).is_planar)
+    page, aspect = _animate(robot or parameters, frames, ghosts, rate, in_space)
     names = [suffix.strip("_").replace("_", " ") for suffix in Layout(parameters).bend_suffixes]
-    how = "planned" if isinstance(motion, Trajectory) else motion.how
+    how = motion.how if isinstance(motion, Recording) else "planned"
     caption = template("replay.html", Path(__file__).parent / "templates").render(
         title=title,
         motion=_motion_in_words(motion),
         poses=[(how, None)] + [(ghost.name, _css(ghost.color)) for ghost in ghosts],
         bends=names,
-        in_space=not Layout(parameters).is_planar,
+        in_space=in_space,
+        body=_body_in_words(robot) if robot and pose is not None else [],
         tip_color=ROLLOUT_COLOR,
         wires=[name.replace("_", " ") for name in parameters.wire_names],
         values=_values(parameters, frames),
@@ -105,12 +138,12 @@ def write_meshcat_replay(
         low=f"{parameters.ambient_temperature:g}",
         high=f"{limits.maximum:g}",
         colors=[f"rgb({_css(color)})" for color in WIRE_COLORS],
-        places=_places_in_words(parameters),
+        places=_ground_in_words(robot) if robot else _places_in_words(parameters),
         duty_rgb=_css(DUTY_COLOR),
         aspect=aspect,
     )
     page = page.replace("<title>Drake MeshCat</title>", f"<title>{html.escape(title)}</title>")
-    write_atomically(path, page.replace("</body>", f"{caption}</body>"))
+    return page.replace("</body>", f"{caption}</body>")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,29 +154,33 @@ class _Frames:
     - ``temperature``: shown by the wires' colour (W, F), °C.
     - ``duty``: D (W, F).
     - ``ghost_angles``: θ (n, F) of each ghost, rad.
+    - ``body_pose``: pose of a robot's body, as in `Recording`; None if it is not known.
     """
 
     joint_angles: np.ndarray
     temperature: np.ndarray
     duty: np.ndarray
     ghost_angles: list[np.ndarray]
+    body_pose: np.ndarray | None
 
 
-def _ghosts_beside(motion: Recording | Trajectory, plan: Trajectory | None) -> list[Ghost]:
+def _ghosts_beside(motion: Recording | Trajectory | Gait, plan: Trajectory | None) -> list[Ghost]:
     """The ghosts of a motion, over the time since the motion's start."""
     if plan is not None:
         # The time of a recording is that since the start of its plan.
         start = motion.time[0] if isinstance(motion, Recording) else 0.0
         return ghosts_of_plan(motion.parameters, plan, start)
-    if motion.reference is None:
+    if isinstance(motion, Gait) or motion.reference is None or motion.robot:
         return []
     ghost = ghost_of_reference(motion)
     ghost.joint_angles.shiftRight(-motion.time[0])
     return [ghost]
 
 
-def _motion_in_words(motion: Recording | Trajectory) -> str:
+def _motion_in_words(motion: Recording | Trajectory | Gait) -> str:
     """What the limb itself shows, and how it came about."""
+    if isinstance(motion, Gait):
+        return f"planned gait, {CYCLES} cycles, nothing measured"
     if isinstance(motion, Trajectory):
         return "planned motion, nothing measured"
     if motion.joint_state is None:
@@ -171,10 +208,30 @@ def _places_in_words(parameters: LimbParameters) -> str:
     return f"wires from top to bottom: {'; '.join(downwards)}"
 
 
+def _body_in_words(robot: RobotParameters) -> list[tuple[str, str]]:
+    """What is said of a body's pose, with units."""
+    if robot.body.mount == "planar":
+        return [("x", "mm"), ("z", "mm"), ("pitch", "°")]
+    return [(axis, "mm") for axis in "xyz"] + [(turn, "°") for turn in ("roll", "pitch", "yaw")]
+
+
+def _ground_in_words(robot: RobotParameters) -> str:
+    """What a robot stands on."""
+    if robot.ground is None:
+        return "no ground"
+    slope = np.rad2deg(robot.ground.slope)
+    rises = f", rises by {slope:g}°" if slope else ""
+    return f"ground: a mark each {1e3 * MARK:g} mm, μ = {robot.ground.friction:g}{rises}"
+
+
 def _values(parameters: LimbParameters, frames: _Frames) -> list[list[float]]:
-    """What each output of the caption says in each frame: φ in degrees, °C, duty."""
+    """What each output of the caption says in each frame: φ in degrees, body, °C, duty."""
     angles = [bend_angle(parameters, a) for a in (frames.joint_angles, *frames.ghost_angles)]
     rows = [np.round(np.rad2deg(row), 1) for row in np.vstack(angles)]
+    if frames.body_pose is not None:
+        turns = len(frames.body_pose) // 2  # one in the plane, three in space
+        rows += [np.round(1e3 * row, 1) for row in frames.body_pose[:-turns]]
+        rows += [np.round(np.rad2deg(row), 1) for row in frames.body_pose[-turns:]]
     for temperature, duty in zip(frames.temperature, frames.duty, strict=True):
         rows += [np.round(temperature, 1), np.round(duty, 2)]
     return [row.tolist() for row in rows]
@@ -185,7 +242,11 @@ def _css(color: Sequence[float]) -> str:
 
 
 def _animate(
-    parameters: LimbParameters, frames: _Frames, ghosts: list[Ghost], frames_per_second: float
+    limb: LimbParameters | RobotParameters,
+    frames: _Frames,
+    ghosts: list[Ghost],
+    frames_per_second: float,
+    in_space: bool,
 ) -> tuple[str, float]:
     """Meshcat's page.
 
@@ -194,9 +255,12 @@ def _animate(
     """
     with _drake_silenced():
         meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
-    view = LimbView(parameters, ghosts)
+    view = LimbView(limb, ghosts)
     view.add_to(meshcat)
-    if not Layout(parameters).is_planar:
+    aspect = view.set_scene(
+        meshcat, np.hstack([frames.joint_angles, *frames.ghost_angles]), frames.body_pose
+    )
+    if in_space:
         view.add_tip_path(meshcat, frames.joint_angles)
     meshcat.StartRecording(frames_per_second)
     animation = meshcat.get_mutable_recording()
@@ -204,13 +268,13 @@ def _animate(
     colors = view.colors(frames.temperature)
     times = (np.arange(frames.duty.shape[1]) + 1e-6) / frames_per_second  # Drake rounds down
     for frame, time in enumerate(times):
-        view.show(meshcat, frames.joint_angles[:, frame], frames.duty[:, frame], time)
+        pose = None if frames.body_pose is None else frames.body_pose[:, frame]
+        view.show(meshcat, frames.joint_angles[:, frame], frames.duty[:, frame], time, pose)
         for paths, color in zip(view.wire_paths, colors[:, frame], strict=True):
             for path in paths:
                 # Meshcat sets "color" on a path; an animation binds to its mesh.
                 animation.SetProperty(frame, f"{path}/<object>", "material.color", color)
     meshcat.PublishRecording()
-    aspect = view.set_scene(meshcat, np.hstack([frames.joint_angles, *frames.ghost_angles]))
     page = meshcat.StaticHtml()
     gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
     return page, aspect
