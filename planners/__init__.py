@@ -2,6 +2,7 @@
 
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from planners import references
+from planners.gait.gait import plan_gait
 from planners.nearest import nearest_bend_angle
 from planners.planning import Planner, plan
 from planners.task import Phase, Task, TaskError
@@ -20,5 +21,6 @@ __all__ = [
     "TrajectoryProgram",
     "nearest_bend_angle",
     "plan",
+    "plan_gait",
     "references",
 ]

@@ -1,0 +1,336 @@
+"""The program of a gait: a periodic motion of heat, body, limbs and feet on the ground.
+
+K knots are on a ring: the last interval ends at the first knot, a stride further. At each knot
+are the configuration y, the heat [x, V] of the wires, the forces λ of the ground and the travel s
+of the feet; in each interval, between knots, are the duty and the contacts; each phase has a
+duration of its own. What is held:
+
+- the balance of forces and the stability of `Standing`, at every knot;
+- (17) of the heat, in every interval, as by `PeriodicHeat`;
+- a foot on the ground is at z = r and carries a least share of the load; one that sticks does not
+  travel, and has |f_t| <= 0.8 μ f_n; one that slides travels one way only, and has f_t = -μ f_n
+  against it; one that swings carries nothing, and is clear of the ground;
+- (19), 0 <= D <= 1 and the total duty.
+
+A knot between two phases belongs to both. Where a foot begins to slide or ceases to, friction is
+what slides, as friction does not jump: the share of μ counts at knots inside of a phase.
+"""
+
+from collections.abc import Collection, Sequence
+from typing import Literal
+
+import numpy as np
+from pydrake.solvers import Binding, MathematicalProgram
+
+from limb_systems import Gait, GaitCheck, GaitPhase, RobotParameters, Wires
+from planners.gait.heat import PeriodicHeat
+from planners.gait.planar_robot import POSE, PlanarRobot
+from planners.gait.standing import LEAST_PIVOT, Standing
+from planners.transcription.collocation import ANGLE_SCALE
+from planners.transcription.ipopt import ConstraintBlock
+
+Contact = Literal["stick", "slide_forward", "slide_backward", "swing"]
+SLIDES = {"slide_forward": 1.0, "slide_backward": -1.0}
+
+LEAST_LOAD = 0.05  # of the weight, on each foot on the ground
+STICKING_SHARE = 0.8  # of μ, that feet that stick may use
+LENGTH_SCALE = 0.01  # m, a typical travel
+LEAST_STRIDE = 1e-3  # m; below, there is no gait to speak of
+STEPS = 0.1, 4.0  # of intervals, as shares of the time constant of cooling over their number
+# rad, of the body and of each joint: bounds that gaits do not reach keep iterates sane.
+MOST_PITCH, MOST_TURN = 0.5, 0.8
+
+
+class GaitProgram:
+    """Program of one schedule of contacts.
+
+    - ``prog``: the `MathematicalProgram`, with all that is linear.
+    - ``blocks``: all other constraints.
+    - ``y``, ``heat``, ``forces``, ``travel``, ``duty``: indices of the configuration (K, d), of
+      [x, V] (K, M), of λ (K, 2F), s (K, F) and the duty of the interval after the knot (K, W)
+      among the decision variables.
+    - ``steps``: of the lengths of the intervals of each phase (P,), s.
+    - ``stride``, ``merit``: of the travel per period, m, and of the objective: speed, m/s, or
+      heating per distance, s of full duty of one wire per m.
+    - ``phase_of``: phase of each interval (K,).
+
+    Args:
+        robot: description of the robot, on a planar body.
+        schedule: contact of each foot, for each phase (P, F).
+        intervals: number of intervals of each phase (P,).
+        objective: "speed" or "energy".
+        temperature_margin: how far T stays below T_max, °C.
+        sticking_share: share of μ that feet that stick may use.
+        clearance: of feet that swing, m.
+    """
+
+    def __init__(
+        self,
+        robot: RobotParameters,
+        schedule: Sequence[Sequence[Contact]],
+        intervals: Sequence[int],
+        objective: Literal["speed", "energy"] = "speed",
+        temperature_margin: float = 0.0,
+        sticking_share: float = STICKING_SHARE,
+        clearance: float = 0.5e-3,
+    ):
+        self.robot, self.schedule, self.objective = robot, schedule, objective
+        self.planar, self.wires = PlanarRobot(robot), Wires(robot.together)
+        self.phase_of = np.repeat(np.arange(len(schedule)), intervals)
+        self.contacts = np.array(schedule)[self.phase_of]  # in each interval (K, F)
+        self.before = np.roll(self.contacts, 1, axis=0)
+        self.load = float(np.hypot(*self.planar.weight))
+        self._add_variables()
+        self._add_bounds(temperature_margin)
+        self._add_contacts(sticking_share)
+        self._clearance = clearance
+        both = (self.contacts, self.before)
+        down = np.all([of != "swing" for of in both], axis=0)
+        stuck = np.all([of == "stick" for of in both], axis=0)
+        held = np.stack([stuck, down], axis=-1).astype(float)
+        standing = Standing(self.planar, self.wires, held)
+        self.standing = standing
+        off_ground = np.all([of == "swing" for of in both], axis=0)
+        self.blocks: list[ConstraintBlock] = [
+            _StandingBlock(self, standing, off_ground, clearance),
+            PeriodicHeat(self.wires, self.heat, self.duty, self.time_steps),
+            _Merit(self),
+        ]
+
+    def _add_variables(self) -> None:
+        prog = self.prog = MathematicalProgram()
+        K, planar, wires = len(self.phase_of), self.planar, self.wires
+        F, W = planar.num_feet, wires.num_wires
+        cooling = -np.diag(wires.affine_rates()[0])[:W].mean()
+        joints = np.full(len(planar.stiffness) - POSE, ANGLE_SCALE)
+        pose = np.array([LENGTH_SCALE, LENGTH_SCALE, ANGLE_SCALE])
+        merit = 1e-3 if self.objective == "speed" else 1e3
+        sizes = {
+            "y": (K, np.concatenate([pose, joints])),
+            "heat": (K, wires.heat_scales),
+            "forces": (K, np.full(2 * F, self.load / F)),
+            "travel": (K, np.full(F, LENGTH_SCALE)),
+            "duty": (K, np.ones(W)),
+            "steps": (1, np.full(len(self.schedule), 1.0 / (K * cooling))),
+            "stride": (1, np.array([LENGTH_SCALE])),
+            "merit": (1, np.array([merit])),
+        }
+        places = {}
+        for name, (rows, scales) in sizes.items():
+            variables = prog.NewContinuousVariables(rows, len(scales), name)
+            first = prog.num_vars() - variables.size
+            places[name] = first + np.arange(variables.size).reshape(variables.shape)
+            for of_row in variables:
+                for variable, scale in zip(of_row, scales, strict=True):
+                    prog.SetVariableScaling(variable, float(scale))
+        self.y, self.heat, self.forces = places["y"], places["heat"], places["forces"]
+        self.travel, self.duty = places["travel"], places["duty"]
+        self.steps = places["steps"][0]
+        self.stride, self.merit = int(places["stride"][0, 0]), int(places["merit"][0, 0])
+        self.time_steps = self.steps[self.phase_of]  # of each interval (K,)
+        sign = -1.0 if self.objective == "speed" else 1.0
+        prog.AddLinearCost([sign / merit], 0.0, [self._variable(self.merit)])
+
+    def _add_bounds(self, temperature_margin: float) -> None:
+        W, limits = self.wires.num_wires, self.robot.together.temperature_limits
+        self._bound(self.y[:, 2], -MOST_PITCH, MOST_PITCH)
+        self._bound(self.y[:, POSE:], -MOST_TURN, MOST_TURN)
+        self._bound(self.y[:1, 0], 0.0, 0.0)
+        ambient = self.robot.together.ambient_temperature
+        self._bound(self.heat[:, :W], ambient, limits.maximum - temperature_margin)
+        readings = self.heat[:, self.wires.num_states :]
+        self._bound(readings, -np.inf, limits.measured_maximum)
+        self._bound(self.duty, 0.0, 1.0)
+        typical = self.prog.GetVariableScaling()[int(self.steps[0])]
+        self._bound(self.steps, *(share * typical for share in STEPS))
+        self._bound(np.array([self.stride]), LEAST_STRIDE, np.inf)
+        for of_interval in self.duty:
+            self._add_linear(np.ones((1, W)), 0.0, self.robot.total_duty, of_interval)
+
+    def _add_contacts(self, sticking_share: float) -> None:
+        mu = self.robot.ground.friction
+        K, F = self.contacts.shape
+        for k in range(K):
+            for foot in range(F):
+                force = self.forces[k, 2 * foot : 2 * foot + 2]
+                contacts = {self.before[k, foot], self.contacts[k, foot]}
+                if "swing" in contacts:
+                    self._bound(force, 0.0, 0.0)
+                else:
+                    self._bound(force[1:], LEAST_LOAD * self.load, np.inf)
+                    for contact in contacts & SLIDES.keys():
+                        row = np.array([[1.0, mu * SLIDES[contact]]])
+                        self._add_linear(row, 0.0, 0.0, force, F / self.load)
+                    if contacts == {"stick"}:
+                        most = sticking_share * mu
+                        rows = np.array([[1.0, -most], [1.0, most]])
+                        upper = np.array([0.0, np.inf])
+                        self._add_linear(rows, -upper[::-1], upper, force, F / self.load)
+                contact, after = self.contacts[k, foot], (k + 1) % K
+                if contact == "swing":
+                    continue
+                pair = [self.travel[after, foot], self.travel[k, foot], self.stride]
+                row = np.array([[1.0, -1.0, float(after == 0)]]) * SLIDES.get(contact, 1.0)
+                most = 0.0 if contact == "stick" else np.inf
+                self._add_linear(row, 0.0, most, pair, 1.0 / LENGTH_SCALE)
+
+    def gait(self, x: np.ndarray, check: GaitCheck) -> Gait:
+        """The gait that all decision variables describe."""
+        around = np.arange(len(self.y) + 1) % len(self.y)
+        steps, N, W = x[self.time_steps], self.wires.num_states, self.wires.num_wires
+        time = np.append(0.0, np.cumsum(steps))
+        y, heat = x[self.y[around]].T, x[self.heat[around]].T
+        y[0, -1] += x[self.stride]
+        slopes = np.diff(y[POSE:]) / steps
+        rates = 0.5 * (slopes + np.roll(slopes, 1, axis=1))[:, around]
+        starts = np.flatnonzero(np.diff(self.phase_of, prepend=-1))
+        return Gait(
+            time=time,
+            duty=np.clip(x[self.duty[around]].T, 0.0, 1.0),
+            joint_state=np.vstack([y[POSE:], rates]),
+            wire_temperature=heat[:W],
+            measured_temperature=heat[N:],
+            other_wire_state=heat[W:N] if N > W else None,
+            body_pose=y[:POSE],
+            contact_force=x[self.forces[around]].T,
+            robot=self.robot,
+            phases=[
+                GaitPhase(float(time[start]), list(contacts))
+                for start, contacts in zip(starts, self.schedule, strict=True)
+            ],
+            check=check,
+        )
+
+    def violation(self, x: np.ndarray) -> float:
+        """The largest violation of constraints and bounds, scaled."""
+        violations = [0.0]
+        for block in self.blocks:
+            values = block.evaluate(x)
+            violations += [(block.lower - values).max(), (values - block.upper).max()]
+        for binding in self.prog.GetAllConstraints():
+            evaluator, values = binding.evaluator(), self.prog.EvalBinding(binding, x)
+            violations += [(evaluator.lower_bound() - values).max()]
+            violations += [(values - evaluator.upper_bound()).max()]
+        return float(max(violations))
+
+    def _variable(self, index):
+        return self.prog.decision_variable(int(index))
+
+    def _bound(self, indices, lower, upper) -> None:
+        variables = np.array([self._variable(index) for index in np.ravel(indices)])
+        self.prog.AddBoundingBoxConstraint(lower, upper, variables)
+
+    def _add_linear(self, rows, lower, upper, indices, scale: float = 1.0) -> None:
+        ones = np.ones(len(rows))
+        variables = [self._variable(index) for index in indices]
+        self.prog.AddLinearConstraint(scale * rows, lower * ones, upper * ones, variables)
+
+
+class _StandingBlock:
+    """`Standing` at all knots: in balance, with the feet's travel, on the ground and stable."""
+
+    replaces: Collection[Binding] = ()
+
+    def __init__(
+        self, program: GaitProgram, standing: Standing, off_ground: np.ndarray, clearance: float
+    ):
+        self._standing = standing
+        planar, wires, load = program.planar, program.wires, program.load
+        d, F, N = len(planar.stiffness), planar.num_feet, wires.num_states
+        K = len(program.y)
+        points = np.hstack([program.y, program.heat[:, :N], program.forces])
+        self._points, self._travel = points, program.travel
+        self._scales = np.concatenate(
+            [
+                np.full(2, 1 / load),
+                np.full(d - 2, 1 / (load * planar.size)),
+                np.full(2 * F, 1 / LENGTH_SCALE),
+                np.ones(F + POSE),
+            ]
+        )
+        m, P = len(self._scales), points.shape[1]
+        lower, upper = np.zeros((2, K, m))
+        heights = slice(d + F, d + 2 * F)
+        lower[:, heights] = planar.radius + clearance * off_ground
+        upper[:, heights] = np.where(off_ground, np.inf, planar.radius)
+        lower[:, d + 2 * F :] = LEAST_PIVOT
+        upper[:, d + 2 * F :] = np.inf
+        self.lower, self.upper = ((ends * self._scales).ravel() for ends in (lower, upper))
+        pattern = np.ones((m, P), bool)
+        pattern[:POSE, d : d + N] = False
+        pattern[d : d + 2 * F, d:] = False
+        pattern[d + 2 * F :, d : d + N] = wires.torque_needs_angle
+        self._nonzeros = pattern.nonzero()
+        rows = m * np.arange(K)[:, None]
+        self.rows = np.append(rows + self._nonzeros[0], rows + d + np.arange(F))
+        self.columns = np.append(points[:, self._nonzeros[1]], program.travel)
+        curved = np.ones(P, bool)
+        curved[d : d + N] = not wires.torque_is_affine
+        self._triangle = np.tril(np.outer(curved, curved)).nonzero()
+        self.hessian_rows, self.hessian_columns = (
+            points[:, places].ravel() for places in self._triangle
+        )
+        self._of_travel = slice(d, d + F)
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        values = self._standing.values(x[self._points])
+        values[:, self._of_travel] -= x[self._travel]
+        return (values * self._scales).ravel()
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        slopes = self._standing.derivatives(x[self._points]) * self._scales[:, None]
+        own = np.full(self._travel.size, -1.0 / LENGTH_SCALE)
+        return np.append(slopes[:, *self._nonzeros], own)
+
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        weights = multipliers.reshape(len(self._points), -1) * self._scales
+        return self._standing.curvature(x[self._points], weights)[:, *self._triangle].ravel()
+
+
+class _Merit:
+    """The objective m: S = m Σ h, or m S = Σ h D."""
+
+    replaces: Collection[Binding] = ()
+
+    def __init__(self, program: GaitProgram):
+        self._p = program
+        self.lower = self.upper = np.zeros(1)
+        counts = np.bincount(program.phase_of)
+        stride, merit = np.array([program.stride]), np.array([program.merit])
+        self._is_speed = program.objective == "speed"
+        self._counts = counts
+        if self._is_speed:
+            self.columns = np.concatenate([stride, merit, program.steps])
+            self.hessian_rows = program.steps
+            self.hessian_columns = np.repeat(merit, len(counts))
+            self._scale = 1.0 / LENGTH_SCALE
+        else:
+            steps = np.repeat(program.time_steps, program.duty.shape[1])
+            self._pairs = steps, program.duty.ravel()
+            self.columns = np.concatenate([stride, merit, *self._pairs])
+            self.hessian_rows = np.append(merit, steps)
+            self.hessian_columns = np.append(stride, program.duty.ravel())
+            self._scale = 0.1
+        self.rows = np.zeros(len(self.columns), int)
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        p, stride, merit = self._p, x[self._p.stride], x[self._p.merit]
+        if self._is_speed:
+            return self._scale * np.array([stride - merit * (self._counts * x[p.steps]).sum()])
+        steps, duty = (x[places] for places in self._pairs)
+        return self._scale * np.array([merit * stride - (steps * duty).sum()])
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        p, stride, merit = self._p, x[self._p.stride], x[self._p.merit]
+        if self._is_speed:
+            period = (self._counts * x[p.steps]).sum()
+            return self._scale * np.concatenate([[1.0, -period], -merit * self._counts])
+        steps, duty = (x[places] for places in self._pairs)
+        return self._scale * np.concatenate([[merit, stride], -duty, -steps])
+
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        ones = np.ones(len(self.hessian_rows))
+        if self._is_speed:
+            return -self._scale * multipliers * self._counts * ones
+        ones[1:] = -1.0
+        return self._scale * multipliers * ones
