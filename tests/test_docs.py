@@ -264,8 +264,8 @@ def test_table_of_options_is_that_of_the_parsers():
 class Board:
     """In place of `BoardLink`: what `SerialLimb` asks at construction."""
 
-    def __init__(self, *_):
-        self.serial_number, self.channels, self.angles = "none", 2, 1
+    def __init__(self, port, *_):
+        self.port, self.serial_number, self.channels, self.angles = port, "none", 2, 1
 
     def info(self):
         return self

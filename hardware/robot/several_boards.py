@@ -34,7 +34,7 @@ def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParam
     def limb_of(segment: tuple[str, object]) -> str:
         return segment[0] if segment[0] in names else segment[0].rpartition("_")[0] or segment[0]
 
-    segment_names = [suffix[1:] for suffix in Layout(robot).segment_suffixes]
+    segment_names = [suffix[1:] or "1" for suffix in Layout(robot).segment_suffixes]
     segments = zip(segment_names, robot.segments, strict=True)
     limbs = [
         (name, [segment for _, segment in group])
