@@ -6,15 +6,19 @@
 
 import dataclasses
 import itertools
+import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from limb_systems.files.gait import Gait, GaitPhase
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
+from limb_systems.foot_fall import foot_fall
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
     NEUTRAL_COLOR,
@@ -24,6 +28,14 @@ from limb_systems.views.colors import (
     wire_colors,
 )
 
+# What a foot may do: in words, in colour, and how wide its bar is, px.
+_CONTACTS = {
+    "stick": ("sticks", "#5b6b8c", 18.0),
+    "slide_forward": ("slides forward", "#2f9e6e", 18.0),
+    "slide_backward": ("slides backward", "#d83a4e", 18.0),
+    "swing": ("swings", "#b0b6c0", 3.0),
+}
+_DASHES = {"x": "dashed", "y": "dotted", "z": "solid"}
 BAND = 1.96  # standard deviations that hold 95% of the rollouts
 TIME = "time (s)"
 
@@ -68,7 +80,7 @@ class Panel:
     - ``x_label``: text below the horizontal axis, with its unit in brackets.
     - ``y_range``: range of the vertical axis; the curves' if None.
     - ``from_zero``: whether the vertical axis begins at zero.
-    - ``x_ticks``: texts below the horizontal axis by where they stand; numbers if None.
+    - ``x_ticks``, ``y_ticks``: texts beside an axis by where they stand; numbers if None.
     - ``limits``: lines whose names stand beside them in a picture, in the legend of a chart.
     - ``equal``: whether both axes have one scale.
     """
@@ -80,6 +92,7 @@ class Panel:
     y_range: tuple[float, float] | None = None
     from_zero: bool = False
     x_ticks: Mapping[int, str] | None = None
+    y_ticks: Mapping[int, str] | None = None
     limits: Sequence[Curve] = ()
     equal: bool = False
 
@@ -103,7 +116,7 @@ class Signal:
         """The signal's panel.
 
         Args:
-            where: suffix of the segment or of the bend, such as "_2" or "_2_e3".
+            where: suffix of the segment or of the bend, such as "_2", "_2_e3" or "_rear".
             options: further fields of `Panel`.
         """
         label = f"{self.name}{in_words(where)}" + f" ({self.unit})" * bool(self.unit)
@@ -111,8 +124,11 @@ class Signal:
 
 
 def in_words(suffix: str) -> str:
-    """A suffix of `Layout`'s in words, such as " of segment 2 towards E3"."""
-    return suffix.replace("_e", " towards E").replace("_", " of segment ")
+    """A suffix of `Layout`'s in words, such as " of segment 2 towards E3" or " of rear"."""
+    match = re.fullmatch(r"(?:_(.+?))??(?:_e([23]))?", suffix)
+    segment, axis = match.groups() if match else (None, None)
+    words = "" if segment is None else f" of {'segment ' * segment.isdigit()}{segment}"
+    return words.replace("_", " ") + (f" towards E{axis}" if axis else "")
 
 
 SIGNALS = {
@@ -125,7 +141,8 @@ SIGNALS = {
 def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()) -> list[Panel]:
     """Fig. 5: bend angle, temperatures and duty of a plan and of its rollouts.
 
-    Time counts from the start of the plan. Plans are dashed; the legend says whether
+    A robot's first recording has `robot_panels` before them. Time counts from the start of the
+    plan. Plans are dashed; the legend says whether
     the rollouts were simulated, emulated or recorded. Several recordings are drawn as their
     mean and the band of 95%, mean ± 1.96 standard deviations, at the sample times of the
     first. Each segment has its own three panels; one that bends in space has one more for its
@@ -169,7 +186,7 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
     for bend in np.flatnonzero(layout.bend_direction):
         place = bend + 2 * layout.bend_segment[bend]  # two of heat and duty follow each segment
         panels.append(_path_panel(panels[place - 1], panels[place]))
-    return panels
+    return [*(panel for run in recordings[:1] for panel in robot_panels(run)), *panels]
 
 
 def _path_panel(across: Panel, up: Panel) -> Panel:
@@ -236,13 +253,99 @@ def measured_panels(
             duty += planned(f"{name}, D* planned", "duty", index, color, dash)
         for index, name, color in wires:
             heat += planned(f"{name}, T* planned", "wire_temperature", index, color, "dotted", 1.0)
+        where = layout.segment_suffixes[segment] if parameters.segments[segment].name else ""
         legend = 20 * max(0, len(names) - 3)  # px, of more lines
         for signal, curves, lines in (
             (SIGNALS["measured_temperature"], heat, limits),
             (SIGNALS["duty"], duty, ()),
         ):
-            panels.append(signal.panel(curves, limits=lines, height=signal.height + legend))
+            height = signal.height + legend
+            panels.append(signal.panel(curves, where, limits=lines, height=height))
     return panels
+
+
+def motion_panels(motion: Recording | Gait) -> list[Panel]:
+    """Bend angles, temperatures and duty of a limb, or of each of a robot's, and `robot_panels`."""
+
+    def curves(signal: str, row: int, wire: str, color: str) -> list[Curve]:
+        scale = np.rad2deg(1.0) if signal == "bend_angle" else 1.0
+        values = scale * getattr(motion, signal)[row]
+        steps = signal == "duty" and isinstance(motion, Gait)
+        drawn = [Curve(f"{wire}{SIGNALS[signal].symbol}", motion.time, values, color, steps=steps)]
+        if signal == "measured_temperature" and motion.wire_temperature is not None:
+            heat = motion.wire_temperature[row]
+            drawn.append(Curve(f"{wire}T", motion.time, heat, color, "dotted"))
+        return drawn
+
+    highest = np.full(2, motion.parameters.temperature_limits.maximum)
+    limit = Curve("T_max", motion.time[[0, -1]], highest, NEUTRAL_COLOR, width=1.0)
+    return [
+        *robot_panels(motion),
+        *measured_panels(motion.parameters, curves, None, limits=[limit]),
+    ]
+
+
+def robot_panels(motion: Recording | Gait) -> list[Panel]:
+    """What the feet of a robot do, where its body is, and the contact forces, as far as known.
+
+    Nothing for a limb.
+    """
+    robot, time, panels = motion.robot, motion.time, []
+    if robot is None:
+        return []
+    forces, pose = motion.contact_force, motion.body_pose
+    if isinstance(motion, Gait):
+        panels.append(foot_fall_panel(robot, motion.phases, motion.period))
+    elif forces is not None and motion.joint_state is not None and len(time) > 1:
+        panels.append(foot_fall_panel(robot, foot_fall(motion), time[-1]))
+    if pose is not None:
+        in_space, names = len(pose) == 6, ("x", "y", "z", "roll", "pitch", "yaw")
+        shown = [names[:3], names[3:]] if in_space else [["x"], ["pitch"]]
+        rows = dict(zip(names if in_space else ("x", "z", "pitch"), pose, strict=True))
+        for group, unit, scale in zip(shown, ("mm", "°"), (1e3, np.rad2deg(1.0)), strict=True):
+            colors = wire_colors(3) if in_space else [ROLLOUT_COLOR]
+            curves = [
+                Curve(name, time, scale * rows[name], color)
+                for name, color in zip(group, colors, strict=True)
+            ]
+            panels.append(Panel(f"body {', '.join(group)} ({unit})", curves, 190))
+    if forces is not None:
+        of_feet = forces.reshape(len(robot.limbs), -1, len(time))
+        axes = "xz" if robot.force_size == 2 else "xyz"
+        curves = [
+            Curve(f"{limb.name}, {axis}", time, force, color, _DASHES[axis])
+            for limb, color, of_foot in zip(
+                robot.limbs, wire_colors(len(robot.limbs)), of_feet, strict=True
+            )
+            for axis, force in zip(axes, of_foot, strict=True)
+        ]
+        panels.append(Panel("contact force (N)", curves, 230 + 20 * (len(curves) // 6)))
+    return panels
+
+
+def foot_fall_panel(robot: RobotParameters, phases: Sequence[GaitPhase], end: float) -> Panel:
+    """A bar for each foot over time, whose colour says what it does; the first is the lowest.
+
+    Args:
+        robot: the robot whose feet they are.
+        phases: what they do, one phase after the other.
+        end: end of the last phase, s.
+    """
+    ends = [*(phase.start for phase in phases[1:]), end]
+    curves = []
+    for contact, (name, color, width) in _CONTACTS.items():
+        x: list[float] = []
+        y: list[float] = []
+        for number in range(len(robot.limbs)):
+            for phase, until in zip(phases, ends, strict=True):
+                if phase.contacts[number] == contact:
+                    x += [phase.start, until, until]
+                    y += [number, number, np.nan]  # no line to the next
+        if x:
+            curves.append(Curve(name, np.array(x), np.array(y), color, width=width))
+    feet = len(robot.limbs)
+    ticks = {number: limb.name for number, limb in enumerate(robot.limbs)}
+    return Panel("foot", curves, 90 + 32 * feet, y_range=(-0.6, feet - 0.4), y_ticks=ticks)
 
 
 def repetition_panels(

@@ -15,10 +15,11 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.text import Text
 
+from limb_systems.files.gait import Gait
 from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.output import check_picture
-from limb_systems.views.panels import Panel, repetition_panels, tracking_panels
+from limb_systems.views.panels import Panel, motion_panels, repetition_panels, tracking_panels
 
 WIDTH = 6.4  # inches; text of 9 pt can still be read where a phone shows it
 PIXELS = 125  # of a panel's height in an inch
@@ -41,6 +42,11 @@ def plot_tracking(
 ) -> Figure:
     """Fig. 5 as a picture; see `limb_systems.views.panels.tracking_panels`."""
     return draw(tracking_panels(trajectory, recordings), title)
+
+
+def plot_motion(motion: Recording | Gait, title: str = "") -> Figure:
+    """A recording or a gait as a picture; see `limb_systems.views.panels.motion_panels`."""
+    return draw(motion_panels(motion), title)
 
 
 def plot_repetitions(
@@ -144,6 +150,7 @@ def _draw_panel(axis: Axes, panel: Panel) -> None:
             axis.plot(x, y, "o", markersize=2.5 * curve.width, **style)
         else:
             steps = "steps-post" if curve.steps else "default"
+            style["solid_capstyle"] = "butt"  # wide lines are bars
             axis.plot(x, y, linestyle=curve.dash, drawstyle=steps, **style)
         if low_high is not None and curve.marks:
             axis.vlines(x, *low_high, color=curve.color, linewidth=POINTS * 1.5)
@@ -165,6 +172,8 @@ def _draw_panel(axis: Axes, panel: Panel) -> None:
         axis.margins(x=0.0)
     else:
         axis.set_xticks(list(panel.x_ticks), list(panel.x_ticks.values()))
+    if panel.y_ticks is not None:
+        axis.set_yticks(list(panel.y_ticks), list(panel.y_ticks.values()))
 
 
 def _typeset(text: str) -> str:

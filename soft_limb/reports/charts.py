@@ -132,6 +132,9 @@ def draw(
         plot.xaxis.ticker = list(panel.x_ticks)
         plot.xaxis.major_label_overrides = dict(panel.x_ticks)
         plot.x_range.range_padding = 0.1
+    if panel.y_ticks is not None:
+        plot.yaxis.ticker = list(panel.y_ticks)
+        plot.yaxis.major_label_overrides = dict(panel.y_ticks)
     return plot
 
 

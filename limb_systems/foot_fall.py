@@ -1,0 +1,73 @@
+"""What the feet of a robot that walks do, from its motion and its contact forces."""
+
+import itertools
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder
+from scipy.spatial.transform import Rotation
+
+from limb_systems.errors import LimbError
+from limb_systems.files.gait import GaitPhase
+from limb_systems.files.recording import Recording
+from limb_systems.model.robot import make_robot, set_positions
+
+# m/s: Drake's contact lets feet that stick creep by up to 3e-5 m/s, and steps of 1 mm per sample
+# are slow for a foot that slides.
+FASTEST_CREEP = 2e-4
+LIFTED = 0.02  # share of what all feet carry
+
+
+def foot_fall(recording: Recording) -> list[GaitPhase]:
+    """Phases in which no foot changes what it does, from each sample to the next.
+
+    A foot swings where it carries less than 2% of what all feet carry. Else it slides where its
+    point at the ground is faster than 0.2 mm/s, or sticks. It slides forward if it goes towards +x.
+    Friction is not asked, since that of the ground may be another than described.
+
+    Raises:
+        LimbError: if the recording has no joint angles, no pose of the body or no contact forces,
+            or fewer than two samples.
+    """
+    robot, forces = recording.robot, recording.contact_force
+    if robot is None or recording.joint_state is None or forces is None or len(forces[0]) < 2:
+        raise LimbError(
+            "What feet do follows from two or more samples of a robot's joint angles and contact "
+            "forces, which this recording does not have."
+        )
+    velocity = _slip(recording) / np.diff(recording.time)
+    speed = np.linalg.norm(velocity, axis=1)  # (L, K-1)
+    normal = forces.reshape(len(robot.limbs), -1, len(recording.time))[:, -1]
+    load = (normal[:, 1:] + normal[:, :-1]) / 2
+    swings = load <= LIFTED * load.sum(axis=0)
+    slides = np.where(velocity[:, 0] > 0, "slide_forward", "slide_backward")
+    contacts = np.where(swings, "swing", np.where(speed > FASTEST_CREEP, slides, "stick"))
+    starts = zip(recording.time[:-1].tolist(), contacts.T.tolist(), strict=True)
+    return [
+        GaitPhase(next(group)[0], done)
+        for done, group in itertools.groupby(starts, lambda sample: sample[1])
+    ]
+
+
+def _slip(recording: Recording) -> np.ndarray:
+    """How far each foot's point at the ground goes along x and y between samples (L, 2, K-1), m.
+
+    A foot that rolls does not slip: its centre goes as far as it turns.
+    """
+    robot, joint_state = recording.robot, recording.joint_state
+    assert robot is not None
+    assert joint_state is not None
+    builder = DiagramBuilder()  # it keeps the plant
+    plant = make_robot(builder, robot)
+    context = plant.CreateDefaultContext()
+    feet = [plant.GetBodyByName(f"{limb.name}_foot") for limb in robot.limbs]
+    poses = np.empty((len(feet), len(recording.time), 3, 4))
+    for sample, angles in enumerate(joint_state[: len(joint_state) // 2].T):
+        pose = None if recording.body_pose is None else recording.body_pose[:, sample]
+        set_positions(plant, context, robot, pose, angles)
+        for foot, body in enumerate(feet):
+            poses[foot, sample] = plant.EvalBodyPoseInWorld(context, body).GetAsMatrix34()
+    moved = np.diff(poses[..., 3], axis=1)
+    turned = poses[:, 1:, :, :3] @ np.swapaxes(poses[:, :-1, :, :3], -1, -2)
+    turns = Rotation.from_matrix(turned.reshape(-1, 3, 3)).as_rotvec().reshape(moved.shape)
+    slip = moved + np.cross(turns, [0.0, 0.0, -robot.feet.radius])
+    return np.swapaxes(slip[..., :2], 1, 2)
