@@ -388,10 +388,17 @@ class LimbParameters(Strict):
             parameters = cls.from_yaml(text)
         except ParameterError as error:
             raise ParameterError(f"{path}: {error}") from error
-        for index, segment in enumerate(parameters.segments):
-            for oddity in _oddities(segment, f"segments[{index}]"):
-                warnings.warn(f"{path}: {oddity}", stacklevel=2)
+        for oddity in parameters.oddities():
+            warnings.warn(f"{path}: {oddity}", stacklevel=2)
         return parameters
+
+    def oddities(self, where: str = "") -> list[str]:
+        """Sentences on what limbs can be, but hardly are, with this before the names of fields."""
+        return [
+            oddity
+            for index, segment in enumerate(self.segments)
+            for oddity in _oddities(segment, f"{where}segments[{index}]")
+        ]
 
     def save(self, path: str | Path) -> None:
         """Validates, then writes a YAML file whole or not at all."""
@@ -521,7 +528,7 @@ def _validate_mass(segment: SegmentParameters, where: str) -> None:
 
 
 def _oddities(segment: SegmentParameters, where: str) -> list[str]:
-    """What limbs can be, but hardly are."""
+    """Sentences on a segment, for `LimbParameters.oddities`."""
     odd = []
     times_water = _density(segment) / 1000.0
     if not 1 / ODDLY_HEAVY < times_water < ODDLY_HEAVY:

@@ -62,8 +62,8 @@ class Robot(Diagram):
     - output ``contact_force``, if there is a ground: force from the ground on each foot, N, along x
       and z (2L), or along x, y and z (3L) if the body is not planar
     - state: [positions, velocities] of the plant, the body's first, and x (N), V (W) of the wires;
-      by default at rest, at the rest angles, at ambient temperature, with the feet of the
-      straight limbs at the ground
+      by default at rest, at the rest angles, at ambient temperature, with the lowest foot of
+      straight limbs at the ground; limbs that are not alike then first settle
     """
 
     __slots__ = ()  # see limb_systems.model.ownership
@@ -216,9 +216,9 @@ def _check_step(plant: MultibodyPlant, robot: RobotParameters) -> None:
     if (highest := scipy.linalg.eigh(np.diag(excess), mass, eigvals_only=True)[-1]) >= 1.0:
         raise ParameterError(
             f"The limbs are too stiff for their mass and damping to be simulated in steps of "
-            f"{1e3 * step:g} ms: their fastest mode is {highest:.2g} times as stiff as it may be; "
+            f"{1e3 * step:g} ms: their fastest mode is {highest:.2f} times as stiff as it may be; "
             f"give Robot a smaller time_step, or the segments a damping of "
-            f"{0.5 * step * layout.stiffness.max():.2g} N·m·s/rad, if that is possible."
+            f"{0.6 * step * layout.stiffness.max():.2g} N·m·s/rad, if that is possible."
         )
 
 

@@ -4,6 +4,7 @@ import copy
 import dataclasses
 import hashlib
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,7 @@ from limb_systems.schema import SchemaError, Strict, dump_typed, load_typed, qua
 FORMAT = 1  # of the YAML file
 MOUNTS = ("welded", "planar", "free")
 MOST_LIMBS = 20
+FARTHEST = 3.0  # of a hip, in lengths of body and limb
 SQUARE = 1e-6  # largest cosine between directions that are at right angles
 
 
@@ -192,9 +194,13 @@ class RobotParameters(Strict):
         if re.search(r"^segments:", text, re.MULTILINE):
             return cls.of(LimbParameters.load(path))
         try:
-            return cls.from_yaml(text)
+            robot = cls.from_yaml(text)
         except ParameterError as error:
             raise ParameterError(f"{path}: {error}") from error
+        for index, limb in enumerate(robot.limbs):
+            for oddity in limb.parameters.oddities(f"limbs[{index}].parameters."):
+                warnings.warn(f"{path}: {oddity}", stacklevel=2)
+        return robot
 
     @classmethod
     def from_yaml(cls, text: str) -> "RobotParameters":
@@ -253,9 +259,17 @@ class RobotParameters(Strict):
                 f"body.mass is {body.mass:g} kg, {times_water:.0f} times the water that its "
                 "length, width and height hold; is it in grams, or are they not in m?"
             )
-        _validate_vector(self.gravity, "gravity")
+        size = max(body.length, body.width, body.height)
+        if body.moments.max() > body.mass * size**2:
+            raise ParameterError(
+                f"body.inertia is {body.inertia} kg·m², but that of {body.mass:g} kg at the far "
+                f"end of the body would be {body.mass * size**2:.2g} kg·m²; is it in other units?"
+            )
+        self._validate_gravity()
         if not 1 <= len(self.limbs) <= MOST_LIMBS:
-            raise ParameterError(f"limbs has {len(self.limbs)} elements, not 1 to {MOST_LIMBS}.")
+            raise ParameterError(
+                f"limbs has {len(self.limbs)} elements; a robot has 1 to {MOST_LIMBS}."
+            )
         names = [limb.name for limb in self.limbs]
         for index, limb in enumerate(self.limbs):
             where = f"limbs[{index}]"
@@ -281,6 +295,38 @@ class RobotParameters(Strict):
                         f"{where}.parameters.{field} differs from that of limb {names[0]}; the "
                         "limbs of a robot share the air and the limits of heat, so make them equal."
                     )
+
+        lengths = [sum(s.length for s in limb.parameters.segments) for limb in self.limbs]
+        for index, (limb, length) in enumerate(zip(self.limbs, lengths, strict=True)):
+            if (far := np.abs(limb.position).max()) > FARTHEST * (size + length):
+                raise ParameterError(
+                    f"limbs[{index}].position is {limb.position} m, {far:g} m from the middle of "
+                    f"a body of {size:g} m; is it in other units?"
+                )
+        if self.feet.radius > min(lengths) / 2:
+            raise ParameterError(
+                f"feet.radius is {self.feet.radius:g} m, more than half of a limb's length; is it "
+                "in mm?"
+            )
+        carried = body.mass + sum(s.mass for s in self.together.segments)
+        if self.feet.mass > carried:
+            raise ParameterError(
+                f"feet.mass is {self.feet.mass:g} kg, more than all the rest of the robot, which "
+                f"is {carried:g} kg; is it in grams?"
+            )
+
+    def _validate_gravity(self) -> None:
+        _validate_vector(self.gravity, "gravity")
+        if self.ground and self.world_gravity[2] >= 0:
+            raise ParameterError(
+                f"gravity is {self.gravity} m/s², which does not press the robot on its ground; "
+                "its third number must be negative."
+            )
+        if self.body.mount == "planar" and self.gravity[1]:
+            raise ParameterError(
+                f"gravity is {self.gravity} m/s², out of the plane of x and z in which the body "
+                "moves; its second number must be 0."
+            )
 
     def _validate_place(self, limb: RobotLimb, where: str) -> None:
         for name in ("position", "e1", "e2"):
