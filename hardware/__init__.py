@@ -2,6 +2,7 @@
 
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from hardware.emulation.emulator import emulated_port
+from hardware.emulation.robot_twin import RobotTwin
 from hardware.emulation.sensors import SensedLimb
 from hardware.emulation.twin import LimbTwin
 from hardware.replay import ReplayError, replay, watch
@@ -17,6 +18,7 @@ __all__ = [
     "HardwareError",
     "LimbTwin",
     "ReplayError",
+    "RobotTwin",
     "Sample",
     "SensedLimb",
     "SerialLimb",

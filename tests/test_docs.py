@@ -31,10 +31,10 @@ from controllers import (
 )
 from hardware import LimbTwin, SensedLimb, SerialLimb
 from hardware.emulation.continuum import ContinuumLimb, ContinuumSpecimen, WalkingSensors
+from hardware.emulation.lumped import CutOut
 from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
 from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
 from hardware.emulation.specimen import Specimen
-from hardware.emulation.twin import CutOut
 from hardware.emulation.wires import ShapeMemoryWires
 from hardware.live.feed import Feed
 from hardware.robot.journal import Journal

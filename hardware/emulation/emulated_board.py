@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from hardware.emulation.robot_twin import RobotTwin
 from hardware.emulation.sensors import THERMOCOUPLE_NOISE
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import POWER_ON
@@ -48,9 +49,57 @@ class Thermocouple:
     word: int | None = None
 
 
+class RunningTwin:
+    """An emulated limb or robot that is simulated bit by bit, for the boards that are on it."""
+
+    def __init__(self, twin: LimbTwin | RobotTwin):
+        self.twin: Any = twin
+        self._simulator = make_simulator(twin, twin.accuracy)
+        self._context = self._simulator.get_mutable_context()
+        duty = twin.GetInputPort("duty")
+        self.duty = np.zeros(duty.size())  # D (W) of all wires, for boards to set
+        self._input = duty.FixValue(self._context, self.duty)
+        self._begin()
+
+    def part(self, limb: str) -> tuple[Any, slice]:
+        """Parameters and wires of a robot's limb, by name; of all there is if that is empty."""
+        if not limb:
+            return self.twin.parameters, slice(None)
+        robot = self.twin.robot
+        names = [each.name for each in robot.limbs]
+        return robot.limb(limb), robot.wires_of[names.index(limb)]
+
+    def cool(self) -> None:
+        """Brings it back to its initial state: cold and at rest."""
+        self.twin.SetDefaultContext(self._context)
+        self._begin()
+
+    def _begin(self) -> None:
+        self.twin.without_cut_out(self._context)  # the firmware is what switches off
+        self._simulator.Initialize()
+
+    def advance(self, time: float) -> None:
+        """Simulates up to a time, s, since it was made, unless it is there."""
+        if time > self._context.get_time():
+            self._input.GetMutableData().set_value(self.duty)
+            self._simulator.AdvanceTo(time)
+
+    def reading(self, name: str) -> np.ndarray:
+        """The readings at a port."""
+        return self.twin.GetOutputPort(name).Eval(self._context)
+
+    def wire_temperature(self) -> np.ndarray:
+        """T (W), °C, which no board can read."""
+        wires = self.twin.GetSubsystemByName("shape_memory_wires")
+        return wires.GetOutputPort("wire_temperature").Eval(
+            wires.GetMyContextFromRoot(self._context)
+        )
+
+
 class EmulatedBoard:
     """A board for `firmware.Firmware`, with channels and bend angles for all of a limb.
 
+    Or for all limbs of a robot; or for one of them, by name, beside others on boards of their own.
     ``on_duty(duty)`` is called with that of each wire whenever one changes at the pins;
     ``clock()`` is the time, s, along which the limb is simulated.
 
@@ -61,12 +110,17 @@ class EmulatedBoard:
 
     def __init__(
         self,
-        twin: LimbTwin,
+        twin: LimbTwin | RobotTwin | RunningTwin,
         on_duty: Callable[[Sequence[float]], None],
         clock: Callable[[], float] = time.monotonic,
+        limb: str = "",
     ):
+        self._running = twin if isinstance(twin, RunningTwin) else RunningTwin(twin)
+        self._prefix = f"{limb}." if limb else ""
+        self._wires: slice
+        self.parameters, self._wires = self._running.part(limb)
         self.channels, self.angles = (
-            twin.GetOutputPort(name).size() for name in ("measured_temperature", "bend_angle")
+            len(self.reading(name)) for name in ("measured_temperature", "bend_angle")
         )
         if self.channels > MOST_CHANNELS or self.angles > MOST_ANGLES:
             raise LimbError(
@@ -76,15 +130,10 @@ class EmulatedBoard:
         self._clock, self._start = clock, clock()
         self._on_duty = on_duty
         self._duty = [0.0] * self.channels
-        self._twin, limb = twin, twin.parameters
-        self._sensors = [limb.segments[n].bend_sensor for n in Layout(limb).bend_segment]
-        self._simulator = make_simulator(twin, twin.accuracy)
-        self._context = self._simulator.get_mutable_context()
-        twin.without_cut_out(self._context)  # the firmware is what switches off
-        self._input = twin.GetInputPort("duty").FixValue(self._context, self._duty)
-        self._simulator.Initialize()
+        segments = self.parameters.segments
+        self._sensors = [segments[n].bend_sensor for n in Layout(self.parameters).bend_segment]
         self.to_host, self.from_host = bytearray(), bytearray()
-        self.serial_number = twin.specimen.board.serial_number.encode()
+        self.serial_number = self.parameters.board.serial_number.encode()
         self.random = random.SystemRandom().getrandbits(16)
         self.reset_cause, self.remembered = POWER_ON, 0
         self._held = clock()
@@ -114,10 +163,8 @@ class EmulatedBoard:
         self._stopped_at = self.ticks()
 
     def cool(self) -> None:
-        """Brings the limb back to its initial state: cold and at rest."""
-        self._twin.SetDefaultContext(self._context)
-        self._twin.without_cut_out(self._context)
-        self._simulator.Initialize()
+        """Brings the limb, and all that is on the same body, back to the start: cold, at rest."""
+        self._running.cool()
 
     def advance(self) -> None:
         """Simulates the limb up to the last multiple of `LIMB_PERIOD`.
@@ -126,16 +173,15 @@ class EmulatedBoard:
         shorter than the integrator's smallest. Those it makes explicitly, and the limb is
         so stiff that a few of them in a row lead to NaN.
         """
+        self._heat()
         periods = int((self._clock() - self._start) / LIMB_PERIOD + 1e-6)
-        if periods * LIMB_PERIOD > self._context.get_time():
-            self._heat()
-            self._simulator.AdvanceTo(periods * LIMB_PERIOD)
+        self._running.advance(periods * LIMB_PERIOD)
 
     def _heat(self) -> None:
         """Heats the wires by the duty at the pins, and what is wrong with MOSFETs and supply."""
         supplied = self._clock() - self._held < SUPPLY_TIME
         heat = np.where(self.shorted, 1.0, self.heat_share * np.array(self._duty))
-        self._input.GetMutableData().set_value(heat * supplied)
+        self._running.duty[self._wires] = heat * supplied
 
     def ticks(self) -> int:
         now = round(1000 * (self._clock() - self._start))
@@ -150,7 +196,7 @@ class EmulatedBoard:
         self.to_host += data
 
     def read_thermocouple(self, wire: int) -> bytes:
-        room, fault = self._twin.specimen.ambient, self.thermocouples[wire]
+        room, fault = self._running.twin.specimen.ambient, self.thermocouples[wire]
         temperature = self.reading("measured_temperature")[wire]
         if fault.share == 0:
             temperature = random.gauss(room, THERMOCOUPLE_NOISE)
@@ -203,12 +249,9 @@ class EmulatedBoard:
         self.feed()
 
     def reading(self, name: str) -> np.ndarray:
-        """The readings at a port of the twin."""
-        return self._twin.GetOutputPort(name).Eval(self._context)
+        """The readings at a port of the twin, or of its limb on this board."""
+        return self._running.reading(self._prefix + name)
 
     def wire_temperature(self) -> np.ndarray:
         """T (W), °C, which no board can read."""
-        wires = self._twin.GetSubsystemByName("shape_memory_wires")
-        return wires.GetOutputPort("wire_temperature").Eval(
-            wires.GetMyContextFromRoot(self._context)
-        )
+        return self._running.wire_temperature()[self._wires]

@@ -4,6 +4,7 @@ Orders inject faults into board, sensors and cable.
 """
 
 import contextlib
+import functools
 import json
 import os
 import random
@@ -18,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from hardware.emulation.emulated_board import EmulatedBoard
+from hardware.emulation.emulated_board import EmulatedBoard, RunningTwin
+from hardware.emulation.robot_twin import RobotTwin
 from hardware.emulation.sketches import Cable, EmulatedSketch
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware.firmware import PIN_RESET, POWER_ON, WATCHDOG_RESET, Firmware
@@ -131,24 +133,26 @@ class Emulation:
 
     def __init__(
         self,
-        twin: LimbTwin,
+        twin: LimbTwin | RobotTwin | RunningTwin,
         cable: Cable,
         on_event: Callable[..., None] = lambda **_: None,
         clock: Callable[[], float] = time.monotonic,
+        limb: str = "",
     ):
         """
         Args:
-            twin: the limb.
+            twin: the limb, or the robot with all its limbs on the board.
             cable: to the host.
             on_event: called with what happens, as keyword arguments: ``event``,
                 ``time`` (s, of the clock) and more.
             clock: the time, s. With another than the computer's a test need not
                 wait for what takes long.
+            limb: name of the robot's limb that is on the board, if not all are.
         """
         self._cable, self._on_event, self._time = cable, on_event, clock
-        self._wire_names = twin.parameters.wire_names
         self._clock = BoardClock(clock)
-        self.board = EmulatedBoard(twin, self._report_duty, self._clock)
+        self.board = EmulatedBoard(twin, self._report_duty, self._clock, limb)
+        self._wire_names = self.board.parameters.wire_names
         self._lines = BadLine(self._clock), BadLine(self._clock)  # from and to the host
         self._plugged, self._stalled_until = True, self._clock()
         self._recorded = b""
@@ -269,20 +273,25 @@ ORDERS = (
 
 
 def emulate(
-    twin: LimbTwin,
+    twin: LimbTwin | RobotTwin,
     orders: list[str],
     log: Path | None = None,
     make: Callable[..., Emulation | EmulatedSketch] = Emulation,
+    *,
+    limbs: Sequence[str] = (),
 ) -> None:
     """Runs the firmware on an emulated board, or a sketch, until the process is stopped.
 
-    Prints the port to connect to, then carries out orders from standard input.
+    Prints the port to connect to, then carries out orders from standard input. With a board for
+    each limb of a robot it prints NAME=PORT for each, and orders may begin with a limb's name;
+    others are for all boards.
 
     Args:
-        twin: the limb on the board.
+        twin: the limb on the board, or the robot.
         orders: carried out at the start, see `Emulation.misbehave`.
         log: file with a line of JSON for each change of duty and each order.
         make: makes the emulation, of a limb, a cable and a function for events.
+        limbs: names of a robot's limbs that have a board each; one board has all if empty.
 
     Raises:
         LimbError: if an order at the start is not understood.
@@ -293,22 +302,37 @@ def emulate(
             file.write(json.dumps(event) + "\n")
             file.flush()
 
-        cable = PseudoTerminal()
-        emulation = make(twin, cable, note)
+        cables = {limb: PseudoTerminal() for limb in limbs or [""]}
+        if limbs:
+            running = RunningTwin(twin)
+            boards = {
+                limb: make(running, cable, functools.partial(note, limb=limb), limb=limb)
+                for limb, cable in cables.items()
+            }
+        else:
+            boards = {"": make(twin, cables[""], note)}
+
+        def obey(order: str) -> None:
+            name, _, rest = order.strip().partition(" ")
+            for board in [boards[name]] if name in boards else boards.values():
+                board.misbehave(rest if name in boards else order)
+
         for order in orders:
-            emulation.misbehave(order)
-        print(cable.port, flush=True)
+            obey(order)
+        for limb, cable in cables.items():
+            print(f"{limb}={cable.port}" if limb else cable.port, flush=True)
         # Without a buffer, because `select` does not see lines in a buffer.
         source = open(sys.stdin.fileno(), "rb", buffering=0, closefd=False)  # noqa: SIM115
         listening = True
         while True:
-            emulation.step()
+            for board in boards.values():
+                board.step()
             if listening and select.select([source], [], [], 0)[0]:
                 line = source.readline().decode(errors="replace")
                 listening = bool(line)
                 try:
                     if line.strip():
-                        emulation.misbehave(line)
+                        obey(line)
                 except LimbError as error:
                     print(f"error: {error}", file=sys.stderr)
             time.sleep(TURN)

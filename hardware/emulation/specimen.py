@@ -31,7 +31,7 @@ import copy
 import dataclasses
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -178,6 +178,7 @@ class Specimen:
     - ``effects``, ``extra_effects``: effects that can be taken out, and added on request.
     """
 
+    kind: type[Any] = LimbParameters  # of description
     physics = "lumped"
     rest_period = 1.0
     effects: tuple[str, ...] = EFFECTS + SPACE_EFFECTS
@@ -264,14 +265,14 @@ class Specimen:
         }
 
     @classmethod
-    def of(cls, board: EmulatedLimb) -> "Specimen":
+    def of(cls, board: EmulatedLimb) -> Self:
         """The limb with an identity, unused.
 
         Raises:
             LimbError: if the identity is invalid.
         """
         text = board.description
-        description = LimbParameters.from_yaml(text) if text else LimbParameters()
+        description = cls.kind.from_yaml(text) if text else cls.kind()
         specimen = cls(description, board.seed, board.extra).without(*board.absent)
         return specimen.disturbed(**dict(map(_disturbance, board.disturbances)))
 
@@ -284,7 +285,17 @@ class Specimen:
             self.seed, self._drawn_around, absent, extra, changes, physics=self.physics
         )
 
-    def without(self, *effects: str) -> "Specimen":
+    @property
+    def label(self) -> str:
+        """Text that names it among those of its kind: the seed, and what is special about it."""
+        names = [f"seed {self.seed}", *(f"with {name}" for name in self.extra)]
+        names += [f"without {name}" for name in self.absent]
+        names += [f"{name} changed by {value:.4g}" for name, value in self.disturbances.items()]
+        names += ["not the calibrated one"] * self.around_calibrated
+        names += [f"physics {self.physics}"] * (self.physics != "lumped")
+        return ", ".join(names)
+
+    def without(self, *effects: str) -> Self:
         """This limb in its present state and with the same noise, without some of its effects.
 
         Args:
@@ -320,14 +331,14 @@ class Specimen:
         specimen.absent += effects
         return specimen
 
-    def with_noise(self, *numbers: int) -> "Specimen":
+    def with_noise(self, *numbers: int) -> Self:
         """This limb in its present state, with other noise of its sensors for other numbers."""
         specimen = copy.copy(self)
         specimen.noise = Noise(np.random.default_rng([self.seed, *numbers]))
         specimen.state = self.state | {"draws": np.zeros(1)} if self.state else {}
         return copy.deepcopy(specimen)
 
-    def disturbed(self, **changes: float) -> "Specimen":
+    def disturbed(self, **changes: float) -> Self:
         """This limb in its present state and with the same noise, after something has changed.
 
         It has rested in the change: its temperatures move with the room, and its joints with

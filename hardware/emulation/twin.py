@@ -6,34 +6,17 @@ from pathlib import Path
 
 import numpy as np
 from pydrake import trajectories
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import Adder, Demultiplexer, LinearSystem, Multiplexer
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from hardware.emulation.continuum import PERIOD as CONTINUUM_PERIOD
 from hardware.emulation.continuum import ContinuumLimb, ContinuumSpecimen, WalkingSensors
-from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
-from hardware.emulation.sensors import (
-    THERMOCOUPLE_PERIOD,
-    ExactBend,
-    SampledSensors,
-    limb_sensors,
-    rolled,
-)
-from hardware.emulation.specimen import SegmentPhysics, Specimen, emulated_limb
-from hardware.emulation.wires import LONGEST_STEP, ShapeMemoryWires
-from hardware.firmware import guard
-from limb_systems import (
-    Layout,
-    LimbError,
-    LimbParameters,
-    ThermocoupleLag,
-    make_manipulator,
-)
-from limb_systems.model.ownership import weak_method
+from hardware.emulation.lumped import CutOut, add_physics
+from hardware.emulation.specimen import Specimen, emulated_limb
+from hardware.emulation.wires import LONGEST_STEP
+from limb_systems import Layout, LimbError, LimbParameters, make_manipulator
 from limb_systems.simulation import PERIOD, make_simulator
 
 SPECIMENS = {specimen.physics: specimen for specimen in (Specimen, ContinuumSpecimen)}
-SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
 # Accuracy of simulations in space: the least step at 1e-2 is too long for the stiffest modes of
 # limbs that twist, have many links or are let go, in which one limb in four got lost.
 SPACE_ACCURACY = 1e-3
@@ -132,103 +115,25 @@ class LimbTwin(Diagram):
                 f"The hand moves {hand.rows()} bend angles, but the limb has {layout.num_bends}; "
                 "give a trajectory with a row for each."
             )
-        names = [f"with {name}" for name in specimen.extra]
-        names += [f"without {name}" for name in specimen.absent]
-        names += [f"{name} changed by {value:.4g}" for name, value in specimen.disturbances.items()]
-        names += ["not the calibrated one"] * specimen.around_calibrated
-        names += [f"physics {specimen.physics}"] * (specimen.physics != "lumped")
-        self.source = ", ".join([f"emulated limb, seed {specimen.seed}", *names])
+        self.source = f"emulated limb, {specimen.label}"
         if isinstance(specimen, ContinuumSpecimen):
             self._build_continuum(specimen, hand, bend_rate, wire_period, truth)
             return
-        mechanics, num_joints = specimen.mechanics(), layout.num_joints
-
         builder = DiagramBuilder()
-        wires = builder.AddSystem(ShapeMemoryWires(specimen, wire_period))
-        rubber = builder.AddSystem(EmulatedRubber(specimen))
-        manipulator = builder.AddSystem(make_manipulator(mechanics))
-        room = np.full(len(specimen.wires), specimen.ambient)
-        lag = builder.AddSystem(ThermocoupleLag(mechanics))
-        lag.configure_default_state(specimen.state.get("measured", room))
-        bend_angle = builder.AddSystem(ExactBend(self.parameters))
-        split = builder.AddSystem(Demultiplexer([num_joints, num_joints]))
-        one = np.eye(num_joints)
-        rate = one / max(SMOOTHING_TIME, wire_period / 2)
-        smooth = builder.AddSystem(LinearSystem(-rate, rate, one, 0 * one))
-        builder.Connect(wires.GetOutputPort("generalized_force"), smooth.get_input_port())
-        forces = [smooth.get_output_port(), split.get_output_port(0)]
-        joint_state = manipulator.get_state_output_port()
-        if hand is not None:
-            holding = builder.AddSystem(Hand(self.parameters, hand))
-            builder.Connect(joint_state, holding.get_input_port())
-            forces.append(holding.get_output_port())
-        if remembers := any(segment.memory_share for segment in specimen.segments):
-            rest = builder.AddSystem(RestShift(specimen, wire_period))
-            builder.Connect(wires.GetOutputPort("state"), rest.get_input_port())
-            forces.append(rest.GetOutputPort("generalized_force"))
-        total = builder.AddSystem(Adder(len(forces), num_joints))
-        cut_out = builder.AddSystem(CutOut(len(specimen.wires), wire_period))
-
-        builder.ExportInput(cut_out.GetInputPort("duty"), "duty")
-        builder.Connect(cut_out.GetOutputPort("duty"), wires.GetInputPort("duty"))
-        builder.Connect(joint_state, wires.GetInputPort("joint_state"))
-        builder.Connect(joint_state, rubber.get_input_port())
-        builder.Connect(joint_state, bend_angle.get_input_port())
-        builder.Connect(rubber.get_output_port(), split.get_input_port())
-        builder.Connect(wires.GetOutputPort("wire_temperature"), lag.get_input_port())
-        for index, force in enumerate(forces):
-            builder.Connect(force, total.get_input_port(index))
-        builder.Connect(
-            total.get_output_port(), manipulator.get_applied_generalized_force_input_port()
+        manipulator = builder.AddSystem(make_manipulator(specimen.mechanics()))
+        angles = specimen.state.get("joints", specimen.rest_angles())[: layout.num_joints]
+        manipulator.SetDefaultPositions(angles)
+        _, duty = add_physics(
+            builder,
+            specimen,
+            manipulator.get_state_output_port(),
+            manipulator.get_applied_generalized_force_input_port(),
+            hand=hand,
+            bend_rate=bend_rate,
+            wire_period=wire_period,
+            truth=truth,
         )
-        state = specimen.state
-        (draws,) = state.get("draws", [0.0])
-        drawn = specimen.segments
-        readings = limb_sensors(
-            self.parameters,
-            bend_rate,
-            max(THERMOCOUPLE_PERIOD, wire_period),
-            bend_response=lambda exact: np.concatenate(
-                [_shown(s, exact[of]) for s, of in zip(drawn, layout.bends_of, strict=True)]
-            ),
-            bend_noise=[drawn[number].sensor_noise for number in layout.bend_segment],
-            bend_drift=[drawn[number].sensor_drift for number in layout.bend_segment],
-        )
-        sensors = builder.AddSystem(SampledSensors(readings, specimen.noise, int(draws)))
-        builder.Connect(lag.get_output_port(), sensors.GetInputPort("measured_temperature"))
-        builder.Connect(bend_angle.get_output_port(), sensors.GetInputPort("bend_angle"))
-        measured = sensors.GetOutputPort("measured_temperature")
-        builder.Connect(measured, cut_out.GetInputPort("measured_temperature"))
-        for name, system in (
-            ("measured_temperature", sensors),
-            ("bend_angle", sensors),
-            ("applied_duty", wires),
-            ("measurement", sensors),
-            ("cut_out", cut_out),
-        ):
-            builder.ExportOutput(system.GetOutputPort(name), name)
-        if truth:
-            builder.ExportOutput(wires.GetOutputPort("wire_temperature"), "wire_temperature")
-            builder.ExportOutput(joint_state, "joint_state")
-        parts = {
-            "joints": joint_state,
-            "wires": wires.GetOutputPort("state"),
-            "rubber": split.get_output_port(1),
-            "measured": lag.get_output_port(),
-            "smooth": smooth.get_output_port(),
-            "draws": sensors.GetOutputPort("draws"),
-        }
-        if remembers:
-            parts["rest"] = rest.GetOutputPort("state")
-        sizes = {name: port.size() for name, port in parts.items()}
-        together = builder.AddNamedSystem("memory_inputs", Multiplexer(list(sizes.values())))
-        for index, port in enumerate(parts.values()):
-            builder.Connect(port, together.get_input_port(index))
-        memory = builder.AddSystem(_Memory(specimen, sizes))
-        builder.Connect(together.get_output_port(), memory.get_input_port())
-
-        manipulator.SetDefaultPositions(state.get("joints", specimen.rest_angles())[:num_joints])
-        smooth.configure_default_state(state.get("smooth", np.zeros(num_joints)))
+        builder.ExportInput(duty, "duty")
         builder.BuildInto(self)
         self.set_name("limb_twin")
 
@@ -338,91 +243,3 @@ def _specimens(physics: str) -> type[Specimen]:
     if physics not in SPECIMENS:
         raise LimbError(f"{physics!r} is not one of the physics {', '.join(SPECIMENS)}.")
     return SPECIMENS[physics]
-
-
-class CutOut(LeafSystem):
-    """Switches all heaters off once a wire is measured at the limit of the board.
-
-    They stay off until the end of the simulation. A board also reduces the duty before
-    that, which this does not.
-
-    - input 0 ``duty``: D (W), as commanded
-    - input 1 ``measured_temperature``: V (W), °C
-    - output 0 ``duty``: D (W), zero once it has cut out
-    - output 1 ``cut_out``: 1 if it has, else 0
-    - state, discrete: the same
-    - parameter: the limit, °C; that of the board's firmware
-    """
-
-    __slots__ = ()  # see limb_systems.model.ownership
-
-    def __init__(self, num_wires: int, period: float):
-        """
-        Args:
-            num_wires: W.
-            period: s, after which it looks again.
-        """
-        super().__init__()
-        state = self.DeclareDiscreteState(1)
-        self.DeclareNumericParameter(BasicVector([guard.TEMPERATURE_LIMIT]))
-        duty = self.DeclareVectorInputPort("duty", num_wires)
-        self.DeclareVectorInputPort("measured_temperature", num_wires)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weak_method(self._look))
-        tickets = {self.discrete_state_ticket(state)}
-        self.DeclareVectorOutputPort(
-            "duty",
-            num_wires,
-            weak_method(self._calc),
-            tickets | {self.input_port_ticket(duty.get_index())},
-        )
-        self.DeclareStateOutputPort("cut_out", state)
-        self.set_name("heater_cut_out")
-
-    def _look(self, context, discrete_state):
-        limit = context.get_numeric_parameter(0)[0]
-        if (self.GetInputPort("measured_temperature").Eval(context) >= limit).any():
-            discrete_state.set_value([1.0])
-
-    def _calc(self, context, output):
-        is_cut_out = context.get_discrete_state_vector()[0]
-        duty = self.GetInputPort("duty").Eval(context)
-        output.SetFromVector(0 * duty if is_cut_out else duty)
-
-
-class _Memory(LeafSystem):
-    """Keeps the state of the parts in their specimen, for limbs that are made from it later.
-
-    Its input is the state of the parts one after the other, because each port that
-    is read takes time in every step. Nothing in this diagram reads the kept state, so
-    simulations of two copies of its Context do not affect each other. A later limb
-    starts from the state of the last run.
-    """
-
-    __slots__ = ()  # see limb_systems.model.ownership
-
-    def __init__(self, specimen: Specimen, sizes: dict[str, int]):
-        super().__init__()
-        self._specimen = specimen
-        ends = np.cumsum(list(sizes.values())).tolist()
-        self._parts = {
-            name: slice(end - size, end)
-            for (name, size), end in zip(sizes.items(), ends, strict=True)
-        }
-        self.DeclareVectorInputPort("state", ends[-1])
-        self.DeclarePerStepPublishEvent(weak_method(self._remember))
-        self.set_name("memory")
-
-    def _remember(self, context):
-        state = self.get_input_port(0).Eval(context)
-        self._specimen.state = {name: state[part] for name, part in self._parts.items()}
-
-
-def _shown(segment: SegmentPhysics, exact: np.ndarray) -> np.ndarray:
-    """What a segment's bend sensor shows where an exact one would show (axes,), rad."""
-    gain, curvature, offset = np.array([
-        (segment.sensor_gain, segment.sensor_gain_e3),
-        (segment.sensor_curvature, segment.sensor_curvature_e3),
-        (segment.sensor_offset, segment.sensor_offset_e3),
-    ])[:, : len(exact)]  # fmt: skip
-    angle = rolled(exact, segment.sensor_roll)
-    return gain * angle * (1 + curvature / (np.pi / 4) * angle) + offset

@@ -1,5 +1,6 @@
 """Robots of several limbs, on a ground or without one, as one Drake diagram."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,14 @@ from pydrake.multibody.plant import (
     MultibodyPlant,
 )
 from pydrake.multibody.tree import FixedOffsetFrame, PlanarJoint, RevoluteJoint, RevoluteSpring
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    LeafSystem,
+    OutputPort,
+    System,
+)
 from pydrake.systems.primitives import MatrixGain, Multiplexer
 
 from limb_systems.model.kinematics import rest_joint_angles
@@ -97,7 +105,7 @@ class Robot(Diagram):
         plant = make_robot(builder, robot, time_step)
         duty = builder.AddSystem(DutyOfLimbs(robot))
         heating, lag, torque_map = map(builder.AddSystem, make_blocks(parameters))
-        select, spread = _joint_maps(plant, robot)
+        select, spread = joint_maps(plant, robot)
         joint_state = builder.AddSystem(MatrixGain(select))
         force = builder.AddSystem(MatrixGain(spread))
         bend = builder.AddNamedSystem(
@@ -132,15 +140,11 @@ class Robot(Diagram):
         builder.ExportOutput(temperature.get_output_port(), "wire_temperature")
         builder.ExportOutput(joint_state.get_output_port(), "joint_state")
         builder.ExportOutput(measurement.get_output_port(), "measurement")
-        for limb, wires, bends in zip(robot.limbs, robot.wires_of, robot.bends_of, strict=True):
-            for signal, source, part in (
-                ("measured_temperature", lag, np.eye(num_wires)[wires]),
-                ("bend_angle", bend, np.eye(num_bends)[bends]),
-            ):
-                of_limb = builder.AddSystem(MatrixGain(part))
-                builder.Connect(source.get_output_port(), of_limb.get_input_port())
-                builder.ExportOutput(of_limb.get_output_port(), f"{limb.name}.{signal}")
-        export_body(builder, plant, robot)
+        signals = {"measured_temperature": lag, "bend_angle": bend}
+        export_limbs(builder, robot, {name: s.get_output_port() for name, s in signals.items()})
+        if pose := body_pose_port(builder, plant, robot):
+            builder.ExportOutput(pose, "body_pose")
+        export_contact_force(builder, plant, robot)
         builder.BuildInto(self)
         self.set_name(name)
 
@@ -308,17 +312,38 @@ def set_positions(
     plant.SetPositions(context, positions)
 
 
-def export_body(builder: DiagramBuilder, plant: MultibodyPlant, robot: RobotParameters) -> None:
-    """Exports the output ports ``body_pose`` and ``contact_force``, as far as there are any."""
+def export_limbs(
+    builder: DiagramBuilder, robot: RobotParameters, ports: Mapping[str, OutputPort]
+) -> None:
+    """Exports what is each limb's of ``measured_temperature`` and ``bend_angle``, by its name."""
+    parts_of = {"measured_temperature": robot.wires_of, "bend_angle": robot.bends_of}
+    for number, limb in enumerate(robot.limbs):
+        for signal, parts in parts_of.items():
+            of_limb = builder.AddSystem(MatrixGain(np.eye(ports[signal].size())[parts[number]]))
+            builder.Connect(ports[signal], of_limb.get_input_port())
+            builder.ExportOutput(of_limb.get_output_port(), f"{limb.name}.{signal}")
+
+
+def body_pose_port(
+    builder: DiagramBuilder, plant: MultibodyPlant, robot: RobotParameters
+) -> OutputPort | None:
+    """The pose of the body, as the port ``body_pose`` of `Robot`; None if it is welded."""
     size = plant.num_multibody_states()
-    pose: System | None = None
-    if robot.body.mount == "planar":
-        pose = builder.AddSystem(MatrixGain(np.eye(3, size)))
-    elif robot.body.mount == "free":
-        pose = builder.AddSystem(VectorFunction(_pose_in_space, [size], 6))
-    if pose:
-        builder.Connect(plant.get_state_output_port(), pose.get_input_port(0))
-        builder.ExportOutput(pose.get_output_port(), "body_pose")
+    if robot.body.mount == "welded":
+        return None
+    pose: System = builder.AddSystem(
+        MatrixGain(np.eye(3, size))
+        if robot.body.mount == "planar"
+        else VectorFunction(_pose_in_space, [size], 6)
+    )
+    builder.Connect(plant.get_state_output_port(), pose.get_input_port(0))
+    return pose.get_output_port(0)
+
+
+def export_contact_force(
+    builder: DiagramBuilder, plant: MultibodyPlant, robot: RobotParameters
+) -> None:
+    """Exports the output port ``contact_force``, if there is a ground."""
     if robot.ground:
         forces = builder.AddSystem(FootForces(plant, robot))
         builder.Connect(plant.get_contact_results_output_port(), forces.get_input_port())
@@ -399,7 +424,7 @@ class DutyOfLimbs(LeafSystem):
         output.SetFromVector(duty)
 
 
-def _joint_maps(plant: MultibodyPlant, robot: RobotParameters) -> tuple[np.ndarray, np.ndarray]:
+def joint_maps(plant: MultibodyPlant, robot: RobotParameters) -> tuple[np.ndarray, np.ndarray]:
     """Matrices from the plant's state to [θ, θ̇], and from torques of the joints to its forces."""
     joints, positions = limb_joints(plant, robot), plant.num_positions()
     n, size = len(joints), plant.num_multibody_states()

@@ -342,9 +342,9 @@ def test_a_limb_that_is_measured_too_hot_cuts_out_until_its_next_use():
 def test_an_emulated_board_s_limb_leaves_the_cut_out_to_the_firmware():
     """With a shorted MOSFET the wire gets hotter than any limit."""
     board = SimulatedBoard(LimbTwin(seed=0)).emulation.board
-    for _ in ("new", "cooled"):
-        board._input.GetMutableData().set_value([0.0, 1.0])
-        board._simulator.AdvanceTo(board._context.get_time() + 12.0)
+    for end in (12.0, 24.0):  # new and cooled
+        board._running.duty[:] = [0.0, 1.0]
+        board._running.advance(end)
         assert board.wire_temperature()[1] > 130.0
         board.cool()
 

@@ -1,0 +1,250 @@
+"""The lumped physics of emulated limbs and robots: all but the mechanics that their joints turn."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+import numpy as np
+from pydrake import trajectories
+from pydrake.systems.framework import (
+    BasicVector,
+    DiagramBuilder,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+)
+from pydrake.systems.primitives import (
+    Adder,
+    Demultiplexer,
+    LinearSystem,
+    MatrixGain,
+    Multiplexer,
+)
+
+from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
+from hardware.emulation.sensors import (
+    THERMOCOUPLE_PERIOD,
+    ExactBend,
+    SampledSensors,
+    camera,
+    limb_sensors,
+    rolled,
+)
+from hardware.emulation.specimen import SegmentPhysics, Specimen
+from hardware.emulation.wires import ShapeMemoryWires
+from hardware.firmware import guard
+from limb_systems import Layout, ThermocoupleLag
+from limb_systems.model.ownership import weak_method
+
+SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed
+
+
+def add_physics(
+    builder: DiagramBuilder,
+    specimen: Specimen,
+    joint_state: OutputPort,
+    force: InputPort,
+    *,
+    bend_rate: float,
+    wire_period: float,
+    truth: bool,
+    hand: trajectories.Trajectory | None = None,
+    body_pose: OutputPort | None = None,
+    memory: Mapping[str, OutputPort] = MappingProxyType({}),
+) -> tuple[dict[str, OutputPort], InputPort]:
+    """Adds wires, rubber, sensors and cut-out about mechanics, and exports the ports of a limb.
+
+    Args:
+        builder: of the diagram that has the mechanics.
+        specimen: the limb, or all limbs of a robot together. Its ``state`` is kept up to date.
+        joint_state: [θ, θ̇] (2n) of the mechanics, rad and rad/s.
+        force: torques on its joints (n), N·m.
+        bend_rate, wire_period, truth, hand: as for `LimbTwin`.
+        body_pose: pose of a robot's body, which a camera sees.
+        memory: what else the specimen's state keeps, by name.
+
+    Returns:
+        Output ports by name, and the input port of the duty, which is neither connected nor
+        exported.
+    """
+    parameters, state = specimen.description, specimen.state
+    layout = Layout(parameters)
+    num_wires, num_joints = layout.num_wires, layout.num_joints
+    wires = builder.AddSystem(ShapeMemoryWires(specimen, wire_period))
+    rubber = builder.AddSystem(EmulatedRubber(specimen))
+    lag = builder.AddSystem(ThermocoupleLag(specimen.mechanics()))
+    lag.configure_default_state(state.get("measured", np.full(num_wires, specimen.ambient)))
+    bend_angle = builder.AddSystem(ExactBend(parameters))
+    split = builder.AddSystem(Demultiplexer([num_joints, num_joints]))
+    one = np.eye(num_joints)
+    rate = one / max(SMOOTHING_TIME, wire_period / 2)
+    smooth = builder.AddSystem(LinearSystem(-rate, rate, one, 0 * one))
+    smooth.configure_default_state(state.get("smooth", np.zeros(num_joints)))
+    builder.Connect(wires.GetOutputPort("generalized_force"), smooth.get_input_port())
+    forces = [smooth.get_output_port(), split.get_output_port(0)]
+    if hand is not None:
+        holding = builder.AddSystem(Hand(parameters, hand))
+        builder.Connect(joint_state, holding.get_input_port())
+        forces.append(holding.get_output_port())
+    if remembers := any(segment.memory_share for segment in specimen.segments):
+        rest = builder.AddSystem(RestShift(specimen, wire_period))
+        builder.Connect(wires.GetOutputPort("state"), rest.get_input_port())
+        forces.append(rest.GetOutputPort("generalized_force"))
+    total = builder.AddSystem(Adder(len(forces), num_joints))
+    cut_out = builder.AddSystem(CutOut(num_wires, wire_period))
+    drawn = specimen.segments
+    readings = limb_sensors(
+        parameters,
+        bend_rate,
+        max(THERMOCOUPLE_PERIOD, wire_period),
+        bend_response=lambda exact: np.concatenate(
+            [_shown(s, exact[of]) for s, of in zip(drawn, layout.bends_of, strict=True)]
+        ),
+        bend_noise=[drawn[number].sensor_noise for number in layout.bend_segment],
+        bend_drift=[drawn[number].sensor_drift for number in layout.bend_segment],
+    )
+    if body_pose:
+        readings.append(camera(body_pose.size()))
+    (draws,) = state.get("draws", [0.0])
+    sensors = builder.AddSystem(SampledSensors(readings, specimen.noise, int(draws)))
+    num_readings = num_wires + layout.num_bends  # without the camera's
+    measurement = builder.AddSystem(
+        MatrixGain(np.eye(num_readings, sensors.GetOutputPort("measurement").size()))
+    )
+
+    builder.Connect(cut_out.GetOutputPort("duty"), wires.GetInputPort("duty"))
+    builder.Connect(joint_state, wires.GetInputPort("joint_state"))
+    builder.Connect(joint_state, rubber.get_input_port())
+    builder.Connect(joint_state, bend_angle.get_input_port())
+    builder.Connect(rubber.get_output_port(), split.get_input_port())
+    builder.Connect(wires.GetOutputPort("wire_temperature"), lag.get_input_port())
+    for index, port in enumerate(forces):
+        builder.Connect(port, total.get_input_port(index))
+    builder.Connect(total.get_output_port(), force)
+    builder.Connect(lag.get_output_port(), sensors.GetInputPort("measured_temperature"))
+    builder.Connect(bend_angle.get_output_port(), sensors.GetInputPort("bend_angle"))
+    if body_pose:
+        builder.Connect(body_pose, sensors.GetInputPort("body_pose"))
+    builder.Connect(sensors.GetOutputPort("measurement"), measurement.get_input_port())
+    measured = sensors.GetOutputPort("measured_temperature")
+    builder.Connect(measured, cut_out.GetInputPort("measured_temperature"))
+    ports = {
+        "measured_temperature": measured,
+        "bend_angle": sensors.GetOutputPort("bend_angle"),
+        "applied_duty": wires.GetOutputPort("applied_duty"),
+        "measurement": measurement.get_output_port(),
+        "cut_out": cut_out.GetOutputPort("cut_out"),
+    }
+    if truth:
+        ports["wire_temperature"] = wires.GetOutputPort("wire_temperature")
+        ports["joint_state"] = joint_state
+    if body_pose:
+        ports["body_pose"] = sensors.GetOutputPort("body_pose")
+    for name, port in ports.items():
+        builder.ExportOutput(port, name)
+
+    parts = {
+        "joints": joint_state,
+        "wires": wires.GetOutputPort("state"),
+        "rubber": split.get_output_port(1),
+        "measured": lag.get_output_port(),
+        "smooth": smooth.get_output_port(),
+        "draws": sensors.GetOutputPort("draws"),
+        **memory,
+    }
+    if remembers:
+        parts["rest"] = rest.GetOutputPort("state")
+    sizes = {name: port.size() for name, port in parts.items()}
+    joined = builder.AddNamedSystem("memory_inputs", Multiplexer(list(sizes.values())))
+    for index, port in enumerate(parts.values()):
+        builder.Connect(port, joined.get_input_port(index))
+    keeper = builder.AddSystem(_Memory(specimen, sizes))
+    builder.Connect(joined.get_output_port(), keeper.get_input_port())
+    return ports, cut_out.GetInputPort("duty")
+
+
+class CutOut(LeafSystem):
+    """Switches all heaters off once a wire is measured at the limit of the board.
+
+    They stay off until the end of the simulation. A board also reduces the duty before
+    that, which this does not.
+
+    - input 0 ``duty``: D (W), as commanded
+    - input 1 ``measured_temperature``: V (W), °C
+    - output 0 ``duty``: D (W), zero once it has cut out
+    - output 1 ``cut_out``: 1 if it has, else 0
+    - state, discrete: the same
+    - parameter: the limit, °C; that of the board's firmware
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, num_wires: int, period: float):
+        """
+        Args:
+            num_wires: W.
+            period: s, after which it looks again.
+        """
+        super().__init__()
+        state = self.DeclareDiscreteState(1)
+        self.DeclareNumericParameter(BasicVector([guard.TEMPERATURE_LIMIT]))
+        duty = self.DeclareVectorInputPort("duty", num_wires)
+        self.DeclareVectorInputPort("measured_temperature", num_wires)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, weak_method(self._look))
+        tickets = {self.discrete_state_ticket(state)}
+        self.DeclareVectorOutputPort(
+            "duty",
+            num_wires,
+            weak_method(self._calc),
+            tickets | {self.input_port_ticket(duty.get_index())},
+        )
+        self.DeclareStateOutputPort("cut_out", state)
+        self.set_name("heater_cut_out")
+
+    def _look(self, context, discrete_state):
+        limit = context.get_numeric_parameter(0)[0]
+        if (self.GetInputPort("measured_temperature").Eval(context) >= limit).any():
+            discrete_state.set_value([1.0])
+
+    def _calc(self, context, output):
+        is_cut_out = context.get_discrete_state_vector()[0]
+        duty = self.GetInputPort("duty").Eval(context)
+        output.SetFromVector(0 * duty if is_cut_out else duty)
+
+
+class _Memory(LeafSystem):
+    """Keeps the state of the parts in their specimen, for limbs that are made from it later.
+
+    Its input is the state of the parts one after the other, because each port that
+    is read takes time in every step. Nothing in this diagram reads the kept state, so
+    simulations of two copies of its Context do not affect each other. A later limb
+    starts from the state of the last run.
+    """
+
+    __slots__ = ()  # see limb_systems.model.ownership
+
+    def __init__(self, specimen: Specimen, sizes: dict[str, int]):
+        super().__init__()
+        self._specimen = specimen
+        ends = np.cumsum(list(sizes.values())).tolist()
+        self._parts = {
+            name: slice(end - size, end)
+            for (name, size), end in zip(sizes.items(), ends, strict=True)
+        }
+        self.DeclareVectorInputPort("state", ends[-1])
+        self.DeclarePerStepPublishEvent(weak_method(self._remember))
+        self.set_name("memory")
+
+    def _remember(self, context):
+        state = self.get_input_port(0).Eval(context)
+        self._specimen.state = {name: state[part] for name, part in self._parts.items()}
+
+
+def _shown(segment: SegmentPhysics, exact: np.ndarray) -> np.ndarray:
+    """What a segment's bend sensor shows where an exact one would show (axes,), rad."""
+    gain, curvature, offset = np.array([
+        (segment.sensor_gain, segment.sensor_gain_e3),
+        (segment.sensor_curvature, segment.sensor_curvature_e3),
+        (segment.sensor_offset, segment.sensor_offset_e3),
+    ])[:, : len(exact)]  # fmt: skip
+    angle = rolled(exact, segment.sensor_roll)
+    return gain * angle * (1 + curvature / (np.pi / 4) * angle) + offset
