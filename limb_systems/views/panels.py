@@ -29,7 +29,7 @@ from limb_systems.views.colors import (
 )
 
 # What a foot may do: in words, in colour, and how wide its bar is, px.
-_CONTACTS = {
+CONTACTS = {
     "stick": ("sticks", "#5b6b8c", 18.0),
     "slide_forward": ("slides forward", "#2f9e6e", 18.0),
     "slide_backward": ("slides backward", "#d83a4e", 18.0),
@@ -333,7 +333,7 @@ def foot_fall_panel(robot: RobotParameters, phases: Sequence[GaitPhase], end: fl
     """
     ends = [*(phase.start for phase in phases[1:]), end]
     curves = []
-    for contact, (name, color, width) in _CONTACTS.items():
+    for contact, (name, color, width) in CONTACTS.items():
         x: list[float] = []
         y: list[float] = []
         for number in range(len(robot.limbs)):

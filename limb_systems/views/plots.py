@@ -67,7 +67,7 @@ def draw(panels: Sequence[Panel], title: str = "") -> Figure:
     axes = figure.subplots(len(panels), 1, squeeze=False, height_ratios=heights)[:, 0]
     shared: dict[str, Axes] = {}
     for axis, panel, below in zip(axes, panels, [*panels[1:], None], strict=True):
-        _draw_panel(axis, panel)
+        draw_panel(axis, panel)
         if (first := shared.setdefault(panel.x_label, axis)) is not axis:
             axis.sharex(first)
         if below is not None and below.x_label == panel.x_label:
@@ -133,7 +133,8 @@ def _in_a_column(figure: Figure) -> Figure:
     return figure
 
 
-def _draw_panel(axis: Axes, panel: Panel) -> None:
+def draw_panel(axis: Axes, panel: Panel) -> None:
+    """Draws a panel's curves and limits; `dress` adds the legend."""
     named: set[str] = set()
     for curve in [*panel.curves, *panel.limits]:
         x, y, band = np.asarray(curve.x), np.asarray(curve.y), curve.band
