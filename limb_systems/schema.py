@@ -245,8 +245,7 @@ def _convert_number(data: Any, schema: type, path: str, metadata: typing.Mapping
     if "range" in metadata:
         low, high = metadata["range"]
         valid = valid and low <= number <= high  # NaN is not
-        range_ = f" from {low:g} to {high:g} {metadata['unit']}".rstrip()
-        expected = f"{low:g}" if low == high else expected + range_
+        expected += f" from {low:g} to {high:g} {metadata['unit']}".rstrip()
     if not valid:
         given = data if number is None else number
         raise SchemaError(f"{path} is {shown(given)}; it must be {expected}.")
