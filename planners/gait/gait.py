@@ -11,7 +11,7 @@ from pydrake.solvers import IpoptSolver, SolverOptions
 from limb_systems import Gait, GaitCheck, GaitPhase, RobotParameters
 from planners.gait.planar_robot import POSE
 from planners.gait.program import GaitProgram
-from planners.gait.schedules import sensible_schedules
+from planners.gait.schedules import check_schedule, sensible_schedules
 from planners.gait.standing import Standing
 from planners.transcription.ipopt import ExactHessianIpoptSolver
 from planners.transcription.solving import PlanningError
@@ -46,6 +46,7 @@ def plan_gait(
     """
     robot = RobotParameters.of(robot)
     schedule = schedule or sensible_schedules(len(robot.limbs))[0]
+    check_schedule(schedule, len(robot.limbs))
     shares = np.diff(np.linspace(0, intervals, len(schedule) + 1).round().astype(int))
     program = GaitProgram(robot, schedule, shares, objective, temperature_margin)
     start = standing_still(program)

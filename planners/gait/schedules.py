@@ -37,12 +37,35 @@ def schedule_text(schedule: Sequence[Sequence[str]]) -> str:
     return " ".join("".join(letters[contact] for contact in phase) for phase in schedule)
 
 
+def check_schedule(schedule: Sequence[Sequence[str]], num_feet: int) -> None:
+    """Checks whether there can be a gait of a schedule.
+
+    Raises:
+        PlanningError: if it has other feet or contacts, or nothing holds the body at some time.
+    """
+    for phase in schedule:
+        if len(phase) != num_feet or set(phase) - {*CONTACTS}:
+            raise PlanningError(
+                f"The schedule has the phase {shown(list(phase))}; each phase must have one of "
+                f"{', '.join(CONTACTS)} for each of {num_feet} feet."
+            )
+    for number, phase in enumerate(schedule):
+        after = (number + 1) % len(schedule)
+        pairs = zip(phase, schedule[after], strict=True)
+        if not any(pair == ("stick", "stick") for pair in pairs):
+            raise PlanningError(
+                f"No foot sticks both in phase {number + 1} and in phase {after + 1} of the "
+                f"schedule {schedule_text(schedule)!r}, so that nothing holds the body when one "
+                "follows the other; put a phase between in which all feet stick."
+            )
+
+
 def sensible_schedules(num_feet: int) -> list[Schedule]:
     """Schedules forward that are worth trying, the crawl of `plan_gait` first.
 
     Feet move one after the other, from the rear or from the front; they slide, or are lifted if
     three or more can stand on the others. Between their moves all stick, while the body shifts, or
-    the next foot moves at once. Of four or more, every other one may move at a time.
+    the next of three or more moves at once. Of four or more, every other one may move at a time.
     """
     wave = [[foot] for foot in range(num_feet)]
     orders = [wave] if num_feet < 3 else [wave, wave[::-1]]
@@ -53,6 +76,7 @@ def sensible_schedules(num_feet: int) -> list[Schedule]:
         for contact in ("slide_forward", "swing")[: 1 if num_feet < 3 else 2]
         for order in orders
         for rests in (True, False)
+        if rests or len(order) > 2
     ]
 
 
