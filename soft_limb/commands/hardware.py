@@ -13,7 +13,16 @@ from serial.tools import list_ports
 
 from controllers.duty_correction import TARGETS
 from controllers.learner import Repetition
-from hardware import BoardInfo, BoardLink, LimbTwin, ReplayError, Sample, SerialLimb, watch
+from hardware import (
+    BoardInfo,
+    BoardLink,
+    LimbTwin,
+    ReplayError,
+    RobotTwin,
+    Sample,
+    SerialLimb,
+    watch,
+)
 from hardware.emulation.emulator import ORDERS, Emulation, emulate
 from hardware.emulation.sketches import KINDS, EmulatedSketch
 from hardware.emulation.sketches import ORDERS as SKETCH_ORDERS
@@ -369,11 +378,19 @@ def _recover(options: argparse.Namespace) -> int:
 
 
 def _emulate(options: argparse.Namespace) -> int:
-    check_outputs([options.log], inputs=[options.limb], force=options.force)
-    limb = LimbParameters.of(options.limb)
-    twin = LimbTwin(limb, seed=options.emulated, extra=options.extra, physics=options.physics)
+    check_outputs([options.log], inputs=[options.limb, options.robot], force=options.force)
+    twin: LimbTwin | RobotTwin
+    limbs = []
+    if options.robot:
+        if options.limb or options.sketch or options.physics != "lumped":
+            raise LimbError("--limb, --sketch and --physics are for a limb; leave ROBOT out.")
+        twin = RobotTwin(options.robot, seed=options.emulated, extra=options.extra)
+        limbs = [] if options.one_board else [limb.name for limb in twin.robot.limbs]
+    else:
+        limb = LimbParameters.of(options.limb)
+        twin = LimbTwin(limb, seed=options.emulated, extra=options.extra, physics=options.physics)
     sketch = options.sketch and functools.partial(EmulatedSketch, options.sketch)
-    emulate(twin, options.do, options.log, sketch or Emulation)
+    emulate(twin, options.do, options.log, sketch or Emulation, limbs=limbs)
     return 0
 
 
@@ -478,10 +495,18 @@ COMMANDS = {
     "emulate": Command(
         _emulate,
         "Runs the board's firmware on an emulated board with an emulated limb, in real time, and "
-        "prints the port to connect to. Reads orders for faults from standard input, one in each "
-        f"line: {ORDERS}.",
+        "prints the port to connect to. Of a robot, each limb has a board of its own; NAME=PORT "
+        "is printed for each. Reads orders for faults from standard input, one in each "
+        f"line: {ORDERS}. Orders for the board of one limb begin with its name.",
         "emulated extra physics limb force",
         [
+            Option(
+                "robot",
+                nargs="?",
+                type=Path,
+                help="robot parameters (.yaml), to emulate a robot in place of a limb",
+            ),
+            Option("--one-board", action="store_true", help="with all limbs of the robot"),
             Option(
                 "--do", action="append", default=[], metavar="ORDER", help="an order to start with"
             ),
