@@ -1,6 +1,5 @@
 """Gaits of planar robots: `plan_gait`."""
 
-import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
@@ -8,8 +7,7 @@ from typing import Literal
 import numpy as np
 from pydrake.solvers import IpoptSolver, SolverOptions
 
-from limb_systems import Gait, GaitCheck, GaitPhase, RobotParameters
-from planners.gait.planar_robot import POSE
+from limb_systems import Gait, GaitCheck, RobotParameters
 from planners.gait.program import GaitProgram
 from planners.gait.schedules import check_schedule, sensible_schedules
 from planners.gait.standing import Standing

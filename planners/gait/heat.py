@@ -29,7 +29,7 @@ class PeriodicHeat:
     replaces: Collection[Binding] = ()
 
     def __init__(self, wires: Wires, heat: np.ndarray, duty: np.ndarray, time_steps: np.ndarray):
-        self._wires, (K, M), W = wires, heat.shape, wires.num_wires
+        self._wires, (K, M) = wires, heat.shape
         after = np.roll(heat, -1, axis=0)
         self._places = np.column_stack([heat, after, duty, time_steps])  # (K, P)
         self._M, self._P = M, self._places.shape[1]
@@ -63,7 +63,7 @@ class PeriodicHeat:
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         *_, h = self._split(x)
-        _, slopes, mean, mean_slopes, *_ = self._expanded(x)
+        _, _, mean, mean_slopes, *_ = self._expanded(x)
         jacobian = np.eye(self._M, self._P, self._M) - np.eye(self._M, self._P)
         jacobian = jacobian - h[:, :, None] * mean_slopes
         jacobian[:, :, -1] -= mean
