@@ -57,7 +57,7 @@ def write_mcap(samples: Samples, path: str | Path) -> None:
     writer = writers.Writer(buffer)
     writer.start(library="soft-limb")
     channels = []
-    for signal, names in samples.columns_of(samples.parameters).items():
+    for signal, names in samples.columns_of(samples.parameters, samples.robot).items():
         present = [name for name in names if name in frame]
         if not present:
             continue
@@ -94,7 +94,8 @@ def write_mcap(samples: Samples, path: str | Path) -> None:
 
 
 def _about(samples: Samples, frame: Any) -> dict[str, Any]:
-    return {**frame.attrs, "parameters": samples.parameters.to_yaml()}
+    described = samples.robot or samples.parameters
+    return {**frame.attrs, "parameters": described.to_yaml()}
 
 
 def _without_nan(value: Any) -> Any:

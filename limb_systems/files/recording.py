@@ -170,6 +170,9 @@ class Recording(Samples):
         entries.append(Entry("samples", count, "", f"{count or 'no'} samples"))
         if not np.isnan(self.bend_angle).all():
             entries.append(self._bend_entry())
+        if self.body_pose is not None and count:
+            travel = float(self.body_pose[0, -1] - self.body_pose[0, 0])
+            entries.append(Entry("travel", travel, "m", f"travel {1e3 * travel:.1f} mm"))
         if self.has_thermocouple.any():
             heat = float(np.nanmax(self.measured_temperature))
             entries.append(Entry("heat", heat, "°C", f"up to {heat:.0f} °C"))

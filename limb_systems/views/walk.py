@@ -51,8 +51,8 @@ def draw_walk(gait: Gait, title: str = "") -> Figure:
     for number, scene in enumerate(scenes):
         axis = figure.add_subplot(grid[divmod(number, _ROW)])
         if number:
-            first = {"edgecolor": _EDGE, "linestyle": "--", "linewidth": 0.7}
-            axis.add_patch(Polygon(scenes[0].body, fill=False, **first))
+            first = Polygon(scenes[0].body, fill=False, edgecolor=_EDGE, linestyle="--", lw=0.7)
+            axis.add_patch(first)
         scene.draw(axis, left, right)
         axis.set(xlim=(left, right), ylim=(low, high), aspect="equal")
         axis.set_title(f"{times[number]:.1f} s", loc="left", fontsize=10, pad=0)
@@ -146,7 +146,8 @@ class _Scene:
             axis.plot(*np.transpose([at, at - 1.5 * below]), color="#555555", linewidth=0.8)
             if mark % (5 * _MARK) == 0:
                 text = f"{mark:g} mm" if mark else "0"
-                axis.text(*(at - 10 * below), text, ha="center", va="top", fontsize=7)
+                x, z = at - 10 * below
+                axis.text(x, z, text, ha="center", va="top", fontsize=7)
         for (middle, lateral), limb, wires, contact in zip(
             self._limbs, self._robot.limbs, self._robot.wires_of, self._contacts, strict=True
         ):
@@ -165,6 +166,6 @@ class _Scene:
                     x, z = (middle + 1e3 * wire.e2 * lateral)[along].T
                     axis.plot(x, z, color=color, linewidth=2.6, solid_capstyle="butt")
             color = CONTACTS[contact][1]
-            at = middle[-1] - (2.0 + radius) * below
-            axis.text(*at, _ARROWS[contact], color=color, ha="center", va="top", fontsize=9)
+            x, z = middle[-1] - (2.0 + radius) * below
+            axis.text(x, z, _ARROWS[contact], color=color, ha="center", va="top", fontsize=9)
         axis.add_patch(Polygon(self.body, facecolor=_BODY, linewidth=0, zorder=3))

@@ -14,7 +14,7 @@ from soft_limb.commands.options import Command, Option, print_summary, print_tab
 from soft_limb.live.page import LOOPBACK, host_and_port, open_in_browser
 from soft_limb.results.comparison import Comparison, compare
 from soft_limb.results.overview import Overview
-from soft_limb.results.reading import RECORDING, TRAJECTORY, read_result
+from soft_limb.results.reading import GAIT, RECORDING, TRAJECTORY, read_result
 
 _TABLES = {"parquet": write_parquet, "mcap": write_mcap}
 _ROWS = {"csv": write_rows, "c-header": write_c_header}
@@ -74,7 +74,7 @@ def _export(options: argparse.Namespace) -> int:
     ]
     check_outputs(outputs, inputs=options.files, force=options.force)
     results = [read_result(path) for path in options.files]
-    kinds = [TRAJECTORY] if name in _ROWS else [RECORDING, TRAJECTORY]
+    kinds = [TRAJECTORY] if name in _ROWS else [RECORDING, TRAJECTORY, GAIT]
     for result in results:
         if result.kind not in kinds:
             raise LimbError(
@@ -114,7 +114,7 @@ COMMANDS = {
     "show": Command(
         _show,
         "Says what each file is, what is in it, and what made it: a recording, a trajectory, a "
-        "limb or a task (.yaml), learning.txt, or a report (.html).",
+        "gait, a limb, a robot or a task (.yaml), learning.txt, or a report (.html).",
         "json",
         [Option("files", nargs="+", metavar="FILE", type=Path, help="any of these")],
         stopped=STOPPED,

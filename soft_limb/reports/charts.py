@@ -4,6 +4,7 @@ that hide curves.
 Importing this takes as long as Bokeh does; what makes no page does without.
 """
 
+import functools
 from collections.abc import Sequence
 
 import numpy as np
@@ -142,10 +143,9 @@ def _draw(plot: figure, curve: Curve, stream: ColumnDataSource | None) -> list[G
     """The band of a curve, if it has one, and the curve."""
     style = {"color": curve.color, "alpha": curve.alpha, "name": curve.name}
     line = {"line_width": curve.width, "line_dash": curve.dash}
+    draw_line = functools.partial(plot.step, mode="after") if curve.steps else plot.line
     if curve.column:
-        draw_line = plot.step if curve.steps else plot.line
-        mode = {"mode": "after"} if curve.steps else {}
-        return [draw_line("time", curve.column, source=stream, **line, **mode, **style)]
+        return [draw_line("time", curve.column, source=stream, **line, **style)]
     columns = {"x": curve.x, "y": curve.y}
     if isinstance(curve.band, tuple):
         columns["low"], columns["high"] = curve.band
@@ -164,7 +164,7 @@ def _draw(plot: figure, curve: Curve, stream: ColumnDataSource | None) -> list[G
     if curve.marks:
         drawn.append(plot.scatter("x", "y", size=4 * curve.width, **style))
     else:
-        drawn.append(plot.line("x", "y", **line, **style))
+        drawn.append(draw_line("x", "y", **line, **style))
     return drawn
 
 

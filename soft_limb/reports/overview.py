@@ -15,7 +15,16 @@ from limb_systems.output import write_atomically
 from limb_systems.provenance import Provenance
 from limb_systems.views import template as templates
 from soft_limb.results.overview import ListedFile, Overview
-from soft_limb.results.reading import LEARNING, LIMB, RECORDING, REPORT, TASK, TRAJECTORY
+from soft_limb.results.reading import (
+    GAIT,
+    LEARNING,
+    LIMB,
+    RECORDING,
+    REPORT,
+    ROBOT,
+    TASK,
+    TRAJECTORY,
+)
 
 TEMPLATES = Path(__file__).parent / "templates"
 WIDTH, HEIGHT = 240.0, 56.0  # of a panel of a small picture
@@ -62,7 +71,7 @@ def overview_page(
         provenance=provenance and dataclasses.asdict(provenance),
         served=served,
         news=news,
-        files=overview.of_kind(RECORDING, TRAJECTORY, LEARNING, LIMB, TASK),
+        files=overview.of_kind(RECORDING, TRAJECTORY, GAIT, LEARNING, LIMB, ROBOT, TASK),
         others=[page for page in overview.of_kind(REPORT) if page.key not in shown],
         foreign=[file.trouble for file in overview.files if file.trouble],
         origins=origins,

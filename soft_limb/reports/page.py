@@ -154,6 +154,16 @@ def chart(panels: Sequence[Panel], description: str) -> Markup:
     return _part("chart", item, description)
 
 
+def frame(html: str, description: str) -> Markup:
+    """A page within the page.
+
+    Args:
+        html: the page, which needs no other file.
+        description: text for readers who cannot see it.
+    """
+    return _part("frame", html, description)
+
+
 def picture(figure: "Figure", description: str) -> Markup:
     """A figure of Matplotlib's, sharp at any size.
 

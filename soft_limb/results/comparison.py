@@ -12,6 +12,7 @@ from limb_systems.files.recording import Recording
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import CalibrationRecord, LimbParameters
+from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
 from limb_systems.views.panels import SIGNALS
 from planners import nearest_bend_angle
@@ -213,7 +214,7 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
         # What plans alone have says nothing of a plan beside its recordings.
         if len({str(value) for value in change.values if value is not None}) > 1
     ]
-    limbs = [r.value if r.kind == LIMB else r.value.parameters for r in results]
+    limbs = [r.value if r.kind == LIMB else r.value.robot or r.value.parameters for r in results]
     changes += _changed([flattened(limb) for limb in limbs])
     if first.kind == LIMB:
         return Comparison(results, changes, [], {}, [], [])
@@ -227,8 +228,8 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
     return Comparison(results, changes, differences, *_tracking(results), curves)
 
 
-def flattened(parameters: LimbParameters) -> dict[str, tuple[Any, str]]:
-    """All numbers and texts of a limb with their units, by names such as "right.law.a1".
+def flattened(parameters: LimbParameters | RobotParameters) -> dict[str, tuple[Any, str]]:
+    """All numbers and texts of a limb or robot with units, by names such as "right.law.a1".
 
     Wires go by their names, and segments by their numbers if there are several. Of a
     calibration it has how well it predicts, and not the fitted values, which the laws have.

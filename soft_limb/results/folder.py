@@ -10,6 +10,7 @@ SUFFIXES = (".csv", ".html", ".txt", ".yaml", ".yml")
 MOST_NAMES = 50_000
 _HEAD = 4096  # bytes
 _TAIL = 16384  # bytes of a page, whose provenance is at its end
+_ROBOT = r"^(body|feet|ground|limbs):"
 _LIMB = r"^(ambient_temperature|board|calibration|segments|temperature_limits):"
 
 
@@ -80,9 +81,12 @@ def glance(path: Path) -> str:
             tail = file.read(_TAIL)
     except OSError:
         return ""
-    if match := re.match(r"# limb (recording|trajectory|learning), format ", head):
+    if match := re.match(r"# limb (recording|trajectory|gait|learning), format ", head):
         return match[1]
     if head.lstrip().lower().startswith("<!doctype html>"):
         return "report" if b'id="provenance"' in tail else ""
-    is_limb = path.suffix in (".yaml", ".yml") and re.search(_LIMB, head, re.MULTILINE)
-    return "limb" if is_limb else ""
+    if path.suffix in (".yaml", ".yml"):
+        for kind, field in (("robot", _ROBOT), ("limb", _LIMB)):
+            if re.search(field, head, re.MULTILINE):
+                return kind
+    return ""

@@ -12,6 +12,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from limb_systems.errors import LimbError
+from limb_systems.files.gait import Gait
 from limb_systems.files.recording import Recording
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.files.trajectory import Trajectory
@@ -31,10 +32,12 @@ from limb_systems.views.panels import SIGNALS, Curve, Panel
 from soft_limb.command import COMMANDS
 from soft_limb.results.folder import FoundFile, find, glance
 from soft_limb.results.reading import (
+    GAIT,
     LEARNING,
     LIMB,
     RECORDING,
     REPORT,
+    ROBOT,
     TRAJECTORY,
     ResultFile,
     read_result,
@@ -46,8 +49,9 @@ POINTS = 150  # of a curve in a small picture
 _TOWARDS = ("solid", "dotted")  # of bends towards E2 and E3
 # Of kinds of files, those from which they are made.
 _MADE_FROM = {
-    RECORDING: (TRAJECTORY, LIMB),
-    TRAJECTORY: (RECORDING, LIMB, TRAJECTORY),
+    RECORDING: (TRAJECTORY, LIMB, ROBOT, GAIT),
+    TRAJECTORY: (RECORDING, LIMB, TRAJECTORY, ROBOT, GAIT),
+    GAIT: (ROBOT,),
     LEARNING: (TRAJECTORY,),
     LIMB: (RECORDING, LIMB),
 }
@@ -138,8 +142,8 @@ class Overview:
         They are older, and named in the command that made it, or the plan of a recording that the
         same command made in the same folder; or they are a limb of its limb's digest.
         """
-        named, limbs = defaultdict(list), {file.digest: file for file in self.of_kind(LIMB)}
-        for file in self.of_kind(RECORDING, TRAJECTORY, LIMB):
+        named, limbs = defaultdict(list), {f.digest: f for f in self.of_kind(LIMB, ROBOT)}
+        for file in self.of_kind(RECORDING, TRAJECTORY, GAIT, LIMB, ROBOT):
             names = [PurePosixPath(file.key).name, f"{file.folder.name}/"]
             if file.made:
                 names.append(f"{file.folder} {file.made.command}")
@@ -163,7 +167,7 @@ class Overview:
             if file.kind == RECORDING and file.made:
                 together = older(file, f"{file.folder} {file.made.command}")
                 origins += [other for other in together if other.kind == TRAJECTORY]
-            if file.kind in (RECORDING, TRAJECTORY) and file.digest in limbs:
+            if file.kind in (RECORDING, TRAJECTORY, GAIT) and file.digest in limbs:
                 origins.append(limbs[file.digest])
             found[file.key] = list(dict.fromkeys(origins))
         return found
@@ -199,7 +203,9 @@ def list_file(file: FoundFile) -> ListedFile:
         facts["end"] = BEING_RECORDED
     if result.kind == REPORT:
         facts = {"title": result.summary.texts()["title"]}
-    parameters = result.value if result.kind == LIMB else getattr(result.value, "parameters", None)
+    value = result.value
+    described = getattr(value, "robot", None) or getattr(value, "parameters", None)
+    parameters = value if result.kind in (LIMB, ROBOT) else described
     return dataclasses.replace(
         listed,
         time=_seconds(result.provenance) or file.changed,
@@ -274,15 +280,16 @@ def small_panels(result: ResultFile) -> list[Panel]:
     run = result.value
     if isinstance(run, LimbParameters):
         return _bend_by_heat(run)
-    if not isinstance(run, Recording | Trajectory):
+    if not isinstance(run, Recording | Trajectory | Gait):
         return []
     good = np.flatnonzero(run.usable if isinstance(run, Recording) else np.ones(len(run.time)))
     if len(good) < 2:
         return []
     kept = good[np.unique(np.linspace(0, len(good) - 1, POINTS).astype(int))]
     times = run.time[kept] - run.time[0]
-    color = PLAN_COLOR if isinstance(run, Trajectory) else ROLLOUT_COLOR
-    wanted = [] if run.reference is None else list(np.rad2deg(run.reference[:, kept]))
+    color = ROLLOUT_COLOR if isinstance(run, Recording) else PLAN_COLOR
+    asked = None if isinstance(run, Gait) else run.reference
+    wanted = [] if asked is None else list(np.rad2deg(asked[:, kept]))
     bend = [Curve("reference", times, row, REFERENCE_COLOR, "dashed") for row in wanted]
     towards = Layout(run.parameters).bend_direction
     bend += [

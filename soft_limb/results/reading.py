@@ -7,20 +7,25 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from controllers import Learner
 from limb_systems.errors import LimbError
+from limb_systems.files.gait import Gait
 from limb_systems.files.recording import Recording
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.files.trajectory import Trajectory
 from limb_systems.input import LARGEST_TABLE, read_bytes
 from limb_systems.model.parameters import EmulatedLimb, LimbParameters
+from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.provenance import Provenance
 from limb_systems.summary import Entry, Summary
 from planners import Task
-from soft_limb.results.summaries import plan_summary, repetitions_summary
+from soft_limb.results.summaries import gait_summary, plan_summary, repetitions_summary
 
 RECORDING, TRAJECTORY, LEARNING = "recording", "trajectory", "learning"
-LIMB, TASK, REPORT = "limb", "task", "report"
+GAIT, LIMB, ROBOT, TASK, REPORT = "gait", "limb", "robot", "task", "report"
+_OF_LIMBS = {field.name for field in dataclasses.fields(LimbParameters)}
 
 
 class ResultError(LimbError):
@@ -32,10 +37,11 @@ class ResultFile:
     """A file of soft-limb.
 
     - ``path``: path of the file.
-    - ``kind``: "recording", "trajectory", "learning", "limb", "task" or "report".
+    - ``kind``: "recording", "trajectory", "gait", "learning", "limb", "robot", "task" or "report".
     - ``summary``: what the file holds, without its provenance.
     - ``provenance``: what made it; None if it does not say.
-    - ``value``: a `Recording`, a `Trajectory` or `LimbParameters`; None for other kinds.
+    - ``value``: a `Recording`, a `Trajectory`, a `Gait`, `LimbParameters` or `RobotParameters`;
+      None for other kinds.
     """
 
     path: Path
@@ -49,8 +55,8 @@ class ResultFile:
         about = Summary([Entry(self.kind, str(self.path))]) + self.summary
         if self.provenance:
             return about + self.provenance.summary()
-        # A person wrote limbs and tasks.
-        unknown = [] if self.kind in (LIMB, TASK) else [Entry("made by", "not known")]
+        # A person wrote limbs, robots and tasks.
+        unknown = [] if self.kind in (LIMB, ROBOT, TASK) else [Entry("made by", "not known")]
         return about + Summary(unknown)
 
     def to_json(self) -> dict[str, Any]:
@@ -76,7 +82,12 @@ def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
     data = read_bytes(path, "result", LARGEST_TABLE, ResultError)
     head = data[:4096].decode("utf-8", errors="replace").removeprefix("\ufeff")
     if match := re.match(r"# limb (\w+), format ", head):
-        readers = {RECORDING: _recording, TRAJECTORY: _trajectory, LEARNING: _learning}
+        readers = {
+            RECORDING: _recording,
+            TRAJECTORY: _trajectory,
+            GAIT: _gait,
+            LEARNING: _learning,
+        }
         if match[1] in readers:
             return readers[match[1]](path, quick)
     elif head.lstrip().lower().startswith("<!doctype html>"):
@@ -84,14 +95,17 @@ def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
     elif path.suffix in (".yaml", ".yml"):
         return _yaml(path, data)
     raise ResultError(
-        f"{path} is no recording, trajectory, limb, task, state of learning or report of soft-limb."
+        f"{path} is no recording, trajectory, gait, limb, robot, task, state of learning or report "
+        "of soft-limb."
     )
 
 
 def _recording(path: Path, _quick: bool) -> ResultFile:
     recording = Recording.load(path, unfinished=is_unfinished(path))
     rate = Entry("rate", float(recording.sample_rate), "Hz")
-    summary = recording.summary() + Summary([rate, _identity(recording.parameters)])
+    summary = recording.summary() + Summary(
+        [rate, _identity(recording.robot or recording.parameters)]
+    )
     return ResultFile(path, RECORDING, summary, recording.provenance, recording)
 
 
@@ -99,6 +113,12 @@ def _trajectory(path: Path, quick: bool) -> ResultFile:
     trajectory = Trajectory.load(path)
     summary = plan_summary(trajectory, quick=quick) + Summary([_identity(trajectory.parameters)])
     return ResultFile(path, TRAJECTORY, summary, trajectory.provenance, trajectory)
+
+
+def _gait(path: Path, _quick: bool) -> ResultFile:
+    gait = Gait.load(path)
+    summary = gait_summary(gait) + Summary([_identity(gait.robot)])
+    return ResultFile(path, GAIT, summary, gait.provenance, gait)
 
 
 def _learning(path: Path, quick: bool) -> ResultFile:
@@ -111,8 +131,11 @@ def _learning(path: Path, quick: bool) -> ResultFile:
     return ResultFile(path, LEARNING, summary, learner.provenance)
 
 
-def _identity(parameters: LimbParameters) -> Entry:
-    """Which limb a file is about."""
+def _identity(parameters: LimbParameters | RobotParameters) -> Entry:
+    """Which limb or robot a file is about."""
+    if isinstance(parameters, RobotParameters):
+        limbs = ", ".join(limb.name for limb in parameters.limbs)
+        return Entry("identity", f"robot with limbs {limbs}, digest {parameters.digest}")
     board = parameters.board
     named = f"emulated, seed {board.seed}" if isinstance(board, EmulatedLimb) else board.identity
     calibrated = "calibrated" if parameters.calibration else "not calibrated"
@@ -123,11 +146,13 @@ def _identity(parameters: LimbParameters) -> Entry:
 
 def _yaml(path: Path, data: bytes) -> ResultFile:
     given = set(re.findall(r"^\{?(\w+):", data.decode("utf-8", errors="replace"), re.MULTILINE))
-    if given & {field.name for field in dataclasses.fields(LimbParameters)}:
+    if given & {field.name for field in dataclasses.fields(RobotParameters)} - _OF_LIMBS:
+        return _robot(path)
+    if given & _OF_LIMBS:
         return _limb(path)
     fields = [field.name for field in dataclasses.fields(Task)]
     if not given & set(fields):
-        raise ResultError(f"{path} has no field of a limb or a task at its top level.")
+        raise ResultError(f"{path} has no field of a limb, a robot or a task at its top level.")
     task, default = Task.load(path), Task()
     changed = [
         Entry(name.replace("_", " "), str(getattr(task, name)))
@@ -156,6 +181,19 @@ def _limb(path: Path) -> ResultFile:
             said = f"since it was calibrated: its digest was {made.parameters} then"
             entries.append(Entry("changed", said))
     return ResultFile(path, LIMB, Summary(entries), made, limb)
+
+
+def _robot(path: Path) -> ResultFile:
+    robot = RobotParameters.load(path)
+    body, ground = robot.body, robot.ground
+    stands = f"μ = {ground.friction:g}, slope {np.rad2deg(ground.slope):g}°" if ground else "none"
+    entries = [
+        Entry("body", f"{body.mount}, {1e3 * body.mass:g} g"),
+        *(Entry(limb.name, ", ".join(limb.parameters.wire_names)) for limb in robot.limbs),
+        Entry("ground", stands),
+        _identity(robot),
+    ]
+    return ResultFile(path, ROBOT, Summary(entries), None, robot)
 
 
 def _report(path: Path, data: bytes) -> ResultFile:

@@ -1,10 +1,12 @@
 """Plans, calibrations and what was learned, each told once, for terminals, JSON and pages."""
 
+import dataclasses
+
 import numpy as np
 
 from calibration import Calibration, Prediction, Validation
 from controllers import Learner
-from limb_systems import Trajectory
+from limb_systems import Gait, Trajectory
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances
 from planners import nearest_bend_angle
@@ -73,6 +75,42 @@ def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
         ],
     }
     return Summary.of(texts, values)
+
+
+def gait_summary(gait: Gait) -> Summary:
+    """How far and fast a gait goes, what its feet do, how it was found, and how it was checked."""
+    check = gait.check
+    phases = [
+        f"{phase.start:5.1f} s  "
+        + ", ".join(
+            f"{limb.name} {contact.replace('_', ' ')}"
+            for limb, contact in zip(gait.robot.limbs, phase.contacts, strict=True)
+        )
+        for phase in gait.phases
+    ]
+    how = (
+        f"{check.solver}: {check.status} in {check.iterations} iterations, {check.solve_time:.2f} s"
+    )
+    found = how if check.solver else ""
+    strides = [share for variation in check.spread for share in variation.strides]
+    fallen = [variation.what for variation in check.spread if variation.fall]
+    spread = f"strides {min(strides):.0%} to {max(strides):.0%} of the planned one" * bool(strides)
+    if fallen:
+        spread = "; ".join(filter(None, [spread, f"falls with {', '.join(fallen)}"]))
+    failure = None if check.is_missing else check.failure()
+    return gait.summary() + Summary.of(
+        {
+            "phases": "\n".join(phases),
+            "solver": found,
+            "failure": failure or "",
+            "spread": spread,
+        },
+        {
+            "phases": [dataclasses.asdict(phase) for phase in gait.phases],
+            "knots": len(gait.time),
+            **dataclasses.asdict(check),
+        },
+    )
 
 
 def distances_summary(distances: ReferenceDistances) -> Summary:

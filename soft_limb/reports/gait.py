@@ -1,0 +1,81 @@
+"""A gait as one HTML page."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from limb_systems.files.gait import Gait, GaitVariation
+from limb_systems.views.panels import motion_panels
+from limb_systems.views.replay_page import replay_page
+from soft_limb.reports import page
+from soft_limb.results.summaries import gait_summary
+
+
+def gait_verdict(gait: Gait) -> str:
+    """How far and how fast a gait goes, and whether it was checked."""
+    said = (
+        f"Strides of {1e3 * gait.stride:.1f} mm in {gait.period:.1f} s, {1e3 * gait.speed:.2f} "
+        f"mm/s, with wires up to {gait.wire_temperature.max():.0f} °C."
+    )
+    if failure := gait.check.failure():
+        return f"{said} Not to be used: {failure}"
+    strides = gait.check.simulation.strides
+    return (
+        f"{said} Checked: simulated with contact over {len(strides)} cycles, strides are "
+        f"{min(strides):.1%} to {max(strides):.1%} of the planned one."
+    )
+
+
+def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | None = None) -> None:
+    """Writes one HTML page: verdict, picture, replay, the cycle's signals, check, and the robot.
+
+    Args:
+        path: path of the page.
+        data: files that the page links to, by what they are.
+    """
+    # Matplotlib takes as long to import as all the rest.
+    from limb_systems.views.walk import draw_walk
+
+    check, what = gait.check, "The robot's side at six moments, its feet and its wires' heat"
+    parts: list[page.Part] = [
+        page.verdict(gait_verdict(gait)),
+        page.picture(draw_walk(gait), what),
+        page.section("Replay", page.frame(replay_page(gait), "the robot in 3D")),
+    ]
+    if not check.is_missing:
+        nominal = dataclasses.replace(check.simulation, what="as planned")
+        parts.append(
+            page.section(
+                "Check",
+                page.table(
+                    ["robot or ground", "mean stride, %", "least, %", "most, %", "T, °C", "fall"],
+                    [_row(variation) for variation in [nominal, *check.spread]],
+                    "Strides in simulation with contact as shares of the planned one, the highest "
+                    "temperature of any wire, and how it fell, if it did.",
+                ),
+            )
+        )
+    cycle = page.chart(motion_panels(gait), "Feet, body, forces, bends and heat")
+    facts = list(gait_summary(gait).texts().items())
+    parts += [
+        page.section("The cycle", cycle),
+        page.section("How it was found", page.table(["", ""], facts)),
+        page.section("Robot", page.preformatted(gait.robot.to_yaml())),
+    ]
+    if data:
+        parts.append(page.section("Data", page.links(path, data)))
+    page.write_page(path, "Gait of a robot", parts, gait.provenance)
+
+
+def _row(variation: GaitVariation) -> list[str]:
+    strides = 100 * np.array(variation.strides)
+    shares = [strides.mean(), strides.min(), strides.max()] if len(strides) else []
+    heat = variation.highest_temperature
+    return [
+        variation.what,
+        *([f"{share:.1f}" for share in shares] or [""] * 3),
+        f"{heat:.0f}" if np.isfinite(heat) else "",
+        variation.fall,
+    ]
