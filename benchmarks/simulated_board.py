@@ -4,7 +4,9 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+from hardware.emulation.emulated_board import RunningTwin
 from hardware.emulation.emulator import Emulation
+from hardware.emulation.robot_twin import RobotTwin
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware import from_host, guard, protocol
 from hardware.robot.link import Assembly, Sample, pulls_of
@@ -23,24 +25,28 @@ class SimulatedBoard:
     """
 
     def __init__(
-        self, twin: LimbTwin | None = None, parameters: LimbParameters | None = None, step: int = 1
+        self,
+        twin: LimbTwin | RobotTwin | RunningTwin | None = None,
+        parameters: LimbParameters | None = None,
+        step: int = 1,
+        limb: str = "",
     ):
         """
         Args:
             twin: the limb; a nominal one of the seed 0 if None.
             parameters: those that the host arms the board with; the twin's if None.
             step: ms, between two passes of the firmware's loop.
+            limb: as for `Emulation`.
         """
-        twin = twin or LimbTwin()
         self.milliseconds, self._step = 0, step
         self.duties: list[tuple[float, ...]] = []
         self.sent: list[tuple] = []
         self.samples: list[Sample] = []
         self._assembly = Assembly()
         self._to_board, self._sequence, self._session = b"", 0, 0
-        self.use(parameters or twin.parameters)
         self._parser = protocol.Parser(from_host.KINDS, from_host.FORMATS)
-        self.emulation = Emulation(twin, self, self._note, lambda: self.now)
+        self.emulation = Emulation(twin or LimbTwin(), self, self._note, lambda: self.now, limb)
+        self.use(parameters or self.emulation.board.parameters)
 
     @property
     def now(self) -> float:

@@ -17,7 +17,7 @@ from limb_systems.model.ownership import weak_method
 from limb_systems.schema import dump_typed
 
 SIGNALS = ("measured_temperature", "bend_angle")
-OF_ROBOTS = ("applied_duty", "board_time", "sample_age")  # where the limb has them
+OF_ROBOTS = ("applied_duty", "board_time", "sample_age", "body_pose")  # where the limb has them
 STOPPED = "stopped by Ctrl-C or a signal"
 
 
@@ -31,7 +31,7 @@ class Journal(LeafSystem):
     - input 1 ``measured_temperature``: V (2), °C
     - input 2 ``bend_angle``: φ (1), rad
     - from input 3 on, where the limb has such outputs: ``applied_duty`` (2),
-      ``board_time`` and ``sample_age`` (1), s; last, if there is one,
+      ``board_time`` and ``sample_age`` (1), s, and ``body_pose``; last, if there is one,
       ``reference`` (1), rad
 
     ``writer`` has the file, ``signals`` the names of the inputs.
@@ -60,8 +60,9 @@ class Journal(LeafSystem):
             OutputError: if no file can be made there.
         """
         super().__init__()
-        names = column_names(limb.parameters)
-        header = RecordingHeader(limb.source, sample_rate, limb.parameters, provenance)
+        robot = getattr(limb, "robot", None)
+        names, described = column_names(limb.parameters, robot), None if robot else limb.parameters
+        header = RecordingHeader(limb.source, sample_rate, described, provenance, robot)
         self.signals = ["duty", *SIGNALS, *filter(limb.HasOutputPort, OF_ROBOTS)]
         self.signals += ["reference"] * has_reference
         columns = [column for signal in ("time", *self.signals) for column in names[signal]]
