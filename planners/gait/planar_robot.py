@@ -11,6 +11,7 @@ import numpy as np
 
 from limb_systems import Layout, RobotParameters
 from limb_systems.model.kinematics import rest_joint_angles
+from planners.transcription.solving import PlanningError
 
 POSE = 3  # x, z and θ of the body, before the joints
 
@@ -30,9 +31,13 @@ class PlanarRobot:
 
     Args:
         robot: description of the robot, on a planar body.
+
+    Raises:
+        PlanningError: if nothing like it can walk.
     """
 
     def __init__(self, robot: RobotParameters):
+        _check(robot)
         num_joints = robot.together.num_joints
         turns = [np.eye(POSE + num_joints)[2]]  # ψ of the body itself
         moments = [np.zeros(2)]  # Σ m (a, b) of each arm
@@ -145,3 +150,38 @@ class PlanarRobot:
 def turned(arms: np.ndarray) -> np.ndarray:
     """Derivative of (x, z) (..., 2, A) by the angle of each arm, (-z, x)."""
     return np.stack([-arms[..., 1, :], arms[..., 0, :]], axis=-2)
+
+
+def _check(robot: RobotParameters) -> None:
+    """Raises PlanningError if a robot cannot walk, whatever it does."""
+    if robot.body.mount != "planar":
+        raise PlanningError(
+            f"The body is {robot.body.mount}, but gaits are planned in the vertical plane; set "
+            "body.mount to planar."
+        )
+    if robot.ground is None:
+        raise PlanningError("The robot has no ground to walk on; give it one.")
+    if len(robot.limbs) < 2:
+        raise PlanningError(
+            "The robot has one limb, and so one foot, which cannot slide while another sticks; a "
+            "gait needs two or more."
+        )
+    if not robot.ground.friction:
+        raise PlanningError(
+            "The ground has no friction (ground.friction is 0), so that no foot can push the body."
+        )
+    if abs(np.tan(robot.ground.slope)) >= robot.ground.friction:
+        raise PlanningError(
+            f"The ground slopes by {np.rad2deg(robot.ground.slope):.3g}°, where a robot slides "
+            f"down with a friction of {robot.ground.friction:g} whatever it does."
+        )
+    lowest = -robot.body.height / 2
+    for limb in robot.limbs:
+        length = sum(segment.length for segment in limb.parameters.segments)
+        tip = limb.position[2] + limb.axes[2, 0] * length
+        if tip >= lowest:
+            raise PlanningError(
+                f"The foot of limb {limb.name} is {1e3 * (tip - lowest):.0f} mm above the bottom "
+                "of the body where the limb is straight, so that the body would be on the ground; "
+                "let e1 point down."
+            )
