@@ -94,16 +94,18 @@ def gait_summary(gait: Gait) -> Summary:
     found = how if check.solver else ""
     strides = [share for variation in check.spread for share in variation.strides]
     fallen = [variation.what for variation in check.spread if variation.fall]
-    spread = f"strides {min(strides):.0%} to {max(strides):.0%} of the planned one" * bool(strides)
+    spread = []
+    if strides:
+        spread.append(f"strides {min(strides):.0%} to {max(strides):.0%} of the planned one")
     if fallen:
-        spread = "; ".join(filter(None, [spread, f"falls with {', '.join(fallen)}"]))
+        spread.append(f"falls with {', '.join(fallen)}")
     failure = None if check.is_missing else check.failure()
     return gait.summary() + Summary.of(
         {
             "phases": "\n".join(phases),
             "solver": found,
             "failure": failure or "",
-            "spread": spread,
+            "spread": "; ".join(spread),
         },
         {
             "phases": [dataclasses.asdict(phase) for phase in gait.phases],
