@@ -29,7 +29,7 @@ from controllers import (
     RecedingHorizon,
     TemperatureSupervisor,
 )
-from hardware import LimbTwin, SensedLimb, SerialLimb
+from hardware import LimbTwin, RobotTwin, SensedLimb, SerialLimb
 from hardware.emulation.continuum import ContinuumLimb, ContinuumSpecimen, WalkingSensors
 from hardware.emulation.lumped import CutOut
 from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
@@ -300,6 +300,7 @@ def make_system(monkeypatch, fig5_plan):
         RecedingHorizon: lambda: RecedingHorizon(fig5_plan),
         TemperatureSupervisor: lambda: TemperatureSupervisor(parameters),
         LimbTwin: LimbTwin,
+        RobotTwin: RobotTwin,
         SensedLimb: lambda: SensedLimb(Limb()),
         CutOut: lambda: CutOut(2, 0.05),
         ExactBend: lambda: ExactBend(parameters),

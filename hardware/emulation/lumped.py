@@ -106,10 +106,7 @@ def add_physics(
         readings.append(camera(body_pose.size()))
     (draws,) = state.get("draws", [0.0])
     sensors = builder.AddSystem(SampledSensors(readings, specimen.noise, int(draws)))
-    num_readings = num_wires + layout.num_bends  # without the camera's
-    measurement = builder.AddSystem(
-        MatrixGain(np.eye(num_readings, sensors.GetOutputPort("measurement").size()))
-    )
+    measurement = sensors.GetOutputPort("measurement")
 
     builder.Connect(cut_out.GetOutputPort("duty"), wires.GetInputPort("duty"))
     builder.Connect(joint_state, wires.GetInputPort("joint_state"))
@@ -124,14 +121,17 @@ def add_physics(
     builder.Connect(bend_angle.get_output_port(), sensors.GetInputPort("bend_angle"))
     if body_pose:
         builder.Connect(body_pose, sensors.GetInputPort("body_pose"))
-    builder.Connect(sensors.GetOutputPort("measurement"), measurement.get_input_port())
+        size = measurement.size()
+        of_limbs = builder.AddSystem(MatrixGain(np.eye(size - body_pose.size(), size)))
+        builder.Connect(measurement, of_limbs.get_input_port())
+        measurement = of_limbs.get_output_port()
     measured = sensors.GetOutputPort("measured_temperature")
     builder.Connect(measured, cut_out.GetInputPort("measured_temperature"))
     ports = {
         "measured_temperature": measured,
         "bend_angle": sensors.GetOutputPort("bend_angle"),
         "applied_duty": wires.GetOutputPort("applied_duty"),
-        "measurement": measurement.get_output_port(),
+        "measurement": measurement,
         "cut_out": cut_out.GetOutputPort("cut_out"),
     }
     if truth:
