@@ -53,9 +53,9 @@ class PlanController(LeafSystem):
     def _update(self, context, state) -> None:
         readings, bend = (self.get_input_port(index).Eval(context) for index in range(2))
         estimate = self._estimator.read(state.value(1), readings, bend)
-        limit = self._temperature_limit(context.get_time(), estimate)
-        caps = self._limiter.caps(estimate, limit)
-        duty = self._duty(context.get_time(), estimate, caps, state)
+        time = self._time_in_plan(context)
+        caps = self._limiter.caps(estimate, self._temperature_limit(time, estimate))
+        duty = self._duty(time, estimate, caps, state)
         duty = within_total(duty, self._parameters.total_duty)
         state.set_value(0, duty)
         state.set_value(1, self._estimator.pack(self._estimator.predicted(estimate, duty)))
@@ -68,6 +68,10 @@ class PlanController(LeafSystem):
             state: the discrete values, for subclasses with more of them.
         """
         raise NotImplementedError
+
+    def _time_in_plan(self, context) -> float:
+        """Time since the start of the plan, s."""
+        return context.get_time()
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray | None:
         """Limit of each wire (W,), °C, where it is lower than that of `TemperatureLimiter`."""

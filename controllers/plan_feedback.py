@@ -87,11 +87,16 @@ class PlanFeedback(PlanController):
     def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
         k, model = self._plan.index(time), self._estimator.model
         bend = model.bend_angle(estimate.heat) + estimate.offset
-        missed = self._plan.bend_angle[k] - bend
+        planned_bend, planned_duty = self._wanted(k, state)
+        missed = planned_bend - bend
         warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
-        base = self._plan.duty[k] - COMMON_MODE * np.maximum(warmer, 0.0) / self._heating
+        base = planned_duty - COMMON_MODE * np.maximum(warmer, 0.0) / self._heating
         base = np.clip(base, 0.0, caps)
         return allocate(self._proportional * missed, base, self._gains[k], caps)
+
+    def _wanted(self, k: int, state) -> tuple[np.ndarray, np.ndarray]:
+        """φ* (F,) and D* (W,) of a period; arguments as of `_duty`."""
+        return self._plan.bend_angle[k], self._plan.duty[k]
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
         held = temperature_to_hold(self._bend_by_temperature, estimate.offset)

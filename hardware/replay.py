@@ -64,7 +64,8 @@ def replay(
             it becomes part of a diagram and cannot be replayed on twice.
         controller: what drives it: a system with the output port ``duty`` (W),
             in [0, 1], and any of the input ports ``measured_temperature`` (W),
-            °C, ``bend_angle`` (F), rad, and ``measurement``, both of them.
+            °C, ``bend_angle`` (F), rad, ``measurement``, both of them, and the ``body_pose``
+            of a robot.
             Time is that since the start of the plan. The trajectory's duty,
             open loop, if None.
         unchecked: whether to replay a plan without a check, such as one that was not
@@ -207,6 +208,8 @@ def _check_controller(controller: System, limb: LimbSystem) -> None:
     name, num_wires = type(controller).__name__, len(limb.parameters.wires)
     sizes = {"measured_temperature": num_wires, "bend_angle": Layout(limb.parameters).num_bends}
     sizes["measurement"] = sum(sizes.values())
+    if limb.HasOutputPort("body_pose"):
+        sizes["body_pose"] = limb.GetOutputPort("body_pose").size()
     if not controller.HasOutputPort("duty"):
         raise ReplayError(f"{name} has no output port duty, and cannot drive a limb.")
     if (size := controller.GetOutputPort("duty").size()) != num_wires:

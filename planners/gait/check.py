@@ -1,0 +1,175 @@
+"""The check of gaits: simulated with contact as planned, and where robot or ground are others."""
+
+import copy
+import dataclasses
+import itertools
+import os
+import pickle
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor, as_completed
+
+import numpy as np
+
+from limb_systems import Gait, GaitVariation, Recording, Robot, RobotParameters, simulate
+from limb_systems.progress import Progress
+from limb_systems.simulation import PERIOD, SimulationError
+
+CYCLES = 8
+SPREAD_CYCLES = 4  # of other robots, in the last of which heat has found its cycle
+FRICTION = (0.7, 1.3)  # times that of the ground
+PARAMETERS = 0.1  # share by which parameters are others
+DRAWS = 4  # of other parameters
+VARIED = ("a1", "a2", "beta", "full_torque")  # of the wires' laws, as far as they have them
+MOST_TILT = np.deg2rad(60.0)
+NO_LOAD = 1e-3  # of the weight, on a foot that carries nothing
+LOWEST = 2e-3  # m, of a corner of a body that is on the ground
+PROGRAM = "from planners.gait.check import answer; answer()"
+
+
+def check_gait(gait: Gait, cycles: int = CYCLES, spread: bool = True, seed: int = 0) -> Gait:
+    """The gait with its check: it is simulated with contact, from the limit cycle's heat on.
+
+    The duty is open loop. For the spread, four cycles each, friction is 0.7 and 1.3 times that of
+    the ground, and parameters are drawn four times: in each draw the stiffness of each limb, and
+    the cooling, heating and torque of the wires of each, are 10% larger or smaller. The
+    simulations are processes of their own, as many at once as there are cores.
+
+    Args:
+        gait: as planned; whether it passed is then its ``passed``.
+        cycles: number of cycles of the robot as it is.
+        spread: whether to simulate it with other friction and parameters, too.
+        seed: seed of the draws.
+    """
+    jobs = [("", gait.robot, cycles)]
+    if spread:
+        few = min(cycles, SPREAD_CYCLES)
+        jobs += [(what, robot, few) for what, robot in variations(gait.robot, seed)]
+        found = _simulate_all(gait, jobs)
+    else:
+        found = [simulate_gait(gait, *jobs[0])]
+    check = dataclasses.replace(gait.check, simulation=found[0], spread=found[1:])
+    return dataclasses.replace(gait, check=check)
+
+
+def variations(robot: RobotParameters, seed: int = 0) -> list[tuple[str, RobotParameters]]:
+    """What is varied, and the robots, of `check_gait`."""
+    rng = np.random.default_rng(seed)
+    varied = []
+    for factor in FRICTION:
+        other = copy.deepcopy(robot)
+        other.ground.friction *= factor
+        varied.append((f"friction x {factor:g}", other))
+    for number in range(1, DRAWS + 1):
+        other = with_other_parameters(robot, rng)
+        varied.append((f"parameters +-{PARAMETERS:.0%}, draw {number}", other))
+    return varied
+
+
+def with_other_parameters(
+    robot: RobotParameters, rng: np.random.Generator, share: float = PARAMETERS
+) -> RobotParameters:
+    """A robot with stiffness and wires' laws that are larger or smaller by a share, per limb."""
+    robot = copy.deepcopy(robot)
+    for limb in robot.limbs:
+        factors = dict(zip(VARIED[:3], rng.choice([1 - share, 1 + share], 3), strict=True))
+        factors["full_torque"] = factors["beta"]
+        of_stiffness = rng.choice([1 - share, 1 + share])
+        for segment in limb.parameters.segments:
+            segment.stiffness *= of_stiffness
+            for wire, field in itertools.product(segment.wires, VARIED):
+                if hasattr(wire.law, field):
+                    setattr(wire.law, field, getattr(wire.law, field) * factors[field])
+    return robot
+
+
+def simulate_gait(gait: Gait, what: str, robot: RobotParameters, cycles: int) -> GaitVariation:
+    """Some cycles of a gait's duty on a robot, which begins with the gait's first knot."""
+    duration = cycles * gait.period + PERIOD  # with a sample after the last stride
+    try:
+        recording = simulate(
+            Robot(robot), gait.duty_trajectory(cycles), duration, initial_state=gait.initial_state
+        )
+    except SimulationError as error:
+        return GaitVariation(what, fall=str(error).rstrip("."))
+    fall, time = fall_of(recording, gait)
+    completed = min(cycles, int(time / gait.period + 1e-6))
+    return GaitVariation(
+        what,
+        strides=(strides_of(recording, gait.period, completed) / gait.stride).tolist(),
+        highest_temperature=float(recording.wire_temperature.max()),
+        fall=fall,
+    )
+
+
+def strides_of(recording: Recording, period: float, cycles: int, start: float = 0.0) -> np.ndarray:
+    """Travel of the body in each cycle (cycles,), m, the first of which begins at a start, s."""
+    ends = start + period * np.arange(cycles + 1)
+    return np.diff(np.interp(ends, recording.time, recording.body_pose[0]))
+
+
+def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, float]:
+    """How a robot that walks falls, in words, and when, s; no words and the end if it does not.
+
+    It falls if its body tilts by more than 60° or comes to the ground, or if for half a period a
+    foot carries nothing that does not swing in the gait, whose first cycle begins at a start, s.
+    """
+    body, pose, times = gait.robot.body, recording.body_pose, recording.time
+    sine, cosine = np.abs(np.sin(pose[2])), np.cos(pose[2])
+    lowest = pose[1] - 0.5 * (body.length * sine + body.height * np.abs(cosine))
+    falls = [
+        (np.abs(pose[2]) > MOST_TILT, f"its body tilts by more than {np.rad2deg(MOST_TILT):.0f}°"),
+        (lowest < LOWEST, "its body comes to the ground"),
+    ]
+    phases = np.searchsorted([p.start for p in gait.phases], (times - start) % gait.period, "right")
+    weight = gait.contact_force[1::2].sum(axis=0).mean()
+    for limb, (named, force) in enumerate(
+        zip(gait.robot.limbs, recording.contact_force[1::2], strict=True)
+    ):
+        swings = np.array([phase.contacts[limb] == "swing" for phase in gait.phases])[phases - 1]
+        idle = (force < NO_LOAD * weight) & ~swings & (times >= start)
+        samples = round(0.5 * gait.period * recording.sample_rate)
+        within = np.convolve(idle, np.ones(samples))[: len(idle)]
+        falls.append(
+            (within > samples - 0.5, f"its {named.name} foot carries nothing for half a period")
+        )
+    first = [(int(np.argmax(there)), words) for there, words in falls if there.any()]
+    if not first:
+        return "", float(times[-1])
+    index, words = min(first)
+    return f"{words} after {times[index] - start:.1f} s", float(times[index])
+
+
+def _simulate_all(gait: Gait, jobs: list) -> list[GaitVariation]:
+    """The variations of some jobs, what is varied, the robot and the number of cycles."""
+    total = sum(cycles for *_, cycles in jobs)
+    # Processes get their work as text: scripts need not be imported again in them, as
+    # they would be by those of `multiprocessing`.
+    with (
+        ThreadPoolExecutor(os.cpu_count()) as pool,
+        Progress("checking the gait", total, "cycles") as progress,
+    ):
+        futures = [pool.submit(_in_process, pickle.dumps((gait, *job))) for job in jobs]
+        done = 0
+        for future in as_completed(futures):
+            done += jobs[futures.index(future)][2]
+            progress.update(done)
+            if futures[0].done() and futures[0].result().fall:
+                pool.shutdown(wait=False, cancel_futures=True)
+                return [futures[0].result()]  # it is no gait, and has no spread
+    return [future.result() for future in futures]
+
+
+def _in_process(job: bytes) -> GaitVariation:
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM], input=job, capture_output=True, check=False
+    )
+    if done.returncode:
+        raise SimulationError("The process that simulates the gait ended before it was done.")
+    return pickle.loads(done.stdout)
+
+
+def answer() -> None:
+    """Simulates the job on standard input, and writes its variation to standard output."""
+    variation = simulate_gait(*pickle.load(sys.stdin.buffer))
+    sys.stdout.buffer.write(pickle.dumps(variation))
