@@ -17,7 +17,17 @@ from xdist.scheduler import LoadScopeScheduling
 # A worker for each core: more threads would only wait for each other. Before numpy is loaded.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from limb_systems import LimbParameters, SegmentParameters, Trajectory
+import numpy as np
+
+from limb_systems import (
+    Gait,
+    GaitCheck,
+    GaitPhase,
+    LimbParameters,
+    RobotParameters,
+    SegmentParameters,
+    Trajectory,
+)
 from planners import Task, plan, references
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
@@ -85,6 +95,30 @@ def pytest_runtest_setup(item):
 def fig5_plan() -> Trajectory:
     """The paper's plan of its Fig. 5 reference for the nominal limb, 10 Hz knots over 60 s."""
     return plan(LimbParameters(), references.step_and_decaying_sine(), task=Task.paper())
+
+
+@pytest.fixture
+def gait() -> Gait:
+    """A gait of the crawler that is made up: strides of 30 mm in 15 s."""
+    robot, turn = RobotParameters(), np.linspace(0, 2 * np.pi, 7)
+    wave = np.array([np.sin(turn), np.cos(turn)])
+    wave[:, -1] = wave[:, 0]
+    angles = np.repeat(0.1 * wave, 5, axis=0)
+    heat = np.vstack([60 + 20 * wave, 50 - 10 * wave[:1], np.full((1, 7), 64.0)])
+    stick, slide = "stick", "slide_forward"
+    contacts = {0.0: [slide, stick], 5.0: [stick, stick], 7.0: [stick, slide], 11.0: [stick, stick]}
+    return Gait(
+        time=np.linspace(0.0, 15.0, 7),
+        duty=np.vstack([0.3 + 0.2 * wave, 0.3 - 0.2 * wave]),
+        joint_state=np.vstack([angles, 0 * angles]),
+        wire_temperature=heat,
+        measured_temperature=heat,
+        body_pose=np.vstack([np.linspace(0, 0.03, 7), np.full(7, 0.06), 0.02 * wave[0]]),
+        contact_force=np.array([0.03 * wave[0], 0 * turn + 0.25] * 2),
+        robot=robot,
+        phases=[GaitPhase(start, done) for start, done in contacts.items()],
+        check=GaitCheck(solver="IPOPT", status="solved", objective="speed", violation=1e-9),
+    )
 
 
 @pytest.fixture

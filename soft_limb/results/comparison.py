@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -235,7 +236,7 @@ def flattened(parameters: LimbParameters | RobotParameters) -> dict[str, tuple[A
     calibration it has how well it predicts, and not the fitted values, which the laws have.
     """
     return {
-        name.replace("segments.", "").replace("wires.", ""): entry
+        re.sub(r"\b(limbs|parameters|segments|wires)\.", "", name): entry
         for name, entry in _leaves(parameters, "").items()
     }
 
@@ -255,7 +256,7 @@ def _leaves(value: Any, unit: str, path: str = "") -> dict[str, tuple[Any, str]]
     elif isinstance(value, list):
         several = len(value) > 1
         for number, item in enumerate(value, 1):
-            name = getattr(item, "name", str(number) if several else "")
+            name = getattr(item, "name", "") or (str(number) if several else "")
             leaves |= _leaves(item, unit, f"{path}.{name}" if name else path)
     elif value not in (None, ""):
         leaves[path] = (value, unit)

@@ -162,7 +162,7 @@ def test_a_file_that_is_damaged_or_unknown_is_one_sentence(folder, capsys):
         ("learning.txt", damaged, "does not match the checksum"),
         ("limb.yaml", lambda text: text.replace("links: 5", "links: 0"), "segments[0].links is 0"),
         ("task.yaml", lambda _: "reach: perhaps\n", "task.yaml: reach is 'perhaps'"),
-        ("task.yaml", lambda _: "colour: blue\n", "no field of a limb or a task"),
+        ("task.yaml", lambda _: "colour: blue\n", "no field of a limb, a robot or a task"),
         ("report.html", lambda text: text.replace('"version"', "version"), "is damaged"),
         ("notes.md", lambda _: "# limb notes, format 3\n", "is no recording"),
         ("results.json", lambda _: "[]", "is no recording"),

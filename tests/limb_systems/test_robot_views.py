@@ -1,0 +1,236 @@
+"""Robots are shown where Drake's plant has them, and their feet do what is said of them."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from limb_systems import (
+    BodyParameters,
+    FootParameters,
+    GroundParameters,
+    LimbError,
+    LimbVisualizer,
+    Recording,
+    Robot,
+    RobotLimb,
+    RobotParameters,
+    wire_color,
+    write_meshcat_replay,
+)
+from limb_systems.foot_fall import foot_fall
+from limb_systems.model.robot_parameters import walking_limb
+from limb_systems.views.panels import foot_fall_panel, motion_panels
+from limb_systems.views.plots import draw
+from limb_systems.views.walk import FRAMES, draw_walk
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from meshcat_page import animation, boxes, make_plan, srgb, transforms
+
+ROBOT = "/drake/visualizer/robot"
+
+
+def recording_of(robot: RobotParameters, body_pose, joint_angles, contact_force) -> Recording:
+    """A recording of any motion, 10 samples per second."""
+    samples, wires = body_pose.shape[1], len(robot.together.wires)
+    heat = 25.0 + 75.0 * np.random.default_rng(1).random((wires, samples))
+    return Recording(
+        time=np.arange(samples) / 10,
+        duty=np.random.default_rng(2).random((wires, samples)),
+        measured_temperature=heat,
+        bend_angle=np.zeros((len(robot.limbs), samples)),
+        parameters=robot.together,
+        source="a test",
+        sample_rate=10.0,
+        wire_temperature=heat,
+        joint_state=np.vstack([joint_angles, 0 * joint_angles]),
+        robot=robot,
+        body_pose=body_pose,
+        contact_force=contact_force,
+    )
+
+
+def random_recording(robot: RobotParameters, travel: float) -> Recording:
+    rng, samples = np.random.default_rng(4), 6
+    pose = rng.normal(0, 0.1, (robot.pose_size, samples))
+    pose[0] = np.linspace(0, travel, samples)
+    angles = rng.normal(0, 0.2, (robot.joints_of[-1].stop, samples))
+    forces = np.ones((robot.force_size * len(robot.limbs), samples))
+    return recording_of(robot, pose, angles, forces)
+
+
+def in_space() -> RobotParameters:
+    """Three limbs around a body that moves in space."""
+    limbs = []
+    for number, name in enumerate("abc"):
+        x, y = np.cos(2 * np.pi / 3 * number), np.sin(2 * np.pi / 3 * number)
+        position, e2 = [0.03 * x, 0.03 * y, 0.0], [x, y, 0.0]
+        limbs.append(RobotLimb(name, position, e2=e2, parameters=walking_limb()))
+    return RobotParameters(body=BodyParameters(mount="free"), limbs=limbs)
+
+
+def drake_poses(recording: Recording, sample: int) -> dict[str, RigidTransform]:
+    """Poses of all bodies in the world, by the joints of the simulated plant."""
+    robot = recording.robot
+    system = Robot(robot)
+    plant = system.GetSubsystemByName("plant")
+    context = plant.GetMyMutableContextFromRoot(system.CreateDefaultContext())
+    pose = recording.body_pose[:, sample]
+    if robot.body.mount == "planar":
+        plant.GetJointByName("body").set_translation(context, pose[:2])
+        plant.GetJointByName("body").set_rotation(context, pose[2])
+    else:
+        placed = RigidTransform(RollPitchYaw(pose[3:]), pose[:3])
+        plant.SetFreeBodyPose(context, plant.GetBodyByName("body"), placed)
+    angles = iter(recording.joint_state[:, sample])
+    for limb in robot.limbs:
+        for number in range(1, limb.parameters.num_joints + 1):
+            plant.GetJointByName(f"{limb.name}_joint_{number}").set_angle(context, next(angles))
+    names = [
+        "body",
+        *(f"{limb.name}_{part}" for limb in robot.limbs for part in ("base", "link_5")),
+    ]
+    bodies = [plant.GetBodyByName(name) for name in names]
+    return {body.name(): plant.EvalBodyPoseInWorld(context, body) for body in bodies}
+
+
+def shown(tracks: dict, path: str, frame: int) -> RigidTransform:
+    x, y, z, w = tracks[path, "quaternion"][frame]
+    return RigidTransform(Quaternion([w, x, y, z]), tracks[path, "position"][frame])
+
+
+@pytest.mark.parametrize("robot", [RobotParameters(ground=GroundParameters(0.4, 0.1)), in_space()])
+def test_a_page_shows_bodies_and_wires_of_a_robot_where_drake_has_them(tmp_path, robot):
+    recording = random_recording(robot, travel=0.1)
+    write_meshcat_replay(tmp_path / "walk.html", recording, frames_per_second=10.0)
+    page = (tmp_path / "walk.html").read_text(encoding="utf-8")
+    tracks, _, _ = animation(page)
+    for sample in (0, 3, 5):
+        expected = drake_poses(recording, sample)
+        for name in ("body", *(f"{limb.name}_link_5" for limb in robot.limbs)):
+            found = shown(tracks, f"{ROBOT}/{name}", sample)
+            assert found.IsNearlyEqualTo(expected[name], 1e-9), name
+        # The scene does not move, and is tilted as the ground is: +x rises.
+        scene = shown(tracks, "/drake/visualizer", sample).GetAsMatrix4()
+        slope = robot.ground.slope
+        np.testing.assert_allclose(scene[:3, 0], [np.cos(slope), 0, np.sin(slope)], atol=1e-9)
+        np.testing.assert_allclose(scene[:3, 3], 0.0, atol=1e-12)
+    first = robot.limbs[0].name
+    colors = srgb(tracks[f"{ROBOT}/{first}_link_2/robot/wire_right/<object>", "material.color"])
+    wanted = wire_color(robot.together, recording.wire_temperature[1])
+    np.testing.assert_allclose(colors, wanted, atol=1e-9)
+    fill = tracks[f"/drake/duty/{first}_right/fill", "scale"][:, 1]
+    np.testing.assert_allclose(fill, recording.duty[1])
+    # The ground's top is z = 0, under all of the way.
+    ground = transforms(page)["/drake/ground/plane"][:3, 3]
+    length, _, height = boxes(page)["/drake/ground/plane"]
+    assert ground[2] + height / 2 == pytest.approx(0.0)
+    assert ground[0] - length / 2 < -0.05
+    assert ground[0] + length / 2 > 0.15
+    caption = page.split('id="caption"')[1]
+    assert f"μ = {robot.ground.friction:g}" in caption
+    assert "body x <output>" in caption
+    assert ("rises by 5.7" in caption) == (slope > 0)
+
+
+def test_the_view_goes_with_a_robot_that_goes_far_over_marks_that_repeat(tmp_path):
+    recording = random_recording(RobotParameters(), travel=3.0)
+    write_meshcat_replay(tmp_path / "walk.html", recording, frames_per_second=10.0)
+    tracks, _, _ = animation((tmp_path / "walk.html").read_text(encoding="utf-8"))
+    for sample in range(6):
+        x = recording.body_pose[0, sample]
+        scene = shown(tracks, "/drake/visualizer", sample)
+        body = scene @ shown(tracks, f"{ROBOT}/body", sample)
+        assert body.translation()[0] == pytest.approx(0.0, abs=1e-9)
+        moved = shown(tracks, "/drake/ground", sample).translation()[0]
+        assert abs(moved) < 0.05
+        assert (moved + x) / 0.05 == pytest.approx(round((moved + x) / 0.05), abs=1e-6)
+
+
+def test_a_live_view_takes_the_pose_of_the_body_and_refuses_a_plan():
+    recording = random_recording(RobotParameters(), travel=0.1)
+    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
+    view = LimbVisualizer(recording.robot, meshcat)
+    context = view.CreateDefaultContext()
+    for name, value in (
+        ("joint_state", recording.joint_state[:, 2]),
+        ("wire_temperature", recording.wire_temperature[:, 2]),
+        ("body_pose", recording.body_pose[:, 2]),
+    ):
+        view.GetInputPort(name).FixValue(context, value)
+    view.ForcedPublish(context)
+    found = transforms(meshcat.StaticHtml())
+    for name, pose in drake_poses(recording, 2).items():
+        np.testing.assert_allclose(found[f"{ROBOT}/{name}"], pose.GetAsMatrix4(), atol=1e-9)
+    with pytest.raises(LimbError, match="without a plan"):
+        LimbVisualizer(recording.robot, meshcat, make_plan(recording.parameters))
+
+
+def test_feet_stick_roll_slide_and_swing():
+    """One straight limb under a body, its foot so large that it matters whether it rolls."""
+    limb = RobotLimb("leg", parameters=walking_limb())
+    robot = RobotParameters(limbs=[limb], feet=FootParameters(radius=0.01))
+    # In each 0.1 s: how far the foot's centre goes, mm, how far it turns, rad, and its load, N.
+    moves = [
+        (0.0, 0.0, 0.2, "stick"),
+        (0.5, 0.0, 0.2, "slide_forward"),
+        (-0.5, 0.0, 0.2, "slide_backward"),
+        (0.5, -0.05, 0.2, "stick"),  # it rolls: r · 0.05 rad = 0.5 mm
+        (0.0, 0.05, 0.2, "slide_forward"),  # it spins on the spot
+        (0.001, 0.0, 0.2, "stick"),  # it creeps
+        (0.5, 0.0, 0.0, "swing"),
+    ]
+    foot = np.cumsum([0.0, *(1e-3 * move for move, *_ in moves)])
+    turn = np.cumsum([0.0, *(turned for _, turned, *_ in moves)])
+    pose = np.array([foot - 0.06 * np.sin(turn), 0.01 + 0.06 * np.cos(turn), turn])
+    loads = [load for *_, load, _ in moves]
+    force = np.array([0 * turn, [*loads, 0.0]])
+    recording = recording_of(robot, pose, np.zeros((5, len(turn))), force)
+    phases = foot_fall(recording)
+    assert [phase.contacts for phase in phases] == [[contact] for *_, contact in moves]
+    np.testing.assert_allclose([phase.start for phase in phases], np.arange(7) / 10, atol=1e-9)
+    recording.contact_force = None
+    with pytest.raises(LimbError, match="contact forces"):
+        foot_fall(recording)
+
+
+def test_a_gait_is_drawn_as_it_is(gait):
+    panel = foot_fall_panel(gait.robot, gait.phases, gait.period)
+    assert panel.y_ticks == {0: "rear", 1: "front"}
+    lasts = {
+        (curve.name, foot): np.nansum(np.diff(curve.x)[curve.y[:-1] == foot][::2])
+        for curve in panel.curves
+        for foot in (0, 1)
+    }
+    assert lasts == {
+        ("sticks", 0): 10.0,
+        ("sticks", 1): 11.0,
+        ("slides forward", 0): 5.0,
+        ("slides forward", 1): 4.0,
+    }
+    axes = draw(motion_panels(gait)).axes
+    labels = [axis.get_ylabel() for axis in axes]
+    assert labels[:4] == ["foot", "body x (mm)", "body pitch (°)", "contact force (N)"]
+    assert [text.get_text() for text in axes[0].get_yticklabels()] == ["rear", "front"]
+    assert "temperature of front (°C)" in " ".join(labels).replace("\n", " ")
+    (line,) = axes[1].lines
+    np.testing.assert_allclose(line.get_ydata()[[0, -1]], [0.0, 30.0])
+
+    moments = draw_walk(gait).axes[:FRAMES]
+    # The robot at the last moment is that at the first, a stride further.
+    first, last = (
+        np.vstack([patch.get_xy() for patch in moments[n].patches if hasattr(patch, "get_xy")])
+        for n in (0, -1)
+    )
+    np.testing.assert_allclose(last[-len(first) :] - first, [[30.0, 0.0]] * len(first), atol=1e-6)
+    np.testing.assert_allclose(moments[3].lines[-1].get_color(), wire_color(gait.parameters, 64.0))
+
+    long = gait.repeated(3)
+    assert (long.stride, long.period) == pytest.approx((0.09, 45.0))
+    assert len(long.phases) == 3 * len(gait.phases)
+    assert (np.diff(long.body_pose[0]) > 0).all()
