@@ -63,7 +63,7 @@ def test_commands_on_results_take_gaits_and_robots(folder, capsys):
     said(["runs", ".", "-o", "runs.html"], capsys)
     page = (folder / "runs.html").read_text(encoding="utf-8")
     led_to = page.partition("led to")[2][:400]
-    assert {"gait.csv", "walk.csv"} <= set(re.findall(r'href="([^"]+)"', led_to))
+    assert {"#gait.csv", "#walk.csv"} <= set(re.findall(r'href="([^"]+)"', led_to))
     pytest.importorskip("mcap")
     for name in ("walk", "gait"):
         said(["export", f"{name}.csv", "-o", f"{name}.mcap"], capsys)
