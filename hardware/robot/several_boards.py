@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import itertools
+import operator
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any
@@ -10,13 +11,7 @@ from typing import Any
 import numpy as np
 
 from hardware.firmware import guard
-from hardware.robot.link import (
-    BoardInfo,
-    BoardLink,
-    Sample,
-    check_fit,
-    checked_duty,
-)
+from hardware.robot.link import BoardInfo, BoardLink, Sample, check_fit, checked_duty
 from limb_systems import Layout, LimbError, LimbParameters
 from limb_systems.model.heat_bounds import HeatBounds
 from limb_systems.simulation import PERIOD
@@ -30,20 +25,14 @@ def limbs_of(robot: LimbParameters, names: Sequence[str]) -> dict[str, LimbParam
     Raises:
         LimbError: if the names are not those of all limbs.
     """
-
-    def limb_of(segment: tuple[str, object]) -> str:
-        return segment[0] if segment[0] in names else segment[0].rpartition("_")[0] or segment[0]
-
-    segment_names = [suffix[1:] or "1" for suffix in Layout(robot).segment_suffixes]
-    segments = zip(segment_names, robot.segments, strict=True)
-    limbs = [
-        (name, [segment for _, segment in group])
-        for name, group in itertools.groupby(segments, limb_of)
-    ]
+    given = [suffix[1:] or "1" for suffix in Layout(robot).segment_suffixes]
+    owners = [name if name in names else name.rpartition("_")[0] for name in given]
+    groups = itertools.groupby(zip(owners, robot.segments, strict=True), operator.itemgetter(0))
+    limbs = [(name, [segment for _, segment in group]) for name, group in groups]
     if sorted(name for name, _ in limbs) != sorted(names):
         raise LimbError(
             f"There are ports for {', '.join(names)}, but the robot's segments are "
-            f"{', '.join(segment_names)}; give a port for each limb, by its name."
+            f"{', '.join(given)}; give a port for each limb, by its name."
         )
     return {name: dataclasses.replace(robot, segments=segments) for name, segments in limbs}
 

@@ -20,7 +20,7 @@ from .conftest import BOUNDS, Emulator, Heating, wait_for
 NAMES = ["rear", "front"]
 DUTY = [0.02, 0.08, 0.06, 0.04]  # another one for each wire
 HEARTBEAT = 0.3  # s, as in test_faults.py
-SAMPLE = 0.05  # s, between those of a board
+BY_HOST = 0.2  # s, before the heartbeat; it takes some ms if the machine is not busy
 
 HOST = f"""
 import sys
@@ -61,10 +61,8 @@ def test_limbs_have_their_segments_by_name():
     robot = RobotParameters(limbs=[RobotLimb("rear"), RobotLimb("front_1")])
     robot.limbs[1].parameters.segments *= 2
     limbs = limbs_of(robot.together, ["front_1", "rear"])
-    assert [(name, len(limb.wires)) for name, limb in limbs.items()] == [
-        ("rear", 2),
-        ("front_1", 4),
-    ]
+    assert {name: len(limb.wires) for name, limb in limbs.items()} == {"rear": 2, "front_1": 4}
+    assert list(limbs) == ["rear", "front_1"]
     for names in (["rear"], ["rear", "front"], ["rear", "front_1", "middle"]):
         with pytest.raises(LimbError, match="are rear, front_1_1, front_1_2; give a port for each"):
             limbs_of(robot.together, names)
@@ -73,7 +71,7 @@ def test_limbs_have_their_segments_by_name():
 def test_a_plan_is_replayed_on_all_boards_in_one_time(ports, boards, robot, tmp_path, capsys):
     for limb in robot.limbs:
         limb.parameters.temperature_limits.warm_up_time = 100.0
-    reference = references.from_samples([0.0, 1.2], [[0.0, 0.02], [0.0, -0.03]])
+    reference = references.from_samples([0.0, 0.8], [[0.0, 0.01], [0.0, -0.02]])
     planned = plan(robot.together, reference, knot_rate=10.0)
     planned.save(tmp_path / "plan.csv")
     command = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
@@ -120,7 +118,7 @@ def test_boards_go_off_together(ports, boards, robot, start_host, record_propert
     def fails(order, board, said):
         """Makes a heated board fail, after which the host says why it ends; the fault's time."""
         heating = Heating(link, DUTY)
-        assert wait_for(heated)
+        assert wait_for(heated), heating.error
         since = board.order(order)
         assert said in heating.failure()
         return since
@@ -128,7 +126,7 @@ def test_boards_go_off_together(ports, boards, robot, start_host, record_propert
     with SeveralBoards(ports, robot.together) as link:
         since = fails("open left", front, "thermocouple is open")
         front.off_after(since)
-        off(rear, front.events("duty")[-1]["time"], "after another board's fault", 0.1)
+        off(rear, front.events("duty")[-1]["time"], "after another board's fault", BY_HOST)
         count = len(rear.events("duty"))
         with pytest.raises(HardwareError, match="refuses to be armed: a thermocouple is open"):
             link.arm(2 * BOUNDS)
@@ -149,11 +147,11 @@ def test_boards_go_off_together(ports, boards, robot, start_host, record_propert
     with SeveralBoards(ports, robot.together) as link:
         since = fails("drop 1.0", front, "Nothing new came from the board")
         off(rear, since, "after another board's silence", 0.4)
-        front.order("mend")
-        front.order("restart")  # it is ready later than the other, which has to wait
-        time.sleep(3 * SAMPLE)
+    front.order("mend")
+    front.order("restart")  # it is ready later than the other, which has to wait
+    with SeveralBoards(ports, robot.together) as link:
         since = fails("unplug", front, "The cable to")
-        off(rear, since, "after another board's cable was unplugged", 0.1)
+        off(rear, since, "after another board's cable was unplugged", BY_HOST)
         off(front, since, "cable unplugged", HEARTBEAT)
     with pytest.raises(HardwareError, match=f"Cannot open {front.port}"):
         SeveralBoards(ports, robot.together)
