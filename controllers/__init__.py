@@ -1,6 +1,7 @@
 """Feedback about a plan, receding horizon, temperature supervisor, learning over repetitions."""
 
 from controllers.estimator import LimbObserver
+from controllers.gait_feedback import GaitFeedback
 from controllers.learner import Learner
 from controllers.plan_feedback import PlanFeedback, PlanRegulator
 from controllers.receding_horizon import RecedingHorizon
@@ -8,6 +9,7 @@ from controllers.reduced_model import ReducedModel
 from controllers.temperature_supervisor import TemperatureSupervisor, supervised
 
 __all__ = [
+    "GaitFeedback",
     "Learner",
     "LimbObserver",
     "PlanFeedback",

@@ -40,6 +40,7 @@ COMMANDS = {
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),
     "bridge": ("bridge", "put a limb on ROS 2 topics, without a ROS build"),
     "gait": ("gaits", "plan how a robot of several limbs walks"),
+    "walk": ("gaits", "walk by a gait: a robot, or an emulated one, from cold wires"),
     "sweep": ("sweep", "plan and drive many emulated limbs, motions, tasks and controllers"),
     "show": ("results", "say what files are, and what made them"),
     "compare": ("results", "say how plans, recordings or limbs differ"),

@@ -187,7 +187,9 @@ class Recording(Samples):
     @property
     def how(self) -> str:
         """How it was made, in a word for labels: "simulated", "emulated" or "recorded"."""
-        if self.source.startswith(("emulated limb", "emulated robot", "limb twin")):  # the latter through a board
+        if self.source.startswith(
+            ("emulated limb", "emulated robot", "limb twin")
+        ):  # the latter through a board
             return "emulated"
         known_to_a_model = (self.joint_state, self.wire_temperature)
         if self.source.startswith("model") or any(s is not None for s in known_to_a_model):

@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.solvers import IpoptSolver, SolverOptions
 
 from limb_systems import Gait, GaitCheck, RobotParameters
+from planners.gait.check import check_gait
 from planners.gait.program import GaitProgram
 from planners.gait.schedules import check_schedule, sensible_schedules
 from planners.gait.standing import Standing
@@ -26,8 +27,12 @@ def plan_gait(
     objective: Literal["speed", "energy"] = "speed",
     temperature_margin: float = 0.0,
     intervals: int = INTERVALS,
+    check: bool = True,
 ) -> Gait:
     """The fastest periodic motion of a robot, or the one that heats least per distance.
+
+    The check simulates it with contact over eight cycles, and on other grounds and with other
+    parameters, which takes a minute or two.
 
     Args:
         robot: description of the robot, or the path of its YAML file; the crawler if None.
@@ -37,9 +42,11 @@ def plan_gait(
             over time and wires, by stride.
         temperature_margin: how far T stays below T_max, °C.
         intervals: number of intervals between knots, shared by the phases.
+        check: whether to check it by `check_gait`.
 
     Raises:
-        PlanningError: if there is no such motion, with what stays violated.
+        PlanningError: if there is no such motion, with what stays violated, or if the robot does
+            not walk as planned in simulation.
         ParameterError: if the robot's description is wrong.
     """
     robot = RobotParameters.of(robot)
@@ -64,7 +71,7 @@ def plan_gait(
         details = result.get_solver_details()
         iterations, solve_time = iterations + details.iterations, solve_time + details.solve_time
         if result.is_success():
-            check = GaitCheck(
+            found = GaitCheck(
                 solver=f"IPOPT, {barrier} barrier",
                 status=details.status,
                 objective=objective,
@@ -72,11 +79,22 @@ def plan_gait(
                 solve_time=solve_time,
                 violation=program.violation(result.get_x_val()),
             )
-            return program.gait(result.get_x_val(), check)
+            gait = program.gait(result.get_x_val(), found)
+            return _checked(gait) if check else gait
         failures.append(f"{barrier} barrier: {details.status}")
     raise PlanningError(
         f"No gait was found ({'; '.join(failures)}): {explain(program, result.get_x_val())}."
     )
+
+
+def _checked(gait: Gait) -> Gait:
+    gait = check_gait(gait)
+    if failure := gait.check.failure():
+        raise PlanningError(
+            f"A gait of {1e3 * gait.stride:.1f} mm in {gait.period:.1f} s was planned, but refused: "
+            f"{failure}"
+        )
+    return gait
 
 
 def standing_still(program: GaitProgram) -> np.ndarray:

@@ -22,7 +22,7 @@ from typing import Literal
 import numpy as np
 from pydrake.solvers import Binding, MathematicalProgram
 
-from limb_systems import Gait, GaitCheck, GaitPhase, RobotParameters, Wires
+from limb_systems import Gait, GaitCheck, GaitPhase, Provenance, RobotParameters, Wires
 from planners.gait.heat import PeriodicHeat
 from planners.gait.planar_robot import POSE, PlanarRobot
 from planners.gait.standing import LEAST_PIVOT, Standing
@@ -199,6 +199,7 @@ class GaitProgram:
                 for start, contacts in zip(starts, self.schedule, strict=True)
             ],
             check=check,
+            provenance=Provenance.now(self.robot.together),
         )
 
     def violation(self, x: np.ndarray) -> float:

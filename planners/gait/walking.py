@@ -122,8 +122,9 @@ def _duty_time(
     knots = np.concatenate([[0.0], *(start + gait.time[:-1] for start in starts)])
     sums = [np.zeros((1, len(level)))]
     sums += [before + n * one[-1] + np.vstack([0 * one[:1], one[:-1]]) for n in range(cycles)]
-    knots, sums = np.append(knots, warm_up + cycles * gait.period), np.vstack(
-        [*sums, before + cycles * one[-1:]]
+    knots, sums = (
+        np.append(knots, warm_up + cycles * gait.period),
+        np.vstack([*sums, before + cycles * one[-1:]]),
     )
     return np.array([np.interp(times, knots, of_wire) for of_wire in sums.T]).T
 

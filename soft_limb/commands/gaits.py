@@ -2,15 +2,31 @@
 
 import argparse
 import os
+import re
 from pathlib import Path
 
-from limb_systems import LimbError, RobotParameters
+from pydrake.systems.framework import LeafSystem
+
+from controllers import GaitFeedback, PlanFeedback
+from hardware import RobotTwin, SerialLimb, replay
+from limb_systems import Gait, LimbError, LimbSystem, Robot, RobotParameters
 from limb_systems.output import check_outputs
 from limb_systems.progress import Progress
 from planners.gait.schedules import schedule_of, sensible_schedules
+from planners.gait.walking import walk
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
+from soft_limb.results.summaries import gait_summary, walk_summary
 from soft_limb.runs.gaits import find_gait
 from soft_limb.runs.jobs import local_executor
+from soft_limb.runs.rollout import OPEN
+
+STRIDES, BENDS = "gait-feedback", "plan-feedback"
+
+
+def _at_least_one(text: str) -> int:
+    if not re.fullmatch(r"[1-9]\d{0,3}", text):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a number of cycles from 1 to 9999")
+    return int(text)
 
 
 def _gait(options: argparse.Namespace) -> int:
@@ -52,17 +68,52 @@ def _gait(options: argparse.Namespace) -> int:
     gait.save(options.output)
     if options.plot:
         # Matplotlib takes as long to import as all the rest.
-        from limb_systems.views.robot_plots import plot_gait
-
         from limb_systems.views.plots import save_figure
+        from limb_systems.views.walk import draw_walk
 
-        save_figure(plot_gait(gait), options.plot)
+        save_figure(draw_walk(gait), options.plot)
     if options.report:
         from soft_limb.reports.gait import gait_report
 
         gait_report(gait, options.report)
-    print_summary(options, gait.summary(), outputs)
+    print_summary(options, gait_summary(gait), outputs)
     return 0
+
+
+def _walk(options: argparse.Namespace) -> int:
+    outputs = [options.output, options.plot]
+    check_outputs(
+        outputs,
+        inputs=[options.gait],
+        pictures=[options.plot],
+        tables=[options.output],
+        force=options.force,
+    )
+    gait = Gait.load(options.gait)
+    trajectory = walk(gait, options.cycles)
+    robot: LimbSystem
+    if options.port:
+        robot = SerialLimb(options.port, gait.parameters)
+    elif options.model:
+        robot = Robot(gait.robot)
+    else:
+        robot = RobotTwin(gait.robot, seed=options.emulated or 0)
+    name = options.controller or (BENDS if options.port else STRIDES)
+    controller: LeafSystem | None = None
+    if name == STRIDES:
+        controller = GaitFeedback(gait, options.cycles)
+    elif name == BENDS:
+        controller = PlanFeedback(trajectory)
+    recording = replay(trajectory, robot, controller=controller, journal=options.output)
+    recording.save(options.output)
+    if options.plot:
+        # Matplotlib takes as long to import as all the rest.
+        from limb_systems.views.plots import plot_motion, save_figure
+
+        save_figure(plot_motion(recording), options.plot)
+    start = trajectory.duration - options.cycles * gait.period
+    print_summary(options, walk_summary(gait, recording, options.cycles, start), outputs)
+    return 1 if recording.interrupted else 0
 
 
 COMMANDS = {
@@ -110,5 +161,29 @@ COMMANDS = {
             ),
         ],
         stopped="stopped; nothing was written",
+    ),
+    "walk": Command(
+        _walk,
+        "Walks by a gait: warms the wires up, makes so many cycles, and stops. Without a port it "
+        "is an emulated robot that walks, whose limbs, masses and friction are not those described; "
+        "its body is seen by an emulated camera.",
+        "output driven plot json force",
+        [
+            Option("gait", type=Path, help="gait file (.csv), as soft-limb gait writes it"),
+            Option(
+                "-n",
+                "--cycles",
+                type=_at_least_one,
+                default=8,
+                help="number of cycles (default %(default)s)",
+            ),
+            Option(
+                "--controller",
+                choices=[STRIDES, BENDS, OPEN],
+                help=f"{STRIDES}: hold the bends, and correct amplitude and duration by the stride; "
+                f"{BENDS}: hold the bends; {OPEN}: the gait's duty (default {STRIDES}, or {BENDS} "
+                "on a port, where no camera sees the body)",
+            ),
+        ],
     ),
 }

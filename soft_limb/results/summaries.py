@@ -6,11 +6,12 @@ import numpy as np
 
 from calibration import Calibration, Prediction, Validation
 from controllers import Learner
-from limb_systems import Gait, Trajectory
+from limb_systems import Gait, Recording, Trajectory
 from limb_systems.summary import Entry, Summary
 from limb_systems.tracking import ReferenceDistances, reference_distances
 from planners import nearest_bend_angle
 from planners.checks import far_from_reference
+from planners.gait.check import fall_of, strides_of
 
 
 def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
@@ -112,6 +113,28 @@ def gait_summary(gait: Gait) -> Summary:
             "knots": len(gait.time),
             **dataclasses.asdict(check),
         },
+    )
+
+
+def walk_summary(gait: Gait, recording: Recording, cycles: int, start: float) -> Summary:
+    """The strides of a walk beside the planned one, its heat, and whether it fell.
+
+    Args:
+        cycles: number of cycles that it was to have.
+        start: time at which the first of them begins, s.
+    """
+    summary = recording.summary()
+    if recording.body_pose is None:
+        return summary
+    fall, end = fall_of(recording, gait, start)
+    cycles = max(0, min(cycles, int((end - start) / gait.period + 1e-6)))
+    strides = strides_of(recording, gait.period, cycles, start)
+    shown = ", ".join(f"{1e3 * stride:.1f}" for stride in strides)
+    return summary + Summary(
+        [
+            Entry("strides", strides.tolist(), "m", f"{shown} mm, {1e3 * gait.stride:.1f} planned"),
+            Entry("fall", fall),
+        ]
     )
 
 
