@@ -112,7 +112,8 @@ def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, 
     """How a robot that walks falls, in words, and when, s; no words and the end if it does not.
 
     It falls if its body tilts by more than 60° or comes to the ground, or if for half a period a
-    foot carries nothing that does not swing in the gait, whose first cycle begins at a start, s.
+    foot carries nothing that does not swing in the gait, whose first cycle begins at a start, s;
+    the latter is left out where forces are not known.
     """
     body, pose, times = gait.robot.body, recording.body_pose, recording.time
     sine, cosine = np.abs(np.sin(pose[2])), np.cos(pose[2])
@@ -123,9 +124,9 @@ def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, 
     ]
     phases = np.searchsorted([p.start for p in gait.phases], (times - start) % gait.period, "right")
     weight = gait.contact_force[1::2].sum(axis=0).mean()
-    for limb, (named, force) in enumerate(
-        zip(gait.robot.limbs, recording.contact_force[1::2], strict=True)
-    ):
+    forces = recording.contact_force
+    seen = [] if forces is None else list(zip(gait.robot.limbs, forces[1::2], strict=True))
+    for limb, (named, force) in enumerate(seen):
         swings = np.array([phase.contacts[limb] == "swing" for phase in gait.phases])[phases - 1]
         idle = (force < NO_LOAD * weight) & ~swings & (times >= start)
         samples = round(0.5 * gait.period * recording.sample_rate)

@@ -91,8 +91,8 @@ def _checked(gait: Gait) -> Gait:
     gait = check_gait(gait)
     if failure := gait.check.failure():
         raise PlanningError(
-            f"A gait of {1e3 * gait.stride:.1f} mm in {gait.period:.1f} s was planned, but refused: "
-            f"{failure}"
+            f"A gait of {1e3 * gait.stride:.1f} mm in {gait.period:.1f} s was planned, but is "
+            f"refused: {failure}"
         )
     return gait
 

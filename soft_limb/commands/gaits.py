@@ -97,7 +97,7 @@ def _walk(options: argparse.Namespace) -> int:
     elif options.model:
         robot = Robot(gait.robot)
     else:
-        robot = RobotTwin(gait.robot, seed=options.emulated or 0)
+        robot = RobotTwin(gait.robot, seed=options.emulated or 0, truth=True)
     name = options.controller or (BENDS if options.port else STRIDES)
     controller: LeafSystem | None = None
     if name == STRIDES:
@@ -165,7 +165,7 @@ COMMANDS = {
     "walk": Command(
         _walk,
         "Walks by a gait: warms the wires up, makes so many cycles, and stops. Without a port it "
-        "is an emulated robot that walks, whose limbs, masses and friction are not those described; "
+        "is an emulated robot that walks, whose limbs, masses and friction are not as described; "
         "its body is seen by an emulated camera.",
         "output driven plot json force",
         [
@@ -180,8 +180,8 @@ COMMANDS = {
             Option(
                 "--controller",
                 choices=[STRIDES, BENDS, OPEN],
-                help=f"{STRIDES}: hold the bends, and correct amplitude and duration by the stride; "
-                f"{BENDS}: hold the bends; {OPEN}: the gait's duty (default {STRIDES}, or {BENDS} "
+                help=f"{STRIDES}: hold the bends, and correct their amplitude and duration by each "
+                f"stride; {BENDS}: hold the bends; {OPEN}: the gait's duty (default {STRIDES}, or {BENDS} "
                 "on a port, where no camera sees the body)",
             ),
         ],
