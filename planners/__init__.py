@@ -2,7 +2,9 @@
 
 import limb_systems  # noqa: F401 - before what takes long, see limb_systems.startup
 from planners import references
+from planners.gait.check import check_gait
 from planners.gait.gait import plan_gait
+from planners.gait.walking import walk
 from planners.nearest import nearest_bend_angle
 from planners.planning import Planner, plan
 from planners.task import Phase, Task, TaskError
@@ -19,8 +21,10 @@ __all__ = [
     "Task",
     "TaskError",
     "TrajectoryProgram",
+    "check_gait",
     "nearest_bend_angle",
     "plan",
     "plan_gait",
     "references",
+    "walk",
 ]
