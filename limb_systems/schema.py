@@ -128,9 +128,9 @@ def _plain(value: Any, name: str = "", metadata: typing.Mapping = _NONE) -> Any:
             field
             for field in dataclasses.fields(value)
             if not (field.metadata.get("rare") and getattr(value, field.name) == field.default)
+            and not (getattr(value, field.name) is field.default is None)
         ]
         plain = {f.name: _plain(getattr(value, f.name), f.name, f.metadata) for f in fields}
-        plain = {name: item for name, item in plain.items() if item is not None}
         return {"_tag": f"!{type(value).__name__}", **plain} if isinstance(value, Tagged) else plain
     if isinstance(value, list):
         return [_plain(item, name, metadata) for item in value]

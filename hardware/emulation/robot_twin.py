@@ -237,7 +237,8 @@ class RobotTwin(Diagram):
     def _rest(self, duration: float, step: float) -> None:
         robot = RobotTwin(specimen=self.specimen, bend_rate=1.0, time_step=step)
         simulator = make_simulator(robot, robot.accuracy)
-        simulator.get_mutable_integrator().set_maximum_step_size(step)
+        if robot.accuracy is None:
+            simulator.get_mutable_integrator().set_maximum_step_size(step)
         duty = robot.GetInputPort("duty")
         duty.FixValue(simulator.get_mutable_context(), np.zeros(duty.size()))
         simulator.AdvanceTo(duration)

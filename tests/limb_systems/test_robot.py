@@ -109,6 +109,8 @@ def test_files_of_robots_and_of_their_recordings_round_trip(tmp_path):
     robot.limbs[1].parameters.segments[0].wires[0].law.a1 = -0.06
     robot.save(tmp_path / "robot.yaml")
     assert RobotParameters.load(tmp_path / "robot.yaml") == robot
+    hanging = RobotParameters.of(LimbParameters())
+    assert RobotParameters.from_yaml(hanging.to_yaml()) == hanging  # without a ground
     recording = simulate(Robot(robot), COLD + 0.1, 0.2)
     recording.save(tmp_path / "recording.csv")
     loaded = Recording.load(tmp_path / "recording.csv")

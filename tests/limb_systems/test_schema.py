@@ -112,7 +112,7 @@ def test_values_have_the_type_of_their_field():
         assert (type(read), read) == (type(value), value), text
     assert math.isnan(load_typed(Fields, "number: .nan").number)
     made = Fields(text="~", number=math.inf, count=-1, choice=True, other=None)
-    assert load_typed(Fields, dump_typed(made)) == dataclasses.replace(made, other=0)
+    assert load_typed(Fields, dump_typed(made)) == made
 
 
 def test_what_files_hold_as_text_is_no_value_of_an_object(refused):
