@@ -57,7 +57,7 @@ def plan_gait(
     start = standing_still(program)
     failures: list[str] = []
     iterations, solve_time = 0, 0.0
-    for barrier in ("monotone", "adaptive"):
+    for barrier in ("adaptive", "monotone"):
         options = SolverOptions()
         for name, value in {
             "mu_strategy": barrier,

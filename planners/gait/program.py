@@ -36,7 +36,7 @@ LEAST_LOAD = 0.05  # of the weight, on each foot on the ground
 STICKING_SHARE = 0.8  # of μ, that feet that stick may use
 LENGTH_SCALE = 0.01  # m, a typical travel
 LEAST_STRIDE = 1e-3  # m; below, there is no gait to speak of
-STEPS = 0.1, 4.0  # of intervals, as shares of the time constant of cooling over their number
+STEPS = 0.1, 10.0  # of intervals, as shares of the time constant of cooling over their number
 # rad, of the body and of each joint: bounds that gaits do not reach keep iterates sane.
 MOST_PITCH, MOST_TURN = 0.5, 0.8
 
