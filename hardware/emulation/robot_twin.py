@@ -104,10 +104,31 @@ class RobotSpecimen(Specimen):
             ]
         return robot
 
+    def limb(self, name: str) -> Specimen:
+        """A limb alone, unused and weighed, for a `LimbTwin` on which to calibrate it."""
+        return _LimbSpecimen(self, name)
+
     def board_of(self, limb: str) -> SerialBoard:
         """The identity of a limb, and of the board that drives it alone."""
         named = dataclasses.replace(self.board, description=f"{limb} of {self._drawn_around}")
         return SerialBoard(named.serial_number)
+
+
+class _LimbSpecimen(Specimen):
+    def __init__(self, robot: RobotSpecimen, name: str):
+        super().__init__(robot.drawn.limb(name), robot.seed, robot.extra)
+        number = [limb.name for limb in robot.drawn.limbs].index(name)
+        places = [len(limb.parameters.segments) for limb in robot.drawn.limbs]
+        start = sum(places[:number])
+        self.wires = robot.wires[robot.drawn.wires_of[number]]
+        self.segments = robot.segments[start : start + places[number]]
+        self.ambient, self.absent = robot.ambient, robot.absent
+        self._board = robot.board_of(name)
+
+    @property
+    def board(self) -> SerialBoard:
+        """That of the limb on the robot."""
+        return self._board
 
 
 class RobotTwin(Diagram):

@@ -277,8 +277,8 @@ class Specimen:
         return specimen.disturbed(**dict(map(_disturbance, board.disturbances)))
 
     @property
-    def board(self) -> EmulatedLimb:
-        """The limb's identity, from which `of` makes it again."""
+    def board(self) -> Any:
+        """The limb's identity, an `EmulatedLimb` from which `of` makes it again."""
         changes = [f"{name} {value!r}" for name, value in self.disturbances.items()]
         absent, extra = list(self.absent), list(self.extra)
         return EmulatedLimb(

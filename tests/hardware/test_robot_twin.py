@@ -7,7 +7,7 @@ import pytest
 from scipy.special import expit
 from simulated_board import SimulatedBoard
 
-from hardware import RobotTwin, replay
+from hardware import LimbTwin, RobotTwin, replay
 from hardware.emulation.emulated_board import RunningTwin
 from hardware.emulation.robot_twin import RobotSpecimen
 from limb_systems import (
@@ -119,6 +119,17 @@ def test_a_seed_draws_a_robot_and_its_identity_makes_it_again():
     numbers = {first.board.serial_number, other.board.serial_number}
     numbers |= {first.board_of(name).serial_number for name in ("rear", "front")}
     assert len(numbers) == 4
+
+
+def test_a_limb_that_is_taken_off_is_the_one_on_the_robot():
+    robot = RobotTwin(seed=5)
+    specimen = robot.specimen.limb("front")
+    twin = LimbTwin(specimen=specimen)
+    assert specimen.wires == robot.specimen.wires[2:]
+    assert specimen.segments == robot.specimen.segments[1:]
+    assert twin.parameters.board == robot.robot.limb("front").board
+    weighed = robot.specimen.drawn.limb("front").segments[0].mass
+    assert twin.parameters.segments[0].mass == weighed != 0.015
 
 
 def test_what_is_drawn_keeps_to_what_is_stated():
