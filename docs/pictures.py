@@ -3,6 +3,7 @@
 python docs/pictures.py              diagrams, flows and the drawing of the links
 python docs/pictures.py --demo out   copies of those that `make demo` left in a folder
 python docs/pictures.py --space out  a limb that draws in space, from a plan.csv and recording.csv
+python docs/pictures.py --walk FILE  the gait in a file, from `soft-limb gait`
 python docs/pictures.py --live       a screenshot of the live page, by the tests' Chromium
 
 `replay.png` is a screenshot of the page that the demo writes; `wiring.svg` is drawn by hand.
@@ -28,6 +29,7 @@ from calibration import BendAngleController, EquilibriumSchedule, calibrate, col
 from controllers import PlanFeedback
 from hardware import LimbTwin, replay
 from limb_systems import (
+    Gait,
     Layout,
     Limb,
     LimbParameters,
@@ -45,6 +47,7 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.limb_view import ghost_of_reference, joint_angle_trajectory
 from limb_systems.views.plots import save_figure
+from limb_systems.views.walk import draw_walk
 from planners import Task, plan, references
 from planners.diagnostics import plot_diagnostics
 from soft_limb.live.page import LivePage
@@ -63,10 +66,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Makes the pictures of the documentation.")
     parser.add_argument("--demo", type=Path, help="folder of `make demo` to copy pictures from")
     parser.add_argument("--space", type=Path, help="folder of a plan.csv and a recording.csv")
+    parser.add_argument("--walk", type=Path, help="file of a gait")
     parser.add_argument("--live", action="store_true", help="make the picture of the live page")
     options = parser.parse_args()
     if options.live:
         photograph_live_page(FOLDER / "live.png")
+        return
+    if options.walk:
+        save_figure(draw_walk(Gait.load(options.walk)), FOLDER / "walk.png")
         return
     if folder := options.space:
         files = Trajectory.load(folder / "plan.csv"), Recording.load(folder / "recording.csv")

@@ -11,9 +11,8 @@ from limb_systems.files.gait import GaitPhase
 from limb_systems.files.recording import Recording
 from limb_systems.model.robot import make_robot, set_positions
 
-# m/s: Drake's contact lets feet that stick creep by up to 3e-5 m/s, and steps of 1 mm per sample
-# are slow for a foot that slides.
-FASTEST_CREEP = 2e-4
+# m/s, and m/s for each N along the ground, twice that by which feet that stick creep in Drake.
+SLOWEST, CREEP = 2e-4, 8.4e-4
 LIFTED = 0.02  # share of what all feet carry
 
 
@@ -21,8 +20,9 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
     """Phases in which no foot changes what it does, from each sample to the next.
 
     A foot swings where it carries less than 2% of what all feet carry. Else it slides where its
-    point at the ground is faster than 0.2 mm/s, or sticks. It slides forward if it goes towards +x.
-    Friction is not asked, since that of the ground may be another than described.
+    point at the ground is faster than 0.2 mm/s, and 0.84 mm/s for each N along the ground; or it
+    sticks. It slides forward if it goes towards +x. Friction is not asked, since that of the ground
+    may be another than described.
 
     Raises:
         LimbError: if the recording has no joint angles, no pose of the body or no contact forces,
@@ -36,11 +36,12 @@ def foot_fall(recording: Recording) -> list[GaitPhase]:
         )
     velocity = _slip(recording) / np.diff(recording.time)
     speed = np.linalg.norm(velocity, axis=1)  # (L, K-1)
-    normal = forces.reshape(len(robot.limbs), -1, len(recording.time))[:, -1]
-    load = (normal[:, 1:] + normal[:, :-1]) / 2
+    of_feet = forces.reshape(len(robot.limbs), -1, len(recording.time))
+    of_feet = (of_feet[..., 1:] + of_feet[..., :-1]) / 2
+    along, load = np.linalg.norm(of_feet[:, :-1], axis=1), of_feet[:, -1]
     swings = load <= LIFTED * load.sum(axis=0)
     slides = np.where(velocity[:, 0] > 0, "slide_forward", "slide_backward")
-    contacts = np.where(swings, "swing", np.where(speed > FASTEST_CREEP, slides, "stick"))
+    contacts = np.where(swings, "swing", np.where(speed > SLOWEST + CREEP * along, slides, "stick"))
     starts = zip(recording.time[:-1].tolist(), contacts.T.tolist(), strict=True)
     return [
         GaitPhase(next(group)[0], done)

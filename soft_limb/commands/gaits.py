@@ -75,7 +75,7 @@ def _gait(options: argparse.Namespace) -> int:
     if options.report:
         from soft_limb.reports.gait import gait_report
 
-        gait_report(gait, options.report)
+        gait_report(gait, options.report, {"gait": options.output})
     print_summary(options, gait_summary(gait), outputs)
     return 0
 
