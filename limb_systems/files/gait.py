@@ -189,6 +189,11 @@ class Gait(Samples):
         return self.stride / self.period
 
     @property
+    def schedule(self) -> list[list[str]]:
+        """What each foot does in each phase (P, L)."""
+        return [phase.contacts for phase in self.phases]
+
+    @property
     def passed(self) -> bool:
         """Whether it was simulated with contact, and went as planned."""
         return self.check.failure() is None

@@ -155,9 +155,11 @@ def _simulate_all(gait: Gait, jobs: list) -> list[GaitVariation]:
         for future in as_completed(futures):
             done += jobs[futures.index(future)][2]
             progress.update(done)
-            if futures[0].done() and futures[0].result().fall:
-                pool.shutdown(wait=False, cancel_futures=True)
-                return [futures[0].result()]  # it is no gait, and has no spread
+            if futures[0].done():
+                nominal = futures[0].result()
+                if dataclasses.replace(gait.check, simulation=nominal).failure():
+                    pool.shutdown(wait=False, cancel_futures=True)
+                    return [nominal]  # it is no gait, and has no spread
     return [future.result() for future in futures]
 
 

@@ -62,6 +62,7 @@ class GaitProgram:
         temperature_margin: how far T stays below T_max, °C.
         sticking_share: share of μ that feet that stick may use.
         clearance: of feet that swing, m.
+        steadiness: the least pivots of the stiffness, as multiples of those of `Standing`.
     """
 
     def __init__(
@@ -73,6 +74,7 @@ class GaitProgram:
         temperature_margin: float = 0.0,
         sticking_share: float = STICKING_SHARE,
         clearance: float = 0.5e-3,
+        steadiness: float = 1.0,
     ):
         self.robot, self.schedule, self.objective = robot, schedule, objective
         self.planar, self.wires = PlanarRobot(robot), Wires(robot.together)
@@ -92,7 +94,7 @@ class GaitProgram:
         self.standing = standing
         off_ground = np.all([of == "swing" for of in both], axis=0)
         self.blocks: list[ConstraintBlock] = [
-            _StandingBlock(self, standing, off_ground, clearance),
+            _StandingBlock(self, standing, off_ground, clearance, steadiness),
             PeriodicHeat(self.wires, self.heat, self.duty, self.time_steps),
             _Merit(self),
         ]
@@ -233,7 +235,12 @@ class _StandingBlock:
     replaces: Collection[Binding] = ()
 
     def __init__(
-        self, program: GaitProgram, standing: Standing, off_ground: np.ndarray, clearance: float
+        self,
+        program: GaitProgram,
+        standing: Standing,
+        off_ground: np.ndarray,
+        clearance: float,
+        steadiness: float,
     ):
         self._standing = standing
         planar, wires, load = program.planar, program.wires, program.load
@@ -254,7 +261,7 @@ class _StandingBlock:
         heights = slice(d + F, d + 2 * F)
         lower[:, heights] = planar.radius + clearance * off_ground
         upper[:, heights] = np.where(off_ground, np.inf, planar.radius)
-        lower[:, d + 2 * F :] = LEAST_PIVOT
+        lower[:, d + 2 * F :] = np.arcsinh(steadiness * np.sinh(LEAST_PIVOT))
         upper[:, d + 2 * F :] = np.inf
         self.lower, self.upper = ((ends * self._scales).ravel() for ends in (lower, upper))
         pattern = np.ones((m, P), bool)

@@ -181,8 +181,8 @@ COMMANDS = {
                 "--controller",
                 choices=[STRIDES, BENDS, OPEN],
                 help=f"{STRIDES}: hold the bends, and correct their amplitude and duration by each "
-                f"stride; {BENDS}: hold the bends; {OPEN}: the gait's duty (default {STRIDES}, or {BENDS} "
-                "on a port, where no camera sees the body)",
+                f"stride; {BENDS}: hold them; {OPEN}: the gait's duty (default {STRIDES}, or "
+                f"{BENDS} on a port, where no camera sees the body)",
             ),
         ],
     ),

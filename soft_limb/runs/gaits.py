@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from limb_systems import Gait, LimbError, RobotParameters
-from planners.gait.check import check_gait
+from limb_systems import Gait, RobotParameters
+from planners import PlanningError
 from planners.gait.gait import plan_gait
 from planners.gait.schedules import Schedule, schedule_text
 from soft_limb.runs.jobs import run_each
@@ -61,9 +61,16 @@ def find_gait(
     for number, trial in enumerate(trials):
         if trial.gait is None:
             break
-        trial.gait = check_gait(trial.gait, spread=spread)
-        if failure := trial.gait.check.failure():
-            trial.reason = failure
+        try:
+            trial.gait = plan_gait(
+                robot,
+                schedule=trial.gait.schedule,
+                objective=objective,
+                temperature_margin=temperature_margin,
+                spread=spread,
+            )
+        except PlanningError as error:
+            trial.reason = str(error)
             continue
         for slower in trials[number + 1 :]:
             if slower.gait:
@@ -82,6 +89,6 @@ def _merit(gait: Gait, objective: str) -> float:
 def _planned(robot: RobotParameters, schedule: Schedule, **options) -> Trial:
     try:
         gait = plan_gait(robot, schedule=schedule, check=False, **options)
-    except LimbError as error:
+    except PlanningError as error:
         return Trial(schedule_text(schedule), reason=str(error))
     return Trial(schedule_text(schedule), gait)
