@@ -143,6 +143,7 @@ def shown(
             duration,
             plan.since_start() if plan else None,
             band(plan) if plan else None,
+            getattr(limb, "robot", None),
         )
     )
     feed = builder.AddSystem(Feed(live, limb, has_reference=reference is not None))

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from limb_systems import LimbParameters, Trajectory
+from limb_systems import LimbParameters, RobotParameters, Trajectory
 from limb_systems.band import Band
 
 
@@ -15,6 +15,7 @@ class RunHeader:
     - ``limit``: reading at which the heaters are switched off, °C.
     - ``duration``: longest duration, s; None if it has no end.
     - ``plan``, ``band``: plan that the limb follows, and its band; or None.
+    - ``robot``: the robot whose limbs these are; or None.
     """
 
     source: str
@@ -23,6 +24,7 @@ class RunHeader:
     duration: float | None = None
     plan: Trajectory | None = None
     band: Band | None = None
+    robot: RobotParameters | None = None
 
 
 @dataclasses.dataclass(frozen=True)

@@ -31,7 +31,9 @@ EMPTY = f"<!DOCTYPE html><html><head></head><body>{LISTEN}</html>"
 
 
 class View:
-    """A limb as it is measured, beside ghosts of its plan and reference.
+    """A limb as it is measured, beside ghosts of its plan and reference, or a robot.
+
+    Where the body of a robot is is not measured: it stays where it stands at first.
 
     Meshcat's server lets every page of every site command it. Here it lives for the
     moment in which it writes the page of a phase; what moves then goes to the browsers
@@ -48,8 +50,10 @@ class View:
     def begin(self, phase: RunHeader) -> None:
         """Shows another limb, or another plan."""
         self._parameters = parameters = phase.parameters
-        ghosts = ghosts_of_plan(parameters, phase.plan) if phase.plan else []
-        self._limb = LimbView(parameters, ghosts)
+        shown, ghosts = phase.robot or parameters, []
+        if phase.plan and shown is parameters:
+            ghosts = ghosts_of_plan(parameters, phase.plan)
+        self._limb = LimbView(shown, ghosts)
         meshcat = Meshcat(MeshcatParams(host="127.0.0.1", port=0, show_stats_plot=False))
         self._limb.add_to(meshcat)
         self._limb.set_scene(meshcat)
