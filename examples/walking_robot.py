@@ -1,0 +1,53 @@
+"""A crawler of two limbs plans its gait, and walks on a ground that is rougher than it knows.
+
+    python examples/walking_robot.py [ROBOT.yaml] [-n CYCLES] [--friction FACTOR] [-o FOLDER]
+
+From cold wires it walks with the gait's duty, then with feedback, which holds the bends and corrects
+them by each stride, as a camera sees it. The robot is the model; `soft-limb walk` emulates one.
+"""
+
+import argparse
+import copy
+import sys
+from pathlib import Path
+
+from controllers import GaitFeedback
+from hardware import replay
+from limb_systems import LimbError, Robot, RobotParameters, write_meshcat_replay
+from limb_systems.views.plots import plot_motion, save_figure
+from limb_systems.views.walk import draw_walk
+from planners import plan_gait
+from planners.gait.check import strides_of
+from planners.gait.walking import walk
+
+
+def main(options):
+    gait = plan_gait(options.robot, spread=False)
+    gait.save(options.out / "gait.csv")
+    save_figure(draw_walk(gait), options.out / "gait.png")
+    print(gait.summary())
+    robot = copy.deepcopy(gait.robot)
+    robot.ground.friction *= options.friction
+    trajectory = walk(gait, options.cycles)
+    start = trajectory.duration - options.cycles * gait.period
+    ways = {"open_loop": None, "feedback": GaitFeedback(gait, options.cycles)}
+    for name, controller in ways.items():
+        recording = replay(trajectory, Robot(robot), controller=controller)
+        recording.save(options.out / f"walk_{name}.csv")
+        strides = 1e3 * strides_of(recording, gait.period, options.cycles, start)
+        print(f"{name:<12}strides of {', '.join(f'{stride:.1f}' for stride in strides)} mm")
+        save_figure(plot_motion(recording), options.out / f"walk_{name}.png")
+        write_meshcat_replay(options.out / f"walk_{name}.html", recording)
+    print(f"written     gait.csv, gait.png, walk_*.csv, .png and .html in {options.out}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="Plans a gait, and walks.")
+    parser.add_argument("robot", nargs="?", type=RobotParameters.load)
+    parser.add_argument("-n", "--cycles", type=int, default=6)
+    parser.add_argument("--friction", type=float, default=1.3, help="factor of the planned one")
+    parser.add_argument("-o", "--out", type=Path, default="out", help="folder for the results")
+    try:
+        main(parser.parse_args())
+    except LimbError as error:
+        sys.exit(f"error: {error}")
