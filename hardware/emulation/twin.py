@@ -17,9 +17,11 @@ from limb_systems import Layout, LimbError, LimbParameters, make_manipulator
 from limb_systems.simulation import PERIOD, make_simulator
 
 SPECIMENS = {specimen.physics: specimen for specimen in (Specimen, ContinuumSpecimen)}
-# Accuracy of simulations in space: the least step at 1e-2 is too long for the stiffest modes of
-# limbs that twist, have many links or are let go, in which one limb in four got lost.
+# Accuracy of simulations in space and of stiff limbs: the least step at 1e-2 is too long for the
+# stiffest modes of limbs that twist, have many links or are let go, in which one limb in four got
+# lost, and those of a robot that stands on its limbs all.
 SPACE_ACCURACY = 1e-3
+STIFF = 500.0  # 1/s, rate √(k / (m l²)) of a link of mass m and length l; of the nominal limb 250
 SWING_TIME, REST_STEPS = 30.0, 270  # of a pause: s with fine steps, and least number of coarse ones
 
 
@@ -108,7 +110,11 @@ class LimbTwin(Diagram):
         self.specimen, self.parameters = specimen, copy.deepcopy(specimen.description)
         self.parameters.board = specimen.board
         layout = Layout(self.parameters)
-        if not layout.is_planar:
+        stiffest = max(
+            np.sqrt(s.stiffness * s.links**3 / (s.mass * s.length**2))
+            for s in self.parameters.segments
+        )
+        if not layout.is_planar or stiffest > STIFF:
             self.accuracy = SPACE_ACCURACY
         if hand is not None and hand.rows() != layout.num_bends:
             raise LimbError(

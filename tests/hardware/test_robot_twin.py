@@ -7,6 +7,7 @@ import pytest
 from scipy.special import expit
 from simulated_board import SimulatedBoard
 
+from calibration.collecting.protocol import hand_for_ring_down
 from hardware import LimbTwin, RobotTwin, replay
 from hardware.emulation.emulated_board import RunningTwin
 from hardware.emulation.robot_twin import RobotSpecimen
@@ -130,6 +131,10 @@ def test_a_limb_that_is_taken_off_is_the_one_on_the_robot():
     assert twin.parameters.board == robot.robot.limb("front").board
     weighed = robot.specimen.drawn.limb("front").segments[0].mass
     assert twin.parameters.segments[0].mass == weighed != 0.015
+    # It is much stiffer than the nominal limb, and is let go as in a ring-down.
+    let_go = simulate(twin.again(hand=hand_for_ring_down()), [0.0, 0.0], 2.2)
+    assert np.rad2deg(let_go.bend_angle[0, 39]) > 35.0
+    assert np.abs(np.rad2deg(let_go.bend_angle[0, -1])) < 30.0
 
 
 def test_what_is_drawn_keeps_to_what_is_stated():
