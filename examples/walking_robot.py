@@ -2,8 +2,8 @@
 
     python examples/walking_robot.py [ROBOT.yaml] [-n CYCLES] [--friction FACTOR] [-o FOLDER]
 
-From cold wires it walks with the gait's duty, then with feedback, which holds the bends and corrects
-them by each stride, as a camera sees it. The robot is the model; `soft-limb walk` emulates one.
+From cold wires it walks with the gait's duty, then with feedback, which holds the bends and
+corrects them by each stride, as a camera sees it. It is the model; `soft-limb walk` emulates one.
 """
 
 import argparse

@@ -107,12 +107,21 @@ def check_limb_in_space(text):
     assert number(r"feedback: +(.*)° from", text) < number(r"open loop: +(.*)° from", text) / 3
 
 
+def check_robot_that_walks(text):
+    """It makes its stride within 1%, and another one on rougher ground."""
+    assert "rear_left, rear_right, front_left, front_right" in text
+    planned, simulated = (number(rf"{how} +(.*) mm", text) for how in ("planned", "simulated"))
+    assert simulated == pytest.approx(planned, rel=0.01)
+    assert number(r"friction of 0.4: (.*) mm", text) < 0.97 * planned
+
+
 CHECKS = [
     check_limb_in_ten_minutes,
     check_plan_your_own_motion,
     check_calibrate_from_your_logger,
     check_feedback_and_learning,
     check_limb_in_space,
+    check_robot_that_walks,
 ]
 
 
@@ -142,7 +151,7 @@ def test_notebook_runs(path, check, kernel, tmp_path):
     notebook = run(path, tmp_path, kernel)
     for cell in code_cells(notebook):
         kinds = [kind for output in cell.outputs for kind in output.get("data", ())]
-        draws = re.search(r"^(?:\w+\.)?plot_|subplots\(", cell.source, re.MULTILINE)
+        draws = re.search(r"^(?:\w+\.)?(?:plot|draw)_|subplots\(", cell.source, re.MULTILINE)
         assert kinds.count("image/png") == bool(draws), cell.source
         assert ("text/html" in kinds) == bool(re.search("^HTML|^recordings\\[", cell.source, re.M))
         assert not [o for o in cell.outputs if o.get("name") == "stderr" and FAR not in o.text]
