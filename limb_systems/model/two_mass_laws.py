@@ -179,6 +179,12 @@ class HystereticLaw(_TwoMassHeat):
         """Nothing is transformed, and heat meets no backlash, so that plans see it act."""
         return [T0, T0, T0 - BACKLASH, 0.0]
 
+    def without_memory(self) -> SaturatingLaw:
+        """The law whose curve is in the middle of the two."""
+        heat = {field.name: getattr(self, field.name) for field in dataclasses.fields(_TwoMassHeat)}
+        middle = 0.5 * (self.heating_middle + self.cooling_middle)
+        return SaturatingLaw(**heat, full_torque=self.full_torque, middle=middle, width=self.width)
+
     def warm_states(self, T: Any, T0: float) -> Sequence[Any]:
         """On the curve of heating, which starts at ambient temperature with ξ = 0."""
         ends = [1.0 + np.exp((t - self.heating_middle) / self.width) for t in (T0, T)]

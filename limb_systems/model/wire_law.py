@@ -69,6 +69,10 @@ class WireLaw(Tagged):
         """
         return [T, *self.cold_states(T0)[1:]]
 
+    def without_memory(self) -> "WireLaw":
+        """A law about like this one without ``memory``, from which planning starts; else itself."""
+        return self
+
     def typical_rates(self) -> dict[str, float]:
         """The rates of eqns (6) and (7) that come closest to the wire's.
 

@@ -1,17 +1,19 @@
 """Gaits of planar robots: `plan_gait`."""
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydrake.solvers import IpoptSolver, SolverOptions
 
-from limb_systems import Gait, GaitCheck, RobotParameters
+from limb_systems import Gait, GaitCheck, RobotParameters, Wires
 from planners.gait.check import check_gait
-from planners.gait.program import GaitProgram
+from planners.gait.planar_robot import POSE
+from planners.gait.program import LEAST_STRIDE, GaitProgram
 from planners.gait.schedules import check_schedule, sensible_schedules
-from planners.gait.standing import Standing
+from planners.gait.standing import LEAST_PIVOT, Standing
 from planners.transcription.ipopt import ExactHessianIpoptSolver
 from planners.transcription.solving import PlanningError
 
@@ -25,7 +27,16 @@ CAUTION: tuple[dict[str, float], ...] = (
     {"steadiness": 2.0},
     {"steadiness": 4.0},
 )
-MOST_ITERATIONS = 150  # of each attempt; gaits need 25 to 60
+START_CYCLES = 6  # after which heat and memory of wires nearly repeat
+LONGEST_SOLVE = 60.0  # s of processor time, of each attempt; gaits take a few
+MOST_ITERATIONS = 150  # of each attempt; gaits need 25 to 60, and those of wires with memory 100
+# By what requests are relaxed to tell why there is no gait.
+LESS_FRICTION, MORE_HEAT = 0.25, 100.0
+RELAXED_TIME = 10.0  # s of processor time, of each relaxed request
+TOO_SOFT = (
+    "the limbs are too soft for the weight on them, so that it would tip over; make them stiffer, "
+    "shorter or lighter"
+)
 
 
 def plan_gait(
@@ -63,52 +74,139 @@ def plan_gait(
     schedule = schedule or sensible_schedules(len(robot.limbs))[0]
     check_schedule(schedule, len(robot.limbs))
     shares = np.diff(np.linspace(0, intervals, len(schedule) + 1).round().astype(int))
-    for caution in CAUTION:
-        program = GaitProgram(robot, schedule, shares, objective, temperature_margin, **caution)
-        gait = _solved(program)
-        if not check:
-            return gait
+    asked = schedule, shares.tolist(), objective, temperature_margin
+    try:
+        gait = _solved(GaitProgram(robot, *asked))
+    except PlanningError as error:
+        reason = _reason(robot, *asked)
+        raise PlanningError(f"There is no gait: {reason} ({error}).") from error
+    for caution in CAUTION if check else ():
+        if caution:
+            try:
+                gait = _solved(GaitProgram(robot, *asked, **caution))
+            except PlanningError:
+                continue
         gait = check_gait(gait, spread=spread)
         if gait.passed:
             return gait
+    if not check:
+        return gait
     raise PlanningError(
         f"Gaits were planned, the last of them of {1e3 * gait.stride:.1f} mm in "
         f"{gait.period:.1f} s, but they are refused: {gait.check.failure()}"
     )
 
 
-def _solved(program: GaitProgram) -> Gait:
-    """The gait that solves a program; PlanningError if there is none."""
-    start = standing_still(program)
+def _solved(program: GaitProgram, longest: float = LONGEST_SOLVE) -> Gait:
+    """The gait that solves a program, by the first start and barrier that succeed.
+
+    Args:
+        longest: longest time of each attempt, s of processor time.
+
+    Raises:
+        PlanningError: with the solver's status, if there is none.
+    """
+    attempts: list[tuple[dict[str, Any], Callable]]
+    attempts = [({"mu_strategy": barrier}, standing_still) for barrier in ("adaptive", "monotone")]
+    if not program.wires.settles.all():
+        attempts = [({"mu_strategy": "monotone", "mu_init": 1e-3}, _without_memory)]
     failures: list[str] = []
     iterations, solve_time = 0, 0.0
-    for barrier in ("adaptive", "monotone"):
+    for barrier, begin in attempts:
+        start = begin(program)
         options = SolverOptions()
-        for name, value in {
-            "mu_strategy": barrier,
-            "tol": 1e-6,
-            "constr_viol_tol": 1e-9,
-            "max_iter": MOST_ITERATIONS,
-        }.items():
+        limits = {"tol": 1e-6, "constr_viol_tol": 1e-9, "max_iter": MOST_ITERATIONS}
+        limits["max_cpu_time"] = longest
+        for name, value in (barrier | limits).items():
             options.SetOption(IpoptSolver.id(), name, value)
         solver = ExactHessianIpoptSolver(exact=True, blocks=program.blocks)
         result = solver.Solve(program.prog, start, options)
         details = result.get_solver_details()
         iterations, solve_time = iterations + details.iterations, solve_time + details.solve_time
+        name = f"IPOPT, {barrier['mu_strategy']} barrier"
         if result.is_success():
-            check = GaitCheck(
-                solver=f"IPOPT, {barrier} barrier",
+            x = result.get_x_val()
+            found = GaitCheck(
+                solver=name,
                 status=details.status,
                 objective=program.objective,
                 iterations=iterations,
                 solve_time=solve_time,
-                violation=program.violation(result.get_x_val()),
+                violation=program.violation(x),
             )
-            return program.gait(result.get_x_val(), check)
-        failures.append(f"{barrier} barrier: {details.status}")
-    raise PlanningError(
-        f"No gait was found ({'; '.join(failures)}): {explain(program, result.get_x_val())}."
+            return program.gait(x, found)
+        failures.append(f"{name}: {details.status}")
+    raise PlanningError("; ".join(failures))
+
+
+def _without_memory(program: GaitProgram) -> np.ndarray:
+    """All decision variables of the gait of wires without memory, with the heat and the memory
+    that their duty leads to.
+
+    Raises:
+        PlanningError: if there is none.
+    """
+    robot = copy.deepcopy(program.robot)
+    for wire in robot.together.wires:
+        wire.law = wire.law.without_memory()
+    if not Wires(robot.together).settles.all():
+        return standing_still(program)
+    shares = np.bincount(program.phase_of).tolist()
+    gait = _solved(
+        GaitProgram(robot, program.schedule, shares, program.objective, program.temperature_margin)
     )
+    wires, N = program.wires, program.wires.num_states
+    states = wires.settled_states(gait.wire_temperature.mean(axis=1))
+    for _ in range(START_CYCLES):
+        course = [states]
+        for k, step in enumerate(np.diff(gait.time)):
+            duty = np.tile(gait.duty[:, k], (2, 1))
+            states = wires.under_duty(states, duty, np.array([0.0, step]))[-1]
+            course.append(states)
+    x = np.zeros(program.prog.num_vars())
+    x[program.y] = np.vstack([gait.body_pose, gait.joint_angles]).T[:-1]
+    x[program.forces], x[program.duty] = gait.contact_force.T[:-1], gait.duty.T[:-1]
+    x[program.heat[:, :N]] = course[:-1]
+    x[program.heat[:, N:]] = gait.measured_temperature.T[:-1]
+    return program.complete(x, gait.stride, np.diff(gait.time))
+
+
+def _reason(robot: RobotParameters, *asked: Any) -> str:
+    """What keeps a robot from a gait: that without which there would be one."""
+    program = GaitProgram(robot, *asked)
+    F = program.planar.num_feet
+    standing = Standing(program.planar, program.wires, np.ones((F, 2)))
+    still = standing_still(program)[program.points[0]]
+    if (standing.values(still)[-(F + POSE) :] < LEAST_PIVOT).any():
+        return TOO_SOFT
+    slippery = copy.deepcopy(robot)
+    assert slippery.ground  # as feet that slide need one
+    mu = slippery.ground.friction
+    slippery.ground.friction *= LESS_FRICTION
+    *others, margin = asked
+    for relaxed, reason in (
+        (GaitProgram(robot, *asked, steadiness=-np.inf), TOO_SOFT),
+        (
+            GaitProgram(robot, *asked, sticking_share=np.inf),
+            "there is no load transfer, as a foot that slides is not relieved enough for the "
+            "others to stick; set the limbs farther apart, or make the body lighter",
+        ),
+        (
+            GaitProgram(slippery, *asked),
+            f"friction does not work one way, as the wires are too weak to slide a foot at mu = "
+            f"{mu:g}, though they could at {slippery.ground.friction:g}",
+        ),
+        (
+            GaitProgram(robot, *others, margin - MORE_HEAT),
+            f"the wires are too weak, as it would take temperatures up to {MORE_HEAT:g} °C higher",
+        ),
+    ):
+        try:
+            _solved(relaxed, RELAXED_TIME)
+        except PlanningError:
+            continue
+        return reason
+    return "no limit of stability, friction or heat keeps it from one; try another schedule"
 
 
 def standing_still(program: GaitProgram) -> np.ndarray:
@@ -142,18 +240,7 @@ def standing_still(program: GaitProgram) -> np.ndarray:
     x = np.zeros(program.prog.num_vars())
     x[program.y], x[program.forces] = y, forces.ravel()
     x[program.heat] = np.append(states, states[:W])
-    x[program.travel] = planar.feet(y)[:, 0]
     cooling, heating = (wires.rates(states, np.full(W, D))[:W] for D in (0.0, 1.0))
     x[program.duty] = cooling / (cooling - heating)
-    x[program.steps] = [program.prog.GetVariableScaling()[int(step)] for step in program.steps]
-    x[program.stride] = 1e-3
-    x[program.merit] = x[program.stride] / x[program.time_steps].sum()
-    if program.objective == "energy":
-        used = (x[program.time_steps][:, None] * x[program.duty]).sum()
-        x[program.merit] = used / x[program.stride]
-    return x
-
-
-def explain(program: GaitProgram, x: np.ndarray) -> str:
-    """What of a program is violated most at x, in words."""
-    return "it is not known what keeps it from one"
+    typical = [program.prog.GetVariableScaling()[int(step)] for step in program.time_steps]
+    return program.complete(x, LEAST_STRIDE, np.array(typical))

@@ -29,7 +29,6 @@ from planners.gait.standing import LEAST_PIVOT, Standing
 from planners.transcription.collocation import ANGLE_SCALE
 from planners.transcription.ipopt import ConstraintBlock
 
-Contact = Literal["stick", "slide_forward", "slide_backward", "swing"]
 SLIDES = {"slide_forward": 1.0, "slide_backward": -1.0}
 
 LEAST_LOAD = 0.05  # of the weight, on each foot on the ground
@@ -68,7 +67,7 @@ class GaitProgram:
     def __init__(
         self,
         robot: RobotParameters,
-        schedule: Sequence[Sequence[Contact]],
+        schedule: Sequence[Sequence[str]],
         intervals: Sequence[int],
         objective: Literal["speed", "energy"] = "speed",
         temperature_margin: float = 0.0,
@@ -77,6 +76,7 @@ class GaitProgram:
         steadiness: float = 1.0,
     ):
         self.robot, self.schedule, self.objective = robot, schedule, objective
+        self.temperature_margin = temperature_margin
         self.planar, self.wires = PlanarRobot(robot), Wires(robot.together)
         self.phase_of = np.repeat(np.arange(len(schedule)), intervals)
         self.contacts = np.array(schedule)[self.phase_of]  # in each interval (K, F)
@@ -85,7 +85,6 @@ class GaitProgram:
         self._add_variables()
         self._add_bounds(temperature_margin)
         self._add_contacts(sticking_share)
-        self._clearance = clearance
         both = (self.contacts, self.before)
         down = np.all([of != "swing" for of in both], axis=0)
         stuck = np.all([of == "stick" for of in both], axis=0)
@@ -163,7 +162,7 @@ class GaitProgram:
                     for contact in contacts & SLIDES.keys():
                         row = np.array([[1.0, mu * SLIDES[contact]]])
                         self._add_linear(row, 0.0, 0.0, force, F / self.load)
-                    if contacts == {"stick"}:
+                    if contacts == {"stick"} and np.isfinite(sticking_share):
                         most = sticking_share * mu
                         rows = np.array([[1.0, -most], [1.0, most]])
                         upper = np.array([0.0, np.inf])
@@ -175,6 +174,25 @@ class GaitProgram:
                 row = np.array([[1.0, -1.0, float(after == 0)]]) * SLIDES.get(contact, 1.0)
                 most = 0.0 if contact == "stick" else np.inf
                 self._add_linear(row, 0.0, most, pair, 1.0 / LENGTH_SCALE)
+
+    @property
+    def points(self) -> np.ndarray:
+        """Indices of the points of `Standing` (K, P)."""
+        states = self.heat[:, : self.wires.num_states]
+        return np.hstack([self.y, states, self.forces])
+
+    def complete(self, x: np.ndarray, stride: float, steps: np.ndarray) -> np.ndarray:
+        """Decision variables with those of travel, time and merit, which follow from the others.
+
+        Args:
+            stride: travel per period, m.
+            steps: lengths of the intervals (K,), s, equal within a phase.
+        """
+        x[self.travel], x[self.stride] = self.planar.feet(x[self.y])[..., 0], stride
+        x[self.time_steps] = steps
+        used = (x[self.duty] * steps[:, None]).sum()
+        x[self.merit] = stride / steps.sum() if self.objective == "speed" else used / stride
+        return x
 
     def gait(self, x: np.ndarray, check: GaitCheck) -> Gait:
         """The gait that all decision variables describe."""
@@ -246,7 +264,7 @@ class _StandingBlock:
         planar, wires, load = program.planar, program.wires, program.load
         d, F, N = len(planar.stiffness), planar.num_feet, wires.num_states
         K = len(program.y)
-        points = np.hstack([program.y, program.heat[:, :N], program.forces])
+        points = program.points
         self._points, self._travel = points, program.travel
         self._scales = np.concatenate(
             [

@@ -1,0 +1,213 @@
+"""Gaits against Drake's plant of the robot, closed forms, and figures of a walker that works."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+import scipy.sparse
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces
+
+from limb_systems import (
+    Gait,
+    HystereticLaw,
+    LimbParameters,
+    RobotLimb,
+    RobotParameters,
+    SegmentParameters,
+    Wires,
+    add_robot,
+)
+from planners import plan_gait
+from planners.gait.gait import standing_still
+from planners.gait.planar_robot import PlanarRobot
+from planners.gait.program import GaitProgram
+from planners.gait.schedules import schedule_of
+from planners.gait.standing import Standing
+
+FEET = JacobianWrtVariable.kV
+
+
+def plant_of(robot: RobotParameters) -> MultibodyPlant:
+    plant = MultibodyPlant(0.0)
+    robot = RobotParameters.of(robot)
+    gravity, robot.ground, robot.gravity = robot.world_gravity, None, [0.0, 0.0, 0.0]
+    add_robot(plant, robot)
+    plant.mutable_gravity_field().set_gravity_vector(gravity)
+    plant.Finalize()
+    return plant
+
+
+def odd_robot() -> RobotParameters:
+    """A robot of three limbs, none like another, with feet that weigh, up a slope."""
+    robot = RobotParameters()
+    robot.feet.mass, robot.ground.slope = 2e-3, 0.2
+    segments = [SegmentParameters(links=2, length=0.04, mass=0.01, rest_angle=0.3)]
+    segments += [SegmentParameters(links=3, length=0.03, mass=0.006, centred_joints=True)]
+    side = RobotLimb(
+        "side", position=[0.0, 0.02, 0.01], parameters=LimbParameters(segments=segments)
+    )
+    side.e1, side.e2 = [0.6, 0.0, -0.8], [-0.8, 0.0, -0.6]
+    side.parameters.payload = 3e-3
+    robot.limbs[1].parameters.segments[0].centred_joints = True
+    robot.limbs.append(side)
+    return robot
+
+
+def test_potential_and_feet_are_those_of_drakes_plant():
+    robot, plant = odd_robot(), plant_of(odd_robot())
+    planar, context = PlanarRobot(robot), plant.CreateDefaultContext()
+    rng = np.random.default_rng(1)
+    offset = None
+    for y in rng.normal(0.0, 0.5, (3, plant.num_positions())):
+        plant.SetPositions(context, y)
+        forces = MultibodyForces(plant)
+        plant.CalcForceElementsContribution(context, forces)
+        gradient = -plant.CalcGeneralizedForces(context, forces)
+        np.testing.assert_allclose(planar.gradient(y), gradient, atol=1e-12)
+        missed = planar.potential(y) - plant.CalcPotentialEnergy(context)
+        offset = missed if offset is None else offset
+        assert missed == pytest.approx(offset, abs=1e-12)
+        jacobians = planar.feet_jacobian(planar.arms(y))
+        for limb, place, jacobian in zip(robot.limbs, planar.feet(y), jacobians, strict=True):
+            foot, world = plant.GetFrameByName(f"{limb.name}_foot"), plant.world_frame()
+            of_foot = plant.CalcJacobianSpatialVelocity(
+                context, FEET, foot, np.zeros(3), world, world
+            )
+            assert place[1] == pytest.approx(foot.CalcPoseInWorld(context).translation()[2])
+            # Without slip, the lowest point of the sphere is at rest
+            np.testing.assert_allclose(
+                jacobian, [of_foot[3] - planar.radius * of_foot[1], of_foot[5]], atol=1e-12
+            )
+
+
+@pytest.mark.parametrize("law", [None, HystereticLaw()])
+@pytest.mark.parametrize("objective", ["speed", "energy"])
+def test_derivatives_of_all_blocks(law, objective):
+    robot = RobotParameters()
+    for wire in robot.together.wires:
+        wire.law = law or wire.law
+    program = GaitProgram(robot, schedule_of("fs ss sl ss sb ss", 2), [2, 1, 2, 1, 1, 1], objective)
+    scales = np.ones(program.prog.num_vars())
+    for index, scale in program.prog.GetVariableScaling().items():
+        scales[index] = scale
+    rng = np.random.default_rng(2)
+    x = standing_still(program) + 0.1 * scales * rng.normal(size=len(scales))
+    away = scales * rng.normal(size=len(scales))
+
+    def jacobian(block, x):
+        places = block.rows, block.columns
+        return scipy.sparse.csr_matrix((block.jacobian(x), places), (len(block.lower), len(x)))
+
+    for block in program.blocks:
+        name = type(block).__name__
+        slope = block.evaluate(x + 1e-30j * away).imag / 1e-30
+        found = jacobian(block, x) @ away
+        np.testing.assert_allclose(found, slope, atol=1e-11 * abs(slope).max(), err_msg=name)
+        weights = rng.normal(size=len(block.lower))
+        rows, columns = block.hessian_rows, block.hessian_columns
+        hessian = scipy.sparse.csr_matrix(
+            (block.hessian(x, weights), (np.maximum(rows, columns), np.minimum(rows, columns))),
+            (len(x), len(x)),
+        )
+        found = scales * (hessian @ away + scipy.sparse.tril(hessian, -1).T @ away)
+        ahead, behind = (jacobian(block, x + step * away).T @ weights for step in (1e-6, -1e-6))
+        change = scales * (ahead - behind) / 2e-6
+        np.testing.assert_allclose(found, change, atol=2e-6 * abs(change).max(), err_msg=name)
+
+
+def test_pivots_are_positive_where_the_stiffness_is():
+    robot = RobotParameters()
+    planar, wires = PlanarRobot(robot), Wires(robot.together)
+    rng = np.random.default_rng(3)
+    stable = []
+    for load in rng.uniform(0.0, 3.0, 60):
+        y = rng.normal(0.0, 0.2, len(planar.stiffness))
+        forces = load * np.array([rng.uniform(-0.3, 0.3), 1.0, rng.uniform(-0.3, 0.3), 1.0])
+        held = np.array([[rng.integers(2), 1.0], [1.0, 1.0]])
+        standing = Standing(planar, wires, held)
+        point = np.concatenate([y, wires.cold_states, forces])
+        stable.append(np.linalg.eigvalsh(standing.stiffness(point))[0] > 0)
+        assert (standing.values(point)[-5:] > 0).all() == stable[-1]
+    assert 0.2 < np.mean(stable) < 0.8
+
+
+@pytest.fixture(scope="module", params=[0.3, 0.6])
+def gait(request) -> Gait:
+    robot = RobotParameters()
+    robot.ground.friction = request.param
+    return plan_gait(robot, check=False)
+
+
+def test_crawler_is_as_fast_as_one_that_works(gait):
+    assert gait.speed >= {0.3: 1.9e-3, 0.6: 1.5e-3}[gait.robot.ground.friction]
+    assert gait.check.iterations <= 100
+    assert gait.check.violation <= 1e-6
+
+
+def test_gait_is_in_balance_by_drakes_inverse_dynamics(gait):
+    """Gravity, springs, forces at the feet and torques of the wires, and nothing else."""
+    plant, wires = plant_of(gait.robot), Wires(gait.parameters)
+    context, load, radius = plant.CreateDefaultContext(), 0.49, gait.robot.feet.radius
+    for k in range(len(gait.time)):
+        plant.SetPositions(context, np.append(gait.body_pose[:, k], gait.joint_angles[:, k]))
+        forces = MultibodyForces(plant)
+        plant.CalcForceElementsContribution(context, forces)
+        for limb, (along, normal) in zip(
+            gait.robot.limbs, gait.contact_force[:, k].reshape(-1, 2), strict=True
+        ):
+            turning = [0.0, -radius * along, 0.0]  # of a force at the foot's lowest point
+            foot = plant.GetBodyByName(f"{limb.name}_foot")
+            foot.AddInForceInWorld(context, SpatialForce(turning, [along, 0.0, normal]), forces)
+        needed = plant.CalcInverseDynamics(context, np.zeros(plant.num_velocities()), forces)
+        needed[3:] -= wires.forces(gait.wire_states[:, k], gait.joint_angles[:, k])
+        scaled = np.abs(needed) / load / np.append([1.0, 1.0], np.full(len(needed) - 2, 0.06))
+        assert scaled.max() <= 1e-6
+
+
+def test_gait_repeats_with_its_heat_and_its_feet(gait):
+    """Heat by its exact solution, feet and friction in each interval, also that to the start."""
+    assert gait.body_pose[0, -1] - gait.body_pose[0, 0] == pytest.approx(gait.stride)
+    for signal in (gait.wire_temperature, gait.joint_angles, gait.contact_force):
+        np.testing.assert_array_equal(signal[:, 0], signal[:, -1])
+    law, ambient = gait.robot.limbs[0].parameters.wires[0].law, 25.0
+    decay = np.exp(law.a1 * np.diff(gait.time))
+    settled = ambient - law.a2 / law.a1 * gait.duty[:, :-1]
+    temperature = settled + (gait.wire_temperature[:, :-1] - settled) * decay
+    np.testing.assert_allclose(temperature, gait.wire_temperature[:, 1:], atol=1e-3)
+    assert gait.wire_temperature.max() <= 100.0 + 1e-6
+    assert gait.duty.min() >= 0
+    assert gait.duty.sum(axis=0).max() <= gait.robot.total_duty + 1e-9
+
+    planar, mu = PlanarRobot(gait.robot), gait.robot.ground.friction
+    travel, heights = np.moveaxis(
+        planar.feet(np.vstack([gait.body_pose, gait.joint_angles]).T), -1, 0
+    )
+    np.testing.assert_allclose(heights, planar.radius, atol=1e-9)
+    along, normal = gait.contact_force.T.reshape(len(gait.time), -1, 2).T
+    starts = [phase.start for phase in gait.phases]
+    phases = np.searchsorted(starts, gait.time[:-1] + 1e-9) - 1
+    sliding = np.array([gait.phases[p].contacts for p in phases]) == "slide_forward"
+    steps = np.diff(travel, axis=0)
+    assert (np.abs(steps[~sliding]) < 1e-9).all()
+    assert (steps[sliding] > -1e-9).all()
+    np.testing.assert_allclose(steps.sum(axis=0), gait.stride)  # both feet go as far as the body
+    slides = (sliding | np.roll(sliding, 1, axis=0)).T
+    used = along[:, :-1] / normal[:, :-1]
+    np.testing.assert_allclose(used[slides], -mu, atol=1e-7)
+    assert np.abs(used[~slides]).max() <= 0.8 * mu + 1e-7
+    assert normal.min() >= 0.05 * 0.49
+
+
+def test_speed_is_in_proportion_to_cooling():
+    """With a1, time stretches; where less duty will do, a2 does not count."""
+    periods, strides = [], []
+    for share, heating in ((1.0, 1.0), (0.25, 1.0)):
+        robot = RobotParameters()
+        for wire in robot.together.wires:
+            wire.law.a1, wire.law.a2 = share * wire.law.a1, heating * wire.law.a2
+        gait = plan_gait(robot, check=False, intervals=12)
+        periods.append(share * gait.period)
+        strides.append(gait.stride)
+    np.testing.assert_allclose(periods, periods[0], rtol=1e-3)
+    np.testing.assert_allclose(strides, strides[0], rtol=1e-3)
