@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -21,7 +22,7 @@ INTERVALS = 24
 START_WARMTH = 40.0  # °C above ambient, of the wires of a robot that stands
 # Tried one after the other where the robot does not walk as planned: on rough ground, friction of
 # a foot that slides lets the body sway more and more, though it is stable at rest.
-CAUTION: tuple[dict[str, float], ...] = (
+CAUTION: tuple[dict[str, Any], ...] = (
     {},
     {"sticking_share": 0.6},
     {"steadiness": 2.0},
@@ -74,16 +75,23 @@ def plan_gait(
     schedule = schedule or sensible_schedules(len(robot.limbs))[0]
     check_schedule(schedule, len(robot.limbs))
     shares = np.diff(np.linspace(0, intervals, len(schedule) + 1).round().astype(int))
-    asked = schedule, shares.tolist(), objective, temperature_margin
+    program = partial(
+        GaitProgram,
+        robot,
+        schedule,
+        shares.tolist(),
+        objective=objective,
+        temperature_margin=temperature_margin,
+    )
     try:
-        gait = _solved(GaitProgram(robot, *asked))
+        gait = _solved(program())
     except PlanningError as error:
-        reason = _reason(robot, *asked)
+        reason = _reason(program)
         raise PlanningError(f"There is no gait: {reason} ({error}).") from error
     for caution in CAUTION if check else ():
         if caution:
             try:
-                gait = _solved(GaitProgram(robot, *asked, **caution))
+                gait = _solved(program(**caution))
             except PlanningError:
                 continue
         gait = check_gait(gait, spread=spread)
@@ -171,33 +179,38 @@ def _without_memory(program: GaitProgram) -> np.ndarray:
     return program.complete(x, gait.stride, np.diff(gait.time))
 
 
-def _reason(robot: RobotParameters, *asked: Any) -> str:
-    """What keeps a robot from a gait: that without which there would be one."""
-    program = GaitProgram(robot, *asked)
-    F = program.planar.num_feet
-    standing = Standing(program.planar, program.wires, np.ones((F, 2)))
-    still = standing_still(program)[program.points[0]]
+def _reason(program: Callable[..., GaitProgram]) -> str:
+    """What keeps a robot from a gait: that without which there would be one.
+
+    Args:
+        program: program of the gait, by further arguments.
+    """
+    asked = program()
+    F, robot = asked.planar.num_feet, asked.robot
+    standing = Standing(asked.planar, asked.wires, np.ones((F, 2)))
+    still = standing_still(asked)[asked.points[0]]
     if (standing.values(still)[-(F + POSE) :] < LEAST_PIVOT).any():
         return TOO_SOFT
     slippery = copy.deepcopy(robot)
-    assert slippery.ground  # as feet that slide need one
+    assert slippery.ground is not None
     mu = slippery.ground.friction
     slippery.ground.friction *= LESS_FRICTION
-    *others, margin = asked
+    shares = np.bincount(asked.phase_of).tolist()
+    margin = asked.temperature_margin
     for relaxed, reason in (
-        (GaitProgram(robot, *asked, steadiness=-np.inf), TOO_SOFT),
+        (program(steadiness=-np.inf), TOO_SOFT),
         (
-            GaitProgram(robot, *asked, sticking_share=np.inf),
+            program(sticking_share=np.inf),
             "there is no load transfer, as a foot that slides is not relieved enough for the "
             "others to stick; set the limbs farther apart, or make the body lighter",
         ),
         (
-            GaitProgram(slippery, *asked),
+            GaitProgram(slippery, asked.schedule, shares, asked.objective, margin),
             f"friction does not work one way, as the wires are too weak to slide a foot at mu = "
             f"{mu:g}, though they could at {slippery.ground.friction:g}",
         ),
         (
-            GaitProgram(robot, *others, margin - MORE_HEAT),
+            program(temperature_margin=margin - MORE_HEAT),
             f"the wires are too weak, as it would take temperatures up to {MORE_HEAT:g} °C higher",
         ),
     ):

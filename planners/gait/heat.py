@@ -37,7 +37,7 @@ class PeriodicHeat:
 
         of_rates = wires.heat_pattern.astype(float)
         ends = [self._spread(of_rates, end) for end in (0, 1)]
-        middle = self._middle_slopes(*ends, np.ones(M), 1.0) != 0
+        middle = self._middle_slopes(ends, np.ones(M), 1.0) != 0
         point = np.vstack([middle, np.eye(self._P)[2 * M : -1]]).astype(float)
         slopes = sum(ends) + of_rates @ point + np.eye(M, self._P) + np.eye(M, self._P, M)
         slopes[:, -1] = 1.0
@@ -68,7 +68,8 @@ class PeriodicHeat:
         jacobian = jacobian - h[:, :, None] * mean_slopes
         jacobian[:, :, -1] -= mean
         jacobian /= self._wires.heat_scales[:, None]
-        return jacobian[:, *self._nonzeros].ravel()
+        rows, columns = self._nonzeros
+        return jacobian[:, rows, columns].ravel()
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         first, second, duty, h = self._split(x)
@@ -89,7 +90,8 @@ class PeriodicHeat:
             hessian += point.swapaxes(1, 2) @ curvature @ point
         hessian[:, -1] += by_step
         hessian[:, :, -1] += by_step
-        return hessian[:, *self._triangle].ravel()
+        rows, columns = self._triangle
+        return hessian[:, rows, columns].ravel()
 
     def _split(self, x: np.ndarray) -> list[np.ndarray]:
         return np.split(x[self._places], [self._M, 2 * self._M, self._P - 1], axis=1)
@@ -104,16 +106,18 @@ class PeriodicHeat:
         middle = 0.5 * (first + second) + h / 8 * change
         rates, mid_slopes = self._wires.expanded_heat_rates(middle, duty)
         by_duty = np.eye(self._P)[2 * self._M : -1]
-        zc = self._middle_slopes(*slopes, change, h[:, :, None])
+        zc = self._middle_slopes(slopes, change, h[:, :, None])
         point = np.concatenate([zc, np.broadcast_to(by_duty, (len(h), *by_duty.shape))], axis=1)
         mean = (at_ends[0][0] + 4 * rates + at_ends[1][0]) / 6
         mean_slopes = (slopes[0] + 4 * mid_slopes @ point + slopes[1]) / 6
         return middle, slopes, mean, mean_slopes, mid_slopes, point
 
-    def _middle_slopes(self, first, second, change, h) -> np.ndarray:
+    def _middle_slopes(
+        self, at_ends: list[np.ndarray], change: np.ndarray, h: np.ndarray | float
+    ) -> np.ndarray:
         """Derivatives of zc by p, from those of f at both ends."""
         both = np.eye(self._M, self._P) + np.eye(self._M, self._P, self._M)
-        slopes = 0.5 * both + h / 8 * (first - second)
+        slopes = 0.5 * both + h / 8 * (at_ends[0] - at_ends[1])
         slopes[..., -1] += change / 8
         return slopes
 

@@ -149,6 +149,7 @@ class GaitProgram:
             self._add_linear(np.ones((1, W)), 0.0, self.robot.total_duty, of_interval)
 
     def _add_contacts(self, sticking_share: float) -> None:
+        assert self.robot.ground is not None, "a gait needs a ground"
         mu = self.robot.ground.friction
         K, F = self.contacts.shape
         for k in range(K):
@@ -306,11 +307,13 @@ class _StandingBlock:
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         slopes = self._standing.derivatives(x[self._points]) * self._scales[:, None]
         own = np.full(self._travel.size, -1.0 / LENGTH_SCALE)
-        return np.append(slopes[:, *self._nonzeros], own)
+        rows, columns = self._nonzeros
+        return np.append(slopes[:, rows, columns], own)
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         weights = multipliers.reshape(len(self._points), -1) * self._scales
-        return self._standing.curvature(x[self._points], weights)[:, *self._triangle].ravel()
+        rows, columns = self._triangle
+        return self._standing.curvature(x[self._points], weights)[:, rows, columns].ravel()
 
 
 class _Merit:

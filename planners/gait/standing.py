@@ -211,11 +211,14 @@ class Standing:
         if wires.laws_need_angle:
             steps = _DIFFERENCE * np.append(np.ones(n), wires.heat_scales[: self._N])
             for number, step in enumerate(np.diag(steps)):
-                above, below = (
-                    wires.force_derivatives(x + side[n:], q + side[:n]) for side in (step, -step)
-                )
-                change = [(a - b) / (2 * steps[number]) for a, b in zip(above, below, strict=True)]
-                change = np.concatenate(change[::-1], axis=-1)
+                above, below = [
+                    np.concatenate(
+                        wires.force_derivatives(x + side[n:], q + side[:n])[::-1],  # type: ignore[arg-type]
+                        axis=-1,
+                    )
+                    for side in (step, -step)
+                ]
+                change = (above - below) / (2 * steps[number])
                 result[..., number, :] = np.einsum("...n,...nk->...k", weights, change)
             return result
         if wires.torque_needs_angle:
