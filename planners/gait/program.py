@@ -9,7 +9,8 @@ duration of its own. What is held:
 - (17) of the heat, in every interval, as by `PeriodicHeat`;
 - a foot on the ground is at z = r and carries a least share of the load; one that sticks does not
   travel, and has |f_t| <= 0.8 μ f_n; one that slides travels one way only, and has f_t = -μ f_n
-  against it; one that swings carries nothing, and is clear of the ground;
+  against it; one that swings carries nothing, is 1 mm clear of the ground at knots inside of its
+  phase, and travels so little in an interval that it is clear in between;
 - (19), 0 <= D <= 1 and the total duty.
 
 A knot between two phases belongs to both. Where a foot begins to slide or ceases to, friction is
@@ -32,6 +33,7 @@ from planners.transcription.ipopt import ConstraintBlock
 SLIDES = {"slide_forward": 1.0, "slide_backward": -1.0}
 
 LEAST_LOAD = 0.05  # of the weight, on each foot on the ground
+CLEARANCE = 1e-3  # m, of feet that swing; feet on the ground sink in by 0.03 mm
 STICKING_SHARE = 0.8  # of μ, that feet that stick may use
 LENGTH_SCALE = 0.01  # m, a typical travel
 LEAST_STRIDE = 1e-3  # m; below, there is no gait to speak of
@@ -72,7 +74,7 @@ class GaitProgram:
         objective: Literal["speed", "energy"] = "speed",
         temperature_margin: float = 0.0,
         sticking_share: float = STICKING_SHARE,
-        clearance: float = 0.5e-3,
+        clearance: float = CLEARANCE,
         steadiness: float = 1.0,
     ):
         self.robot, self.schedule, self.objective = robot, schedule, objective
@@ -84,7 +86,7 @@ class GaitProgram:
         self.load = float(np.hypot(*self.planar.weight))
         self._add_variables()
         self._add_bounds(temperature_margin)
-        self._add_contacts(sticking_share)
+        self._add_contacts(sticking_share, clearance)
         both = (self.contacts, self.before)
         down = np.all([of != "swing" for of in both], axis=0)
         stuck = np.all([of == "stick" for of in both], axis=0)
@@ -148,10 +150,13 @@ class GaitProgram:
         for of_interval in self.duty:
             self._add_linear(np.ones((1, W)), 0.0, self.robot.total_duty, of_interval)
 
-    def _add_contacts(self, sticking_share: float) -> None:
+    def _add_contacts(self, sticking_share: float, clearance: float) -> None:
         assert self.robot.ground is not None, "a gait needs a ground"
         mu = self.robot.ground.friction
         K, F = self.contacts.shape
+        # The foot of a limb of length L that bends evenly is on the arc z = 2 x² / 3 L. From knot
+        # to knot it would dip below the ground if it went further than this.
+        furthest = np.sqrt(1.5 * self.planar.size * clearance) / LENGTH_SCALE
         for k in range(K):
             for foot in range(F):
                 force = self.forces[k, 2 * foot : 2 * foot + 2]
@@ -169,12 +174,11 @@ class GaitProgram:
                         upper = np.array([0.0, np.inf])
                         self._add_linear(rows, -upper[::-1], upper, force, F / self.load)
                 contact, after = self.contacts[k, foot], (k + 1) % K
-                if contact == "swing":
-                    continue
                 pair = [self.travel[after, foot], self.travel[k, foot], self.stride]
                 row = np.array([[1.0, -1.0, float(after == 0)]]) * SLIDES.get(contact, 1.0)
-                most = 0.0 if contact == "stick" else np.inf
-                self._add_linear(row, 0.0, most, pair, 1.0 / LENGTH_SCALE)
+                least = -furthest if contact == "swing" else 0.0
+                most = {"stick": 0.0, "swing": furthest}.get(contact, np.inf)
+                self._add_linear(row, least, most, pair, 1.0 / LENGTH_SCALE)
 
     @property
     def points(self) -> np.ndarray:
