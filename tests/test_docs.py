@@ -47,6 +47,8 @@ from limb_systems import (
     LimbVisualizer,
     LinearLaw,
     RestMemory,
+    Robot,
+    RobotParameters,
     SegmentParameters,
     TemperatureLimits,
     ThermocoupleLag,
@@ -287,6 +289,7 @@ def make_system(monkeypatch, fig5_plan):
     course = PiecewisePolynomial.ZeroOrderHold([0.0, 1.0], [[0.0, 0.0]])
     makers = {
         Limb: Limb,
+        Robot: Robot,
         JouleHeating: lambda: JouleHeating(parameters),
         ThermocoupleLag: lambda: ThermocoupleLag(parameters),
         TorqueMap: lambda: TorqueMap(parameters),
@@ -385,7 +388,8 @@ def test_parameters_on_the_page_are_the_nominal_ones():
     plain = [yaml.load(t, yaml.BaseLoader) for t in (text, LimbParameters().to_yaml())]
     assert plain[0] == plain[1]
     for other in others:
-        LimbParameters.from_yaml(other)
+        kind = RobotParameters if "limbs:" in other else LimbParameters
+        kind.from_yaml(other)
     ranges = {
         field: metadata
         for kind in (

@@ -97,7 +97,7 @@ def _walk(options: argparse.Namespace) -> int:
     elif options.model:
         robot = Robot(gait.robot)
     else:
-        robot = RobotTwin(gait.robot, seed=options.emulated or 0, truth=True)
+        robot = RobotTwin(options.robot or gait.robot, seed=options.emulated or 0, truth=True)
     name = options.controller or (BENDS if options.port else STRIDES)
     controller: LeafSystem | None = None
     if name == STRIDES:
@@ -176,6 +176,12 @@ COMMANDS = {
                 type=_at_least_one,
                 default=8,
                 help="number of cycles (default %(default)s)",
+            ),
+            Option(
+                "--robot",
+                type=Path,
+                help="parameters (.yaml) that the emulated robot is drawn around, such as those "
+                "before calibration (default: those that the gait was planned for)",
             ),
             Option(
                 "--controller",
