@@ -211,14 +211,14 @@ class Standing:
         if wires.laws_need_angle:
             steps = _DIFFERENCE * np.append(np.ones(n), wires.heat_scales[: self._N])
             for number, step in enumerate(np.diag(steps)):
-                above, below = [
+                ends: list[np.ndarray] = [
                     np.concatenate(
                         wires.force_derivatives(x + side[n:], q + side[:n])[::-1],  # type: ignore[arg-type]
                         axis=-1,
                     )
                     for side in (step, -step)
                 ]
-                change = (above - below) / (2 * steps[number])
+                change = (ends[0] - ends[1]) / (2 * steps[number])
                 result[..., number, :] = np.einsum("...n,...nk->...k", weights, change)
             return result
         if wires.torque_needs_angle:

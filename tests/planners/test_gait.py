@@ -18,7 +18,7 @@ from limb_systems import (
     Wires,
     add_robot,
 )
-from planners import plan_gait
+from planners import PlanningError, plan_gait
 from planners.gait.gait import standing_still
 from planners.gait.planar_robot import PlanarRobot
 from planners.gait.program import GaitProgram
@@ -206,8 +206,16 @@ def test_speed_is_in_proportion_to_cooling():
         robot = RobotParameters()
         for wire in robot.together.wires:
             wire.law.a1, wire.law.a2 = share * wire.law.a1, heating * wire.law.a2
-        gait = plan_gait(robot, check=False, intervals=12)
+        gait = plan_gait(robot, check=False, intervals=8)
         periods.append(share * gait.period)
         strides.append(gait.stride)
     np.testing.assert_allclose(periods, periods[0], rtol=1e-3)
     np.testing.assert_allclose(strides, strides[0], rtol=1e-3)
+
+
+def test_what_keeps_a_robot_from_a_gait_is_named():
+    robot = RobotParameters()
+    for limb in robot.limbs:
+        limb.parameters.segments[0].stiffness *= 0.05
+    with pytest.raises(PlanningError, match="the limbs are too soft for the weight on them"):
+        plan_gait(robot, check=False, intervals=4)
