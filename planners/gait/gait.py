@@ -12,7 +12,7 @@ from pydrake.solvers import IpoptSolver, SolverOptions
 from limb_systems import Gait, GaitCheck, RobotParameters, Wires
 from planners.gait.check import check_gait
 from planners.gait.planar_robot import POSE
-from planners.gait.program import LEAST_STRIDE, GaitProgram
+from planners.gait.program import LEAST_LOAD, LEAST_STRIDE, GaitProgram
 from planners.gait.schedules import check_schedule, sensible_schedules
 from planners.gait.standing import LEAST_PIVOT, Standing
 from planners.transcription.ipopt import ExactHessianIpoptSolver
@@ -191,6 +191,11 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
     F, robot = asked.planar.num_feet, asked.robot
     standing = Standing(asked.planar, asked.wires, np.ones((F, 2)))
     still = standing_still(asked)[asked.points[0]]
+    if standing.split(still)[2][:, 1].min() < LEAST_LOAD * asked.load:
+        return (
+            "there is no load transfer, as a foot carries nothing where the robot stands; set the "
+            "limbs so that its weight is between the feet"
+        )
     if (standing.values(still)[-(F + POSE) :] < LEAST_PIVOT).any():
         return TOO_SOFT
     slippery = copy.deepcopy(robot)
@@ -200,17 +205,17 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
     shares = np.bincount(asked.phase_of).tolist()
     margin = asked.temperature_margin
     for relaxed, reason in (
-        (program(steadiness=-np.inf), TOO_SOFT),
-        (
-            program(sticking_share=np.inf),
-            "there is no load transfer, as a foot that slides is not relieved enough for the "
-            "others to stick; set the limbs farther apart, or make the body lighter",
-        ),
         (
             GaitProgram(slippery, asked.schedule, shares, asked.objective, margin),
             f"friction does not work one way, as the wires are too weak to slide a foot at mu = "
             f"{mu:g}, though they could at {slippery.ground.friction:g}",
         ),
+        (
+            program(sticking_share=np.inf),
+            "there is no load transfer, as a foot that slides is not relieved enough for the "
+            "others to stick; set the limbs farther apart, or make the body lighter",
+        ),
+        (program(steadiness=-np.inf), TOO_SOFT),
         (
             program(temperature_margin=margin - MORE_HEAT),
             f"the wires are too weak, as it would take temperatures up to {MORE_HEAT:g} °C higher",
@@ -221,7 +226,7 @@ def _reason(program: Callable[..., GaitProgram]) -> str:
         except PlanningError:
             continue
         return reason
-    return "no limit of stability, friction or heat keeps it from one; try another schedule"
+    return "no single limit of friction, stability or heat keeps it from one; try another schedule"
 
 
 def standing_still(program: GaitProgram) -> np.ndarray:

@@ -25,7 +25,7 @@ from planners.gait.program import GaitProgram
 from planners.gait.schedules import schedule_of
 from planners.gait.standing import Standing
 
-FEET = JacobianWrtVariable.kV
+VELOCITIES = JacobianWrtVariable.kV
 
 
 def plant_of(robot: RobotParameters) -> MultibodyPlant:
@@ -72,7 +72,7 @@ def test_potential_and_feet_are_those_of_drakes_plant():
         for limb, place, jacobian in zip(robot.limbs, planar.feet(y), jacobians, strict=True):
             foot, world = plant.GetFrameByName(f"{limb.name}_foot"), plant.world_frame()
             of_foot = plant.CalcJacobianSpatialVelocity(
-                context, FEET, foot, np.zeros(3), world, world
+                context, VELOCITIES, foot, np.zeros(3), world, world
             )
             assert place[1] == pytest.approx(foot.CalcPoseInWorld(context).translation()[2])
             # Without slip, the lowest point of the sphere is at rest
@@ -213,9 +213,15 @@ def test_speed_is_in_proportion_to_cooling():
     np.testing.assert_allclose(strides, strides[0], rtol=1e-3)
 
 
-def test_what_keeps_a_robot_from_a_gait_is_named():
-    robot = RobotParameters()
-    for limb in robot.limbs:
+def test_what_keeps_a_robot_from_a_gait_is_named(monkeypatch):
+    monkeypatch.setattr("planners.gait.gait.MOST_ITERATIONS", 50)
+    soft, rough = RobotParameters(), RobotParameters()
+    for limb in soft.limbs:
         limb.parameters.segments[0].stiffness *= 0.05
-    with pytest.raises(PlanningError, match="the limbs are too soft for the weight on them"):
-        plan_gait(robot, check=False, intervals=4)
+    rough.ground.friction = 5.0
+    for robot, reason in (
+        (soft, "the limbs are too soft for the weight on them"),
+        (rough, "the wires are too weak to slide a foot at mu = 5"),
+    ):
+        with pytest.raises(PlanningError, match=reason):
+            plan_gait(robot, check=False, intervals=8)
