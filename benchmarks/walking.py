@@ -69,10 +69,11 @@ def run(job: tuple[Gait, str, RobotParameters, str, int]) -> str:
     times, in_walk, amplitude, slowness = np.array(course).T
     begin = PERIOD * np.floor((walked.duration - cycles * gait.period) / PERIOD + 0.5)
     ends = np.interp(begin + gait.period * np.arange(cycles + 1), in_walk, times)
+    assert recording.wire_temperature is not None
+    assert recording.body_pose is not None
     fall, until = fall_of(recording, gait, begin)
     x = np.interp(ends[ends <= until + 1.0], recording.time, recording.body_pose[0])
     strides = " ".join(f"{share:.3f}" for share in np.diff(x) / gait.stride)
-    assert recording.wire_temperature is not None
     hottest = recording.wire_temperature.max()
     return (
         f"| {what} | {way} | {strides} | {amplitude[-1]:.2f}, {slowness[-1]:.2f} | {hottest:.1f} | "
@@ -92,6 +93,7 @@ def main() -> None:
     robots = [("as planned", gait.robot)]
     for factor in (0.7, 1.3):
         other = copy.deepcopy(gait.robot)
+        assert other.ground is not None
         other.ground.friction *= factor
         robots.append((f"friction x {factor}", other))
     rng = np.random.default_rng(options.seed)

@@ -58,6 +58,7 @@ def variations(robot: RobotParameters, seed: int = 0) -> list[tuple[str, RobotPa
     varied = []
     for factor in FRICTION:
         other = copy.deepcopy(robot)
+        assert other.ground is not None  # of robots that walk
         other.ground.friction *= factor
         varied.append((f"friction x {factor:g}", other))
     for number in range(1, DRAWS + 1):
@@ -92,6 +93,7 @@ def simulate_gait(gait: Gait, what: str, robot: RobotParameters, cycles: int) ->
         )
     except SimulationError as error:
         return GaitVariation(what, fall=str(error).rstrip("."))
+    assert recording.wire_temperature is not None
     fall, time = fall_of(recording, gait)
     completed = min(cycles, int(time / gait.period + 1e-6))
     return GaitVariation(
@@ -104,6 +106,7 @@ def simulate_gait(gait: Gait, what: str, robot: RobotParameters, cycles: int) ->
 
 def strides_of(recording: Recording, period: float, cycles: int, start: float = 0.0) -> np.ndarray:
     """Travel of the body in each cycle (cycles,), m, the first of which begins at a start, s."""
+    assert recording.body_pose is not None
     ends = start + period * np.arange(cycles + 1)
     return np.diff(np.interp(ends, recording.time, recording.body_pose[0]))
 
@@ -115,6 +118,7 @@ def fall_of(recording: Recording, gait: Gait, start: float = 0.0) -> tuple[str, 
     foot carries nothing that does not swing in the gait, whose first cycle begins at a start, s;
     the latter is left out where forces are not known.
     """
+    assert recording.body_pose is not None
     body, pose, times = gait.robot.body, recording.body_pose, recording.time
     sine, cosine = np.abs(np.sin(pose[2])), np.cos(pose[2])
     lowest = pose[1] - 0.5 * (body.length * sine + body.height * np.abs(cosine))

@@ -48,13 +48,14 @@ def walk(gait: Gait, cycles: int, *, from_cold: bool = True) -> Trajectory:
     duty = np.diff(_duty_time(gait, cycles, warm_up, level, edges), axis=0)
     duty /= np.diff(edges)[:, None]
     duty[-1] = 0.0
+    since = times - warm_up
+    walks, in_cycle = since >= 0, since % gait.period
+    planned = PchipInterpolator(gait.time, gait.wire_states, axis=1)(in_cycle).T
     start = wires.cold_states if from_cold else gait.wire_states[:, 0]
-    while (above := _heat(wires, start, duty, times)[:, :W].max() - limits.maximum) > 0:
+    while (above := _heat(wires, start, duty, times)[:, :W].max() - limits.maximum) > 1e-7:
         duty *= 1 - 2 * above / (limits.maximum - ambient)  # of T_max by rounding
     heat = _heat(wires, start, duty, times)
 
-    since = times - warm_up
-    walks, in_cycle = since >= 0, since % gait.period
     course = PchipInterpolator(gait.time, gait.joint_angles, axis=1)
     rest = rest_joint_angles(gait.parameters)[:, None]
     warmth = heat[:, :W].mean(axis=1) - ambient
@@ -63,10 +64,9 @@ def walk(gait: Gait, cycles: int, *, from_cold: bool = True) -> Trajectory:
     rates = np.gradient(angles, PERIOD, axis=1)
     check = PlanCheck()
     if not gait.check.is_missing:
-        planned = PchipInterpolator(gait.time, gait.wire_states, axis=1)(in_cycle[walks]).T
         held = HeldAngles(gait.parameters)
         apart = bend_angle(
-            gait.parameters, (held.angles(heat[walks, :-W]) - held.angles(planned)).T
+            gait.parameters, (held.angles(heat[walks, :-W]) - held.angles(planned[walks])).T
         )
         check = PlanCheck(
             solver=gait.check.solver,
@@ -116,17 +116,12 @@ def _duty_time(
     gait: Gait, cycles: int, warm_up: float, level: np.ndarray, times: np.ndarray
 ) -> np.ndarray:
     """Duty summed over time since the start (K, W), s, of warm-up, cycles and wires off."""
-    one = np.cumsum(np.diff(gait.time)[:, None] * gait.duty[:, :-1].T, axis=0)
-    before = warm_up * level
-    starts = warm_up + gait.period * np.arange(cycles)
-    knots = np.concatenate([[0.0], *(start + gait.time[:-1] for start in starts)])
-    sums = [np.zeros((1, len(level)))]
-    sums += [before + n * one[-1] + np.vstack([0 * one[:1], one[:-1]]) for n in range(cycles)]
-    knots, sums = (
-        np.append(knots, warm_up + cycles * gait.period),
-        np.vstack([*sums, before + cycles * one[-1:]]),
-    )
-    return np.array([np.interp(times, knots, of_wire) for of_wire in sums.T]).T
+    lengths = [np.diff(gait.time)] * cycles
+    levels = [gait.duty[:, :-1].T] * cycles
+    steps = np.concatenate([[warm_up], *lengths])
+    sums = np.cumsum(steps[:, None] * np.vstack([level, *levels]), axis=0)
+    knots = np.append(0.0, np.cumsum(steps))
+    return np.transpose([np.interp(times, knots, np.append(0.0, of_wire)) for of_wire in sums.T])
 
 
 def _heat(wires: Wires, states: np.ndarray, duty: np.ndarray, times: np.ndarray) -> np.ndarray:
