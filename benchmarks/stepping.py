@@ -3,7 +3,7 @@
 - ``pairs``: two limbs at each end of the body, the crawler's, in the order around it; those of a
   diagonal are lifted together, so that the body always stands on a rear and a front foot.
 - ``row``: three limbs in a row, each of two segments that can bend opposite ways; each is lifted
-  by itself.
+  by itself. It is simulated only if asked for: the program takes minutes, and often finds no gait.
 
 In the vertical plane in which planar robots move, nothing rolls sideways.
 
@@ -84,8 +84,8 @@ def report(name: str, friction: float) -> str:
 
 
 def main(arguments: list[str]) -> None:
-    """Prints the report of each robot and friction asked for, of all if none is."""
-    names = [name for name in arguments if name in ROBOTS] or list(ROBOTS)
+    """Prints the report of each robot and friction asked for; by default, of the pairs."""
+    names = [name for name in arguments if name in ROBOTS] or ["pairs"]
     frictions = [float(mu) for mu in arguments if mu not in ROBOTS] or FRICTIONS
     for name in names:
         for friction in frictions:
