@@ -23,6 +23,7 @@ from pydrake.trajectories import PiecewisePolynomial
 import hardware.robot.serial_limb
 from calibration import BendAngleController, EquilibriumSchedule, LimitedDuty, excitations
 from controllers import (
+    GaitFeedback,
     LimbObserver,
     PlanFeedback,
     PlanRegulator,
@@ -58,6 +59,7 @@ from limb_systems import (
 )
 from limb_systems.files.csv_format import FORMAT_VERSION
 from limb_systems.files.samples import column_names
+from planners import plan_gait
 from soft_limb.command import COMMANDS, main
 
 ROOT = Path(__file__).parents[1]
@@ -299,6 +301,7 @@ def make_system(monkeypatch, fig5_plan):
         LimitedDuty: lambda: LimitedDuty(known_limb(), excitations(2)[0].duty),
         LimbObserver: lambda: LimbObserver(parameters),
         PlanFeedback: lambda: PlanFeedback(fig5_plan),
+        GaitFeedback: lambda: GaitFeedback(plan_gait(check=False), 1),
         PlanRegulator: lambda: PlanRegulator(fig5_plan),
         RecedingHorizon: lambda: RecedingHorizon(fig5_plan),
         TemperatureSupervisor: lambda: TemperatureSupervisor(parameters),
