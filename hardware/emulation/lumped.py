@@ -54,7 +54,7 @@ def add_physics(
     """Adds wires, rubber, sensors and cut-out about mechanics, and exports the ports of a limb.
 
     Args:
-        builder: of the diagram that has the mechanics.
+        builder: builder of the diagram that has the mechanics.
         specimen: the limb, or all limbs of a robot together. Its ``state`` is kept up to date.
         joint_state: [θ, θ̇] (2n) of the mechanics, rad and rad/s.
         force: torques on its joints (n), N·m.

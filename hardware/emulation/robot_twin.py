@@ -37,7 +37,7 @@ class RobotSpecimen(Specimen):
     """A particular robot: all its limbs as one `Specimen`, and what carries them.
 
     - ``robot``: `RobotParameters` as a lab would know them beforehand.
-    - ``drawn``: those with the true masses, places of the limbs and friction of the ground.
+    - ``drawn``: description with the true masses, places of the limbs and friction of the ground.
     - ``foot_friction``: μ between each foot and that ground (L,); empty without a ground.
 
     Beside the effects of limbs it may be `without` "body", so that masses and places are as
@@ -180,7 +180,7 @@ class RobotTwin(Diagram):
             extra: effects that its limbs have beside those of every limb, see `Specimen`.
             specimen: the particular robot, in place of these three.
             bend_rate: rate at which the bend sensors are read, Hz.
-            time_step: of the mechanics on a ground, s.
+            time_step: step of the mechanics on a ground, s.
             truth: whether it shows, and recordings have, what no sensor of a robot could.
 
         Raises:

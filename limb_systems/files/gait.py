@@ -39,7 +39,7 @@ class GaitVariation:
 
     - ``what``: what was changed, such as "friction x 0.7".
     - ``strides``: each stride as a share of the planned one.
-    - ``highest_temperature``: of any wire, °C.
+    - ``highest_temperature``: largest T of any wire, °C.
     - ``fall``: how it fell; empty if it did not.
     """
 

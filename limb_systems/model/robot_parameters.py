@@ -64,7 +64,7 @@ class RobotLimb(Strict):
     """A limb of a robot, and where it is on the body.
 
     - ``name``: letters, digits and underscores; it names ports, joints and columns in files.
-    - ``position``: of the limb's base in the body's frame, m.
+    - ``position``: place of the limb's base in the body's frame, m.
     - ``e1``, ``e2``: directions of the limb's axes E1 and E2 in the body's frame: where the
       straight limb points to, and where its wires on the +E2 side bend it to.
     - ``parameters``: the limb; its ``gravity`` and ``total_duty`` are the robot's here.

@@ -23,7 +23,7 @@ class PeriodicHeat:
         wires: heat of the wires.
         heat, duty: indices of [x, V] at the knots (K, M) and of the duty of the interval after each
             (K, W) among the program's variables.
-        time_steps: of the lengths of these intervals (K,).
+        time_steps: indices of the lengths of these intervals (K,).
     """
 
     replaces: Collection[Binding] = ()

@@ -23,11 +23,11 @@ class PlanarRobot:
     coordinates, A angles ψ and F feet.
 
     - ``turns``: C, derivative of ψ by y (A, d).
-    - ``stiffness``: of the joints' springs, zero for the body (d,), N·m/rad.
+    - ``stiffness``: k of the joints' springs, zero for the body (d,), N·m/rad.
     - ``rest``: y at which springs are relaxed (d,), rad.
-    - ``weight``: of the whole robot in the world (x, z), N.
+    - ``weight``: weight of the whole robot along the world's (x, z), N.
     - ``tips``: angle of the last link of each limb, among ψ (F,).
-    - ``radius``: of the feet, m.
+    - ``radius``: radius of the feet, m.
 
     Args:
         robot: description of the robot, on a planar body.

@@ -50,8 +50,8 @@ class GaitProgram:
     - ``y``, ``heat``, ``forces``, ``travel``, ``duty``: indices of the configuration (K, d), of
       [x, V] (K, M), of λ (K, 2F), s (K, F) and the duty of the interval after the knot (K, W)
       among the decision variables.
-    - ``steps``: of the lengths of the intervals of each phase (P,), s.
-    - ``stride``, ``merit``: of the travel per period, m, and of the objective: speed, m/s, or
+    - ``steps``: indices of the lengths of the intervals of each phase (P,), s.
+    - ``stride``, ``merit``: indices of the travel per period, m, and the objective: speed, m/s, or
       heating per distance, s of full duty of one wire per m.
     - ``phase_of``: phase of each interval (K,).
 
@@ -62,7 +62,7 @@ class GaitProgram:
         objective: "speed" or "energy".
         temperature_margin: how far T stays below T_max, °C.
         sticking_share: share of μ that feet that stick may use.
-        clearance: of feet that swing, m.
+        clearance: height of feet that swing, m.
         steadiness: the least pivots of the stiffness, as multiples of those of `Standing`.
     """
 

@@ -150,9 +150,10 @@ COMMANDS = {
             Option(
                 "--margin",
                 type=float,
-                default=0.0,
+                default=5.0,
                 metavar="DEGREES",
-                help="how far wires stay below T_max, °C (default %(default)g)",
+                help="how far wires stay below T_max, °C, which feedback needs (default "
+                "%(default)g)",
             ),
             Option(
                 "--quick",

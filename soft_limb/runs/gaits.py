@@ -4,6 +4,7 @@ import concurrent.futures
 import dataclasses
 import functools
 from collections.abc import Callable, Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -34,7 +35,7 @@ def find_gait(
     executor: concurrent.futures.Executor,
     said: Callable[[int], None],
     *,
-    objective: str = "speed",
+    objective: Literal["speed", "energy"] = "speed",
     temperature_margin: float = 0.0,
     spread: bool = True,
 ) -> list[Trial]:
