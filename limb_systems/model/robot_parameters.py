@@ -296,6 +296,12 @@ class RobotParameters(Strict):
                         "limbs of a robot share the air and the limits of heat, so make them equal."
                     )
 
+        wires = self.together.wire_names
+        if len(set(wires)) < len(wires):
+            raise ParameterError(
+                f"The names of limbs make the names of wires {', '.join(wires)}, of which some "
+                "are the same; give the limbs other names."
+            )
         lengths = [sum(s.length for s in limb.parameters.segments) for limb in self.limbs]
         for index, (limb, length) in enumerate(zip(self.limbs, lengths, strict=True)):
             if (far := np.abs(limb.position).max()) > FARTHEST * (size + length):

@@ -18,7 +18,7 @@ from planners.gait.standing import LEAST_PIVOT, Standing
 from planners.transcription.ipopt import ExactHessianIpoptSolver
 from planners.transcription.solving import PlanningError
 
-INTERVALS = 24
+INTERVALS, MOST_INTERVALS = 24, 240
 START_WARMTH = 40.0  # °C above ambient, of the wires of a robot that stands
 # Tried one after the other where the robot does not walk as planned: on rough ground, friction of
 # a foot that slides lets the body sway more and more, though it is stable at rest.
@@ -74,6 +74,7 @@ def plan_gait(
     robot = RobotParameters.of(robot)
     schedule = schedule or sensible_schedules(len(robot.limbs))[0]
     check_schedule(schedule, len(robot.limbs))
+    _check_request(robot, schedule, objective, temperature_margin, intervals)
     shares = np.diff(np.linspace(0, intervals, len(schedule) + 1).round().astype(int))
     program = partial(
         GaitProgram,
@@ -103,6 +104,29 @@ def plan_gait(
         f"Gaits were planned, the last of them of {1e3 * gait.stride:.1f} mm in "
         f"{gait.period:.1f} s, but they are refused: {gait.check.failure()}"
     )
+
+
+def _check_request(
+    robot: RobotParameters,
+    schedule: Sequence[Sequence[str]],
+    objective: str,
+    temperature_margin: float,
+    intervals: int,
+) -> None:
+    """Raises PlanningError for what a gait cannot be asked for."""
+    if objective not in ("speed", "energy"):
+        raise PlanningError(f"The objective is {objective!r}; it must be 'speed' or 'energy'.")
+    limits, ambient = robot.together.temperature_limits, robot.together.ambient_temperature
+    if not 0 <= temperature_margin < limits.maximum - ambient:
+        raise PlanningError(
+            f"temperature_margin is {temperature_margin:g} °C; it must be from 0 to less than "
+            f"{limits.maximum - ambient:g} °C, by which T_max is above ambient."
+        )
+    if not 2 * len(schedule) <= intervals <= MOST_INTERVALS:
+        raise PlanningError(
+            f"intervals is {intervals}; it must be from {2 * len(schedule)}, two for each phase, "
+            f"to {MOST_INTERVALS}."
+        )
 
 
 def _solved(program: GaitProgram, longest: float = LONGEST_SOLVE) -> Gait:

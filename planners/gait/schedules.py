@@ -49,6 +49,13 @@ def check_schedule(schedule: Sequence[Sequence[str]], num_feet: int) -> None:
                 f"The schedule has the phase {shown(list(phase))}; each phase must have one of "
                 f"{', '.join(CONTACTS)} for each of {num_feet} feet."
             )
+    for foot, contacts in enumerate(zip(*schedule, strict=True)):
+        if set(contacts) == {"stick"}:
+            raise PlanningError(
+                f"Foot {foot + 1} sticks in all phases of the schedule "
+                f"{schedule_text(schedule)!r}, so that the robot stays where it is; let it slide "
+                "or be lifted in one."
+            )
     for number, phase in enumerate(schedule):
         after = (number + 1) % len(schedule)
         pairs = zip(phase, schedule[after], strict=True)
