@@ -68,7 +68,9 @@ class LimbTwin(Diagram):
     __slots__ = ()  # see limb_systems.model.ownership
 
     real_time = False
-    accuracy = 1e-2  # of simulations; 1e-4 changes no reading by more than one step of its sensor
+    accuracy: float | None = (
+        1e-2  # of simulations; 1e-4 changes no reading by more than one step of its sensor
+    )
 
     def __init__(
         self,

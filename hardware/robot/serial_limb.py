@@ -59,7 +59,7 @@ class SerialLimb(LeafSystem):
     __slots__ = ()  # see limb_systems.model.ownership
 
     real_time = True
-    accuracy = ACCURACY
+    accuracy: float | None = ACCURACY
 
     def __init__(
         self,

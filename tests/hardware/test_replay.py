@@ -319,7 +319,7 @@ def test_a_plan_of_a_limb_of_ones_own_is_not_followed_by_another_in_silence(
 def test_command_emulates_a_limb_with_extra_effects(monkeypatch):
     twins = []
     monkeypatch.setattr(
-        "soft_limb.commands.hardware.emulate", lambda twin, *_: twins.append(twin.source)
+        "soft_limb.commands.hardware.emulate", lambda twin, *_, **__: twins.append(twin.source)
     )
     assert main(["emulate", "--emulated", "3", "--extra", "memory", "--extra", "bond"]) == 0
     assert twins == ["emulated limb, seed 3, with memory, with bond"]
