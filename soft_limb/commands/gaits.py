@@ -1,7 +1,6 @@
 """Commands of robots that walk."""
 
 import argparse
-import os
 import re
 from pathlib import Path
 
@@ -11,13 +10,11 @@ from controllers import GaitFeedback, PlanFeedback
 from hardware import RobotTwin, SerialLimb, replay
 from limb_systems import Gait, LimbError, LimbSystem, Robot, RobotParameters
 from limb_systems.output import check_outputs
-from limb_systems.progress import Progress
-from planners.gait.schedules import schedule_of, sensible_schedules
+from planners.gait.schedules import schedule_of, schedule_text, sensible_schedules
 from planners.gait.walking import walk
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
 from soft_limb.results.summaries import gait_summary, walk_summary
 from soft_limb.runs.gaits import find_gait
-from soft_limb.runs.jobs import local_executor
 from soft_limb.runs.rollout import OPEN
 
 STRIDES, BENDS = "gait-feedback", "plan-feedback"
@@ -42,22 +39,14 @@ def _gait(options: argparse.Namespace) -> int:
     num_feet = len(robot.limbs)
     schedules = [schedule_of(text, num_feet) for text in options.schedule]
     schedules = schedules or sensible_schedules(num_feet)
-    with (
-        local_executor(min(os.cpu_count() or 1, len(schedules))) as executor,
-        Progress("planning", len(schedules), "schedules") as progress,
-    ):
-        trials = find_gait(
-            robot,
-            schedules,
-            executor,
-            progress.update,
-            objective=options.objective,
-            temperature_margin=options.margin,
-            spread=not options.quick,
-        )
-    refused = [(trial.schedule, trial.reason) for trial in trials if trial.reason]
-    if refused and not options.json:
-        print_table("schedules that were not taken", refused)
+    trials = find_gait(
+        robot,
+        schedules,
+        objective=options.objective,
+        temperature_margin=options.margin,
+        spread=not options.quick,
+    )
+    refused = [(schedule_text(trial.schedule), trial.reason) for trial in trials if trial.reason]
     gait = trials[0].gait
     if gait is None or trials[0].reason:
         raise LimbError(
@@ -65,6 +54,8 @@ def _gait(options: argparse.Namespace) -> int:
             + "; ".join(f"{schedule!r}, {reason.rstrip('.')}" for schedule, reason in refused)
             + "."
         )
+    if refused and not options.json:
+        print_table("schedules that were not taken", refused)
     gait.save(options.output)
     if options.plot:
         # Matplotlib takes as long to import as all the rest.

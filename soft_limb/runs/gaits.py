@@ -1,30 +1,31 @@
 """Gaits of all schedules that are given, planned side by side; the best that walks is taken."""
 
-import concurrent.futures
 import dataclasses
 import functools
-from collections.abc import Callable, Sequence
-from typing import Literal
+import os
+from collections.abc import Sequence
+from typing import Any, Literal
 
 import numpy as np
 
 from limb_systems import Gait, RobotParameters
+from limb_systems.progress import Progress
 from planners import PlanningError
 from planners.gait.gait import plan_gait
-from planners.gait.schedules import Schedule, schedule_text
-from soft_limb.runs.jobs import run_each
+from planners.gait.schedules import Schedule
+from soft_limb.runs.jobs import local_executor, run_each
 
 
 @dataclasses.dataclass
 class Trial:
     """A schedule, and what came of it.
 
-    - ``schedule``: its text.
+    - ``schedule``: what each foot does in each phase.
     - ``gait``: the gait; None if there is none.
     - ``reason``: why there is none, or why it was not taken; empty if it was.
     """
 
-    schedule: str
+    schedule: Schedule
     gait: Gait | None = None
     reason: str = ""
 
@@ -32,8 +33,6 @@ class Trial:
 def find_gait(
     robot: RobotParameters,
     schedules: Sequence[Schedule],
-    executor: concurrent.futures.Executor,
-    said: Callable[[int], None],
     *,
     objective: Literal["speed", "energy"] = "speed",
     temperature_margin: float = 0.0,
@@ -42,10 +41,7 @@ def find_gait(
     """Plans a gait of each schedule, and checks them, the best first, until one walks as planned.
 
     Args:
-        executor: runs the planning.
-        said: function that is called with the number of schedules that are done.
-        objective, temperature_margin: as for `plan_gait`.
-        spread: as for `check_gait`.
+        objective, temperature_margin, spread: as for `plan_gait`.
 
     Returns:
         What came of each schedule: first the gait that was taken, if any, then others by their
@@ -54,24 +50,23 @@ def find_gait(
     call = functools.partial(
         _planned, robot, objective=objective, temperature_margin=temperature_margin
     )
-    trials: list[Trial] = []
-    for trial in run_each(call, schedules, executor):
-        trials.append(trial)
-        said(len(trials))
+    trials = [Trial(schedule) for schedule in schedules]
+    if len(schedules) > 1:
+        with (
+            local_executor(min(os.cpu_count() or 1, len(schedules))) as executor,
+            Progress("planning", len(schedules), "schedules") as progress,
+        ):
+            trials = []
+            for trial in run_each(call, schedules, executor):
+                trials.append(trial)
+                progress.update(len(trials))
     trials.sort(key=lambda trial: -_merit(trial.gait, objective) if trial.gait else np.inf)
     for number, trial in enumerate(trials):
-        if trial.gait is None:
+        if trial.reason:
             break
-        try:
-            trial.gait = plan_gait(
-                robot,
-                schedule=trial.gait.schedule,
-                objective=objective,
-                temperature_margin=temperature_margin,
-                spread=spread,
-            )
-        except PlanningError as error:
-            trial.reason = str(error)
+        checked = call(trial.schedule, check=True, spread=spread)
+        trial.gait, trial.reason = checked.gait, checked.reason
+        if trial.reason:
             continue
         for slower in trials[number + 1 :]:
             if slower.gait:
@@ -87,9 +82,10 @@ def _merit(gait: Gait, objective: str) -> float:
     return gait.stride / float(np.diff(gait.time) @ gait.duty[:, :-1].sum(axis=0))
 
 
-def _planned(robot: RobotParameters, schedule: Schedule, **options) -> Trial:
+def _planned(
+    robot: RobotParameters, schedule: Schedule, check: bool = False, **options: Any
+) -> Trial:
     try:
-        gait = plan_gait(robot, schedule=schedule, check=False, **options)
+        return Trial(schedule, plan_gait(robot, schedule=schedule, check=check, **options))
     except PlanningError as error:
-        return Trial(schedule_text(schedule), reason=str(error))
-    return Trial(schedule_text(schedule), gait)
+        return Trial(schedule, reason=str(error))
