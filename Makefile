@@ -31,6 +31,9 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/simulation.py
 	$(BIN)/python benchmarks/space_simulation.py
 	$(BIN)/python benchmarks/public_crawler.py
+	$(BIN)/python benchmarks/gaits.py
+	$(BIN)/python benchmarks/stepping.py
+	$(BIN)/python benchmarks/walking.py
 	$(BIN)/python benchmarks/replanning.py
 	$(BIN)/python benchmarks/sweep.py
 	$(BIN)/python benchmarks/calibration_accuracy.py
