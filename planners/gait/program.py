@@ -8,7 +8,7 @@ duration of its own. What is held:
 - the balance of forces and the stability of `Standing`, at every knot;
 - (17) of the heat, in every interval, as by `PeriodicHeat`;
 - a foot on the ground is at z = r and carries a least share of the load; one that sticks does not
-  travel, and has |f_t| <= 0.8 μ f_n; one that slides travels one way only, and has f_t = -μ f_n
+  travel, and has ``|f_t| <= 0.8 μ f_n``; one that slides travels one way only, and has f_t = -μ f_n
   against it; one that swings carries nothing, is 1 mm clear of the ground at knots inside of its
   phase, and travels so little in an interval that it is clear in between;
 - (19), 0 <= D <= 1 and the total duty.
