@@ -11,6 +11,7 @@ import hashlib
 import re
 import warnings
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -308,8 +309,39 @@ class CalibrationRecord(Strict):
     provenance: Provenance | None = dataclasses.field(default=None, compare=False)
 
 
+class Described(Strict):
+    """A description with a YAML file of its own: of a limb, or of a robot."""
+
+    def validate(self) -> None:
+        """Raises ParameterError for the first field that is out of its range."""
+        raise NotImplementedError
+
+    def save(self, path: str | Path) -> None:
+        """Validates, then writes a YAML file whole or not at all."""
+        write_atomically(path, self.to_yaml())
+
+    @classmethod
+    def from_yaml(cls, text: str) -> Self:
+        """Parses YAML text; fields that are left out have their defaults, unknown ones are refused.
+
+        Raises:
+            ParameterError: with one sentence naming the field.
+        """
+        try:
+            parameters = load_typed(cls, text)
+        except SchemaError as error:
+            raise ParameterError(str(error)) from error
+        parameters.validate()
+        return parameters
+
+    def to_yaml(self) -> str:
+        """The YAML text of these parameters, every float exact."""
+        self.validate()
+        return dump_typed(self)
+
+
 @dataclasses.dataclass
-class LimbParameters(Strict):
+class LimbParameters(Described):
     """A limb: segments in series from the base to the tip, and where it is.
 
     ``LimbParameters()`` is the nominal limb, one segment of five links with
@@ -399,29 +431,6 @@ class LimbParameters(Strict):
             for index, segment in enumerate(self.segments)
             for oddity in _oddities(segment, f"{where}segments[{index}]")
         ]
-
-    def save(self, path: str | Path) -> None:
-        """Validates, then writes a YAML file whole or not at all."""
-        write_atomically(path, self.to_yaml())
-
-    @classmethod
-    def from_yaml(cls, text: str) -> "LimbParameters":
-        """Parses YAML text; fields that are left out have their defaults, unknown ones are refused.
-
-        Raises:
-            ParameterError: with one sentence naming the field.
-        """
-        try:
-            parameters = load_typed(cls, text)
-        except SchemaError as error:
-            raise ParameterError(str(error)) from error
-        parameters.validate()
-        return parameters
-
-    def to_yaml(self) -> str:
-        """The YAML text of these parameters, every float exact."""
-        self.validate()
-        return dump_typed(self)
 
     def without_provenance(self) -> "LimbParameters":
         """These parameters without what made them, for comparisons."""

@@ -13,14 +13,14 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 from limb_systems.input import read_text
 from limb_systems.model.parameters import (
     HEAVIEST,
+    Described,
     LimbParameters,
     NoBoard,
     ParameterError,
     SegmentParameters,
     SerialBoard,
 )
-from limb_systems.output import write_atomically
-from limb_systems.schema import SchemaError, Strict, dump_typed, load_typed, quantity, validate
+from limb_systems.schema import SchemaError, Strict, quantity, validate
 
 FORMAT = 1  # of the YAML file
 MOUNTS = ("welded", "planar", "free")
@@ -128,7 +128,7 @@ def _rear_and_front() -> list[RobotLimb]:
 
 
 @dataclasses.dataclass
-class RobotParameters(Strict):
+class RobotParameters(Described):
     """A robot: a body, limbs on it, their feet, and the ground that they are on.
 
     ``RobotParameters()`` is a crawler of 50 g with two limbs that hang down from its body.
@@ -201,29 +201,6 @@ class RobotParameters(Strict):
             for oddity in limb.parameters.oddities(f"limbs[{index}].parameters."):
                 warnings.warn(f"{path}: {oddity}", stacklevel=2)
         return robot
-
-    @classmethod
-    def from_yaml(cls, text: str) -> "RobotParameters":
-        """Parses YAML text; fields that are left out have their defaults, unknown ones are refused.
-
-        Raises:
-            ParameterError: with one sentence naming the field.
-        """
-        try:
-            parameters = load_typed(cls, text)
-        except SchemaError as error:
-            raise ParameterError(str(error)) from error
-        parameters.validate()
-        return parameters
-
-    def to_yaml(self) -> str:
-        """The YAML text of these parameters, every float exact."""
-        self.validate()
-        return dump_typed(self)
-
-    def save(self, path: str | Path) -> None:
-        """Validates, then writes a YAML file whole or not at all."""
-        write_atomically(path, self.to_yaml())
 
     @property
     def digest(self) -> str:
