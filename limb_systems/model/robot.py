@@ -36,7 +36,6 @@ from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import LimbParameters, ParameterError
 from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.model.wire_blocks import VectorFunction, make_blocks
-from limb_systems.model.wires import Wires
 from urdf import robot_urdf
 from urdf.generate import CONTACT_STIFFNESS, RELAXATION_TIME
 
@@ -147,34 +146,6 @@ class Robot(Diagram):
         export_contact_force(builder, plant, robot)
         builder.BuildInto(self)
         self.set_name(name)
-
-    def set_state(
-        self,
-        context: Context,
-        body_pose: ArrayLike,
-        joint_angles: ArrayLike,
-        wire_states: ArrayLike | None = None,
-        readings: ArrayLike | None = None,
-    ) -> None:
-        """Sets the state of a robot that stands still.
-
-        Args:
-            context: the robot's own.
-            body_pose: as the port ``body_pose``; empty if the body is welded.
-            joint_angles: θ (n,), rad.
-            wire_states: x (N,); cold if None.
-            readings: V (W,), °C; the wires' temperatures if None.
-        """
-        plant = self.GetSubsystemByName("plant")
-        of_plant = plant.GetMyMutableContextFromRoot(context)
-        set_positions(plant, of_plant, self.robot, body_pose, joint_angles)
-        plant.SetVelocities(of_plant, np.zeros(plant.num_velocities()))
-        wires = Wires(self.parameters)
-        states = wires.cold_states if wire_states is None else np.asarray(wire_states, float)
-        readings = states[: wires.num_wires] if readings is None else readings
-        for name, values in (("joule_heating", states), ("thermocouple_lag", readings)):
-            block = self.GetSubsystemByName(name)
-            block.GetMyMutableContextFromRoot(context).SetContinuousState(values)
 
 
 def add_contact_plant(builder: DiagramBuilder, time_step: float = TIME_STEP) -> MultibodyPlant:
