@@ -82,6 +82,12 @@ def _walk(options: argparse.Namespace) -> int:
     )
     gait = Gait.load(options.gait)
     trajectory = walk(gait, options.cycles)
+    name = options.controller or (BENDS if options.port else STRIDES)
+    controller: LeafSystem | None = None
+    if name == STRIDES:
+        controller = GaitFeedback(gait, options.cycles)
+    elif name == BENDS:
+        controller = PlanFeedback(trajectory)
     robot: LimbSystem
     if options.port:
         robot = SerialLimb(options.port, gait.parameters)
@@ -89,12 +95,6 @@ def _walk(options: argparse.Namespace) -> int:
         robot = Robot(gait.robot)
     else:
         robot = RobotTwin(options.robot or gait.robot, seed=options.emulated or 0, truth=True)
-    name = options.controller or (BENDS if options.port else STRIDES)
-    controller: LeafSystem | None = None
-    if name == STRIDES:
-        controller = GaitFeedback(gait, options.cycles)
-    elif name == BENDS:
-        controller = PlanFeedback(trajectory)
     recording = replay(trajectory, robot, controller=controller, journal=options.output)
     recording.save(options.output)
     if options.plot:
