@@ -117,7 +117,9 @@ def gait_summary(gait: Gait) -> Summary:
 
 
 def walk_summary(gait: Gait, recording: Recording, cycles: int, start: float) -> Summary:
-    """The strides of a walk beside the planned one, its heat, and whether it fell.
+    """The travel in each planned period beside the planned stride, the heat, and whether it fell.
+
+    Feedback may take longer for a cycle, of which a period then has a part.
 
     Args:
         cycles: number of cycles that it was to have.
@@ -130,9 +132,10 @@ def walk_summary(gait: Gait, recording: Recording, cycles: int, start: float) ->
     cycles = max(0, min(cycles, int((end - start) / gait.period + 1e-6)))
     strides = strides_of(recording, gait.period, cycles, start)
     shown = ", ".join(f"{1e3 * stride:.1f}" for stride in strides)
+    said = f"{shown} mm in periods of {gait.period:.1f} s, {1e3 * gait.stride:.1f} planned"
     return summary + Summary(
         [
-            Entry("strides", strides.tolist(), "m", f"{shown} mm, {1e3 * gait.stride:.1f} planned"),
+            Entry("strides", strides.tolist(), "m", said),
             Entry("fall", fall),
         ]
     )
