@@ -7,8 +7,8 @@ import time
 class Progress:
     """Shows the progress of a long task on stderr, and clears it at the end.
 
-    Nothing is shown for work that ends within a second. On a terminal one
-    line is kept up to date; elsewhere a line is added every ten seconds.
+    Nothing is shown for work that ends within a second, and nothing where stderr
+    is no terminal: in logs, notebooks and tests nobody watches a line.
 
     Use as a context manager::
 
@@ -18,8 +18,8 @@ class Progress:
 
     def __init__(self, label: str, total: float | None, unit: str):
         self._label, self._total, self._unit = label, total, unit
-        self._live = sys.stderr.isatty()
-        self._next = time.monotonic() + (1.0 if self._live else 10.0)
+        self._shown = sys.stderr.isatty()
+        self._next = time.monotonic() + 1.0
         self._width = 0
 
     def __enter__(self) -> "Progress":
@@ -30,18 +30,15 @@ class Progress:
             self._write("\r" + " " * self._width + "\r")
 
     def update(self, done: float, remark: str = "") -> None:
-        """Shows how much of the total is done, in the unit of the total."""
+        """Show how much of the total is done, in the unit of the total."""
         now = time.monotonic()
-        if now < self._next:
+        if not self._shown or now < self._next:
             return
-        self._next = now + (0.1 if self._live else 10.0)
+        self._next = now + 0.1
         of_total = f" of {self._total:g}" if self._total is not None else ""
         line = f"{self._label}: {done:.4g}{of_total} {self._unit} {remark}".rstrip()
-        if self._live:
-            self._write("\r" + line.ljust(self._width))
-            self._width = len(line)
-        else:
-            self._write(line + "\n")
+        self._write("\r" + line.ljust(self._width))
+        self._width = len(line)
 
     @staticmethod
     def _write(text: str) -> None:
