@@ -208,12 +208,15 @@ class TemperatureLimits(Strict):
     - ``warm``: T_warm, °C, kept after the warm-up (20).
     - ``warm_up_time``: k_warm, s, from the start of a plan (20).
     - ``measured_maximum``: °C, reading at which the board's firmware cuts out; plans stay below.
+
+    None of them is above 200 °C, which silicone rubber stands for long; wires of nickel-titanium
+    lose their trained shape from there on.
     """
 
-    maximum: float = quantity(100.0, "°C", -50.0, 500.0)
-    warm: float = quantity(45.0, "°C", -50.0, 500.0)
+    maximum: float = quantity(100.0, "°C", -50.0, 200.0)
+    warm: float = quantity(45.0, "°C", -50.0, 200.0)
     warm_up_time: float = quantity(20.0, "s", 0.0, 3600.0)
-    measured_maximum: float = quantity(110.0, "°C", -50.0, 500.0)
+    measured_maximum: float = quantity(110.0, "°C", -50.0, 200.0)
 
 
 class BoardIdentity(Tagged):
