@@ -137,7 +137,7 @@ class Driver:
             self._heed(heard, measured, now)
         duty, why = self._choose(heard, measured, now)
         self.state = ARMED if duty is None else RUNNING
-        self.why = self._refused_start or why
+        self.why = "; ".join(filter(None, [self._refused_start, why]))
         self.applied = np.zeros(len(measured)) if duty is None else duty
         return self.applied
 
