@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from limb_systems.errors import LimbError
+from limb_systems.schema import nearest
 from limb_systems.signals import SIGNALS, came, stop
 from soft_limb.results.folder import find, glance
 
@@ -115,9 +116,22 @@ def _door(prog: str, names: Sequence[str]) -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"soft-limb {version('soft-limb')}")
     _add_import_option(parser)
-    parser.add_argument("command", choices=names, metavar="COMMAND", help="one of those below")
+    parser.add_argument("command", type=_among(names), metavar="COMMAND", help="one of those below")
     parser.add_argument("arguments", nargs=argparse.REMAINDER, metavar="...", help="of the command")
     return parser
+
+
+def _among(names: Sequence[str]) -> Callable[[str], str]:
+    """Return the check of a command's name, whose error says which name is near."""
+
+    def check(name: str) -> str:
+        if name in names:
+            return name
+        raise argparse.ArgumentTypeError(
+            f"there is no command {name!r}{nearest(name, names)}; --help lists all."
+        )
+
+    return check
 
 
 def _add_import_option(parser: argparse.ArgumentParser) -> None:
