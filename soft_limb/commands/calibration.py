@@ -117,7 +117,6 @@ def _validate(options: argparse.Namespace) -> int:
     return 0
 
 
-STOPPED = "stopped; finished recordings are kept, and wires are off"
 COMMANDS = {
     "collect": Command(
         _collect,
@@ -151,7 +150,7 @@ COMMANDS = {
                 "%(default)s)",
             ),
         ],
-        stopped=STOPPED,
+        stopped="stopped; finished recordings are kept, and wires are off",
     ),
     "fit": Command(
         _fit,
@@ -175,7 +174,7 @@ COMMANDS = {
                 "were left out; paper: the paper's law by Sec. V (default %(default)s)",
             ),
         ],
-        stopped=STOPPED,
+        stopped="stopped; nothing was written",
     ),
     "validate": Command(
         _validate,
@@ -185,6 +184,6 @@ COMMANDS = {
             Option("limb", type=Path, help="limb parameters (.yaml)"),
             Option("recording", type=Path, help="recording with heated wires (.csv)"),
         ],
-        stopped=STOPPED,
+        stopped="stopped; nothing was written",
     ),
 }

@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import json
+import sys
 from pathlib import Path
 
 from limb_systems.errors import LimbError
@@ -22,12 +23,18 @@ _SUFFIXES = {"parquet": ".parquet", "mcap": ".mcap", "csv": ".csv", "c-header": 
 
 
 def _show(options: argparse.Namespace) -> int:
-    results = [read_result(path) for path in options.files]
+    results, errors = [], []
+    for path in options.files:
+        try:
+            results.append(read_result(path))
+        except (LimbError, OSError) as error:
+            errors.append(f"error: {error}")
     if options.json:
         print(json.dumps({"files": [result.to_json() for result in results]}, ensure_ascii=False))
-    else:
+    elif results:
         print("\n\n".join(str(result.about()) for result in results))
-    return 0
+    print("".join(f"{error}\n" for error in errors), end="", file=sys.stderr)
+    return int(bool(errors))
 
 
 def _compare(options: argparse.Namespace) -> int:
