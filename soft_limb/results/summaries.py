@@ -198,7 +198,7 @@ def repetitions_summary(learner: Learner, *, quick: bool = False) -> Summary:
         for name in ("reference_distance_deg", "mean_deg")
     )
     undone = sum(repetition.failed for repetition in learner.repetitions)
-    said = f"mean |φ* - φ| {errors}{f'; {undone} were undone' * bool(undone)}" if values else "none"
+    said = f"mean |φ* - φ| {errors}{f'; undone: {undone}' * bool(undone)}" if values else "none"
     plan = learner.trajectory
     distances = reference_distances(plan, nearest=None if quick else nearest_bend_angle(plan))
     return Summary(
