@@ -1,7 +1,7 @@
 """Validation of a calibrated limb (Sec. V-D, Fig. 4)."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
@@ -119,20 +119,28 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
 
 
 def validation_of(judged: Sequence[Predicted], parameters: LimbParameters) -> Validation:
-    """Recordings, one after the other, and their prediction by a law, of a limb as given."""
+    """Recordings, one after the other, and their prediction by a law, of a limb as given.
+
+    A sample without readings parts them, so that no picture draws a line from one to the next.
+    """
     runs = [predicted.run for predicted in judged]
     spans = [run.times[-1] - run.times[0] + STEP for run in runs]
     starts = np.cumsum([0.0, *spans[:-1]])
-    times = [run.times - run.times[0] + start for run, start in zip(runs, starts, strict=True)]
-    steps = [np.minimum((run.times / STEP).astype(int), len(run.duty) - 1) for run in runs]
-    duty = [run.duty[step] for run, step in zip(runs, steps, strict=True)]
+    times, duty = [], []
+    for run, start, span in zip(runs, starts, spans, strict=True):
+        step = np.minimum((run.times / STEP).astype(int), len(run.duty) - 1)
+        times.append(np.append(run.times - run.times[0], span - STEP / 2) + start)
+        duty.append(np.vstack([run.duty[step], np.zeros_like(run.duty[:1])]))
 
     def recording(shown: Sequence[HeatedRun | Predicted], source: str) -> Recording:
+        def parted(signals: Iterable[np.ndarray]) -> np.ndarray:
+            return np.concatenate([np.vstack([rows, 0 * rows[:1] + np.nan]) for rows in signals]).T
+
         return Recording(
             time=np.concatenate(times),
             duty=np.concatenate(duty).T,
-            measured_temperature=np.concatenate([each.temperature for each in shown]).T,
-            bend_angle=np.concatenate([each.bend for each in shown]).T,
+            measured_temperature=parted(each.temperature for each in shown),
+            bend_angle=parted(each.bend for each in shown),
             parameters=parameters,
             source=source,
             sample_rate=1 / STEP,

@@ -153,6 +153,7 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
         recordings: rollouts of this plan, all with the same sample rate.
     """
     trajectory, how = trajectory.since_start(), how_recorded(recordings)
+    last_duty = trajectory.time[-2]
     names = {
         "bend_angle": f"{how}{' rollouts' * (len(recordings) > 1)} φ",
         "measured_temperature": f"V {how}",
@@ -165,6 +166,8 @@ def tracking_panels(trajectory: Trajectory, recordings: Sequence[Recording] = ()
         scale = np.rad2deg(1.0) if signal == "bend_angle" else 1.0
         rows = [scale * getattr(recording, signal)[row] for recording in recordings]
         time, mean, half = mean_and_band(recordings, rows)
+        shown = time < last_duty if signal == "duty" else slice(None)
+        time, mean, half = time[shown], mean[shown], half[shown]
         band = half if len(recordings) > 1 else None
         return [Curve(f"{wire}{names[signal]}", time, mean, color, band=band)]
 
@@ -224,10 +227,12 @@ def measured_panels(
         if plan is None:
             return []
         scale = np.rad2deg(1.0) if signal == "bend_angle" else 1.0
-        values, band = scale * getattr(plan, signal)[row], None
+        # The last duty has no time left to move the limb, so that it is arbitrary: not drawn.
+        shown = slice(-1 if signal == "duty" else None)
+        values, band = scale * getattr(plan, signal)[row, shown], None
         if signal in bands:
-            band = scale * bands[signal][0, row], scale * bands[signal][1, row]
-        return [Curve(name, plan.time, values, color, dash, width, band)]
+            band = scale * bands[signal][0, row, shown], scale * bands[signal][1, row, shown]
+        return [Curve(name, plan.time[shown], values, color, dash, width, band)]
 
     layout = Layout(parameters)
     for segment, (bends, wired) in enumerate(zip(layout.bends_of, layout.wires_of, strict=True)):
