@@ -4,6 +4,7 @@ import ctypes
 import shutil
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 from hardware.firmware.firmware import Firmware
 
@@ -18,6 +19,10 @@ void prove(struct firmware *f, const uint8_t *proven)
 {
     for (int i = 0; i < CHANNELS; i++)
         f->guard.channel[i].proven = proven[i];
+}
+void guard_of(const struct firmware *f, uint16_t *values)
+{
+    values[0] = f->guard.state, values[1] = f->guard.session, values[2] = f->guard.challenge;
 }
 """
 
@@ -75,6 +80,13 @@ def compile_core(folder, real="float"):
         def prove(self, proven):
             """Has thermocouples followed some heat, as tests ask for it."""
             library.prove(self._firmware, bytes(proven))
+
+        @property
+        def guard(self):
+            """State, session and challenge of the guard, which a host is told of."""
+            values = (ctypes.c_uint16 * 3)()
+            library.guard_of(self._firmware, values)
+            return SimpleNamespace(state=values[0], session=values[1], challenge=values[2])
 
         def step(self):
             self._waiting = None

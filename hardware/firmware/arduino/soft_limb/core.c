@@ -2,6 +2,12 @@
 
 #include <string.h>
 
+/* A product and a sum round twice, on every chip and in every dialect of C: Arduino's dialect lets a
+compiler fuse them, and then the last bits depend on the chip. */
+#if defined(__GNUC__) && !defined(__clang__)
+#pragma GCC optimize("fp-contract=off")
+#endif
+
 #define R(number) ((real)(number)) /* or each double would take a single's place */
 
 /* The reasons for these numbers are in guard.py, heat.py and docs/protocol.md. Times are in ms. */
