@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 CONSTRAINTS ?= -c constraints.txt
 
-.PHONY: demo test newest versions wheel bench browser lint micropython notebooks docs linkcheck coverage clean
+.PHONY: demo test newest versions wheel bench browser lint chip micropython notebooks docs linkcheck coverage clean
 
 demo: $(VENV)/ready
 	$(BIN)/soft-limb demo out --force
@@ -60,6 +60,10 @@ micropython: $(VENV)/ready
 	npm install --silent --no-save --prefix $(VENV)/micropython @micropython/micropython-webassembly-pyscript@1.27.0
 	MICROPYTHON=$(VENV)/micropython/node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs \
 	    $(BIN)/python -m pytest -n 0 tests/hardware/test_firmware.py -rsP
+
+# The C core on emulated chips; needs arm-none-eabi-gcc and qemu-system-arm, and says so.
+chip: $(VENV)/ready
+	PYTHONPATH=benchmarks $(BIN)/python -m tests.chip.check_chip
 
 # Which lines no test runs.
 coverage: $(VENV)/ready

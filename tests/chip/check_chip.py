@@ -48,9 +48,7 @@ def record(core, rng: random.Random) -> tuple[bytes, bool]:
         episode.pass_once()
         heated |= any(episode.duty)
     facts = recorders[0].facts
-    start = struct.pack(
-        "<HBBH", PASSES, facts["reset_cause"], facts["remembered"], facts["random"]
-    )
+    start = struct.pack("<HBBH", PASSES, facts["reset_cause"], facts["remembered"], facts["random"])
     answers = (ANSWERS[name](result) for name, _, result in recorders[0].calls if name in ANSWERS)
     return start + b"".join(answers), heated
 

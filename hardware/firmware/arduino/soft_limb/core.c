@@ -4,7 +4,9 @@
 
 /* A product and a sum round twice, on every chip and in every dialect of C: Arduino's dialect lets a
 compiler fuse them, and then the last bits depend on the chip. */
-#if defined(__GNUC__) && !defined(__clang__)
+#ifdef __clang__
+#pragma STDC FP_CONTRACT OFF
+#elif defined(__GNUC__)
 #pragma GCC optimize("fp-contract=off")
 #endif
 
