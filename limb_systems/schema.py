@@ -320,7 +320,7 @@ def _hints(schema: Any) -> dict[str, Any]:
     return typing.get_type_hints(schema)
 
 
-def nearest(name: str, names: list[str]) -> str:
+def nearest(name: str, names: collections.abc.Sequence[str]) -> str:
     """A hint at the known name that may be meant, for an error about an unknown one."""
     match = difflib.get_close_matches(name, names, n=1)
     return f" (did you mean {match[0]}?)" if match else ""
