@@ -60,7 +60,7 @@ def take(seed: int, feedback: bool) -> dict:
     rested, taught = teach(specimen)
     plans = []
     for number, name in enumerate(MOTIONS):
-        motion = calibration.parameters, taught.get(name)
+        motion = calibration.parameters, name, taught
         try:
             trajectory = plan_motion(*motion, OPEN_LOOP)
         except LimbError as error:

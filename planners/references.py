@@ -303,6 +303,15 @@ def from_tip_path(
     )
 
 
+def ramps() -> PiecewisePolynomial:
+    """A motion that the nominal limb can nearly follow: to 20° in 2 s, held, then to -15°.
+
+    Heat builds up in the first 22 s, as in Fig. 5.
+    """
+    times = [0.0, 22.0, 24.0, 32.0, 34.0, 45.0]
+    return from_samples(times, np.deg2rad([0.0, 0.0, 20.0, 20.0, -15.0, -15.0]))
+
+
 def step_and_decaying_sine() -> PiecewisePolynomial:
     """The reference of the paper's Fig. 5: two steps and a decaying sinusoid, 60 s.
 

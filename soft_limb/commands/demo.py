@@ -15,8 +15,8 @@ PLAN, REPORT = "first_plan.csv", "report.html"
 def _demo(options: argparse.Namespace) -> int:
     outputs = [options.folder / PLAN, options.folder / REPORT]
     check_outputs(outputs, force=options.force)
-    print("planning the motion of Fig. 5 for the limb as described ...", flush=True)
-    trajectory = plan_from_files("fig5", LimbParameters())
+    print("planning ramps for the limb as described ...", flush=True)
+    trajectory = plan_from_files("ramps", LimbParameters())
     trajectory.save(outputs[0])
     print_summary(options, plan_summary(trajectory), outputs[:1])
     # Takes as long to import as all the rest.
@@ -29,10 +29,10 @@ def _demo(options: argparse.Namespace) -> int:
 COMMANDS = {
     "demo": Command(
         _demo,
-        "Plans the motion of Fig. 5, then takes an emulated limb through the paper: records it, "
-        "calibrates the model, plans three motions, and replays them in open loop, by feedback and "
-        "with learning. Takes two minutes on two cores. The folder has report.html, replay.html, "
-        "pictures, recordings and plans.",
+        "Plans ramps, then takes an emulated limb through the paper: records it, calibrates the "
+        "model, plans the ramps, the motion of Fig. 5 and two motions that were taught, and drives "
+        "the limb in open loop, by feedback and with learning. Takes two minutes on two cores. The "
+        "folder has report.html, replay.html, pictures, recordings and plans.",
         "force",
         [
             Option(

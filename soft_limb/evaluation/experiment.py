@@ -22,7 +22,7 @@ from soft_limb.evaluation.error_split import error_split
 from soft_limb.evaluation.ways import (
     CLOSED_LOOP,
     FEEDBACK,
-    HORIZON,
+    FOLLOW,
     LEARNING,
     OPEN_LOOP,
     PAUSE,
@@ -35,6 +35,7 @@ from soft_limb.runs.jobs import Evaluation
 # Table I has the distance of each plan from its reference.
 warnings.filterwarnings("ignore", "The plan is far from its reference")
 
+AS_DESCRIBED = "as described, not calibrated"
 PAPER = "LinearLaw, calibrated as in Sec. V"
 NUM_ROLLOUTS = 5
 NUM_CLOSED_LOOP = 2
@@ -46,7 +47,9 @@ SMOOTHING_TIME = 0.5  # s, of taught bend angles
 HANDS = {"T&R 1": "hand_1.csv", "T&R 2": "hand_2.csv"}
 
 
-MOTIONS = ("Validation", *HANDS)
+VALIDATION, RAMPS = "Validation", "Ramps"
+MOTIONS = (VALIDATION, *HANDS, RAMPS)
+DRAWN = {VALIDATION: references.step_and_decaying_sine, RAMPS: references.ramps}
 NUM_STEPS = 4  # that `evaluate` tells
 
 
@@ -60,9 +63,9 @@ class Settings:
       rollouts differ by the sensors' noise alone, and once with the receding horizon.
     - ``repetitions``: how often a plan that is learned is driven.
     - ``closed_loop``: ways of `CLOSED_LOOP` in which each motion is driven, too.
-    - ``disturbances``: names in `DISTURBANCES` under which feedback drives the first motion.
-    - ``compare``: whether to plan with the paper's calibration and with other laws, too;
-      these plans are rolled out once.
+    - ``disturbances``: names in `DISTURBANCES` under which feedback drives the motion of Fig. 5.
+    - ``compare``: whether to plan with the paper's calibration and with other laws, too, and not
+      with the limb as it was described alone; these plans are rolled out once.
     - ``protocol``, ``num_angles``: "all" recordings or the "paper"'s alone, and how many
       equilibria each of Sec. V has; see `collect_from_twin`.
     """
@@ -84,7 +87,7 @@ class Settings:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Motion:
-    """One of the paper's three experiments.
+    """One of the paper's three experiments, or `RAMPS`.
 
     - ``name``: as in Table I.
     - ``taught``: what the hand did, with the wires off; None if drawn.
@@ -108,10 +111,10 @@ class Experiment:
     - ``specimen``: the emulation's truth, which nothing looks into.
     - ``calibration``: its model, fitted by prediction error.
     - ``motions``: planned with it.
-    - ``disturbed``: rollouts of the first motion for each disturbance.
+    - ``disturbed``: rollouts of the motion of Fig. 5 for each disturbance.
     - ``split``: parts of the first rollouts' error, see `error_split`.
-    - ``compared``: motions that were planned with the paper's calibration, by `PAPER`, and
-      with other laws, by their names.
+    - ``compared``: motions that were planned with the limb `AS_DESCRIBED`, with the paper's
+      calibration, by `PAPER`, and with other laws, by their names.
     """
 
     specimen: Specimen
@@ -162,7 +165,7 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
     wanted += [(motion, FEEDBACK, "") for motion in closed]
     tell(f"planning motions: {len(wanted)}")
     found = yield [
-        functools.partial(plan_motion, limbs[limb], taught.get(motion), loop)
+        functools.partial(plan_motion, limbs[limb], motion, taught, loop)
         for motion, loop, limb in wanted
     ]
     plans = dict(zip(wanted, found, strict=True))
@@ -178,7 +181,7 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
     tell(f"driving the limb along its plans in several ways, and splitting the error: {num_runs}")
     opened = {motion: plans[motion, OPEN_LOOP, ""] for motion in MOTIONS}
     counts = dict.fromkeys(CLOSED_LOOP, min(NUM_CLOSED_LOOP, settings.rollouts))
-    counts |= {LEARNING: settings.repetitions, HORIZON: 1}
+    counts |= {LEARNING: settings.repetitions, FOLLOW: 1}
     calls: list[Callable[[], Any]] = [
         functools.partial(open_loop, rested, calibration, opened, settings.rollouts)
     ]
@@ -190,7 +193,7 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
     first = {
         loop: plan
         for (motion, loop, limb), plan in plans.items()
-        if motion == MOTIONS[0] and not limb
+        if motion == VALIDATION and not limb
     }
     calls += [
         functools.partial(roll_out_disturbed, rested, first, disturbance)
@@ -236,7 +239,7 @@ def fit(
 ) -> tuple[Calibration, dict[str, LimbParameters]]:
     """The calibration of a limb, and the limb as calibrated, also otherwise, by its name."""
     calibration = calibrate(recordings)
-    limbs = {"": calibration.parameters}
+    limbs = {"": calibration.parameters, AS_DESCRIBED: LimbParameters()}
     if compare:
         limbs[PAPER] = calibrate(recordings, method="paper").parameters
         assert calibration.prediction is not None
@@ -269,10 +272,13 @@ def open_loop(
     return ways, error_split(calibration, firsts)
 
 
-def plan_motion(limb: LimbParameters, taught: Recording | None, loop: str) -> Trajectory:
-    """A plan of a motion that was taught, or of Fig. 5, to be driven in a loop."""
-    reference = references.step_and_decaying_sine()
-    if taught:
-        reference = references.from_recording(taught, SMOOTHING_TIME)
+def plan_motion(
+    limb: LimbParameters, motion: str, taught: dict[str, Recording], loop: str
+) -> Trajectory:
+    """A plan of one of `MOTIONS`, drawn or as it was taught, to be driven in a loop."""
+    if motion in taught:
+        reference = references.from_recording(taught[motion], SMOOTHING_TIME)
+    else:
+        reference = DRAWN[motion]()
     task = Task.paper() if loop == OPEN_LOOP else Task.closed_loop(limb)
     return plan(limb, reference, task=task)

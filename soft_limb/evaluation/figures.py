@@ -1,5 +1,7 @@
 """The paper's figures of one limb as pictures, Figs. 4 to 7."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from limb_systems import Recording, joint_angles_from_bend_angle
@@ -11,9 +13,10 @@ from limb_systems.views.colors import (
     wire_colors,
 )
 from limb_systems.views.plots import WIDTH, Figure, plot_tracking
-from soft_limb.evaluation.experiment import Experiment, Motion
+from soft_limb.evaluation.experiment import HANDS, VALIDATION, Experiment
+from soft_limb.evaluation.panels import ways_shown
 from soft_limb.evaluation.tables import Followed, nearest_distance
-from soft_limb.evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way
+from soft_limb.evaluation.ways import OPEN_LOOP, Way
 from soft_limb.reports.calibration import plot_validation
 
 
@@ -53,33 +56,18 @@ def _plot_poses(axis, recording: Recording, color: str) -> None:
     axis.tick_params(length=0)
 
 
-def plot_ways(motion: Motion) -> Figure:
-    """Open loop, feedback and the best repetition, side by side: bend as read and true, and V.
+def plot_ways(shown: Mapping[str, Way]) -> Figure:
+    """Ways to drive one motion, side by side: bend as read and true, and V; see `ways_shown`.
 
-    Titles have mean distances of the true bend from the reference and from the plan, and
-    above all is what the limits leave.
+    Titles have the mean distance of the true bend from the reference, and above all is what the
+    limits leave.
     """
-    shown = {
-        OPEN_LOOP: motion.open_loop.rollouts[0],
-        FEEDBACK: motion.ways[FEEDBACK].rollouts[0],
-        f"{LEARNING}, best of {len(motion.ways[LEARNING].rollouts)}": motion.ways[
-            LEARNING
-        ].rollouts[-1],
-    }
-    figure = Figure(figsize=(1.5 * WIDTH, 4.6), layout="constrained")
+    figure = Figure(figsize=(2.0 * WIDTH, 4.6), layout="constrained")
     axes = figure.subplots(2, len(shown), sharex=True, sharey="row", height_ratios=[1.4, 1.0])
-    for (bend, heat), (name, rollout), way in zip(
-        axes.T, shown.items(), (OPEN_LOOP, FEEDBACK, LEARNING), strict=True
-    ):
-        plan = motion.ways[way].trajectory.since_start()
+    for (bend, heat), (name, way) in zip(axes.T, shown.items(), strict=True):
+        (rollout,), plan = way.rollouts, way.trajectory.since_start()
         angles = rollout.bend_angle[0], true_bend(rollout).bend_angle[0]
-        followed = Followed.of(Way(plan, [rollout]))
-        bend.set_title(
-            f"{name}\nfrom the reference: {followed.true_reference:.2f}° true, plan "
-            f"{followed.planned:.2f}°\nfrom the plan: {followed.true:.2f}° true, "
-            f"{followed.read:.2f}° read",
-            fontsize=9,
-        )
+        bend.set_title(f"{name}: {Followed.of(way).true_reference:.2f}°")
         wanted = np.rad2deg(plan.reference[0])
         bend.plot(plan.time, wanted, color=REFERENCE_COLOR, lw=1.0, label="reference")
         bend.plot(rollout.time, np.rad2deg(angles[0]), color=ROLLOUT_COLOR, lw=0.6, label="read")
@@ -94,10 +82,12 @@ def plot_ways(motion: Motion) -> Figure:
         for axis in (bend, heat):
             axis.grid(alpha=0.25)
             axis.spines[["top", "right"]].set_visible(False)
-    if (left := nearest_distance(motion.open_loop.trajectory)) is not None:
-        figure.suptitle(
-            f"Mean distances; the limits leave {left:.2f}° from the reference", fontsize=10
-        )
+    left = nearest_distance(shown[OPEN_LOOP].trajectory)
+    best = "" if left is None else f"; the best plan within the limits: {left:.2f}°"
+    figure.suptitle(
+        f"Mean distance of the true bend from the reference, on an emulated limb{best}",
+        fontsize=10,
+    )
     axes[0, 0].set_ylabel("bend angle (°)")
     axes[1, 0].set_ylabel("temperature (°C)")
     for axis in axes[:, 0]:
@@ -107,31 +97,32 @@ def plot_ways(motion: Motion) -> Figure:
 
 def figures(experiment: Experiment) -> dict[str, tuple[Figure, str]]:
     """The paper's figures of one limb, by the names of their files, with a description."""
-    validation, *taught = experiment.motions
+    driven = {motion.name: motion.open_loop for motion in experiment.motions}
     result = {
         "fig4": (
             plot_validation(experiment.validation),
             "Fig. 4: the calibrated model and the emulated limb for the same duty",
         ),
         "fig5": (
-            plot_tracking(validation.open_loop.trajectory, validation.open_loop.rollouts),
-            "Fig. 5: two steps and a decaying sinusoid, plan and rollouts",
+            plot_tracking(driven[VALIDATION].trajectory, driven[VALIDATION].rollouts),
+            "Fig. 5: two steps and a decaying sinusoid, plan and rollouts. The limb cannot move "
+            "as asked: heat builds up and leaves over seconds, and bounds hold",
         ),
     }
-    for letter, motion in zip("ab", taught, strict=True):
+    for letter, name in zip("ab", HANDS, strict=True):
         result[f"fig6{letter}"] = (
-            plot_tracking(motion.open_loop.trajectory, motion.open_loop.rollouts),
-            f"Fig. 6, {motion.name}: a motion that was taught, plan and rollouts",
+            plot_tracking(driven[name].trajectory, driven[name].rollouts),
+            f"Fig. 6, {name}: a motion that was taught, plan and rollouts",
         )
     result["fig7"] = (
         plot_taught(experiment),
         "Fig. 7: the limb's shape by its bend sensor, constant curvature (11), as it was taught "
         "and as it repeated it",
     )
-    driven = validation.ways
-    if {FEEDBACK, LEARNING} <= driven.keys():
+    if shown := ways_shown(experiment):
         result["ways"] = (
-            plot_ways(validation),
-            "Fig. 5 in open loop, with feedback, and in the best repetition of learning",
+            plot_ways(shown),
+            "Ramps that the limb can follow: open loop before and after calibration, `follow`, and "
+            "the best repetition of learning",
         )
     return result

@@ -1,6 +1,6 @@
 """What came of the evaluation in panels: Figs. 4 to 6, Table I and the split of the error."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,14 @@ from limb_systems.views.colors import (
 )
 from limb_systems.views.panels import Curve, Panel, tracking_panels
 from soft_limb.evaluation.error_split import STEPS
-from soft_limb.evaluation.experiment import Experiment, Motion
+from soft_limb.evaluation.experiment import (
+    AS_DESCRIBED,
+    HANDS,
+    MOTIONS,
+    RAMPS,
+    VALIDATION,
+    Experiment,
+)
 from soft_limb.evaluation.tables import (
     PAPER_TABLE_1,
     STATISTICS,
@@ -25,18 +32,18 @@ from soft_limb.evaluation.tables import (
     complete,
     mean_and_margin,
 )
-from soft_limb.evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way
+from soft_limb.evaluation.ways import FOLLOW, LEARNING, OPEN_LOOP, Way
 from soft_limb.reports.calibration_panels import validation_panels
 
-MOTION_TICKS = dict(enumerate(PAPER_TABLE_1))
+MOTION_TICKS = dict(enumerate(MOTIONS))
 
 
 def limbs_panels(summaries: Sequence[Summary]) -> list[Panel]:
     """Table I as a chart: every limb, their mean with its interval, and the paper's robot."""
     whole = complete(summaries)
-    at = np.arange(len(PAPER_TABLE_1), dtype=float)
-    away = np.array([[s.ways[m][OPEN_LOOP].true_reference for m in PAPER_TABLE_1] for s in whole])
-    left = np.array([[s.nearest[m] for m in PAPER_TABLE_1] for s in whole], float)
+    at = np.arange(len(MOTIONS), dtype=float)
+    away = np.array([[s.ways[m][OPEN_LOOP].true_reference for m in MOTIONS] for s in whole])
+    left = np.array([[s.nearest[m] for m in MOTIONS] for s in whole], float)
     panels = [
         _by_motion(
             "mean |φ_REF − φ| of the true bend (°)",
@@ -53,10 +60,8 @@ def limbs_panels(summaries: Sequence[Summary]) -> list[Panel]:
         )
     ]
     for index, statistic in enumerate(STATISTICS):
-        values = np.array(
-            [[s.ways[m][OPEN_LOOP].tracking[index] for m in PAPER_TABLE_1] for s in whole]
-        )
-        paper = np.array([row[index] for row in PAPER_TABLE_1.values()])
+        values = np.array([[s.ways[m][OPEN_LOOP].tracking[index] for m in MOTIONS] for s in whole])
+        paper = np.array([PAPER_TABLE_1.get(m, [np.nan] * 3)[index] for m in MOTIONS])
         curves = [
             *_limbs_and_mean(at, values),
             Curve("the paper's robot", at - 0.1, paper, PLAN_COLOR, marks=True),
@@ -86,10 +91,10 @@ def split_panels(summaries: Sequence[Summary]) -> list[Panel]:
                 mean_and_margin(
                     [s.split[motion][name][0] if name in STEPS else s.first[motion] for s in whole]
                 )
-                for motion in PAPER_TABLE_1
+                for motion in MOTIONS
             ]
         )
-        at = np.arange(len(PAPER_TABLE_1)) + 0.1 * (place - 2)
+        at = np.arange(len(MOTIONS)) + 0.1 * (place - 2)
         curves.append(Curve(name, at, mean, color, width=2.0, band=margin, marks=True))
     return [_by_motion("mean |difference| (°)", curves)]
 
@@ -122,31 +127,43 @@ def error_panels(experiment: Experiment) -> list[Panel]:
     return panels
 
 
-def ways_panels(motion: Motion) -> list[Panel]:
-    """Open loop, feedback and the best repetition: bend as read and true, and V."""
-    repetitions = motion.ways[LEARNING].rollouts
+def ways_shown(experiment: Experiment) -> dict[str, Way]:
+    """Ways in which the limb was driven along `RAMPS`, each with one rollout.
+
+    Open loop before and after calibration, by `follow`, and the best repetition of learning;
+    nothing if it was not driven in one of these.
+    """
+    (motion,) = (motion for motion in experiment.motions if motion.name == RAMPS)
+    if not {FOLLOW, LEARNING} <= motion.ways.keys():
+        return {}
+    (described,) = (each for each in experiment.compared[AS_DESCRIBED] if each.name == RAMPS)
+    learned = motion.ways[LEARNING]
+    last = Way(learned.trajectory, learned.rollouts[-1:])
+    firsts = {name: motion.ways[name] for name in (OPEN_LOOP, FOLLOW)}
+    firsts = {name: Way(way.trajectory, way.rollouts[:1]) for name, way in firsts.items()}
+    learning = f"{LEARNING}, best of {len(learned.rollouts)}"
+    return {f"{OPEN_LOOP}, not calibrated": described.open_loop, **firsts, learning: last}
+
+
+def ways_panels(shown: Mapping[str, Way]) -> list[Panel]:
+    """Bend as read and true, and V, of each way of `ways_shown`."""
     bends, heats = [], []
-    for way, name, rollout in (
-        (OPEN_LOOP, OPEN_LOOP, motion.open_loop.rollouts[0]),
-        (FEEDBACK, FEEDBACK, motion.ways[FEEDBACK].rollouts[0]),
-        (LEARNING, f"best of {len(repetitions)}", repetitions[-1]),
-    ):
-        plan = motion.ways[way].trajectory.since_start()
-        followed = Followed.of(Way(plan, [rollout]))
+    for name, way in shown.items():
+        (rollout,), plan = way.rollouts, way.trajectory.since_start()
+        followed = Followed.of(way)
         curves = [
             Curve(name, run.time, np.rad2deg(angle[0]), color, dash)
             for name, run, angle, color, dash in (
                 ("reference", plan, plan.reference, REFERENCE_COLOR, "solid"),
                 (
-                    f"read, {followed.reference:.2f}° from the reference, "
-                    f"{followed.read:.2f}° from the plan",
+                    f"read, {followed.reference:.2f}° from the reference",
                     rollout,
                     rollout.bend_angle,
                     ROLLOUT_COLOR,
                     "solid",
                 ),
                 (
-                    f"true, {followed.true_reference:.2f}° and {followed.true:.2f}°",
+                    f"true, {followed.true_reference:.2f}° from the reference",
                     rollout,
                     true_bend(rollout).bend_angle,
                     NEUTRAL_COLOR,
@@ -198,12 +215,10 @@ def learning_panels(summaries: Sequence[Summary]) -> list[Panel]:
 
 def panels_of(experiment: Experiment) -> dict[str, list[Panel]]:
     """The paper's figures of one limb, as far as there is something to look into; by `figures`."""
-    validation, *taught = experiment.motions
-    driven = {"fig5": validation, "fig6a": taught[0], "fig6b": taught[1]}
     result = {"fig4": validation_panels(experiment.validation)}
-    for name, motion in driven.items():
-        way = motion.open_loop
-        result[name] = tracking_panels(way.trajectory, way.rollouts)
-    if {FEEDBACK, LEARNING} <= validation.ways.keys():
-        result["ways"] = ways_panels(validation)
+    ways = {motion.name: motion.open_loop for motion in experiment.motions}
+    for name, motion in zip(("fig5", "fig6a", "fig6b"), (VALIDATION, *HANDS), strict=True):
+        result[name] = tracking_panels(ways[motion].trajectory, ways[motion].rollouts)
+    if shown := ways_shown(experiment):
+        result["ways"] = ways_panels(shown)
     return result

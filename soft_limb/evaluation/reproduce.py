@@ -13,29 +13,33 @@ from calibration import save_recordings
 from limb_systems import write_meshcat_replay
 from limb_systems.output import write_atomically
 from limb_systems.views.plots import save_figure
-from soft_limb.evaluation.experiment import MOTIONS, NUM_STEPS, Experiment, Settings, evaluate
+from soft_limb.evaluation.experiment import (
+    MOTIONS,
+    NUM_STEPS,
+    RAMPS,
+    VALIDATION,
+    Experiment,
+    Settings,
+    evaluate,
+)
 from soft_limb.evaluation.figures import figures
 from soft_limb.evaluation.report import EMULATED, write_report
 from soft_limb.evaluation.tables import (
-    APPROACH_HEADER,
-    DISTURBANCE_HEADER,
-    TABLE_1_HEADER,
+    DISTANCE_HEADER,
     Summary,
-    approach_table,
-    disturbance_table,
-    findings,
+    distance_table,
     summarize,
-    table_1,
 )
-from soft_limb.evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP
+from soft_limb.evaluation.ways import FOLLOW, LEARNING, OPEN_LOOP
 from soft_limb.reports.calibration import write_report as write_calibration_report
 from soft_limb.results.summaries import calibration_summary
 from soft_limb.runs.jobs import executor_of, run_all
 
 
 def quick(settings: Settings) -> Settings:
-    """What is done in the demo: no comparisons, and of closed loop Fig. 5 alone."""
-    closed_loop: dict[str, tuple[str, ...]] = {MOTIONS[0]: (FEEDBACK, LEARNING)}
+    """What is done in the demo: no comparisons, each motion followed, and the ramps learned."""
+    closed_loop: dict[str, tuple[str, ...]] = dict.fromkeys(MOTIONS, (FOLLOW,))
+    closed_loop[RAMPS] = (FOLLOW, LEARNING)
     return dataclasses.replace(settings, closed_loop=closed_loop, disturbances=(), compare=False)
 
 
@@ -69,7 +73,7 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
             executor.submit(save_figure, figure, folder / f"{name}.png")
             for name, (figure, _) in pictures.items()
         ]
-        motion = shown.motions[0]
+        (motion,) = (motion for motion in shown.motions if motion.name == VALIDATION)
         write_meshcat_replay(
             folder / "replay.html",
             motion.open_loop.rollouts[0],
@@ -82,20 +86,9 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
             figure.result()
 
     print(f"\n{calibration_summary(shown.calibration)}\n")
-    print(
-        "Table I: mean |φ_REF - φ| from the reference, |φ* - φ| from the plan, in degrees; "
-        f"rollouts per plan: {jobs[0].rollouts}"
-    )
-    _print_table([TABLE_1_HEADER, *table_1(summaries)])
-    if rows := disturbance_table(summaries):
-        print("\nDisturbances, in the motion of Fig. 5: mean distances in degrees")
-        _print_table([DISTURBANCE_HEADER, *rows])
-    print(
-        "\nPlans with each calibrated model: mean distance of the true bend from the reference; "
-        "of the bend from the plan, read / true, in degrees"
-    )
-    _print_table([APPROACH_HEADER, *approach_table(summaries)])
-    print(EMULATED, *findings(summaries), sep="\n")
+    for physics in dict.fromkeys(summary.physics for summary in summaries):
+        _print_table([DISTANCE_HEADER, *distance_table(summaries, physics)])
+    print(EMULATED)
     print(f"\nwritten in {time.perf_counter() - started:.0f} s:")
     for path in sorted(folder.iterdir()):
         print(f"  {path}")

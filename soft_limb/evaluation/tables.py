@@ -10,8 +10,8 @@ from limb_systems import Provenance, Trajectory
 from limb_systems.tracking import reference_distances, tracking_errors, true_bend
 from planners import nearest_bend_angle
 from soft_limb.evaluation.error_split import STEPS
-from soft_limb.evaluation.experiment import Experiment
-from soft_limb.evaluation.ways import FEEDBACK, LEARNING, OPEN_LOOP, Way
+from soft_limb.evaluation.experiment import AS_DESCRIBED, MOTIONS, RAMPS, VALIDATION, Experiment
+from soft_limb.evaluation.ways import FEEDBACK, FOLLOW, LEARNING, OPEN_LOOP, Way
 
 STATISTICS = ("mean", "median", "90th percentile")
 ABORTED = "aborted rollouts"
@@ -46,9 +46,23 @@ PAPER_TABLE_1 = {  # degrees
     "T&R 2": (5.27, 5.09, 9.20),
 }
 PREDICTION = "the law that predicts best"
+MOTION_NAMES = {
+    RAMPS: "ramps that the limb can follow",
+    VALIDATION: "Fig. 5: steps and decaying sinusoid",
+    "T&R 1": "taught, faster and narrow",
+    "T&R 2": "taught, wide with holds",
+}
+DISTANCE_HEADER = [
+    "mean distance of the true bend from the reference",
+    "best within the limits",
+    "open loop, not calibrated",
+    "open loop",
+    "follow",
+    "learning",
+]
 APPROACH_HEADER = [
-    "calibrated model",
-    *PAPER_TABLE_1,
+    "model",
+    *MOTIONS,
     "V, °C",
     "aborted",
 ]
@@ -128,7 +142,7 @@ class Summary:
     - ``ways``: how each motion went in each way to drive it; of learning, the best repetitions
       so far.
     - ``repetitions``: how the best repetition went, after each, of each motion that was learned.
-    - ``disturbed``: how the first motion went under each disturbance, in each way.
+    - ``disturbed``: how the motion of Fig. 5 went under each disturbance, in each way.
     - ``first``: mean error that was read in the first rollout of each motion, open loop.
     - ``split``: parts of each motion's error, see `error_split`.
     - ``approaches``: how each motion went by each approach to calibration, open loop.
@@ -202,6 +216,22 @@ def nearest_distance(trajectory: Trajectory) -> float | None:
     return None if nearest is None else float(np.rad2deg(nearest))
 
 
+def distance_table(summaries: Sequence[Summary], physics: str = "lumped") -> list[list[str]]:
+    """Rows of each motion, as of `DISTANCE_HEADER`: mean distances over a family's limbs."""
+    whole = complete(summaries, physics)
+    rows = []
+    for motion, name in MOTION_NAMES.items():
+        ways = [summary.ways[motion] for summary in whole]
+        described = [s.approaches[AS_DESCRIBED][motion] for s in whole]
+        learned = [s.repetitions[motion][-1] for s in whole if motion in s.repetitions]
+        driven = [[way[how] for way in ways if how in way] for how in (OPEN_LOOP, FOLLOW)]
+        columns = [[f.true_reference for f in group] for group in (described, *driven, learned)]
+        columns.insert(0, [left for s in whole if (left := s.nearest[motion]) is not None])
+        cells = [f"{np.mean(column):.2f}°" if column else "" for column in columns]
+        rows.append([name, *cells])
+    return rows
+
+
 def approach_table(summaries: Sequence[Summary]) -> list[list[str]]:
     """Rows of each approach: for each motion mean distances, then V, then aborted."""
     whole = complete(summaries)
@@ -209,7 +239,7 @@ def approach_table(summaries: Sequence[Summary]) -> list[list[str]]:
     for name in dict.fromkeys(name for s in whole for name in s.approaches):
         limbs = [s.approaches[name] for s in whole if name in s.approaches]
         cells = []
-        for motion in PAPER_TABLE_1:
+        for motion in MOTIONS:
             group = [limb[motion] for limb in limbs]
             cells.append("; ".join(_distances(group)))
         driven = [followed for limb in limbs for followed in limb.values()]
@@ -237,12 +267,13 @@ def mean_and_margin(values: Sequence[float]) -> tuple[float, float]:
 def table_1(summaries: Sequence[Summary]) -> list[list[str]]:
     """Rows of Table I, of each motion and each way, as of `TABLE_1_HEADER`; angles in degrees."""
     rows = []
-    for motion, paper in PAPER_TABLE_1.items():
+    for motion in MOTIONS:
         for physics in dict.fromkeys(summary.physics for summary in summaries):
             rows += _family_rows(complete(summaries, physics), motion)
-        of_paper = [*[""] * 3, *(f"{value:.2f}" for value in paper)]
-        rest = [""] * (len(TABLE_1_HEADER) - 2 - len(of_paper))
-        rows.append([motion, "the paper's robot", *of_paper, *rest])
+        if motion in PAPER_TABLE_1:
+            of_paper = [*[""] * 3, *(f"{value:.2f}" for value in PAPER_TABLE_1[motion])]
+            rest = [""] * (len(TABLE_1_HEADER) - 2 - len(of_paper))
+            rows.append([motion, "the paper's robot", *of_paper, *rest])
     # The motion's name is in its first row alone.
     return [
         ["" if number and row[0] == rows[number - 1][0] else row[0], *row[1:]]
@@ -333,13 +364,13 @@ def split_table(summaries: Sequence[Summary], which: int) -> list[list[str]]:
             f"{step}: {meaning}" if which == 0 else step,
             *(
                 _with_margin(*mean_and_margin([s.split[motion][step][which] for s in whole]))
-                for motion in PAPER_TABLE_1
+                for motion in MOTIONS
             ),
         ]
         for step, meaning in STEPS.items()
     ]
     errors = [
-        _with_margin(*mean_and_margin([s.first[motion] for s in whole])) for motion in PAPER_TABLE_1
+        _with_margin(*mean_and_margin([s.first[motion] for s in whole])) for motion in MOTIONS
     ]
     return [*rows, ["the whole error", *errors]]
 
@@ -351,7 +382,7 @@ def absence_table(summaries: Sequence[Summary]) -> list[list[str]]:
     for absent in dict.fromkeys(s.absent for s in summaries):
         group = [s for s in summaries if (s.absent, s.physics) == (absent, "lumped")]
         cells = []
-        for motion in PAPER_TABLE_1:
+        for motion in MOTIONS:
             error, _ = mean_and_margin([s.first[motion] for s in group])
             change = [s.first[motion] - whole[s.seed].first[motion] for s in group]
             suffix = f" ({_with_margin(*mean_and_margin(change), '+')})" if absent else ""
@@ -365,8 +396,7 @@ def findings(summaries: Sequence[Summary]) -> list[str]:
     """What the tables say, in sentences."""
     whole = complete(summaries)
     sizes = {
-        step: np.mean([[s.split[m][step][0] for m in PAPER_TABLE_1] for s in whole])
-        for step in STEPS
+        step: np.mean([[s.split[m][step][0] for m in MOTIONS] for s in whole]) for step in STEPS
     }
     order = sorted(sizes, key=lambda step: sizes[step], reverse=True)
     sentences = [

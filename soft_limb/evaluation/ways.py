@@ -14,17 +14,17 @@ from soft_limb.evaluation.disturbances import (
     behind_bend_path,
 )
 
-OPEN_LOOP, FEEDBACK, REGULATOR, HORIZON, LEARNING = (
+OPEN_LOOP, FOLLOW, FEEDBACK, REGULATOR, LEARNING = (
     "open loop",
+    "follow",
     "plan feedback",
     "plan regulator",
-    "receding horizon",
     "learning",
 )
-CONTROLLERS = {
+CONTROLLERS = {  # by `FOLLOW` a limb is driven as `soft-limb follow` does
+    FOLLOW: RecedingHorizon,
     FEEDBACK: PlanFeedback,
     REGULATOR: PlanRegulator,
-    HORIZON: RecedingHorizon,
 }
 CLOSED_LOOP = (*CONTROLLERS, LEARNING)
 PAUSE = 300.0  # s without heat, in which a limb rests

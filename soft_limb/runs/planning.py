@@ -12,6 +12,7 @@ from planners import Task, plan, references
 
 RECORDED = b"# limb recording"  # beginning of a recording's file
 NAMED = {
+    "ramps": references.ramps,
     "fig5": references.step_and_decaying_sine,
     "circle": lambda: references.circle(np.deg2rad(15.0), 50.0),
     "eight": lambda: references.eight(np.deg2rad(15.0), np.deg2rad(8.0), 80.0),
