@@ -1,20 +1,20 @@
-"""Makes the pictures of this folder anew; needs Graphviz's `dot`.
+"""Makes the pictures of README and docs anew, from one evaluation: `make pictures`.
 
-python docs/pictures.py              diagrams, flows and the drawing of the links
-python docs/pictures.py --demo out   copies of those that `make demo` left in a folder
-python docs/pictures.py --space out  a limb that draws in space, from a plan.csv and recording.csv
-python docs/pictures.py --walk FILE  the gait in a file, from `soft-limb gait`
-python docs/pictures.py --live       a screenshot of the live page, by the tests' Chromium
+python docs/pictures.py FOLDER [NAME ...]   FOLDER is what `examples/reproduce_paper.py` left
 
-`replay.png` is a screenshot of the page that the demo writes; `wiring.svg` is drawn by hand.
+Needs Graphviz's `dot` and a Chromium, and five minutes for all. `rooms.svg` and `wiring.svg` are
+drawn by hand.
 """
 
 import argparse
+import contextlib
+import os
 import shutil
 import subprocess
+import sys
 import threading
 import xml.etree.ElementTree as ElementTree
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,20 +25,21 @@ from matplotlib.patches import Polygon
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPortIndex
 from scipy.interpolate import CubicSpline
 
-from calibration import BendAngleController, EquilibriumSchedule, calibrate, collect_from_twin
+from calibration import BendAngleController, EquilibriumSchedule
 from controllers import PlanFeedback
 from hardware import LimbTwin, replay
 from limb_systems import (
-    Gait,
     Layout,
     Limb,
     LimbParameters,
     Recording,
+    RobotParameters,
     Trajectory,
     tip_position,
     wire_color,
 )
 from limb_systems.model.kinematics import link_positions
+from limb_systems.tracking import reference_distances
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,
     PLAN_COLOR,
@@ -48,8 +49,9 @@ from limb_systems.views.colors import (
 from limb_systems.views.limb_view import ghost_of_reference, joint_angle_trajectory
 from limb_systems.views.plots import save_figure
 from limb_systems.views.walk import draw_walk
-from planners import Task, plan, references
+from planners import Task, plan, plan_gait, references
 from planners.diagnostics import plot_diagnostics
+from soft_limb.command import main as main_command
 from soft_limb.live.page import LivePage
 from urdf import limb_urdf
 
@@ -64,34 +66,83 @@ edge [color="#3b4a6b", fontname="Arial", fontsize=12, arrowsize=0.7];
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Makes the pictures of the documentation.")
-    parser.add_argument("--demo", type=Path, help="folder of `make demo` to copy pictures from")
-    parser.add_argument("--space", type=Path, help="folder of a plan.csv and a recording.csv")
-    parser.add_argument("--walk", type=Path, help="file of a gait")
-    parser.add_argument("--live", action="store_true", help="make the picture of the live page")
+    parser.add_argument("folder", type=Path, help="what examples/reproduce_paper.py left")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="of " + ", ".join(PICTURES))
     options = parser.parse_args()
-    if options.live:
-        photograph_live_page(FOLDER / "live.png")
-        return
-    if options.walk:
-        save_figure(draw_walk(Gait.load(options.walk)), FOLDER / "walk.png")
-        return
-    if folder := options.space:
-        files = Trajectory.load(folder / "plan.csv"), Recording.load(folder / "recording.csv")
-        save_figure(draw_in_space(*files), FOLDER / "space.png")
-        return
-    if folder := options.demo:
-        for name in ("fig4.png", "fig5.png", "ways.png"):
-            shutil.copy(folder / name, FOLDER)
-        return
+    if unknown := set(options.names) - set(PICTURES):
+        parser.error(f"no picture is called {', '.join(sorted(unknown))}")
+    for name in options.names or PICTURES:
+        print(name, flush=True)
+        PICTURES[name](options.folder)
+
+
+def make_diagrams(_: Path) -> None:
     save_dot(diagram_dot(Limb(), LIMB), FOLDER / "limb.svg")
     twin = diagram_dot(LimbTwin(), LIMB | TWIN, hidden=["memory"], direction="TB")
     save_dot(twin, FOLDER / "limb_twin.svg")
     save_dot(diagram_dot(collecting_diagram(), COLLECTING), FOLDER / "collecting.svg")
     for name, dot in (("planning", PLANNING), ("calibration", CALIBRATION), ("robot", ROBOT)):
         save_dot(f"digraph {{ rankdir=LR; {STYLE} {dot} }}", FOLDER / f"{name}.svg")
+
+
+def make_plan(_: Path) -> None:
     save_figure(draw_links(LimbParameters()), FOLDER / "links.png")
     trajectory = plan(LimbParameters(), references.step_and_decaying_sine())
     save_figure(plot_diagnostics(trajectory), FOLDER / "diagnostics.png")
+
+
+def copy_evaluation(evaluation: Path) -> None:
+    for name in ("fig4.png", "fig5.png", "ways.png"):
+        shutil.copy(evaluation / name, FOLDER)
+
+
+def make_walk(_: Path) -> None:
+    save_figure(draw_walk(plan_gait(RobotParameters(), spread=False)), FOLDER / "walk.png")
+
+
+def make_space(evaluation: Path) -> None:
+    """The README's chain in space, which an emulated limb follows along a circle."""
+    space, described = evaluation / "space", evaluation / "limb_in_space.yaml"
+    calibrated = evaluation / "in_space.yaml"
+    LimbParameters.in_space().save(described)
+    for arguments in (
+        ["collect", "-l", described, "-o", space / "recordings"],
+        ["fit", space / "recordings", "-o", calibrated],
+        ["follow", "circle", "-l", calibrated, "-o", space],
+    ):
+        if main_command([*map(str, arguments), "--force"]):
+            raise SystemExit(1)
+    files = Trajectory.load(space / "plan.csv"), Recording.load(space / "recording.csv")
+    save_figure(draw_in_space(*files), FOLDER / "space.png")
+
+
+def photograph_replay(evaluation: Path) -> None:
+    """The 3D replay, at the moment at which the limb is bent the most."""
+    with browser_page(1280, 660) as page:
+        page.goto((evaluation / "replay.html").resolve().as_uri())
+        page.wait_for_function("document.querySelector('#controls input').max > 0")
+        page.wait_for_timeout(3000)  # until Meshcat has drawn
+        slider = page.locator("#controls input")
+        slider.evaluate("(e) => { e.value = 0.67 * e.max; e.oninput(); }")
+        page.wait_for_timeout(3000)
+        page.screenshot(path=FOLDER / "replay.png")
+
+
+def photograph_runs(evaluation: Path) -> None:
+    """The start page of what the evaluation left of one motion."""
+    folder = evaluation / "limb_0" / "ramps"
+    command = [sys.executable, "-m", "soft_limb", "runs", str(folder), "--address", "127.0.0.1:0"]
+    environment = os.environ | {"BROWSER": "true"}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
+        try:
+            assert server.stdout is not None
+            url = server.stdout.readline().split()[-1]
+            with browser_page(1280, 1050) as page:
+                page.goto(url)
+                page.wait_for_timeout(10_000)  # it comes again until all files are read
+                page.screenshot(path=FOLDER / "runs.png")
+        finally:
+            server.terminate()
 
 
 def save_dot(dot: str, path: Path) -> None:
@@ -370,6 +421,10 @@ def draw_in_space(plan: Trajectory, recording: Recording) -> Figure:
     axis.plot([-12, 8], [-42, -42], color="0.2", linewidth=2)
     axis.text(-2, -41, "20 mm", ha="center")
     axis.legend(loc="upper right", frameon=False)
+    missed = np.rad2deg(reference_distances(plan, [recording]).done)
+    axis.set_title(
+        f"mean distance of the bend from the circle, as read: {missed:.1f}°", fontsize=10
+    )
     axis.set(aspect="equal")
     axis.set_axis_off()
     return figure
@@ -412,36 +467,41 @@ def _draw_pose(axis, parameters: LimbParameters, joint_angles: np.ndarray, color
         axis.add_patch(end)
 
 
-def photograph_live_page(path: Path) -> None:
+def photograph_live_page(evaluation: Path) -> None:
     """The page of an emulated limb that follows a plan, shortly before the end."""
-    # Only this picture needs a browser.
-    from playwright.sync_api import sync_playwright
-
-    recordings = collect_from_twin(LimbTwin(seed=0), protocol="excitation")
-    parameters = calibrate(recordings).parameters
+    parameters = LimbParameters.load(evaluation / "limb_0" / "limb.yaml")
     times = np.linspace(0.0, 12.0, 61)
     reference = references.from_samples(times, np.deg2rad(25.0) * np.sin(times / 2.0))
     trajectory = plan(parameters, reference, task=Task.closed_loop(parameters))
+    # Playwright's functions belong to one thread, as do the signals of a run.
+    with browser_page(1280, 860) as page, LivePage(open_browser=False) as live:
+        page.goto(live.url)
+        live.say("Replay of plan.csv, controller plan-feedback")
+        controller = PlanFeedback(trajectory)
+        run = threading.Thread(
+            target=replay,
+            args=(trajectory, LimbTwin.of(parameters)),
+            kwargs={"controller": controller, "live": live},
+        )
+        run.start()
+        page.frame_locator("iframe").locator("#meshcat-pane canvas").wait_for()
+        page.wait_for_timeout(10_000)
+        page.screenshot(path=FOLDER / "live.png")
+        run.join()
+
+
+@contextlib.contextmanager
+def browser_page(width: int, height: int):
+    """A page in the Chromium that is installed, or in Playwright's."""
+    # Only photographs need a browser.
+    from playwright.sync_api import sync_playwright
+
     installed = next(filter(None, map(shutil.which, ("chromium", "google-chrome"))), None)
+    arguments = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
     with sync_playwright() as playwright:
-        arguments = ["--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader"]
         browser = playwright.chromium.launch(executable_path=installed, args=arguments)
-        # Playwright's functions belong to one thread, as do the signals of a run.
-        with LivePage(open_browser=False) as live:
-            page = browser.new_page(viewport={"width": 1280, "height": 860})
-            page.goto(live.url)
-            live.say("Replay of plan.csv, controller plan-feedback")
-            controller = PlanFeedback(trajectory)
-            run = threading.Thread(
-                target=replay,
-                args=(trajectory, LimbTwin.of(parameters)),
-                kwargs={"controller": controller, "live": live},
-            )
-            run.start()
-            page.frame_locator("iframe").locator("#meshcat-pane canvas").wait_for()
-            page.wait_for_timeout(10_000)
-            page.screenshot(path=path)
-            run.join()
+        yield browser.new_page(viewport={"width": width, "height": height})
+        browser.close()
 
 
 def _numbers(element, attribute: str) -> np.ndarray:
@@ -452,6 +512,17 @@ def _turned(vector: np.ndarray, angle: float) -> np.ndarray:
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.array([[cosine, -sine], [sine, cosine]]) @ vector
 
+
+PICTURES: dict[str, Callable[[Path], None]] = {
+    "diagrams": make_diagrams,
+    "plan": make_plan,
+    "evaluation": copy_evaluation,
+    "replay": photograph_replay,
+    "runs": photograph_runs,
+    "live": photograph_live_page,
+    "walk": make_walk,
+    "space": make_space,
+}
 
 if __name__ == "__main__":
     main()

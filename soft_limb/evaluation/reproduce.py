@@ -17,7 +17,6 @@ from soft_limb.evaluation.experiment import (
     MOTIONS,
     NUM_STEPS,
     RAMPS,
-    VALIDATION,
     Experiment,
     Settings,
     evaluate,
@@ -73,12 +72,13 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
             executor.submit(save_figure, figure, folder / f"{name}.png")
             for name, (figure, _) in pictures.items()
         ]
-        (motion,) = (motion for motion in shown.motions if motion.name == VALIDATION)
+        (motion,) = (motion for motion in shown.motions if motion.name == RAMPS)
+        way = motion.ways.get(FOLLOW, motion.open_loop)
         write_meshcat_replay(
             folder / "replay.html",
-            motion.open_loop.rollouts[0],
-            plan=motion.open_loop.trajectory,
-            title="Steps and sinusoid, on an emulated limb",
+            way.rollouts[0],
+            plan=way.trajectory,
+            title="Ramps, on an emulated limb",
         )
         data = _data(folder, shown, pictures)
         write_report(folder / "report.html", summaries, shown, pictures, data)
@@ -87,6 +87,7 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
 
     print(f"\n{calibration_summary(shown.calibration)}\n")
     for physics in dict.fromkeys(summary.physics for summary in summaries):
+        print("Mean distance of the true bend from what was asked for:")
         _print_table([DISTANCE_HEADER, *distance_table(summaries, physics)])
     print(EMULATED)
     print(f"\nwritten in {time.perf_counter() - started:.0f} s:")
@@ -168,7 +169,7 @@ def _data(folder: Path, shown: Experiment, pictures: Iterable[str]) -> dict[str,
     """What is in the folder beside the report, by what it is."""
     limb = folder / f"limb_{shown.specimen.seed}"
     files = {
-        "3D replay of the first rollout": folder / "replay.html",
+        "3D replay of the ramps": folder / "replay.html",
         "numbers of all limbs": folder / "results.json",
         "calibration of the limb that is shown": limb / "calibration.html",
         "its parameters": limb / "limb.yaml",

@@ -53,7 +53,7 @@ MOTION_NAMES = {
     "T&R 2": "taught, wide with holds",
 }
 DISTANCE_HEADER = [
-    "mean distance of the true bend from the reference",
+    "motion",
     "best within the limits",
     "open loop, not calibrated",
     "open loop",
