@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 CONSTRAINTS ?= -c constraints.txt
 
-.PHONY: demo test newest versions wheel bench browser lint chip micropython notebooks docs linkcheck coverage clean
+.PHONY: demo test newest versions wheel bench evaluation pictures tables browser lint chip micropython notebooks docs linkcheck coverage clean
 
 demo: $(VENV)/ready
 	$(BIN)/soft-limb demo out --force
@@ -49,6 +49,21 @@ bench: $(VENV)/ready
 	$(BIN)/python benchmarks/controller_steps.py
 	$(BIN)/python benchmarks/space_feedback.py
 	$(BIN)/python benchmarks/planning.py
+
+# `make pictures tables` makes all pictures and measured tables of README and docs from one run of the
+# code. It takes an hour; pictures need Graphviz and a Chromium.
+LIMBS ?= 6
+OTHERS ?= 2
+evaluation: $(VENV)/ready
+	$(BIN)/python examples/reproduce_paper.py build/evaluation --limbs $(LIMBS) --others $(OTHERS)
+
+pictures: evaluation
+	$(BIN)/python docs/pictures.py build/evaluation
+
+tables: evaluation
+	$(BIN)/python benchmarks/controller_steps.py > build/evaluation/controller_steps.txt
+	$(BIN)/python benchmarks/laws.py > build/evaluation/laws.txt
+	$(BIN)/python docs/tables.py build/evaluation
 
 # For the tests that look at pages; a Chromium that is installed already will do.
 browser: $(VENV)/ready
