@@ -119,8 +119,18 @@ class OtherLimb(Diagram):
                 builder.ExportOutput(body.GetOutputPort(name), name)
         builder.BuildInto(self)
 
-    def again(self, pause: float = 0.0, *, gravity: Sequence[float] | None = None, **options):
-        """The same limb in its present state, or after a pause, s, without heat; see `LimbTwin`."""
+    def again(
+        self,
+        pause: float = 0.0,
+        *,
+        gravity: Sequence[float] | None = None,
+        payload: float | None = None,
+        **options,
+    ):
+        """The same limb in its present state, or after a pause, s, without heat; see `LimbTwin`.
+
+        Gravity and payload do not bend it.
+        """
         if pause > 0:
             simulate(OtherLimb(specimen=self.specimen, bend_rate=1.0), [0, 0], pause, sample_rate=1)
         return OtherLimb(specimen=self.specimen, **options)
