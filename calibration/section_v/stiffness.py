@@ -21,6 +21,7 @@ from limb_systems import (
     TipTangentSensor,
     make_manipulator,
 )
+from limb_systems.model.bend_sensor import chord_angle
 from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.statics import static_equilibrium
 
@@ -28,6 +29,7 @@ RESTING_TIME = 5.0  # s at the end of a recording that count as equilibrium
 MOST_OFF = 10.0  # factor between the described stiffness and that of any such limb
 OFF_SENSOR = 0.15  # logarithm of frequencies, beyond which the sensor is in doubt
 STILL = np.deg2rad(1.0)  # by which the bend angle may move in that time
+SCATTER = 0.2  # share of k by which trials may leave it unknown: as a mounting 2° off of 10° does
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -35,8 +37,9 @@ class StiffnessFit:
     """The spring constant of each joint, from a limb that sags.
 
     - ``stiffness``: k, N·m/rad.
-    - ``correction_factor``: λ of eqn (9), without unit. It depends on the bend
-      sensor: 1.22 for the chord of five links, as in the paper, and 1.8 for α/2.
+    - ``correction_factor``: λ of eqn (9), without unit, for φ^eq as the bend sensor shows it.
+    - ``chord_factor``: λ of the same sag for φ^eq of the chord, which the paper has: 1.22 of a
+      sag by 10° of five links. A tip tangent's α/2 is two thirds of the chord's angle.
     - ``sags``: φ^eq of each trial (K,), rad, signed as gravity, as recorded.
     - ``simulated_sag``: sag of the fitted limb, as its bend sensor would show it, rad.
     - ``remarks``: sentences on what the data lack.
@@ -44,9 +47,21 @@ class StiffnessFit:
 
     stiffness: Estimate
     correction_factor: float
+    chord_factor: float
     sags: np.ndarray
     simulated_sag: float
     remarks: list[Remark]
+
+    @property
+    def factor_in_words(self) -> str:
+        """λ, and what it is by the chord, as in the paper, if the sensor shows another angle."""
+        said = f"λ = {self.correction_factor:.3f}"
+        if abs(self.chord_factor / self.correction_factor - 1) < 0.02:
+            return said
+        return (
+            f"{said} of the bend that the sensor shows; of the chord's angle, as in the paper, the "
+            f"same sag has {self.chord_factor:.2f}"
+        )
 
 
 def shape_factors(links: int) -> np.ndarray:
@@ -127,16 +142,21 @@ def fit_stiffness(
             "by about 2° from trial to trial, so record ten."
         )
         remarks.append(Remark("few", sentence))
-    elif np.ptp(sags) > 0.5 * sensor.gain * abs(sag):
+    elif estimate.standard_error > SCATTER * stiffness:
         sentence = (
-            f"The sag differs by {np.rad2deg(np.ptp(sags)):.1f}° between trials, of "
-            f"{np.rad2deg(abs(sag)):.1f}°; mount the limb alike and record more."
+            f"The sag differs by {np.rad2deg(np.ptp(sags)):.1f}° between {len(sags)} trials, of "
+            f"{np.rad2deg(abs(sag)):.1f}°, so that k is known to "
+            f"{estimate.standard_error / stiffness:.0%}; mount the limb alike and record more."
         )
         remarks.append(Remark("scatter", sentence))
     remarks += remarks_on_estimate("the stiffness", estimate)
     mounted.segments[0].stiffness = stiffness
-    simulated = float(sensor.apparent_bend_angle(static_equilibrium(mounted)[0]))
-    return StiffnessFit(estimate, correction, sags, simulated, remarks)
+    held, _ = static_equilibrium(mounted)
+    shown, chord = sensor.exact_bend_angle(held), chord_angle(held)
+    rest = only_segment(parameters).rest_angle
+    by_chord = correction * float((shown - rest) / (chord - rest))
+    simulated = float(sensor.apparent_bend_angle(held))
+    return StiffnessFit(estimate, correction, by_chord, sags, simulated, remarks)
 
 
 def remarks_on_sensor(

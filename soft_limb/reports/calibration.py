@@ -95,8 +95,7 @@ def write_report(
         parts.append(
             _section(
                 "Spring constant, Sec. V-A",
-                f"The correction factor of (9) comes to λ = "
-                f"{calibration.stiffness.correction_factor:.3f}.",
+                f"The correction factor of (9) is {calibration.stiffness.factor_in_words}.",
                 panels.stiffness_panels(calibration.stiffness),
             )
         )

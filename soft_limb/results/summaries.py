@@ -230,9 +230,8 @@ def calibration_summary(calibration: Calibration) -> Summary:
     kept = calibration.as_described
     entries.append(Entry("as_described", kept, sentence=", ".join(kept) or None))
     factor = stiffness.correction_factor if stiffness else None
-    entries.append(
-        Entry("correction_factor", factor, sentence=f"λ = {factor:.3f}" if factor else None)
-    )
+    said = stiffness.factor_in_words if stiffness else None
+    entries.append(Entry("correction_factor", factor, sentence=said))
     if calibration.validation:
         summary = validation_summary(calibration.validation)
         validated = Entry("validation", summary.to_json(), sentence=summary.line())
