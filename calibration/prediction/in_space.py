@@ -6,12 +6,12 @@ points on rings, and a polynomial through these is evaluated between them.
 """
 
 import copy
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
-from limb_systems import Layout, LimbParameters, SegmentParameters, WireLaw
+from limb_systems import Layout, LimbParameters, SegmentParameters
 from limb_systems.model.bend_sensor import rolled
 from limb_systems.model.chain import Chain
 from limb_systems.model.ensemble import OpenLoop
@@ -42,14 +42,19 @@ class OpenLoopInSpace(OpenLoop):
     all in SI, and optionally ``stiffening`` (B,). Torques are those at straight links.
 
     Args:
-        duty, step, segment: as for `OpenLoop`.
+        duty, step, segment, lengths: as for `OpenLoop`.
         loads: gravity in the base's frame, m/s², and payload, kg, of each run (R, 4).
     """
 
     def __init__(
-        self, duty: np.ndarray, step: float, segment: SegmentParameters, loads: Sequence[np.ndarray]
+        self,
+        duty: np.ndarray,
+        step: float,
+        segment: SegmentParameters,
+        lengths: Sequence[int],
+        loads: Sequence[np.ndarray],
     ):
-        super().__init__(duty, step, segment)
+        super().__init__(duty, step, segment, lengths)
         unit = copy.deepcopy(segment)
         unit.stiffness = unit.stiffening = unit.stiffness_ratio = 1.0
         unit.rest_angle = unit.rest_angle_e3 = 0.0
@@ -64,9 +69,11 @@ class OpenLoopInSpace(OpenLoop):
         ]
 
     def _bends(
-        self, law: WireLaw, room: np.ndarray, course: np.ndarray, rubber: Mapping[str, np.ndarray]
+        self,
+        torques: np.ndarray,
+        rubber: Mapping[str, np.ndarray],
+        bent: Callable[[int, np.ndarray], np.ndarray] | None,
     ) -> np.ndarray:
-        torques = np.asarray(law.torque(list(np.moveaxis(course, 1, 0)), room, 0.0))
         levers = np.stack([np.cos(rubber["angle"]), np.sin(rubber["angle"])], axis=-1)
         pulls = torques.swapaxes(0, 1) @ levers[:, None]
         pulls /= rubber["stiffness"][:, None, None, None]

@@ -21,8 +21,10 @@ from calibration.prediction.in_space import OpenLoopInSpace
 from calibration.prediction.unknowns import (
     Unknown,
     prior_factor,
+    slopes_of,
     split_unknowns,
     unknowns_of,
+    values_of,
 )
 from limb_systems import (
     LimbParameters,
@@ -101,28 +103,21 @@ class LawFit:
     @property
     def estimates(self) -> dict[str, Estimate]:
         """The parameters by name, with their standard errors."""
-        errors = np.sqrt(np.diag(self.covariance)) * np.abs(self._slopes)
+        errors = np.sqrt(np.diag(self.value_covariance))
+        values = values_of(self.unknowns, self.fitted)
         return {
-            u.name: Estimate(value, float(error), u.unit, may_be_zero=not u.form)
-            for u, value, error in zip(self.unknowns, self._values, errors, strict=True)
+            u.name: Estimate(float(value), float(error), u.unit, may_be_zero=not u.form)
+            for u, value, error in zip(self.unknowns, values, errors, strict=True)
         }
-
-    @property
-    def _values(self) -> list[float]:
-        return [float(u.value(x)) for u, x in zip(self.unknowns, self.fitted, strict=True)]
-
-    @property
-    def _slopes(self) -> list[float]:
-        return [u.slope(x) for u, x in zip(self.unknowns, self.fitted, strict=True)]
 
     def apply(self, segment: SegmentParameters) -> None:
         """Gives a segment these laws and this rubber."""
         for wire in segment.wires:
             wire.law = self.law()
         rubber = {}
-        expected = [float(u.value(np.asarray(u.center))) for u in self.untold]
-        every, values = [*self.unknowns, *self.untold], [*self._values, *expected]
-        for unknown, value in zip(every, values, strict=True):
+        every = [*self.unknowns, *self.untold]
+        fitted = [*self.fitted, *(u.center for u in self.untold)]
+        for unknown, value in zip(every, map(float, values_of(every, fitted)), strict=True):
             if unknown.wire is None:
                 rubber[unknown.field] = value
             elif unknown.field == "angle":
@@ -151,7 +146,8 @@ class LawFit:
     @property
     def value_covariance(self) -> np.ndarray:
         """Covariance of the estimates, in the products of their units (P, P)."""
-        return self.covariance * np.outer(self._slopes, self._slopes)
+        slopes = slopes_of(self.unknowns, self.fitted)
+        return slopes @ self.covariance @ slopes.T
 
     def predict(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
         """Predicts recordings open loop, each from the initial state that suits it best.
@@ -231,7 +227,7 @@ def fit_law(
         x = solution.x
         problem.reweigh(x)
     jacobian, residuals = problem.jacobian(x), problem.residuals(x)
-    misfit = max(1.0, float(np.mean(residuals[: problem.num_readings] ** 2)))
+    misfit = max(1.0, float((residuals[: -len(x)] ** 2).sum() / problem.num_readings))
     covariance = misfit * np.linalg.pinv(jacobian.T @ jacobian)
     size = len(unknowns)
     return LawFit(
@@ -261,13 +257,14 @@ class _Problem:
         self._law, self._runs, self._unknowns, self._ambient = law, runs, unknowns, ambient
         self._untold = untold
         self._num_wires, self._stiffness = len(segment.wires), segment.stiffness
-        duty = np.zeros((max(len(c.duty) for c in runs), len(runs), self._num_wires))
+        lengths = [len(run.duty) for run in runs]
+        duty = np.zeros((max(lengths), len(runs), self._num_wires))
         for number, run in enumerate(runs):
             duty[: len(run.duty), number] = run.duty
         self._open_loop = (
-            OpenLoop(duty, STEP, segment)
+            OpenLoop(duty, STEP, segment, lengths)
             if segment.axes == 1
-            else OpenLoopInSpace(duty, STEP, segment, [run.load for run in runs])
+            else OpenLoopInSpace(duty, STEP, segment, lengths, [run.load for run in runs])
         )
         self._num_bends = segment.axes
         self._prior = prior_factor(unknowns)
@@ -286,8 +283,10 @@ class _Problem:
         self.num_readings = int(sum(shown.sum() for shown in self._shown))
         sensor = segment.bend_sensor
         self._bend_noise = (sensor.noise, sensor.drift, BEND_DRIFT_TIME, *BEND_FORM)
+        self._memories = {t for noise in (TEMPERATURE_NOISE, self._bend_noise) for t in noise[2::2]}
         self._forms = np.ones(2)  # multiples of what the form leaves, of bend and of readings
         self._outliers = [np.zeros_like(shown) for shown in self._shown]
+        self._simulated: tuple[np.ndarray, list[np.ndarray]] = np.empty(0), []
         self._whiten()
 
     def _nuisances(self, run: HeatedRun, ambient: float) -> tuple[np.ndarray, np.ndarray]:
@@ -318,10 +317,11 @@ class _Problem:
 
     def _whiten(self) -> None:
         """Factors of the residuals' covariances, for bend and each wire of each recording."""
-        self._evaluated: tuple[np.ndarray | None, Any] = None, None
+        self._evaluated: tuple[np.ndarray, Any] = np.empty(0), None  # by these factors
         self._factors = []
         for run, outliers, shown in zip(self._runs, self._outliers, self._shown, strict=True):
             lags = np.abs(run.times[:, None] - run.times)
+            within = {time: np.exp(-lags / time) for time in self._memories}
             factors: list[np.ndarray] = []
             alike: dict[tuple, np.ndarray] = {}  # signals whose noise is the same
             for signal, there in enumerate(shown):
@@ -332,10 +332,10 @@ class _Problem:
                 own = sample**2 / np.maximum(run.counts[:, signal], 1)
                 own = own + (100 * sample * outliers[signal]) ** 2
                 if (key := (of_wire, there.tobytes(), own.tobytes())) not in alike:
-                    covariance = drift**2 * np.exp(-lags / drift_time)
-                    covariance += form**2 * np.exp(-lags / form_time)
-                    covariance = (covariance + np.diag(own + 1e-12))[np.ix_(there, there)]
-                    alike[key] = np.linalg.cholesky(covariance)
+                    covariance = drift**2 * within[drift_time]
+                    covariance += form**2 * within[form_time]
+                    np.einsum("ii->i", covariance)[:] += own + 1e-12
+                    alike[key] = np.linalg.cholesky(covariance[np.ix_(there, there)])
                 factors.append(alike[key])
             self._factors.append(factors)
 
@@ -364,8 +364,8 @@ class _Problem:
         fields: dict[str, np.ndarray] = {}
         rubber = {"stiffness": np.full(num_sets, self._stiffness)}
         columns = [*x.T[:size], *(np.full(num_sets, u.center) for u in self._untold)]
-        for unknown, column in zip([*self._unknowns, *self._untold], columns, strict=True):
-            value = unknown.value(column)
+        every = [*self._unknowns, *self._untold]
+        for unknown, value in zip(every, values_of(every, columns), strict=True):
             if unknown.wire is None:
                 rubber[unknown.field] = value
             elif unknown.field == "angle":
@@ -383,25 +383,34 @@ class _Problem:
         _, readings, bends = self._open_loop.simulate(law, nuisances[:, :, 0], initial, rubber)
         bends = bends.reshape(*readings.shape[:-1], self._num_bends)
         signals = np.concatenate([bends, readings], axis=-1)
-        return [run.interpolated(signals[:, :, number]) for number, run in enumerate(self._runs)]
+        return [
+            run.interpolated(signals[: len(run.duty) + 1, :, number])
+            for number, run in enumerate(self._runs)
+        ]
 
     def predicted(self, x: np.ndarray) -> list[Predicted]:
         """All recordings, for one x."""
-        simulated = zip(self._runs, self._simulate(x[None]), strict=True)
+        known, signals = self._simulated
+        if not np.array_equal(known, x):
+            signals = self._simulate(x[None])
+        simulated = zip(self._runs, signals, strict=True)
         count = self._num_bends
         return [
             Predicted(run, signals[:, 0, count:], signals[:, 0, :count])
             for run, signals in simulated
         ]
 
-    def _whitened(self, x: np.ndarray) -> np.ndarray:
+    def _whitened(self, simulated: list[np.ndarray]) -> np.ndarray:
         """Residuals of each recording: of φ, then of each V, over their factors (all M, B).
 
         Those that are missing are left out.
+
+        Args:
+            simulated: φ and V of each recording, as of `_simulate`.
         """
         parts = []
         for run, factors, shown, signals in zip(
-            self._runs, self._factors, self._shown, self._simulate(x), strict=True
+            self._runs, self._factors, self._shown, simulated, strict=True
         ):
             errors = np.moveaxis(signals - run.signals[:, None], 2, 0)
             for factor, there, error in zip(factors, shown, errors, strict=True):
@@ -425,7 +434,7 @@ class _Problem:
         margin = 1e-6 * (high - low)
         starts[:, :size] = np.clip(starts[:, :size], low + margin, high - margin)
         with np.errstate(all="ignore"):  # of values that nobody has
-            readings = self._whitened(starts)
+            readings = self._whitened(self._simulate(starts))
         costs = (readings**2).sum(axis=0) + [(self._beforehand(x) ** 2).sum() for x in starts]
         return starts[int(np.argmin(np.nan_to_num(costs, nan=np.inf)))]
 
@@ -436,35 +445,44 @@ class _Problem:
         return self._around(x)[1]
 
     def _around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals and their Jacobian by differences, in one simulation.
+        """Residuals, as many as matter, and their Jacobian by differences, in one simulation.
 
         One set of parameters takes more than half of the time of all, and nearly every x is
         asked for both. A nuisance is moved in all recordings at once, as each only moves its
         own.
         """
         known, values = self._evaluated
-        if known is not None and np.array_equal(known, x):
+        if np.array_equal(known, x):
             return values
         size, count = len(self._unknowns), self._num_nuisances
         step = RELATIVE_STEP * self.spread
-        moved = np.tile(x, (1 + size + count, 1))
-        for index in range(size):
-            moved[1 + index, index] += step[index]
-        for index in range(count):
-            moved[1 + size + index, size + index :: count] += step[size + index :: count]
-        whitened = self._whitened(moved)
+        if not np.array_equal(self._simulated[0], x):
+            moved = np.tile(x, (1 + size + count, 1))
+            for index in range(size):
+                moved[1 + index, index] += step[index]
+            for index in range(count):
+                moved[1 + size + index, size + index :: count] += step[size + index :: count]
+            self._simulated = x.copy(), self._simulate(moved)
+        whitened = self._whitened(self._simulated[1])
         # Steps into what cannot be simulated are refused by the solver if they are far off.
         readings = np.nan_to_num(whitened[:, 0], nan=1e6, posinf=1e6, neginf=-1e6)
         change = whitened[:, 1:] - whitened[:, :1]
-        jacobian = np.zeros((self.num_readings + len(x), len(x)))
-        jacobian[: self.num_readings, :size] = change[:, :size] / step[:size]
-        row, column = 0, size
+        errors, rows, row, column = [], [], 0, size
         for shown in self._shown:
-            rows = slice(row, row := row + int(shown.sum()))
+            of_run = slice(row, row := row + int(shown.sum()))
             columns = slice(column, column := column + count)
-            jacobian[rows, columns] = change[rows, size:] / step[columns]
-        jacobian[row : row + size, :size] = self._prior
-        jacobian[row + size :, size:] = np.diag(1 / self._nuisance_spread)
-        result = np.concatenate([readings, self._beforehand(x)]), jacobian
+            slopes = change[of_run] / np.concatenate([step[:size], step[columns]])
+            # Turned, the residuals of a run are as many as what they depend on, and their squares
+            # and slopes say the same.
+            together = np.column_stack([slopes, readings[of_run]])
+            turned = np.asarray(np.linalg.qr(together, mode="r"))
+            block = np.zeros((len(turned), len(x)))
+            block[:, :size], block[:, columns] = turned[:, :size], turned[:, size:-1]
+            rows.append(block)
+            errors.append(turned[:, -1])
+        beforehand = np.zeros((len(x), len(x)))
+        beforehand[:size, :size] = self._prior
+        beforehand[size:, size:] = np.diag(1 / self._nuisance_spread)
+        result = np.concatenate([*errors, self._beforehand(x)]), np.vstack([*rows, beforehand])
         self._evaluated = x.copy(), result
         return result

@@ -1,7 +1,8 @@
 """What is unknown of a limb's wires and rubber, and what is known of it beforehand."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ PRIORS: dict[str, tuple[float, float, float]] = {
     "knee": (50.0, 10.0, 4.0),
     "middle": (70.0, 12.0, 4.0),
     "heating_middle": (70.0, 12.0, 4.0),
-    "cooling_middle": (62.0, 12.0, 4.0),
+    "cooling_middle": (8.0, 0.7, 0.3),  # below heating_middle, °C
     "width": (9.0, 0.4, 0.15),
     "rest_angle": (0.0, float(np.deg2rad(3.0)), 0.0),
     "rest_angle_e3": (0.0, float(np.deg2rad(3.0)), 0.0),
@@ -36,6 +37,7 @@ PRIORS: dict[str, tuple[float, float, float]] = {
     "rate": (2.0, 0.5, 0.0),
 }
 LAG = "a3"  # of a thermocouple
+LEAST_BELOW, MOST_BELOW = 0.1, 60.0  # °C, of what is below another field, see `WireLaw.below`
 OF_SENSOR = "bend_sensor."  # before the names of its fields
 OTHER = (0.9, 0.3)  # spreads of what a law of one's own has
 FASTEST = 4.0  # 1/s, of rates: the open-loop simulation's steps follow no faster ones
@@ -61,6 +63,7 @@ class Unknown:
     - ``center``: expected value, as the fit has it.
     - ``spread``, ``alike``: see `PRIORS`.
     - ``low``, ``high``: bounds, as the fit has them.
+    - ``below``: name of the unknown below which the value is, by what the fit has; "" if none.
     """
 
     name: str
@@ -73,16 +76,31 @@ class Unknown:
     alike: float
     low: float
     high: float
+    below: str = ""
 
     def value(self, fitted: np.ndarray) -> np.ndarray:
-        """Value in its unit, from that of the fit."""
+        """Value in its unit, or how far it is below another, from that of the fit."""
         if not self.form:
             return fitted
         return np.exp(fitted) if self.form == "+" else -np.exp(fitted)
 
-    def slope(self, fitted: np.ndarray) -> float:
-        """Derivative of the value by that of the fit."""
-        return float(self.value(fitted)) if self.form else 1.0
+
+def values_of(unknowns: Sequence[Unknown], fitted: Iterable[Any]) -> list[Any]:
+    """Values of unknowns (P) in their units, from those of the fit, each of any shape."""
+    values = {u.name: u.value(x) for u, x in zip(unknowns, fitted, strict=True)}
+    return [values[u.below] - values[u.name] if u.below else values[u.name] for u in unknowns]
+
+
+def slopes_of(unknowns: Sequence[Unknown], fitted: Iterable[float]) -> np.ndarray:
+    """Derivatives of the values by those of the fit (P, P)."""
+    own = [u.value(np.asarray(x)) if u.form else 1.0 for u, x in zip(unknowns, fitted, strict=True)]
+    slopes = np.diag(np.array(own, float))
+    rows = {u.name: row for row, u in enumerate(unknowns)}
+    for row, unknown in enumerate(unknowns):
+        if unknown.below:
+            slopes[row, row] *= -1
+            slopes[row, rows[unknown.below]] = own[rows[unknown.below]]
+    return slopes
 
 
 def unknowns_of(
@@ -97,22 +115,24 @@ def unknowns_of(
     """
     result = []
     for field in dataclasses.fields(law):  # type: ignore[arg-type]
-        low, high = field.metadata["range"]
+        above = law.below.get(field.name, "")
+        low, high = (LEAST_BELOW, MOST_BELOW) if above else field.metadata["range"]
         unit = field.metadata["unit"]
         form = "+" if low > 0 else "-" if high < 0 else ""
         if unit == "1/s":
             low, high = max(low, -FASTEST), min(high, FASTEST)
-        ends = [low, high] if not form else sorted(np.log(np.abs([low, high])))
+        if form:
+            low, high = sorted(np.log(np.abs([low, high])))
         for index, wire in enumerate(segment.wires):
-            default = getattr(law(), field.name)
-            center, spread, alike = _expected(segment, wire.law, field.name, default, unit)
-            center = np.log(abs(center)) if form else center
-            margin = 1e-6 * (ends[1] - ends[0])
-            center = float(np.clip(center, ends[0] + margin, ends[1] - margin))
-            name = f"{wire.name}.{field.name}"
-            result.append(
-                Unknown(name, field.name, index, unit, form, center, spread, alike, *ends)
-            )
+            default = _described(law(), field.name, above) or 0.0
+            described = _described(wire.law, field.name, above)
+            center, spread, alike = _expected(segment, described, field.name, default, unit)
+            center = np.log(max(abs(center), 1e-12)) if form else center
+            margin = 1e-6 * (high - low)
+            center = float(np.clip(center, low + margin, high - margin))
+            name, below = f"{wire.name}.{field.name}", f"{wire.name}.{above}" if above else ""
+            numbers = center, spread, alike, low, high
+            result.append(Unknown(name, field.name, index, unit, form, *numbers, below))
     for name, of_wire, angle in _angles(segment):
         what = name.split(".")[-1]
         _, spread, alike = PRIORS[what]
@@ -161,12 +181,19 @@ def split_unknowns(
     return told, untold
 
 
+def _described(law: WireLaw, name: str, above: str) -> float | None:
+    """A field of a law, or how far it is below another; None if the law does not have it."""
+    if not hasattr(law, name):
+        return None
+    return getattr(law, above) - getattr(law, name) if above else getattr(law, name)
+
+
 def _expected(
-    segment: SegmentParameters, law: WireLaw, name: str, default: float, unit: str
+    segment: SegmentParameters, described: float | None, name: str, default: float, unit: str
 ) -> tuple[float, float, float]:
     value, spread, alike = PRIORS.get(name, (default, *OTHER))
-    if hasattr(law, name):
-        value = getattr(law, name)
+    if described is not None:
+        value = described
     elif unit.startswith("N·m"):  # which bends a limb of any stiffness as far as the nominal one
         nominal = SegmentParameters()
         value *= segment.stiffness / nominal.stiffness * (nominal.links + 1) / (segment.links + 1)

@@ -7,7 +7,7 @@ without gravity all joints turn alike, and each bend sensor then reads φ.
 
 import copy
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -132,10 +132,22 @@ class OpenLoop:
         duty: its mean over each step (K, R, W), in [0, 1].
         step: s.
         segment: whose links and wires' directions count.
+        lengths: number of steps of each run (R,), after which its states stay; K if None.
     """
 
-    def __init__(self, duty: np.ndarray, step: float, segment: SegmentParameters):
-        self._duty, self.step, self._chain = duty, step, segment.chain
+    def __init__(
+        self,
+        duty: np.ndarray,
+        step: float,
+        segment: SegmentParameters,
+        lengths: Sequence[int] | None = None,
+    ):
+        self.step, self._chain = step, segment.chain
+        ends = np.full(duty.shape[1], len(duty)) if lengths is None else np.asarray(lengths)
+        # The longest first, so that those that go on are the first ones.
+        self._order = np.argsort(-ends, kind="stable")
+        self._duty = np.ascontiguousarray(duty[:, self._order])
+        self._going_on = (ends > np.arange(len(duty))[:, None]).sum(axis=1).tolist()
         self._directions = np.array([wire.lever[0] for wire in segment.wires])
         self._sides = np.sign(self._directions)
 
@@ -159,11 +171,56 @@ class OpenLoop:
         Returns:
             T and V (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad.
         """
-        heat = np.array(initial)
+        start = np.array(initial)
+        room = _full(ambient[..., None], start.shape[1:])
+        # Sets that differ in other wires alone heat a wire alike, and it is simulated once.
+        distinct, which = _distinct(law, room, start)
+        own, own_room = _with_arrays(law, lambda f: _of_sets(f, distinct)), _of_sets(room, distinct)
+        heat = self._heat(
+            own, own_room[:, self._order], _of_sets(start, distinct)[..., self._order, :]
+        )[..., np.argsort(self._order), :]
+        states = list(np.moveaxis(heat[:, :-1], 1, 0))
+        torques = _of_sets(np.asarray(own.torque(states, own_room, 0.0)), which)
+        bent = None
+        if np.isnan(own.torque([state[0] for state in states], own_room, np.nan)).any():
+
+            def bent(number: int, theta: np.ndarray) -> np.ndarray:
+                course = _of_sets(heat[number, :-1], which)
+                return np.asarray(law.torque(list(course), room, theta[..., None]))
+
+        bends = self._bends(torques, rubber, bent)
+        return _of_sets(heat[:, 0], which), _of_sets(heat[:, -1], which), bends
+
+    def _heat(self, law: WireLaw, room: np.ndarray, heat: np.ndarray) -> np.ndarray:
+        """States of the wires and V (K + 1, X + 1, B, R, W) from the start, runs in their order."""
+        course = np.empty((len(self._duty) + 1, *heat.shape))
+        course[0] = heat
+        remembered = {
+            row: law.memory[state]
+            for row, state in enumerate(law.states)
+            if np.isfinite(law.memory.get(state, np.inf)).any()
+        }
+        _keep_within(remembered, course[0])
+        going_on = None
+        for number, levels in enumerate(self._duty):
+            if going_on != self._going_on[number]:
+                going_on = self._going_on[number]
+                heat = np.ascontiguousarray(course[number, ..., :going_on, :])
+                rates, shape = self._heat_rates(law, room[:, :going_on]), heat.shape[1:]
+            duty = _full(levels[:going_on], shape)
+            heat = runge_kutta(rates, heat, (duty, duty, duty), self.step)
+            _keep_within(remembered, heat)
+            course[number + 1, ..., :going_on, :] = heat
+            course[number + 1, ..., going_on:, :] = course[number, ..., going_on:, :]
+        return course
+
+    @staticmethod
+    def _heat_rates(
+        law: WireLaw, room: np.ndarray
+    ) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
         # All of one shape, because numpy takes half as long again to stretch small arrays.
-        every = heat.shape[1:]
-        law, room = _stretched(law, every), _full(ambient[..., None], every)
-        _keep_within(law, heat)
+        room = np.ascontiguousarray(room)
+        law = _with_arrays(law, lambda field: _full(field, room.shape))
 
         def heat_rates(heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
             rates, x = np.empty_like(heat), list(heat[:-1])
@@ -172,35 +229,41 @@ class OpenLoop:
             rates[-1] = law.reading_rate(heat[-1], x)
             return rates
 
-        course = np.empty((len(self._duty) + 1, *heat.shape))
-        course[0] = heat
-        for number, levels in enumerate(self._duty):
-            duty = _full(levels, every)
-            heat = runge_kutta(heat_rates, heat, (duty, duty, duty), self.step)
-            _keep_within(law, heat)
-            course[number + 1] = heat
-        return course[:, 0], course[:, -1], self._bends(law, room, course[:, :-1], rubber)
+        return heat_rates
 
     def _bends(
-        self, law: WireLaw, room: np.ndarray, course: np.ndarray, rubber: Mapping[str, np.ndarray]
+        self,
+        torques: np.ndarray,
+        rubber: Mapping[str, np.ndarray],
+        bent: Callable[[int, np.ndarray], np.ndarray] | None,
     ) -> np.ndarray:
-        """φ (K + 1, B, R), rad, while the wires are in states (K + 1, X, B, R, W)."""
-        bends = np.empty((*course.shape[:1], *course.shape[2:4]))
+        """φ (K + 1, B, R), rad.
+
+        Args:
+            torques: of the wires on straight links (K + 1, B, R, W), N·m.
+            rubber: as for `simulate`.
+            bent: torques (B, R, W) on links at angles θ (B, R), rad, of a number of steps; None
+                if they do not depend on θ.
+        """
         to_bend = self._chain.bend_by_equal_angle  # (11)
         stiffness, rest = rubber["stiffness"][:, None], rubber["rest_angle"][:, None]
+        torques = torques * self._directions
+        if bent is None and not rubber.keys() & {"stiffening", "shift"}:
+            return rest + to_bend * (torques.sum(axis=-1) / stiffness)
+        bends = np.empty(torques.shape[:-1])
         angle = np.zeros(bends.shape[1:])  # of each joint, from rest
-        alone = np.zeros(course.shape[2:])  # bend angle that each wire would hold alone
+        alone = np.zeros(torques.shape[1:])  # bend angle that each wire would hold alone
         shift = np.zeros(bends.shape[1:])  # of the rest angle by its memory
-        for number, states in enumerate(course):
-            theta = (angle + rest / to_bend)[..., None]
-            torques = law.torque(list(states), room, theta) * self._directions
-            before, alone = alone, to_bend / stiffness[..., None] * np.abs(torques)
+        for number, held in enumerate(torques):
+            if bent is not None:
+                held = bent(number, angle + rest / to_bend) * self._directions
+            before, alone = alone, to_bend / stiffness[..., None] * np.abs(held)
             if "shift" in rubber and number:
                 progress = self.step * ramp((alone - before) / self.step)
                 towards = rubber["shift"][:, None] * (progress * self._sides).sum(axis=-1)
                 pace = rubber["rate"][:, None]
                 shift = (shift + pace * towards) / (1 + pace * progress.sum(axis=-1))
-            pull = torques.sum(axis=-1) / stiffness + shift / to_bend
+            pull = held.sum(axis=-1) / stiffness + shift / to_bend
             angle = self._at_rest(pull, angle, rubber)
             bends[number] = rest + to_bend * angle
         return bends
@@ -227,17 +290,38 @@ def with_fields(law: type[WireLaw], fields: Mapping[str, np.ndarray]) -> WireLaw
     return together
 
 
-def _stretched(law: WireLaw, shape: tuple[int, ...]) -> WireLaw:
+def _distinct(law: WireLaw, room: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Sets (C, W) that differ in what heats each wire, and which of them each set is (B, W)."""
+    fields = [value for value in vars(law).values() if isinstance(value, np.ndarray)]
+    num_sets = len(room)
+    found = []
+    for wire in range(room.shape[-1]):
+        parts = [*fields, room, *start]
+        rows = np.hstack([part[..., wire].reshape(num_sets, -1) for part in parts])
+        found.append(np.unique(rows, axis=0, return_index=True, return_inverse=True)[1:])
+    distinct = np.zeros((max(len(first) for first, _ in found), len(found)), int)
+    for wire, (first, _) in enumerate(found):
+        distinct[: len(first), wire] = first
+    return distinct, np.stack([which.reshape(-1) for _, which in found], axis=-1)
+
+
+def _of_sets(array: np.ndarray, which: np.ndarray) -> np.ndarray:
+    """An array (..., B, R, W) of other sets (C, W) of each wire, as (..., C, R, W)."""
+    return np.stack(
+        [array[..., wire].take(sets, axis=-2) for wire, sets in enumerate(which.T)], axis=-1
+    )
+
+
+def _with_arrays(law: WireLaw, change: Callable[[np.ndarray], np.ndarray]) -> WireLaw:
     arrays = {name: value for name, value in vars(law).items() if isinstance(value, np.ndarray)}
-    return with_fields(type(law), {**vars(law), **{n: _full(a, shape) for n, a in arrays.items()}})
+    return with_fields(type(law), {**vars(law), **{n: change(a) for n, a in arrays.items()}})
 
 
 def _full(array: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return np.ascontiguousarray(np.broadcast_to(array, shape))
 
 
-def _keep_within(law: WireLaw, heat: np.ndarray) -> None:
+def _keep_within(remembered: Mapping[int, tuple[float, float]], heat: np.ndarray) -> None:
     """Keeps what the law remembers in its range: starts and long steps may be beyond."""
-    for row, state in zip(heat, law.states, strict=False):
-        if np.isfinite(law.memory.get(state, np.inf)).any():
-            np.clip(row, *law.memory[state], out=row)
+    for row, bounds in remembered.items():
+        np.clip(heat[row], *bounds, out=heat[row])

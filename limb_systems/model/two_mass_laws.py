@@ -154,6 +154,7 @@ class HystereticLaw(_TwoMassHeat):
         "xi": 0.5,
     }
     memory: ClassVar[dict[str, tuple[float, float]]] = {"B": (-np.inf, np.inf), "xi": (0.0, 1.0)}
+    below: ClassVar[dict[str, str]] = {"cooling_middle": "heating_middle"}
 
     full_torque: float = quantity(0.038, "N·m", 1e-8, 100.0)
     heating_middle: float = quantity(66.0, "°C", -20.0, 300.0)
@@ -197,5 +198,7 @@ def _logistic(z):
 
 def _softplus(z):
     """ln(1 + exp(z)), where exp(z) may be too large for a number, too."""
+    if isinstance(z, np.ndarray) and z.dtype == float:
+        return np.logaddexp(0.0, z)
     size = np.sqrt(z**2 + 1e-12)  # |z|, whose derivative all scalar types have at 0
     return 0.5 * (z + size) + np.log(1.0 + np.exp(-size))

@@ -35,10 +35,13 @@ class WireLaw(Tagged):
       first. The value of each is a typical change, by which solvers scale it.
     - ``memory``: names of states that stay where T does, and so keep what happened to the
       wire, each with the least and the largest value that it can have.
+    - ``below``: names of fields that are less than another field in every wire, each with the
+      name of that other.
     """
 
     states: ClassVar[dict[str, float]] = {"T": TEMPERATURE_SCALE}
     memory: ClassVar[dict[str, tuple[float, float]]] = {}
+    below: ClassVar[dict[str, str]] = {}
 
     @classmethod
     def is_temperature(cls, state: str) -> bool:
