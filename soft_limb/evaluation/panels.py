@@ -83,7 +83,7 @@ def _limbs_and_mean(at: np.ndarray, values: np.ndarray) -> list[Curve]:
 def split_panels(summaries: Sequence[Summary]) -> list[Panel]:
     """What each step of `error_split` makes of the bend angle, beside the whole error."""
     whole, curves = complete(summaries), []
-    names = ["the whole error", *STEPS]
+    names = ["whole error of the first rollout", *STEPS]
     colors = [NEUTRAL_COLOR, "#2f9e6e", PLAN_COLOR, ROLLOUT_COLOR, LEFT_RIGHT_COLORS[1]]
     for place, (name, color) in enumerate(zip(names, colors, strict=True)):
         mean, margin = np.transpose(

@@ -17,12 +17,12 @@ STATISTICS = ("mean", "median", "90th percentile")
 ABORTED = "aborted rollouts"
 TABLE_1_HEADER = [
     "trajectory",
-    "",
-    "from the reference: true",
-    "as read",
-    "plan",
-    *(f"{'from the plan: ' * (name == 'mean')}{name}" for name in STATISTICS),
-    "true",
+    "limbs and way",
+    "true bend from the reference: mean",
+    "read bend from the reference: mean",
+    "plan from the reference: mean",
+    *(f"read bend from the plan: {name}" for name in STATISTICS),
+    "true bend from the plan: mean",
     "highest V",
     "highest T",
     ABORTED,
@@ -30,15 +30,15 @@ TABLE_1_HEADER = [
 SHOWN_REPETITIONS = (1, 4, 10)
 DISTURBANCE_HEADER = [
     "disturbance",
-    "feedback: from the reference, true",
-    "from the plan: read / true",
-    "highest V",
-    "highest T",
-    "aborted",
-    "open loop: from the reference, true",
-    "from the plan: read / true",
-    "highest T",
-    "aborted",
+    "feedback: true bend from the reference",
+    "feedback: bend from the plan, read / true",
+    "feedback: highest V",
+    "feedback: highest T",
+    "feedback: aborted",
+    "open loop: true bend from the reference",
+    "open loop: bend from the plan, read / true",
+    "open loop: highest T",
+    "open loop: aborted",
 ]
 PAPER_TABLE_1 = {  # degrees
     "Validation": (3.44, 2.33, 7.43),
@@ -372,7 +372,7 @@ def split_table(summaries: Sequence[Summary], which: int) -> list[list[str]]:
     errors = [
         _with_margin(*mean_and_margin([s.first[motion] for s in whole])) for motion in MOTIONS
     ]
-    return [*rows, ["the whole error", *errors]]
+    return [*rows, ["whole error of the first rollout", *errors]]
 
 
 def absence_table(summaries: Sequence[Summary]) -> list[list[str]]:

@@ -279,7 +279,7 @@ def test_rollouts_that_were_aborted_are_counted_and_compared_up_to_then(driven):
     assert (
         differences[-1]
         == added[-1]
-        == ["the whole error"] + [f"{summary.first[name]:.2f}" for name in names]
+        == ["whole error of the first rollout"] + [f"{summary.first[name]:.2f}" for name in names]
     )
     rows = tables.table_1([summary, summary])
     aborted = [row[-1] for row in rows if row[1].endswith("open loop")]
