@@ -13,6 +13,7 @@ from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, record_of
 from calibration.heat_bounds import fit_heat_bounds
 from calibration.next_recording import next_recording
+from calibration.prediction.plan_miss import PlanMiss, plan_miss, remarks_on_coverage
 from calibration.prediction.selection import LAWS, Prediction, fit_by_prediction
 from calibration.recordings.at_rest import ambient_temperature, rest_angle
 from calibration.recordings.checks import (
@@ -63,6 +64,7 @@ class Calibration(Summarized):
     - ``validation``: Sec. V-D, of a recording that was not fitted; None without one.
     - ``sources``: names of what was recorded, for each kind of recording.
     - ``left_out``: remarks on what of the recordings was not used.
+    - ``plan_miss``: how far plans will miss, by prediction; None if by Sec. V.
     """
 
     parameters: LimbParameters
@@ -75,6 +77,7 @@ class Calibration(Summarized):
     validation: Validation | None
     sources: dict[str, list[str]]
     left_out: list[Remark] = dataclasses.field(default_factory=list)
+    plan_miss: PlanMiss | None = None
 
     def summary(self) -> Summary:
         """How many quantities there are, how well they predict, how many remarks; each of them."""
@@ -159,7 +162,8 @@ class Calibration(Summarized):
     @property
     def verdict(self) -> str:
         """Whether to plan with it, and why, in one line, by `calibration.remarks`."""
-        return verdict(self.remarks, self.validation.in_words if self.validation else "")
+        judged = self.plan_miss or self.validation
+        return verdict(self.remarks, judged.in_words if judged else "")
 
     @property
     def remarks(self) -> list[Remark]:
@@ -185,8 +189,10 @@ class Calibration(Summarized):
             if (count := len(self.sources.get(kind, []))) > 1:
                 sentence = f"Of {count} recordings of the kind {kind} only the first was used."
                 remarks.append(Remark("unused", sentence))
-        fits = (self.validation, self.stiffness, self.damping, self.prediction)
+        fits = (self.plan_miss or self.validation, self.stiffness, self.damping, self.prediction)
         remarks += [r for fit in (*fits, *self.heat, *self.force) if fit for r in fit.remarks]
+        if self.prediction:
+            remarks += remarks_on_coverage(self.parameters, self.prediction.fit.predicted)
         return sorted([*remarks, *self.left_out], key=lambda remark: -remark.severity)
 
 
@@ -196,6 +202,7 @@ def calibrate(
     *,
     method: str = "prediction",
     laws: Sequence[type[WireLaw]] = LAWS,
+    announce: Callable[[str], object] = lambda said: None,
 ) -> Calibration:
     """Calibrates a limb from its recordings.
 
@@ -217,6 +224,7 @@ def calibrate(
             if None.
         method: see above.
         laws: laws that are compared by prediction, from the simplest on.
+        announce: is called with how long it will take, in words, if it takes long.
 
     Raises:
         CalibrationError: if recordings are missing or do not determine a parameter.
@@ -286,7 +294,9 @@ def calibrate(
 
         def fit_laws(told: Mapping[str, Sequence[Recording]]) -> Prediction:
             known = copy.deepcopy(segment)  # which stays as described
-            prediction = fit_by_prediction(laws, told, known, ambient.value, tell=tell)
+            prediction = fit_by_prediction(
+                laws, told, known, ambient.value, tell=tell, announce=announce
+            )
             prediction.fit.apply(segment)
             return prediction
 
@@ -320,7 +330,9 @@ def calibrate(
     calibration = Calibration(limb, ambient, *fits, sources, left_out)
     limb.calibration = _record(calibration)
     limb.calibration.provenance = Provenance.now(limb)
-    return calibration
+    if prediction is None:
+        return calibration
+    return dataclasses.replace(calibration, plan_miss=plan_miss(limb, prediction.foreseen))
 
 
 def _last(recordings: Mapping[str, Sequence[Recording]]) -> Recording:

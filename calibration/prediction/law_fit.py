@@ -8,6 +8,7 @@ whitened by its covariance, so that they count for what they are worth.
 
 import copy
 import dataclasses
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -49,6 +50,7 @@ OUTLIER = 6.0  # robust standard deviations
 RELATIVE_STEP = 1e-4  # of finite differences, in spreads of the prior
 TOLERANCE = 1e-4  # relative, at which iterations end
 MOST_ITERATIONS = 40
+STEPS_OF_A_FIT = 8  # that take as long as its first, roughly
 STARTS = 16  # of a fit, of which the best is taken
 
 
@@ -171,6 +173,11 @@ class LawFit:
         )
         return problem.predicted(whole(solution.x))
 
+    def foresee(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
+        """Predicts recordings open loop from what is read at their start, as a plan begins."""
+        problem = self._problem(runs)
+        return problem.predicted(np.concatenate([self.fitted, problem.nuisance_center]))
+
     def continued(self, runs: Sequence[HeatedRun]) -> list[Predicted]:
         """Predicts other samples of the recordings of the fit, from the same initial states."""
         problem = self._problem(runs)
@@ -241,6 +248,16 @@ def fit_law(
         problem.predicted(x),
         untold,
     )
+
+
+def fitting_time(
+    law: type[WireLaw], runs: Sequence[HeatedRun], segment: SegmentParameters, ambient: float
+) -> float:
+    """About how long `fit_law` takes on this machine, s, by a first step of it."""
+    start = time.monotonic()
+    problem = _Problem(law, runs, segment, ambient, unknowns_of(law, segment), [])
+    problem.residuals(problem.center)
+    return STEPS_OF_A_FIT * (time.monotonic() - start)
 
 
 class _Problem:

@@ -8,7 +8,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from calibration.prediction.heated_run import STEP, HeatedRun
-from calibration.prediction.law_fit import LawFit, Predicted, fit_law
+from calibration.prediction.law_fit import LawFit, Predicted, fit_law, fitting_time
 from calibration.prediction.unknowns import LAG
 from calibration.remarks import Remark, remarks_on_start
 from limb_systems import (
@@ -36,6 +36,7 @@ HELD_OUT = 0.12, 0.4  # of each recording, of its time and heat: least and most 
 MOST_HEAT = 0.6  # of a wire's heat, which judges at most
 BLOCK = 10.0  # s, after which errors of prediction count as independent
 AT_BOUND = 0.02  # by which a fitted value may stay inside its bound and count as at it
+LONG = 5.0  # s, from which on it is said how long fits take
 WORTH = 0.1  # of a scale: laws that differ by less predict alike
 
 
@@ -100,12 +101,34 @@ class Prediction:
     - ``best``: the simplest of them that no other beats.
     - ``fit``: the best law, fitted to all recordings but motions that judge.
     - ``judges``: recordings that the laws were judged by, in words.
+    - ``foreseen``: these recordings as the best law predicts them from their start, as plans are.
     """
 
     candidates: list[Candidate]
     best: Candidate
     fit: LawFit
     judges: str
+    foreseen: list[Predicted]
+
+    @property
+    def choice(self) -> str:
+        """Why the best law is used, and what of another that has smaller errors, in sentences."""
+        said = (
+            "Used (*) is the simplest law that none after it beats: by more than a standard error "
+            "of the difference, in blocks of 10 s, of the errors of bend and V together."
+        )
+        least = min(self.candidates, key=lambda candidate: candidate.bend_error)
+        if least.bend_error < self.best.bend_error:
+            better = self.best.errors - least.errors
+            error = better.std(ddof=1) / np.sqrt(len(better)) if len(better) > 1 else 0.0
+            said += (
+                f" {least.name} is nearer by {better.mean():.2f} ± {error:.2f} (1° and 3 °C count "
+                "as 1), which may be chance."
+                if better.mean() <= error
+                else f" {least.name} is nearer by {better.mean():.2f} (1° and 3 °C count as 1), "
+                f"too little to matter."
+            )
+        return said
 
     @property
     def remarks(self) -> list[Remark]:
@@ -188,6 +211,7 @@ def fit_by_prediction(
     ambient: float,
     *,
     tell: Callable[[str], object] = lambda remark: None,
+    announce: Callable[[str], object] = lambda said: None,
 ) -> Prediction:
     """The wires' law and its parameters from all heated recordings.
 
@@ -201,6 +225,7 @@ def fit_by_prediction(
         segment: the described one, with its stiffness as calibrated.
         ambient: T0, °C.
         tell: is called with what is being done.
+        announce: is called with how long it will take, in words, if it takes long.
     """
     runs = {kind: [HeatedRun.of(r) for r in group] for kind, group in recordings.items() if group}
     motions, both = runs.pop("motion", []), runs.get("both", [])
@@ -221,14 +246,23 @@ def fit_by_prediction(
         rest, judges = map(list, zip(*[c.held_out(*HELD_OUT) for c in fitted], strict=True))
         words = "the last part of each recording, fitted last"
     continued = rest is not fitted and len(rest) == len(fitted)
+    options = OPTIONS[: 3 - segment.axes]
     with threadpool_limits(1, "blas"):  # matrices are small; see README
+        tell("how long it takes")
+        first, last = (fitting_time(law, rest, segment, ambient) for law in (laws[0], laws[-1]))
+        expected = first * (len(laws) - 1) + last * (2 + len(options))
+        if expected > LONG:
+            announce(
+                f"fitting {len(laws)} laws of the wires to {len(fitted)} heated recordings or "
+                f"pieces takes about {float(f'{expected:.1g}'):.0f} s"
+            )
         candidates, best = compare_laws(
             laws,
             rest,
             judges,
             segment,
             ambient,
-            options=OPTIONS[: 3 - segment.axes],
+            options=options,
             continued=continued,
             tell=tell,
         )
@@ -236,7 +270,8 @@ def fit_by_prediction(
         if rest is not fitted:
             tell(f"{best.name}, all recordings")
             fit = fit_law(fit.law, fitted, segment, ambient, rubber=rubber_of(fit), start=fit)
-    return Prediction(candidates, best, fit, words)
+        foreseen = best.fit.foresee([predicted.run for predicted in best.judged])
+    return Prediction(candidates, best, fit, words, foreseen)
 
 
 def _latest(runs: Sequence[HeatedRun]) -> list[HeatedRun]:

@@ -1,6 +1,7 @@
 """Commands that record what calibration needs, fit a limb to it, and validate the limb."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from calibration import (
@@ -89,7 +90,12 @@ def _fit(options: argparse.Namespace) -> int:
     recorded = sorted(folder.glob("*.csv"))
     check_outputs(outputs, inputs=[options.limb, *recorded], force=options.force)
     limb = LimbParameters.load(options.limb) if options.limb else None
-    calibration = calibrate(folder, limb, method=options.method)
+    calibration = calibrate(
+        folder,
+        limb,
+        method=options.method,
+        announce=lambda said: print(said, file=sys.stderr, flush=True),
+    )
     calibration.parameters.save(options.output)
     if options.report:
         recordings = {path.stem: path for path in recorded}

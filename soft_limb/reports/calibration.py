@@ -140,7 +140,7 @@ def write_validation_report(
 def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part]:
     rows = [
         [
-            f"{candidate.name}{' (used)' if candidate is prediction.best else ''}",
+            f"{candidate.name}{' *' if candidate is prediction.best else ''}",
             f"{np.rad2deg(candidate.bend_error):.2f}",
             f"{candidate.temperature_error:.1f}",
         ]
@@ -149,8 +149,7 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part
     table = page.table(
         ["law", "bend, °", "V, °C"],
         rows,
-        f"Mean errors of open-loop predictions, judged by {prediction.judges}. Used is the "
-        "simplest law that no other beats.",
+        f"Mean errors of open-loop predictions, judged by {prediction.judges}. {prediction.choice}",
     )
     parts: list[page.Part] = [page.section("Laws of the wires", table)]
     for number, predicted in enumerate(prediction.fit.predicted, 1):

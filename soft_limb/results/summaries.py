@@ -232,6 +232,10 @@ def calibration_summary(calibration: Calibration) -> Summary:
     factor = stiffness.correction_factor if stiffness else None
     said = stiffness.factor_in_words if stiffness else None
     entries.append(Entry("correction_factor", factor, sentence=said))
+    if miss := calibration.plan_miss:
+        range_deg = np.rad2deg([miss.low, miss.expected, miss.high]).tolist()
+        values = dict(zip(("low_deg", "expected_deg", "high_deg"), range_deg, strict=True))
+        entries.append(Entry("plan_miss", values, sentence=None))
     if calibration.validation:
         summary = validation_summary(calibration.validation)
         validated = Entry("validation", summary.to_json(), sentence=summary.line())
@@ -264,6 +268,7 @@ def _laws(prediction: Prediction | None) -> Entry:
                 "used": used,
             }
         )
+    lines.append(prediction.choice)
     return Entry("laws", values, sentence="\n".join(lines))
 
 

@@ -1,0 +1,186 @@
+"""How far plans will miss: what a calibration expects of motions that nobody has recorded.
+
+A plan begins with what is read at its start, and has temperatures and reversals of its own. Its
+distance from the limb has two parts:
+
+- what the law leaves of motions that it was not fitted to, predicted from their start as plans are;
+- what the limbs differ by that the recordings cannot tell apart, in a motion to T_max and back by
+  both sides, on another day: in a room somewhat warmer, with a somewhat other supply, and with a
+  bend sensor that has drifted.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.prediction.heated_run import STEP
+from calibration.prediction.law_fit import AMBIENT_SPREAD, Predicted
+from calibration.remarks import Remark
+from limb_systems import LimbParameters
+from limb_systems.model.ensemble import OpenLoop, draw_ensemble, stacked
+
+MEMBERS = 64
+SUPPLY_SPREAD = 0.03  # of the heat for the same duty, from day to day
+# Motions of one limb are missed by half to twice the expected; `benchmarks/plan_miss.py` shows how
+# often that holds.
+SPREAD = 2.0
+# s, and shares of the duty of wires towards -E2 and +E2: both warm, then reversals to both sides.
+TYPICAL = (
+    (10.0, 0.6, 0.6),
+    (8.0, 0.1, 0.9),
+    (6.0, 0.2, 0.5),
+    (7.0, 1.0, 0.1),
+    (6.0, 0.5, 0.2),
+    (5.0, 0.0, 0.8),
+    (4.0, 0.4, 0.4),
+    (4.0, 0.8, 0.0),
+    (6.0, 0.0, 0.6),
+)
+GOOD, WORST = (
+    0.15,
+    0.4,
+)  # expected miss over the range of the bend, up to which plans are good, or bad
+HOT = 0.8  # share of the rise to T_max that recordings must reach
+SWING, FEWEST_SWINGS = (
+    0.3,
+    2,
+)  # share of a wire's rise that is a swing, and how many show hysteresis
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanMiss:
+    """Mean |φ* - φ| of a plan, open loop: what is expected, and from where to where it may be, rad.
+
+    - ``span``: range of the bend in the motions that judged, rad.
+    """
+
+    expected: float
+    span: float
+
+    @property
+    def low(self) -> float:
+        return self.expected / SPREAD
+
+    @property
+    def high(self) -> float:
+        return self.expected * SPREAD
+
+    @property
+    def in_words(self) -> str:
+        """The range, as part of a sentence."""
+        low, high = np.rad2deg([self.low, self.high])
+        return f"in open loop, a plan will miss by {low:.1f}° to {high:.1f}° on average"
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """A remark if that is much of the limb's range."""
+        share = self.expected / max(self.span, np.deg2rad(1.0))
+        if share <= GOOD:
+            return []
+        sentence = (
+            f"{self.in_words[0].upper()}{self.in_words[1:]}, and the bend ranged over "
+            f"{np.rad2deg(self.span):.0f}° in what judged: record more motions like those that "
+            "you plan, from cold and with reversals."
+        )
+        return [Remark("off" if share <= WORST else "far", sentence)]
+
+
+def plan_miss(limb: LimbParameters, foreseen: Sequence[Predicted]) -> PlanMiss:
+    """How far plans of a calibrated limb will miss it.
+
+    Args:
+        limb: one with its calibration's covariance; of one segment.
+        foreseen: what judged, predicted from its start; see `LawFit.foresee`.
+    """
+    left = float(np.mean([predicted.bend_error for predicted in foreseen]))
+    bends = [predicted.run.bend for predicted in foreseen]
+    span = max(float((np.nanmax(b, axis=0) - np.nanmin(b, axis=0)).max()) for b in bends)
+    unknown = _typical_difference(limb) if limb.segments[0].axes == 1 else 0.0
+    return PlanMiss(float(np.hypot(left, unknown)), span)
+
+
+def remarks_on_coverage(limb: LimbParameters, fitted: Sequence[Predicted]) -> list[Remark]:
+    """Remarks on wires whose recordings are cooler than plans, or have hardly any reversals."""
+    remarks = []
+    top, room = limb.temperature_limits.maximum, limb.ambient_temperature
+    for index, wire in enumerate(limb.wires):
+        runs = [p.run.temperature[:, index] for p in fitted if p.run.duty[:, index].any()]
+        runs = [readings[~np.isnan(readings)] for readings in runs]
+        runs = [readings for readings in runs if len(readings)]
+        if not runs:
+            continue
+        hottest = max(float(readings.max()) for readings in runs)
+        if hottest < room + HOT * (top - room):
+            remarks.append(
+                Remark(
+                    "range",
+                    f"The {wire.name} wire was read at {hottest:.0f} °C at most, and plans may "
+                    f"heat it to {top:.0f} °C, where nothing is known of it: record it hotter, or "
+                    "lower temperature_limits.maximum.",
+                )
+            )
+        elif sum(_swings(readings, SWING * (hottest - room)) for readings in runs) < FEWEST_SWINGS:
+            remarks.append(
+                Remark(
+                    "range",
+                    f"The {wire.name} wire is heated and cools once: plans turn back and forth, "
+                    "and hysteresis shows where they do; record it with reversals.",
+                )
+            )
+    return remarks
+
+
+def _swings(readings: np.ndarray, least: float) -> int:
+    """How often readings fall by so much after they have risen by as much."""
+    count, rising, turned = 0, False, np.inf
+    for value in readings.tolist():
+        turned = max(turned, value) if rising else min(turned, value)
+        if rising and value < turned - least:
+            count, rising, turned = count + 1, False, value
+        elif not rising and value > turned + least:
+            rising, turned = True, value
+    return count
+
+
+def _typical_difference(limb: LimbParameters) -> float:
+    """Root mean square, over limbs alike, of the mean distance of their bends, rad."""
+    shares = np.vstack([np.tile(levels, (round(t / STEP), 1)) for t, *levels in TYPICAL])
+    sides = [int(wire.lever[0] > 0) for wire in limb.wires]
+    low, high = 0.0, 1.0
+    for _ in range(6):  # the duty that heats a wire to T_max
+        middle = (low + high) / 2
+        hottest = _simulated([limb], middle * shares[:, sides])[0].max()
+        low, high = (middle, high) if hottest < limb.temperature_limits.maximum else (low, middle)
+    limbs = draw_ensemble(limb, MEMBERS)
+    random = np.random.default_rng(0)
+    for other in limbs:
+        drift, room = random.standard_normal(2)
+        other.segments[0].rest_angle += other.segments[0].bend_sensor.drift * drift
+        other.ambient_temperature += AMBIENT_SPREAD * room
+    supplies = np.exp([0.0, -SUPPLY_SPREAD, SUPPLY_SPREAD]).tolist()
+    bends = _simulated([limb, *limbs], low * shares[:, sides], supplies)[1]
+    each = np.arange(1, len(limbs) + 1)
+    away = np.abs(bends[:, each, 1 + each % 2] - bends[:, :1, 0]).mean(axis=0)
+    return float(np.sqrt((away**2).mean()))
+
+
+def _simulated(
+    limbs: Sequence[LimbParameters], duty: np.ndarray, supplies: Sequence[float] = (1.0,)
+) -> tuple[np.ndarray, np.ndarray]:
+    """T (K + 1, B, R, W), °C, and φ (K + 1, B, R), rad, of cold limbs (B) with a duty (K, W).
+
+    Args:
+        supplies: multiples of the duty (R,).
+    """
+    law, ambient, rubber = stacked(limbs)
+    rooms = np.repeat(ambient[:, np.newaxis], len(supplies), axis=1)
+    room = np.repeat(rooms[..., np.newaxis], duty.shape[1], axis=-1)
+    start = [
+        cold + law.is_temperature(state) * room
+        for cold, state in zip(law.cold_states(0.0), law.states, strict=True)
+    ]
+    courses = np.multiply.outer(supplies, duty).swapaxes(0, 1)
+    open_loop = OpenLoop(courses, STEP, limbs[0].segments[0])
+    temperature, _, bend = open_loop.simulate(law, rooms, [*start, room], rubber)
+    return temperature, bend
