@@ -1,6 +1,6 @@
 """The lumped physics of emulated limbs and robots: all but the mechanics that their joints turn."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -96,9 +96,7 @@ def add_physics(
         parameters,
         bend_rate,
         max(THERMOCOUPLE_PERIOD, wire_period),
-        bend_response=lambda exact: np.concatenate(
-            [_shown(s, exact[of]) for s, of in zip(drawn, layout.bends_of, strict=True)]
-        ),
+        bend_response=_bend_response(drawn, layout),
         bend_noise=[drawn[number].sensor_noise for number in layout.bend_segment],
         bend_drift=[drawn[number].sensor_drift for number in layout.bend_segment],
     )
@@ -239,12 +237,25 @@ class _Memory(LeafSystem):
         self._specimen.state = {name: state[part] for name, part in self._parts.items()}
 
 
-def _shown(segment: SegmentPhysics, exact: np.ndarray) -> np.ndarray:
-    """What a segment's bend sensor shows where an exact one would show (axes,), rad."""
+def _bend_response(
+    segments: Sequence[SegmentPhysics], layout: Layout
+) -> Callable[[np.ndarray], np.ndarray]:
+    """What the segments' bend sensors show where exact ones would show (F,), rad."""
+    turn = np.eye(layout.num_bends)
+    for segment, of in zip(segments, layout.bends_of, strict=True):
+        turn[of, of] = rolled(turn[of, of], segment.sensor_roll)
     gain, curvature, offset = np.array([
-        (segment.sensor_gain, segment.sensor_gain_e3),
-        (segment.sensor_curvature, segment.sensor_curvature_e3),
-        (segment.sensor_offset, segment.sensor_offset_e3),
-    ])[:, : len(exact)]  # fmt: skip
-    angle = rolled(exact, segment.sensor_roll)
-    return gain * angle * (1 + curvature / (np.pi / 4) * angle) + offset
+        (
+            (segment.sensor_gain, segment.sensor_gain_e3),
+            (segment.sensor_curvature, segment.sensor_curvature_e3),
+            (segment.sensor_offset, segment.sensor_offset_e3),
+        )
+        for segment in segments
+    ])[layout.bend_segment, :, layout.bend_direction].T  # fmt: skip
+    curvature = curvature / (np.pi / 4)
+
+    def shown(exact):
+        angle = turn @ exact
+        return gain * angle * (1 + curvature * angle) + offset
+
+    return shown

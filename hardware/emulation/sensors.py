@@ -10,7 +10,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from limb_systems import Layout, LimbParameters, LimbSystem
 from limb_systems.model.limb_system import check_limb
 from limb_systems.model.ownership import weak_method
-from limb_systems.model.ports import declare_part
 
 # The paper's thermocouple amplifier, a MAX31855, converts within 100 ms and
 # reports steps of 0.25 °C (datasheet 19-5793); the noise of one step is ours.
@@ -86,7 +85,7 @@ class SampledSensors(LeafSystem):
     - outputs 0 to N - 1, likewise: y (size), in the unit of the signal
     - output N ``measurement``: all y, one after the other
     - output N + 1 ``draws``: how many numbers of the noise were used
-    - state, discrete: y of all; d of all; draws. Updated each period and at
+    - state, discrete: y of each; d of all; draws. Updated each period and at
       initialization, where a new drift is drawn
 
     The sensors draw from one sequence of noise in turn; the position in the
@@ -113,26 +112,28 @@ class SampledSensors(LeafSystem):
             for sensor, memory in zip(self._sensors, self._memories, strict=True)
         ]
         self._noise = noise or Noise(np.random.default_rng(0))
-        ends = np.cumsum([sensor.size for sensor in sensors])
-        parts = [slice(int(e) - s.size, int(e)) for s, e in zip(sensors, ends, strict=True)]
-        self._parts = parts
-        readings = self.DeclareDiscreteState(int(ends[-1]))
-        self.DeclareDiscreteState(int(ends[-1]))
-        draws = self.DeclareDiscreteState([float(start)])
+        ends = np.cumsum([sensor.size for sensor in sensors]).tolist()
+        self._parts = [slice(e - s.size, e) for s, e in zip(sensors, ends, strict=True)]
         self.DeclareInitializationDiscreteUpdateEvent(weak_method(self._start))
-        for index, (sensor, part) in enumerate(zip(sensors, parts, strict=True)):
+        for index, sensor in enumerate(sensors):
             self.DeclareVectorInputPort(sensor.name, sensor.size)
             self.DeclarePeriodicDiscreteUpdateEvent(
                 sensor.period, sensor.period, self._sampling(index)
             )
-            declare_part(self, sensor.name, readings, part)
-        self.DeclareStateOutputPort("measurement", readings)
+            reading = self.DeclareDiscreteState(sensor.size)
+            self.DeclareStateOutputPort(sensor.name, reading)
+        self.DeclareDiscreteState(ends[-1])
+        draws = self.DeclareDiscreteState([float(start)])
+        self.DeclareVectorOutputPort(
+            "measurement", ends[-1], weak_method(self._calc), {self.xd_ticket()}
+        )
         self.DeclareStateOutputPort("draws", draws)
         self.set_name("sensors")
 
     def _start(self, context, state):
         for index, (sensor, part) in enumerate(zip(self._sensors, self._parts, strict=True)):
-            state.get_mutable_value(1)[part] = sensor.drift * self._draw(state, sensor.size)
+            drift = state.get_mutable_value(len(self._sensors))
+            drift[part] = sensor.drift * self._draw(state, sensor.size)
             self._sample(index, context, state)
 
     def _sampling(self, index: int):
@@ -143,17 +144,22 @@ class SampledSensors(LeafSystem):
         sensor, part = self._sensors[index], self._parts[index]
         signal = sensor.response(self.get_input_port(index).Eval(context))
         noise, wander = self._draw(state, 2 * sensor.size).reshape(2, -1)
-        offset = state.get_mutable_value(1)[part]
+        offset = state.get_mutable_value(len(self._sensors))[part]
         offset[:] = self._memories[index] * offset + self._wanders[index] * wander
         noisy = signal + sensor.noise * noise + offset
-        state.get_mutable_value(0)[part] = sensor.step * np.rint(noisy / sensor.step)
+        state.set_value(index, sensor.step * np.rint(noisy / sensor.step))
 
     def _draw(self, state, count: int) -> np.ndarray:
         """The next numbers of the noise, as far as the sensors before have used it."""
-        draws = state.get_mutable_value(2)
+        draws = state.get_mutable_value(len(self._sensors) + 1)
         start = int(draws[0])
         draws[0] = start + count
         return self._noise.read(start, count)
+
+    def _calc(self, context, output):
+        groups = range(len(self._sensors))
+        readings = [context.get_discrete_state(group).value() for group in groups]
+        output.SetFromVector(np.concatenate(readings))
 
 
 class ExactBend(LeafSystem):

@@ -1,6 +1,7 @@
 """The emulated wires: heat in two masses, and the shape-memory law of eqn (3)."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from pydrake.systems.framework import InputPortIndex, LeafSystem
@@ -106,13 +107,13 @@ class ShapeMemoryWires(LeafSystem):
 
     def _step(self, context, discrete_state):
         strain = self._strain @ self.get_input_port(1).Eval(context)[: self._num_joints]
-        duty, state = self._applied_duty(context).tolist(), np.array(self._state(context))
-        change = (strain - state[3]) / self._num_steps
+        duty, state = self.get_output_port(3).Eval(context).tolist(), self._state(context)
+        change = ((strain - state[3]) / self._num_steps).tolist()
         for _ in range(self._num_steps):
-            strains = (state[3] + change).tolist()
-            parts = self._wires, self._rates, duty, strains, *state.tolist()
-            state = np.array([self._after_step(*part) for part in zip(*parts, strict=True)]).T
-        discrete_state.set_value(state.ravel())
+            parts = self._wires, self._rates, duty, change, *state
+            stepped = [self._after_step(*part) for part in zip(*parts, strict=True)]
+            state = list(zip(*stepped, strict=True))
+        discrete_state.set_value([number for row in state for number in row])
 
     # Numbers of one wire, because arrays of two take several times as long.
     def _after_step(
@@ -120,15 +121,15 @@ class ShapeMemoryWires(LeafSystem):
         wire: WirePhysics,
         rates: tuple[float, float, float],
         duty: float,
-        strain: float,
+        change: float,
         temperature: float,
         silicone: float,
         martensite: float,
         strain_before: float,
     ) -> tuple[float, float, float, float]:
-        """T, S, ξ and ε of a wire after a step from the latter four."""
+        """T, S, ξ and ε of a wire after a step from the latter four, in which ε changes."""
         to_silicone, from_wire, to_room = rates
-        strain_rate = (strain - strain_before) / self._step_size
+        strain, strain_rate = strain_before + change, change / self._step_size
 
         # Without transformation T' would change at this rate, and its sign is that of Ṫ'.
         heating = wire.heating * duty - to_silicone * (temperature - silicone)
@@ -157,7 +158,7 @@ class ShapeMemoryWires(LeafSystem):
             strain,
         )
 
-    def _state(self, context) -> list[list[float]]:
+    def _state(self, context) -> Sequence[Sequence[float]]:
         """T, S, ξ and ε of all wires."""
         state = context.get_discrete_state_vector().value()
         return state.reshape(4, self._num_wires).tolist()
@@ -174,11 +175,9 @@ class ShapeMemoryWires(LeafSystem):
         stress = [self._stress(*part) for part in zip(*parts, strict=True)]
         output.SetFromVector(self._torque @ stress)
 
-    def _applied_duty(self, context) -> np.ndarray:
-        return PWM_STEP * np.rint(self.get_input_port(0).Eval(context) / PWM_STEP)
-
     def _calc_duty(self, context, output):
-        output.SetFromVector(self._applied_duty(context))
+        duty = self.get_input_port(0).Eval(context)
+        output.SetFromVector(PWM_STEP * np.rint(duty / PWM_STEP))
 
 
 def _logistic(x: float) -> float:
