@@ -171,7 +171,7 @@ class _WarmedDuty(LeafSystem):
         known = context.get_discrete_state_vector().value()
         wanted = self._wanted_duty.value(min(context.get_time(), self._wanted_duty.end_time()))
         measured = self.get_input_port().Eval(context)
-        before, duty = np.split(known, [-self._num_wires])
+        before, duty = known[: -self._num_wires], known[-self._num_wires :]
         known, limited = self._limited(before, duty, wanted[:, 0], measured)
         discrete_state.set_value(np.append(known, limited))
 
@@ -229,16 +229,12 @@ class LimitedDuty(_WarmedDuty):
 
     def _allowed(self, states: np.ndarray, measured: np.ndarray) -> np.ndarray:
         """The duty (W,) at which no limb's wire is above T_max soon."""
-        cooling, heating = (
-            np.asarray(
-                self._law.rates(list(states), np.full(self._num_wires, level), self._rooms)[0]
-            )
-            for level in (0.0, 1.0)
-        )
+        off_and_on = np.array([0.0, 1.0]).reshape(2, 1, 1, 1)
+        cooling, heating = self._law.rates(list(states), off_and_on, self._rooms)[0]
         room = (self._highest - states[0]) / REACTION_TIME
         duty = ((room - cooling) / (heating - cooling)).min(axis=(0, 1))
         taper = (self._highest - 5.0 - measured) / TAPER
-        return np.clip(np.minimum(duty, taper), 0.0, 1.0)
+        return np.minimum(np.maximum(np.minimum(duty, taper), 0.0), 1.0)
 
 
 class DutyUntilWarm(_WarmedDuty):
