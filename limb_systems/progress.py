@@ -1,7 +1,22 @@
 """A line on the terminal that shows the progress of long work."""
 
+import contextlib
+import contextvars
 import sys
 import time
+from collections.abc import Iterator
+
+_part = contextvars.ContextVar("part", default="")
+
+
+@contextlib.contextmanager
+def part_of_work(name: str) -> Iterator[None]:
+    """A context in which lines of progress begin with the name of the part that is being done."""
+    token = _part.set(f"{name}: ")
+    try:
+        yield
+    finally:
+        _part.reset(token)
 
 
 class Progress:
@@ -36,7 +51,7 @@ class Progress:
             return
         self._next = now + 0.1
         of_total = f" of {self._total:g}" if self._total is not None else ""
-        line = f"{self._label}: {done:.4g}{of_total} {self._unit} {remark}".rstrip()
+        line = f"{_part.get()}{self._label}: {done:.4g}{of_total} {self._unit} {remark}".rstrip()
         self._write("\r" + line.ljust(self._width))
         self._width = len(line)
 

@@ -50,6 +50,12 @@ class Excitation:
     seed: int | None = None
     turned: float | None = None
 
+    @property
+    def heated_time(self) -> float:
+        """Time for which any wire has duty, s."""
+        times = np.array(self.duty.get_segment_times())
+        return float(np.diff(times) @ self.duty.vector_values(times[:-1]).any(axis=0))
+
 
 def mountings(num_wires: int) -> list[Excitation]:
     """The limb turned about its axis under gravity by 0°, 90°, 180° and 270°, 9 minutes each.

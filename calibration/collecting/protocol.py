@@ -8,14 +8,17 @@ import copy
 import functools
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.collecting.collect import (
+    CONTACT_TIME,
     RING_DOWN_RATE,
+    WARM_UP_TIME,
     collect_equilibria,
     collect_excitation,
     collect_first_contact,
@@ -32,10 +35,11 @@ from hardware import LimbTwin, SerialLimb
 from hardware.live.feed import LiveView
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.files.table_writer import is_unfinished
-from limb_systems.progress import Progress
+from limb_systems.progress import Progress, part_of_work
 from limb_systems.simulation import PERIOD
 
 SAG_TRIALS, RING_DOWNS = 10, 3
+SPEED = 70.0  # time for which wires of an emulated limb are heated, over that of collecting in all
 GRAVITY = 9.81  # m/s²
 HANGING, LEVEL = (0.0, -GRAVITY, 0.0), (0.0, 0.0, 0.0)  # gravity, m/s²
 PROTOCOLS = ("all", "excitation", "paper")
@@ -81,6 +85,45 @@ def program(limb: LimbParameters, seed: int, protocol: str) -> list[Excitation]:
     return [*heated, *mountings(len(limb.wires)), *motions]
 
 
+def heated_times(
+    limb: LimbParameters,
+    protocol: str,
+    *,
+    seed: int,
+    num_angles: int,
+    longest: float,
+    sag_trials: int,
+    ring_downs: int,
+    emulated: bool,
+) -> dict[str, float]:
+    """How long each recording of a protocol heats wires at most, s, by name, in their order.
+
+    Args:
+        limb: description of the limb, of one segment.
+        emulated: whether the limb is, which needs no first contact.
+        protocol, seed, num_angles, longest, sag_trials, ring_downs: as for `collect_from_twin`.
+    """
+    planar = only_segment(limb).axes == 1
+    unheated = [f"sag_{number}" for number in range(1, sag_trials + 1)] if planar else []
+    unheated += [f"ring_down_{number}" for number in range(1, ring_downs + 1)]
+    kinds = heated_kinds(limb) if planar and protocol != "excitation" else ()
+    held = dict.fromkeys(kinds, num_angles * longest)
+    warm = {WARM_UP: WARM_UP_TIME}
+    if emulated:
+        heated = held if protocol == "paper" else held | warm
+    else:
+        heated = {FIRST_CONTACT: CONTACT_TIME * len(limb.wires)} | warm | held
+    if protocol != "paper":
+        heated |= {each.name: each.heated_time for each in program(limb, seed, protocol)}
+    return dict.fromkeys(unheated, 0.0) | heated
+
+
+def _numbered(name: str, names: Iterable[str]) -> str:
+    """A recording, and which of how many it is."""
+    names = list(names)
+    return f"{name}, {names.index(name) + 1} of {len(names)}"
+
+
 def collect_from_twin(
     twin: LimbTwin,
     *,
@@ -106,7 +149,8 @@ def collect_from_twin(
         sag_trials, ring_downs: numbers of recordings.
         protocol: "paper" for the recordings of Sec. V, "excitation" for `excitations` in
             place of equilibria, or "all".
-        tell: is called after each excitation, with how well it was predicted.
+        tell: is called with about how long it takes, and after each excitation, with how well
+            it was predicted.
         live: page on which the limb is shown, in real time: for an hour.
 
     Returns:
@@ -119,38 +163,53 @@ def collect_from_twin(
     say = live.say if live else lambda _: None
     described = twin.parameters
     axes, level = only_segment(described).axes, mounted(described, None).gravity
+    heated = heated_times(
+        described,
+        protocol,
+        seed=seed,
+        num_angles=num_angles,
+        longest=longest,
+        sag_trials=sag_trials,
+        ring_downs=ring_downs,
+        emulated=True,
+    )
+    seconds = sum(heated.values()) / SPEED
+    tell(f"{len(heated)} recordings of an emulated limb, which take about {seconds:.2g} s")
+
+    def made(name: str, collect: Callable[..., Recording], *arguments: Any) -> Recording:
+        say(what := _numbered(name, heated))
+        with part_of_work(what):
+            return collect(*arguments, live=live)
+
     recordings: dict[str, list[Recording]] = {"sag": [], "ring_down": []}
     for number in range(1, sag_trials + 1) if axes == 1 else ():
-        say(f"sag {number} of {sag_trials}")
         twin = twin.again(gravity=HANGING)
-        recordings["sag"].append(collect_sag(twin, live=live))
+        recordings["sag"].append(made(f"sag_{number}", collect_sag, twin))
     for number in range(1, ring_downs + 1):
-        say(f"ring-down {number} of {ring_downs}")
         twin = twin.again(gravity=level, hand=hand_for_ring_down(axes), bend_rate=RING_DOWN_RATE)
-        recordings["ring_down"].append(collect_ring_down(twin, live=live))
+        recordings["ring_down"].append(made(f"ring_down_{number}", collect_ring_down, twin))
     kinds = heated_kinds(twin.parameters) if protocol != "excitation" else ()
     for number, kind in enumerate(kinds if axes == 1 else ()):
-        say(f"equilibria: {kind}")
         twin = twin.again(cooling_time, gravity=LEVEL)
-        recordings[kind] = [
-            collect_equilibria(
-                twin, kind, num_angles=num_angles, seed=seed + number, longest=longest, live=live
-            )
-        ]
+        held = functools.partial(
+            collect_equilibria,
+            actuated=kind,
+            num_angles=num_angles,
+            seed=seed + number,
+            longest=longest,
+        )
+        recordings[kind] = [made(kind, held, twin)]
     if protocol == "paper":
         return recordings
     twin = twin.again(cooling_time, gravity=level)
-    say("warm-up")
-    recordings |= {"heated": [collect_warm_up(twin, live=live)], "motion": []}
+    recordings |= {"heated": [made(WARM_UP, collect_warm_up, twin)], "motion": []}
     knowledge = Knowledge(twin.parameters, recordings["ring_down"] + recordings["heated"])
     for number, excitation in enumerate(program(described, seed, protocol)):
         limb = mounted(described, excitation.turned)
         pause = excitation.pause if number else cooling_time
         twin = twin.again(pause, gravity=limb.gravity, payload=limb.payload)
         say(f"{excitation.name}: calibrating with what was recorded so far")
-        known = knowledge.limb
-        say(excitation.name)
-        recording = collect_excitation(twin, excitation, known, live=live)
+        recording = made(excitation.name, collect_excitation, twin, excitation, knowledge.limb)
         recordings[excitation.kind].append(recording)
         tell(f"{excitation.name}: {knowledge.add(recording, excitation.kind)}")
     return recordings
@@ -196,7 +255,8 @@ def collect_from_robot(
         folder: folder of the recordings, named after their kinds.
         ask: shows an instruction to the operator, and returns when it is done.
         seed, num_angles, longest: as for `collect_equilibria`.
-        protocol, tell: as for `collect_from_twin`.
+        protocol: as for `collect_from_twin`.
+        tell: is called with how long wires are heated in all, and as by `collect_from_twin`.
         live: page on which the limb is shown, and what is done.
 
     Raises:
@@ -209,6 +269,21 @@ def collect_from_robot(
     say = live.say if live else lambda _: None
     planar = only_segment(parameters).axes == 1
     sagging, level = mounted(parameters, 0.0), mounted(parameters, None)
+    heated = heated_times(
+        parameters,
+        protocol,
+        seed=seed,
+        num_angles=num_angles,
+        longest=longest,
+        sag_trials=SAG_TRIALS,
+        ring_downs=RING_DOWNS,
+        emulated=False,
+    )
+    left = [heated[name] for name in heated if not (folder / f"{name}.csv").exists()]
+    tell(
+        f"{len(left)} of {len(heated)} recordings are left, in which wires are heated for at most "
+        f"{sum(left) / 60:.2g} min in all"
+    )
 
     def made(
         name: str, limb: LimbParameters, collect: Callable[..., Recording], instruction: str
@@ -225,8 +300,8 @@ def collect_from_robot(
             )
         if instruction:
             ask(f"{name}{instruction}")
-        say(f"{name}: recording")
-        with connect(limb) as robot:
+        say(what := _numbered(name, heated))
+        with part_of_work(what), connect(limb) as robot:
             return collect(robot, journal=path, live=live)
 
     wires = sorted(only_segment(parameters).wires, key=lambda wire: wire.lever[0])

@@ -227,6 +227,9 @@ def test_excitations_tell_how_well_they_were_predicted(short_excitations):
         "heated": 2,  # with the warm-up
         "motion": 1,
     }
+    # 15 s of equilibria, 60 s of the warm-up, 24 s of conditioning and 16 s of the motion.
+    first, *told = told
+    assert first == "8 recordings of an emulated limb, which take about 1.6 s"
     found = [re.search(r"^(\w+): predicted to ([\d.]+)° and ([\d.]+) °C", line) for line in told]
     assert [match[1] for match in found] == ["conditioning", "motion_1"]
     assert all(float(match[2]) < 8.0 for match in found)
@@ -274,9 +277,13 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     heated = ["first_contact", "warm_up", "conditioning and what follows"]
     assert asked == ["sag_1", "ring_down_1", *heated]
     assert waited == [5.0]
-    assert len(told) == 2
+    # 60 s each at first contact and in the warm-up, 24 s of conditioning, 16 s of the motion.
+    said = "recordings are left, in which wires are heated for at most"
+    assert told[0] == f"6 of 6 {said} 2.7 min in all"
+    assert len(told) == 3
     (tmp_path / "motion_1.csv").unlink()
     collect()
+    assert told[3] == f"1 of 6 {said} 0.27 min in all"
     assert asked == ["motion_1 and what follows"]
     recordings = load_recordings(tmp_path)
     del recordings["sag"], recordings["ring_down"]  # the model's, which nobody has bent

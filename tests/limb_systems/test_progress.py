@@ -4,7 +4,7 @@ import io
 
 import pytest
 
-from limb_systems.progress import Progress
+from limb_systems.progress import Progress, part_of_work
 
 
 class Terminal(io.StringIO):
@@ -41,7 +41,7 @@ def test_nothing_is_shown_for_short_work(monkeypatch, clock):
 
 def test_terminal_line_is_kept_up_to_date_and_cleared(monkeypatch, clock):
     terminal = shown(monkeypatch, live=True)
-    with Progress("simulating", 60.0, "s") as progress:
+    with part_of_work("sag_1, 1 of 24"), Progress("simulating", 60.0, "s") as progress:
         clock[0] += 1.1
         progress.update(12.0, "a long remark")
         clock[0] += 0.2
@@ -49,8 +49,8 @@ def test_terminal_line_is_kept_up_to_date_and_cleared(monkeypatch, clock):
     text = terminal.getvalue()
     assert "\n" not in text
     _, first, second, blank, after = text.split("\r")
-    assert first == "simulating: 12 of 60 s a long remark"
-    assert second.rstrip() == "simulating: 24 of 60 s"
+    assert first == "sag_1, 1 of 24: simulating: 12 of 60 s a long remark"
+    assert second.rstrip() == "sag_1, 1 of 24: simulating: 24 of 60 s"
     assert len(second) == len(first)  # nothing of the longer line is left
     assert blank.strip() == after == ""
 
