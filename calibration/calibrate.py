@@ -1,11 +1,14 @@
 """Recordings in, a calibrated limb out: by prediction error, or as Sec. V does."""
 
+import collections
 import contextlib
 import copy
 import dataclasses
+import functools
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,16 +18,10 @@ from calibration.heat_bounds import fit_heat_bounds
 from calibration.next_recording import next_recording
 from calibration.prediction.plan_miss import PlanMiss, plan_miss, remarks_on_coverage
 from calibration.prediction.selection import LAWS, Prediction, fit_by_prediction
-from calibration.recordings.at_rest import ambient_temperature, rest_angle
-from calibration.recordings.checks import (
-    FEWEST,
-    check_recording,
-    check_whole,
-    check_without_gaps,
-)
-from calibration.recordings.files import load_recordings
-from calibration.recordings.kinds import FREE_KINDS, heated_kinds, kinds_of, only_segment
-from calibration.recordings.pieces import in_pieces
+from calibration.recordings.at_rest import WARMEST_ROOM, ambient_temperature, rest_angle
+from calibration.recordings.files import leaving_out, read_folder, usable
+from calibration.recordings.kinds import FREE_KINDS, all_kinds, heated_kinds, only_segment, title_of
+from calibration.recordings.pieces import FEWEST
 from calibration.recordings.repair import before_missing, with_lost_rows
 from calibration.remarks import Remark, verdict
 from calibration.section_v.damping import DampingFit, fit_damping
@@ -49,6 +46,8 @@ METHODS = ("prediction", "paper")
 MOST_REST_ANGLE = np.deg2rad(8.0)  # beyond which Sec. V is of changes from rest
 COLD = 4.0  # °C above ambient, within which a wire counts as not heated before
 
+Fit = TypeVar("Fit")
+
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Calibration(Summarized):
@@ -63,7 +62,7 @@ class Calibration(Summarized):
       prediction.
     - ``validation``: Sec. V-D, of a recording that was not fitted; None without one.
     - ``sources``: names of what was recorded, for each kind of recording.
-    - ``left_out``: remarks on what of the recordings was not used.
+    - ``left_out``: remarks on recordings and parts of them that were not used.
     - ``plan_miss``: how far plans will miss, by prediction; None if by Sec. V.
     """
 
@@ -227,28 +226,50 @@ def calibrate(
         announce: is called with how long it will take, in words, if it takes long.
 
     Raises:
-        CalibrationError: if recordings are missing or do not determine a parameter.
+        CalibrationError: if recordings are missing or do not determine a parameter; its notes are
+            on recordings that are left out, since something is wrong with them.
     """
     if method not in METHODS:
         raise CalibrationError(f"method is {method!r}; it must be one of {', '.join(METHODS)}.")
-    if checked := isinstance(recordings, (str, Path)):
-        recordings = load_recordings(recordings)
-    first = next((recording for group in recordings.values() for recording in group), None)
-    if first is None:
+    left_out: list[Remark] = []
+    try:
+        return _calibrated(recordings, parameters, method, laws, left_out)
+    except LimbError as error:
+        for remark in left_out:
+            error.add_note(str(remark))
+        raise
+
+
+def _calibrated(
+    given: str | Path | Mapping[str, Sequence[Recording]],
+    parameters: LimbParameters | None,
+    method: str,
+    laws: Sequence[type[WireLaw]],
+    left_out: list[Remark],
+) -> Calibration:
+    """The calibration, of which ``left_out`` gets the remarks on recordings that are not used."""
+    if isinstance(given, (str, Path)):
+        given, remarks = read_folder(given)
+        left_out += remarks
+    every = [recording for group in given.values() for recording in group]
+    if not every:
         raise CalibrationError("There are no recordings.")
-    described = parameters or first.parameters
-    for kind, group in recordings.items():
-        _check_group(kind, group, described, checked=checked, whole=method == "paper")
-    kinds = [*heated_kinds(described), *(FREE_KINDS if method == "prediction" else ())]
-    pieces, left_out = _cut({k: recordings.get(k, []) for k in kinds}, whole=method == "paper")
-    recordings = {k: [with_lost_rows(r) for r in group] for k, group in recordings.items()}
-    heated = {k: [with_lost_rows(r) for r in group] for k, group in pieces.items()}
-    if method == "paper" and only_segment(described).axes > 1:
+    described = parameters or _most_alike(every).parameters
+    whole = method == "paper"
+    if whole and only_segment(described).axes > 1:
         raise CalibrationError(
             "The paper's method is one for limbs that bend in a plane; calibrate this one with "
             "method prediction."
         )
-    if method == "paper":
+    usable_ones = usable(_of_wires(given, described, left_out), whole=whole)
+    left_out += usable_ones.left_out
+    kinds = [*heated_kinds(described), *(() if whole else FREE_KINDS)]
+    recordings, heated = (
+        {kind: [with_lost_rows(r) for r in group] for kind, group in groups.items()}
+        for groups in (usable_ones.recordings, usable_ones.heated)
+    )
+    heated = {kind: heated.get(kind, []) for kind in kinds}
+    if whole:
         missing = [wire for wire in described.wire_names if not heated[wire]]
         if missing:
             raise CalibrationError(
@@ -278,6 +299,7 @@ def calibrate(
         tell("bounds for the board")
         every = [recording for group in recordings.values() for recording in group]
         ambient = ambient_temperature(every)
+        _check_room(ambient.value, described.ambient_temperature)
         limb.ambient_temperature = ambient.value
         _fit_heat_bounds(limb, heated, described)
         if method == "prediction":
@@ -289,8 +311,10 @@ def calibrate(
         stiffness = damping = None
         if recordings.get("sag") and not in_space:
             error = rest.standard_error if segment.rest_angle == rest.value else 0.0
-            stiffness = fit_stiffness(limb, recordings["sag"], error)
-            segment.stiffness = stiffness.stiffness.value
+            fit_sags = functools.partial(fit_stiffness, limb, rest_error=error)
+            stiffness, recordings["sag"] = _fit_possible(fit_sags, recordings["sag"], left_out)
+            if stiffness:
+                segment.stiffness = stiffness.stiffness.value
 
         def fit_laws(told: Mapping[str, Sequence[Recording]]) -> Prediction:
             known = copy.deepcopy(segment)  # which stays as described
@@ -305,7 +329,11 @@ def calibrate(
             prediction = fit_laws({"sag": recordings.get("sag", []), **heated})
         tell("damping")
         if recordings.get("ring_down"):
-            damping = fit_damping(limb, recordings["ring_down"])
+            fit_swings = functools.partial(fit_damping, limb)
+            damping, recordings["ring_down"] = _fit_possible(
+                fit_swings, recordings["ring_down"], left_out
+            )
+        if damping:
             segment.damping = damping.damping.value
             if stiffness:
                 sensor = remarks_on_sensor(limb, recordings["sag"], stiffness, damping)
@@ -323,7 +351,7 @@ def calibrate(
         limb.validate()
     sources = {
         kind: [recording.source for recording in recordings[kind]]
-        for kind in (*kinds_of(limb), *FREE_KINDS)
+        for kind in all_kinds(limb)
         if recordings.get(kind)
     }
     fits = stiffness, damping, prediction, heat, force, validation
@@ -333,6 +361,67 @@ def calibrate(
     if prediction is None:
         return calibration
     return dataclasses.replace(calibration, plan_miss=plan_miss(limb, prediction.foreseen))
+
+
+def _most_alike(recordings: Sequence[Recording]) -> Recording:
+    """The first recording of the wires that most recordings are of."""
+    count = collections.Counter(tuple(r.parameters.wire_names) for r in recordings)
+    return max(recordings, key=lambda r: count[tuple(r.parameters.wire_names)])
+
+
+def _of_wires(
+    recordings: Mapping[str, Sequence[Recording]], described: LimbParameters, left: list[Remark]
+) -> dict[str, list[Recording]]:
+    """The recordings of the described wires, by kind; others are ``left`` out.
+
+    Raises:
+        CalibrationError: if there is no such kind.
+    """
+    kinds, names = all_kinds(described), described.wire_names
+    result: dict[str, list[Recording]] = {}
+    for kind, group in recordings.items():
+        for recording in group:
+            if (own := recording.parameters.wire_names) != names:
+                why = f"it is of the wires {', '.join(own)}, but the limb is described with "
+                left.append(
+                    leaving_out(title_of(recording), f"{why}{', '.join(names)}, in this order.")
+                )
+            elif kind not in kinds:
+                raise CalibrationError(f"{kind!r} is no kind of recording: {', '.join(kinds)}.")
+            else:
+                result.setdefault(kind, []).append(recording)
+    return result
+
+
+def _check_room(ambient: float, described: float) -> None:
+    """Raises CalibrationError if no room is as warm as the lowest readings."""
+    if ambient > described + WARMEST_ROOM:
+        raise CalibrationError(
+            f"The lowest readings of all recordings are {ambient:.0f} °C, where ambient is "
+            f"{described:g} °C: are they in degrees Fahrenheit? If not, record the limb from cold, "
+            "or until it is cold."
+        )
+
+
+def _fit_possible(
+    fit: Callable[[Sequence[Recording]], Fit], recordings: Sequence[Recording], left: list[Remark]
+) -> tuple[Fit | None, list[Recording]]:
+    """A fit to recordings, and the recordings that it takes; others are ``left`` out.
+
+    One that cannot be fitted together with those before it is not taken.
+    """
+    with contextlib.suppress(CalibrationError):
+        return fit(recordings), list(recordings)
+    found: Fit | None = None
+    taken: list[Recording] = []
+    for recording in recordings:
+        try:
+            found = fit([*taken, recording])
+        except CalibrationError as error:
+            left.append(leaving_out(title_of(recording), error))
+        else:
+            taken.append(recording)
+    return found, taken
 
 
 def _last(recordings: Mapping[str, Sequence[Recording]]) -> Recording:
@@ -380,55 +469,6 @@ def _fit_heat_bounds(
     with contextlib.suppress(LimbError):
         for wire, bounds in zip(limb.wires, fit_heat_bounds(heated, described), strict=True):
             wire.heat_bounds = bounds
-
-
-def _cut(
-    heated: Mapping[str, Sequence[Recording]], *, whole: bool
-) -> tuple[dict[str, list[Recording]], list[Remark]]:
-    """Heated recordings in pieces, unless they are to stay ``whole``, and what was left out.
-
-    They are by kind; pieces may heat any wires, and are of the kind "heated".
-    """
-    result: dict[str, list[Recording]] = {kind: [] for kind in heated}
-    remarks: list[Remark] = []
-    for kind, group in heated.items():
-        for recording in group:
-            pieces, left_out = ([recording], []) if whole else in_pieces(recording)
-            result["heated" if len(pieces) > 1 and kind != "motion" else kind] += pieces
-            remarks += left_out
-    return result, remarks
-
-
-def _check_group(
-    kind: str,
-    group: Sequence[Recording],
-    described: LimbParameters,
-    *,
-    checked: bool,
-    whole: bool,
-) -> None:
-    """Raises CalibrationError unless recordings are of the described wires, and of their kind.
-
-    Those that cannot be cut must be without gaps: unheated ones, and all if ``whole``.
-    """
-    kinds = [*kinds_of(described), *FREE_KINDS]
-    if kind not in kinds:
-        raise CalibrationError(f"{kind!r} is no kind of recording: {', '.join(kinds)}.")
-    for recording in group:
-        if recording.parameters.wire_names != described.wire_names:
-            raise CalibrationError(
-                f"The recording of {recording.source} is of the wires "
-                f"{', '.join(recording.parameters.wire_names)}, but the limb is described with "
-                f"{', '.join(described.wire_names)}, in this order."
-            )
-        try:
-            if not checked:
-                check_whole(recording)
-                check_recording(recording, kind)
-            if whole or not recording.duty.any():
-                check_without_gaps(recording)
-        except LimbError as error:
-            raise CalibrationError(f"{recording.source}: {error}") from error
 
 
 def _record(calibration: Calibration) -> CalibrationRecord:

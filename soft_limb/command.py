@@ -189,7 +189,7 @@ def run_command(command: Callable[[], int], stopped: str) -> int:
         if not came and not isinstance(error, LimbError | OSError | MemoryError):
             raise
         if not came:
-            print(f"error: {error}", file=sys.stderr)
+            print("\n".join([f"error: {error}", *getattr(error, "__notes__", [])]), file=sys.stderr)
         status = 1
     finally:
         for number, handler in before.items():

@@ -10,7 +10,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
 from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty
-from calibration.recordings.kinds import heated_wires, only_segment
+from calibration.recordings.kinds import FIRST_CONTACT, WARM_UP, heated_wires, only_segment
 from hardware.live.feed import LiveView, shown
 from hardware.robot.journal import journaled
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Recording
@@ -71,14 +71,24 @@ def collect_equilibria(
     schedule = EquilibriumSchedule(angles, longest, num_wires=len(wires))
     controller = BendAngleController(limb.parameters, actuated)
     duration = num_angles * longest
-    return _record(limb, controller, duration, HEATED_RATE, journal, live, seed, schedule)
+    return _record(
+        limb,
+        controller,
+        duration,
+        HEATED_RATE,
+        journal,
+        live,
+        actuated,
+        seed=seed,
+        schedule=schedule,
+    )
 
 
 def collect_sag(
     limb: LimbSystem, *, journal: str | Path | None = None, live: LiveView | None = None
 ) -> Recording:
     """Sec. V-A: the unheated limb, mounted so that gravity bends it, until it rests (15 s)."""
-    return _record(limb, _off(limb), 15.0, SAG_RATE, journal, live)
+    return _record(limb, _off(limb), 15.0, SAG_RATE, journal, live, "sag")
 
 
 def collect_ring_down(
@@ -89,7 +99,7 @@ def collect_ring_down(
     live: LiveView | None = None,
 ) -> Recording:
     """Sec. V-B: a person holds the limb at 45° and releases it within the next 6 s."""
-    return _record(limb, _off(limb), 6.0, sample_rate, journal, live)
+    return _record(limb, _off(limb), 6.0, sample_rate, journal, live, "ring_down")
 
 
 def collect_first_contact(
@@ -107,7 +117,7 @@ def collect_first_contact(
         levels += [CONTACT_DUTY * wire, 0 * wire]
     duty = PiecewisePolynomial.ZeroOrderHold(times, np.array([*levels, levels[-1]]).T)
     source = DutyUntilWarm(duty, CONTACT_RISE)
-    return _record(limb, source, times[-1], HEATED_RATE, journal, live)
+    return _record(limb, source, times[-1], HEATED_RATE, journal, live, "heated", FIRST_CONTACT)
 
 
 def collect_warm_up(
@@ -118,7 +128,7 @@ def collect_warm_up(
     levels = each * [WARM_UP_DUTY, 0.0, 0.0]
     duty = PiecewisePolynomial.ZeroOrderHold([0.0, WARM_UP_TIME, WARM_UP_END], levels)
     source = DutyUntilWarm(duty, WARM_UP_RISE)
-    return _record(limb, source, WARM_UP_END, HEATED_RATE, journal, live)
+    return _record(limb, source, WARM_UP_END, HEATED_RATE, journal, live, "heated", WARM_UP)
 
 
 def for_first_contact(described: LimbParameters) -> LimbParameters:
@@ -145,7 +155,17 @@ def collect_excitation(
         limb, journal, live: as for `collect_equilibria`.
     """
     source, duration = LimitedDuty(known, excitation.duty), excitation.duty.end_time()
-    return _record(limb, source, duration, HEATED_RATE, journal, live, excitation.seed)
+    return _record(
+        limb,
+        source,
+        duration,
+        HEATED_RATE,
+        journal,
+        live,
+        excitation.kind,
+        excitation.name,
+        seed=excitation.seed,
+    )
 
 
 def _off(limb: LimbSystem) -> LeafSystem:
@@ -159,10 +179,16 @@ def _record(
     sample_rate: float,
     journal: str | Path | None,
     live: LiveView | None,
+    kind: str,
+    name: str = "",
+    *,
     seed: int | None = None,
     schedule: EquilibriumSchedule | None = None,
 ) -> Recording:
-    """Records a limb under the duty of a source, which sees its outputs, until a schedule ends."""
+    """Records a limb under the duty of a source, which sees its outputs, until a schedule ends.
+
+    Progress shows the name of the recording, or else its kind.
+    """
     check_limb(limb)
     builder = DiagramBuilder()
     builder.AddSystem(limb)
@@ -182,16 +208,28 @@ def _record(
     duty, made = source.get_output_port(), Provenance.now(limb.parameters, seed)
     with (
         shown(builder, live, limb, duty, duration, reference=reference),
-        journaled(builder, journal, limb, duty, sample_rate, reference=reference, provenance=made),
+        journaled(
+            builder,
+            journal,
+            limb,
+            duty,
+            sample_rate,
+            reference=reference,
+            provenance=made,
+            kind=kind,
+        ),
     ):
-        return record(
+        recording = record(
             builder,
             limb,
             duty,
             duration,
             reference=reference,
             until=until,
+            remark=lambda _: name or kind,
             real_time=live is not None,
             sample_rate=sample_rate,
             provenance=made,
         )
+    recording.kind = kind
+    return recording

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from calibration.recordings.at_rest import START, before_heat, first_readings
-from calibration.recordings.kinds import bend_sensor_of
+from calibration.recordings.kinds import bend_sensor_of, title_of
 from calibration.recordings.repair import at_sample_times, despiked
 from limb_systems import Recording
 
@@ -16,7 +16,7 @@ STEP = 0.5  # s, of simulation and of averages; wires heat and cool within secon
 class HeatedRun:
     """A recording of W wires and F bends in K steps of half a second, M of which have samples.
 
-    - ``source``: name of what was recorded.
+    - ``source``: the recording's title.
     - ``duty``: mean duty over each step (K, W).
     - ``times``: mean times of the samples of a step (M,), s from the first.
     - ``temperature``, ``bend``: mean readings V, °C (M, W), and φ, rad (M, F), without the sensor's
@@ -67,7 +67,7 @@ class HeatedRun:
         soon &= shown[len(bends) :]
         slope = [_slope(times[s], v[s]) for v, s in zip(temperature, soon, strict=True)]
         return cls(
-            source=recording.source,
+            source=title_of(recording),
             duty=np.array(duty).T,
             times=means(times, every[0], counts[0]),
             temperature=averaged[:, len(bends) :],

@@ -12,6 +12,7 @@ from limb_systems import Recording
 START = 1.0  # s, over which the first readings are averaged
 LATE, OFF = 2.0, 60.0  # s, at the end of recordings, and without heat before that
 COLD = 3.0  # °C, by which readings of cold wires may differ
+WARMEST_ROOM = 25.0  # °C, by which no room is warmer than its description
 FAR_BELOW = 10.0  # °C, by which a connected thermocouple is not colder than others
 SENSOR_SPREAD = 0.25  # °C, by which thermocouples of a kind differ
 
@@ -49,7 +50,9 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
 
     From each recording in which a wire stays unheated its median, and from each of
     others its first second, or its coldest if all of them start warm. Those within 3 °C of
-    the lowest count, as others were not cold. A thermocouple far below the others is
+    the lowest count, as others were not cold. If all start warm and none becomes as cold as the
+    ambient temperature in their headers, that one counts: wires do not cool below the room. A
+    thermocouple far below the others is
     disconnected, and one that never moves is dead, unless it agrees with others. T0 is the
     mean over thermocouples of the median of each. The standard error is that of their
     scatter, and of what two thermocouples differ by, as one reads alike in all recordings.
@@ -88,6 +91,9 @@ def ambient_temperature(recordings: Iterable[Recording]) -> Estimate:
     lowest = lowest_of(readings)
     if lowest_of(cooled) < lowest - COLD:
         readings, lowest = cooled, lowest_of(cooled)
+        described = float(np.mean(expected))
+        if described + COLD < lowest < described + WARMEST_ROOM:
+            return Estimate(described, (lowest - described) / 2, "°C")
     each = []
     for name in dict.fromkeys(name for name, *_ in readings):
         own = [(h, r) for n, h, _, r in readings if n == name and abs(r - lowest) < COLD]

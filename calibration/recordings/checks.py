@@ -5,13 +5,22 @@ import itertools
 import numpy as np
 
 from calibration.errors import CalibrationError
-from calibration.recordings.kinds import FREE_KINDS, gravity_bends, kind_of, only_segment
+from calibration.recordings.kinds import (
+    FREE_KINDS,
+    GRAVITY_HINT,
+    gravity_bends,
+    only_segment,
+    shown_kind,
+    shows,
+)
 from calibration.recordings.pieces import FEWEST, SHORTEST, first_read, gaps_of
 from calibration.recordings.repair import despiked, interpolated
-from limb_systems import LimbParameters, Recording
+from limb_systems import Recording
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
 RISE = 3.0  # °C
+HOTTEST = 200.0  # °C above ambient, below which wires are at some time
+REST, SLOWEST_COOLING = 2.0, 1 / 200  # s, and 1/s: less than by this rate no warm wire cools
 BENT = np.deg2rad(2.0)
 EARTH = 9.5, 10.1  # m/s²
 COOLING_TIME = 15.0  # s, of a wire, roughly
@@ -23,24 +32,11 @@ WARMTH = 300.0  # °C of a wire at full duty, roughly
 STEEPEST = 0.05, 10.0  # °C/s that a wire exceeds somewhere, if it is heated by so many °C
 
 
-def _shows(parameters: LimbParameters, kind: str) -> str:
-    """What a recording of a kind shows, in words."""
-    if kind == "sag":
-        return "the limb's sag under gravity, without heat"
-    if kind == "ring_down":
-        return "an unheated limb without gravity"
-    if kind == "heated":
-        return "several wires heated"
-    wires = "both wires" if len(parameters.wires) == 2 else "all wires"
-    return f"{wires} heated" if kind == "both" else f"only the {kind} wire heated"
-
-
 def check_recording(recording: Recording, expected: str | None = None) -> str:
     """Refuses recordings that calibration must not use.
 
     Args:
-        expected: what the recording is meant to show, as in `kind_of`; any
-            if None.
+        expected: its kind, if it is known; any if None.
 
     Returns:
         what it shows.
@@ -58,13 +54,13 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     recording = despiked(interpolated(recording))
     _check_pace(recording)
     _check_gravity(recording)
-    kind = expected if expected in FREE_KINDS else kind_of(recording)
-    _check_units(recording, may_be_warm=kind in FREE_KINDS)
-    if kind in FREE_KINDS and not recording.duty.any():
-        raise CalibrationError("this should show heated wires, but shows none.")
+    _check_units(recording)
+    kind = shown_kind(recording)
+    if expected in FREE_KINDS and recording.duty.any():
+        kind = expected
     if expected and kind != expected:
-        wanted, shown = (_shows(recording.parameters, k) for k in (expected, kind))
-        hint = "; does its header's gravity say how the limb was mounted" * (expected == "sag")
+        wanted, shown = (shows(recording.parameters, k) for k in (expected, kind))
+        hint = GRAVITY_HINT * (expected == "sag")
         raise CalibrationError(f"this should show {wanted}, but shows {shown}{hint}.")
     if recording.duty.any():
         _check_wires(recording)
@@ -201,23 +197,22 @@ def _check_gravity(recording: Recording) -> None:
         )
 
 
-def _check_units(recording: Recording, *, may_be_warm: bool = False) -> None:
+def _check_units(recording: Recording) -> None:
     ambient = recording.parameters.ambient_temperature
-    first = np.median(recording.measured_temperature[:, : _window(recording)], axis=1)
-    if may_be_warm:
-        first = np.fmin(first, np.nanmin(recording.measured_temperature, initial=np.inf))
-    for name, value in zip(recording.parameters.wire_names, first, strict=True):
-        if abs(value - (ambient + 273.15)) < 25.0:
+    signals = zip(recording.duty, recording.measured_temperature, strict=True)
+    for name, (duty, measured) in zip(recording.parameters.wire_names, signals, strict=True):
+        if measured.min() > ambient + HOTTEST:
             raise CalibrationError(
-                f"the {name} thermocouple reads {value:.0f} at the start; it seems to be in "
-                "kelvin, but must be in °C."
+                f"the {name} thermocouple reads {measured.min():.0f} at the lowest; it seems to be "
+                "in kelvin, but must be in °C."
             )
-        if ambient > 10.0 and abs(value - (1.8 * ambient + 32.0)) < 15.0:
+        level = _resting_level(duty, measured, recording.sample_rate, ambient)
+        if ambient > 10.0 and abs(level - (1.8 * ambient + 32.0)) < 15.0:
             raise CalibrationError(
-                f"the {name} thermocouple reads {value:.0f} at the start, where ambient is "
-                f"{ambient:g} °C; is it in degrees Fahrenheit, or still hot?"
+                f"the {name} thermocouple rests at {level:.0f}, where ambient is {ambient:g} °C; "
+                "is it in degrees Fahrenheit?"
             )
-    largest = np.abs(recording.bend_angle - recording.bend_angle[:, :1]).max()
+    largest = np.ptp(recording.bend_angle, axis=1).max()
     heated = recording.duty.sum(axis=1).max() / recording.sample_rate
     warmed = np.fmax.reduce(np.ptp(recording.measured_temperature, axis=1))
     if heated > HEATED and warmed > 20.0 and 1e-3 < largest < np.deg2rad(1.6):
@@ -225,6 +220,21 @@ def _check_units(recording: Recording, *, may_be_warm: bool = False) -> None:
             f"the bend angle is at most {np.rad2deg(largest):.2f}° while a wire warms by "
             f"{warmed:.0f} °C; is it in radians? Files must have degrees."
         )
+
+
+def _resting_level(
+    duty: np.ndarray, measured: np.ndarray, sample_rate: float, ambient: float
+) -> float:
+    """The lowest readings (K,) where they rest without heat, °C, as no warm wire does; else nan."""
+    half = max(2, round(REST / 2 * sample_rate))
+    if len(measured) < 2 * half:
+        return np.nan
+    means = np.convolve(measured, np.ones(half) / half, "valid")
+    level, change = (means[:-half] + means[half:]) / 2, np.abs(means[half:] - means[:-half])
+    off = np.convolve(duty > 0, np.ones(2 * half), "valid") < 0.5
+    cooling = SLOWEST_COOLING * half / sample_rate * (level - ambient)
+    rests = off & (change < cooling) & (level < level.min() + RISE)
+    return float(level[rests].min()) if rests.any() else np.nan
 
 
 def _check_readings(recording: Recording) -> None:
@@ -261,6 +271,11 @@ def _heat(recording: Recording) -> np.ndarray:
     return lfilter([1 - memory], [1, -memory], recording.duty, axis=1)
 
 
+def _agreement(one: np.ndarray, other: np.ndarray) -> float:
+    """Correlation of two signals (K,); 0 if one of them does not move."""
+    return float(np.corrcoef(one, other)[0, 1]) if np.ptp(one) > 0 and np.ptp(other) > 0 else 0.0
+
+
 def _exchanged(recording: Recording) -> tuple[int, int] | None:
     """Two wires, if any, each of which is as warm as the duty of the other would have it."""
     heat, warmth = _heat(recording), recording.measured_temperature
@@ -285,16 +300,21 @@ def _check_wires(recording: Recording) -> None:
     width = _window(recording)
     kernel = np.ones(width) / width
     smooth = np.array([np.convolve(v, kernel, "valid") for v in measured])
-    rise = smooth.max(axis=1) - smooth[:, :width].mean(axis=1)
+    signal = np.array([np.convolve(bend, kernel, "valid") for bend in recording.bend_angle])
+    # A wire may be hot at the start, and cool from there: it has moved, and it has not climbed.
+    moved = np.ptp(smooth, axis=1)
+    climb = (smooth - np.minimum.accumulate(smooth, axis=1)).max(axis=1)
+    heat = _heat(recording)[:, width - 1 :]
     axes = len(recording.bend_angle)
     levers = np.array([wire.lever[:axes] for wire in recording.parameters.wires])
     for index, name in enumerate(names):
-        if dose[index] < HEATED or not rise[index] < RISE:
+        if dose[index] < HEATED or not climb[index] < RISE:
             continue
-        other = int(np.nanargmax(np.where(dose < HEATED, rise, -np.inf)))
-        if dose[other] < HEATED and rise[other] >= RISE:
-            angle = recording.bend_angle
-            bent = angle[:, np.argmax(smooth[other])] - np.median(angle[:, :width], axis=1)
+        other = int(np.nanargmax(np.where(dose < HEATED, climb, -np.inf)))
+        follows = _agreement(heat[index], smooth[other]) > _agreement(heat[index], smooth[index])
+        if dose[other] < HEATED and climb[other] >= RISE and follows:
+            hottest, coldest = np.argmax(smooth[other]), np.argmin(smooth[other])
+            bent = signal[:, hottest] - signal[:, coldest]
             side, what = "", "thermocouples"
             if levers[index] @ bent < -BENT * np.linalg.norm(levers[index]):
                 side, what = " and bends the limb away from its own side", "wires' outputs"
@@ -302,18 +322,18 @@ def _check_wires(recording: Recording) -> None:
                 f"duty for the {name} wire warms the {names[other]} thermocouple{side}: the {what} "
                 "are swapped."
             )
+        if moved[index] >= RISE:
+            continue
         raise CalibrationError(
-            f"the {name} thermocouple is dead: it moves by {max(rise[index], 0.0):.1f} °C while "
+            f"the {name} thermocouple is dead: it moves by {moved[index]:.1f} °C while "
             f"its wire gets {dose[index]:.1f} s of full duty in all."
         )
-    excess = smooth - smooth[:, :width].mean(axis=1, keepdims=True)
-    signal = np.array([np.convolve(bend, kernel, "valid") for bend in recording.bend_angle])
     unread = ~recording.has_thermocouple
-    excess[unread] = WARMTH * _heat(recording)[unread, width - 1 :]
-    drive = levers.T @ excess
+    smooth[unread] = WARMTH * heat[unread]
+    drive = levers.T @ smooth
     moves = np.ptp(signal, axis=1).max() > 2 * BENT and np.ptp(drive) > 0
     both = [(rows - rows.mean(axis=1, keepdims=True)).ravel() for rows in (drive, signal)]
-    agreement = np.corrcoef(*both)[0, 1] if moves else 0.0
+    agreement = _agreement(*both) if moves else 0.0
     swapped = _exchanged(recording)
     if swapped and abs(agreement) > 0.5:
         pair, what = " and ".join(names[index] for index in swapped), "thermocouples"

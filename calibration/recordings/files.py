@@ -1,17 +1,69 @@
-"""A folder of recordings, named after their kinds."""
+"""A folder of recordings, and which of them a limb can be fitted to."""
 
+import dataclasses
 import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-
-import numpy as np
+from typing import NamedTuple
 
 from calibration.errors import CalibrationError
-from calibration.recordings.checks import check_recording, check_whole
-from calibration.recordings.kinds import FREE_KINDS, HEATED_NAMES, MOUNTINGS, kinds_of
+from calibration.recordings.checks import (
+    check_recording,
+    check_whole,
+    check_without_gaps,
+)
+from calibration.recordings.kinds import kind_of, title_of
+from calibration.recordings.pieces import in_pieces
+from calibration.remarks import Remark
 from limb_systems import LimbError, Recording
 from limb_systems.files.table_writer import is_unfinished
+from limb_systems.progress import Progress
 
-SWING = np.deg2rad(10.0)  # least, of a ring-down
+
+class Usable(NamedTuple):
+    """Recordings that a limb can be fitted to.
+
+    - ``recordings``: recordings by kind, each of them whole.
+    - ``heated``: heated ones by kind, in pieces; pieces may heat any wires, and are of the kind
+      "heated" unless they are of a motion.
+    - ``left_out``: remarks on what was left out, and why.
+    """
+
+    recordings: dict[str, list[Recording]]
+    heated: dict[str, list[Recording]]
+    left_out: list[Remark]
+
+
+def leaving_out(what: str, why: object) -> Remark:
+    """A remark on a recording that is not used."""
+    return Remark("left out", f"{what} is left out: {why}")
+
+
+def usable(recordings: Mapping[str, Sequence[Recording]], *, whole: bool = False) -> Usable:
+    """Checks recordings by kind, and cuts heated ones in pieces unless they stay ``whole``.
+
+    Those that cannot be cut must be without gaps: unheated ones, and all if ``whole``.
+    """
+    found = Usable({}, {}, [])
+    for kind, group in recordings.items():
+        for recording in group:
+            pieces = [recording] if recording.duty.any() else []
+            try:
+                check_whole(recording)
+                check_recording(recording, kind)
+                if whole or not pieces:
+                    check_without_gaps(recording)
+                else:
+                    pieces, remarks = in_pieces(recording)
+                    found.left_out.extend(remarks)
+            except LimbError as error:
+                found.left_out.append(leaving_out(title_of(recording), error))
+                continue
+            found.recordings.setdefault(kind, []).append(recording)
+            if pieces:
+                told = "heated" if len(pieces) > 1 and kind != "motion" else kind
+                found.heated.setdefault(told, []).extend(pieces)
+    return found
 
 
 def folder_of_limb(folder: str | Path) -> Path:
@@ -32,46 +84,51 @@ def folder_of_limb(folder: str | Path) -> Path:
     return limbs[0] if limbs else folder
 
 
-def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
-    """The recordings in a folder, checked, by what they show; see `folder_of_limb`.
+def read_folder(folder: str | Path) -> tuple[dict[str, list[Recording]], list[Remark]]:
+    """The recordings in a folder by kind, and remarks on files that are left out.
 
-    Files named after a kind (``right.csv``, ``sag_3.csv``, ``motion_1.csv``), one of
-    `kinds_of` the limb in their header, "heated" or "motion", must show it. First contact,
-    warm-up and `excitations` are of the kind "heated". Files with other names go by what they
-    show, and are left out with a warning if that is a limb at rest. Unfinished ones
-    (``right.unfinished.csv``) are ignored.
+    See `folder_of_limb` and `kind_of`. Unfinished files (``right.unfinished.csv``) are ignored.
 
     Raises:
-        CalibrationError: with one sentence naming the file and the trouble.
+        CalibrationError: as of `folder_of_limb`.
     """
     recordings: dict[str, list[Recording]] = {}
-    folder = folder_of_limb(folder)
-    for path in sorted(folder.glob("*.csv")):
-        if is_unfinished(path):
-            continue
-        recording = Recording.load(path)
-        try:
-            check_whole(recording)
-            kinds = [*kinds_of(recording.parameters), *FREE_KINDS]
-            named = [kind for kind in kinds if path.stem.startswith(kind)]
-            named += ["heated"] if path.stem in (*HEATED_NAMES, *MOUNTINGS) else []
-            kind = check_recording(recording, max(named, key=len, default=None))
-            bends = recording.bend_angle[~np.isnan(recording.bend_angle)]
-            if not named and kind == "ring_down" and np.ptp(bends) < SWING:
-                warnings.warn(f"{path} shows a limb at rest, which tells nothing.", stacklevel=2)
+    remarks: list[Remark] = []
+    paths = [p for p in sorted(folder_of_limb(folder).glob("*.csv")) if not is_unfinished(p)]
+    with Progress("reading", len(paths), "recordings") as progress:
+        for number, path in enumerate(paths):
+            progress.update(number, path.name)
+            try:
+                recording = dataclasses.replace(Recording.load(path), title=path.name)
+                kind = kind_of(recording, path.stem)
+            except LimbError as error:
+                remarks.append(leaving_out(path.name, str(error).removeprefix(f"{path}: ")))
                 continue
             recordings.setdefault(kind, []).append(recording)
-        except LimbError as error:
-            raise CalibrationError(f"{path}: {error}") from error
-    return recordings
+    return recordings, remarks
+
+
+def load_recordings(folder: str | Path) -> dict[str, list[Recording]]:
+    """The recordings in a folder that a limb can be fitted to, by kind; see `read_folder`.
+
+    What is left out is said in warnings.
+
+    Raises:
+        CalibrationError: as of `folder_of_limb`.
+    """
+    recordings, remarks = read_folder(folder)
+    found = usable(recordings)
+    for remark in [*remarks, *found.left_out]:
+        warnings.warn(str(remark), stacklevel=2)
+    return found.recordings
 
 
 def save_recordings(recordings: dict[str, list[Recording]], folder: str | Path) -> list[Path]:
-    """Writes recordings to files named after their kinds; returns their paths."""
+    """Writes recordings to files with their kinds in name and header; returns their paths."""
     paths = []
     for kind, group in recordings.items():
         for number, recording in enumerate(group, 1):
             name = kind if len(group) == 1 else f"{kind}_{number}"
             paths.append(Path(folder) / f"{name}.csv")
-            recording.save(paths[-1])
+            dataclasses.replace(recording, kind=kind).save(paths[-1])
     return paths

@@ -1,5 +1,7 @@
 """Kinds of recordings: what a limb is calibrated from, and which wires are heated in each."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from calibration.errors import CalibrationError
@@ -12,12 +14,14 @@ from limb_systems import (
     SegmentParameters,
 )
 
+SWING = np.deg2rad(10.0)  # least, of a ring-down that nobody has named
+GRAVITY_HINT = "; does its header's gravity say how the limb was mounted"
 FREE_KINDS = ("heated", "motion")  # of heated recordings of any wires
 # Names of recordings of the kind "heated" that collecting makes.
 FIRST_CONTACT, WARM_UP = "first_contact", "warm_up"
-HEATED_NAMES = (FIRST_CONTACT, WARM_UP, "conditioning", "pulses", "ramps", "random")
 TURNS = (0, 90, 180, 270)  # degrees, of the mountings of a limb that bends in space
 MOUNTINGS = tuple(f"mounting_{turned}" for turned in TURNS)
+HEATED_NAMES = (FIRST_CONTACT, WARM_UP, "conditioning", "pulses", "ramps", "random", *MOUNTINGS)
 
 
 def only_segment(parameters: LimbParameters) -> SegmentParameters:
@@ -28,6 +32,11 @@ def only_segment(parameters: LimbParameters) -> SegmentParameters:
             "a limb of one segment."
         )
     return parameters.segments[0]
+
+
+def title_of(recording: Recording) -> str:
+    """What messages call a recording: the name of its file, or else its source."""
+    return recording.title or recording.source
 
 
 def bend_sensor_of(recording: Recording, segment: int = 0) -> BendSensor:
@@ -81,20 +90,64 @@ def heated_wires(parameters: LimbParameters, actuated: str) -> list[int]:
     return kinds[actuated]
 
 
-def kind_of(recording: Recording) -> str:
-    """The kind that a recording shows: one of `kinds_of` its limb, or "heated".
+def all_kinds(parameters: LimbParameters) -> list[str]:
+    """The kinds of recordings of a limb: those of `kinds_of`, "heated" and "motion"."""
+    return [*kinds_of(parameters), *FREE_KINDS]
+
+
+def kind_of(recording: Recording, name: str = "") -> str:
+    """The kind of a recording: what its header says, or else what it shows.
+
+    Args:
+        name: name of a file without its ending, by which heat is of the kind "heated" or
+            "motion", and a limb that hardly moves rings down, where the header says nothing.
 
     Raises:
-        LimbError: if its limb is one that is not calibrated.
+        LimbError: if its limb is one that is not calibrated, if its header's kind is none, or if
+            it shows a limb at rest.
     """
+    kinds = all_kinds(recording.parameters)
+    if recording.kind:
+        if recording.kind not in kinds:
+            raise CalibrationError(
+                f"its kind is {recording.kind!r}; it must be one of {', '.join(kinds)}."
+            )
+        return recording.kind
+    named = "heated" if name in HEATED_NAMES else _named_kind(name, kinds)
+    if named in FREE_KINDS and recording.duty.any():
+        return named
+    shown, bends = shown_kind(recording), recording.bend_angle[~np.isnan(recording.bend_angle)]
+    if shown == "ring_down" != named and not (len(bends) and np.ptp(bends) >= SWING):
+        hint = GRAVITY_HINT * (named == "sag")
+        raise CalibrationError(f"it shows a limb at rest, which tells nothing{hint}.")
+    return shown
+
+
+def _named_kind(name: str, kinds: Iterable[str]) -> str:
+    """The longest kind that a file's name begins with; empty if it does with none."""
+    return max((kind for kind in kinds if name.startswith(kind)), key=len, default="")
+
+
+def shows(parameters: LimbParameters, kind: str) -> str:
+    """What a recording of a kind shows, in words."""
+    if kind == "sag":
+        return "the limb's sag under gravity, without heat"
+    if kind == "ring_down":
+        return "an unheated limb without gravity"
+    if kind in FREE_KINDS:
+        return "heated wires"
+    wires = "both wires" if len(parameters.wires) == 2 else "all wires"
+    return f"{wires} heated" if kind == "both" else f"only the {kind} wire heated"
+
+
+def shown_kind(recording: Recording) -> str:
+    """What a recording shows: one of `kinds_of` its limb, or "heated"."""
     parameters = recording.parameters
     heated = np.flatnonzero(recording.duty.max(axis=1) > 0).tolist()
     if not heated:
         return "sag" if gravity_bends(parameters) else "ring_down"
-    for kind, wires in kinds_of(parameters).items():
-        if wires == heated:
-            return kind
-    return "heated"
+    kinds = kinds_of(parameters)
+    return next((kind for kind, wires in kinds.items() if wires == heated), "heated")
 
 
 def gravity_bends(parameters: LimbParameters) -> bool:

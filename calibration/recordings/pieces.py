@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from calibration.errors import CalibrationError
+from calibration.recordings.kinds import title_of
 from calibration.recordings.repair import part
 from calibration.remarks import Remark
 from limb_systems import Recording
@@ -45,19 +46,19 @@ def in_pieces(recording: Recording) -> tuple[list[Recording], list[Remark]]:
     pieces = [piece for piece in pieces if _tells(piece)]
     if not pieces:
         raise CalibrationError(
-            f"{recording.source}: nothing is left of it to fit: no {SHORTEST:.0f} s of it begin "
-            "where wires rest, show heat and readings, and have no gap whose duty is not known."
+            f"nothing is left of it to fit: no {SHORTEST:.0f} s of it begin where wires rest, show "
+            "heat and readings, and have no gap whose duty is not known."
         )
     remarks = []
     kept = sum(piece.time[-1] - piece.time[0] + 1.5 / recording.sample_rate for piece in pieces)
     if (left_out := time[-1] - time[0] - kept) > 1.0:
-        said = f"Of {recording.source}, {left_out:.0f} s are left out"
+        said = f"Of {title_of(recording)}, {left_out:.0f} s are left out"
         gaps = " and ".join(f"{time[gap]:.1f} s" for gap in gaps_of(recording))
         said += f": what duty there was in the gap at {gaps} is not known" * bool(gaps)
         remarks.append(Remark("left out", f"{said}; pieces begin where wires rest, and have heat."))
     if len(pieces) > 1:
         for piece in pieces:
-            piece.source += f" from {piece.time[0] - time[0]:.0f} s"
+            piece.title = f"{title_of(piece)} from {piece.time[0] - time[0]:.0f} s"
     return pieces, remarks
 
 

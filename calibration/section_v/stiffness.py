@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, standard_error
-from calibration.recordings.kinds import bend_sensor_of, only_segment
+from calibration.recordings.kinds import bend_sensor_of, only_segment, title_of
 from calibration.recordings.repair import part
 from calibration.remarks import Remark, remarks_on_estimate
 from calibration.section_v.damping import DampingFit
@@ -244,7 +244,7 @@ def _resting_angle(recording: Recording) -> float:
     first, second = np.array_split(angle, 2)
     if abs(first.mean() - second.mean()) > STILL:
         raise CalibrationError(
-            f"The limb does not rest at the end of the recording of {recording.source}: its bend "
-            f"angle still moves by {np.rad2deg(abs(first.mean() - second.mean())):.1f}°."
+            f"The limb does not rest at the end of {title_of(recording)}: its bend still moves by "
+            f"{np.rad2deg(abs(first.mean() - second.mean())):.1f}°."
         )
     return float(angle.mean())

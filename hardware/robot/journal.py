@@ -47,6 +47,7 @@ class Journal(LeafSystem):
         *,
         has_reference: bool = False,
         provenance: Provenance | None = None,
+        kind: str = "",
     ):
         """
         Args:
@@ -55,6 +56,7 @@ class Journal(LeafSystem):
             sample_rate: Hz.
             has_reference: whether there is an input for the bend angle that is asked for.
             provenance: origin of the recording; None if it is not known.
+            kind: kind of the recording, as of `Recording`.
 
         Raises:
             OutputError: if no file can be made there.
@@ -62,7 +64,7 @@ class Journal(LeafSystem):
         super().__init__()
         robot = getattr(limb, "robot", None)
         names, described = column_names(limb.parameters, robot), None if robot else limb.parameters
-        header = RecordingHeader(limb.source, sample_rate, described, provenance, robot)
+        header = RecordingHeader(limb.source, sample_rate, described, provenance, robot, kind)
         self.signals = ["duty", *SIGNALS, *filter(limb.HasOutputPort, OF_ROBOTS)]
         self.signals += ["reference"] * has_reference
         columns = [column for signal in ("time", *self.signals) for column in names[signal]]
@@ -90,6 +92,7 @@ def journaled(
     reference: OutputPort | None = None,
     provenance: Provenance | None = None,
     ended_by_hand: bool = False,
+    kind: str = "",
 ) -> Iterator[TableWriter | None]:
     """A context in which a diagram is built and run, with a journal of its limb.
 
@@ -102,7 +105,7 @@ def journaled(
         path: file; there is no journal if it is None.
         duty: the port that drives the limb.
         reference: port of the bend angle that is asked for.
-        provenance: origin of the recording; None if it is not known.
+        provenance, kind: as for `Journal`.
         ended_by_hand: whether what there is when Ctrl-C comes is a recording: the file then
             gets its name.
 
@@ -113,7 +116,12 @@ def journaled(
         yield None
         return
     journal = Journal(
-        path, limb, sample_rate, has_reference=reference is not None, provenance=provenance
+        path,
+        limb,
+        sample_rate,
+        has_reference=reference is not None,
+        provenance=provenance,
+        kind=kind,
     )
     writer = journal.writer
     robot: Any = limb

@@ -16,7 +16,7 @@ from limb_systems.logs.reading import read_log
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.provenance import Provenance
-from limb_systems.schema import check_text, load_typed
+from limb_systems.schema import check_text, load_typed, rare
 from limb_systems.summary import Entry, Summary
 
 LONGEST_PERIOD, HIGHEST_RATE = 10_000.0, 1e6  # s and Hz, of samples
@@ -32,6 +32,7 @@ class RecordingHeader:
       it was a robot.
     - ``provenance``: what made the recording; None if it is not known.
     - ``robot``: parameters of the robot; None if it was a limb.
+    - ``kind``: what calibration takes it for, as of `Recording`; files leave it out if empty.
     """
 
     source: str
@@ -39,6 +40,7 @@ class RecordingHeader:
     parameters: LimbParameters | None = None
     provenance: Provenance | None = None
     robot: RobotParameters | None = None
+    kind: str = rare("")
 
 
 @dataclasses.dataclass(eq=False, repr=False)
@@ -75,6 +77,9 @@ class Recording(Samples):
       (6, K): x, y, z, m, roll, pitch, yaw, rad; None if it is not known.
     - ``contact_force``: force from the ground on each foot, N, along x and z (2L, K), or along x,
       y and z (3L, K); None if it is not known.
+    - ``kind``: what calibration takes it for, as `calibration.kind_of` lists; empty if nobody has
+      said so.
+    - ``title``: what messages of calibration call it; no file has it. Its source if empty.
 
     Raises:
         LimbError: at construction, if shapes disagree or other values are not
@@ -113,9 +118,12 @@ class Recording(Samples):
     robot: RobotParameters | None = None
     body_pose: np.ndarray | None = None
     contact_force: np.ndarray | None = None
+    kind: str = ""
+    title: str = ""
 
     def __post_init__(self):
         check_text(self.source, "source")
+        check_text(self.kind, "kind")
         check_text(self.interrupted, "interrupted")
         self._check()
         if not 1 / LONGEST_PERIOD <= self.sample_rate <= HIGHEST_RATE:
@@ -164,7 +172,7 @@ class Recording(Samples):
     def summary(self) -> Summary:
         """Source, duration, samples, range of the bend angle, largest temperature; its trouble."""
         count, missing = len(self.time), self.missing
-        entries = [Entry("source", self.source)]
+        entries = [Entry("source", self.source), Entry("kind", self.kind)]
         if count:
             entries.append(Entry("duration", float(self.time[-1] - self.time[0]), "s"))
         entries.append(Entry("samples", count, "", f"{count or 'no'} samples"))
@@ -244,12 +252,19 @@ class Recording(Samples):
             sample_rate=header.sample_rate_hz,
             interrupted=table.interrupted,
             provenance=header.provenance,
+            kind=header.kind,
+            title="",
         )
 
     def _header(self) -> RecordingHeader:
         parameters = None if self.robot else self.parameters
         return RecordingHeader(
-            self.source, float(self.sample_rate), parameters, self.provenance, self.robot
+            self.source,
+            float(self.sample_rate),
+            parameters,
+            self.provenance,
+            self.robot,
+            self.kind,
         )
 
     def _about(self) -> dict[str, Any]:
