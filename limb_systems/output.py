@@ -1,5 +1,6 @@
 """Writing files."""
 
+import itertools
 import os
 import tempfile
 from collections.abc import Sequence
@@ -63,6 +64,12 @@ def check_outputs(
         check_folder(path.parent)
         if path.exists() and not force:
             raise OutputError(f"{path} exists; give another name, or --force to replace it.")
+
+
+def free_path(path: Path) -> Path:
+    """A path, with a number if there is such a file already."""
+    others = (path.with_stem(f"{path.stem}_{number}") for number in itertools.count(2))
+    return next(other for other in itertools.chain([path], others) if not other.exists())
 
 
 def _is_same(path: Path, other: Path) -> bool:

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from calibration import (
+    Calibration,
     calibrate,
     collect_from_robot,
     collect_from_twin,
@@ -14,12 +15,14 @@ from calibration import (
 from calibration.calibrate import METHODS
 from calibration.collecting.protocol import PROTOCOLS
 from calibration.recordings.checks import check_recording, check_without_gaps
-from calibration.recordings.files import folder_of_limb
+from calibration.recordings.files import folder_of_limb, read_folder, usable
+from calibration.remarks import Severity
 from hardware import LimbTwin, SerialLimb
 from hardware.robot.text_link import open_link
 from limb_systems import LimbError, LimbParameters, Recording
-from limb_systems.output import OutputError, check_folder, check_outputs
+from limb_systems.output import OutputError, check_folder, check_outputs, free_path
 from limb_systems.summary import Summary
+from soft_limb.commands.chain import fit_line, shell_line
 from soft_limb.commands.options import (
     Command,
     Option,
@@ -57,6 +60,7 @@ def _collect(options: argparse.Namespace) -> int:
                 tell=print,
                 live=live,
             )
+        print_summary(options, _fit_next(options.output))
         return 0
     if not options.force and any(options.output.glob("*.csv")):
         raise OutputError(
@@ -71,8 +75,16 @@ def _collect(options: argparse.Namespace) -> int:
             tell=print,
             live=live,
         )
-    print_summary(options, Summary([]), save_recordings(recordings, options.output))
+    paths = save_recordings(recordings, options.output)
+    print_summary(options, _fit_next(options.output), paths)
     return 0
+
+
+def _fit_next(folder: Path) -> Summary:
+    """The command that fits a limb to a folder, if it can."""
+    recordings, _ = read_folder(folder)
+    line = fit_line(folder) if usable(recordings).heated else ""
+    return Summary.of({"next": line}, {})
 
 
 def _ask(what: str, live: LivePage | None) -> None:
@@ -100,8 +112,17 @@ def _fit(options: argparse.Namespace) -> int:
     if options.report:
         recordings = {path.stem: path for path in recorded}
         write_report(calibration, options.report, {"calibrated limb": options.output, **recordings})
-    print_summary(options, calibration_summary(calibration), outputs)
+    command = Summary.of({"command": _plan_line(calibration, options.output)}, {})
+    print_summary(options, calibration_summary(calibration) + command, outputs)
     return 0
+
+
+def _plan_line(calibration: Calibration, limb: Path) -> str:
+    """The command that plans for a calibrated limb; empty if nobody should."""
+    if any(remark.severity == Severity.STOP for remark in calibration.remarks):
+        return ""
+    reference = "fig5" if calibration.parameters.segments[0].axes == 1 else "circle"
+    return shell_line("plan", reference, "-l", limb, "-o", free_path(Path("plan.csv")))
 
 
 def _validate(options: argparse.Namespace) -> int:
@@ -160,9 +181,10 @@ COMMANDS = {
     ),
     "fit": Command(
         _fit,
-        "Fits stiffness, damping and the wires' laws to recordings. Files named sag*, ring_down*, "
-        "both*, heated*, motion* or as a wire, such as right*, must contain what the name says; "
-        "the kind of other files is taken from their data.",
+        "Fits stiffness, damping and the wires' laws to recordings. What each is for is in its "
+        "header, where collect and import write it; other files go by what they show, and where "
+        "that is heat and their names begin so, are of the kind heated or motion. What cannot be "
+        "used is left out, and a remark says why.",
         "report json force",
         [
             Option("recordings", type=Path, help="folder of recordings (.csv)"),

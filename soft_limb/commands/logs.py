@@ -1,15 +1,18 @@
 """The command that reads logs of other programs."""
 
 import argparse
-import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
-from limb_systems import LimbParameters, Recording
+from calibration.recordings.files import leaving_out
+from calibration.recordings.kinds import kind_of
+from calibration.remarks import Remark
+from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.logs.importing import ImportedLog, import_logs
 from limb_systems.logs.mapping import LogMapping
-from limb_systems.output import check_folder, check_outputs
+from limb_systems.output import check_folder, check_outputs, free_path
 from limb_systems.summary import Entry, Summary
+from soft_limb.commands.chain import fit_line, shell_line, usable_of
 from soft_limb.commands.options import Command, Option, print_summary, shared
 
 
@@ -20,14 +23,20 @@ def _import(options: argparse.Namespace) -> int:
     logs = import_logs(options.logs, given, parameters)
     mappings = [options.output / log.limb.name / f"{log.stem}.mapping.yaml" for log in logs]
     files = [options.output / file for log in logs for file in log.files]
-    recordings = dict(zip(files, itertools.chain(*(log.recordings for log in logs)), strict=True))
+    every = [recording for log in logs for recording in log.recordings]
+    recordings = dict(zip(files, every, strict=True))
     written = files if given else [*mappings, *files]
     check_outputs(written, inputs=[*options.logs, options.mapping], force=options.force)
-    told = []
+    for log in logs:
+        log.remarks.extend(map(str, _of_kind(log, options.kind)))
+    told, heated = [], set()
     for log, mapping in zip(logs, mappings, strict=True):
         if not given:
             about = [f"How soft-limb reads {log.path.name}.", *log.limb.notes]
             log.limb.mapping.save(mapping, about)
+        own = usable_of(recording for recording in log.recordings if recording.kind)
+        log.remarks.extend(f"soft-limb fit: {remark}" for remark in own.left_out)
+        heated |= {mapping.parent} if own.heated else set()
         summary = _summary(log, mapping)
         told.append(summary.to_json())
         if not options.json:
@@ -35,20 +44,38 @@ def _import(options: argparse.Namespace) -> int:
     for path, recording in recordings.items():
         recording.save(path)
     failed = any(log.error for log in logs)
-    text = "" if failed else "\n".join(_next(options.output, recordings))
+    text = "" if failed else "\n".join(_next(options.output, recordings, heated))
     print_summary(options, Summary.of({"next": text}, {"logs": told}), written)
     return int(failed)
 
 
-def _next(folder: Path, recordings: Mapping[Path, Recording]) -> Iterator[str]:
-    """A command for each limb that was read."""
+def _of_kind(log: ImportedLog, kind: str | None) -> Iterator[Remark]:
+    """Gives recordings of a log their kinds, and yields remarks on those that have none.
+
+    Raises:
+        LimbError: if the kind that is given is none.
+    """
+    for path, recording in zip(log.files, log.recordings, strict=True):
+        recording.title, recording.kind = path.name, kind or ""
+        try:
+            recording.kind = kind_of(recording, log.stem)
+        except LimbError as error:
+            if kind:
+                raise
+            yield leaving_out(recording.title, error)
+
+
+def _next(
+    folder: Path, recordings: Mapping[Path, Recording], heated: Collection[Path]
+) -> Iterator[str]:
+    """A command for each limb that was read, if there is one that takes its recordings."""
     for limb in sorted({path.parent for path in recordings}):
         own = {path: r for path, r in recordings.items() if path.parent == limb}
-        if any(recording.duty.any() for recording in own.values()):
-            name = "limb" if limb == folder else limb.name
-            yield f"soft-limb fit {limb} -o {name}.yaml"
-        else:
-            yield f"soft-limb plan {next(iter(own))} -o plan.csv, as a reference: nothing is heated"
+        if limb in heated:
+            yield fit_line(limb, "limb" if limb == folder else limb.name)
+        elif not any(recording.duty.any() for recording in own.values()):
+            plan = shell_line("plan", next(iter(own)), "-o", free_path(Path("plan.csv")))
+            yield f"{plan}  # nothing is heated, so that it can be a reference"
 
 
 def _summary(log: ImportedLog, mapping: Path) -> Summary:
@@ -77,6 +104,12 @@ COMMANDS = {
         [
             Option("logs", nargs="+", metavar="LOG", type=Path, help="logs, tables of text"),
             shared("limb", help="the limb's description (.yaml); the nominal limb if left out"),
+            Option(
+                "--kind",
+                help="what the logs are for calibration: sag, ring_down, the name of the one wire "
+                "that is heated, both, heated, or motion, which judges laws; if left out, what "
+                "they show, and heated or motion if their names begin so",
+            ),
             Option("--mapping", type=Path, help="how to read the logs (.yaml)"),
         ],
         stopped="stopped; recordings that are there are whole",
