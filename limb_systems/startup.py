@@ -12,7 +12,7 @@ OTHERS = ("planners", "controllers", "hardware", "calibration", "soft_limb")
 
 
 def let_ctrl_c_end_imports() -> None:
-    """If a command of ours starts, Ctrl-C ends it quietly until `run_command` takes over.
+    """If a command of ours starts, Ctrl-C ends it with a line until `run_command` takes over.
 
     What imports half a library would show or swallow KeyboardInterrupt. Programs that
     only use our packages are left alone.
@@ -21,7 +21,12 @@ def let_ctrl_c_end_imports() -> None:
     module = words[words.index("-m") + 1 :][:1] if "-m" in words else []
     ours = module[0].split(".")[0] in OTHERS if module else Path(sys.argv[0]).stem == "soft-limb"
     if ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, lambda *_: os._exit(128 + signal.SIGINT))
+        signal.signal(signal.SIGINT, _end)
+
+
+def _end(*_: object) -> None:
+    os.write(2, b"stopped before it began; nothing was written\n")
+    os._exit(128 + signal.SIGINT)
 
 
 def check_shadows() -> None:

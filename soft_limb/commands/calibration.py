@@ -5,7 +5,6 @@ import sys
 from pathlib import Path
 
 from calibration import (
-    Calibration,
     calibrate,
     collect_from_robot,
     collect_from_twin,
@@ -16,13 +15,12 @@ from calibration.calibrate import METHODS
 from calibration.collecting.protocol import PROTOCOLS
 from calibration.recordings.checks import check_recording, check_without_gaps
 from calibration.recordings.files import folder_of_limb, read_folder, usable
-from calibration.remarks import Severity
 from hardware import LimbTwin, SerialLimb
 from hardware.robot.text_link import open_link
 from limb_systems import LimbError, LimbParameters, Recording
-from limb_systems.output import OutputError, check_folder, check_outputs, free_path
+from limb_systems.output import OutputError, check_folder, check_outputs
 from limb_systems.summary import Summary
-from soft_limb.commands.chain import fit_line, shell_line
+from soft_limb.commands.chain import fit_line
 from soft_limb.commands.options import (
     Command,
     Option,
@@ -112,17 +110,8 @@ def _fit(options: argparse.Namespace) -> int:
     if options.report:
         recordings = {path.stem: path for path in recorded}
         write_report(calibration, options.report, {"calibrated limb": options.output, **recordings})
-    command = Summary.of({"command": _plan_line(calibration, options.output)}, {})
-    print_summary(options, calibration_summary(calibration) + command, outputs)
+    print_summary(options, calibration_summary(calibration), outputs)
     return 0
-
-
-def _plan_line(calibration: Calibration, limb: Path) -> str:
-    """The command that plans for a calibrated limb; empty if nobody should."""
-    if any(remark.severity == Severity.STOP for remark in calibration.remarks):
-        return ""
-    reference = "fig5" if calibration.parameters.segments[0].axes == 1 else "circle"
-    return shell_line("plan", reference, "-l", limb, "-o", free_path(Path("plan.csv")))
 
 
 def _validate(options: argparse.Namespace) -> int:
