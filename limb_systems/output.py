@@ -3,7 +3,7 @@
 import itertools
 import os
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from limb_systems.errors import LimbError
@@ -13,14 +13,15 @@ class OutputError(LimbError):
     """A file must not or cannot be written at the given path."""
 
 
-def write_atomically(path: str | Path, content: str | bytes) -> None:
-    """Writes a file, text or bytes, whole or not at all, also if the process dies."""
+def write_atomically(path: str | Path, content: str | bytes | Iterator[str]) -> None:
+    """Writes a file, text, its parts or bytes, whole or not at all, also if the process dies."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:
-            file.write(content.encode() if isinstance(content, str) else content)
+            for part in [content] if isinstance(content, str | bytes) else content:
+                file.write(part.encode() if isinstance(part, str) else part)
             file.flush()
             os.fsync(file.fileno())
         os.chmod(temporary, 0o644)

@@ -37,7 +37,7 @@ def quantity(default: Any, unit: str, low: float, high: float, *, rare: bool = F
     """A dataclass field with its unit and the closed range of values that are accepted.
 
     Args:
-        default: a number, or a tuple of the numbers of a list.
+        default: a number, or a tuple of the numbers of a list; `dataclasses.MISSING` for none.
         rare: whether files leave it out where it has its default, as of `rare`.
     """
     metadata = {"unit": unit, "range": (low, high), "rare": rare}

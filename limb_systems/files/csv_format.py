@@ -12,7 +12,7 @@ A file is a table between a header and an end line, comments that start with ``#
 A table that ended before its time has a line ``# interrupted: why`` before its end line.
 The end line shows truncation at any byte, and its digest any other change. Angles are in
 degrees in the file and in radians in memory. All numbers read back as the same doubles.
-A reading that is missing is an empty cell, or ``nan``.
+A reading of a recording that is missing is an empty cell, or ``nan``.
 """
 
 import decimal
@@ -20,7 +20,7 @@ import hashlib
 import itertools
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,7 +36,8 @@ MAKERS = {
     "trajectory": "soft-limb plan makes a trajectory of a reference",
 }
 _INTERRUPTED = "# interrupted: "
-_MAY_MISS = ("measured_temperature", "bend_angle")  # beginnings of columns with readings
+_MAY_MISS = {"recording": ("measured_temperature", "bend_angle")}  # columns with readings, by kind
+ROWS_AT_ONCE = 20_000  # rows that are texts at a time
 _ROW = re.compile(r"[-+0-9.eE,naif]*")  # what `float` takes beyond these are no numbers to others
 _DECIMAL = decimal.Context(prec=40)  # degrees as doubles would not tell all radians apart
 _DEGREES = _DECIMAL.divide(
@@ -63,8 +64,8 @@ class Table(NamedTuple):
 
 def format_table(
     kind: str, header: str, columns: Mapping[str, np.ndarray], interrupted: str = ""
-) -> str:
-    """The text of a table's file; see the module's docstring.
+) -> Iterator[str]:
+    """The text of a table's file, in parts; see the module's docstring.
 
     Args:
         kind: "recording" or "trajectory".
@@ -77,15 +78,24 @@ def format_table(
         FileFormatError: if a value is not finite, time is not increasing or
             the file would be larger than is read.
     """
-    _check_values(columns, lambda index: f"sample {index}")
-    body = format_head(kind, header, columns) + format_rows(columns)
-    if len(body) > LARGEST_TABLE:
-        raise FileFormatError(
-            f"This {kind} needs {len(body) / 1e6:.0f} MB, but at most {LARGEST_TABLE / 1e6:g} MB "
-            "are read again; save a part of it, or fewer samples per second."
+    _check_values(kind, columns, lambda index: f"sample {index}")
+    num_rows, size, digest = len(columns["time_s"]), 0, hashlib.sha256()
+    rows = (
+        format_rows(
+            {name: values[start : start + ROWS_AT_ONCE] for name, values in columns.items()}
         )
-    end = end_of_table(hashlib.sha256(body.encode()), len(columns["time_s"]), interrupted)
-    return "".join([body, *end])
+        for start in range(0, num_rows, ROWS_AT_ONCE)
+    )
+    for part in itertools.chain([format_head(kind, header, columns)], rows):
+        size += len(part)
+        if size > LARGEST_TABLE:
+            raise FileFormatError(
+                f"This {kind} of {num_rows} samples needs more than the {LARGEST_TABLE / 1e6:g} MB "
+                "that are read again; save a part of it, or fewer samples per second."
+            )
+        digest.update(part.encode())
+        yield part
+    yield from end_of_table(digest, num_rows, interrupted)
 
 
 def format_head(kind: str, header: str, names: Iterable[str]) -> str:
@@ -167,7 +177,7 @@ def parse_table(data: bytes, kind: str, *, unfinished: bool = False) -> Table:
     head = list(itertools.takewhile(lambda line: line.startswith("# "), lines))
     if len(head) == len(lines):
         raise FileFormatError("there is no line of column names; the file is damaged.")
-    columns = _parse_rows(lines[len(head) :], len(head) + 1)
+    columns = _parse_rows(kind, lines[len(head) :], len(head) + 1)
     num_rows = len(columns["time_s"])
     if end and num_rows != int(end[1]):
         raise FileFormatError(f"there are {num_rows} rows, but the end line counts {end[1]}.")
@@ -196,7 +206,7 @@ def _check_first_line(line: str, kind: str) -> None:
         )
 
 
-def _parse_rows(lines: list[str], first_line: int) -> dict[str, np.ndarray]:
+def _parse_rows(kind: str, lines: list[str], first_line: int) -> dict[str, np.ndarray]:
     """Parses the line of names and the rows below it; errors name the line."""
     names = lines[0].split(",")
     if len(set(names)) != len(names) or "time_s" not in names:
@@ -218,14 +228,16 @@ def _parse_rows(lines: list[str], first_line: int) -> dict[str, np.ndarray]:
         except (ValueError, ArithmeticError) as error:
             raise FileFormatError(f"line {number} contains a cell that is not a number.") from error
     columns = dict(zip(names, values.T.copy(), strict=True))
-    _check_values(columns, lambda index: f"line {first_line + 1 + index}")
+    _check_values(kind, columns, lambda index: f"line {first_line + 1 + index}")
     return columns
 
 
-def _check_values(columns: Mapping[str, np.ndarray], where: Callable[[int], str]) -> None:
+def _check_values(
+    kind: str, columns: Mapping[str, np.ndarray], where: Callable[[int], str]
+) -> None:
     for name, values in columns.items():
         good = np.isfinite(values)
-        if name.startswith(_MAY_MISS):
+        if name.startswith(_MAY_MISS.get(kind, ())):
             good |= np.isnan(values)
         if not good.all():
             index = int(np.argmin(good))

@@ -13,6 +13,7 @@ from limb_systems.files.samples import Samples, described
 from limb_systems.logs.guess import limbs_in_log
 from limb_systems.logs.mapping import LogMapping
 from limb_systems.logs.reading import read_log
+from limb_systems.logs.table import read_table
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.provenance import Provenance
@@ -224,16 +225,17 @@ class Recording(Samples):
         Raises:
             LogError: with one sentence, if it is no log or lacks what a recording needs.
         """
-        said = []
+        said, table = [], None
         if mapping is None:
-            limb, *others = limbs_in_log(path)
+            table = read_table(path)
+            limb, *others = limbs_in_log(path, table)
             mapping = limb.mapping
             if others:
                 names = ", ".join(other.name for other in others)
                 said.append(f"This is {limb.name}; mappings would read {names}.")
         elif not isinstance(mapping, LogMapping):
             mapping = LogMapping.load(mapping)
-        parts, remarks = read_log(path, mapping, parameters)
+        parts, remarks = read_log(path, mapping, parameters, table)
         if len(parts) > 1:
             said.append(f"This is the longest of {len(parts)} parts.")
         if said := [*said, *remarks]:

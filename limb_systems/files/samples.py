@@ -6,7 +6,7 @@ them; times are (K,). Recordings and trajectories are made of these.
 
 import dataclasses
 import importlib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from limb_systems.errors import LimbError
 from limb_systems.files.csv_format import (
+    ROWS_AT_ONCE,
     FileFormatError,
     Table,
     format_table,
@@ -26,6 +27,7 @@ from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.model.wires import Wires
 from limb_systems.output import write_atomically
+from limb_systems.progress import Progress
 from limb_systems.provenance import Provenance
 from limb_systems.schema import dump_typed
 from limb_systems.summary import Entry, Summarized
@@ -184,8 +186,7 @@ class Samples(Summarized):
 
     def to_text(self) -> str:
         """The text of the file; errors as for `save`."""
-        header = dump_typed(self._header())
-        return format_table(self.KIND, header, self.columns(), self.interrupted)
+        return "".join(self._text())
 
     def save(self, path: str | Path) -> None:
         """Writes the file whole or not at all.
@@ -194,7 +195,20 @@ class Samples(Summarized):
             LimbError: if a value is not finite or there are too many, or if the check
                 of a plan failed. A plan without a check is written, and its file says so.
         """
-        write_atomically(path, self.to_text())
+        count = len(self.time)
+        with Progress(f"writing {Path(path).name}", count, "samples") as progress:
+
+            def parts() -> Iterator[str]:
+                for number, part in enumerate(self._text()):
+                    progress.update(min(number * ROWS_AT_ONCE, count))
+                    yield part
+
+            write_atomically(path, parts())
+
+    def _text(self) -> Iterator[str]:
+        """The text of the file, in parts."""
+        header = dump_typed(self._header())
+        yield from format_table(self.KIND, header, self.columns(), self.interrupted)
 
     def to_pandas(self) -> "pandas.DataFrame":
         """A table as in the file: a row per sample, indexed by time in s, angles in degrees.

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from typing import Any, ClassVar
 
 import numpy as np
@@ -15,7 +16,7 @@ from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.limb import Limb
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.provenance import Provenance
-from limb_systems.schema import load_typed
+from limb_systems.schema import load_typed, quantity
 from limb_systems.summary import Entry, Summary
 
 DEFECT_TOLERANCE = 1e-6
@@ -94,7 +95,7 @@ class PlanCheck:
         return None
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(kw_only=True)
 class TrajectoryHeader:
     """The header of a trajectory's file.
 
@@ -104,7 +105,7 @@ class TrajectoryHeader:
     - ``provenance``: what made the plan; None if it is not known.
     """
 
-    sample_rate_hz: float
+    sample_rate_hz: float = quantity(dataclasses.MISSING, "Hz", 1e-6, 1e6)
     check: PlanCheck
     parameters: LimbParameters
     provenance: Provenance | None = None
@@ -255,15 +256,19 @@ class Trajectory(Samples):
         ]
         return texts[0] == texts[1]
 
-    def to_text(self) -> str:
-        """The text of the file; errors as for `save`."""
+    def _text(self) -> Iterator[str]:
         if not self.check.is_missing and (failure := self.check.failure()):
             raise LimbError(f"This plan failed its check and is not saved: {failure}")
-        return super().to_text()
+        yield from super()._text()
 
     def _header(self) -> TrajectoryHeader:
         sample_rate = (len(self.time) - 1) / self.duration
-        return TrajectoryHeader(sample_rate, self.check, self.parameters, self.provenance)
+        return TrajectoryHeader(
+            sample_rate_hz=sample_rate,
+            check=self.check,
+            parameters=self.parameters,
+            provenance=self.provenance,
+        )
 
     def _about(self) -> dict[str, Any]:
         return {"check": dataclasses.asdict(self.check)}

@@ -18,9 +18,16 @@ def held(values: np.ndarray) -> np.ndarray:
 def heat_of(times: np.ndarray, duty: np.ndarray) -> np.ndarray:
     """Duty (..., K) through a low-pass filter, as wires keep heat: warmth and bend follow it."""
     heat = np.zeros_like(duty)
-    keep = np.exp(-np.diff(times) / MEMORY)
-    for k, share in enumerate(keep, 1):
-        heat[..., k] = share * heat[..., k - 1] + (1 - share) * duty[..., k - 1]
+    added = duty[..., :-1] * -np.expm1(-np.diff(times) / MEMORY)
+    span = 20 * MEMORY  # within which the sum below keeps its digits
+    starts = np.searchsorted(times, np.arange(times[0], times[-1] + span, span))
+    for start, end in itertools.pairwise(np.unique([*starts, len(times)])):
+        if start:
+            kept = np.exp((times[start - 1] - times[start]) / MEMORY)
+            heat[..., start] = kept * heat[..., start - 1] + added[..., start - 1]
+        grown = np.exp((times[start + 1 : end] - times[start]) / MEMORY)
+        since = np.cumsum(added[..., start : end - 1] * grown, axis=-1)
+        heat[..., start + 1 : end] = (heat[..., start, None] + since) / grown
     return heat
 
 

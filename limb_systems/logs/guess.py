@@ -1,4 +1,9 @@
-"""What the columns of any other log may be: by names, ranges and what follows the heat."""
+"""What the columns of any other log may be: by names, units, ranges and what follows the heat.
+
+A column whose name or unit is of another physical quantity than a signal is never taken for that
+signal. What is then missing, or may be read in two ways, is `OPEN` in the mapping, or 0 for a
+number, and asked for.
+"""
 
 import contextlib
 import dataclasses
@@ -35,11 +40,28 @@ from limb_systems.logs.mapping import (
     TimeColumn,
     WireColumns,
 )
+from limb_systems.logs.quantities import (
+    ANGLE,
+    COUNTS,
+    POWER,
+    SHARE,
+    TEMPERATURE,
+    TIME,
+    has,
+    quantities_of,
+    words_of,
+)
 from limb_systems.logs.reading import DAY, is_reversed, stamps, times_of
 from limb_systems.logs.table import LogError, LogTable, read_table
 
-TIME, DUTY, TEMPERATURE, BEND = "time", "duty", "temperature", "bend"
-WORDS = {  # in names of columns, whole or as their parts
+DUTY, BEND = "duty", "bend"
+ADMITTED = {  # quantities of each signal
+    TIME: {TIME},
+    DUTY: {SHARE, COUNTS},
+    TEMPERATURE: {TEMPERATURE},
+    BEND: {ANGLE},
+}
+WORDS = {  # in names of columns, whole or as their parts: of a signal, whatever its quantity
     TIME: "time timestamp zeit uhrzeit datetime date ms millis msec sec seconds s elapsed us "
     "micros",
     DUTY: "pwm duty heat heater heating power pow u cmd command out output ctrl gate mosfet sma "
@@ -47,12 +69,15 @@ WORDS = {  # in names of columns, whole or as their parts
     TEMPERATURE: "temp temperature tc thermo thermocouple max31855 mcp celsius kelvin fahrenheit "
     "degc degf temperatur t tmp",
     BEND: "bend bending angle flex phi theta winkel biegung curvature alpha tip tangent tilt chord "
-    "deflection deg degrees rad biege pose",
+    "deflection deg degrees rad biege pose courbure",
 }
 NOT_MEASURED = (
-    "setpoint target ref reference desired limit max min goal error unconstrained soll cjc"
+    "setpoint target ref reference desired limit max min goal error unconstrained soll cjc "
+    "std stddev variance ambient room umgebung status state"
 )
-UNITS = {"C": "°C", "F": "°F", "K": "K"}
+SCALED = {COUNTS, "voltage", "resistance", "length", "curvature"}  # from which bends are counted
+IN_PICTURES = {COUNTS, "length"}
+DEGREES = {"C": "°C", "F": "°F", "K": "K", OPEN: OPEN}
 FULLS = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
 PERIODS = (DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
 RATES, DURATIONS = (0.15, 1500.0), (5.0, 2e5)  # Hz and s, of logs
@@ -60,17 +85,27 @@ MOST_WIRES = 2
 ROOM = 5.0  # °C, below which a reading that never moves is of nothing
 FIRST = 10  # rows, in which a limb rests
 MISSING = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
-NO_ANGLES = {"adc", "counts", "count", "v", "volt", "volts", "mv", "mm", "px", "ohm", "ohms", "m"}
+VOLTS = 24.0  # below which a number that is no count may be volts or watts
+WARM_ROOM, TOO_HOT = 48.0, 150.0  # °C: no room is so warm, and no limb so hot
+FOLLOWED, SAME, CLEARLY = 0.5, 0.97, 0.3  # correlations, and what is between two scores
 FARTHEST = 60.0  # °, to which no limb is bent at rest
 RADIANS = 2.2  # that no bend in degrees stays within, while wires are heated
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Column:
-    """A column of a log: its name, its words, its numbers (K,)."""
+    """A column of a log.
+
+    - ``name``, ``words``: its name, and the words in its name and unit.
+    - ``quantities``: physical quantities that its name or unit says; none if they say nothing.
+    - ``said_by``: what says them.
+    - ``values``: its numbers (K,).
+    """
 
     name: str
     words: list[str]
+    quantities: set[str]
+    said_by: str
     values: np.ndarray
 
     def said(self, role: str) -> bool:
@@ -79,6 +114,15 @@ class Column:
             return True
         return _has(self.words, WORDS[role])
 
+    def contradicts(self, role: str) -> bool:
+        """Whether its name or unit is of a quantity that a signal is not."""
+        return bool(self.quantities) and not self.quantities & ADMITTED[role]
+
+    @property
+    def other_quantity(self) -> str:
+        """What it is by its name or unit, in words; empty if these say nothing."""
+        return f"{' or '.join(sorted(self.quantities))}, by {self.said_by}" if self.said_by else ""
+
     @property
     def shown(self) -> np.ndarray:
         """Its numbers without those that are missing."""
@@ -86,24 +130,19 @@ class Column:
 
 
 def _has(words: list[str], known: str) -> bool:
-    return any(
-        word == one or (len(one) > 3 and one in word) for word in words for one in known.split()
-    )
+    return has(words, known, substring=4)
 
 
-def words_of(name: str) -> list[str]:
-    """The parts of a name in small letters, without digits: "pwmLeft_2 (%)" has pwm, left and %."""
-    parts = re.findall(r"[A-ZÄÖÜ]?[a-zäöü]+|[A-ZÄÖÜ]+(?![a-zäöü])|[°%]|max31855", name)
-    return [part.lower() for part in parts]
-
-
-def limbs_in_log(path: str | Path) -> list[LimbInLog]:
+def limbs_in_log(path: str | Path, table: LogTable | None = None) -> list[LimbInLog]:
     """The limbs in a log, with mappings: of a known format, or as its columns suggest.
+
+    Args:
+        table: the log's rows; they are read if None.
 
     Raises:
         LogError: if it is no table of text with rows of numbers, or lacks columns of its format.
     """
-    table = read_table(path)
+    table = table or read_table(path)
     try:
         limbs = known_format(table)
     except LogError as error:
@@ -120,51 +159,73 @@ def limbs_in_log(path: str | Path) -> list[LimbInLog]:
 def guessed(table: LogTable) -> LimbInLog:
     """The limb in a log, by a mapping that seems likely.
 
-    Columns that are not found are `OPEN` in the mapping.
+    What is not found, or could be either of two, is `OPEN` in the mapping, or 0 for a number.
     """
     columns = [
-        Column(name, words_of(f"{name} {unit}"), table.numbers(name))
+        Column(name, words_of(f"{name} {unit}"), *quantities_of(name, unit), table.numbers(name))
         for name, unit in zip(table.names, table.units, strict=True)
     ]
-    notes: dict[str, str] = {}
-    time = _time(table, columns, notes)
+    notes = {c.name: ("not used", c.other_quantity or "no signal fits it") for c in columns}
+    asked: list[str] = []
+    time = _time(table, columns, notes, asked)
     times, kept = _times(table, time)
-    columns = [column for column in columns if column.name != time.column]
+    columns = [c for c in columns if c.name != time.column and (~np.isnan(c.values)).sum() > 5]
     missing = sorted({v for c in columns for v in MISSING if _stands_out(c, v)})
-    columns = [
-        Column(c.name, c.words, np.where(np.isin(c.values, missing), np.nan, c.values)[kept])
-        for c in columns
-    ]
+    columns = [dataclasses.replace(c, values=_cleaned(c.values, missing, kept)) for c in columns]
     columns = [column for column in columns if len(column.shown) > 5]
     duties, signs = _duties(columns, times, notes)
-    full = _full(duties)
+    full = _full(duties, asked)
     heats = heat_of(times, _shares(duties, signs, full, len(times)))
     rest = [column for column in columns if column not in duties]
     temperatures = _temperatures(rest, heats, notes)
-    bend = _bend(table, [c for c in rest if c not in temperatures], times, heats, notes)
-    wires, agreement = _wires(duties, signs, temperatures, heats, notes)
+    bend = _bend([c for c in rest if c not in temperatures], table, times, heats, notes, asked)
+    wires, agreement = _wires(duties, signs, temperatures, heats, notes, asked)
     mapping = LogMapping(
         time, wires, bend, full, missing=missing, delimiter=table.delimiter, decimal=table.decimal,
         names_line=table.names_line,
     )  # fmt: skip
-    questions = [_question(duties, full)]
+    said = []
     if not duties:
-        questions.append("no column seems to be a duty, which is 0 while wires are off")
+        asked.append("duty: no column seems to be a duty, which is 0 while wires are off")
     elif bend.scale and bend.column != OPEN:
         mapping, showed = turned(mapping, table, kept, heats)
-        questions.append(showed)
-    questions.append(_question_on_bend(mapping, columns, heats))
+        said.append(showed)
+    if full:
+        said.append(_said_of_full(duties, full))
+    if bend.scale and bend.column and bend.column != OPEN and bend.measures == BEND_ANGLE:
+        said.append(
+            f"{bend.column} is taken for the bend angle φ: if it is the angle of the tip, α, "
+            "correct measures to tip_tangent"
+        )
+    elif not bend.scale:
+        asked.append(_asked_of_scale(mapping, columns, heats))
     if len(duties) > 1 and not any(_side(duty) for duty in duties):
-        questions.append("names do not say which wire is on which side: exchange them if need be")
-    said = [f"{name}: {notes.get(name, 'not used')}" for name in table.names]
-    return LimbInLog("", mapping, [*said, *filter(None, questions)], agreement)
+        said.append("names do not say which wire is on which side: exchange them if need be")
+    lines = _lines_of(notes) + list(filter(None, said)) + [f"? {one}" for one in asked]
+    return LimbInLog("", mapping, lines, agreement)
+
+
+def _lines_of(notes: dict[str, tuple[str, str]]) -> list[str]:
+    """A line for each column: its name, what it is taken for, and why."""
+    widths = [min(30, max(map(len, texts))) for texts in (notes, (n[0] for n in notes.values()))]
+    return [
+        f"{name:<{widths[0]}}  {what:<{widths[1]}}  {why}".rstrip()
+        for name, (what, why) in notes.items()
+    ]
+
+
+def _cleaned(values: np.ndarray, missing: list[float], kept: np.ndarray) -> np.ndarray:
+    """The numbers of rows that are kept, nan where they stand for no reading."""
+    values = values if kept.all() else values[kept]
+    return np.where(np.isin(values, missing), np.nan, values) if missing else values
 
 
 def _shares(duties: list[Column], signs: list[float], full: float, count: int) -> np.ndarray:
     """Duty of each wire (W, K), in [0, 1]."""
     shares = np.zeros((len(duties), count))
     for share, duty, sign in zip(shares, duties, signs, strict=True):
-        share[:] = np.clip(sign * held(duty.values) / full, 0.0, 1.0)
+        most = full or float(np.abs(duty.shown).max())
+        share[:] = np.clip(sign * held(duty.values) / most, 0.0, 1.0)
     return shares
 
 
@@ -173,7 +234,8 @@ def _wires(
     signs: list[float],
     temperatures: list[Column],
     heats: np.ndarray,
-    notes: dict[str, str],
+    notes: dict[str, tuple[str, str]],
+    asked: list[str],
 ) -> tuple[list[WireColumns], list[float]]:
     """The wires with their thermocouples, and how well each of these follows its wire's heat."""
     if not duties:
@@ -185,7 +247,11 @@ def _wires(
     left = [i for i in range(len(temperatures)) if i not in [reading for reading, _ in pairs]]
     wires = []
     for name, duty, sign, (reading, agreement) in zip(sides, duties, signs, pairs, strict=True):
-        notes[duty.name] = f"duty of the {name} wire"
+        named = duty.said(DUTY) or SHARE in duty.quantities
+        why = "its name" if named else "it is 0 and still as a duty is, and others follow it"
+        notes[duty.name] = f"duty of the {name} wire", why
+        if len(set(duties)) < len(duties):
+            notes[duty.name] = "duty of both wires", "its sign: negative numbers heat the left wire"
         if reading is None and left:  # no heat shows it
             same = [i for i in left if _side(temperatures[i]) == name]
             if same or len(left) == len(temperatures) - 1 or len(left) == len(duties):
@@ -195,23 +261,20 @@ def _wires(
         if reading is not None:
             sensor, unit = temperatures[reading], _unit(temperatures[reading])
             wires[-1].temperature, wires[-1].unit = sensor.name, unit
-            why = f"follows its heat by {agreement:.2f}" if agreement else "no heat shows it"
-            notes[sensor.name] = f"temperature of the {name} wire, {UNITS[unit]}: {why}"
+            why = f"it follows that wire's heat (r = {agreement:.2f})" if agreement else "its name"
+            notes[sensor.name] = f"temperature of the {name} wire, {DEGREES[unit]}", why
+            if unit == OPEN:
+                low, high = np.quantile(sensor.shown, [0.02, 1.0])
+                asked.append(
+                    f"unit of {sensor.name}: C, F or K? It reads {low:.3g} to {high:.3g}, which "
+                    "does not tell, or contradicts its name"
+                )
     return wires, [agreement for _, agreement in pairs]
 
 
-def _question_on_bend(mapping: LogMapping, columns: list[Column], heats: np.ndarray) -> str:
-    """What has to be known of the bend, and the log does not say."""
+def _asked_of_scale(mapping: LogMapping, columns: list[Column], heats: np.ndarray) -> str:
+    """The question what a unit of the bend's column is, with the sign if heat shows it."""
     bend = mapping.bend
-    if bend.column == OPEN:
-        return "no column seems to be a bend: give an angle, or points of a picture"
-    if bend.measures == BEND_ANGLE and bend.scale:
-        return (
-            f"{bend.column} is taken for the bend angle φ: if it is the angle of the tip, α, "
-            "correct measures to tip_tangent"
-        )
-    if bend.scale:
-        return ""
     (counts,) = (column for column in columns if column.name == bend.column)
     directions = np.array([-1.0 if wire.name == "left" else 1.0 for wire in mapping.wires])
     sign = side_of(bending(heats, counts.values), directions) if len(heats) else 0.0
@@ -226,23 +289,32 @@ def _times(table: LogTable, time: TimeColumn) -> tuple[np.ndarray, np.ndarray]:
     with contextlib.suppress(LogError):
         return times_of(table, time)
     # To see what follows what; the reading will tell.
-    return 0.1 * np.arange(len(table.cells)), np.ones(len(table.cells), bool)
+    return 0.1 * np.arange(table.num_rows), np.ones(table.num_rows, bool)
 
 
 def _stands_out(column: Column, value: float) -> bool:
     """Whether a number is in a column, far from all others there."""
+    if value not in column.values:
+        return False
     others = column.shown[~np.isin(column.shown, MISSING)]
-    if value not in column.shown or not len(others):
+    if not len(others):
         return False
     low, high = np.quantile(others, [0.01, 0.99])
     return not low - 2 * (high - low) - 1 < value < high + 2 * (high - low) + 1
 
 
-def _time(table: LogTable, columns: list[Column], notes: dict[str, str]) -> TimeColumn:
+def _time(
+    table: LogTable,
+    columns: list[Column],
+    notes: dict[str, tuple[str, str]],
+    asked: list[str],
+) -> TimeColumn:
     """The column that increases, in a unit in which its rate and its length are those of logs."""
     best: tuple[float, TimeColumn] | None = None
     standing = ""
     for column in columns:
+        if column.contradicts(TIME):
+            continue
         values, unit = column.values, ""
         if np.isnan(values).mean() > 0.5:
             values, unit = table.moments(column.name), "date"
@@ -254,44 +326,54 @@ def _time(table: LogTable, columns: list[Column], notes: dict[str, str]) -> Time
         if (steps > 0).sum() < 5 or (steps < 0).sum() > 0.002 * len(steps) + 1:
             standing = column.name if column.said(TIME) and len(column.words) == 1 else standing
             continue
+        if (steps == 1).all() and not column.said(TIME):
+            continue  # an index
         unit = unit or _unit_of_time(column, shown)
         if not unit:
             continue
-        scale, wraps = SECONDS[unit], 0.0
+        scale, wraps = SECONDS.get(unit, 1.0), 0.0
         for period in PERIODS if (steps < 0).any() else ():
             if np.abs(steps.min() * scale + period) < 0.01 * period:
                 wraps = period
         # A column of time says so, has a value of its own in most rows, and is no index.
         score = 2.0 * column.said(TIME) + (steps > 0).mean() - 1.5 * bool((steps == 1).all())
-        score -= 2.0 * (column.said(TEMPERATURE) and not column.said(TIME))
+        score -= 2.0 * (column.said(TEMPERATURE) and not column.said(TIME)) + (unit == OPEN)
         if best is None or score > best[0]:
             best = score, TimeColumn(column.name, unit, wraps)
     if standing and (best is None or best[0] < 2.0):
         return TimeColumn(standing)  # which reading refuses
     if best is None:
+        asked.append("time: no column is a time that increases, by its name, unit and numbers")
         return TimeColumn(OPEN)
-    notes[best[1].column] = f"time, in {best[1].unit}"
-    return best[1]
+    time = best[1]
+    notes[time.column] = f"time, {time.unit}", "it increases as a clock does"
+    if time.unit == OPEN:
+        asked.append(f"unit of {time.column}: its rows are too far apart, or too near, for its name")
+    return time
 
 
 def _unit_of_time(column: Column, shown: np.ndarray) -> str:
-    """The unit that the name says if it can be, else the first in which rate and length can be."""
+    """The unit that the name says, else the first in which rate and length can be; `OPEN` if the
+    name says one in which they cannot be.
+    """
     names = {"ms": "ms millis msec milliseconds millisec", "us": "us micros µs microseconds usec",
              "ns": "ns nanos nanoseconds nsec", "s": "s sec seconds secs sekunden",
              "min": "min minutes minuten", "d": "d days", "h": "h hours"}  # fmt: skip
     steps = np.diff(shown)
     usual, length = float(np.median(np.abs(steps[steps != 0]))), float(np.ptp(shown))
 
-    def can_be(unit: str) -> bool:
-        seconds = SECONDS[unit]
-        rate = 1 / (usual * seconds)
-        return RATES[0] < rate < RATES[1] and DURATIONS[0] < length * seconds < DURATIONS[1]
+    def can_be(unit: str, spare: float = 1.0) -> bool:
+        rate, duration = 1 / (usual * SECONDS[unit]), length * SECONDS[unit]
+        return (
+            RATES[0] / spare < rate < RATES[1] * spare
+            and DURATIONS[0] / spare < duration < DURATIONS[1] * spare
+        )
 
     said = [unit for unit, words in names.items() if set(column.words) & set(words.split())]
-    likely = [
-        unit for unit in ("s", "ms", "us", "ns", "min", "d") if can_be(unit) and _usual(usual, unit)
-    ]
-    return next(iter([u for u in said if can_be(u)] + likely), said[0] if said else "")
+    if said:
+        return next((unit for unit in said if can_be(unit, spare=10.0)), OPEN)
+    likely = ("s", "ms", "us", "ns", "min", "d")
+    return next((unit for unit in likely if can_be(unit) and _usual(usual, unit)), "")
 
 
 def _usual(step: float, unit: str) -> bool:
@@ -300,23 +382,28 @@ def _usual(step: float, unit: str) -> bool:
 
 
 def _duties(
-    columns: list[Column], times: np.ndarray, notes: dict[str, str]
+    columns: list[Column], times: np.ndarray, notes: dict[str, tuple[str, str]]
 ) -> tuple[list[Column], list[float]]:
     """The columns of duty, and the sign that heats; a signed one counts for both wires."""
     rated = []
     for column in columns:
-        values = column.shown
-        held = np.mean(np.diff(values) == 0)
+        if column.contradicts(DUTY) and column.quantities != {POWER} or _has(column.words, NOT_MEASURED):
+            continue
+        values, named = column.shown, column.said(DUTY) or SHARE in column.quantities
+        still = np.mean(np.diff(values) == 0)
         off = np.mean(values == 0)
-        if not column.said(DUTY) and (off < 0.05 or held < 0.5 or np.ptp(values) == 0):
+        if not named and (off < 0.05 or still < 0.5 or np.ptp(values) == 0):
             continue
-        if _has(column.words, NOT_MEASURED) or np.abs(values).max() > FULLS[-1]:
+        if np.abs(values).max() > FULLS[-1]:
             continue
-        score = (
-            2.0 * column.said(DUTY) + off + held - (column.said(TEMPERATURE) or column.said(BEND))
-        )
+        score = 2.0 * named + off + still - (column.said(TEMPERATURE) or column.said(BEND))
         if score > 0.8:
             rated.append((score, column))
+    named_ones = [pair for pair in rated if pair[0] > 2.0 and np.ptp(pair[1].shown) > 0]
+    # Without a name that says so, something has to follow its heat.
+    rated = named_ones and [pair for pair in rated if pair[0] > 2.0] or [
+        (score, c) for score, c in rated if score > 2.0 or _is_followed(c, columns, times)
+    ]
     heated = [pair for pair in rated if np.ptp(pair[1].shown) > 0] or rated
     if not heated:
         return [], []
@@ -327,11 +414,19 @@ def _duties(
     chosen = _best_pair(unsigned, columns, times)
     for _, column in unsigned:
         if column not in chosen:
-            notes[column.name] = "perhaps a duty; not used"
+            notes[column.name] = "not used", "it may be a duty, but less follows its heat"
     sides = [_side(column) for column in chosen]
     if sides == ["right", "left"]:
         chosen.reverse()
     return chosen, [1.0] * len(chosen)
+
+
+def _is_followed(duty: Column, columns: list[Column], times: np.ndarray) -> bool:
+    """Whether a column follows the heat of what may be a duty."""
+    heat = heat_of(times, held(duty.values))
+    return any(
+        abs(correlation(heat, column.values)) > FOLLOWED for column in columns if column != duty
+    )
 
 
 def _best_pair(
@@ -355,22 +450,42 @@ def _best_pair(
     return best
 
 
-def _full(duties: list[Column]) -> float:
-    """The number that means full duty: the least that is possible for all, unless it is a count."""
-    if not duties:
+def _full(duties: list[Column], asked: list[str]) -> float:
+    """The number that means full duty; 0 if the names, the units and the numbers do not tell."""
+    values = np.abs(np.concatenate([duty.shown for duty in duties] or [np.zeros(1)]))
+    most = float(values.max())
+    if not most:
         return 1.0
-    values = np.abs(np.concatenate([duty.shown for duty in duties]))
     words = {word for duty in duties for word in duty.words}
-    full = next(full for full in FULLS if values.max() <= full * 1.001)
-    if full <= 100.0 and words & {"%", "percent", "pct"}:
-        return 100.0
-    counted = "pwm" in words or (values % 5 != 0).any()  # per cent are mostly set in fives
-    if full == 100.0 and counted and (values % 1 == 0).all():
-        return 255.0
-    return full
+    ranges = {m[1] for d in duties if (m := re.search(r"\b0 ?(?:-|\.\.|to) ?(\d+)\b", d.name))}
+    full = next(full for full in FULLS if most <= full * 1.001)
+    whole, in_fives = (values % 1 == 0).all(), (values % 5 == 0).all()
+    if POWER in _quantities(duties):
+        sure, likely = False, "the power of a wire that is heated all the time"
+    elif len(ranges) == 1:
+        full, likely = float(ranges.pop()), ""
+        sure = most <= 1.001 * full
+    elif words & {"%", "percent", "pct"}:
+        full, likely = 100.0, "100 if it is per cent, as its name says, 1 if it is a share"
+        sure = 1.0 < most <= 100.1
+    elif full == 100.0 and not (whole and (most == 100.0 or (in_fives and "pwm" not in words))):
+        counted = whole and not in_fives and ("pwm" in words or COUNTS in _quantities(duties))
+        full, sure = 255.0 if counted else 100.0, counted or (not whole and most > VOLTS)
+        likely = "100 if it is per cent, 255 if it is counts of 8 bits"
+    else:
+        sure, likely = True, ""
+    if sure:
+        return full
+    names = " and ".join(dict.fromkeys(duty.name for duty in duties))
+    asked.append(f"full: the most in {names} is {most:g}: what is full duty? {likely}".rstrip())
+    return 0.0
 
 
-def _question(duties: list[Column], full: float) -> str:
+def _quantities(columns: list[Column]) -> set[str]:
+    return {quantity for column in columns for quantity in column.quantities}
+
+
+def _said_of_full(duties: list[Column], full: float) -> str:
     most = max((float(np.abs(duty.shown).max()) for duty in duties), default=0.0)
     names = " and ".join(dict.fromkeys(duty.name for duty in duties))
     if most in (0.0, full):
@@ -389,26 +504,29 @@ def _side(column: Column) -> str:
     return ""
 
 
-def _temperatures(columns: list[Column], heats: np.ndarray, notes: dict[str, str]) -> list[Column]:
+def _temperatures(
+    columns: list[Column], heats: np.ndarray, notes: dict[str, tuple[str, str]]
+) -> list[Column]:
     """The columns of thermocouples: of their names, of a room's warmth at least, after heat."""
     found = []
     for column in columns:
         values = column.shown
+        if column.contradicts(TEMPERATURE) or COUNTS in column.quantities:
+            continue
+        named = column.said(TEMPERATURE) or TEMPERATURE in column.quantities
         if _has(column.words, NOT_MEASURED) or not (
-            np.ptp(values) or (column.said(TEMPERATURE) and values[0] > ROOM)
+            np.ptp(values) or (named and values[0] > ROOM)
         ):
             continue
         low = np.quantile(values, 0.02)
         follows = max((correlation(heat, column.values) for heat in heats), default=0.0)
-        dips = np.quantile(values, 0.02) < values[: max(5, len(values) // 50)].mean() - 5.0
-        if not _warm(column) or (
-            column.said(BEND) and not _has(column.words, "temp temperature tc thermo")
-        ):
+        dips = low < values[: max(5, len(values) // 50)].mean() - 5.0
+        if not _warm(column) or (column.said(BEND) and TEMPERATURE not in column.quantities):
             continue
-        if column.said(TEMPERATURE) or (follows > 0.5 and low > 10.0 and not dips):
+        if named or (follows > FOLLOWED and low > 10.0 and not dips):
             found.append(column)
     for column in found:
-        notes[column.name] = "a temperature; not used"
+        notes[column.name] = "not used", "a temperature, but no wire's heat shows whose"
     return found
 
 
@@ -419,65 +537,113 @@ def _warm(column: Column) -> bool:
 
 
 def _unit(column: Column) -> str:
+    """The unit of a thermocouple: as its name says if it can be, or in which it was in a room."""
+    low, high = np.quantile(column.shown, [0.02, 1.0])
     first = float(np.median(column.shown[: max(5, len(column.shown) // 100)]))
-    first = min(first, float(np.quantile(column.shown, 0.1)))
-    if first > 200.0:
+    words = set(column.words)
+    kelvin = 250.0 < low < 400.0
+    if words & {"k", "kelvin"} and TEMPERATURE in column.quantities:
+        return "K" if kelvin else OPEN
+    if words & {"f", "degf", "fahrenheit"}:
+        return "F" if 30.0 < low < 250.0 else OPEN
+    if words & {"c", "degc", "celsius"} and TEMPERATURE in column.quantities:
+        return "C" if low < 120.0 else OPEN
+    if kelvin:
         return "K"
-    return "F" if first > 50.0 or set(column.words) & {"f", "degf", "fahrenheit"} else "C"
+    if low < WARM_ROOM:
+        return "C"
+    # A log in °C that starts warm and never cools looks as one in °F.
+    return "F" if high > TOO_HOT or first < low + 5.0 else OPEN
 
 
 def _bend(
-    table: LogTable,
     columns: list[Column],
+    table: LogTable,
     times: np.ndarray,
     heats: np.ndarray,
-    notes: dict[str, str],
+    notes: dict[str, tuple[str, str]],
+    asked: list[str],
 ) -> BendColumns:
     """The column of the bend, or the points of a picture."""
-    best: tuple[float, Column] | None = None
-    left: list[Column] = []
-    pairs = points(table.names)
+    pairs = points(
+        [
+            name
+            for name, unit in zip(table.names, table.units, strict=True)
+            if quantities_of(name, unit)[0] <= IN_PICTURES
+        ]
+    )
     taken = {name for pair in pairs for name in pair}
+    rated: list[tuple[float, Column]] = []
+    others: list[tuple[float, Column]] = []  # of another quantity
     for column in columns:
-        values = column.shown
-        if np.ptp(values) == 0 or (column.name in taken and not column.said(BEND)):
+        named = column.said(BEND) or ANGLE in column.quantities
+        if np.ptp(column.shown) == 0 or (column.name in taken and not named):
             continue
         if _has(column.words, NOT_MEASURED):
             continue
         follows = following(times, heats, column.values)
-        score = 1.5 * column.said(BEND) + follows - 0.5 * column.said(DUTY)
-        left.append(column)
-        if score > 0.5 and (best is None or score > best[0]):
-            best = score, column
-    if best is None and len(left) == 1 and not taken:
-        best = 0.0, left[0]
-    if best is None or (len(pairs) > 1 and not best[1].said(BEND)):
-        if len(pairs) < 2:
-            return BendColumns(OPEN)
+        score = 1.5 * named + follows - 0.5 * column.said(DUTY)
+        scaled = column.quantities == {COUNTS} or (named and column.quantities <= SCALED)
+        fits = not column.contradicts(BEND) or scaled
+        (rated if fits else others).append((score, column))
+    rated.sort(key=lambda pair: -pair[0])
+    best = rated[0][1] if rated and rated[0][0] > 0.5 else None
+    if best is None and len(rated) == 1 and not others and not heats.any() and not taken:
+        best = rated[0][1]  # which nothing can follow
+    if len(pairs) > 1 and not (best and best.said(BEND)):
         line = [pairs[0], pairs[-1]]
-        notes |= dict.fromkeys(taken, "a point of the limb, in a picture")
+        notes |= dict.fromkeys(taken, ("a point of the limb", "x and y in a picture"))
         zero = base_direction(table, pairs)
         return BendColumns(line=[*line[0], *line[1]], zero=zero, measures=CHORD)
-    column = best[1]
-    measures = BEND_ANGLE
-    if {"tip", "tangent", "alpha", "bendlabs"} & set(column.words):
-        measures = TIP_TANGENT
-    elif "chord" in column.words:
-        measures = CHORD
+    if best is None:
+        moving = [c for score, c in sorted(others, key=lambda pair: -pair[0]) if score > 0.5]
+        hint = "; ".join(f"{c.name} is {c.other_quantity}" for c in moving[:3])
+        asked.append(
+            "bend: no column seems to be the bend, which is an angle: give its column, or points "
+            "of a picture" + (f". {hint}: if it shows the bend, give its scale too" if hint else "")
+        )
+        return BendColumns(OPEN)
+    for score, rival in rated[1:]:
+        alike = abs(correlation(best.values, rival.values)) > SAME
+        if score > max(0.5, rated[0][0] - CLEARLY) and not alike:
+            asked.append(f"bend: {best.name} or {rival.name}? Both may be; give bend.column")
+            return BendColumns(OPEN)
+    return _bend_column(best, heats, notes)
+
+
+def _bend_column(
+    column: Column, heats: np.ndarray, notes: dict[str, tuple[str, str]]
+) -> BendColumns:
+    """How the bend is read from its column; with the scale 0 if that is not known."""
     words, values = set(column.words), column.shown
+    measures = BEND_ANGLE
+    if {"tip", "tangent", "alpha", "bendlabs"} & words:
+        measures = TIP_TANGENT
+    elif "chord" in words:
+        measures = CHORD
     rest = float(np.median(values[:FIRST]))
-    whole = np.mean(values == np.round(values)) > 0.99
     small = np.abs(values - np.median(values)).max() < RADIANS and len(heats) and heats.any()
+    angle = ANGLE in column.quantities or bool(words & {"bend", "bending", "biegung"})
     scale, unit, zero = 1.0, "degrees", 0.0
     if "mdeg" in words:
         scale, unit = 1e-3, "thousandths of degrees"
-    elif words & NO_ANGLES or np.ptp(values) > 360.0 or (whole and "raw" in words):
-        scale, unit = 0.0, "something whose scale the log does not have"
-    elif "rad" in words or (small and not words & {"deg", "°"}):
+    elif column.contradicts(BEND) or COUNTS in column.quantities or np.ptp(values) > 360.0:
+        scale = 0.0
+    elif "mrad" in words:
+        scale, unit = float(np.rad2deg(1e-3)), "thousandths of radians"
+    elif words & {"rad", "rads", "radians"}:
         scale, unit = float(np.rad2deg(1.0)), "radians"
-        if abs(rest) * scale > FARTHEST and "rad" not in words:
-            scale, unit = 0.0, "something whose scale the log does not have"
+        if np.ptp(values) > 2 * np.pi:
+            scale = 0.0  # its numbers contradict its name
+    elif small and not words & {"deg", "degree", "degrees", "°", "grad"}:
+        scale, unit = float(np.rad2deg(1.0)), "radians"
+        # Small numbers of a sensor may be volts or metres as well.
+        if abs(rest) * scale > FARTHEST or (column.said(BEND) and not angle):
+            scale = 0.0
     if not scale or abs(rest) * scale > FARTHEST:
         zero = rest  # of a limb that is taken to rest straight
-    notes[column.name] = f"the bend ({measures}), in {unit}"
+    unit = unit if scale else "in an unknown unit"
+    why = column.said_by if ANGLE in column.quantities else ""
+    why = why or ("its name" if column.said(BEND) else "it follows the heat")
+    notes[column.name] = f"the bend ({measures}), {unit}", why
     return BendColumns(column.name, zero=zero, scale=scale, measures=measures)

@@ -14,7 +14,7 @@ from limb_systems.logs.formats import LimbInLog
 from limb_systems.logs.guess import limbs_in_log
 from limb_systems.logs.mapping import LogMapping
 from limb_systems.logs.reading import read_log
-from limb_systems.logs.table import LogError
+from limb_systems.logs.table import LogError, read_table
 from limb_systems.model.parameters import LimbParameters
 
 
@@ -35,6 +35,11 @@ class ImportedLog:
     recordings: list[Recording]
     remarks: list[str]
     error: str
+
+    @property
+    def asks(self) -> bool:
+        """Whether the mapping lacks something that the log does not tell."""
+        return bool(self.limb.mapping.open or self.limb.mapping.open_units)
 
     @property
     def stem(self) -> str:
@@ -68,8 +73,9 @@ def import_logs(
     Raises:
         LogError: if one is no table of text with rows of numbers, or not as the given mapping says.
     """
+    table = read_table(paths[0]) if len(paths) == 1 and not mapping else None  # not many at once
     found = {
-        Path(path): [LimbInLog("", mapping, [], [])] if mapping else limbs_in_log(path)
+        Path(path): [LimbInLog("", mapping, [], [])] if mapping else limbs_in_log(path, table)
         for path in paths
     }
     shown: dict[tuple, LimbInLog] = {}
@@ -87,7 +93,7 @@ def import_logs(
             if other := shown.get(_columns(limb)):
                 limb = _joined(limb, other)
             try:
-                parts, remarks = read_log(path, limb.mapping, parameters)
+                parts, remarks = read_log(path, limb.mapping, parameters, table)
                 recordings, error = [Recording(**part) for part in parts], ""
             except LogError as problem:
                 if mapping:
@@ -108,9 +114,12 @@ def _joined(limb: LimbInLog, other: LimbInLog | None) -> LimbInLog:
     """A limb in a log, with what only another log of the same columns shows."""
     if other is None:
         return limb
-    mapping = copy.deepcopy(limb.mapping if limb.heated else other.mapping)
+    own = limb.mapping
+    mapping = copy.deepcopy(own if limb.heated else other.mapping)
+    mapping.delimiter, mapping.decimal = own.delimiter, own.decimal
+    mapping.names_line, mapping.time = own.names_line, own.time
     agreement = list(limb.agreement)
-    mapping.full = max(mapping.full, other.mapping.full)
+    mapping.full = max(mapping.full, other.mapping.full)  # 0 if a log does not tell
     for index, wire in enumerate(other.mapping.wires):
         if not agreement[index] and other.agreement[index]:
             mapping.wires[index], agreement[index] = copy.deepcopy(wire), other.agreement[index]

@@ -22,7 +22,8 @@ MEASURES = (BEND_ANGLE, CHORD, TIP_TANGENT)
 class TimeColumn(Strict):
     """The column of time.
 
-    - ``unit``: "s", "ms", "us", "ns", "min", "h" or "d"; "date" for dates or times of day.
+    - ``unit``: "s", "ms", "us", "ns", "min", "h" or "d"; "date" for dates or times of day;
+      `OPEN` if it is not known.
     - ``wraps_after``: period after which the numbers begin anew, such as a day, s; 0 for never.
     """
 
@@ -39,7 +40,7 @@ class WireColumns(Strict):
     - ``duty``: column of its duty; empty if it was never heated.
     - ``sign``: 1, or -1 where it is negative numbers of a signed column that heat this wire.
     - ``temperature``: column of its thermocouple; empty if it has none.
-    - ``unit``: "C", "F" or "K".
+    - ``unit``: "C", "F" or "K"; `OPEN` if it is not known.
     """
 
     name: str
@@ -60,7 +61,7 @@ class BendColumns(Strict):
       limb is mounted on moves: the direction at the last of them is subtracted.
     - ``zero``: number, or direction of the line, °, of the straight limb.
     - ``scale``: degrees that one unit is; negative if the limb bends to its +E2 side, that of
-      the right wire, when numbers decrease.
+      the right wire, when numbers decrease; 0 if it is not known.
     - ``measures``: "bend_angle" for φ; "chord" for the angle of the line from base to tip;
       "tip_tangent" for α, which is halved (8).
     """
@@ -68,8 +69,8 @@ class BendColumns(Strict):
     column: str = ""
     line: list[str] = dataclasses.field(default_factory=list)
     base_line: list[str] = dataclasses.field(default_factory=list)
-    zero: float = 0.0
-    scale: float = 1.0
+    zero: float = quantity(0.0, "", -1e12, 1e12)
+    scale: float = quantity(1.0, "", -1e6, 1e6)
     measures: str = BEND_ANGLE
 
 
@@ -78,19 +79,19 @@ class LogMapping(Strict):
     """A mapping from a log's columns to a limb of one segment.
 
     - ``time``, ``wires``, ``bend``: the columns.
-    - ``full``: number that is full duty, such as 1, 100 or 255.
+    - ``full``: number that is full duty, such as 1, 100 or 255; 0 if it is not known.
     - ``rate``: rate at which the log is sampled evenly, Hz; 0 for that of most of its rows.
     - ``missing``: numbers that stand for a reading that is missing, such as -999.
     - ``delimiter``, ``decimal``, ``names_line``: as in `LogTable`.
 
     Raises:
-        LogError: at construction, if a word is none of those above.
+        LogError: at construction, if a word is none of those above, or two signals have one column.
     """
 
     time: TimeColumn
     wires: list[WireColumns]
     bend: BendColumns
-    full: float = quantity(1.0, "", 1e-9, 1e9)
+    full: float = quantity(1.0, "", 0.0, 1e9)
     rate: float = quantity(0.0, "Hz", 0.0, 1000.0)
     missing: list[float] = dataclasses.field(default_factory=list)
     delimiter: str = ","
@@ -106,7 +107,7 @@ class LogMapping(Strict):
         ]
         words += [(f"wires[{i}].unit", wire.unit, CELSIUS) for i, wire in enumerate(self.wires)]
         for where, word, known in words:
-            if word not in known:
+            if word not in known and not (word == OPEN and where.endswith("unit")):
                 raise LogError(f"{where} is {word!r}; it must be one of {', '.join(known)}.")
         if len(self.bend.line) not in (0, 4) or len(self.bend.base_line) not in (0, 4, 6):
             raise LogError(
@@ -116,6 +117,30 @@ class LogMapping(Strict):
             raise LogError("bend must have either a column or a line.")
         if not self.wires:
             raise LogError("wires must have at least one wire.")
+        for wire in self.wires:
+            if wire.sign not in (-1.0, 1.0):
+                raise LogError(f"sign of the {wire.name} wire is {wire.sign:g}; it must be 1 or -1.")
+        names = [wire.name for wire in self.wires]
+        if twice := next((name for name in names if names.count(name) > 1), ""):
+            raise LogError(f"wires has two wires of the name {twice!r}.")
+        self._check_columns()
+
+    def _check_columns(self) -> None:
+        """Raises LogError if a column stands for two signals."""
+        taken: dict[str, tuple[str, float]] = {}
+        signals = [("time", self.time.column, 0.0), ("the bend", self.bend.column, 0.0)]
+        for wire in self.wires:
+            signals.append((f"duty of the {wire.name} wire", wire.duty, wire.sign))
+            signals.append((f"temperature of the {wire.name} wire", wire.temperature, 0.0))
+        for signal, column, sign in signals:
+            if column in ("", OPEN):
+                continue
+            other, sign_of_other = taken.setdefault(column, (signal, sign))
+            # A signed column heats one wire by its positive numbers, another by its negative ones.
+            if other != signal and not sign * sign_of_other < 0:
+                raise LogError(
+                    f"the column {column!r} is given for {other} and for {signal}; each has its own."
+                )
 
     @property
     def open(self) -> list[str]:
@@ -123,6 +148,14 @@ class LogMapping(Strict):
         columns = {"time": self.time.column, "the bend": self.bend.column}
         columns |= {f"duty of the {wire.name} wire": wire.duty for wire in self.wires}
         return [what for what, column in columns.items() if column == OPEN]
+
+    @property
+    def open_units(self) -> list[str]:
+        """The columns of which no unit is given."""
+        columns = {self.time.column: self.time.unit == OPEN, self.bend.column: not self.bend.scale}
+        for wire in self.wires:
+            columns |= {wire.temperature: wire.unit == OPEN, wire.duty: not self.full}
+        return [column for column, asked in columns.items() if asked and column not in ("", OPEN)]
 
     def save(self, path: str | Path, remarks: Iterable[str] = ()) -> None:
         """Writes YAML, with remarks above it as comments."""

@@ -12,6 +12,7 @@ from limb_systems.logs.mapping import (
     BEND_ANGLE,
     CELSIUS,
     CHORD,
+    OPEN,
     SECONDS,
     TIP_TANGENT,
     LogMapping,
@@ -38,30 +39,49 @@ REPEATED = 5  # rows in which points of a picture are exactly where they were, a
 COARSE = 0.5  # share of rows whose time is repeated, from which on times are rounded
 OVER = 0.05  # by which duty may exceed full duty, and is cut off
 READABLE = -60.0, 600.0  # °C, of readings that a thermocouple can have
+RARELY = 0.05  # share of rows in which a sensor may fail
+MOST = 1_000_000  # samples of a recording; a file of more may be too large to be read again
 
 
 def read_log(
-    path: str | Path, mapping: LogMapping, parameters: LimbParameters | None = None
+    path: str | Path,
+    mapping: LogMapping,
+    parameters: LimbParameters | None = None,
+    table: LogTable | None = None,
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """The parts of a log, as arguments of `Recording`, and what was lost, in sentences.
 
     Args:
+        table: the log's rows; they are read if None.
         parameters: the limb's description; the nominal limb, with the wires of the mapping, if
             None.
 
     Raises:
         LogError: if the log is not as the mapping says.
     """
-    if mapping.open:
-        what = ", ".join(mapping.open)
-        raise LogError(f"{path}: no column is known for {what}; give it in the mapping.")
-    table = read_table(path, mapping.delimiter, mapping.decimal, mapping.names_line)
+    if question := _question(mapping):
+        raise LogError(f"{path}: {question}")
+    table = table or read_table(path, mapping.delimiter, mapping.decimal, mapping.names_line)
     try:
         if is_reversed(stamps(table, mapping.time)):
             table = table.oldest_first()
         return _parts(table, mapping, described(mapping, parameters), Path(path).name)
     except LogError as error:
         raise LogError(f"{path}: {error}") from error
+
+
+def _question(mapping: LogMapping) -> str:
+    """What a mapping has to say before its log can be read, in a sentence; empty if nothing."""
+    if mapping.open:
+        return f"no column is known for {', '.join(mapping.open)}; give it in the mapping."
+    if mapping.open_units == [mapping.bend.column]:
+        return (
+            f"what a unit of {mapping.bend.column!r} is cannot be known: give the degrees that it "
+            "is as bend.scale in the mapping, negative if the limb bends towards the right wire "
+            "when the numbers decrease, and the number of the straight limb as bend.zero."
+        )
+    units = ", ".join(mapping.open_units)
+    return f"the unit of {units} cannot be known; give it in the mapping." if units else ""
 
 
 def described(mapping: LogMapping, parameters: LimbParameters | None) -> LimbParameters:
@@ -155,7 +175,13 @@ def _signals(
             factor, offset = CELSIUS[wire.unit]
             values = _without(table.numbers(wire.temperature)[kept], mapping.missing)
             values = factor * values + offset
-            values[(values < READABLE[0]) | (values > READABLE[1])] = np.nan
+            unreadable = (values < READABLE[0]) | (values > READABLE[1])
+            if unreadable.mean() > 0.5:
+                raise LogError(
+                    f"the column {wire.temperature!r} is beyond {READABLE[0]:g} to "
+                    f"{READABLE[1]:g} °C in most rows; correct its unit."
+                )
+            values[unreadable] = np.nan
             readings[index] = values
         elif wire.duty:
             remarks.append(f"The {wire.name} wire has no thermocouple in this log.")
@@ -207,6 +233,8 @@ def stamps(table: LogTable, column: TimeColumn) -> np.ndarray:
         times = table.moments(column.column)
         if np.fmax.reduce(times) < 0:  # times of day alone, which are of the year 1900
             times = _unwrapped(times, DAY)
+    elif column.unit == OPEN:
+        raise LogError(f"the unit of the column {column.column!r} is not known.")
     else:
         times = table.numbers(column.column) * SECONDS[column.unit]
     if column.wraps_after:
@@ -278,15 +306,9 @@ def bend_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
     """φ in each row (K,), rad; nan where it is missing.
 
     Raises:
-        LogError: if the mapping does not say what a unit is.
+        LogError: if it leaves ±180° for longer than a sensor that fails now and then.
     """
     bend = mapping.bend
-    if not bend.scale:
-        raise LogError(
-            f"what a unit of {bend.column!r} is cannot be known: give the degrees that it is as "
-            "bend.scale in the mapping, negative if the limb bends towards the right wire when "
-            "the numbers decrease, and the number of the straight limb as bend.zero."
-        )
     if bend.line:
         angle = np.rad2deg(_directions(table, bend.line, mapping.missing)[0])
         if bend.base_line:
@@ -296,6 +318,13 @@ def bend_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
         angle = _wrapped(angle - bend.zero) * bend.scale
     else:
         angle = (_without(table.numbers(bend.column), mapping.missing) - bend.zero) * bend.scale
+    beyond = float((np.abs(angle) > 180.0).mean())
+    if beyond > RARELY:
+        most = float(np.nanquantile(np.abs(angle), 0.99))
+        raise LogError(
+            f"the bend would be up to {most:.3g}°, and beyond ±180° in {beyond:.0%} of all rows; "
+            "correct bend.scale or bend.zero."
+        )
     angle = np.deg2rad(angle)
     return bend_angle_from_tip_tangent(angle) if bend.measures == TIP_TANGENT else angle
 

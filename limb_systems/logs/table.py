@@ -1,28 +1,39 @@
-"""A log as a table of text: its encoding, its delimiter, its line of names."""
+"""A log as a table of numbers: its encoding, its delimiter, its line of names."""
 
+import codecs
 import csv
 import dataclasses
 import datetime
+import functools
+import io
+import itertools
 import math
 import re
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from limb_systems.errors import LimbError
 from limb_systems.input import LARGEST_TABLE, read_bytes
+from limb_systems.logs.quantities import is_unit, unit_quantity
+from limb_systems.progress import Progress
 
 # As mappings call them; the last one stands for any white space.
 DELIMITERS = {",": ",", ";": ";", "tab": "\t", "|": "|", "space": None}
 LOOKED_AT = 200  # rows by which the delimiter is told
 FEWEST_ROWS = 10
-_TIMES = ("%H:%M:%S.%f", "%H:%M:%S", "%d.%m.%Y %H:%M:%S.%f", "%d.%m.%Y %H:%M:%S",
-          "%m/%d/%Y %H:%M:%S.%f", "%m/%d/%Y %H:%M:%S", "%m/%d/%Y %I:%M:%S %p")  # fmt: skip
+LONGEST_LINE = 100_000  # characters
+LONGEST_HEAD = 10_000  # lines before the first row of numbers
+BLOCK = 20_000  # rows that are texts at a time
+_PIECE = 2**18  # bytes, of which the rows that are looked at are
 _SWITCHED = {"on": 1.0, "off": 0.0, "true": 1.0, "false": 0.0}
-_DATED = re.compile(r"\d+\D\d+\D\d+")
-_UNIT = re.compile(
-    r"[\[(]?(m?s|us|µs|sec|h|min|°?[CFK]|deg[CF]?|rad|°|%|-|1|V|A|counts?|px)?[\])]?"
+_AMOUNT = re.compile(r"([-+.,\d]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)")
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?")
+_MOMENT = re.compile(
+    r"(?:(\d{4})[-/.](\d\d?)[-/.](\d\d?)|(\d\d?)([./-])(\d\d?)[./-](\d{4}))?[ T_]*"
+    r"(\d+):(\d\d):(\d\d)(?:[.:](\d+))?\s*([AaPp][Mm])?\s*(Z|[-+]\d\d:?\d\d)?"
 )
 
 
@@ -30,14 +41,14 @@ class LogError(LimbError):
     """A log cannot be read, or not by its mapping."""
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class LogTable:
-    """The rows of a log, as text.
+    """The rows of a log, as numbers.
 
-    - ``names``: names of the columns; ``column_1`` and so on where the log has none.
+    - ``names``: names of the N columns; ``column_1`` and so on where the log has none.
     - ``units``: units in a row under the names; empty texts if there is no such row.
-    - ``cells``: rows of as many cells.
-    - ``head``: lines before the names.
+    - ``values``: the number in each cell, a column (K,) for each name; nan where a cell has none.
+    - ``dates``: the moment in each cell, s, of columns that have dates or times of day (K,).
     - ``delimiter``: what is between cells, one of `DELIMITERS`.
     - ``decimal``: decimal mark of numbers.
     - ``names_line``: number of the line of names, from 1; 0 if there is none.
@@ -46,69 +57,88 @@ class LogTable:
 
     names: list[str]
     units: list[str]
-    cells: list[list[str]]
-    head: list[str]
+    values: list[np.ndarray]
+    dates: dict[str, np.ndarray]
     delimiter: str
     decimal: str
     names_line: int
     odd_rows: int
 
-    def texts(self, name: str) -> list[str]:
-        """The cells of a column (K,); LogError if there is none of that name."""
-        if name not in self.names:
-            raise LogError(f"no column {name!r}; the columns are {', '.join(self.names)}.")
-        index = self.names.index(name)
-        return [row[index] for row in self.cells]
+    @property
+    def num_rows(self) -> int:
+        """The number K of rows."""
+        return len(self.values[0])
 
     def numbers(self, name: str) -> np.ndarray:
-        """The numbers of a column (K,); nan where a cell has none."""
-        return np.array([number(text, self.decimal) for text in self.texts(name)])
-
-    def oldest_first(self) -> "LogTable":
-        """The same with its rows in the other order."""
-        return dataclasses.replace(self, cells=self.cells[::-1])
+        """The numbers of a column (K,); LogError if there is none of that name."""
+        if name not in self.names:
+            raise LogError(f"no column {name!r}; the columns are {', '.join(self.names)}.")
+        return self.values[self.names.index(name)]
 
     def moments(self, name: str) -> np.ndarray:
         """The dates or times of day of a column (K,), s since any of them; nan where none is."""
-        return np.array([_moment(text) for text in self.texts(name)])
+        return self.dates.get(name, np.full(self.numbers(name).shape, np.nan))
+
+    def oldest_first(self) -> "LogTable":
+        """The same with its rows in the other order."""
+        return dataclasses.replace(
+            self,
+            values=[column[::-1] for column in self.values],
+            dates={name: column[::-1] for name, column in self.dates.items()},
+        )
 
 
 def number(text: str, decimal: str = ".") -> float:
     """The number in a cell; nan if it has none, or one that is not finite."""
     if decimal == ",":
-        text = text.replace(".", "").replace(",", ".") if text.count(",") == 1 else text
+        german = text.count(",") == 1 and text.rfind(".") < text.find(",")
+        text = text.replace(".", "").replace(",", ".") if german else text
     try:
         value = float(text)
     except ValueError:
+        text = text.strip()
         if (word := text.lower()) in _SWITCHED:
             return _SWITCHED[word]
-        amount, _, unit = text.partition(" ")
-        return number(amount, decimal) if unit and _UNIT.fullmatch(unit) else math.nan
+        if _THOUSANDS.fullmatch(text):
+            return float(text.replace(",", ""))
+        amount = _AMOUNT.fullmatch(text)
+        return number(amount[1]) if amount and unit_quantity(amount[2]) else math.nan
     return value if math.isfinite(value) else math.nan
 
 
-def _moment(text: str) -> float:
-    text = text.strip().replace(",", ".")
-    if not _DATED.match(text):
+@functools.lru_cache(maxsize=16)
+def _seconds_of_date(year: int, month: int, day: int) -> float:
+    return datetime.datetime(year, month, day, tzinfo=datetime.UTC).timestamp()
+
+
+def moment(text: str) -> float:
+    """The date and time in a cell, or its time of day, s; nan if it has none.
+
+    Times of day alone are of the year 1900, and negative.
+    """
+    found = _MOMENT.fullmatch(text.strip().replace(",", "."))
+    if not found:
         return math.nan
+    year, month, day, first, mark, second, last, *clock = found.groups()
+    if first:  # 31.12.2025, or 12/31/2025 unless there is no such month
+        american = mark == "/" and int(first) <= 12
+        year, month, day = last, *((first, second) if american else (second, first))
+    hours, minutes, seconds, fraction, half, zone = clock
+    time = 3600.0 * int(hours) + 60.0 * int(minutes) + float(f"{seconds}.{fraction or 0}")
+    if half:
+        time += 3600.0 * (12 * (half[0] in "Pp") - 12 * (int(hours) == 12))
+    if zone and zone != "Z":
+        time -= (3600.0 * int(zone[1:3]) + 60.0 * int(zone[-2:])) * (-1 if zone[0] == "-" else 1)
     try:
-        moment = datetime.datetime.fromisoformat(text)
+        return _seconds_of_date(int(year or 1900), int(month or 1), int(day or 1)) + time
     except ValueError:
-        for form in _TIMES:
-            try:
-                moment = datetime.datetime.strptime(text, form)
-                break
-            except ValueError:
-                continue
-        else:
-            return math.nan
-    return moment.replace(tzinfo=moment.tzinfo or datetime.UTC).timestamp()
+        return math.nan
 
 
 def read_table(
     path: str | Path, delimiter: str = "", decimal: str = "", names_line: int | None = None
 ) -> LogTable:
-    """Reads a log whatever wrote it.
+    """Reads a log whatever wrote it, and shows how far it is on a terminal.
 
     Args:
         delimiter, decimal, names_line: as in `LogTable`; what the log itself shows if left out.
@@ -116,59 +146,152 @@ def read_table(
     Raises:
         LogError: with one sentence, if it is no table of text with rows of numbers.
     """
-    lines = _text(path).splitlines()
-    if lines and (own := re.match(r"# limb (\w+), format ", lines[0])):
-        raise LogError(f"{path} is no log, but a {own[1]} of soft-limb, which is read as it is.")
+    data = read_bytes(path, "log", LARGEST_TABLE, LogError)
+    if own := re.match(rb"(?:\xef\xbb\xbf)?# limb (\w+), format ", data):
+        raise LogError(
+            f"{path} is no log, but a {own[1].decode()} of soft-limb, which is read as it is."
+        )
+    encoding = _encoding(data, path)
+    sample = _sample(data, encoding)
     choices = [delimiter] if delimiter else list(DELIMITERS)
     delimiter, width, decimal = max(
-        ((d, *_shape(lines, d, decimal)) for d in choices), key=lambda shape: shape[3]
+        ((d, *_shape(sample, d, decimal)) for d in choices), key=lambda shape: shape[3]
     )[:3]
-    rows = [_split(line, delimiter) for line in lines]
-    first = next(
-        (
-            index
-            for index, row in enumerate(rows)
-            if index >= (names_line or 0) and len(row) == width and _is_of_numbers(row, decimal)
-        ),
-        None,
-    )
-    if first is None or width < 2:
-        raise LogError(f"{path} has no rows of numbers between delimiters; is it a log?")
+    lines = _lines(data, encoding, path)
+    del data
+    head: list[list[str]] = []
+    no_rows = LogError(f"{path} has no rows of numbers between delimiters; is it a log?")
+    for line in lines:
+        row = _split(line, delimiter)
+        if len(head) >= (names_line or 0) and len(row) == width > 1 and _is_of_numbers(row, decimal):
+            lines = itertools.chain([line], lines)
+            break
+        head.append(row)
+        if len(head) > LONGEST_HEAD:
+            raise no_rows
+    else:
+        raise no_rows
     if names_line is None:
-        names_line = _names_line(rows, first, width)
-    names = rows[names_line - 1] if names_line else []
-    cells = [row for row in rows[first:] if len(row) == width and any(row)]
-    odd = sum(any(row) for row in rows[first:]) - len(cells)
-    if len(cells) < FEWEST_ROWS:
-        raise LogError(f"{path} has only {len(cells)} rows of numbers.")
-    head = lines[: (names_line or first + 1) - 1]
-    below = rows[names_line] if names_line and names_line < first else []
+        names_line = _names_line(head, width)
+    below = head[names_line] if names_line and names_line < len(head) else []
     units = below if len(below) == width else [""] * width
-    return LogTable(_unique(names, width), units, cells, head, delimiter, decimal, names_line, odd)
+    names = _unique(head[names_line - 1] if names_line else [], width)
+    values, dates, odd = _columns(lines, delimiter, decimal, names)
+    if len(values[0]) < FEWEST_ROWS:
+        raise LogError(f"{path} has only {len(values[0])} rows of numbers.")
+    return LogTable(names, units, values, dates, delimiter, decimal, names_line, odd)
 
 
-def _text(path: str | Path) -> str:
-    data = read_bytes(path, "log", LARGEST_TABLE, LogError)
+def _encoding(data: bytes, path: str | Path) -> str:
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return data.decode("utf-16", errors="replace")
-    if b"\0" in data[:4096]:
+        return "utf-16"
+    if zeros := data[:4096].count(b"\0"):
+        # Half of the bytes of text in UTF-16 are zero, always the same half.
+        for encoding, start in (("utf-16-le", 1), ("utf-16-be", 0)):
+            if data[start:4096:2].count(b"\0") == zeros > 0.4 * len(data[:4096]):
+                return encoding
         raise LogError(f"{path} is not text; save the log as CSV.")
+    decoder = codecs.getincrementaldecoder("utf-8")()
     try:
-        return data.decode("utf-8-sig")
+        for start in range(0, len(data), 2**20):
+            decoder.decode(data[start : start + 2**20])
     except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
+        return "cp1252"
+    return "utf-8-sig"
+
+
+def _sample(data: bytes, encoding: str) -> list[str]:
+    """Lines from the middle of a log."""
+    if len(data) <= _PIECE:
+        return data.decode(encoding, errors="replace").splitlines()
+    middle = (len(data) - _PIECE) // 4 * 2  # a character of UTF-16 begins at even bytes
+    codec = "utf-16-be" if data[:2] == b"\xfe\xff" else "utf-16-le" if encoding == "utf-16" else encoding
+    return data[middle : middle + _PIECE].decode(codec, errors="replace").splitlines()[1:-1]
+
+
+def _lines(data: bytes, encoding: str, path: str | Path) -> Iterator[str]:
+    """The lines of a log, without their ends."""
+    binary = io.BytesIO(data)
+    text = io.TextIOWrapper(binary, encoding, errors="replace")
+    with Progress(f"reading {Path(path).name}", round(len(data) / 1e6, 1), "MB") as progress:
+        for number in itertools.count(1):
+            if not (line := text.readline(LONGEST_LINE)):
+                return
+            if len(line) == LONGEST_LINE and line[-1] != "\n":
+                raise LogError(
+                    f"{path} has more than {LONGEST_LINE} characters in line {number}; "
+                    "a row of a log is shorter: save the log with a line for each row."
+                )
+            if number % 1000 == 0:
+                progress.update(binary.tell() / 1e6)
+            yield line.removesuffix("\n")
+
+
+def _columns(
+    lines: Iterator[str], delimiter: str, decimal: str, names: list[str]
+) -> tuple[list[np.ndarray], dict[str, np.ndarray], int]:
+    """The numbers and the moments of columns, from rows of text; how many rows are odd.
+
+    The texts of `BLOCK` rows at a time are in memory.
+    """
+    numbers: list[list[np.ndarray]] = [[] for _ in names]
+    moments: list[dict[int, np.ndarray]] = [{} for _ in names]  # by block
+    odd = 0
+    while block := list(itertools.islice(lines, BLOCK)):
+        rows = _rows(block, delimiter)
+        full = [row for row in rows if len(row) == len(names) and any(row)]
+        odd += sum(any(row) for row in rows) - len(full)
+        for cells, of_numbers, of_moments in zip(
+            zip(*full, strict=True), numbers, moments, strict=False
+        ):
+            of_numbers.append(_numbers(cells, decimal))
+            if of_moments or np.isnan(of_numbers[-1]).all():
+                found = np.array([moment(cell) for cell in cells])
+                if of_moments or not np.isnan(found).all():
+                    of_moments[len(of_numbers) - 1] = found
+    values, dates = [], {}
+    for name, of_numbers, of_moments in zip(names, numbers, moments, strict=True):
+        if of_moments:
+            parts = [of_moments.get(i, np.full(len(p), np.nan)) for i, p in enumerate(of_numbers)]
+            dates[name] = np.concatenate(parts)
+        values.append(np.concatenate(of_numbers) if of_numbers else np.empty(0))
+        of_numbers.clear()
+    return values, dates, odd
+
+
+def _numbers(cells: tuple[str, ...], decimal: str) -> np.ndarray:
+    """The numbers in a column's cells (K,)."""
+    try:
+        values = np.fromiter(map(float, cells), float, len(cells))
+    except ValueError:
+        known: dict[str, float] = {}
+        for cell in cells:
+            if cell not in known:
+                known[cell] = number(cell, decimal)
+        values = np.fromiter(map(known.__getitem__, cells), float, len(cells))
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _rows(lines: list[str], delimiter: str) -> list[list[str]]:
+    character = DELIMITERS[delimiter]
+    if character and not any('"' in line for line in lines):
+        return [line.split(character) for line in lines]
+    return [_split(line, delimiter) for line in lines]
 
 
 def _split(line: str, delimiter: str) -> list[str]:
     if not (character := DELIMITERS[delimiter]):
         return line.split()
-    cells = next(csv.reader([line], delimiter=character), [])
+    # A quote that is never closed is a character of its cell.
+    quoted = line.count('"') % 2 == 0
+    quoting = csv.QUOTE_MINIMAL if quoted else csv.QUOTE_NONE
+    cells = next(csv.reader([line], delimiter=character, quoting=quoting), [])
     return [cell.strip() for cell in cells]
 
 
 def _shape(lines: list[str], delimiter: str, decimal: str) -> tuple[int, str, float]:
     """Cells in most rows with a delimiter, their decimal mark, and how well that fits (0 to 1)."""
-    full = [line for line in lines if line.strip()]
+    full = [line for line in lines if line.strip() and len(line) < LONGEST_LINE]
     start = max(0, (len(full) - LOOKED_AT) // 2)
     rows = [_split(line, delimiter) for line in full[start : start + LOOKED_AT]]
     if not rows:
@@ -178,29 +301,37 @@ def _shape(lines: list[str], delimiter: str, decimal: str) -> tuple[int, str, fl
         return width, ".", 0.0
     cells = [cell for row in rows if len(row) == width for cell in row if cell]
     marks = [decimal] if decimal else [".", ","]
-    shares = [
-        np.mean([not math.isnan(number(c, mark)) or not math.isnan(_moment(c)) for c in cells])
-        for mark in marks
-    ]
+    shares = [np.mean([_is_written(cell, mark) for cell in cells]) for mark in marks]
     best = int(np.argmax(shares))
     return width, marks[best], float(shares[best]) * count / len(rows) if cells else 0.0
 
 
+def _is_written(cell: str, mark: str) -> bool:
+    """Whether a cell is a moment, or a number with a decimal mark and no other."""
+    if not math.isnan(moment(cell)):
+        return True
+    other = "." if mark == "," else ","
+    alone = other not in cell or (mark == "," in cell)
+    return alone and not math.isnan(number(cell, mark))
+
+
 def _is_of_numbers(row: list[str], decimal: str) -> bool:
     full = [cell for cell in row if cell]
-    known = sum(not (math.isnan(number(c, decimal)) and math.isnan(_moment(c))) for c in full)
-    return known >= max(2, 0.5 * len(full))
+    known = sum(not (math.isnan(number(c, decimal)) and math.isnan(moment(c))) for c in full)
+    return known >= max(2, 0.3 * len(full))
 
 
-def _names_line(rows: list[list[str]], first: int, width: int) -> int:
+def _names_line(head: list[list[str]], width: int) -> int:
     """Number of the line of names before the first row of numbers; 0 if there is none."""
-    for index in range(first - 1, -1, -1):
-        row = rows[index]
+    for index in range(len(head) - 1, -1, -1):
+        row = head[index]
         if not any(row):
             continue
         if len(row) not in (width - 1, width, width + 1):  # it may lack a cell, or begin with "#"
             return 0
-        if not all(_UNIT.fullmatch(cell) for cell in row):
+        known = sum(is_unit(cell) for cell in row)
+        above = head[index - 1] if index else []
+        if known < len(row) and (known < 0.5 * len(row) or len(above) != len(row)):
             return index + 1
     return 0
 

@@ -16,6 +16,9 @@ from soft_limb.commands.chain import fit_line, shell_line, usable_of
 from soft_limb.commands.options import Command, Option, print_summary, shared
 
 
+ASKED = 2  # exit status: a log leaves something open, which the mapping has to say
+
+
 def _import(options: argparse.Namespace) -> int:
     check_folder(options.output)
     parameters = LimbParameters.load(options.limb) if options.limb else None
@@ -43,10 +46,10 @@ def _import(options: argparse.Namespace) -> int:
             print(f"{summary}\n")
     for path, recording in recordings.items():
         recording.save(path)
-    failed = any(log.error for log in logs)
+    failed = [log for log in logs if log.error]
     text = "" if failed else "\n".join(_next(options.output, recordings, heated))
     print_summary(options, Summary.of({"next": text}, {"logs": told}), written)
-    return int(failed)
+    return ASKED if any(log.asks for log in failed) else int(bool(failed))
 
 
 def _of_kind(log: ImportedLog, kind: str | None) -> Iterator[Remark]:

@@ -401,7 +401,7 @@ def test_cells_that_are_no_finite_numbers_are_refused_with_their_place(tmp_path,
                 refuse_sealed(lines, f"line {TOP + 4}")
 
 
-def test_readings_that_are_missing_come_back(tmp_path, lines):
+def test_readings_that_are_missing_come_back(tmp_path, lines, refuse_sealed):
     """As an empty cell, which is written, or as nan; those of a trajectory are refused."""
     set_cell(lines, 1, "bend_angle_deg", "")
     set_cell(lines, 2, "measured_temperature_right_c", "nan")
@@ -414,9 +414,17 @@ def test_readings_that_are_missing_come_back(tmp_path, lines):
     assert "nan" not in (tmp_path / "again.csv").read_text()
     with pytest.raises(LimbError, match="not finite"):
         make_trajectory(measured_temperature=[[np.nan] * 4] * 2)
+    plan = saved_lines(make_trajectory(), tmp_path / "plan.csv")
+    set_cell(plan, 2, "bend_angle_deg", "nan")
+    refuse_sealed(plan, "bend_angle_deg is nan at line", kind=Trajectory)
 
 
-def test_sample_rates_that_nobody_has_are_refused():
+def test_sample_rates_that_nobody_has_are_refused(tmp_path, refuse_sealed):
+    for make, kind in zip(MAKERS, (Recording, Trajectory), strict=True):
+        lines = saved_lines(make(), tmp_path / "file.csv")
+        index = next(i for i, line in enumerate(lines) if "sample_rate_hz" in line)
+        lines[index] = "# sample_rate_hz: 0"
+        refuse_sealed(lines, "sample_rate", kind=kind)
     for rate in (0.0, 1e-300, 1e9, np.nan):
         with pytest.raises(LimbError, match=r"sample_rate is .* from 0\.0001 to 1e\+06 Hz"):
             dataclasses.replace(make_recording(), sample_rate=rate)
