@@ -154,7 +154,7 @@ def points(names: list[str]) -> list[tuple[str, str]]:
             other = name[: match.start()] + y + name[match.end() :]
             if other in names:
                 found.append((name, other))
-    return sorted(found, key=lambda pair: [int(n) for n in re.findall(r"\d+", pair[0])])
+    return sorted(found, key=lambda pair: [int(n[:9]) for n in re.findall(r"\d+", pair[0])])
 
 
 def base_direction(table: LogTable, line: list[tuple[str, str]]) -> float:

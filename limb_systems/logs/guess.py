@@ -53,6 +53,7 @@ from limb_systems.logs.quantities import (
 )
 from limb_systems.logs.reading import DAY, is_reversed, stamps, times_of
 from limb_systems.logs.table import LogError, LogTable, read_table
+from limb_systems.progress import Progress
 
 DUTY, BEND = "duty", "bend"
 ADMITTED = {  # quantities of each signal
@@ -82,6 +83,7 @@ FULLS = (1.0, 100.0, 255.0, 1023.0, 4095.0, 65535.0)
 PERIODS = (DAY, 2**32 / 1e6, 2**16 / 1e3)  # s, after which clocks begin anew
 RATES, DURATIONS = (0.15, 1500.0), (5.0, 2e5)  # Hz and s, of logs
 MOST_WIRES = 2
+ABSURD = 1e9  # that no number but a time's is beyond
 ROOM = 5.0  # °C, below which a reading that never moves is of nothing
 FIRST = 10  # rows, in which a limb rests
 MISSING = (-9999.0, -999.0, -127.0, 999.0, 9999.0)  # what loggers write for no reading
@@ -174,6 +176,7 @@ def guessed(table: LogTable) -> LimbInLog:
     columns = [dataclasses.replace(c, values=_cleaned(c.values, missing, kept)) for c in columns]
     columns = [column for column in columns if len(column.shown) > 5]
     duties, signs = _duties(columns, times, notes)
+    other_duty = _other_duty(duties, columns, times)
     full = _full(duties, asked)
     heats = heat_of(times, _shares(duties, signs, full, len(times)))
     rest = [column for column in columns if column not in duties]
@@ -197,17 +200,25 @@ def guessed(table: LogTable) -> LimbInLog:
             f"{bend.column} is taken for the bend angle φ: if it is the angle of the tip, α, "
             "correct measures to tip_tangent"
         )
-    elif not bend.scale:
+    elif not bend.scale and bend.column != OPEN:
         asked.append(_asked_of_scale(mapping, columns, heats))
     if len(duties) > 1 and not any(_side(duty) for duty in duties):
         said.append("names do not say which wire is on which side: exchange them if need be")
+    if other_duty:
+        side = "left" if wires[0].name == "right" else "right"
+        mapping.wires.append(WireColumns(side, OPEN))
+        agreement.append(0.0)
+        asked.append(
+            f"duty: {other_duty.name} is {other_duty.other_quantity}, but 0 and still as a duty "
+            f"is: give the duty of the {side} wire, or leave out that wire"
+        )
     lines = _lines_of(notes) + list(filter(None, said)) + [f"? {one}" for one in asked]
     return LimbInLog("", mapping, lines, agreement)
 
 
 def _lines_of(notes: dict[str, tuple[str, str]]) -> list[str]:
     """A line for each column: its name, what it is taken for, and why."""
-    widths = [min(30, max(map(len, texts))) for texts in (notes, (n[0] for n in notes.values()))]
+    widths = [min(40, max(map(len, texts))) for texts in (notes, (n[0] for n in notes.values()))]
     return [
         f"{name:<{widths[0]}}  {what:<{widths[1]}}  {why}".rstrip()
         for name, (what, why) in notes.items()
@@ -215,9 +226,12 @@ def _lines_of(notes: dict[str, tuple[str, str]]) -> list[str]:
 
 
 def _cleaned(values: np.ndarray, missing: list[float], kept: np.ndarray) -> np.ndarray:
-    """The numbers of rows that are kept, nan where they stand for no reading."""
+    """The numbers of rows that are kept, nan where they stand for no reading or are absurd."""
     values = values if kept.all() else values[kept]
-    return np.where(np.isin(values, missing), np.nan, values) if missing else values
+    left_out = np.abs(values) > ABSURD
+    if missing:
+        left_out |= np.isin(values, missing)
+    return np.where(left_out, np.nan, values) if left_out.any() else values
 
 
 def _shares(duties: list[Column], signs: list[float], full: float, count: int) -> np.ndarray:
@@ -348,7 +362,9 @@ def _time(
     time = best[1]
     notes[time.column] = f"time, {time.unit}", "it increases as a clock does"
     if time.unit == OPEN:
-        asked.append(f"unit of {time.column}: its rows are too far apart, or too near, for its name")
+        asked.append(
+            f"unit of {time.column}: its rows are too far apart, or too near, for its name"
+        )
     return time
 
 
@@ -387,7 +403,9 @@ def _duties(
     """The columns of duty, and the sign that heats; a signed one counts for both wires."""
     rated = []
     for column in columns:
-        if column.contradicts(DUTY) and column.quantities != {POWER} or _has(column.words, NOT_MEASURED):
+        if (column.contradicts(DUTY) and column.quantities != {POWER}) or _has(
+            column.words, NOT_MEASURED
+        ):
             continue
         values, named = column.shown, column.said(DUTY) or SHARE in column.quantities
         still = np.mean(np.diff(values) == 0)
@@ -401,7 +419,7 @@ def _duties(
             rated.append((score, column))
     named_ones = [pair for pair in rated if pair[0] > 2.0 and np.ptp(pair[1].shown) > 0]
     # Without a name that says so, something has to follow its heat.
-    rated = named_ones and [pair for pair in rated if pair[0] > 2.0] or [
+    rated = (named_ones and [pair for pair in rated if pair[0] > 2.0]) or [
         (score, c) for score, c in rated if score > 2.0 or _is_followed(c, columns, times)
     ]
     heated = [pair for pair in rated if np.ptp(pair[1].shown) > 0] or rated
@@ -419,6 +437,25 @@ def _duties(
     if sides == ["right", "left"]:
         chosen.reverse()
     return chosen, [1.0] * len(chosen)
+
+
+def _other_duty(duties: list[Column], columns: list[Column], times: np.ndarray) -> Column | None:
+    """A column that would be another wire's duty, were it not of another quantity."""
+    if len(duties) != 1:
+        return None
+    for column in columns:
+        values = column.shown
+        still, off = np.mean(np.diff(values) == 0), np.mean(values == 0)
+        if (
+            column.contradicts(DUTY)
+            and not _has(column.words, NOT_MEASURED)
+            and min(off, np.ptp(values)) > 0.05
+            and still > 0.5
+            and abs(correlation(column.values, duties[0].values)) < SAME
+            and _is_followed(column, [c for c in columns if c not in duties], times)
+        ):
+            return column
+    return None
 
 
 def _is_followed(duty: Column, columns: list[Column], times: np.ndarray) -> bool:
@@ -514,9 +551,7 @@ def _temperatures(
         if column.contradicts(TEMPERATURE) or COUNTS in column.quantities:
             continue
         named = column.said(TEMPERATURE) or TEMPERATURE in column.quantities
-        if _has(column.words, NOT_MEASURED) or not (
-            np.ptp(values) or (named and values[0] > ROOM)
-        ):
+        if _has(column.words, NOT_MEASURED) or not (np.ptp(values) or (named and values[0] > ROOM)):
             continue
         low = np.quantile(values, 0.02)
         follows = max((correlation(heat, column.values) for heat in heats), default=0.0)
@@ -575,17 +610,19 @@ def _bend(
     taken = {name for pair in pairs for name in pair}
     rated: list[tuple[float, Column]] = []
     others: list[tuple[float, Column]] = []  # of another quantity
-    for column in columns:
-        named = column.said(BEND) or ANGLE in column.quantities
-        if np.ptp(column.shown) == 0 or (column.name in taken and not named):
-            continue
-        if _has(column.words, NOT_MEASURED):
-            continue
-        follows = following(times, heats, column.values)
-        score = 1.5 * named + follows - 0.5 * column.said(DUTY)
-        scaled = column.quantities == {COUNTS} or (named and column.quantities <= SCALED)
-        fits = not column.contradicts(BEND) or scaled
-        (rated if fits else others).append((score, column))
+    with Progress("comparing with the heat", len(columns), "columns") as progress:
+        for number, column in enumerate(columns):
+            progress.update(number, column.name)
+            named = column.said(BEND) or ANGLE in column.quantities
+            if np.ptp(column.shown) == 0 or (column.name in taken and not named):
+                continue
+            if _has(column.words, NOT_MEASURED):
+                continue
+            follows = following(times, heats, column.values)
+            score = 1.5 * named + follows - 0.5 * column.said(DUTY)
+            scaled = column.quantities == {COUNTS} or (named and column.quantities <= SCALED)
+            fits = not column.contradicts(BEND) or scaled
+            (rated if fits else others).append((score, column))
     rated.sort(key=lambda pair: -pair[0])
     best = rated[0][1] if rated and rated[0][0] > 0.5 else None
     if best is None and len(rated) == 1 and not others and not heats.any() and not taken:
@@ -602,7 +639,7 @@ def _bend(
             "bend: no column seems to be the bend, which is an angle: give its column, or points "
             "of a picture" + (f". {hint}: if it shows the bend, give its scale too" if hint else "")
         )
-        return BendColumns(OPEN)
+        return BendColumns(OPEN, scale=0.0 if hint else 1.0)
     for score, rival in rated[1:]:
         alike = abs(correlation(best.values, rival.values)) > SAME
         if score > max(0.5, rated[0][0] - CLEARLY) and not alike:

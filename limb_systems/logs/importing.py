@@ -78,6 +78,9 @@ def import_logs(
         Path(path): [LimbInLog("", mapping, [], [])] if mapping else limbs_in_log(path, table)
         for path in paths
     }
+    if table:
+        read = itertools.chain(*found.values())
+        table = table.only(set().union(*(limb.mapping.columns for limb in read)))
     shown: dict[tuple, LimbInLog] = {}
     for limb in itertools.chain(*found.values()):
         if limb.heated and not mapping:

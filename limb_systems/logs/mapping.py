@@ -119,7 +119,9 @@ class LogMapping(Strict):
             raise LogError("wires must have at least one wire.")
         for wire in self.wires:
             if wire.sign not in (-1.0, 1.0):
-                raise LogError(f"sign of the {wire.name} wire is {wire.sign:g}; it must be 1 or -1.")
+                raise LogError(
+                    f"sign of the {wire.name} wire is {wire.sign:g}; it must be 1 or -1."
+                )
         names = [wire.name for wire in self.wires]
         if twice := next((name for name in names if names.count(name) > 1), ""):
             raise LogError(f"wires has two wires of the name {twice!r}.")
@@ -139,8 +141,15 @@ class LogMapping(Strict):
             # A signed column heats one wire by its positive numbers, another by its negative ones.
             if other != signal and not sign * sign_of_other < 0:
                 raise LogError(
-                    f"the column {column!r} is given for {other} and for {signal}; each has its own."
+                    f"the column {column!r} is given for {other} and for {signal}; give "
+                    "each its own."
                 )
+
+    @property
+    def columns(self) -> set[str]:
+        """The columns that it names."""
+        named = {self.time.column, self.bend.column, *self.bend.line, *self.bend.base_line}
+        return named.union(*({wire.duty, wire.temperature} for wire in self.wires))
 
     @property
     def open(self) -> list[str]:

@@ -49,6 +49,7 @@ WORDS = {  # in names, whole or as their parts
     "index": "index idx sample frame seq counter row nr",
 }
 _LETTERS = {"v": "voltage", "m": "length"}  # units as the last part of a name, such as "tip_m"
+_WORDS_AS_UNITS = ("in", "min", "rh")  # input, minimum, right heater
 _PER_SECOND = re.compile(r"(deg|rad|°|mm|m|c|k)[_ ]?(per|p|/|_)_?s(ec)?\b")
 
 
@@ -88,15 +89,18 @@ def quantities_of(name: str, unit: str = "") -> tuple[set[str], str]:
     """
     within = re.findall(r"[\[(]([^\])]*)[\])]", name)
     for text in [unit, *within]:
-        if found := unit_quantity(text):
-            return {found}, f"unit {text.strip(' []()')}"
+        if quantity := unit_quantity(text):
+            return {quantity}, f"its unit {text.strip(' []()')}"
     if _PER_SECOND.search(name.lower()):
         return {"rate"}, "its name"
+    last = re.split(r"[_ ]", name)[-1]
+    if last.lower() not in _WORDS_AS_UNITS and len(last) > 1 and (quantity := unit_quantity(last)):
+        return {quantity}, f"its unit {last}"
     words = words_of(name)
     found = {quantity for quantity, known in WORDS.items() if has(words, known)}
-    if last := re.search(r"[_ ]([vVm])$", name):
-        found = {_LETTERS[last[1].lower()]}
-    if name.strip("0123456789_ ") in ("V", "I"):
-        found = {"voltage" if name[0] == "V" else "current"}
+    if len(name) > 1 and name[-2] in "_ " and (letter := _LETTERS.get(last.lower())):
+        found = {letter}
+    if (symbol := name.strip("0123456789_ ")) in ("V", "I"):
+        found = {"voltage" if symbol == "V" else "current"}
     found = {"rate"} if "rate" in found else found
     return found, "its name" if found else ""

@@ -40,6 +40,7 @@ COARSE = 0.5  # share of rows whose time is repeated, from which on times are ro
 OVER = 0.05  # by which duty may exceed full duty, and is cut off
 READABLE = -60.0, 600.0  # °C, of readings that a thermocouple can have
 RARELY = 0.05  # share of rows in which a sensor may fail
+BURSTS, FASTEST = 3.0, 1000.0  # times the rate of all rows together; and Hz
 MOST = 1_000_000  # samples of a recording; a file of more may be too large to be read again
 
 
@@ -124,6 +125,11 @@ def _parts(
         ends = ", ".join(f"{times[cut - 1]:.0f} s" for cut in cuts[1:-1])
         remarks.append(f"Cut after {ends}: what happened in the gap there is not known.")
     gaps[[cut - 1 for cut in cuts[1:-1]]] = 0.0  # they are cut, and said above
+    whole, cuts = len(cuts), _short_enough(cuts, times, duty, rate)
+    if len(cuts) > whole:
+        remarks.append(
+            f"Cut where wires were off the longest, so that no part has more than {MOST} samples."
+        )
     if long := int((gaps > GAP).sum()):
         said = f"{long} gap{'s' * (long != 1)} of more than {GAP:g} s"
         remarks.append(f"{said}, the longest of {gaps.max():.1f} s.")
@@ -231,14 +237,27 @@ def stamps(table: LogTable, column: TimeColumn) -> np.ndarray:
     """The times that a column says, in s, on from where it begins anew."""
     if column.unit == "date":
         times = table.moments(column.column)
-        if np.fmax.reduce(times) < 0:  # times of day alone, which are of the year 1900
-            times = _unwrapped(times, DAY)
+        of_day = np.fmax.reduce(times) < 0  # without a date, which are of the year 1900
+        times = _unwrapped(times, DAY) if of_day else _without_months(times)
     elif column.unit == OPEN:
         raise LogError(f"the unit of the column {column.column!r} is not known.")
     else:
         times = table.numbers(column.column) * SECONDS[column.unit]
     if column.wraps_after:
         times = _unwrapped(times, column.wraps_after)
+    return times
+
+
+def _without_months(times: np.ndarray) -> np.ndarray:
+    """Moments that go on at midnight where a day was taken for a month: 1/2/2026, 2/2/2026."""
+    known = ~np.isnan(times)
+    steps = np.diff(times[known])
+    if not len(steps):
+        return times
+    beyond = steps % DAY
+    months = (steps > 20 * DAY) & (beyond <= 10 * np.median(steps))
+    times = times.copy()
+    times[known] -= np.append(0.0, np.cumsum(np.where(months, steps - beyond, 0.0)))
     return times
 
 
@@ -303,7 +322,7 @@ def _without(values: np.ndarray, missing: list[float]) -> np.ndarray:
 
 
 def bend_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
-    """φ in each row (K,), rad; nan where it is missing.
+    """φ in each row (K,), rad; nan where it is missing, or beyond ±180°.
 
     Raises:
         LogError: if it leaves ±180° for longer than a sensor that fails now and then.
@@ -318,14 +337,14 @@ def bend_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
         angle = _wrapped(angle - bend.zero) * bend.scale
     else:
         angle = (_without(table.numbers(bend.column), mapping.missing) - bend.zero) * bend.scale
-    beyond = float((np.abs(angle) > 180.0).mean())
-    if beyond > RARELY:
+    beyond = np.abs(angle) > 180.0
+    if (share := float(beyond.mean())) > RARELY:
         most = float(np.nanquantile(np.abs(angle), 0.99))
         raise LogError(
-            f"the bend would be up to {most:.3g}°, and beyond ±180° in {beyond:.0%} of all rows; "
+            f"the bend would be up to {most:.3g}°, and beyond ±180° in {share:.0%} of all rows; "
             "correct bend.scale or bend.zero."
         )
-    angle = np.deg2rad(angle)
+    angle = np.deg2rad(np.where(beyond, np.nan, angle))
     return bend_angle_from_tip_tangent(angle) if bend.measures == TIP_TANGENT else angle
 
 
@@ -355,8 +374,14 @@ def _from_first_reading(duty: np.ndarray, bend: np.ndarray) -> int:
 
 
 def usual_rate(times: np.ndarray) -> float:
-    """The rate of most rows, Hz, as a round number if it is near one."""
-    rate = 1 / float(np.median(np.diff(times)))
+    """The rate of most rows, Hz, as a round number if it is near one.
+
+    Rows that come in bursts have the rate of all of them together.
+    """
+    steps = np.diff(times)
+    together = 1 / float(np.mean(steps[steps <= max(GAP, float(np.median(steps)))]))
+    rate = 1 / float(np.median(steps))
+    rate = min(rate if rate < BURSTS * together else together, FASTEST)
     near = round(rate) if rate > 3 else round(rate, 1)
     return float(near) if near and abs(rate / near - 1) < 0.03 else rate
 
@@ -368,6 +393,21 @@ def _cuts(times: np.ndarray, duty: np.ndarray) -> list[int]:
     unknown = (steps > GAP) & (changes > CHANGE) | (steps > LONGEST_GAP) & heated
     unknown |= steps > LONGEST_PAUSE
     return [0, *(np.flatnonzero(unknown) + 1).tolist(), len(times)]
+
+
+def _short_enough(cuts: list[int], times: np.ndarray, duty: np.ndarray, rate: float) -> list[int]:
+    """Further cuts, such that no part has more samples than `MOST`, where wires are coldest."""
+    found = [cuts[0]]
+    heated = np.maximum.accumulate(np.where(duty.any(axis=0), times, times[0]))
+    for cut in cuts[1:]:
+        while (times[cut - 1] - times[found[-1]]) * rate > MOST:
+            first, last = np.searchsorted(
+                times, times[found[-1]] + np.array([0.5, 1]) * MOST / rate
+            )
+            off = times[first:last] - heated[first:last]
+            found.append(int(first + np.flatnonzero(off >= 0.99 * off.max())[-1]))
+        found.append(cut)
+    return found
 
 
 def resampled(

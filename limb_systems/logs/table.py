@@ -79,6 +79,16 @@ class LogTable:
         """The dates or times of day of a column (K,), s since any of them; nan where none is."""
         return self.dates.get(name, np.full(self.numbers(name).shape, np.nan))
 
+    def only(self, names: set[str]) -> "LogTable":
+        """The same with some of its columns, so that the others need no memory."""
+        kept = [index for index, name in enumerate(self.names) if name in names]
+        return dataclasses.replace(
+            self,
+            names=[self.names[index] for index in kept],
+            units=[self.units[index] for index in kept],
+            values=[self.values[index] for index in kept],
+        )
+
     def oldest_first(self) -> "LogTable":
         """The same with its rows in the other order."""
         return dataclasses.replace(
@@ -163,7 +173,11 @@ def read_table(
     no_rows = LogError(f"{path} has no rows of numbers between delimiters; is it a log?")
     for line in lines:
         row = _split(line, delimiter)
-        if len(head) >= (names_line or 0) and len(row) == width > 1 and _is_of_numbers(row, decimal):
+        if (
+            len(head) >= (names_line or 0)
+            and len(row) == width > 1
+            and _is_of_numbers(row, decimal)
+        ):
             lines = itertools.chain([line], lines)
             break
         head.append(row)
@@ -205,7 +219,13 @@ def _sample(data: bytes, encoding: str) -> list[str]:
     if len(data) <= _PIECE:
         return data.decode(encoding, errors="replace").splitlines()
     middle = (len(data) - _PIECE) // 4 * 2  # a character of UTF-16 begins at even bytes
-    codec = "utf-16-be" if data[:2] == b"\xfe\xff" else "utf-16-le" if encoding == "utf-16" else encoding
+    codec = (
+        "utf-16-be"
+        if data[:2] == b"\xfe\xff"
+        else "utf-16-le"
+        if encoding == "utf-16"
+        else encoding
+    )
     return data[middle : middle + _PIECE].decode(codec, errors="replace").splitlines()[1:-1]
 
 
@@ -284,8 +304,7 @@ def _split(line: str, delimiter: str) -> list[str]:
         return line.split()
     # A quote that is never closed is a character of its cell.
     quoted = line.count('"') % 2 == 0
-    quoting = csv.QUOTE_MINIMAL if quoted else csv.QUOTE_NONE
-    cells = next(csv.reader([line], delimiter=character, quoting=quoting), [])
+    cells = next(csv.reader([line], delimiter=character), []) if quoted else line.split(character)
     return [cell.strip() for cell in cells]
 
 

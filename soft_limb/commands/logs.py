@@ -15,7 +15,6 @@ from limb_systems.summary import Entry, Summary
 from soft_limb.commands.chain import fit_line, shell_line, usable_of
 from soft_limb.commands.options import Command, Option, print_summary, shared
 
-
 ASKED = 2  # exit status: a log leaves something open, which the mapping has to say
 
 

@@ -1,12 +1,15 @@
 """Logs of other programs, written here from signals that are known, and read back."""
 
+import dataclasses
 import datetime
 import json
+import re
 
 import numpy as np
 import pytest
 
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
+from limb_systems.logs import reading, table
 from limb_systems.logs.guess import limbs_in_log
 from limb_systems.logs.importing import import_logs
 from limb_systems.logs.mapping import LogMapping
@@ -188,7 +191,7 @@ def test_counts_of_a_sensor_are_asked_for_and_then_read(tmp_path, truth, capsys)
         [1000 * truth.time, 100 * truth.duty[1], 100 * truth.duty[0], counts, *truth.temperature],
         delimiter="\t",
     )
-    assert main(["import", str(path), "-o", str(tmp_path / "out")]) == 1
+    assert main(["import", str(path), "-o", str(tmp_path / "out")]) == 2
     assert "as a negative number" in capsys.readouterr().out
     mapping = tmp_path / "out" / "board.mapping.yaml"
     text = mapping.read_text()
@@ -201,16 +204,91 @@ def test_counts_of_a_sensor_are_asked_for_and_then_read(tmp_path, truth, capsys)
         Recording.from_log(path, mapping)
 
 
+NAMES = ("time_s", "duty_left", "duty_right", "temp_left_c", "temp_right_c", "bend_deg")
+
+
+def signals(truth):
+    return [truth.time, *truth.duty, *truth.temperature, np.rad2deg(truth.bend)]
+
+
+@pytest.mark.parametrize(
+    ("column", "name", "scale", "asked"),
+    [
+        (5, "Voltage", 0.02, "? bend: .*Voltage is voltage, by its name"),
+        (5, "sensor [kPa]", 0.1, "? bend: .*is pressure, by its unit kPa"),
+        (5, "position_m", 0.001, "? bend: .*position_m is length"),
+        (5, "gyro_deg_s", 1.0, "? bend: .*gyro_deg_s is rate"),
+        (5, "tip", 0.01, "? bend.scale is 0: give the degrees of a unit of tip"),
+        (5, "angle_rad", 1.0, "? bend.scale is 0: give the degrees of a unit of angle_rad"),
+        (2, "Current", 2.0, "? duty: Current is current, by its name"),
+        (1, "heater_left [W]", 6.0, "? full: .*what is full duty"),
+        (0, "time_s", 1000.0, "? unit of time_s"),
+        (0, "sample", 10.0, "? time: no column is a time"),
+        (3, "temp_left_f", 1.0, "? unit of temp_left_f: C, F or K"),
+    ],
+)
+def test_what_a_name_or_unit_contradicts_is_asked_for(
+    tmp_path, truth, capsys, column, name, scale, asked
+):
+    names, columns = [*NAMES], signals(truth)
+    names[column], columns[column] = name, scale * columns[column]
+    path = write(tmp_path / "log.csv", names, columns, form="{:.8g}")
+    assert main(["import", str(path), "-o", str(tmp_path / "out")]) == 2
+    assert re.search(asked.replace("?", r"\?", 1), capsys.readouterr().out)
+    assert not list((tmp_path / "out").glob("*.csv"))
+    with pytest.raises(LimbError):
+        Recording.from_log(path)
+
+
+@pytest.mark.parametrize("most", [47, 6.05])
+def test_full_duty_is_asked_for_where_per_cent_and_counts_are_alike(tmp_path, truth, most):
+    columns = signals(truth)
+    columns[1:3] = [np.round(2 * most * duty, 2 * (most < 10)) for duty in truth.duty]
+    names = ["t", "heat1", "heat2", "T1", "T2", "angle"]
+    limb, recordings, _ = read(write(tmp_path / "log.csv", names, columns))
+    assert limb.mapping.full == 0
+    assert not recordings
+    names[1:3] = ["heat1 (%)", "heat2 (%)"]
+    limb, (recording,), _ = read(write(tmp_path / "log.csv", names, columns))
+    assert recording.duty.max() == pytest.approx(most / 100, abs=0.01)
+
+
+@pytest.mark.parametrize("clock", ["%I:%M:%S.%f %p", "%H:%M:%S:%f", "%d/%m/%Y %H:%M:%S.%f"])
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-8-sig"])
+def test_a_warm_log_of_another_encoding_and_clock(tmp_path, clock, encoding):
+    """Units in a row of their own, per cent in the cells, °F, from the evening to the morning."""
+    truth = Truth()
+    truth.temperature += 40 * np.exp(-truth.time / 30)
+    start = datetime.datetime(2026, 3, 4, 23, 59, 0)
+    moments = [(start + datetime.timedelta(seconds=t)).strftime(clock) for t in truth.time]
+    shares = [[f"{100 * d:.0f}%" for d in duty] for duty in truth.duty]
+    columns = [moments, *shares, *(1.8 * truth.temperature + 32), np.rad2deg(truth.bend)]
+    columns = [[unit, *column] for unit, column in zip(["", "%", "%", "°F", "°F", "°"], columns)]  # noqa: B905
+    columns.append(["status", *['5" tube' if k % 9 else "ok" for k in range(len(moments))]])
+    names = ["Uhrzeit", "links", "rechts", "T links", "T rechts", "Winkel", "Zustand"]
+    path = write(tmp_path / "log.csv", names, columns, delimiter="\t", form="{:.6g}")
+    path.write_bytes(path.read_text().encode(encoding))
+    _, (recording,), _ = read(path)
+    check(recording, truth)
+
+
+def test_a_long_log_is_read_in_blocks_and_cut_where_it_is_cold(tmp_path, truth, monkeypatch):
+    path = write(tmp_path / "log.csv", NAMES, signals(truth))
+    _, (whole,), _ = read(path)
+    monkeypatch.setattr(table, "BLOCK", 7)
+    monkeypatch.setattr(reading, "MOST", 1500)
+    _, parts, remarks = read(path)
+    assert [round(part.time[-1]) for part in parts] == [125, 115]
+    assert any("no part has more than 1500 samples" in remark for remark in remarks)
+    joined = np.concatenate([part.bend_angle[0] for part in parts])
+    np.testing.assert_array_equal(joined, whole.bend_angle[0])
+
+
 def test_gaps_of_unknown_duty_cut_a_log_and_others_do_not(tmp_path, truth):
     heated = (truth.time > 66.0) & (truth.time < 80.0)  # duty falls to 0 in between
     off = (truth.time > 91.0) & (truth.time < 94.0)
     rows = np.flatnonzero(~(heated | off))
-    path = write(
-        tmp_path / "log.csv",
-        ["time_s", "duty_left", "duty_right", "temp_left_c", "temp_right_c", "bend_deg"],
-        [truth.time[rows], *truth.duty[:, rows], *truth.temperature[:, rows],
-         np.rad2deg(truth.bend)[rows]],
-    )  # fmt: skip
+    path = write(tmp_path / "log.csv", NAMES, [column[rows] for column in signals(truth)])
     _, recordings, remarks = read(path)
     assert [round(recording.time[-1]) for recording in recordings] == [66, 160]
     assert any("Cut after 66 s" in remark for remark in remarks)
@@ -283,6 +361,8 @@ def rows(names, form):
         (b"", "no rows of numbers"),
         (b"# limb recording, format 3\n", "is no log, but a recording of soft-limb"),
         (b"time,duty\n", "no rows of numbers"),
+        (rows("time,duty,bend", "{0},{1},{2}") + b"\n1,2," + b"x" * 200_000, "in line 52"),
+        (b"x" * 10_000_000, "more than 100000 characters in line 1"),
         (rows("time,duty,bend", "{0},{1},0"), "no column is known for the bend"),
         (rows("ms,duty,bend", "5,{1},{2}"), "'ms' holds no time that increases"),
         (rows("time,bend,temp", "{0},{2},22"), "no column is known for duty"),
@@ -306,7 +386,20 @@ def test_mapping_with_a_mistake_names_its_field(tmp_path, truth):
     mapping.save(tmp_path / "m.yaml", ["a remark"])
     assert LogMapping.load(tmp_path / "m.yaml") == mapping
     text = (tmp_path / "m.yaml").read_text()
-    for wrong, right in (("unit: s", "unit: days"), ("column: time_s", "column: tiem")):
-        (tmp_path / "m.yaml").write_text(text.replace(wrong, right))
-        with pytest.raises(LimbError, match=r"time\.unit is 'days'|no column 'tiem'"):
+    for right, wrong, said in (
+        ("unit: s", "unit: days", r"time\.unit is 'days'"),
+        ("column: time_s", "column: tiem", "no column 'tiem'"),
+        ("scale: 1.0", "scale: 1e300", r"bend\.scale is 1e\+300.* from -1e\+06 to 1e\+06"),
+        ("scale: 1.0", "scale: .nan", r"bend\.scale"),
+        ("scale: 1.0", "scale: 1000.0", r"bend would be up to .*correct bend\.scale"),
+        ("unit: C", "unit: K", "'temp_c' is beyond -60 to 600 °C .* correct its unit"),
+        ("temperature: temp_c", "temperature: duty", "'duty' is given for duty of the right wire"),
+        ("sign: 1.0", "sign: 0.5", "sign of the right wire is 0.5; it must be 1 or -1"),
+    ):
+        assert right in text
+        (tmp_path / "m.yaml").write_text(text.replace(right, wrong))
+        with pytest.raises(LimbError, match=said):
             Recording.from_log(path, tmp_path / "m.yaml")
+    mapping.wires.append(dataclasses.replace(mapping.wires[0], name="left", temperature=""))
+    with pytest.raises(LimbError, match="'duty' is given for duty of the right wire and for duty"):
+        dataclasses.replace(mapping)
