@@ -16,7 +16,7 @@ from limb_systems import LimbError
 
 KINDS = ("brackets", "two-floats", "on-off")
 REPORT_PERIOD = 0.1  # s
-ORDERS = "timeout SECONDS, say [LINE], unplug, cool"
+ORDERS = "timeout SECONDS, say [LINE], deafen, unplug, cool"
 
 
 class Cable(Protocol):
@@ -67,6 +67,7 @@ class EmulatedSketch:
         self._duty, self._said, self._unread = [0.0, 0.0], "", b""
         self._heard = self._reported = clock()
         self._timeout, self._silent, self._plugged = np.inf, kind != "brackets", True
+        self._deaf = False
 
     def step(self) -> None:
         """One pass of the loop."""
@@ -75,7 +76,7 @@ class EmulatedSketch:
         if not self._plugged:
             return
         *lines, self._unread = (self._unread + self._cable.read()).split(b"\n")
-        for line in lines:
+        for line in [] if self._deaf else lines:
             self._take(line.decode(errors="replace").strip())
         now = self._clock()
         if now - self._heard > self._timeout:
@@ -95,6 +96,8 @@ class EmulatedSketch:
                 self._timeout = float(seconds)
             case ["say", *words]:  # in place of the readings; nothing if there is no line
                 self._said, self._silent = " ".join(words), not words
+            case ["deafen"]:  # it goes on answering, and takes no lines any more
+                self._deaf = True
             case ["unplug"]:
                 self._plugged = False
                 self._cable.unplug()

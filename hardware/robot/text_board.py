@@ -18,7 +18,8 @@ from limb_systems.schema import SchemaError, Strict, load_typed, quantity, valid
 UNUSED, BEND = "unused", "bend"
 SENSORS = {"tip_tangent": TipTangentSensor, "chord": ChordSensor}
 UNITS = {"deg": float(np.deg2rad(1.0)), "rad": 1.0}
-_NUMBER = r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan)"
+_NUMBER = r"([-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|(?i:nan|inf)))"
+DUTY = "duty_"  # before a wire's name, for the number that was last sent for it
 
 
 class TextBoardError(LimbError):
@@ -53,7 +54,8 @@ class AnswerLine(Strict):
     """The line that the board sends: which of its numbers are what.
 
     - ``order``: name of each number in it, whatever text is before the first of them: a wire's
-      name for its temperature, "bend", or "unused".
+      name for its temperature, "bend", "duty_" and a wire's name for the number that the
+      board last took for it, in the units of the line that is sent, or "unused".
     - ``pattern``: regular expression of all of the line, in place of an order, with groups of
       these names.
     - ``temperature_scale``, ``temperature_offset``: °C = scale · number + offset.
@@ -83,7 +85,11 @@ class AnswerLine(Strict):
         return re.compile(r"[^\d.+-]*?" + r"[\s,;]+".join(numbers) + r"\s*")
 
     def read(self, line: str) -> dict[str, float] | None:
-        """Readings in a line, °C by the wires' names and "bend" in rad; None if it is another."""
+        """Return the readings in a line, or None if it is another line.
+
+        Temperatures in °C have the wires' names, "bend" is in rad, and numbers of duty are as in
+        the line.
+        """
         if not (match := self.expression.fullmatch(line)):
             return None
         try:
@@ -93,7 +99,7 @@ class AnswerLine(Strict):
         for name, value in values.items():
             if name == BEND:
                 values[name] = UNITS[self.bend_unit] * (self.bend_scale * value + self.bend_offset)
-            else:
+            elif not name.startswith(DUTY):
                 values[name] = self.temperature_scale * value + self.temperature_offset
         return values
 
@@ -177,10 +183,16 @@ class TextBoard(Strict):
         except re.error as error:
             where = "order" if answer.pattern is None else "pattern"
             raise SchemaError(f"answer.{where} cannot be read: {error}.") from error
-        if not names or (unknown := set(names) - {*self.wires, BEND}):
+        known = [*self.wires, BEND, *(DUTY + wire for wire in self.wires)]
+        if not names or (unknown := set(names) - {*known}):
             raise SchemaError(
                 f"answer names {', '.join(sorted(unknown)) if names else 'nothing'}; it must name "
-                f"some of {', '.join([*self.wires, BEND])}."
+                f"some of {', '.join(known)}."
+            )
+        if self.line.on_off and any(name.startswith(DUTY) for name in names):
+            raise SchemaError(
+                "answer names a duty, but line is on_off: what is on changes with each line, and "
+                "says nothing; name that number unused."
             )
 
     @property
@@ -190,7 +202,7 @@ class TextBoard(Strict):
 
     @property
     def answered(self) -> set[str]:
-        """Names of the wires whose temperature it answers with, and "bend" if it does with that."""
+        """Names in its answers: of wires for their temperatures, "bend", "duty_" and a wire."""
         return set(self.answer.expression.groupindex) if self.answer else set()
 
     @property

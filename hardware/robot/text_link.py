@@ -27,6 +27,7 @@ from hardware.robot.link import (
     checked_duty,
 )
 from hardware.robot.several_boards import SeveralBoards
+from hardware.robot.text_answers import AnswerCheck
 from hardware.robot.text_board import BEND, UNUSED, TextBoard, TextBoardError
 from limb_systems import LimbParameters
 from limb_systems.model.heat_bounds import HeatBounds
@@ -94,6 +95,8 @@ class TextLink:
         self._total, self._sent = 0.0, np.zeros(len(self._wires))
         self._failure, self._closing, self._count = "", False, 0
         self._read_last: tuple[float, dict[str, float]] | None = None
+        self._answers = AnswerCheck(board, self._wires)
+        self._told, self._deaf = False, False  # that it failed; that no lines are taken any more
         self._arrived = threading.Condition()
         handle = self._cable.handle()
         settings = {
@@ -155,20 +158,23 @@ class TextLink:
             warmest=np.full(len(self._wires), np.nan),
         )
 
-    def arm(self, _bounds: Sequence[HeatBounds] = (), total_duty: float = 1.5) -> None:
+    def arm(self, bounds: Sequence[HeatBounds] = (), total_duty: float = 1.5) -> None:
         """Lets commands heat from now on, with a warning of what such a board cannot do.
 
         Args:
-            _bounds: bounds of the wires, which no text board knows.
+            bounds: bounds of the wires; they are widened to those of any wire, and where a
+                temperature is answered with, heat must show by them.
             total_duty: largest sum of all duties; commands are reduced to it.
 
         Raises:
-            HardwareError: if readings are missing or too high.
+            HardwareError: if readings are missing, too high, or what no sensor reads.
             KeyboardInterrupt: if a signal has ended the command that runs.
         """
         heed_signals()
         self._wait_until(self._opened + self.board.start_up)
         self._check_readings()
+        measured = self.board.answered.issuperset(self._wires)
+        self._answers.arm(self.sample().temperature, bounds if measured else ())
         self._total = total_duty
         with warnings.catch_warnings():
             warnings.simplefilter("always", TextBoardWarning)  # not only the first time
@@ -188,8 +194,9 @@ class TextLink:
         More than ``most_duty`` and ``total_duty`` is reduced to them, as a board does it.
 
         Raises:
-            HardwareError: if it is out of range or not a number, if readings are missing or too
-                high, or if the board was armed for too long.
+            HardwareError: if it is out of range or not a number, if readings are missing, too
+                high or what no sensor reads, if they show that the board takes no lines any more,
+                or if it was armed for too long.
             KeyboardInterrupt: if a signal has ended the command that runs.
         """
         heed_signals()
@@ -202,6 +209,7 @@ class TextLink:
                 f"{self.board.name} was armed for {self.board.longest:g} s, its longest"
             )
         self._check_readings()
+        self._check_answers()
         self._sent = duty
         by_name = dict(zip(self._wires, duty.tolist(), strict=True)) | {UNUSED: 0.0}
         self._tell(" ".join(f"{by_name[name]:.6f}" for name in self.board.channels))
@@ -213,33 +221,67 @@ class TextLink:
             self._tell("")
 
     def close(self) -> None:
-        """Sends zero several times and closes the port; a second call does nothing."""
+        """Sends zero and closes the port; a second call does nothing.
+
+        If wires were heated and are measured, it waits until readings show that they cool, mostly
+        for some seconds.
+
+        Raises:
+            HardwareError: if they show that the board takes no lines any more, or do not come.
+        """
         if self._closing:
             return
         self.disarm()
-        self._closing = True
-        self._keeper.stdin.close()
+        told = self._told
         try:
-            self._keeper.wait(CLOSING_TIME)
-        except subprocess.TimeoutExpired:
-            self._keeper.kill()
-        self._thread.join(CLOSING_TIME)
-        self._cable.close()
+            while self._answers.waiting and not self._deaf:
+                time.sleep(1 / self.board.rate)
+                self._check_answers()
+        except HardwareError:
+            if self._deaf or not told:  # else it would say the same again
+                raise
+        finally:
+            self._closing = True
+            self._keeper.stdin.close()
+            try:
+                self._keeper.wait(CLOSING_TIME)
+            except subprocess.TimeoutExpired:
+                self._keeper.kill()
+            self._thread.join(CLOSING_TIME)
+            self._cable.close()
 
     def _check_readings(self) -> None:
-        """Raises HardwareError if a reading that there should be is missing, or is too high."""
-        sample, answered = self.sample(), self.board.answered
+        """Raises HardwareError if a reading is missing, too high, or what no sensor reads."""
+        sample = self.sample()
+        if fault := self._answers.implausible(self._values()):
+            raise self._error(fault)
         for name, temperature in zip(self._wires, sample.temperature, strict=True):
-            if name in answered and not temperature < self.board.temperature_limit:  # or nan
+            if temperature >= self.board.temperature_limit:
                 raise self._error(
                     f"The {name} wire is read at {temperature:.1f} °C, and temperature_limit is "
                     f"{self.board.temperature_limit:g} °C"
                 )
-        if BEND in answered and not np.isfinite(sample.tip_tangent).all():
-            raise self._error("The bend sensor reads no number")
+
+    def _check_answers(self) -> None:
+        """Raises HardwareError if answers show that the board takes no lines any more."""
+        self.sample()
+        if fault := self._answers.implausible(self._values()):
+            raise self._error(fault)
+        if sign := self._answers.deaf(time.monotonic(), self._sent, self._values()):
+            self.disarm()
+            self._deaf = True
+            raise HardwareError(
+                f"{sign}: the sketch of {self.board.name} seems to take no lines any more, so "
+                "switch the wires' supply off now."
+            )
+
+    def _values(self) -> dict[str, float]:
+        """The newest readings by their names."""
+        return self._read_last[1] if self._read_last else {}
 
     def _error(self, what: str) -> HardwareError:
         """An error in words, after which nothing is heated until it is armed again."""
+        self._told = True
         if self._armed is not None:
             self.disarm()
         return HardwareError(self._with_fate(f"{what}; zero is sent"))
@@ -249,6 +291,7 @@ class TextLink:
 
     def _check(self) -> None:
         if self._failure:
+            self._told = True
             raise HardwareError(self._failure)
 
     def _wait_until(self, end: float, *, for_answer: bool = False) -> None:

@@ -49,7 +49,7 @@ _UNITS = {  # in files
     "joint_state": "°",
     "contact_force": "N",
 }
-_RANGES = {  # a value outside these is a mistake, of units or of a sensor
+RANGES = {  # a value outside these is a mistake, of units or of a sensor
     "duty": (0.0, 1.0, ""),
     "applied_duty": (0.0, 1.0, ""),
     "sample_age": (0.0, np.inf, " s"),
@@ -280,7 +280,7 @@ class Samples(Summarized):
         """Whether some signals leave their ranges, at each sample (K,)."""
         outside = np.zeros(len(self.time), bool)
         for name in names:
-            low, high, _ = _RANGES.get(name, (-np.inf, np.inf, ""))
+            low, high, _ = RANGES.get(name, (-np.inf, np.inf, ""))
             value = np.atleast_2d(getattr(self, name))
             outside |= ((value < low) | (value > high)).any(axis=0)
         return outside
@@ -289,7 +289,7 @@ class Samples(Summarized):
         """One sentence on the first sample at which a signal leaves its range; empty if none."""
         for name in names:
             if (outside := self._outside([name])).any():
-                (low, high, unit), index = _RANGES[name], int(np.argmax(outside))
+                (low, high, unit), index = RANGES[name], int(np.argmax(outside))
                 value = np.atleast_2d(getattr(self, name))[:, index].tolist()
                 return (
                     f"{name} is {value}{unit} at {self.time[index]:g} s; "

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake import trajectories
 
 from controllers import PlanFeedback
 from hardware import (
@@ -28,9 +29,10 @@ from hardware import (
 from hardware.emulation.emulator import PseudoTerminal
 from hardware.emulation.sketches import EmulatedSketch
 from hardware.robot.port_keeper import OnOff
+from hardware.robot.text_answers import AnswerCheck
 from hardware.robot.text_board import TextBoardError
 from hardware.robot.text_link import TextBoardWarning, TextLink
-from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
+from limb_systems import ChordSensor, LimbError, LimbParameters, Recording, simulate
 from planners import plan, references
 from soft_limb.command import main
 
@@ -234,7 +236,9 @@ def test_a_host_that_is_told_to_stop(sketches, short_plan, tmp_path, capsys):
             "say [MPR]: 111 25 0 0",
             "The right wire is read at 111.0 °C, and temperature_limit is 110 °C",
         ),
-        ("say [MPR]: 25 nan 0 0", "The left wire is read at nan °C"),
+        ("say [MPR]: 25 NaN 0 0", "The thermocouple of the left wire reads nan °C, outside of -60"),
+        ("say [MPR]: -1e30 25 0 0", r"The thermocouple of the right wire reads -1e\+30 °C, outsi"),
+        ("say [MPR]: 25 25 1e5 0", r"The bend sensor reads a tip tangent of 1e\+05°, a bend outs"),
         (
             "unplug",
             r"The connection to .* ended: Input/output error; zero could not be sent\. Where",
@@ -245,6 +249,9 @@ def test_what_ends_heat(order, message, sketches):
     sketch = sketches("brackets")
     with TextLink(sketch.port, BOARDS["brackets"], WIRES) as link:
         said = heat(link, sketch, lambda: sketch.order(order))
+        if "111" in order:  # which may be true
+            with pytest.raises(HardwareError, match="read at 111 °C, and does not cool although"):
+                link.close()
     assert re.match(message, said), said
     assert said.endswith(f"{FOR_EVER}.")
     if order == "unplug":  # what no host can help, and the sketch was said to do
@@ -253,6 +260,71 @@ def test_what_ends_heat(order, message, sketches):
         assert sketch.duties()[1].max() > 0.4
         assert sketch.duty() == [0.0, 0.0]
     link.close()
+
+
+def test_a_sketch_that_takes_no_lines_any_more_ends_a_run(sketches, short_plan, tmp_path):
+    sketch = sketches("brackets")
+    tell = lambda: wait_for(lambda: sketch.duty()[1] > 0.2) and sketch.order("deafen")  # noqa: E731
+    threading.Thread(target=tell).start()
+    limb = SerialLimb(sketch.port, short_plan.parameters, board=BOARDS["brackets"])
+    with (
+        pytest.raises(HardwareError, match=r"does not cool although .* switch the wires' supply"),
+        pytest.warns(TextBoardWarning),
+    ):
+        replay(short_plan, limb, journal=tmp_path / "recording.csv")
+    assert sketch.duty()[1] > 0.2
+    recording = Recording.load(tmp_path / "recording.unfinished.csv", unfinished=True)
+    assert "take no lines any more" in recording.interrupted
+
+
+# What was sent, and what the sketch did, from when on, s: right wire, first and last limb.
+STEPS = [0.0, 8.0, 20.0], [0.1, 0.25, 0.0]
+ANSWERS = [
+    ("lumped", STEPS, 60.0, None),
+    ("continuum", STEPS, 60.0, None),
+    ("lumped", ([0.0, 2.0], [0.6, 0.0]), 12.0, None),  # cools from little
+    ("lumped", STEPS, 10.0, "does not cool although zero was sent for"),  # from when on it is deaf
+    ("continuum", STEPS, 1.0, "does not cool although zero was sent for"),
+    ("lumped", ([0.0, 1.0], [0.6, 0.0]), 0.9, "does not cool although zero was sent for"),
+    ("lumped", ([0.0, 10.0], [0.1, 0.0]), 9.0, "does not cool although zero was sent for 15 s"),
+    ("lumped", ([0.0], [0.4]), 0.0, "and by what was sent it must have"),
+]
+
+
+@pytest.mark.parametrize(("physics", "steps", "deaf_from", "sign"), ANSWERS)
+@pytest.mark.parametrize("seed", [0, 3])
+def test_what_answers_show_of_lines(physics, steps, deaf_from, sign, seed):
+    times = np.arange(0.0, 60.0, 0.1)
+    at = lambda t: steps[1][np.searchsorted(steps[0], t, side="right") - 1]  # noqa: E731
+    sent = np.array([[0.0, at(t)] for t in times])
+    applied = np.array([sent[int(10 * min(t, deaf_from))] for t in times])
+    applied *= deaf_from > 0
+    limb = LimbTwin(seed=seed, physics=physics)
+    held = trajectories.PiecewisePolynomial.ZeroOrderHold(times, applied.T)
+    read = simulate(limb, held, times[-1], sample_rate=10.0).measured_temperature.T
+    check, said = AnswerCheck(BOARDS["brackets"], WIRES), ""
+    check.arm(read[0], limb.parameters.heat_bounds)
+    for t, duty, V in zip(times[1:], sent[:-1], read[1:], strict=True):
+        values = dict(zip(WIRES, V, strict=True))
+        if said := check.deaf(t, duty, values):
+            break
+        if t > steps[0][-1] and not check.waiting and not sign:
+            break
+    assert re.search(sign, said) if sign else not said, said
+    assert sign or not check.waiting
+
+
+def test_a_duty_in_the_answers_must_be_one_that_was_sent():
+    order = ["right", "left", "bend", "duty_right"]
+    board = dataclasses.replace(BOARDS["brackets"], answer=AnswerLine(order=order))
+    check, half = AnswerCheck(board, WIRES), np.array([0.0, 0.5])
+    said = [
+        check.deaf(0.1 * n, half if n < 50 else 0 * half, board.answer.read(f"25 25 0 {number}"))
+        for n, number in enumerate([0] * 8 + [128] * 50 + [0] * 20 + [20] * 20)
+    ]
+    assert not any(said[:88])
+    assert "The board says that the right wire has a duty of 0.08, and 0.00 was sent" in said[-1]
+    assert re.search("a duty of 0.50, and 0.00", check.deaf(9.0, 0 * half, {"duty_right": 128.0}))
 
 
 def test_a_keeper_that_is_killed_is_stood_in_for(sketches):
@@ -305,6 +377,7 @@ def test_more_duty_and_time_than_stated_are_refused(sketches, short_plan):
         (("start_up: 0", "line: {end: LFCR}"), "line.end is 'LFCR'; it must be one of LF, CR,"),
         (("start_up: 0", "answer: {bend_of: chord}"), "either an order or a pattern"),
         (("start_up: 0", "answer: {pattern: '(?P<left'}"), "answer.pattern cannot be read: "),
+        (("start_up: 0", "line: {on_off: true}\nanswer: {order: [duty_left]}"), "line is on_o"),
         (("start_up: 0", "answer: {order: [left, bent]}"), "names bent; it must name some of left"),
         (("[left, right]", "[left, top]"), "are for left, top, but the limb's wires are left, r"),
     ],
