@@ -21,6 +21,7 @@ from limb_systems.model.chain import Chain
 
 APPROACH = 5.0  # s, in which a limb gets to the beginning of a curve
 CURVE_RATE = 20.0  # Hz, of the samples of a curve
+LONGEST_GAP = 1.0  # s, of a recording, over which a reference is linear
 TIP_STEPS = 50  # of Newton's method
 
 
@@ -62,19 +63,14 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
             which removes the sensor's noise and keeps the motion.
 
     Raises:
-        LimbError: if the recording is shorter than the window, or a value in it
-            is missing or not plausible.
+        LimbError: if the recording is shorter than the window, a value in it is not plausible, or
+            bends are missing for more than 1 s; shorter gaps are bridged, with a warning.
     """
     recording.check_plausible()
-    if recording.missing.any():
-        raise LimbError(
-            f"{recording.missing.sum()} of {len(recording.time)} samples of the recording are "
-            "missing; where the limb was meanwhile is not known, so teach it again."
-        )
-    limb = recording.parameters
+    limb, bend_angle = recording.parameters, _bridged(recording)
     angles = np.concatenate(
         [
-            segment.bend_sensor.unrolled_bends(recording.bend_angle[bends])
+            segment.bend_sensor.unrolled_bends(bend_angle[bends])
             for segment, bends in zip(limb.segments, Layout(limb).bends_of, strict=True)
         ]
     )
@@ -92,6 +88,27 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
 
         angles = savgol_filter(angles, window, 2)
     return from_samples(recording.time, angles)
+
+
+def _bridged(recording: Recording) -> np.ndarray:
+    """The bend angles of a recording (F, K), linear over short gaps in them."""
+    there = ~np.isnan(recording.bend_angle).any(axis=0)
+    if there.all():
+        return recording.bend_angle
+    times, count = recording.time[there], (~there).sum()
+    gap = np.diff(np.hstack([recording.time[:1], times, recording.time[-1:]])).max()
+    if gap > LONGEST_GAP + 1e-9:
+        raise LimbError(
+            f"{count} of {len(there)} samples of the recording are missing, up to {gap:.3g} s in a "
+            "row; where the limb was meanwhile is not known, so teach it again."
+        )
+    warnings.warn(
+        f"{count} of {len(there)} samples of the recording are missing, up to {gap:.3g} s in a "
+        "row; the reference is linear there.",
+        stacklevel=3,
+    )
+    bends = recording.bend_angle[:, there]
+    return np.array([np.interp(recording.time, times, bend) for bend in bends])
 
 
 def load(path: str | Path) -> PiecewisePolynomial:

@@ -104,7 +104,7 @@ class LimbTwin(Diagram):
         Raises:
             ParameterError: if a parameter is out of its range.
             LimbError: if there is no such physics, or it has no such limb, or if the hand moves
-                another number of bends than the limb has.
+                another number of bends than the limb has, or holds a limb of several segments.
         """
         super().__init__()
         if specimen is None:
@@ -123,6 +123,8 @@ class LimbTwin(Diagram):
                 f"The hand moves {hand.rows()} bend angles, but the limb has {layout.num_bends}; "
                 "give a trajectory with a row for each."
             )
+        if hand is not None and len(self.parameters.segments) > 1:
+            raise LimbError("An emulated hand holds limbs of one segment; this limb has more.")
         self.source = f"emulated limb, {specimen.label}"
         if isinstance(specimen, ContinuumSpecimen):
             self._build_continuum(specimen, hand, bend_rate, wire_period, truth)

@@ -344,21 +344,23 @@ class BoardLink:
             )
         return info
 
-    def sample(self) -> Sample:
+    def sample(self, oldest: float = STALE) -> Sample:
         """The newest sample.
 
+        Args:
+            oldest: age at which it must not be used, s. Whoever heats leaves it as it is.
+
         Raises:
-            HardwareError: if it is older than 0.25 s or came that late, or the
-                cable is gone.
+            HardwareError: if it is older or came that late, or the cable is gone.
         """
         self._check()
         self._wait_for(lambda: self._sample, ANSWER_TIME)
         sample = self._answer(self._sample, "after the port was opened")
-        if sample.age > STALE:
+        if sample.age > oldest:
             raise HardwareError(
                 f"Nothing new came from the board on {self.port} for {sample.age:.2f} s."
             )
-        if self.delay > STALE:
+        if self.delay > oldest:
             raise HardwareError(
                 f"Samples from the board on {self.port} come {self.delay:.2f} s late; is this "
                 "computer or the connection too busy?"

@@ -1,12 +1,13 @@
 """A limb on a serial port, as a system with the ports of `Limb`."""
 
+import dataclasses
 import time
 from pathlib import Path
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
 
-from hardware.robot.link import HardwareError, check_fit
+from hardware.robot.link import STALE, HardwareError, check_fit
 from hardware.robot.several_boards import SeveralBoards
 from hardware.robot.text_board import TextBoard
 from hardware.robot.text_link import Ports, TextLink, open_link
@@ -18,6 +19,7 @@ from limb_systems.simulation import PERIOD
 
 LATEST = 0.1  # s, that a command may be late
 DEADLINE = 5e-3  # s, by which it is late for the record
+LONGEST_GAP = 3.0  # s without samples, after which a limb without heat is not recorded on
 
 
 class SerialLimb(LeafSystem):
@@ -52,6 +54,9 @@ class SerialLimb(LeafSystem):
     call `close` or use the system as a context manager. If this process dies, the
     board switches off after 250 ms; to a text board another process sends zero, and what
     it does not measure is nan.
+
+    A limb that is only watched goes on without samples for up to 3 s: readings are nan from
+    0.25 s on, and come again with the next sample.
 
     ``timing_errors`` has the delay of each command, s.
     """
@@ -169,7 +174,13 @@ class SerialLimb(LeafSystem):
             assert self._failure
             raise self._failure
         self._failure_is_recorded = self._failure is not None
-        sample = self.link.sample()
+        sample = self.link.sample() if self._heated else self.link.sample(LONGEST_GAP)
+        if not self._heated and sample.age > STALE:
+            sample = dataclasses.replace(
+                sample,
+                temperature=np.full_like(sample.temperature, np.nan),
+                tip_tangent=np.full_like(sample.tip_tangent, np.nan),
+            )
         received = [each.received - self._start for each in (sample, *sample.parts)]
         bend_angles = [
             sensor.bend_angle(reading)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hardware.firmware import guard
-from hardware.robot.link import BoardInfo, BoardLink, Sample, check_fit, checked_duty
+from hardware.robot.link import STALE, BoardInfo, BoardLink, Sample, check_fit, checked_duty
 from limb_systems import Layout, LimbError, LimbParameters
 from limb_systems.model.heat_bounds import HeatBounds
 from limb_systems.simulation import PERIOD
@@ -98,15 +98,18 @@ class SeveralBoards:
             angles=sum(info.angles for info in infos),
         )
 
-    def sample(self) -> Sample:
+    def sample(self, oldest: float = STALE) -> Sample:
         """The newest samples as one, whose ``parts`` they are; times are those of the first.
 
         It is armed if all are, and has the reason of the board that was the first to be off.
 
+        Args:
+            oldest: as for `BoardLink.sample`.
+
         Raises:
             HardwareError: as `BoardLink.sample`.
         """
-        samples = [link.sample() for link in self._links]
+        samples = [link.sample(oldest) for link in self._links]
         first_off = min(samples, key=_rank)
         joined: dict[str, Any] = {
             name: np.concatenate([getattr(sample, name) for sample in samples])

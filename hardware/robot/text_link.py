@@ -131,18 +131,21 @@ class TextLink:
             0, 1 / board.rate, board.temperature_limit, board.name, channels, "unknown"
         )
 
-    def sample(self) -> Sample:
+    def sample(self, oldest: float = SILENCE) -> Sample:
         """The newest readings, nan where there are none; ``duty`` is what was sent last.
 
+        Args:
+            oldest: age at which they must not be used, s. Whoever heats leaves it as it is.
+
         Raises:
-            HardwareError: if no line that matches came for 0.5 s, or the cable is gone.
+            HardwareError: if no line that matches came for so long, or the cable is gone.
         """
         received, values = time.monotonic(), dict[str, float]()
         if self.board.answer:
             self._wait_until(self._opened + self.board.start_up + ANSWER_TIME, for_answer=True)
             received, values = self._read_last or (-np.inf, {})
-            if time.monotonic() - received > SILENCE:
-                raise self._error(f"No line that matches came from {self.port} for {SILENCE:g} s")
+            if time.monotonic() - received > oldest:
+                raise self._error(f"No line that matches came from {self.port} for {oldest:g} s")
         self._check()
         return Sample(
             received=received,
