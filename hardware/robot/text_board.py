@@ -135,7 +135,7 @@ class TextBoard(Strict):
     baud_rate: int = quantity(115200, "bit/s", 300, 4_000_000)
     rate: float = quantity(20.0, "Hz", 1.0, 200.0)
     start_up: float = quantity(2.0, "s", 0.0, 60.0)
-    temperature_limit: float = quantity(guard.TEMPERATURE_LIMIT, "°C", 0.0, 500.0)
+    temperature_limit: float = quantity(guard.TEMPERATURE_LIMIT, "°C", 0.0, 200.0)
 
     @classmethod
     def of(cls, board: "TextBoard | str | Path") -> "TextBoard":
