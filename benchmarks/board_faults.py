@@ -91,6 +91,8 @@ FAULTS = {
     "supply gives 30% more heat": ["weaken 1.3"],
     "supply gives 50% more heat": ["weaken 1.5"],
     "30% more heat, 80% of the rise read": ["weaken 1.3", "share {side} 0.8"],
+    "100% more heat, 60% of the rise read": ["weaken 2", "share {side} 0.6"],
+    "MOSFET shorted, 60% of the rise read": ["short {side}", "share {side} 0.6"],
     "amplifiers read 20 °C too little": ["chill 20"],
     "no fault, all wires hot": [],
 }

@@ -6,7 +6,7 @@ import numpy as np
 
 from hardware.robot.heat_rates import HeatRates, fit_heat_rates, warmth
 from hardware.robot.link import BoardLink, check_fit, shares_of
-from limb_systems import Layout, LimbParameters, bend_angle_from_tip_tangent
+from limb_systems import Layout, LimbError, LimbParameters, bend_angle_from_tip_tangent
 from limb_systems.model.heat_bounds import SPREAD
 from limb_systems.simulation import PERIOD
 
@@ -24,8 +24,51 @@ WHAT_TO_DO = (
     "than another. Bond the thermocouple anew, and compare resistances and thermocouples' types."
 )
 
+SAME_HEAT = SPREAD["least_heating"], SPREAD["most_heating"]  # of a supply, by its voltage squared
+CUT_OFF = (
+    "only a thermal cut-off in series with the wires helps against two faults at once, such as "
+    "twice the heat and a thermocouple that shows 60% of it, which the board cannot see "
+    "(docs/robot.md)"
+)
+
 # Samples while a wire is heated: duty (K, W), V (K, W), °C, and the bend to its own side (K), rad.
 Heating = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def check_supply(
+    parameters: LimbParameters,
+    voltage: float | None,
+    cut_off: bool | None,
+    say: Callable[[bool, str], None],
+) -> bool:
+    """Return whether wires may be heated by their supply, as far as a person has said.
+
+    Args:
+        parameters: the limb's description, whose ``supply_voltage`` it is compared with.
+        voltage: measured voltage of the supply, V; None if it was not said.
+        cut_off: whether a thermal cut-off is in series with the wires; None if it was not said.
+        say: takes whether it is good, and a sentence.
+
+    Raises:
+        LimbError: if the voltage is no positive number.
+    """
+    passed = True
+    if voltage is not None:
+        if not 0.1 <= voltage <= 1000.0:
+            raise LimbError(
+                f"The supply's voltage is {voltage:g} V; it must be from 0.1 to 1000 V."
+            )
+        what = f"the supply has {voltage:.3g} V"
+        if not (known := parameters.supply_voltage):
+            say(True, f"{what}; write supply_voltage: {voltage:g} into the limb's file to compare")
+        else:
+            heat = (voltage / known) ** 2
+            passed = SAME_HEAT[0] <= heat <= SAME_HEAT[1]
+            what += f", and {known:.3g} V when the limb was calibrated: {heat:.0%} of its heat"
+            say(passed, what if passed else f"{what}; set it to {known:.3g} V, or calibrate anew")
+    if cut_off is not None:
+        say(cut_off, "a thermal cut-off is on the limb" if cut_off else f"no cut-off: {CUT_OFF}")
+    return passed and cut_off is not False
 
 
 def check_wires(

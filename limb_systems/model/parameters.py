@@ -360,6 +360,8 @@ class LimbParameters(Described):
     - ``total_duty``: the largest sum of the duties of all wires at a time, for
       which supply and limb are made.
     - ``payload``: mass of a point at the tip, kg.
+    - ``supply_voltage``: voltage of the wires' supply, as it was measured when the limb was
+      calibrated, V; 0 if nobody measured it.
     - ``board``: the particular limb that these parameters were calibrated on,
       `SerialBoard` or `EmulatedLimb`; `NoBoard` if none.
     - ``calibration``: accuracy of the parameters, `CalibrationRecord`; None if
@@ -380,6 +382,7 @@ class LimbParameters(Described):
     board: NoBoard | BoardIdentity = dataclasses.field(default_factory=NoBoard)
     calibration: CalibrationRecord | None = None
     payload: float = quantity(0.0, "kg", 0.0, 100.0, rare=True)
+    supply_voltage: float = quantity(0.0, "V", 0.0, 1000.0, rare=True)
 
     @classmethod
     def in_space(cls, wires: int = 3, links: int = 5) -> "LimbParameters":

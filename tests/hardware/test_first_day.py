@@ -10,9 +10,10 @@ from simulated_board import SimulatedBoard
 
 from hardware import LimbTwin
 from hardware.robot import arm_check
-from hardware.robot.arm_check import check_wires
+from hardware.robot.arm_check import check_supply, check_wires
 from hardware.robot.heat_rates import HeatRates
 from limb_systems import LimbError, LimbParameters
+from soft_limb.command import main
 
 
 def check(limb, order=None, described=None):
@@ -68,3 +69,57 @@ def test_thermocouples_are_compared_by_heat_and_by_bend():
         assert passed == good
         assert f"right thermocouple shows {shown / 20:.0%} of what the left one does" in what
         assert ("Bond the thermocouple anew" in what) != good
+
+
+@pytest.mark.parametrize(
+    ("calibrated_at", "voltage", "cut_off", "good", "said"),
+    [
+        (0.0, None, None, True, []),
+        (
+            0.0,
+            7.0,
+            True,
+            True,
+            ["ok the supply has 7 V; write supply_voltage: 7 into", "ok a ther"],
+        ),
+        (
+            7.0,
+            7.2,
+            None,
+            True,
+            ["ok the supply has 7.2 V, and 7 V when the limb was calibrated: 106%"],
+        ),
+        (
+            7.0,
+            9.9,
+            None,
+            False,
+            ["no the supply has 9.9 V, .*: 200% of its heat; set it to 7 V, or"],
+        ),
+        (7.0, 6.0, None, False, ["no the supply has 6 V, .*: 73% of its heat; set it"]),
+        (
+            7.0,
+            7.0,
+            False,
+            False,
+            ["ok the supply", "no no cut-off: only a thermal cut-off in series"],
+        ),
+    ],
+)
+def test_what_a_person_says_of_the_supply(calibrated_at, voltage, cut_off, good, said):
+    limb, heard = LimbParameters(supply_voltage=calibrated_at), []
+    say = lambda ok, what: heard.append(f"{'ok' if ok else 'no'} {what}")  # noqa: E731
+    assert check_supply(limb, voltage, cut_off, say) == good
+    assert len(heard) == len(said)
+    assert all(map(re.match, said, heard)), heard
+
+
+def test_a_command_that_is_told_of_no_cut_off_does_not_open_the_port(capsys):
+    assert main(["arm-check", "/dev/null", "--supply", "7", "--no-cut-off"]) == 1
+    assert "FAILED  no cut-off" in capsys.readouterr().out
+    assert main(["arm-check", "/dev/null", "--supply", "-7"]) == 1
+    assert main(["arm-check", "/dev/null"]) == 1
+    said = capsys.readouterr().err
+    assert "supply's voltage is -7 V; it must be from 0.1" in said
+    assert "warning: Nobody has said what voltage the wires' supply has" in said
+    assert "Cannot open /dev/null" in said

@@ -91,7 +91,7 @@ def nominal() -> LimbParameters:
     parameters.wires[0].heat_bounds = HeatBounds()
     parameters.segments[0].stiffening = 0.3
     parameters.segments[0].rest_memory = RestMemory()
-    parameters.payload = 0.01
+    parameters.payload, parameters.supply_voltage = 0.01, 7.0
     segment = parameters.segments[0]
     segment.axes, segment.twists, segment.centred_joints = 2, True, True
     segment.stiffness_ratio, segment.torsional_ratio, segment.rest_angle_e3 = 0.9, 0.6, 0.1
@@ -259,7 +259,7 @@ def test_a_field_that_is_left_out_has_its_default(refused):
         loaded = LimbParameters.from_yaml(yaml.safe_dump(data))
         owner = value_at(loaded, keys[:-1])
         assert getattr(owner, keys[-1]) == getattr(type(owner)(), keys[-1]), keys
-        assert set(document()) - {"payload"} <= set(
+        assert set(document()) - {"payload", "supply_voltage"} <= set(
             yaml.safe_load(re.sub(r"!\w+ ", "", loaded.to_yaml()))
         )
 
@@ -428,6 +428,7 @@ POSITIVE |= {"a2", "beta", "links", "length", "mass", "width", "thickness", "sti
 POSITIVE |= {"axes", "stiffness_ratio", "torsional_ratio"}
 NOT_NEGATIVE = {
     "payload",
+    "supply_voltage",
     "damping",
     "warm_up_time",
     "noise",
