@@ -30,11 +30,12 @@ from hardware.emulation.specimen import emulated_limb
 from hardware.live.feed import board_reading
 from hardware.live.messages import Reading, RunHeader
 from hardware.robot import board_check
-from hardware.robot.arm_check import check_wires
+from hardware.robot.arm_check import CUT_OFF, check_supply, check_wires
 from hardware.robot.link import SerialPort, check_fit
 from hardware.robot.text_board import TextBoard
 from hardware.robot.text_link import open_link
 from limb_systems import (
+    Layout,
     Limb,
     LimbError,
     LimbParameters,
@@ -61,8 +62,10 @@ from soft_limb.reports.rollout import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary
 from soft_limb.runs import repetitions, teach_and_go
 from soft_limb.runs.cooling import cool_down
-from soft_limb.runs.planning import task_named
+from soft_limb.runs.planning import NAMED, reference_from_file, task_named
 from soft_limb.runs.rollout import NEAREST, Rollout, roll_out, troubles
+
+LONGEST_LESSON = 3600.0  # s, that a hand moves a limb
 
 
 def _ports(options: argparse.Namespace) -> int:
@@ -146,11 +149,41 @@ def _arm_check(options: argparse.Namespace) -> int:
         if not options.json:
             print(f"{'ok    ' if good else 'FAILED'}  {what}", flush=True)
 
-    with BoardLink(options.port, parameters) as link:
-        passed = check_wires(link, say, parameters)
+    voltage, cut_off = _supply(options)
+    passed = check_supply(parameters, voltage, cut_off, say)
+    if passed:
+        with BoardLink(options.port, parameters) as link:
+            passed = check_wires(link, say, parameters)
     if options.json:
         print_summary(options, Summary.of({}, {"passed": passed, "checks": checks}))
     return 0 if passed else 1
+
+
+def _supply(options: argparse.Namespace) -> tuple[float | None, bool | None]:
+    """The supply's voltage and whether there is a cut-off, as said by options or at a terminal."""
+    voltage, cut_off = options.supply, options.cut_off
+    if sys.stdin.isatty() and not options.json:
+        if voltage is None:
+            said = input("Measured voltage of the wires' supply, V (Enter: not measured): ").strip()
+            try:
+                voltage = float(said) if said else None
+            except ValueError:
+                raise LimbError(f"{said!r} is no voltage; measure it, and say it as 7.0.") from None
+        if cut_off is None:
+            said = input("A thermal cut-off on the limb, in series with its wires, y or n? ")
+            cut_off = {"y": True, "yes": True}.get(said.strip().lower(), False)
+    if voltage is None:
+        warnings.warn(
+            "Nobody has said what voltage the wires' supply has; heat goes with its square: "
+            "measure it, and give --supply VOLTS.",
+            stacklevel=2,
+        )
+    if cut_off is None:
+        warnings.warn(
+            f"Nobody has said that there is a cut-off: {CUT_OFF}; give --cut-off if there is one.",
+            stacklevel=2,
+        )
+    return voltage, cut_off
 
 
 def _board_check(options: argparse.Namespace) -> int:
@@ -344,24 +377,52 @@ def _learn(options: argparse.Namespace) -> int:
     return 0
 
 
+def _taught_limb(options: argparse.Namespace) -> tuple[LimbSystem, float]:
+    """The limb that is moved by hand, wires off, and how long it is recorded, s."""
+    limb = LimbParameters.of(options.limb)
+    if options.emulated is None:
+        if options.hand:
+            raise LimbError("--hand moves an emulated limb; give its seed: --emulated SEED.")
+        return SerialLimb(options.port, limb, heated=False, board=text_board(options)), options.time
+    if options.hand:
+        motion = reference_from_file(options.hand, 0.5)
+    elif Layout(limb).is_planar:
+        from soft_limb.evaluation.experiment import hand_course  # takes long to import
+
+        motion = hand_course("T&R 1")
+    else:
+        motion = NAMED["circle"]()
+    twin = LimbTwin(limb, seed=options.emulated, hand=motion)
+    return twin, min(options.time, motion.end_time())
+
+
 def _teach(options: argparse.Namespace) -> int:
     output = [options.output]
     check_outputs(output, inputs=[options.limb], tables=output, force=options.force)
-    limb = LimbParameters.of(options.limb)
+    if (options.port is None) == (options.emulated is None):
+        raise LimbError("Give the PORT of a board, or --emulated SEED for an emulated limb.")
     if board := text_board(options):
         board.check_measures(["bend_angle"], "Teaching")
+    if not 0 < options.time <= LONGEST_LESSON:
+        raise LimbError(
+            f"--time is {options.time:g} s; it must be above 0 and at most {LONGEST_LESSON:g} s."
+        )
     with live_page(options) as live:
-        robot = SerialLimb(options.port, limb, heated=False, board=board)
+        limb, longest = _taught_limb(options)
         what = "Move the limb by hand; Ctrl-C ends the recording."
+        if options.emulated is not None:
+            what = "An emulated hand moves the limb."
         print(what, flush=True)
         if live:
             live.say(what)
-        recording = watch(robot, options.time, journal=options.output, live=live)
+        recording = watch(limb, longest, journal=options.output, live=live)
         if live:
             live.end(recording.interrupted or DONE)
-    low, high = np.rad2deg([recording.bend_angle.min(), recording.bend_angle.max()])
-    said = f"{recording.time[-1]:.1f} s, from {low:.1f}° to {high:.1f}°"
-    print_summary(options, Summary.of({"taught": said}, {}) + troubles(recording), output)
+    low, high = np.rad2deg([np.nanmin(recording.bend_angle), np.nanmax(recording.bend_angle)])
+    said = {"taught": f"{recording.time[-1]:.1f} s, from {low:.1f}° to {high:.1f}°"}
+    if count := int(np.isnan(recording.bend_angle).any(axis=0).sum()):
+        said["missing"] = f"{count} of {len(recording.time)} samples, which did not come"
+    print_summary(options, Summary.of(said, {}) + troubles(recording), output)
     return 0
 
 
@@ -406,8 +467,24 @@ COMMANDS = {
         _arm_check,
         "Tests whether the sensors work, and whether each wire warms its own thermocouple and "
         "bends the limb to its own side, and whether both thermocouples show the like. Takes two "
-        "minutes, and heats each wire until the limb has bent by 6 to 8°.",
+        "minutes, and heats each wire until the limb has bent by 6 to 8°. Before that it asks at a "
+        "terminal for what no board can see: the supply's voltage, and a thermal cut-off.",
         "board limb json",
+        [
+            Option(
+                "--supply",
+                type=float,
+                metavar="VOLTS",
+                help="measured voltage of the wires' supply, which must be the limb's "
+                "supply_voltage if its file has one",
+            ),
+            Option(
+                "--cut-off",
+                action=argparse.BooleanOptionalAction,
+                help="whether a thermal cut-off is on the limb, in series with its wires; without "
+                "one nothing is heated",
+            ),
+        ],
     ),
     "board-check": Command(
         _board_check,
@@ -479,11 +556,23 @@ COMMANDS = {
         _teach,
         "Records while the limb is moved by hand. The recording is a reference: soft-limb plan "
         "RECORDING -o plan.csv plans it.",
-        "board text output limb live address force",
+        "text output limb live address force",
         [
+            shared("board", nargs="?"),
             Option(
                 "-t", "--time", type=float, default=60.0, help="to record, s (default %(default)g)"
-            )
+            ),
+            shared(
+                "emulated",
+                default=None,
+                help="in place of a port: seed of an emulated limb, which an emulated hand moves",
+            ),
+            Option(
+                "--hand",
+                metavar="REFERENCE",
+                help="what the emulated hand moves it through, as soft-limb plan takes it; a "
+                "motion of 60 s within 20° if left out",
+            ),
         ],
     ),
     "recover": Command(

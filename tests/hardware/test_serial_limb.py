@@ -6,6 +6,7 @@ import json
 import re
 import signal
 import sys
+import threading
 import time
 
 import numpy as np
@@ -222,6 +223,55 @@ def test_taught_motion_becomes_a_reference(emulator, tmp_path, capsys):
     assert all(event["right"] == event["left"] == 0.0 for event in emulator.events("duty"))
     reference = references.from_recording(recording, smoothing_time=0.5)
     assert reference.end_time() == pytest.approx(1.5)
+
+
+def test_a_gap_is_no_end_where_nothing_is_heated(emulator, tmp_path, capsys):
+    def interrupt():
+        time.sleep(1.0)
+        emulator.order("drop 1")
+        time.sleep(0.6)
+        emulator.order("drop 0")
+
+    threading.Thread(target=interrupt).start()
+    output = tmp_path / "taught.csv"
+    assert main(["teach", emulator.port, "-o", str(output), "-t", "4"]) == 0
+    assert "missing" in capsys.readouterr().out
+    missing = Recording.load(output).missing
+    assert 0 < missing.sum() < len(missing) / 2
+    assert not missing[0]
+
+
+def test_short_gaps_are_bridged(model_like_recording):
+    gappy = copy.copy(model_like_recording)
+    gappy.bend_angle = gappy.bend_angle.copy()
+    gappy.bend_angle[:, 100:119] = np.nan  # a second
+    with pytest.warns(
+        UserWarning, match="19 of .* samples of the recording are missing, up to 1 s"
+    ):
+        bridged = references.from_recording(gappy).vector_values(gappy.time)
+    ends = model_like_recording.bend_angle[0, [99, 119]]
+    np.testing.assert_allclose(bridged[0, 99:120], np.linspace(*ends, 21), atol=1e-12)
+    gappy.bend_angle[:, 119] = np.nan
+    with pytest.raises(LimbError, match=r"up to 1\.05 s in a row; where the limb was"):
+        references.from_recording(gappy)
+
+
+def test_an_emulated_hand_teaches(tmp_path, capsys):
+    output = str(tmp_path / "taught.csv")
+    teach = ["teach", "-o", output, "-t", "12", "--force"]
+    assert main([*teach, "--emulated", "3"]) == 0
+    recording = Recording.load(output)
+    assert recording.source.startswith("emulated limb")
+    assert recording.duty.max() == 0.0
+    at = np.interp([6.9, 10.0], recording.time, np.rad2deg(recording.bend_angle[0]))
+    np.testing.assert_allclose(at, [12.0, -4.0], atol=3.0)  # as the hand and the sensor are
+    assert main(teach) == 1
+    assert main([*teach, "port", "--emulated", "3"]) == 1
+    assert main([*teach, "--emulated", "3", "--hand", "circle"]) == 1
+    said = capsys.readouterr()
+    assert "An emulated hand moves the limb" in said.out
+    assert said.err.count("Give the PORT of a board, or --emulated SEED") == 2
+    assert "The hand moves 2 bend angles, but the limb has 1" in said.err
 
 
 def test_smoothing_takes_noise_away_and_leaves_the_motion(model_like_recording):
