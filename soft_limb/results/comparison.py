@@ -150,18 +150,18 @@ class Comparison:
         rows = [["", "unit", *self.names]]
         for change in self.changes:
             cells = [
-                f"{_text(value)} ({100 * relative:+.3g}%)" if relative else _text(value)
-                for value, relative in zip(change.values, change.relative, strict=True)
+                f"{text} ({100 * relative:+.3g}%)" if relative else text
+                for text, relative in zip(_texts(change.values), change.relative, strict=True)
             ]
             rows.append([change.name, change.unit, *cells])
         return rows
 
     def distances_table(self) -> list[list[str]]:
-        """A head, and a row for each recording: its distance from the reference, and what could be.
+        """A head, and a row for each recording: mean distances from the reference.
 
-        The recorded bend's, the plan's, and that of the best plan within the limits.
+        The distance of the recorded bend, of the plan, and of the best plan within the limits.
         """
-        rows = [["run", "done", "the plan asks for", "the limits leave"]]
+        rows = [["run", "measured", "planned", "best possible within the limits"]]
         for run, distances in self.distances.items():
             cells = [
                 NONE if distance is None else f"{np.rad2deg(distance):.2f}°"
@@ -372,10 +372,22 @@ def _tracking(
     return distances, tracked
 
 
-def _text(value: Any) -> str:
+def _texts(values: Sequence[Any]) -> list[str]:
+    """Values in words, numbers with three digits or with as many as it takes to tell them apart."""
+    for digits in (3, 6, 9, 17):
+        texts = [_text(value, digits) for value in values]
+        if len(set(texts)) == len(set(map(str, values))):
+            break
+    return texts
+
+
+def _text(value: Any, digits: int) -> str:
     if value is None:
         return NONE
     if isinstance(value, float):
-        return f"{value:.6g}"
-    text = " ".join(str(value).split())
+        return f"{value:.{digits}g}"
+    if isinstance(value, list):
+        text = ", ".join(_text(item, digits) for item in value)
+    else:
+        text = " ".join(str(value).split())
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."

@@ -20,11 +20,12 @@ from limb_systems.model.parameters import EmulatedLimb, LimbParameters
 from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.provenance import Provenance
 from limb_systems.summary import Entry, Summary
-from planners import Task
+from planners import Task, references
 from soft_limb.results.summaries import gait_summary, plan_summary, repetitions_summary
 
 RECORDING, TRAJECTORY, LEARNING = "recording", "trajectory", "learning"
 GAIT, LIMB, ROBOT, TASK, REPORT = "gait", "limb", "robot", "task", "report"
+REFERENCE = "reference"
 _OF_LIMBS = {field.name for field in dataclasses.fields(LimbParameters)}
 
 
@@ -37,7 +38,8 @@ class ResultFile:
     """A file of soft-limb.
 
     - ``path``: path of the file.
-    - ``kind``: "recording", "trajectory", "gait", "learning", "limb", "robot", "task" or "report".
+    - ``kind``: "recording", "trajectory", "gait", "learning", "limb", "robot", "task", "report" or
+      "reference".
     - ``summary``: what the file holds, without its provenance.
     - ``provenance``: what made it; None if it does not say.
     - ``value``: a `Recording`, a `Trajectory`, a `Gait`, `LimbParameters` or `RobotParameters`;
@@ -55,8 +57,10 @@ class ResultFile:
         about = Summary([Entry(self.kind, str(self.path))]) + self.summary
         if self.provenance:
             return about + self.provenance.summary()
-        # A person wrote limbs, robots and tasks.
-        unknown = [] if self.kind in (LIMB, ROBOT, TASK) else [Entry("made by", "not known")]
+        # A person wrote limbs, robots, tasks and references.
+        unknown = (
+            [] if self.kind in (LIMB, ROBOT, TASK, REFERENCE) else [Entry("made by", "not known")]
+        )
         return about + Summary(unknown)
 
     def to_json(self) -> dict[str, Any]:
@@ -94,9 +98,11 @@ def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
         return _report(path, data)
     elif path.suffix in (".yaml", ".yml"):
         return _yaml(path, data)
+    elif not match and path.suffix == ".csv":
+        return _reference(path)
     raise ResultError(
-        f"{path} is no recording, trajectory, gait, limb, robot, task, state of learning or report "
-        "of soft-limb."
+        f"{path} is no recording, trajectory, gait, limb, robot, task, reference, state of "
+        "learning or report of soft-limb."
     )
 
 
@@ -194,6 +200,26 @@ def _robot(path: Path) -> ResultFile:
         _identity(robot),
     ]
     return ResultFile(path, ROBOT, Summary(entries), None, robot)
+
+
+def _reference(path: Path) -> ResultFile:
+    try:
+        course = references.load(path)
+    except LimbError as error:
+        raise ResultError(
+            f"{path} is nothing that soft-limb writes, and no reference, time in s and bend angles "
+            f"in degrees, either ({str(error).removeprefix(f'{path}: ').rstrip('.')})."
+        ) from error
+    times = np.array(course.get_segment_times())
+    bends = np.rad2deg(course.vector_values(times))
+    low, high = bends.min(), bends.max()
+    entries = [
+        Entry("duration", float(times[-1]), "s"),
+        Entry("points", len(times)),
+        Entry("bends", len(bends)),
+        Entry("motion", [float(low), float(high)], "°", f"bend {low:.1f}° to {high:.1f}°"),
+    ]
+    return ResultFile(path, REFERENCE, Summary(entries), None)
 
 
 def _report(path: Path, data: bytes) -> ResultFile:

@@ -142,7 +142,7 @@ def walk_summary(gait: Gait, recording: Recording, cycles: int, start: float) ->
 
 
 def distances_summary(distances: ReferenceDistances) -> Summary:
-    """How near a limb came to its reference, beside what its plan asks for and its limits leave."""
+    """Mean distances from the reference: of the limb, of its plan and of the best plan."""
     done = _degrees(distances.done)
     of_plan = _beside("" if done is None else f"{done:.2f}°", distances)
     return Summary([of_plan[0], Entry("reference_distance_deg", done, "°", None), *of_plan[1:]])
@@ -151,9 +151,9 @@ def distances_summary(distances: ReferenceDistances) -> Summary:
 def _beside(done: str, distances: ReferenceDistances) -> list[Entry]:
     """What was done, in words, beside the distances of the plan and of the best plan."""
     planned, nearest = _degrees(distances.planned), _degrees(distances.nearest)
-    said = f"|φ_ref - φ|: mean {done} done; " if done else ""
-    said += f"the plan asks for {planned:.2f}°"
-    said += "" if nearest is None else f", the limits leave {nearest:.2f}°"
+    said = f"mean distance: measured {done}, " if done else "mean distance: "
+    said += f"planned {planned:.2f}°"
+    said += "" if nearest is None else f", best possible within the limits {nearest:.2f}°"
     return [
         Entry("reference", sentence=said),
         Entry("planned_distance_deg", planned, "°", None),

@@ -227,6 +227,35 @@ def test_compare_tells_a_shift_of_one_degree(folder, capsys):
     assert facts["differences"][0]["percentile_90"] == pytest.approx(1.0, abs=1e-9)
 
 
+def test_compare_tells_numbers_apart_with_no_more_digits_than_that_takes(folder):
+    several = [
+        Change("a", "s", [14.500000000000002, 20.0]),
+        Change("b", "", [[14.500000000000002, 1.0], [14.6, 1.0]]),
+        Change("c", "", [1234.5, 1234.6]),
+        Change("d", "", [None, 1e-7]),
+    ]
+    results = [read_result(folder / name) for name in ("plan.csv", "recording.csv")]
+    comparison = dataclasses.replace(compare(results), changes=several)
+    shown = [row[2:] for row in comparison.changes_table()[1:]]
+    assert [[cell.partition(" (")[0] for cell in row] for row in shown] == [
+        ["14.5", "20"],
+        ["14.5, 1", "14.6, 1"],
+        ["1234.5", "1234.6"],
+        ["-", "1e-07"],
+    ]
+
+
+def test_show_reads_a_reference(tmp_path, capsys):
+    (tmp_path / "mine.csv").write_text("t;bend\n0;0\n2,5;-10\n4;20\n")
+    (tmp_path / "list.csv").write_text("a,b\nc,d\n")
+    assert main(["show", *map(str, [tmp_path / "mine.csv", tmp_path / "list.csv"])]) == 1
+    said = capsys.readouterr()
+    for line in ("duration    4 s", "points      3", "motion      bend -10.0° to 20.0°"):
+        assert line in said.out
+    assert said.err.startswith("error: ")
+    assert "list.csv is nothing that soft-limb writes, and no reference" in said.err
+
+
 def test_compare_takes_a_plan_beside_its_recordings(folder, capsys):
     make_recording(-2.0).save("below.csv")
     facts = compared(["plan.csv", "recording.csv", "below.csv"], capsys)
