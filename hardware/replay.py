@@ -136,8 +136,8 @@ def check_replayable(trajectory: Trajectory, limb: LimbSystem, *, unchecked: boo
     if trajectory.check.is_missing:
         if not unchecked:
             raise ReplayError(
-                "This trajectory was never checked and is not replayed; simulate it first, then "
-                "replay it with unchecked=True."
+                "This trajectory was never checked and is not replayed; plan it again with "
+                "soft-limb plan, which checks it by simulation (in Python also unchecked=True)."
             )
     elif failure := trajectory.check.failure():
         raise ReplayError(f"This trajectory failed its check and is not replayed: {failure}")

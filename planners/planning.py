@@ -19,6 +19,7 @@ from limb_systems import (
     band,
 )
 from limb_systems.model.statics import HeldAngles
+from planners import references
 from planners.checks import (
     active_constraints,
     far_from_reference,
@@ -377,6 +378,8 @@ def _sample_reference(reference, times: np.ndarray, layout: Layout) -> np.ndarra
         raise PlanningError(
             f"The reference has {angles} angle{'s' * (angles != 1)} at each time; "
             f"this limb has {segments} segment{'s' * (segments > 1)}, with {of_each}."
+            + f" {references.IN_SPACE}"
+            * (layout.is_planar and angles == 2 * segments)
         )
     angles = reference.vector_values(times)
     bad = ~(np.abs(angles) <= np.pi + ROUNDING_OF_ANGLES).all(axis=0)  # also true for NaN

@@ -19,6 +19,10 @@ from limb_systems import Layout, LimbError, LimbParameters, Recording
 from limb_systems.input import LARGEST_TABLE, read_text
 from limb_systems.model.chain import Chain
 
+IN_SPACE = (
+    "If yours bends in space, write axes: 2 into its segments in its YAML file, and where its "
+    "wires are, e2 and e3."
+)
 APPROACH = 5.0  # s, in which a limb gets to the beginning of a curve
 CURVE_RATE = 20.0  # Hz, of the samples of a curve
 LONGEST_GAP = 1.0  # s, of a recording, over which a reference is linear
@@ -298,6 +302,10 @@ def from_tip_path(
     chain = Chain(layout, [0.0, 0.0, 0.0])
     wanted, times = np.atleast_2d(np.asarray(path, float)), np.asarray(times, float)
     sideways = [1] if layout.is_planar else [1, 2]
+    if layout.is_planar and len(wanted) == 2:
+        raise LimbError(
+            f"The path has two coordinates of the tip, and this limb bends in a plane. {IN_SPACE}"
+        )
     if wanted.shape != (len(sideways), times.size) or not np.isfinite(wanted).all():
         raise LimbError(
             f"path has the shape {wanted.shape}; for this limb and {times.size} times it must be "

@@ -84,7 +84,7 @@ def test_a_plan_without_a_check_is_replayed_only_if_asked_for(fig5_plan, tmp_pat
     own.save(tmp_path / "plan.csv")
     loaded = Trajectory.load(tmp_path / "plan.csv")
     assert loaded.check.is_missing
-    with pytest.raises(ReplayError, match="never checked and is not replayed; simulate it"):
+    with pytest.raises(ReplayError, match="never checked and is not replayed; plan it a"):
         replay(loaded, Limb())
     recording = replay(loaded, Limb(), unchecked=True)
     assert np.rad2deg(tracking_errors(loaded, [recording]).mean) < 0.1

@@ -263,7 +263,7 @@ def test_requests_that_make_no_sense_are_refused():
     for reference, arguments, message in [
         ([[0.0, np.nan]], {}, "is nan° at 0 s"),
         ([[0.0, 4.0]], {}, r"is 183\.346° at 0\.8 s; .* from -180° to 180°"),
-        ([[0.0, 0.1], [0.0, 0.1]], {}, "has 2 angles at each time; this limb has 1 segment"),
+        ([[0.0, 0.1], [0.0, 0.1]], {}, r"has 2 angles .* this limb has 1 segment, .* axes: 2"),
         ([[0.0, 0.1]], {"knot_rate": 0.1}, "makes one knot"),
         ([[0.0, 0.1]], {"knot_rate": -5.0}, "knot_rate is -5.0 Hz"),
         ([[0.0, 0.1]], {"knot_rate": np.nan}, "knot_rate is nan Hz"),
