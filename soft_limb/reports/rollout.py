@@ -18,12 +18,12 @@ def rollout_verdict(rollout: Rollout) -> str:
     """How near a limb came to its reference and to its plan, and what went wrong."""
     values, check = rollout.summary().to_json(), rollout.trajectory.check
     timing, nearest = values["timing"], values["nearest_distance_deg"]
-    done = "No bend was measured"
+    done = "Mean distance from the reference: not measured"
     if rollout.has_bend:
-        done = f"On average {values['reference_distance_deg']:.2f}° from the reference"
+        done = f"Mean distance from the reference: measured {values['reference_distance_deg']:.2f}°"
     said = [
-        f"{done}; the plan asks for {values['planned_distance_deg']:.2f}°"
-        + ("." if nearest is None else f", and the limits of the limb leave {nearest:.2f}°."),
+        f"{done}, planned {values['planned_distance_deg']:.2f}°"
+        + ("." if nearest is None else f", best possible within the limits {nearest:.2f}°."),
     ]
     if tracking := values.get("tracking"):
         said.append(

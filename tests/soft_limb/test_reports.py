@@ -66,8 +66,9 @@ def test_a_report_begins_with_what_went_wrong(rollout, tmp_path, look_at):
     text = report.read_text(encoding="utf-8")
     verdict = text.partition('<p class="verdict">')[2].partition("</p>")[0]
     assert verdict == html.escape(
-        "Interrupted at 1.0 s of 2.0 s: the <i>a</i> wire is open. On average 1.00° from the "
-        "reference; the plan asks for 0.00°, and the limits of the limb leave 0.00°. Followed the "
+        "Interrupted at 1.0 s of 2.0 s: the <i>a</i> wire is open. Mean distance from "
+        "the reference: measured 1.00°, planned 0.00°, best possible within the limits 0.00°. "
+        "Followed the "
         "plan to 1.00° on average, and to 1.00° for nine tenths of the samples. In open loop, the "
         "bend sensors of 95% of the limbs that the calibration allows for read within ±0.70° of "
         "the plan. Doubtful: 1 of 21 samples out of range, the first at 0.2 s; they do not count. "
@@ -87,7 +88,7 @@ def test_a_report_says_that_all_is_well(rollout):
     trajectory = dataclasses.replace(rollout.trajectory, check=PlanCheck())
     well = dataclasses.replace(rollout, recording=whole, trajectory=trajectory, late=np.zeros(4))
     assert rollout_verdict(well) == (
-        "On average 1.00° from the reference; the plan asks for 0.00°, and the limits of the limb "
-        "leave 0.00°. Followed the plan to 1.00° on average, and to 1.00° for nine tenths of the "
+        "Mean distance from the reference: measured 1.00°, planned 0.00°, best possible within the "
+        "limits 0.00°. Followed the plan to 1.00° on average, and to 1.00° for nine tenths of the "
         "samples. All commands left in time."
     )

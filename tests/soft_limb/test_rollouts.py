@@ -91,8 +91,8 @@ def test_what_was_taught_is_followed(tmp_path, capsys):
     nearest = said["nearest_distance_deg"]
     assert nearest < asked - 1.0
     assert (
-        f"mean {missed:.2f}° done; the plan asks for {asked:.2f}°, the limits leave {nearest:.2f}°"
-        in report
+        f"measured {missed:.2f}°, planned {asked:.2f}°, best possible within the limits "
+        f"{nearest:.2f}°" in report
     )
     assert said["highest_readings_c"] == recording.measured_temperature.max(axis=1).tolist()
 
