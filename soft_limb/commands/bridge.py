@@ -72,5 +72,6 @@ COMMANDS = {
                 "(default %(default)s)",
             ),
         ],
+        examples=["soft-limb bridge --emulated 3 --plan out/plan.csv"],
     )
 }

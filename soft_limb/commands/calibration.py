@@ -167,6 +167,7 @@ COMMANDS = {
             ),
         ],
         stopped="stopped; finished recordings are kept, and wires are off",
+        examples=["soft-limb collect -o out/recordings/ -l limb.yaml"],
     ),
     "fit": Command(
         _fit,
@@ -192,6 +193,9 @@ COMMANDS = {
             ),
         ],
         stopped="stopped; nothing was written",
+        examples=[
+            "soft-limb fit out/recordings/ -o out/calibrated.yaml --report out/calibration.html"
+        ],
     ),
     "validate": Command(
         _validate,
@@ -202,5 +206,8 @@ COMMANDS = {
             Option("recording", type=Path, help="recording with heated wires (.csv)"),
         ],
         stopped="stopped; nothing was written",
+        examples=[
+            "soft-limb validate out/calibrated.yaml out/recording.csv --plot out/validation.png"
+        ],
     ),
 }

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from limb_systems import LimbParameters
 from limb_systems.output import check_outputs
-from soft_limb.commands.options import Command, Option, print_summary
+from soft_limb.commands.options import Command, Option, print_summary, say_duration
 from soft_limb.results.summaries import plan_summary
 from soft_limb.runs.planning import plan_from_files
 
@@ -15,6 +15,7 @@ PLAN, REPORT = "first_plan.csv", "report.html"
 def _demo(options: argparse.Namespace) -> int:
     outputs = [options.folder / PLAN, options.folder / REPORT]
     check_outputs(outputs, force=options.force)
+    say_duration("about two minutes on two cores")
     print("planning ramps for the limb as described ...", flush=True)
     trajectory = plan_from_files("ramps", LimbParameters())
     trajectory.save(outputs[0])
@@ -44,5 +45,6 @@ COMMANDS = {
             )
         ],
         stopped="stopped; what is finished is kept",
+        examples=["soft-limb demo out"],
     )
 }

@@ -12,7 +12,14 @@ from limb_systems import Gait, LimbError, LimbSystem, Robot, RobotParameters
 from limb_systems.output import check_outputs
 from planners.gait.schedules import schedule_of, schedule_text, sensible_schedules
 from planners.gait.walking import walk
-from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
+from soft_limb.commands.options import (
+    Command,
+    Option,
+    print_summary,
+    print_table,
+    say_duration,
+    shared,
+)
 from soft_limb.results.summaries import gait_summary, walk_summary
 from soft_limb.runs.gaits import find_gait
 from soft_limb.runs.rollout import OPEN
@@ -39,6 +46,10 @@ def _gait(options: argparse.Namespace) -> int:
     num_feet = len(robot.limbs)
     schedules = [schedule_of(text, num_feet) for text in options.schedule]
     schedules = schedules or sensible_schedules(num_feet)
+    each = "half a minute" if options.quick else "two minutes"
+    say_duration(
+        f"some seconds for each of {len(schedules)} schedules, and about {each} to check one",
+    )
     trials = find_gait(
         robot,
         schedules,
@@ -81,6 +92,11 @@ def _walk(options: argparse.Namespace) -> int:
         force=options.force,
     )
     gait = Gait.load(options.gait)
+    if gait.check.is_missing:
+        raise LimbError(
+            f"{options.gait} was never checked and is not walked by; plan it again with soft-limb "
+            "gait, which checks it by simulation."
+        )
     trajectory = walk(gait, options.cycles)
     name = options.controller or (BENDS if options.port else STRIDES)
     controller: LeafSystem | None = None
@@ -153,6 +169,7 @@ COMMANDS = {
             ),
         ],
         stopped="stopped; nothing was written",
+        examples=["soft-limb gait -o out/gait.csv --schedule 'fs ss sf ss'"],
     ),
     "walk": Command(
         _walk,
@@ -183,5 +200,6 @@ COMMANDS = {
                 f"{BENDS} on a port, where no camera sees the body)",
             ),
         ],
+        examples=["soft-limb walk out/gait.csv -n 4 -o out/walk.csv"],
     ),
 }

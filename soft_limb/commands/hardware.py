@@ -54,6 +54,7 @@ from soft_limb.commands.options import (
     Option,
     live_page,
     print_summary,
+    say_duration,
     shared,
     text_board,
 )
@@ -65,6 +66,7 @@ from soft_limb.runs.cooling import cool_down
 from soft_limb.runs.planning import NAMED, reference_from_file, task_named
 from soft_limb.runs.rollout import NEAREST, Rollout, roll_out, troubles
 
+SIMULATED = 20.0  # times real time, about, of an emulated limb on an idle computer
 LONGEST_LESSON = 3600.0  # s, that a hand moves a limb
 
 
@@ -357,6 +359,14 @@ def _learn(options: argparse.Namespace) -> int:
         said += filter(None, [repetition.interrupted, repetition.remark])
         print(f"repetition  {number}: {'; '.join(said)}", flush=True)
 
+    each = f"{options.repetitions} repetitions of {trajectory.duration:g} s"
+    if options.port:
+        say_duration(f"{each}, and rests of some minutes, until the wires are cool")
+    elif options.live or options.live_address:
+        say_duration(f"{each}, in real time")
+    else:
+        about = options.repetitions * trajectory.duration / SIMULATED
+        say_duration(f"about {max(1.0, about):.0f} s for {each}")
     limbs: Callable[[], LimbSystem]
     try:
         with live_page(options) as live:
@@ -456,12 +466,18 @@ def _emulate(options: argparse.Namespace) -> int:
 
 
 COMMANDS = {
-    "ports": Command(_ports, "Lists the serial ports of this computer.", "json"),
+    "ports": Command(
+        _ports,
+        "Lists the serial ports of this computer.",
+        "json",
+        examples=["soft-limb ports"],
+    ),
     "status": Command(
         _status,
         "Prints the state of a board.",
         "board limb json live address",
         [Option("--clear", action="store_true", help="clear a fault that is latched")],
+        examples=["soft-limb status /dev/ttyACM0"],
     ),
     "arm-check": Command(
         _arm_check,
@@ -485,6 +501,7 @@ COMMANDS = {
                 "one nothing is heated",
             ),
         ],
+        examples=["soft-limb arm-check /dev/ttyACM0 -l limb.yaml --supply 7.0 --cut-off"],
     ),
     "board-check": Command(
         _board_check,
@@ -507,6 +524,7 @@ COMMANDS = {
                 ),
             ]
         ],
+        examples=["soft-limb board-check /dev/ttyACM0"],
     ),
     "replay": Command(
         _replay,
@@ -515,6 +533,10 @@ COMMANDS = {
         "sample is written when it arrives, to NAME.unfinished.csv; it becomes NAME.csv when the "
         "plan has ended, and the report tells how many commands left more than 5 ms late.",
         "trajectory output driven text controller plot report live cool address json force",
+        examples=[
+            "soft-limb replay out/plan.csv -o out/recording.csv --plot out/tracking.png",
+            "soft-limb replay out/plan.csv -o out/recording.csv -p /dev/ttyACM0",
+        ],
     ),
     "follow": Command(
         _follow,
@@ -526,6 +548,7 @@ COMMANDS = {
             shared("controller", default=NEAREST),
             shared("task", help=f"{TASK_HELP}; closed-loop if left out"),
         ],
+        examples=["soft-limb follow mine.csv -o out/followed/"],
     ),
     "learn": Command(
         _learn,
@@ -551,6 +574,7 @@ COMMANDS = {
                 "far as its limits allow (default %(default)s)",
             ),
         ],
+        examples=["soft-limb learn out/plan.csv -n 10 -o out/learned/"],
     ),
     "teach": Command(
         _teach,
@@ -574,12 +598,17 @@ COMMANDS = {
                 "motion of 60 s within 20° if left out",
             ),
         ],
+        examples=[
+            "soft-limb teach --emulated 1 -o out/taught.csv",
+            "soft-limb teach /dev/ttyACM0 -o out/taught.csv -t 30",
+        ],
     ),
     "recover": Command(
         _recover,
         "Finishes the recording of a program that was killed.",
         "output force",
         [Option("recording", type=Path, help="recording without its end (.unfinished.csv)")],
+        examples=["soft-limb recover out/recording.unfinished.csv -o out/recording.csv"],
     ),
     "emulate": Command(
         _emulate,
@@ -609,5 +638,6 @@ COMMANDS = {
                 "--log", type=Path, help="file for changes of duty and orders, a line of JSON each"
             ),
         ],
+        examples=["soft-limb emulate --emulated 3 -l limb.yaml"],
     ),
 }

@@ -115,5 +115,6 @@ COMMANDS = {
             Option("--mapping", type=Path, help="how to read the logs (.yaml)"),
         ],
         stopped="stopped; recordings that are there are whole",
+        examples=["soft-limb import lab/*.csv -o out/recordings/"],
     ),
 }

@@ -27,6 +27,15 @@ class Option:
         self.names, self.settings = names, settings
 
 
+class _Help(argparse.HelpFormatter):
+    """Fills paragraphs, and leaves lines that are indented as they are."""
+
+    def _fill_text(self, text, width, indent):
+        fill = super()._fill_text
+        lines = text.split("\n")
+        return "\n".join(x if x[:1] in ("", " ") else fill(x, width, indent) for x in lines)
+
+
 @dataclasses.dataclass(frozen=True)
 class Command:
     """A command of ``soft-limb``.
@@ -36,6 +45,7 @@ class Command:
     - ``shared``: keys of its options in `SHARED`, with spaces between them.
     - ``own``: further ones, each an `Option`, or a list of which one may be given.
     - ``stopped``: sentence for a command that a signal has ended.
+    - ``examples``: lines that a shell runs, by the names that README gives to files.
     """
 
     run: Callable[[argparse.Namespace], int]
@@ -43,11 +53,16 @@ class Command:
     shared: str
     own: Sequence[Option | list[Option]] = ()
     stopped: str = "stopped; wires are off"
+    examples: Sequence[str] = ()
 
     def parser(self, prog: str) -> argparse.ArgumentParser:
         """The parser of its arguments."""
+        lines = ["for example:", *(f"  {line}" for line in self.examples), "", EXIT_STATUS]
         parser = argparse.ArgumentParser(
-            prog=prog, description=self.description, epilog=EXIT_STATUS
+            prog=prog,
+            description=self.description,
+            epilog="\n".join(lines),
+            formatter_class=_Help,
         )
         for entry in (*(SHARED[key] for key in self.shared.split()), *self.own):
             group = parser.add_mutually_exclusive_group() if isinstance(entry, list) else parser
@@ -238,6 +253,11 @@ def print_summary(
         print(json.dumps(summary.to_json(), ensure_ascii=False), flush=True)
     elif told := str(summary):
         print(told, flush=True)
+
+
+def say_duration(about: str) -> None:
+    """Tells at a command's start about how long it takes, beside what it prints as its result."""
+    print(f"takes {about}", file=sys.stderr, flush=True)
 
 
 def print_table(title: str, rows: Sequence[Sequence[str]]) -> None:

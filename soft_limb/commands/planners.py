@@ -98,5 +98,9 @@ COMMANDS = {
             ),
         ],
         stopped="stopped; nothing was written",
+        examples=[
+            "soft-limb plan mine.csv -o out/plan.csv --plot out/plan.png",
+            "soft-limb plan fig5 -l out/calibrated.yaml -o out/plan.csv --report out/plan.html",
+        ],
     )
 }

@@ -53,7 +53,7 @@ def _compare(options: argparse.Namespace) -> int:
 
 def _print_comparison(comparison: Comparison) -> None:
     if comparison.distances:
-        print_table("mean |φ_ref - φ| from the plan's reference", comparison.distances_table())
+        print_table("mean distance from the plan's reference", comparison.distances_table())
     if tracking := comparison.tracking:
         rows = comparison.differences_table(tracking, "|{0}* - {0}|")
         print_table("tracking errors of the plan's recordings", rows)
@@ -121,10 +121,12 @@ COMMANDS = {
     "show": Command(
         _show,
         "Says what each file is, what is in it, and what made it: a recording, a trajectory, a "
-        "gait, a limb, a robot or a task (.yaml), learning.txt, or a report (.html).",
+        "gait, a limb, a robot or a task (.yaml), a reference (.csv of s and degrees), "
+        "learning.txt, or a report (.html).",
         "json",
         [Option("files", nargs="+", metavar="FILE", type=Path, help="any of these")],
         stopped=STOPPED,
+        examples=["soft-limb show out/plan.csv out/recording.csv"],
     ),
     "compare": Command(
         _compare,
@@ -139,6 +141,7 @@ COMMANDS = {
             ),
         ],
         stopped=STOPPED,
+        examples=["soft-limb compare out/plan.csv out/recording.csv -o out/comparison.html"],
     ),
     "runs": Command(
         _runs,
@@ -158,6 +161,7 @@ COMMANDS = {
             ),
         ],
         stopped="stopped; the page is gone",
+        examples=["soft-limb runs out"],
     ),
     "export": Command(
         _export,
@@ -196,5 +200,6 @@ COMMANDS = {
             ),
         ],
         stopped=STOPPED,
+        examples=["soft-limb export out/plan.csv -o out/plan.h --duty-max 255"],
     ),
 }

@@ -12,7 +12,14 @@ from limb_systems import LimbParameters
 from limb_systems.output import check_outputs
 from limb_systems.progress import Progress
 from limb_systems.summary import Summary
-from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
+from soft_limb.commands.options import (
+    Command,
+    Option,
+    print_summary,
+    print_table,
+    say_duration,
+    shared,
+)
 from soft_limb.runs.jobs import executor_of
 from soft_limb.runs.planning import task_named
 from soft_limb.runs.rollout import CONTROLLERS, OPEN
@@ -37,6 +44,7 @@ def _sweep(options: argparse.Namespace) -> int:
     )
     if options.force:
         options.output.unlink(missing_ok=True)
+    say_duration(f"some seconds for each of {len(wanted)} runs, in {options.jobs} processes")
     with (
         executor_of(options.cluster, options.jobs) as executor,
         Progress("sweep", len(wanted), "runs") as progress,
@@ -147,5 +155,6 @@ COMMANDS = {
             Option("--force", action="store_true", help="begin the table anew"),
         ],
         stopped="stopped; the table has the runs that were finished",
+        examples=["soft-limb sweep mine.csv -l limb.yaml --seeds 0-9 -o out/sweep.csv"],
     )
 }

@@ -1,8 +1,10 @@
 """Commands end with a sentence and the exit status that their help promises."""
 
 import gc
+import importlib
 import os
 import re
+import shlex
 import signal
 import subprocess
 import sys
@@ -47,6 +49,19 @@ def test_an_error_and_a_warning_are_a_sentence_each(capsys):
 def test_mistakes_of_the_program_are_not_hidden():
     with pytest.raises(ValueError, match="a mistake"):
         run_command(fail_with(ValueError("a mistake")), "stopped")
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_has_examples_that_the_command_takes(name):
+    home = f"soft_limb.commands.{COMMANDS[name][0]}"
+    command = importlib.import_module(home).COMMANDS[name]
+    parser = command.parser(name)
+    assert command.examples
+    for line in command.examples:
+        program, given, *words = shlex.split(line)
+        assert (program, given) == ("soft-limb", name)
+        parser.parse_args(words)
+        assert f"\n  {line}\n" in parser.format_help()
 
 
 @pytest.mark.parametrize("number", SIGNALS)

@@ -31,13 +31,15 @@ def test_command_repeats_and_goes_on(plan_file, tmp_path, capsys, monkeypatch, l
     monkeypatch.setattr("soft_limb.runs.repetitions.PAUSE", 1.0)  # of what takes longest to emulate
     folder = tmp_path / "learned"
     assert main(["learn", plan_file, "-n", "2", "-o", str(folder)]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    said = capsys.readouterr()
+    assert re.match(r"takes about \d+ s for 2 repetitions of ", said.err)
+    lines = said.out.splitlines()
     assert re.fullmatch(
         r"repetition  1: as read mean \|φ_ref - φ\| \d\.\d\d°, \|φ\* - φ\| \d\.\d\d°", lines[0]
     )
     assert lines[1].startswith("repetition  2: ")
     written = ["learning.txt", "learned.csv", "learning.png", "learning.html"]
-    assert lines[2].startswith("reference   |φ_ref - φ|: mean ")
+    assert lines[2].startswith("reference   mean distance: measured ")
     assert lines[3].startswith("errors      mean |φ* - φ| ")
     assert lines[4] == f"written     {', '.join(str(folder / name) for name in written)}"
     made = {path.name for path in folder.iterdir()}
