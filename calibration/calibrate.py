@@ -233,7 +233,7 @@ def calibrate(
         raise CalibrationError(f"method is {method!r}; it must be one of {', '.join(METHODS)}.")
     left_out: list[Remark] = []
     try:
-        return _calibrated(recordings, parameters, method, laws, left_out)
+        return _calibrated(recordings, parameters, method, laws, announce, left_out)
     except LimbError as error:
         for remark in left_out:
             error.add_note(str(remark))
@@ -245,6 +245,7 @@ def _calibrated(
     parameters: LimbParameters | None,
     method: str,
     laws: Sequence[type[WireLaw]],
+    announce: Callable[[str], object],
     left_out: list[Remark],
 ) -> Calibration:
     """The calibration, of which ``left_out`` gets the remarks on recordings that are not used."""
