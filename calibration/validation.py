@@ -1,5 +1,6 @@
 """Validation of a calibrated limb (Sec. V-D, Fig. 4)."""
 
+import contextlib
 import dataclasses
 from collections.abc import Iterable, Sequence
 
@@ -8,14 +9,16 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.prediction.heated_run import STEP, HeatedRun
 from calibration.prediction.law_fit import Predicted
-from calibration.recordings.at_rest import first_readings
+from calibration.recordings.at_rest import COLD, first_readings
 from calibration.recordings.kinds import bend_sensor_of
 from calibration.remarks import Remark, verdict
-from limb_systems import Layout, Limb, LimbParameters, Recording, Wires, simulate
+from limb_systems import Layout, Limb, LimbError, LimbParameters, Recording, Wires, simulate
 from limb_systems.model.kinematics import rest_joint_angles
 
 # Mean |φ - φ_sim| as a fraction of the range of φ in the recording it is validated with.
 GOOD_ERROR = 0.1  # 6° of 60°: the paper's robot is 3.4° to 5.3° from its plans in Table I
+WARM_START, WARMTHS = 20.0, (0.0, 0.25, 0.5, 0.75, 1.0)  # s, and shares of settled silicone
+LEAD_TIME = 1.0  # s, whose readings show how fast V changes at the start
 WORST_ERROR = 0.25  # that of a limb which stays in the middle of a range that φ fills evenly
 
 
@@ -73,7 +76,8 @@ class Validation:
 def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     """Simulates the duty of a recording, open loop, and compares.
 
-    The model starts at rest with its wires at the first measured temperatures.
+    The model starts at rest with its wires at the first measured temperatures. Where these are
+    warm, the silicone is as warm as fits the first readings best.
     An interrupted recording counts as far as it came, and samples that are missing do not.
     Its times may be any, such as those of a clock that drifts.
 
@@ -86,16 +90,24 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
     held = np.column_stack([recording.duty[:, 1:], recording.duty[:, -1]])
     duty = PiecewisePolynomial.ZeroOrderHold(times, held)
     first = np.nan_to_num(first_readings(recording), nan=parameters.ambient_temperature)
-    warm = Wires(parameters).settled_states(first)
     angles = rest_joint_angles(parameters)
-    state = np.concatenate([angles, np.zeros_like(angles), warm, first])
-    simulation = simulate(
-        Limb(parameters),
-        duty,
-        times[-1],
-        sample_rate=recording.sample_rate,
-        initial_state=state,
-    )
+
+    def run(wires: np.ndarray, duration: float) -> Recording:
+        state = np.concatenate([angles, np.zeros_like(angles), wires, first])
+        rate = recording.sample_rate
+        return simulate(Limb(parameters), duty, duration, sample_rate=rate, initial_state=state)
+
+    def missed(wires: np.ndarray) -> float:
+        """Mean error of V in the first seconds, °C."""
+        simulation = run(wires, min(WARM_START, times[-1]))
+        soon = times <= simulation.time[-1]
+        measured = recording.measured_temperature[:, soon]
+        signals = simulation.measured_temperature
+        readings = [np.interp(times[soon], simulation.time, signal) for signal in signals]
+        return float(np.nanmean(np.abs(readings - measured)))
+
+    starts = _warm_starts(parameters, recording, first)
+    simulation = run(min(starts, key=missed) if len(starts) > 1 else starts[0], times[-1])
     assert simulation.joint_state is not None  # a model's
     layout = Layout(parameters)
     seen = [
@@ -116,6 +128,32 @@ def validate(parameters: LimbParameters, recording: Recording) -> Validation:
         sample_rate=recording.sample_rate,
     )
     return _compared(recording, simulated)
+
+
+def _warm_starts(
+    parameters: LimbParameters, recording: Recording, first: np.ndarray
+) -> list[np.ndarray]:
+    """States that wires may have when they read V (W,), °C: with silicone from cold to settled.
+
+    T is ahead of V by the lag, as the first readings change. Only one of cold wires, and of
+    wires without silicone.
+    """
+    wires, heat = Wires(parameters), first.copy()
+    warm = first > parameters.ambient_temperature + COLD
+    soon = recording.time <= recording.time[0] + max(LEAD_TIME, 2.5 / recording.sample_rate)
+    for index in np.flatnonzero(warm):
+        shown = soon & ~np.isnan(recording.measured_temperature[index])
+        with contextlib.suppress(LimbError):  # of a law that does not say how late V is
+            rate = parameters.wires[index].law.typical_rates()["reading"]
+            readings = recording.measured_temperature[index, shown]
+            if len(readings) > 2:
+                heat[index] += np.polyfit(recording.time[shown], readings, 1)[0] / rate
+    settled, cold = wires.settled_states(heat), wires.cold_states
+    silicone = np.zeros(len(settled), bool)
+    of_laws = slice(wires.num_wires, sum(len(wire.law.states) for wire in parameters.wires))
+    silicone[of_laws] = wires.settles[of_laws]
+    shares = WARMTHS if warm.any() and silicone.any() else WARMTHS[-1:]
+    return [np.where(silicone, cold + share * (settled - cold), settled) for share in shares]
 
 
 def validation_of(judged: Sequence[Predicted], parameters: LimbParameters) -> Validation:

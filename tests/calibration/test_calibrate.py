@@ -10,6 +10,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import (
     Calibration,
@@ -20,12 +21,14 @@ from calibration import (
     save_recordings,
     validate,
 )
+from calibration.recordings.repair import part
 from limb_systems import (
     Limb,
     LimbParameters,
     Recording,
     SerialBoard,
     Trajectory,
+    TwoMassLaw,
     WireParameters,
     simulate,
 )
@@ -175,8 +178,10 @@ def test_missing_and_unknown_recordings_are_named(model_recordings, tmp_path):
 
 def test_a_recording_of_another_kind_is_named(model_recordings):
     (left,) = model_recordings["left"]
-    with pytest.raises(CalibrationError, match=f"^{left.source}: .*right"):
-        calibrate({"left": [left], "right": [left]})
+    with pytest.raises(
+        CalibrationError, match=f"\n{left.source} is left out: .*only the right wire"
+    ):
+        calibrate({"right": [left]})
 
 
 def test_validation_of_the_truth_has_no_error_and_of_another_limb_has(true_limb, model_recordings):
@@ -185,6 +190,20 @@ def test_validation_of_the_truth_has_no_error_and_of_another_limb_has(true_limb,
     wrong = copy.deepcopy(true_limb)
     wrong.segments[0].wire("right").law.beta *= 1.2
     assert np.rad2deg(validate(wrong, both).mean) > 1.0
+
+
+def test_validation_may_start_warm(true_limb):
+    """In the middle of a heat, and while the wire cools, with silicone on its way."""
+    limb = copy.deepcopy(true_limb)
+    for wire in limb.wires:
+        wire.law = TwoMassLaw()
+    levels = PiecewisePolynomial.ZeroOrderHold(
+        [0.0, 10.0, 70.0], [[0.0, 0.0, 0.0], [0.6, 0.0, 0.0]]
+    )
+    recording = simulate(Limb(limb), levels, 70.0, sample_rate=5.0)
+    for start in (8.0, 14.0):
+        warm = part(recording, recording.time >= start)
+        assert validate(limb, warm).temperature_mean < 1.0
 
 
 def test_command_fits_a_folder_and_validates(folder, tmp_path, capsys, monkeypatch, look_at):
