@@ -54,7 +54,6 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     recording = despiked(interpolated(recording))
     _check_pace(recording)
     _check_gravity(recording)
-    _check_units(recording)
     kind = shown_kind(recording)
     if expected in FREE_KINDS and recording.duty.any():
         kind = expected
@@ -64,6 +63,8 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
         raise CalibrationError(f"this should show {wanted}, but shows {shown}{hint}.")
     if recording.duty.any():
         _check_wires(recording)
+    _check_units(recording)
+    if recording.duty.any():
         _check_readings(recording)
     return kind
 

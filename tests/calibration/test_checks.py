@@ -20,6 +20,8 @@ from calibration import (
     load_recordings,
     validate,
 )
+from calibration.recordings.at_rest import ambient_temperature
+from calibration.recordings.repair import part
 from limb_systems import ChordSensor, LimbError, LimbParameters, Recording
 from soft_limb.results.summaries import validation_summary
 
@@ -178,6 +180,29 @@ def test_another_kind_than_expected_is_named(model_recordings):
     ):
         with pytest.raises(CalibrationError, match=message):
             check_recording(model_recordings[shown][0], expected)
+
+
+def test_wires_may_be_hot_at_the_start(right):
+    """Even where °F would be cold, or hottest of all; dead is what never moves."""
+    measured = right.measured_temperature[1]
+    for level in (77.0, measured.max() - 15.0):
+        start = np.flatnonzero((abs(measured - level) < 3.0) & (right.time > 10.0))[0]
+        warm = part(right, right.time >= right.time[start])
+        assert check_recording(warm, "right") == "right"
+        for trouble in ("dead", "fahrenheit", "swapped thermocouples", "reversed bend"):
+            signals, message = TROUBLES[trouble]
+            with pytest.raises(CalibrationError, match=message):
+                check_recording(changed(warm, **signals))
+
+
+def test_the_room_is_not_as_warm_as_recordings_that_are_never_cold(right):
+    cooling = 35.0 + 40.0 * np.exp(-right.time / 15.0)
+    for described, expected in ((25.0, 25.0), (34.0, 35.0)):
+        parameters = copy.deepcopy(right.parameters)
+        parameters.ambient_temperature = described
+        signals = {"duty": right.duty[[1, 1]], "measured_temperature": np.array([cooling] * 2)}
+        one = dataclasses.replace(right, parameters=parameters, **signals)
+        assert ambient_temperature([one]).value == pytest.approx(expected, abs=0.1)
 
 
 def test_too_few_samples_are_named(right):
