@@ -27,10 +27,13 @@ from soft_limb.results.summaries import validation_summary
 
 
 def test_good_recordings_are_what_they_are(model_recordings, logged):
-    """Also by slow loggers."""
+    """Also by slow loggers, and whatever their files are named."""
     for kind in kinds_of(LimbParameters()):
         (recording,) = model_recordings[kind]
-        assert kind_of(recording) == kind
+        nameless = dataclasses.replace(recording, kind="")
+        assert kind_of(nameless) == kind_of(nameless, "sag_3") == kind
+        assert kind_of(nameless, "motion_1") == ("motion" if recording.duty.any() else kind)
+        assert kind_of(dataclasses.replace(recording, kind="heated"), "motion_1") == "heated"
         assert check_recording(recording, kind) == kind
         for rate in (5.0, 1.0) if recording.duty.any() else ():
             assert check_recording(logged(recording, rate), kind) == kind
@@ -203,6 +206,27 @@ def test_the_room_is_not_as_warm_as_recordings_that_are_never_cold(right):
         signals = {"duty": right.duty[[1, 1]], "measured_temperature": np.array([cooling] * 2)}
         one = dataclasses.replace(right, parameters=parameters, **signals)
         assert ambient_temperature([one]).value == pytest.approx(expected, abs=0.1)
+
+
+def test_a_kind_that_is_none_and_a_limb_at_rest_are_named(model_recordings):
+    (recording,) = model_recordings["ring_down"]
+    with pytest.raises(CalibrationError, match=r"its kind is 'wave'; it must be one of sag, ring_"):
+        kind_of(dataclasses.replace(recording, kind="wave"))
+    still = dataclasses.replace(recording, bend_angle=0.1 * recording.bend_angle, kind="")
+    assert kind_of(still, "ring_down_2") == "ring_down"
+    with pytest.raises(CalibrationError, match=r"a limb at rest, .* does its header's gravity say"):
+        kind_of(still, "sag_1")
+
+
+def test_ring_downs_that_show_none_are_left_out(model_recordings):
+    (good,) = model_recordings["ring_down"]
+    still = dataclasses.replace(good, bend_angle=0 * good.bend_angle, source="still")
+    wires = {wire: model_recordings[wire] for wire in ("right", "left")}
+    found = calibrate({**wires, "ring_down": [still, good]}, method="paper")
+    assert found.damping.damping.value == pytest.approx(8e-4, rel=0.03)
+    assert "still is left out: The signal does not move; there" in " ".join(map(str, found.remarks))
+    found = calibrate({**wires, "ring_down": [still]}, method="paper")
+    assert found.as_described == ["stiffness", "damping"]
 
 
 def test_too_few_samples_are_named(right):
