@@ -186,7 +186,7 @@ class Calibration(Summarized):
         ]
         for kind in () if self.prediction else heated_kinds(self.parameters):
             if (count := len(self.sources.get(kind, []))) > 1:
-                sentence = f"Of {count} recordings of the kind {kind} only the first was used."
+                sentence = f"Of {count} recordings of the kind {kind} only one was used."
                 remarks.append(Remark("unused", sentence))
         fits = (self.plan_miss or self.validation, self.stiffness, self.damping, self.prediction)
         remarks += [r for fit in (*fits, *self.heat, *self.force) if fit for r in fit.remarks]
@@ -343,7 +343,7 @@ def _calibrated(
         force: list[ForceFit] = []
         if method == "paper":
             spring = stiffness.stiffness if stiffness else None
-            heat, force = _fit_as_paper(limb, heated, ambient, spring, tell)
+            heat, force = _fit_as_paper(limb, heated, ambient, spring, tell, left_out)
             if heated.get("both"):
                 validation = validate(limb, heated["both"][0])
         else:
@@ -436,17 +436,27 @@ def _fit_as_paper(
     ambient: Estimate,
     spring: Estimate | None,
     tell: Callable[[str], object],
+    left: list[Remark],
 ) -> tuple[list[HeatFit], list[ForceFit]]:
-    """Sec. V-C for each wire, whose law the limb gets: the fits of heat and of force."""
+    """Sec. V-C for each wire, whose law the limb gets: the fits of heat and of force.
+
+    Of its recordings the first that can be fitted is; those before it are ``left`` out.
+    """
     segment = only_segment(limb)
     spring = spring or Estimate(segment.stiffness, 0.0, "N·m/rad")
     heats, forces = [], []
     for index, wire in enumerate(segment.wires):
-        tell(f"heat of the {wire.name} wire")
-        recording = recordings[wire.name][0]
         room = ambient.value, ambient.standard_error
-        heat = fit_heat_transfer(recording, index, *room, rest_angle=segment.rest_angle)
-        force = fit_force(limb, recording, index, heat, spring)
+        for recording in recordings[wire.name]:
+            tell(f"heat of the {wire.name} wire, {title_of(recording)}")
+            try:
+                heat = fit_heat_transfer(recording, index, *room, rest_angle=segment.rest_angle)
+                force = fit_force(limb, recording, index, heat, spring)
+                break
+            except CalibrationError as error:
+                if recording is recordings[wire.name][-1]:
+                    raise
+                left.append(leaving_out(title_of(recording), error))
         wire.law = LinearLaw(heat.a1.value, heat.a2.value, heat.a3.value, force.beta.value)
         heats.append(heat)
         forces.append(force)

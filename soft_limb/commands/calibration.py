@@ -106,10 +106,10 @@ def _fit(options: argparse.Namespace) -> int:
         method=options.method,
         announce=lambda said: print(said, file=sys.stderr, flush=True),
     )
-    calibration.parameters.save(options.output)
     if options.report:
         recordings = {path.stem: path for path in recorded}
         write_report(calibration, options.report, {"calibrated limb": options.output, **recordings})
+    calibration.parameters.save(options.output)  # last, so that Ctrl-C before leaves no limb
     print_summary(options, calibration_summary(calibration), outputs)
     return 0
 

@@ -70,9 +70,7 @@ def test_description_keeps_what_is_not_calibrated(model_recordings):
     recordings = {"left": [left], "right": [of_a_board, right]}
     calibration = calibrate(recordings, description, method="paper")
     assert calibration.parameters.board == SerialBoard("twin0007")
-    assert "Of 2 recordings of the kind right only the first was used." in map(
-        str, calibration.remarks
-    )
+    assert "Of 2 recordings of the kind right only one was used." in map(str, calibration.remarks)
     assert calibration.parameters.temperature_limits.maximum == 90.0
     assert calibration.parameters.segments[0].stiffness == description.segments[0].stiffness
     assert calibration.validation is None
