@@ -604,7 +604,7 @@ def _bend(
         [
             name
             for name, unit in zip(table.names, table.units, strict=True)
-            if quantities_of(name, unit)[0] <= IN_PICTURES
+            if quantities_of(name, unit)[0] <= IN_PICTURES and not has(words_of(name), NOT_MEASURED)
         ]
     )
     taken = {name for pair in pairs for name in pair}
@@ -614,7 +614,7 @@ def _bend(
         for number, column in enumerate(columns):
             progress.update(number, column.name)
             named = column.said(BEND) or ANGLE in column.quantities
-            if np.ptp(column.shown) == 0 or (column.name in taken and not named):
+            if np.ptp(column.shown) == 0 or column.name in taken:
                 continue
             if _has(column.words, NOT_MEASURED):
                 continue
@@ -664,10 +664,10 @@ def _bend_column(
     scale, unit, zero = 1.0, "degrees", 0.0
     if "mdeg" in words:
         scale, unit = 1e-3, "thousandths of degrees"
-    elif column.contradicts(BEND) or COUNTS in column.quantities or np.ptp(values) > 360.0:
-        scale = 0.0
     elif "mrad" in words:
         scale, unit = float(np.rad2deg(1e-3)), "thousandths of radians"
+    elif column.contradicts(BEND) or COUNTS in column.quantities or np.ptp(values) > 360.0:
+        scale = 0.0
     elif words & {"rad", "rads", "radians"}:
         scale, unit = float(np.rad2deg(1.0)), "radians"
         if np.ptp(values) > 2 * np.pi:

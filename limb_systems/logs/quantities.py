@@ -27,7 +27,7 @@ UNITS = {  # of each quantity, in small letters
     "humidity": "%rh rh",
 }  # fmt: skip
 WORDS = {  # in names, whole or as their parts
-    TIME: "time timestamp zeit uhrzeit datetime date elapsed",
+    TIME: "time timestamp zeit uhrzeit datetime date elapsed ms us msec usec millis micros",
     TEMPERATURE: "temp temps tmp temperature temperatur celsius kelvin fahrenheit degc degf 温度",
     ANGLE: "angle winkel phi theta alpha tilt yaw pitch roll deg degrees rad radians mrad mdeg "
     "biegewinkel 角度",
@@ -94,7 +94,8 @@ def quantities_of(name: str, unit: str = "") -> tuple[set[str], str]:
     if _PER_SECOND.search(name.lower()):
         return {"rate"}, "its name"
     last = re.split(r"[_ ]", name)[-1]
-    if last.lower() not in _WORDS_AS_UNITS and len(last) > 1 and (quantity := unit_quantity(last)):
+    is_word = last.lower() in _WORDS_AS_UNITS or (len(last) == 1 and last.isalpha())
+    if not is_word and (quantity := unit_quantity(last)):
         return {quantity}, f"its unit {last}"
     words = words_of(name)
     found = {quantity for quantity, known in WORDS.items() if has(words, known)}

@@ -118,8 +118,8 @@ def _parts(
     times, duty, readings = _signals(table, mapping, limb, remarks)
     rate = mapping.rate or usual_rate(times)
     measured = ~np.isnan(readings).all(axis=1)
-    if share := np.isnan(readings[measured]).any(axis=0).mean():
-        remarks.append(f"{share:.1%} of rows lack a reading, which stays empty.")
+    if count := int(np.isnan(readings[measured]).any(axis=0).sum()):
+        remarks.append(f"{count} of {_rows(len(times))} lack a reading, which stays empty.")
     cuts, gaps = _cuts(times, duty), np.diff(times)
     if len(cuts) > 2:
         ends = ", ".join(f"{times[cut - 1]:.0f} s" for cut in cuts[1:-1])

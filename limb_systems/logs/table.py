@@ -33,7 +33,7 @@ _AMOUNT = re.compile(r"([-+.,\d]+(?:[eE][-+]?\d+)?)\s*([^\d\s].*)")
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(,\d{3})+(\.\d*)?")
 _MOMENT = re.compile(
     r"(?:(\d{4})[-/.](\d\d?)[-/.](\d\d?)|(\d\d?)([./-])(\d\d?)[./-](\d{4}))?[ T_]*"
-    r"(\d+):(\d\d):(\d\d)(?:[.:](\d+))?\s*([AaPp][Mm])?\s*(Z|[-+]\d\d:?\d\d)?"
+    r"(?:(\d+):)?(\d\d):(\d\d)(?:[.:](\d+))?\s*([AaPp][Mm])?\s*(Z|[-+]\d\d:?\d\d)?"
 )
 
 
@@ -46,7 +46,7 @@ class LogTable:
     """The rows of a log, as numbers.
 
     - ``names``: names of the N columns; ``column_1`` and so on where the log has none.
-    - ``units``: units in a row under the names; empty texts if there is no such row.
+    - ``units``: units in a row under the names, or in the cells; empty texts if there are none.
     - ``values``: the number in each cell, a column (K,) for each name; nan where a cell has none.
     - ``dates``: the moment in each cell, s, of columns that have dates or times of day (K,).
     - ``delimiter``: what is between cells, one of `DELIMITERS`.
@@ -130,10 +130,12 @@ def moment(text: str) -> float:
     if not found:
         return math.nan
     year, month, day, first, mark, second, last, *clock = found.groups()
+    if not clock[0] and not clock[3]:
+        return math.nan  # 12:30 may be of hours or of minutes
     if first:  # 31.12.2025, or 12/31/2025 unless there is no such month
         american = mark == "/" and int(first) <= 12
         year, month, day = last, *((first, second) if american else (second, first))
-    hours, minutes, seconds, fraction, half, zone = clock
+    hours, minutes, seconds, fraction, half, zone = clock[0] or "0", *clock[1:]
     time = 3600.0 * int(hours) + 60.0 * int(minutes) + float(f"{seconds}.{fraction or 0}")
     if half:
         time += 3600.0 * (12 * (half[0] in "Pp") - 12 * (int(hours) == 12))
@@ -189,7 +191,14 @@ def read_table(
         names_line = _names_line(head, width)
     below = head[names_line] if names_line and names_line < len(head) else []
     units = below if len(below) == width else [""] * width
-    names = _unique(head[names_line - 1] if names_line else [], width)
+    units = _units_in_cells(units, [_split(line, delimiter) for line in sample])
+    names = _names(head[names_line - 1], row, delimiter) if names_line else [""] * width
+    if len(names) != width:
+        raise LogError(
+            f"{path} has {len(names)} names in line {names_line}, but {width} cells in the rows "
+            "below; give each column a name, or none in the line."
+        )
+    names = _unique(names)
     values, dates, odd = _columns(lines, delimiter, decimal, names)
     if len(values[0]) < FEWEST_ROWS:
         raise LogError(f"{path} has only {len(values[0])} rows of numbers.")
@@ -215,18 +224,16 @@ def _encoding(data: bytes, path: str | Path) -> str:
 
 
 def _sample(data: bytes, encoding: str) -> list[str]:
-    """Lines from the middle of a log."""
+    """Lines from the middle of a log, without those that no log has."""
     if len(data) <= _PIECE:
-        return data.decode(encoding, errors="replace").splitlines()
-    middle = (len(data) - _PIECE) // 4 * 2  # a character of UTF-16 begins at even bytes
-    codec = (
-        "utf-16-be"
-        if data[:2] == b"\xfe\xff"
-        else "utf-16-le"
-        if encoding == "utf-16"
-        else encoding
-    )
-    return data[middle : middle + _PIECE].decode(codec, errors="replace").splitlines()[1:-1]
+        lines = data.decode(encoding, errors="replace").splitlines()
+    else:
+        middle = (len(data) - _PIECE) // 4 * 2  # a character of UTF-16 begins at even bytes
+        if encoding == "utf-16":
+            encoding += "-be" if data[:2] == b"\xfe\xff" else "-le"
+        piece = data[middle : middle + _PIECE].decode(encoding, errors="replace")
+        lines = piece.splitlines()[1:-1]
+    return [line for line in lines if len(line) < LONGEST_LINE]
 
 
 def _lines(data: bytes, encoding: str, path: str | Path) -> Iterator[str]:
@@ -310,7 +317,7 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 def _shape(lines: list[str], delimiter: str, decimal: str) -> tuple[int, str, float]:
     """Cells in most rows with a delimiter, their decimal mark, and how well that fits (0 to 1)."""
-    full = [line for line in lines if line.strip() and len(line) < LONGEST_LINE]
+    full = [line for line in lines if line.strip()]
     start = max(0, (len(full) - LOOKED_AT) // 2)
     rows = [_split(line, delimiter) for line in full[start : start + LOOKED_AT]]
     if not rows:
@@ -355,15 +362,40 @@ def _names_line(head: list[list[str]], width: int) -> int:
     return 0
 
 
-def _unique(names: list[str], width: int) -> list[str]:
-    """A name for each column, none twice."""
+def _units_in_cells(units: list[str], rows: list[list[str]]) -> list[str]:
+    """The units of columns, also those that have their unit in each cell: "27 %"."""
+    found = [*units]
+    for row in rows:
+        for index, cell in enumerate(row if len(row) == len(units) else []):
+            amount = _AMOUNT.fullmatch(cell)
+            if not found[index] and amount and unit_quantity(amount[2]):
+                found[index] = amount[2]
+    return found
+
+
+def _names(names: list[str], row: list[str], delimiter: str) -> list[str]:
+    """The names in a line, one for each cell of a row below it, as far as that can be told."""
     names = [name.lstrip("#% ").strip("\"'") for name in names]
-    names = [name for name in names if name] if len(names) > width else names
-    names = [""] * (width - len(names)) + names if len(names) < width else names
+    if len(names) > len(row):
+        return [name for name in names if name]  # the line began with a "#" of its own
+    if len(names) == len(row) - 1:
+        if not row[-1]:
+            return [*names, ""]  # rows end with a delimiter
+        if delimiter == "space" or not _is_decimal(row[0]):
+            return ["", *names]  # a date before the time, or the name of the row
+    return names
+
+
+def _is_decimal(cell: str) -> bool:
+    return bool(re.fullmatch(r"[-+]?\d*[.,]?\d+", cell))
+
+
+def _unique(names: list[str]) -> list[str]:
+    """A name for each column, none twice."""
     given = [name or f"column_{i}" for i, name in enumerate(names, 1)]
     seen: Counter[str] = Counter()
     unique = []
-    for name in given[:width]:
+    for name in given:
         seen[name] += 1
         unique.append(name if seen[name] == 1 else f"{name}_{seen[name]}")
     return unique

@@ -256,14 +256,15 @@ def test_full_duty_is_asked_for_where_per_cent_and_counts_are_alike(tmp_path, tr
 @pytest.mark.parametrize("clock", ["%I:%M:%S.%f %p", "%H:%M:%S:%f", "%d/%m/%Y %H:%M:%S.%f"])
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-8-sig"])
 def test_a_warm_log_of_another_encoding_and_clock(tmp_path, clock, encoding):
-    """Units in a row of their own, per cent in the cells, °F, from the evening to the morning."""
+    """Units in a row of their own or in the cells, °F, from the evening to the morning."""
     truth = Truth()
+    truth.duty *= 0.94  # so that numbers alone do not tell per cent from counts
     truth.temperature += 40 * np.exp(-truth.time / 30)
     start = datetime.datetime(2026, 3, 4, 23, 59, 0)
     moments = [(start + datetime.timedelta(seconds=t)).strftime(clock) for t in truth.time]
     shares = [[f"{100 * d:.0f}%" for d in duty] for duty in truth.duty]
     columns = [moments, *shares, *(1.8 * truth.temperature + 32), np.rad2deg(truth.bend)]
-    columns = [[unit, *column] for unit, column in zip(["", "%", "%", "°F", "°F", "°"], columns)]  # noqa: B905
+    columns = [[unit, *column] for unit, column in zip(["", "", "", "°F", "°F", "°"], columns)]  # noqa: B905
     columns.append(["status", *['5" tube' if k % 9 else "ok" for k in range(len(moments))]])
     names = ["Uhrzeit", "links", "rechts", "T links", "T rechts", "Winkel", "Zustand"]
     path = write(tmp_path / "log.csv", names, columns, delimiter="\t", form="{:.6g}")
@@ -362,6 +363,7 @@ def rows(names, form):
         (b"# limb recording, format 3\n", "is no log, but a recording of soft-limb"),
         (b"time,duty\n", "no rows of numbers"),
         (rows("time,duty,bend", "{0},{1},{2}") + b"\n1,2," + b"x" * 200_000, "in line 52"),
+        (rows("time,duty", "{0},{1},{2}"), "has 2 names in line 1, but 3 cells"),
         (b"x" * 10_000_000, "more than 100000 characters in line 1"),
         (rows("time,duty,bend", "{0},{1},0"), "no column is known for the bend"),
         (rows("ms,duty,bend", "5,{1},{2}"), "'ms' holds no time that increases"),
