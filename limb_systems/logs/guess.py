@@ -56,6 +56,7 @@ from limb_systems.logs.table import LogError, LogTable, read_table
 from limb_systems.progress import Progress
 
 DUTY, BEND = "duty", "bend"
+ASKS = "? "  # beginning of a note that asks for something
 ADMITTED = {  # quantities of each signal
     TIME: {TIME},
     DUTY: {SHARE, COUNTS},
@@ -123,7 +124,8 @@ class Column:
     @property
     def other_quantity(self) -> str:
         """What it is by its name or unit, in words; empty if these say nothing."""
-        return f"{' or '.join(sorted(self.quantities))}, by {self.said_by}" if self.said_by else ""
+        named = [q if q == COUNTS else f"a{'n' * (q[0] in 'aei')} {q}" for q in self.quantities]
+        return f"{' or '.join(sorted(named))}, by {self.said_by}" if named else ""
 
     @property
     def shown(self) -> np.ndarray:
@@ -212,7 +214,7 @@ def guessed(table: LogTable) -> LimbInLog:
             f"duty: {other_duty.name} is {other_duty.other_quantity}, but 0 and still as a duty "
             f"is: give the duty of the {side} wire, or leave out that wire"
         )
-    lines = _lines_of(notes) + list(filter(None, said)) + [f"? {one}" for one in asked]
+    lines = _lines_of(notes) + list(filter(None, said)) + [f"{ASKS}{one}" for one in asked]
     return LimbInLog("", mapping, lines, agreement)
 
 
@@ -525,7 +527,7 @@ def _quantities(columns: list[Column]) -> set[str]:
 def _said_of_full(duties: list[Column], full: float) -> str:
     most = max((float(np.abs(duty.shown).max()) for duty in duties), default=0.0)
     names = " and ".join(dict.fromkeys(duty.name for duty in duties))
-    if most in (0.0, full):
+    if most in (0.0, full) or "%" in {word for duty in duties for word in duty.words}:
         return f"full duty is {full:g} in {names}" if most else ""
     return f"the most in {names} is {most:g}: correct full if full duty is not {full:g}"
 

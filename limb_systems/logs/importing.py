@@ -11,7 +11,7 @@ import numpy as np
 
 from limb_systems.files.recording import Recording
 from limb_systems.logs.formats import LimbInLog
-from limb_systems.logs.guess import limbs_in_log
+from limb_systems.logs.guess import ASKS, limbs_in_log
 from limb_systems.logs.mapping import LogMapping
 from limb_systems.logs.reading import read_log
 from limb_systems.logs.table import LogError, read_table
@@ -131,4 +131,6 @@ def _joined(limb: LimbInLog, other: LimbInLog | None) -> LimbInLog:
     notes = limb.notes
     if mapping != limb.mapping:
         notes = [*notes, "what no heat shows here is as in another log of the same columns"]
+        if not (mapping.open or mapping.open_units):
+            notes = [note for note in notes if not note.startswith(ASKS)]
     return LimbInLog(limb.name, mapping, notes, agreement)

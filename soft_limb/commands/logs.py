@@ -8,6 +8,7 @@ from calibration.recordings.files import leaving_out
 from calibration.recordings.kinds import kind_of
 from calibration.remarks import Remark
 from limb_systems import LimbError, LimbParameters, Recording
+from limb_systems.logs.guess import ASKS
 from limb_systems.logs.importing import ImportedLog, import_logs
 from limb_systems.logs.mapping import LogMapping
 from limb_systems.output import check_folder, check_outputs, free_path
@@ -84,10 +85,13 @@ def _summary(log: ImportedLog, mapping: Path) -> Summary:
     """What is in a log, and what was lost."""
     found = [recording.summary().line() for recording in log.recordings]
     error = f"{log.error} Correct {mapping} and give it with --mapping." if log.error else ""
+    asked = [note for note in log.limb.notes if note.startswith(ASKS)]
+    notes = [note for note in log.limb.notes if note not in asked]
     return Summary(
         [
             Entry("log", " ".join(filter(None, [str(log.path), log.limb.name]))),
-            Entry("columns", log.limb.notes, "", "\n".join(log.limb.notes)),
+            Entry("columns", notes, "", "\n".join(notes)),
+            Entry("open", asked, "", "\n".join(asked)),
             Entry("lost", log.remarks, "", "\n".join(log.remarks)),
             Entry("recordings", found, "", "\n".join(found)),
             Entry("error", error),
@@ -101,7 +105,8 @@ COMMANDS = {
         "Reads logs of other programs as recordings, which calibration takes. Some loggers of this "
         "field are known; of any other table it says what it takes each column for, by name, range "
         "and what follows the heat. It writes that as a mapping (NAME.mapping.yaml), which you may "
-        "correct and give back. Limbs that share a log get a folder each.",
+        "correct and give back. Where names, units and numbers do not tell, or contradict each "
+        "other, it asks, and ends with exit status 2. Limbs that share a log get a folder each.",
         "folder json force",
         [
             Option("logs", nargs="+", metavar="LOG", type=Path, help="logs, tables of text"),

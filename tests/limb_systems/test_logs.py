@@ -214,13 +214,13 @@ def signals(truth):
 @pytest.mark.parametrize(
     ("column", "name", "scale", "asked"),
     [
-        (5, "Voltage", 0.02, "? bend: .*Voltage is voltage, by its name"),
-        (5, "sensor [kPa]", 0.1, "? bend: .*is pressure, by its unit kPa"),
-        (5, "position_m", 0.001, "? bend: .*position_m is length"),
-        (5, "gyro_deg_s", 1.0, "? bend: .*gyro_deg_s is rate"),
+        (5, "Voltage", 0.02, "? bend: .*Voltage is a voltage, by its name"),
+        (5, "sensor [kPa]", 0.1, "? bend: .*is a pressure, by its unit kPa"),
+        (5, "position_m", 0.001, "? bend: .*position_m is a length"),
+        (5, "gyro_deg_s", 1.0, "? bend: .*gyro_deg_s is a rate"),
         (5, "tip", 0.01, "? bend.scale is 0: give the degrees of a unit of tip"),
         (5, "angle_rad", 1.0, "? bend.scale is 0: give the degrees of a unit of angle_rad"),
-        (2, "Current", 2.0, "? duty: Current is current, by its name"),
+        (2, "Current", 2.0, "? duty: Current is a current, by its name"),
         (1, "heater_left [W]", 6.0, "? full: .*what is full duty"),
         (0, "time_s", 1000.0, "? unit of time_s"),
         (0, "sample", 10.0, "? time: no column is a time"),
