@@ -361,7 +361,8 @@ def _calibrated(
     limb.calibration.provenance = Provenance.now(limb)
     if prediction is None:
         return calibration
-    return dataclasses.replace(calibration, plan_miss=plan_miss(limb, prediction.foreseen))
+    miss = plan_miss(limb, prediction.foreseen, prediction.fit.predicted)
+    return dataclasses.replace(calibration, plan_miss=miss)
 
 
 def _most_alike(recordings: Sequence[Recording]) -> Recording:

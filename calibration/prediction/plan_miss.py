@@ -3,7 +3,8 @@
 A plan begins with what is read at its start, and has temperatures and reversals of its own. Its
 distance from the limb has two parts:
 
-- what the law leaves of motions that it was not fitted to, predicted from their start as plans are;
+- what the law leaves of motions that it was not fitted to, predicted from their start as plans
+  are, and more of motions that are wider than those;
 - what the limbs differ by that the recordings cannot tell apart, in a motion to T_max and back by
   both sides, on another day: in a room somewhat warmer, with a somewhat other supply, and with a
   bend sensor that has drifted.
@@ -75,7 +76,7 @@ class PlanMiss:
     @property
     def remarks(self) -> list[Remark]:
         """A remark if that is much of the limb's range."""
-        share = self.expected / max(self.span, np.deg2rad(1.0))
+        share = self.expected / self.span
         if share <= GOOD:
             return []
         sentence = (
@@ -86,18 +87,32 @@ class PlanMiss:
         return [Remark("off" if share <= WORST else "far", sentence)]
 
 
-def plan_miss(limb: LimbParameters, foreseen: Sequence[Predicted]) -> PlanMiss:
+def plan_miss(
+    limb: LimbParameters, foreseen: Sequence[Predicted], fitted: Sequence[Predicted]
+) -> PlanMiss:
     """How far plans of a calibrated limb will miss it.
 
     Args:
         limb: one with its calibration's covariance; of one segment.
         foreseen: what judged, predicted from its start; see `LawFit.foresee`.
+        fitted: the recordings of the fit, which may be missed by more.
     """
-    left = float(np.mean([predicted.bend_error for predicted in foreseen]))
-    bends = [predicted.run.bend for predicted in foreseen]
-    span = max(float((np.nanmax(b, axis=0) - np.nanmin(b, axis=0)).max()) for b in bends)
-    unknown = _typical_difference(limb) if limb.segments[0].axes == 1 else 0.0
-    return PlanMiss(float(np.hypot(left, unknown)), span)
+    unknown, typical = _typical_motion(limb) if limb.segments[0].axes == 1 else (0.0, 0.0)
+    left = 0.0
+    for group in (foreseen, fitted):
+        error = float(np.mean([predicted.bend_error for predicted in group]))
+        # Motions that bend the limb by more are missed by more.
+        left = max(left, error * max(1.0, typical / _span(group)))
+    if typical:  # a limb that stays in the middle of its range misses no more
+        left = min(left, typical / 2)
+    return PlanMiss(float(np.hypot(left, unknown)), _span(foreseen))
+
+
+def _span(group: Sequence[Predicted]) -> float:
+    """Range of the bend in recordings, rad; a degree at least, as sensors have noise."""
+    bends = [predicted.run.bend for predicted in group]
+    spans = [np.nanmax(bend, axis=0) - np.nanmin(bend, axis=0) for bend in bends]
+    return max(float(np.max(spans)), float(np.deg2rad(1.0)))
 
 
 def remarks_on_coverage(limb: LimbParameters, fitted: Sequence[Predicted]) -> list[Remark]:
@@ -143,8 +158,10 @@ def _swings(readings: np.ndarray, least: float) -> int:
     return count
 
 
-def _typical_difference(limb: LimbParameters) -> float:
-    """Root mean square, over limbs alike, of the mean distance of their bends, rad."""
+def _typical_motion(limb: LimbParameters) -> tuple[float, float]:
+    """How far limbs alike are apart in a typical motion (mean, of which the root mean square over
+    limbs), and the range of the bend in it, rad.
+    """
     shares = np.vstack([np.tile(levels, (round(t / STEP), 1)) for t, *levels in TYPICAL])
     sides = [int(wire.lever[0] > 0) for wire in limb.wires]
     low, high = 0.0, 1.0
@@ -162,7 +179,7 @@ def _typical_difference(limb: LimbParameters) -> float:
     bends = _simulated([limb, *limbs], low * shares[:, sides], supplies)[1]
     each = np.arange(1, len(limbs) + 1)
     away = np.abs(bends[:, each, 1 + each % 2] - bends[:, :1, 0]).mean(axis=0)
-    return float(np.sqrt((away**2).mean()))
+    return float(np.sqrt((away**2).mean())), float(np.ptp(bends[:, 0, 0]))
 
 
 def _simulated(
