@@ -18,6 +18,7 @@ from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
 from calibration.heat_bounds import fit_heat_bounds
 from calibration.prediction.law_fit import LawFit, Predicted, fit_law
+from calibration.prediction.plan_miss import PlanMiss
 from calibration.prediction.selection import Candidate, Prediction
 from calibration.recordings.checks import check_recording
 from calibration.recordings.files import load_recordings, save_recordings
@@ -48,6 +49,7 @@ __all__ = [
     "Knowledge",
     "LawFit",
     "LimitedDuty",
+    "PlanMiss",
     "Predicted",
     "Prediction",
     "StiffnessFit",

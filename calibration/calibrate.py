@@ -188,8 +188,9 @@ class Calibration(Summarized):
             if (count := len(self.sources.get(kind, []))) > 1:
                 sentence = f"Of {count} recordings of the kind {kind} only one was used."
                 remarks.append(Remark("unused", sentence))
-        fits = (self.plan_miss or self.validation, self.stiffness, self.damping, self.prediction)
-        remarks += [r for fit in (*fits, *self.heat, *self.force) if fit for r in fit.remarks]
+        judged = () if self.plan_miss else (self.validation,)
+        fits = *judged, self.stiffness, self.damping, self.prediction, *self.heat, *self.force
+        remarks += [r for fit in (*fits, self.plan_miss) if fit for r in fit.remarks]
         if self.prediction:
             remarks += remarks_on_coverage(self.parameters, self.prediction.fit.predicted)
         return sorted([*remarks, *self.left_out], key=lambda remark: -remark.severity)

@@ -252,9 +252,10 @@ def fit_by_prediction(
         first, last = (fitting_time(law, rest, segment, ambient) for law in (laws[0], laws[-1]))
         expected = first * (len(laws) - 1) + last * (2 + len(options))
         if expected > LONG:
+            heated = sum(run.times[-1] for run in fitted) / 60
             announce(
-                f"fitting {len(laws)} laws of the wires to {len(fitted)} heated recordings or "
-                f"pieces takes about {float(f'{expected:.1g}'):.0f} s"
+                f"comparing {len(laws)} law{'s' * (len(laws) > 1)} of the wires by {heated:.0f} "
+                f"min of heated recordings takes about {float(f'{expected:.1g}'):.0f} s"
             )
         candidates, best = compare_laws(
             laws,

@@ -76,6 +76,9 @@ def test_correction_factor_is_the_papers_and_stiffness_the_one_that_sags():
         start.segments[0].links = links
         fit = fit_stiffness(start, sagging(start, -np.deg2rad(10.0), sensor=sensor))
         assert fit.correction_factor == pytest.approx(factor, abs=0.01)
+        by_chord = 1.22 if isinstance(sensor, TipTangentSensor) else factor
+        assert fit.chord_factor == pytest.approx(by_chord, abs=0.02)
+        assert (f"the same sag has {by_chord:.1f}" in fit.factor_in_words) == (factor != by_chord)
         assert fit.stiffness.value == pytest.approx(limb.segments[0].stiffness, rel=0.01)
         assert fit.simulated_sag == pytest.approx(-np.deg2rad(10.0), rel=0.01)
     np.testing.assert_allclose(shape_factors(5), np.array([25, 16, 9, 4, 1]) / 55)

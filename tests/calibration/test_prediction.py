@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import re
 from unittest import mock
 
 import numpy as np
@@ -11,8 +12,15 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration import CalibrationError, calibrate
 from calibration.collecting.excitation import excitations
 from calibration.prediction.heated_run import HeatedRun
-from calibration.prediction.law_fit import LawFit, fit_law
-from calibration.prediction.selection import beaten, compare_laws, simplest_unbeaten
+from calibration.prediction.law_fit import LawFit, Predicted, fit_law
+from calibration.prediction.plan_miss import PlanMiss, plan_miss, remarks_on_coverage
+from calibration.prediction.selection import (
+    Prediction,
+    beaten,
+    compare_laws,
+    simplest_unbeaten,
+)
+from calibration.prediction.unknowns import slopes_of, unknowns_of, values_of
 from limb_systems import (
     HystereticLaw,
     Limb,
@@ -129,6 +137,10 @@ def test_the_simplest_law_that_predicts_as_well_is_used():
     assert candidates[-1].name == "TwoMassLaw + rest_memory"
     assert best.name == "TwoMassLaw"
     assert beaten(candidates[0], candidates[1])
+    chosen = Prediction(candidates, best, best.fit, "", [])
+    assert ("may be chance" in chosen.choice) == (
+        min(candidates, key=lambda c: c.bend_error) is not best
+    )
     assert not beaten(candidates[1], candidates[2])
     assert simplest_unbeaten(candidates[1:3]) is candidates[1]
 
@@ -166,10 +178,68 @@ def test_draws_scatter_as_the_covariance_says():
             assert values[:, column].std() == pytest.approx(estimate.standard_error, rel=0.1)
 
 
+def test_no_fit_has_a_wire_transform_back_hotter_than_it_transformed():
+    """Wherever a fit may end; and errors are those of the values."""
+    unknowns = unknowns_of(HystereticLaw, SEGMENT)
+    random = np.random.default_rng(0)
+    for share in (0.0, 1.0, *random.random(20)):
+        fitted = np.array([u.low + (u.high - u.low) * share for u in unknowns])
+        values = dict(zip([u.name for u in unknowns], values_of(unknowns, fitted), strict=True))
+        for wire in ("left", "right"):
+            assert values[f"{wire}.cooling_middle"] < values[f"{wire}.heating_middle"]
+    fitted = np.array([u.center for u in unknowns])
+    steps = fitted + 1e-6 * np.eye(len(fitted))
+    away = [np.subtract(values_of(unknowns, x), values_of(unknowns, fitted)) for x in steps]
+    np.testing.assert_allclose(np.transpose(away) / 1e-6, slopes_of(unknowns, fitted), atol=1e-4)
+
+
+def test_a_plan_is_expected_to_miss_by_what_is_left_and_by_what_is_unknown():
+    limb = fit_of("two masses", "conditioning").calibrated(limb_with(LAWS["two masses"]))
+    run = HeatedRun.of(recording_of("two masses", "motion_1"))
+
+    def miss(error: float, share: float = 1.0) -> PlanMiss:
+        smaller = dataclasses.replace(run, bend=share * run.bend)
+        predicted = [Predicted(smaller, run.temperature, smaller.bend + error)]
+        return plan_miss(limb, predicted, predicted)
+
+    unknown = miss(0.0).expected
+    assert np.deg2rad(0.3) < unknown < np.deg2rad(4.0)  # the sensor's drift is 1°
+    assert miss(0.1).expected > 0.99 * np.hypot(unknown, 0.1)
+    assert miss(0.1, share=0.3).expected > 1.3 * miss(0.1).expected  # which plans will exceed
+    low, high = np.rad2deg(unknown) * np.array([0.5, 2.0])
+    assert f"will miss by {low:.1f}° to {high:.1f}°" in miss(0.0).in_words
+    assert [r.kind for e in (0.0, 0.1, 1.0) for r in miss(e).remarks] == ["off", "far"]
+    assert limb.calibration is not None
+    limb.calibration.covariance = (100 * np.array(limb.calibration.covariance)).tolist()
+    assert miss(0.0).expected > 1.5 * unknown
+
+
+def test_recordings_must_be_as_hot_as_plans_and_turn_back():
+    limb, run = limb_with(LAWS["linear"]), HeatedRun.of(recording_of("linear", "conditioning"))
+    course = np.array([22.0, 95.0, 30.0, 95.0, 30.0])
+    for heated, said in (
+        (course, []),
+        (course[:3], ["is heated and cools once"] * 2),
+        (0.5 * course, ["was read at 48 °C at most, and plans may heat it to 100 °C"] * 2),
+    ):
+        temperature = np.column_stack([heated, heated])
+        predicted = Predicted(dataclasses.replace(run, temperature=temperature), run.bend, run.bend)
+        remarks = remarks_on_coverage(limb, [predicted])
+        assert len(remarks) == len(said)
+        for remark, part in zip(remarks, said, strict=True):
+            assert part in remark.sentence
+
+
 def test_calibrates_from_any_heated_recordings():
     heated = [recording_of("two masses", "conditioning")]
     described = LimbParameters(segments=[SEGMENT])
-    calibration = calibrate({"heated": heated}, described, laws=(TwoMassLaw,))
+    said: list[str] = []
+    with mock.patch("calibration.prediction.selection.LONG", 0.0):
+        calibration = calibrate(
+            {"heated": heated}, described, laws=(TwoMassLaw,), announce=said.append
+        )
+    assert re.fullmatch(r"comparing 1 law .* by 1 min of .* takes about \d+ s", said[0])
+    assert "plan will miss by" in calibration.verdict
     assert calibration.parameters.wires[1].law.a2 == pytest.approx(22.0 * 1.2, rel=0.05)
     assert calibration.prediction is not None
     assert "last part of each recording" in calibration.prediction.judges
