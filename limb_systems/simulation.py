@@ -139,6 +139,7 @@ def record(
         LimbError: if the duty left [0, 1], or the system is not a `LimbSystem`.
     """
     check_limb(system)
+    _check_positive("duration", duration, " s")
     provenance = provenance or Provenance.now(system.parameters)  # before it has to keep time
     builder.Connect(duty, system.GetInputPort("duty"))
     # A Limb's bend angle follows from its joint state for all samples at once, so that the C++

@@ -355,7 +355,7 @@ def number_of_knots(reference: trajectories.Trajectory, knot_rate: float, max_kn
             f"The reference lasts from {reference.start_time():g} s to {duration:g} s; "
             "it must start at 0 s and end later."
         )
-    num_intervals = round(duration * knot_rate)
+    num_intervals = round(min(duration * knot_rate, 1e18))
     if num_intervals < 1:
         raise PlanningError(
             f"A reference of {duration:g} s at {knot_rate:g} knots per second makes one knot; "

@@ -80,8 +80,10 @@ def from_recording(recording: Recording, smoothing_time: float = 0.0) -> Piecewi
     )
     if angles.shape[1] < 2:
         return from_samples(recording.time, angles)  # which says that there are too few
-    window = 2 * round(smoothing_time * recording.sample_rate / 2) + 1
-    if window > angles.shape[1] or not smoothing_time >= 0:
+    # Rounding nan or inf fails.
+    known = 0 <= smoothing_time < np.inf
+    window = 2 * round(smoothing_time * recording.sample_rate / 2) + 1 if known else np.inf
+    if window > angles.shape[1]:
         raise LimbError(
             f"smoothing_time is {smoothing_time!r} s; it must be from 0 to the recording's "
             f"{recording.time[-1] - recording.time[0]:g} s."
@@ -312,6 +314,8 @@ def from_tip_path(
             f"finite numbers of the shape ({len(sideways)}, {times.size}), in m."
         )
     bends = np.zeros((times.size, layout.num_bends))
+    if times.size < 2:
+        return from_samples(times, bends.T)  # which says that there are too few
     for _ in range(TIP_STEPS):
         angles = bends @ layout.shape.T
         tip, slopes = chain.expanded_position(angles, layout.num_joints - 1, layout.end_offset[-1])

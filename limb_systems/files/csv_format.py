@@ -34,6 +34,8 @@ KILLED = "the program that recorded it was killed"
 MAKERS = {
     "recording": "collect, replay and teach write recordings, and Recording.save, of other data",
     "trajectory": "soft-limb plan makes a trajectory of a reference",
+    "gait": "soft-limb gait writes gaits",
+    "learning": "soft-limb learn writes what was learned",
 }
 _INTERRUPTED = "# interrupted: "
 _MAY_MISS = {"recording": ("measured_temperature", "bend_angle")}  # columns with readings, by kind

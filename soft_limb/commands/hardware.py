@@ -359,13 +359,14 @@ def _learn(options: argparse.Namespace) -> int:
         said += filter(None, [repetition.interrupted, repetition.remark])
         print(f"repetition  {number}: {'; '.join(said)}", flush=True)
 
-    each = f"{options.repetitions} repetitions of {trajectory.duration:g} s"
+    count = options.repetitions
+    each = f"{count} repetition{'s' * (count > 1)} of {trajectory.duration:g} s"
     if options.port:
         say_duration(f"{each}, and rests of some minutes, until the wires are cool")
     elif options.live or options.live_address:
         say_duration(f"{each}, in real time")
     else:
-        about = options.repetitions * trajectory.duration / SIMULATED
+        about = count * trajectory.duration / SIMULATED
         say_duration(f"about {max(1.0, about):.0f} s for {each}")
     limbs: Callable[[], LimbSystem]
     try:

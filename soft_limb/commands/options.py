@@ -78,6 +78,7 @@ def shared(key: str, **settings: Any) -> Option:
     return Option(*option.names, **option.settings | settings)
 
 
+LONGEST_COOLING = 3600.0  # s
 PORT_HELP = "a serial port or any URL that pyserial accepts"
 TASK_HELP = (
     "weights and limits: a file (.yaml), 'paper' for the paper's, or 'closed-loop' for margins of "
@@ -225,10 +226,14 @@ def live_page(options: argparse.Namespace) -> Iterator[LivePage | None]:
     """The page that a command was asked for, if any, until it ends; it says where the page is.
 
     Raises:
-        LimbError: if the page cannot be served there, or there is none to show a cool-down on.
+        LimbError: if the page cannot be served there, or there is none to show a cool-down on, or
+            the cool-down is out of range.
     """
+    cool_down = vars(options).get("cool_down", 0.0)
+    if not 0 <= cool_down <= LONGEST_COOLING:
+        raise LimbError(f"--cool-down is {cool_down:g} s; it must be 0 to {LONGEST_COOLING:g} s.")
     if not (options.live or options.live_address):
-        if vars(options).get("cool_down"):
+        if cool_down:
             raise LimbError("--cool-down is for the live page; add --live.")
         yield None
         return

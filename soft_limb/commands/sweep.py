@@ -44,7 +44,7 @@ def _sweep(options: argparse.Namespace) -> int:
     )
     if options.force:
         options.output.unlink(missing_ok=True)
-    say_duration(f"some seconds for each of {len(wanted)} runs, in {options.jobs} processes")
+    say_duration(f"some seconds for each run, of {len(wanted)} in {options.jobs} at a time")
     with (
         executor_of(options.cluster, options.jobs) as executor,
         Progress("sweep", len(wanted), "runs") as progress,

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from limb_systems import LimbError, LimbParameters
+from limb_systems import Limb, LimbError, LimbParameters, simulate
 from limb_systems.signals import heed_signals
 from soft_limb.command import COMMANDS, main, run_command
 
@@ -240,3 +240,37 @@ def test_a_law_of_ones_own_is_imported_for_a_command(tmp_path, monkeypatch, caps
     assert "law: !MyOwnLaw" in (tmp_path / "plan.csv").read_text()
     del sys.modules["my_law_of_a_test"]
     gc.collect()  # no other test knows the law
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (
+            "walk empty.csv -o out.csv",
+            "this is not a limb gait: .* soft-limb gait writes",
+        ),
+        ("plan empty.csv --tip -o out.csv", "A reference needs two samples or more"),
+        (
+            "plan taught.csv --smooth nan -o out.csv",
+            "smoothing_time is nan s; it must be from 0 to",
+        ),
+        (
+            "plan taught.csv --smooth inf -o out.csv",
+            "smoothing_time is inf s; it must be from 0",
+        ),
+        ("plan mine.csv --knot-rate 1e308 -o out.csv", "ask for fewer knots per second"),
+        ("teach --emulated 1 -t nan -o out.csv", "--time is nan s; it must be above 0 and at most"),
+        ("plan circle -o out.csv", "2 angles at each time; .* write axes: 2 into its segments"),
+        ("plan path.csv --tip -o out.csv", "two coordinates of the tip, .* write axes: 2 into"),
+    ],
+)
+def test_input_that_makes_no_sense_is_one_sentence(line, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty.csv").touch()
+    (tmp_path / "mine.csv").write_text("0,0\n3,5\n")
+    (tmp_path / "path.csv").write_text("0,0,0\n3,5,5\n")
+    simulate(Limb(), [0.0, 0.0], 1.0).save("taught.csv")
+    assert main(shlex.split(line)) == 1
+    (error,) = capsys.readouterr().err.splitlines()
+    assert re.search(said, error), error
+    assert not (tmp_path / "out.csv").exists()
