@@ -81,14 +81,15 @@ class BendAngleController(LeafSystem):
         bend_angle, measured, set_point = (self.get_input_port(i).Eval(context) for i in range(3))
         error = set_point[0] - bend_angle[0]
         cut_out = measured >= self._cut_out - 5.0 * was_cut_out
-        taper = np.clip((self._cut_out - measured) / TAPER, 0.0, 1.0)
+        taper = np.minimum(np.maximum((self._cut_out - measured) / TAPER, 0.0), 1.0)
         limit = np.where(cut_out, 0.0, MAXIMUM_DUTY * taper) * np.abs(self._direction)
         command = self._proportional * error + self._integral * integral
         towards = np.sign(error)
         room = limit[self._direction == towards].max(initial=0.0)
         if not towards * command > room:
             integral += PERIOD * error
-        duty = np.clip(self._co_contraction + self._direction * command, 0.0, limit)
+        wanted = self._co_contraction + self._direction * command
+        duty = np.minimum(np.maximum(wanted, 0.0), limit)
         discrete_state.set_value(np.concatenate([[integral], cut_out, duty]))
 
 

@@ -577,6 +577,8 @@ class ContinuumLimb(LeafSystem):
         self._held = [chain.propagator(step, held=True) for chain in self._chains]
         for name in WIRE_ARRAYS:
             setattr(self, f"_{name}", np.array([getattr(wire, name) for wire in wires]))
+        self._first_share = 1 - np.exp(-period / self._lag)
+        self._second_share = 1 - np.exp(-period / self._second_lag)
         # A moment along the beam, less at the last joint, that would bend it as drawn.
         profile = np.ones(JOINTS)
         profile[-1] -= beam.anchor
@@ -693,10 +695,10 @@ class ContinuumLimb(LeafSystem):
         share[:] = changed
         state["heat"][:] = after.ravel()
         state["relays"][:] = relays.ravel()
-        first, second = np.split(state["thermocouples"], 2)
+        first, second = state["thermocouples"].reshape(2, num_wires)
         bonded = after[:, 0] + self._leak * (after[:, 1] - after[:, 0])
-        second += (1 - np.exp(-self._period / self._second_lag)) * (first - second)
-        first += (1 - np.exp(-self._period / self._lag)) * (bonded - first)
+        second += self._second_share * (first - second)
+        first += self._first_share * (bonded - first)
 
     def _after_beam(self, state: dict[str, np.ndarray], wanted: np.ndarray | None) -> None:
         """Advances the beam by a step of its own, with or without a hand."""
