@@ -163,7 +163,6 @@ def collect_excitation(
         journal,
         live,
         excitation.kind,
-        excitation.name,
         seed=excitation.seed,
     )
 
@@ -180,15 +179,11 @@ def _record(
     journal: str | Path | None,
     live: LiveView | None,
     kind: str,
-    name: str = "",
     *,
     seed: int | None = None,
     schedule: EquilibriumSchedule | None = None,
 ) -> Recording:
-    """Records a limb under the duty of a source, which sees its outputs, until a schedule ends.
-
-    Progress shows the name of the recording, or else its kind.
-    """
+    """Records a limb under the duty of a source, which sees its outputs, until a schedule ends."""
     check_limb(limb)
     builder = DiagramBuilder()
     builder.AddSystem(limb)
@@ -226,7 +221,6 @@ def _record(
             duration,
             reference=reference,
             until=until,
-            remark=lambda _: name or kind,
             real_time=live is not None,
             sample_rate=sample_rate,
             provenance=made,
