@@ -10,7 +10,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from calibration.collecting.bend_control import BendAngleController, EquilibriumSchedule
 from calibration.collecting.excitation import DutyUntilWarm, Excitation, LimitedDuty
-from calibration.recordings.kinds import FIRST_CONTACT, WARM_UP, heated_wires, only_segment
+from calibration.recordings.kinds import heated_wires, only_segment
 from hardware.live.feed import LiveView, shown
 from hardware.robot.journal import journaled
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Recording
@@ -117,7 +117,7 @@ def collect_first_contact(
         levels += [CONTACT_DUTY * wire, 0 * wire]
     duty = PiecewisePolynomial.ZeroOrderHold(times, np.array([*levels, levels[-1]]).T)
     source = DutyUntilWarm(duty, CONTACT_RISE)
-    return _record(limb, source, times[-1], HEATED_RATE, journal, live, "heated", FIRST_CONTACT)
+    return _record(limb, source, times[-1], HEATED_RATE, journal, live, "heated")
 
 
 def collect_warm_up(
@@ -128,7 +128,7 @@ def collect_warm_up(
     levels = each * [WARM_UP_DUTY, 0.0, 0.0]
     duty = PiecewisePolynomial.ZeroOrderHold([0.0, WARM_UP_TIME, WARM_UP_END], levels)
     source = DutyUntilWarm(duty, WARM_UP_RISE)
-    return _record(limb, source, WARM_UP_END, HEATED_RATE, journal, live, "heated", WARM_UP)
+    return _record(limb, source, WARM_UP_END, HEATED_RATE, journal, live, "heated")
 
 
 def for_first_contact(described: LimbParameters) -> LimbParameters:
