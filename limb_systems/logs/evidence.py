@@ -20,8 +20,8 @@ def heat_of(times: np.ndarray, duty: np.ndarray) -> np.ndarray:
     heat = np.zeros_like(duty)
     added = duty[..., :-1] * -np.expm1(-np.diff(times) / MEMORY)
     span = 20 * MEMORY  # within which the sum below keeps its digits
-    starts = np.searchsorted(times, np.arange(times[0], times[-1] + span, span))
-    for start, end in itertools.pairwise(np.unique([*starts, len(times)])):
+    starts = np.flatnonzero(np.diff((times - times[0]) // span, prepend=-1.0))
+    for start, end in itertools.pairwise([*starts, len(times)]):
         if start:
             kept = np.exp((times[start - 1] - times[start]) / MEMORY)
             heat[..., start] = kept * heat[..., start - 1] + added[..., start - 1]
@@ -36,7 +36,9 @@ def correlation(one: np.ndarray, other: np.ndarray) -> float:
     shown = ~(np.isnan(one) | np.isnan(other))
     if shown.sum() < 5 or not np.ptp(one[shown]) or not np.ptp(other[shown]):
         return 0.0
-    return float(np.corrcoef(one[shown], other[shown])[0, 1])
+    with np.errstate(all="ignore"):  # of numbers that are almost nothing
+        found = float(np.corrcoef(one[shown], other[shown])[0, 1])
+    return found if np.isfinite(found) else 0.0
 
 
 def pairing(heats: np.ndarray, readings: np.ndarray) -> list[tuple[int | None, float]]:

@@ -204,8 +204,8 @@ def guessed(table: LogTable) -> LimbInLog:
         )
     elif not bend.scale and bend.column != OPEN:
         asked.append(_asked_of_scale(mapping, columns, heats))
-    if len(duties) > 1 and not any(_side(duty) for duty in duties):
-        said.append("names do not say which wire is on which side: exchange them if need be")
+    if duties and not any(_side(duty) for duty in duties):
+        said.append("names do not say which wire is on which side: correct them if need be")
     if other_duty:
         side = "left" if wires[0].name == "right" else "right"
         mapping.wires.append(WireColumns(side, OPEN))
@@ -239,9 +239,9 @@ def _cleaned(values: np.ndarray, missing: list[float], kept: np.ndarray) -> np.n
 def _shares(duties: list[Column], signs: list[float], full: float, count: int) -> np.ndarray:
     """Duty of each wire (W, K), in [0, 1]."""
     shares = np.zeros((len(duties), count))
+    full = full or max((float(np.abs(duty.shown).max()) for duty in duties), default=1.0)
     for share, duty, sign in zip(shares, duties, signs, strict=True):
-        most = full or float(np.abs(duty.shown).max())
-        share[:] = np.clip(sign * held(duty.values) / most, 0.0, 1.0)
+        share[:] = np.clip(sign * held(duty.values) / full, 0.0, 1.0)
     return shares
 
 

@@ -336,7 +336,9 @@ def bend_of(table: LogTable, mapping: LogMapping) -> np.ndarray:
             angle = angle - links[-1] - 0.5 * turn
         angle = _wrapped(angle - bend.zero) * bend.scale
     else:
-        angle = (_without(table.numbers(bend.column), mapping.missing) - bend.zero) * bend.scale
+        values = _without(table.numbers(bend.column), mapping.missing)
+        with np.errstate(over="ignore"):  # of a number that no sensor has, which is left out below
+            angle = (values - bend.zero) * bend.scale
     beyond = np.abs(angle) > 180.0
     if (share := float(beyond.mean())) > RARELY:
         most = float(np.nanquantile(np.abs(angle), 0.99))
