@@ -161,19 +161,25 @@ def _arm_check(options: argparse.Namespace) -> int:
     return 0 if passed else 1
 
 
+def _ask(question: str) -> str:
+    """What a person types at the terminal; nothing at its end, Ctrl-D."""
+    print(question, end="", flush=True)
+    return sys.stdin.readline().strip()
+
+
 def _supply(options: argparse.Namespace) -> tuple[float | None, bool | None]:
     """The supply's voltage and whether there is a cut-off, as said by options or at a terminal."""
     voltage, cut_off = options.supply, options.cut_off
     if sys.stdin.isatty() and not options.json:
         if voltage is None:
-            said = input("Measured voltage of the wires' supply, V (Enter: not measured): ").strip()
+            said = _ask("Measured voltage of the wires' supply, V (Enter: not measured): ")
             try:
                 voltage = float(said) if said else None
             except ValueError:
                 raise LimbError(f"{said!r} is no voltage; measure it, and say it as 7.0.") from None
         if cut_off is None:
-            said = input("A thermal cut-off on the limb, in series with its wires, y or n? ")
-            cut_off = {"y": True, "yes": True}.get(said.strip().lower(), False)
+            said = _ask("A thermal cut-off on the limb, in series with its wires, y or n? ")
+            cut_off = said.lower() in ("y", "yes")
     if voltage is None:
         warnings.warn(
             "Nobody has said what voltage the wires' supply has; heat goes with its square: "
