@@ -16,7 +16,13 @@ PI_2 = 1.5707963267948966
 AXES = {"e2": "0 0 1", "e3": "0 -1 0", "twist": "1 0 0"}  # about which joints turn
 
 
-def limb_urdf(segments: Sequence[Any], name: str = "limb", *, payload: float = 0.0) -> str:
+def limb_urdf(
+    segments: Sequence[Any],
+    name: str = "limb",
+    *,
+    payload: float = 0.0,
+    negligible_mass: float = 0.0,
+) -> str:
     """URDF text of a serial chain of box-shaped links.
 
     The base frame has E1 = +x, the axis of the straight limb, E2 = +y and E3 = +z.
@@ -37,9 +43,15 @@ def limb_urdf(segments: Sequence[Any], name: str = "limb", *, payload: float = 0
             joints, their ``joint_ratios`` and ``centred_joints``.
         name: name of the model.
         payload: mass of a point at the tip, kg.
+        negligible_mass: mass of the base and of each ``cross_j``, kg, for programs that divide by
+            the mass of every body.
     """
     robot = ElementTree.Element("robot", name=name)
     parent, origin = _add_chain(robot, segments)
+    if negligible_mass:
+        for link in robot.findall("link"):
+            if link.find("inertial") is None:
+                _add_mass(link, negligible_mass)
     if payload:
         _add_payload(robot, "", parent, origin, payload)
     return _document(robot)
@@ -138,11 +150,16 @@ def _add_payload(robot, prefix: str, parent: str, origin: float, mass: float) ->
 def _add_point(robot, name: str, joint: str, parent: str, origin: float, mass: float):
     """A link that is a point of some mass, kg, at a distance along its parent, m."""
     link = ElementTree.SubElement(robot, "link", name=name)
+    _add_mass(link, mass)
+    _add_joint(robot, joint, "fixed", parent, name, origin)
+    return link
+
+
+def _add_mass(link, mass: float) -> None:
+    """A point's mass, kg, at the link's origin."""
     inertial = ElementTree.SubElement(link, "inertial")
     ElementTree.SubElement(inertial, "mass", value=_text(mass))
     _inertia(inertial, 0.0, 0.0, 0.0)
-    _add_joint(robot, joint, "fixed", parent, name, origin)
-    return link
 
 
 def _collision(link, shape: str, friction: float, **size: str) -> None:

@@ -9,6 +9,9 @@ from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from urdf import limb_urdf
 
+# kg, far below a rounding error of any limb's mass: Drake's plant in symbols divides by each
+# body's mass since 1.52.
+NEGLIGIBLE_MASS = 1e-20
 
 def add_manipulator(plant: MultibodyPlant, parameters: LimbParameters) -> None:
     """Parses the limb's URDF into a plant, clamps its base and adds the springs.
@@ -24,7 +27,9 @@ def add_manipulator(plant: MultibodyPlant, parameters: LimbParameters) -> None:
         parameters: geometry, mass, stiffness and damping of the limb.
     """
     parameters.validate()
-    text = limb_urdf(parameters.segments, payload=parameters.payload)
+    text = limb_urdf(
+        parameters.segments, payload=parameters.payload, negligible_mass=NEGLIGIBLE_MASS
+    )
     Parser(plant).AddModelsFromString(text, "urdf")
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("base"))
     rest_angles, stiffness = rest_joint_angles(parameters), Layout(parameters).stiffness
