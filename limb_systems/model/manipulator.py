@@ -13,6 +13,7 @@ from urdf import limb_urdf
 # body's mass since 1.52.
 NEGLIGIBLE_MASS = 1e-20
 
+
 def add_manipulator(plant: MultibodyPlant, parameters: LimbParameters) -> None:
     """Parses the limb's URDF into a plant, clamps its base and adds the springs.
 
