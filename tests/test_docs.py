@@ -160,12 +160,6 @@ def test_the_site_begins_at_this_version_and_lists_all(tmp_path):
     assert listed == 'var versions = ["0.10.0", "0.9.0", "0.1.0"];\n'
 
 
-def test_package_index_shows_how_the_readme_begins():
-    text = PACKAGE_INDEX.read_text(encoding="utf-8")
-    assert TEXTS[ROOT / "README.md"].startswith(text)
-    assert prose(text).strip().startswith("# soft-limb")
-
-
 def test_files_targets_and_symbols_that_are_named_exist():
     targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
     for path, text in TEXTS.items():
@@ -218,14 +212,6 @@ def test_first_steps_of_the_readme_run(tmp_path, monkeypatch):
         assert not ended.value.code
     for name in ("plan.csv", "plan.png", "recording.csv", "tracking.png"):
         assert (tmp_path / "out" / name).stat().st_size > 10_000
-
-
-def test_script_of_the_readme_runs():
-    (code,) = (code for code, _ in blocks(TEXTS[ROOT / "README.md"], "python"))
-    names = {}
-    exec(compile(code, "README.md", "exec"), names)
-    context = names["simulator"].get_context()
-    assert names["log"].FindLog(context).data()[0, -1] > 0.1
 
 
 def test_commands_parse(monkeypatch):

@@ -544,7 +544,9 @@ class BoardLink:
 
     def _fail(self, error: HardwareError) -> None:
         with self._arrived:
-            self._failure = self._failure or str(error)
+            if self._failure:
+                return
+            self._failure = str(error)
             self._arrived.notify_all()
         self.when_off()
 

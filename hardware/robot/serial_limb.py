@@ -11,7 +11,7 @@ from hardware.robot.link import STALE, HardwareError, check_fit
 from hardware.robot.several_boards import SeveralBoards
 from hardware.robot.text_board import TextBoard
 from hardware.robot.text_link import Ports, TextLink, open_link
-from limb_systems import Layout, LimbError, LimbParameters, NoBoard, SerialBoard
+from limb_systems import Layout, LimbParameters, NoBoard, SerialBoard
 from limb_systems.model.limb_system import ACCURACY
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.ports import declare_part
@@ -97,7 +97,7 @@ class SerialLimb(LeafSystem):
             self.info = self.link.info()
             check_fit(self.parameters, self.info, self.link.port)
             self.link.sample()
-        except LimbError:
+        except BaseException:  # a signal, too
             self.link.close()
             raise
         if isinstance(self.parameters.board, NoBoard):

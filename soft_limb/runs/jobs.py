@@ -57,7 +57,8 @@ def run_all(
             if not running:
                 return
             pending = [f for _, futures in running.values() for f in futures if not f.done()]
-            if pending:
+            done = [f for _, futures in running.values() for f in futures if f not in pending]
+            if pending and not any(future.exception() for future in done):
                 concurrent.futures.wait(pending, return_when=concurrent.futures.FIRST_COMPLETED)
             for number, (evaluation, futures) in list(running.items()):
                 for future in futures:

@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import itertools
 import warnings
 
 import numpy as np
@@ -145,15 +144,6 @@ def test_broken_recordings_by_prediction(short, monkeypatch):
                 check_recording(recording, "heated")
                 fit = fit_law(LinearLaw, [HeatedRun.of(recording)], segment, 23.0)
                 assert np.isfinite(fit.covariance).all()
-
-
-def test_every_subset_of_kinds_by_the_paper(short):
-    for count in range(len(short) + 1):
-        for kinds in itertools.combinations(short, count):
-            if "ring_down" in kinds and count > 1:
-                continue  # takes most of the time, and is tested above
-            enough = {"right", "left"} <= set(kinds)
-            assert calibrated_or_refused({k: [short[k]] for k in kinds}, "paper") == enough
 
 
 def test_subsets_of_kinds_by_prediction(short, monkeypatch):

@@ -13,9 +13,7 @@ import pytest
 from pydrake.trajectories import PiecewisePolynomial
 
 from calibration import (
-    Calibration,
     CalibrationError,
-    Estimate,
     calibrate,
     kind_of,
     save_recordings,
@@ -27,12 +25,10 @@ from limb_systems import (
     LimbParameters,
     Recording,
     SerialBoard,
-    Trajectory,
     TwoMassLaw,
     WireParameters,
     simulate,
 )
-from planners import plan, references
 from soft_limb.command import main
 
 
@@ -137,32 +133,6 @@ def test_errors_and_covariance_of_a_calibration_are_data_in_its_file(sagging_and
     np.testing.assert_allclose(covariance[np.ix_(rows, rows)][off], expected[off], rtol=1e-3)
 
 
-def test_a_record_goes_with_the_limb_until_it_is_calibrated_anew(sagging_and_heated, tmp_path):
-    recordings = sagging_and_heated(1.0)
-    limb = calibrate(recordings, method="paper").parameters
-    first = limb.calibration
-    held = simulate(Limb(limb), [0.0, 0.1], 1.0)
-    held.save(tmp_path / "held.csv")
-    assert Recording.load(tmp_path / "held.csv").parameters.calibration == first
-    trajectory = plan(limb, references.from_samples([0.0, 2.0], [0.0, 0.05]))
-    trajectory.save(tmp_path / "plan.csv")
-    assert Trajectory.load(tmp_path / "plan.csv").parameters.calibration == first
-    del recordings["sag"]
-    again = calibrate(recordings, limb, method="paper")
-    assert again.parameters.calibration.names[:2] == ["ambient_temperature", "left.a1"]
-    assert limb.calibration == first
-
-
-def test_a_calibration_shows_itself_in_short():
-    fits = dict.fromkeys(("stiffness", "damping", "prediction", "validation"))
-    lists = {name: [] for name in ("heat", "force")}
-    calibration = Calibration(
-        LimbParameters(), Estimate(23.0, 0.1, "°C"), **fits, **lists, sources={}
-    )
-    assert repr(calibration) == "Calibration(1 quantities, not validated, 3 remarks)"
-    assert "<td style='text-align:left'>23 ± 0.1 °C</td>" in calibration._repr_html_()
-
-
 def test_missing_and_unknown_recordings_are_named(model_recordings, tmp_path):
     with pytest.raises(CalibrationError, match="only the left wire heated"):
         calibrate({"right": model_recordings["right"]}, method="paper")
@@ -172,14 +142,6 @@ def test_missing_and_unknown_recordings_are_named(model_recordings, tmp_path):
         calibrate(tmp_path / "nothing")
     with pytest.raises(CalibrationError, match="method is 'guess'; it must be one of pred"):
         calibrate(model_recordings, method="guess")
-
-
-def test_a_recording_of_another_kind_is_named(model_recordings):
-    (left,) = model_recordings["left"]
-    with pytest.raises(
-        CalibrationError, match=f"\n{left.source} is left out: .*only the right wire"
-    ):
-        calibrate({"right": [left]})
 
 
 def test_validation_of_the_truth_has_no_error_and_of_another_limb_has(true_limb, model_recordings):
@@ -280,34 +242,6 @@ def test_command_fits_a_folder_and_validates(folder, tmp_path, capsys, monkeypat
     errors = validate(found, Recording.load(folder / "both.csv"))
     assert again["bend_angle_mean_deg"] == pytest.approx(np.rad2deg(errors.mean))
     assert again["temperature_mean_c"] == pytest.approx(errors.temperature_mean)
-
-
-def test_command_collects(tmp_path, capsys, monkeypatch):
-    recording, twins = simulate(Limb(), [0.0, 0.0], 1.0), []
-
-    def collect(twin, **_):
-        twins.append(twin.source)
-        return {"sag": [recording] * 2, "both": [recording]}
-
-    monkeypatch.setattr("soft_limb.commands.calibration.collect_from_twin", collect)
-    arguments = ["collect", "-o", str(tmp_path / "new"), "--emulated", "3", "--extra", "bond"]
-    assert main(arguments) == 0
-    assert twins == ["emulated limb, seed 3, with bond"]
-    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == [
-        "both.csv",
-        "sag_1.csv",
-        "sag_2.csv",
-    ]
-    assert "written" in capsys.readouterr().out
-
-
-def test_command_that_is_stopped_says_so(tmp_path, capsys, monkeypatch):
-    def stop(*_, **__):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("soft_limb.commands.calibration.collect_from_twin", stop)
-    assert main(["collect", "-o", str(tmp_path / "new")]) == 130
-    assert capsys.readouterr().err == "stopped; finished recordings are kept, and wires are off\n"
 
 
 def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkeypatch, capsys):

@@ -1,8 +1,6 @@
 """The controller, the schedule, and recordings collected with them."""
 
-import copy
 import dataclasses
-import re
 
 import numpy as np
 import pytest
@@ -13,14 +11,10 @@ from calibration import (
     BendAngleController,
     CalibrationError,
     EquilibriumSchedule,
-    Knowledge,
     LimitedDuty,
     calibrate,
     collect_equilibria,
-    collect_excitation,
     collect_from_robot,
-    collect_from_twin,
-    collect_warm_up,
     excitations,
     load_recordings,
 )
@@ -29,7 +23,6 @@ from limb_systems import (
     CalibrationRecord,
     HystereticLaw,
     Limb,
-    LimbError,
     LimbParameters,
     LinearLaw,
     Recording,
@@ -125,16 +118,6 @@ def test_a_wire_that_was_cut_out_stays_off_until_it_has_cooled():
         assert (controller.get_output_port().Eval(context)[1] > 0) == is_on
 
 
-def test_wires_that_are_not_there_are_refused():
-    with pytest.raises(LimbError, match="actuated is 'up'; it must be one of right, left, both"):
-        BendAngleController(LimbParameters(), "up")
-
-
-def test_controller_is_for_one_segment(two_segments):
-    with pytest.raises(LimbError, match="has 2 segments; calibrate each of them alone"):
-        BendAngleController(two_segments, "right")
-
-
 def schedule_times(measured_slope, angle_error_deg, longest=60.0):
     """When the set point of a schedule changes, with inputs that ramp."""
     schedule = EquilibriumSchedule([0.1, 0.2], longest)
@@ -188,12 +171,6 @@ def test_a_twin_is_never_hotter_than_its_limit(tmp_path):
     np.testing.assert_array_equal(again.reference, recording.reference)
 
 
-def test_schedules_that_make_no_sense_are_refused():
-    for arguments, message in (({"num_angles": 0}, "an angle at least"), ({"seed": -1}, "is -1")):
-        with pytest.raises(LimbError, match=message):
-            collect_equilibria(Limb(), "both", **arguments)
-
-
 @pytest.fixture
 def short_excitations(monkeypatch):
     """The beginning of one of them, with both wires, and of a motion."""
@@ -212,30 +189,6 @@ def short_excitations(monkeypatch):
     monkeypatch.setattr("calibration.collecting.collect.CONTACT_TIME", 15.0)
     monkeypatch.setattr("calibration.collecting.collect.CONTACT_END", 50.0)
     return monkeypatch
-
-
-def test_excitations_tell_how_well_they_were_predicted(short_excitations):
-    few = {"num_angles": 1, "longest": 5.0, "sag_trials": 1, "ring_downs": 1, "cooling_time": 5.0}
-    told, twin = [], LimbTwin(seed=2)
-    recordings = collect_from_twin(twin, **few, tell=told.append)
-    assert {kind: len(group) for kind, group in recordings.items()} == {
-        "sag": 1,
-        "ring_down": 1,
-        "right": 1,
-        "left": 1,
-        "both": 1,
-        "heated": 2,  # with the warm-up
-        "motion": 1,
-    }
-    # 15 s of equilibria, 60 s of the warm-up, 24 s of conditioning and 16 s of the motion.
-    first, *told = told
-    assert first == "8 recordings of an emulated limb, which take about 1.6 s"
-    found = [re.search(r"^(\w+): predicted to ([\d.]+)° and ([\d.]+) °C", line) for line in told]
-    assert [match[1] for match in found] == ["conditioning", "motion_1"]
-    assert all(float(match[2]) < 8.0 for match in found)
-    assert max(r.measured_temperature.max() for r in recordings["heated"]) < 100.0
-    with pytest.raises(LimbError, match="protocol is 'some'; it must be one of all, excitation"):
-        collect_from_twin(twin, protocol="some")
 
 
 def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
@@ -337,17 +290,3 @@ def test_the_hottest_of_the_limbs_that_cannot_be_told_apart_limits_the_duty():
     assert temperatures.size == 2 * 16
     assert 95.0 < temperatures.max() < 100.5
     assert temperatures.min() < 70.0
-
-
-def test_duty_is_limited_by_the_hottest_limb_that_recordings_allow():
-    """A wire that heats five times as fast as described, known from a warm-up alone."""
-    described = LimbParameters()
-    described.segments[0].links, described.segments[0].stiffness = 2, 0.0623
-    fast = copy.deepcopy(described)
-    for wire in fast.wires:
-        wire.law = TwoMassLaw(a1=-0.3, a2=100.0, silicone_warming=0.05, silicone_cooling=0.05)
-    warm_up = collect_warm_up(Limb(fast))
-    knowledge = Knowledge(described, [warm_up])
-    (pulses,) = [e for e in excitations(2) if e.name == "conditioning"]
-    recording = collect_excitation(Limb(fast), pulses, knowledge.limb)
-    assert 70.0 < recording.wire_temperature.max() < 102.0

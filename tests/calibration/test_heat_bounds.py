@@ -15,7 +15,7 @@ from calibration.collecting.collect import (
     for_first_contact,
 )
 from calibration.collecting.protocol import CONTACT_MARGIN, WARM_UP_MARGIN
-from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
+from calibration.heat_bounds import check_first_contact, fit_heat_bounds
 from hardware import LimbTwin
 from hardware.firmware import guard, heat
 from limb_systems import Limb, LimbParameters, TwoMassLaw, simulate
@@ -98,20 +98,6 @@ def test_an_emulated_limb_is_warmed_up_and_then_hot_within_its_bounds():
     assert hottest > 80.0
 
 
-@pytest.mark.parametrize("described", [10.0, 30.0])
-def test_a_limb_that_is_not_as_described_has_wider_bounds(described):
-    limb = LimbParameters()
-    recording = simulate(Limb(limb), [0.2, 0.3], 30.0)  # of 20 °C/s
-    for wire in limb.wires:
-        wire.law.a2 = described
-    for fitted, around in zip(fit_heat_bounds([recording], limb), limb.heat_bounds, strict=True):
-        assert_contains_another_motion(fitted)
-        if described < 20.0:
-            assert fitted.most_heating > around.most_heating
-        else:
-            assert fitted.least_heating < around.least_heating
-
-
 def test_calibration_has_bounds_and_keeps_them_in_its_file(by_the_paper, tmp_path):
     calibrated = by_the_paper.parameters
     calibrated.save(tmp_path / "limb.yaml")
@@ -181,14 +167,3 @@ def test_a_thermocouple_without_its_wire_is_found_at_first_contact():
     recording = showing(collect_first_contact(Limb()), 0.05)
     with pytest.raises(CalibrationError, match="left wire was heated, but its thermocouple shows"):
         check_first_contact(recording, LimbParameters(), Path("first_contact.csv"))
-
-
-def test_what_is_unlike_is_told():
-    recording = simulate(Limb(), [0.1, 0.1], 60.0)
-    assert not heat_remarks([recording], LimbParameters())
-    (remark,) = heat_remarks([showing(recording, 0.6)], LimbParameters())
-    assert remark.startswith("the left wire shows 60% of the heat of the one that shows most")
-    (remark,) = heat_remarks([recording], described_by(a2=40.0))
-    assert "if you are sure of the thermocouples, describe the wires by a2" in remark.lower()
-    slow = simulate(Limb(described_by(a3=-0.15)), [0.1, 0.1], 60.0)
-    assert "the left thermocouple lags by" in heat_remarks([slow], LimbParameters())[0]

@@ -9,7 +9,6 @@ import pytest
 
 from calibration import CalibrationError, calibrate
 from calibration.prediction.heated_run import HeatedRun
-from calibration.recordings.files import folder_of_limb
 from calibration.recordings.pieces import in_pieces
 from calibration.recordings.repair import part
 from limb_systems import LimbParameters, Recording, SaturatingLaw
@@ -120,30 +119,3 @@ def test_what_one_thermocouple_tells(calibration, log, tmp_path):
     (predicted,) = calibration.prediction.fit.predict([HeatedRun.of(in_pieces(log)[0][2])])
     assert np.rad2deg(predicted.bend_error) < 2.0
     assert predicted.temperature_error < 2.0
-
-
-def test_a_wire_that_was_never_heated_stays_as_described(log):
-    right = [piece for piece in in_pieces(log)[0] if piece.duty[RIGHT].any()]
-    found = calibrate({"right": right[:1]}, laws=[SaturatingLaw])
-    left, described = found.parameters.wires[LEFT].law, LimbParameters().wires[LEFT].law
-    assert (left.a1, left.a2, left.a3) == pytest.approx((described.a1, described.a2, described.a3))
-    assert not [name for name in found.estimates if name.startswith("left")]
-    assert "left.a1" in found.as_described
-    said = " ".join(map(str, found.remarks))
-    assert "The left wire is heated in no recording: it stays as described, and its full_" in said
-    assert "What judges the laws is a limb that cools, and shows no heat" in said
-    assert found.next_recording.startswith(
-        "heat the left wire alone from cold for 60 s and let it cool for 120 s, which tells left.a1"
-    )
-
-
-def test_the_folder_of_a_limb_is_found_if_there_is_one(tmp_path):
-    (tmp_path / "limb_0").mkdir()
-    (tmp_path / "limb_0" / "log.csv").touch()
-    assert folder_of_limb(tmp_path) == folder_of_limb(tmp_path / "limb_0")
-    (tmp_path / "limb_1").mkdir()
-    (tmp_path / "limb_1" / "log.csv").touch()
-    with pytest.raises(CalibrationError, match=r"several limbs; give one of .*limb_0, .*limb_1"):
-        folder_of_limb(tmp_path)
-    (tmp_path / "log.csv").touch()
-    assert folder_of_limb(tmp_path) == tmp_path

@@ -7,13 +7,10 @@ import numpy as np
 import pytest
 
 from calibration import (
-    CalibrationError,
     calibrate,
-    check_recording,
     collect_equilibria,
     collect_sag,
     kinds_of,
-    load_recordings,
     save_recordings,
 )
 from hardware import replay
@@ -64,58 +61,6 @@ def folder(dorsal_and_ventral, tmp_path_factory):
     return folder
 
 
-def test_kinds_are_in_the_order_of_collecting(dorsal_and_ventral):
-    """As ever for the nominal limb."""
-    assert kinds_of(LimbParameters()) == {
-        "sag": [],
-        "ring_down": [],
-        "right": [1],
-        "left": [0],
-        "both": [0, 1],
-    }
-    assert list(kinds_of(dorsal_and_ventral)) == ["sag", "ring_down", "dorsal", "ventral", "both"]
-
-
-def test_dorsal_and_ventral_are_calibrated_to_their_own_parameters(dorsal_and_ventral, folder):
-    calibration = calibrate(folder, method="paper")
-    found, true = calibration.parameters.segments[0], dorsal_and_ventral.segments[0]
-    assert found.stiffness == pytest.approx(true.stiffness, rel=0.01)
-    for name in ("dorsal", "ventral"):
-        for parameter in ("a1", "a2", "a3", "beta"):
-            value, truth = (getattr(s.wire(name).law, parameter) for s in (found, true))
-            assert value == pytest.approx(truth, rel=0.03)
-    assert np.rad2deg(calibration.validation.percentile_90) < 0.3
-    assert list(calibration.sources) == ["sag", "ring_down", "dorsal", "ventral", "both"]
-    assert calibration.parameters.calibration.names[3:5] == ["dorsal.a1", "dorsal.a2"]
-
-
-def test_equilibria_are_on_the_side_of_the_wire(folder):
-    recordings = load_recordings(folder)
-    (dorsal,), (ventral,) = recordings["dorsal"], recordings["ventral"]
-    assert dorsal.bend_angle[0, -1] > 0 > ventral.bend_angle[0, -1]
-    assert not dorsal.duty[1].any()
-    assert not ventral.duty[0].any()
-
-
-def test_troubles_name_the_wires(dorsal_and_ventral, folder):
-    dorsal = load_recordings(folder)["dorsal"][0]
-    swapped = copy.deepcopy(dorsal)
-    swapped.measured_temperature = swapped.measured_temperature[::-1].copy()
-    with pytest.raises(CalibrationError, match="dorsal wire warms the ventral thermocouple: the t"):
-        check_recording(swapped)
-    swapped.bend_angle = -swapped.bend_angle
-    with pytest.raises(CalibrationError, match="away from its own side: the wires' outputs are"):
-        check_recording(swapped)
-    dorsal = copy.deepcopy(dorsal)
-    dorsal.bend_angle = -dorsal.bend_angle
-    with pytest.raises(CalibrationError, match="the bend sensor is reversed"):
-        check_recording(dorsal)
-    with pytest.raises(CalibrationError, match="only the ventral wire heated, but shows only"):
-        check_recording(dorsal, "ventral")
-    with pytest.raises(CalibrationError, match=r"of the wires dorsal, ventral, .* left, right"):
-        calibrate(folder, LimbParameters())
-
-
 def test_dorsal_and_ventral_are_planned_and_replayed(dorsal_and_ventral, monkeypatch):
     """In real time, as a robot is, which shows its wires while it runs."""
     reference = references.from_samples([0.0, 1.0], [0.0, 0.05])
@@ -150,21 +95,3 @@ def test_a_limb_with_one_wire_is_calibrated():
         (found,) = calibration.parameters.wires
         for name in ("a1", "a2", "beta"):
             assert getattr(found.law, name) == pytest.approx(getattr(law, name), rel=0.05)
-
-
-@pytest.mark.parametrize(
-    ("wires", "sentence"),
-    [
-        ([WireParameters("sag", -0.003), WireParameters("b", 0.002)], "A wire is named 'sag'"),
-        ([WireParameters("both", -0.003), WireParameters("b", 0.002)], "A wire is named 'both'"),
-    ],
-)
-def test_limbs_that_are_not_calibrated_are_told_so(wires, sentence):
-    limb = limb_with(*wires)
-    for refuse in (
-        lambda: kinds_of(limb),
-        lambda: collect_equilibria(Limb(limb), "both"),
-        lambda: calibrate({"both": [simulate(Limb(limb), [0.1] * len(wires), 2.0)]}),
-    ):
-        with pytest.raises(CalibrationError, match=sentence):
-            refuse()

@@ -2,14 +2,12 @@
 
 import dataclasses
 import functools
-import re
 from unittest import mock
 
 import numpy as np
 import pytest
 from pydrake.trajectories import PiecewisePolynomial
 
-from calibration import CalibrationError, calibrate
 from calibration.collecting.excitation import excitations
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import LawFit, Predicted, fit_law
@@ -84,7 +82,7 @@ def later(run: PiecewisePolynomial) -> PiecewisePolynomial:
     return PiecewisePolynomial.ZeroOrderHold(times, np.transpose(levels))
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", ["linear", "hysteretic"])
 def test_a_law_is_found_again_in_its_own_data(name):
     """By another integrator than Drake's, from other values; within their errors."""
     true, fit = limb_with(LAWS[name]), fit_of(name, "conditioning", "ramps")
@@ -98,20 +96,6 @@ def test_a_law_is_found_again_in_its_own_data(name):
             assert away < max(0.02 * abs(estimate.value), 1.5 * estimate.standard_error), estimate
     assert max(p.bend_error for p in fit.predicted) < np.deg2rad(0.15)
     assert max(p.temperature_error for p in fit.predicted) < 0.3
-
-
-def test_spikes_do_not_pull():
-    clean, recording = (
-        fit_of("two masses", "conditioning"),
-        recording_of("two masses", "conditioning"),
-    )
-    bend, measured = recording.bend_angle.copy(), recording.measured_temperature.copy()
-    bend[0, ::97] += np.deg2rad(60.0)
-    measured[1, ::53] = 200.0
-    spoiled = dataclasses.replace(recording, bend_angle=bend, measured_temperature=measured)
-    fit = fit_law(TwoMassLaw, [HeatedRun.of(spoiled)], SEGMENT, AMBIENT + 0.3)
-    for name, estimate in clean.estimates.items():
-        assert abs(fit.estimates[name].value - estimate.value) < 1.5 * estimate.standard_error
 
 
 def test_the_simplest_law_that_predicts_as_well_is_used():
@@ -230,28 +214,6 @@ def test_recordings_must_be_as_hot_as_plans_and_turn_back():
             assert part in remark.sentence
 
 
-def test_calibrates_from_any_heated_recordings():
-    heated = [recording_of("two masses", "conditioning")]
-    described = LimbParameters(segments=[SEGMENT])
-    said: list[str] = []
-    with mock.patch("calibration.prediction.selection.LONG", 0.0):
-        calibration = calibrate(
-            {"heated": heated}, described, laws=(TwoMassLaw,), announce=said.append
-        )
-    assert re.fullmatch(r"comparing 1 law .* by 1 min of .* takes about \d+ s", said[0])
-    assert "plan will miss by" in calibration.verdict
-    assert calibration.parameters.wires[1].law.a2 == pytest.approx(22.0 * 1.2, rel=0.05)
-    assert calibration.prediction is not None
-    assert "last part of each recording" in calibration.prediction.judges
-    record = calibration.parameters.calibration
-    assert record is not None
-    assert record.bend_error > 0
-    assert record.temperature_error > 0
-    assert LimbParameters.from_yaml(calibration.parameters.to_yaml()) == calibration.parameters
-    with pytest.raises(CalibrationError, match="There are no recordings"):
-        calibrate({"ring_down": [], "sag": []}, LimbParameters())
-
-
 def test_a_course_has_even_steps_of_any_samples():
     """5 Hz with a drifting clock, and 20 Hz: the same steps of duty and readings."""
     limb = limb_with(LAWS["linear"])
@@ -265,14 +227,3 @@ def test_a_course_has_even_steps_of_any_samples():
     np.testing.assert_allclose(fast.duty.sum(axis=0), slow.duty.sum(axis=0), atol=0.1)
     at_slow = np.array([np.interp(slow.times, fast.times, v) for v in fast.temperature.T]).T
     np.testing.assert_allclose(at_slow, slow.temperature, atol=0.3)
-
-
-def test_what_is_held_out_has_heat():
-    """Though most of the end is rest: an eighth of the heat, which is in the first half."""
-    limb = limb_with(LAWS["linear"])
-    levels = PiecewisePolynomial.ZeroOrderHold([0.0, 30.0, 60.0], [[0.3, 0, 0], [0.1, 0, 0]])
-    run = HeatedRun.of(simulate(Limb(limb), levels, sample_rate=5.0))
-    early, late = run.held_out(0.12, 0.4)
-    assert late.times[0] == pytest.approx(36.0, abs=0.5)
-    assert len(early.times) + len(late.times) == len(run.times)
-    assert len(late.duty) == len(run.duty)

@@ -46,31 +46,6 @@ def test_heat_from_the_beginning_leaves_the_start_at_the_room(pulses):
         assert predicted.temperature_error < 2.0
 
 
-def test_a_start_that_cannot_be_is_not_planned_with(pulses):
-    """As where a logger's duty is late against its readings."""
-    late = [
-        dataclasses.replace(r, duty=np.pad(r.duty[:, :-50], ((0, 0), (50, 0)))) for r in pulses[0]
-    ]
-    calibration = calibrate({"heated": late}, LimbParameters(), laws=[SaturatingLaw])
-    assert calibration.verdict.startswith("Do not plan with this: a recording starts at an imposs")
-    assert "duty and readings are of the same time" in str(calibration.remarks[0])
-
-
-def test_laws_are_judged_by_each_wire_that_is_fitted(pulses):
-    """Not by the last recording, of a wire that the others do not heat."""
-    right, left = pulses[0]
-    for recordings, words in (
-        ({"right": [right], "left": [left]}, "the last part of each recording"),
-        ({"right": [right], "motion": [left]}, "the last part of each recording"),
-        ({"heated": [right, left], "motion": [left]}, "1 motion left out"),
-    ):
-        found = calibrate(recordings, LimbParameters(), laws=[LinearLaw]).prediction
-        assert words in found.judges
-        judged = {tuple(p.run.duty.any(axis=0)) for p in found.best.judged}
-        fitted = {tuple(p.run.duty.any(axis=0)) for p in found.best.fit.predicted}
-        assert judged <= fitted
-
-
 def test_what_is_missing_is_fitted_without(pulses):
     """Readings of some seconds, rows that were lost, and half of the samples of one sensor."""
     whole = pulses[1]
@@ -91,13 +66,3 @@ def test_what_is_missing_is_fitted_without(pulses):
     ]
     for name, estimate in fits[0].estimates.items():
         assert abs(fits[1].estimates[name].value - estimate.value) < 2 * estimate.standard_error
-
-
-def test_a_camera_that_loses_the_limb_now_and_then_changes_nothing(pulses):
-    """4% of the samples are off by 60°, some of them beside each other."""
-    random = np.random.default_rng(0)
-    for recording in pulses[1]:
-        off = random.choice([0.0, 60.0, -60.0], recording.bend_angle.shape, p=[0.96, 0.02, 0.02])
-        spoilt = dataclasses.replace(recording, bend_angle=recording.bend_angle + np.deg2rad(off))
-        away = np.abs(HeatedRun.of(spoilt).bend - HeatedRun.of(recording).bend)
-        assert np.rad2deg(away.max()) < 1.0

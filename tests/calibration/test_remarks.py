@@ -6,11 +6,8 @@ import numpy as np
 
 from calibration import Estimate, Validation
 from calibration.remarks import (
-    RULES,
-    Remark,
     Severity,
     remarks_on_estimate,
-    verdict,
 )
 from limb_systems import LimbParameters, Recording
 
@@ -43,19 +40,6 @@ def test_the_validation_s_error_counts_by_the_range_of_bend():
     resting = validation_that_misses_by(0.0)
     resting.recording.bend_angle *= 0
     assert resting.verdict.startswith("Good enough")  # no division by zero
-
-
-def test_the_worst_remark_decides():
-    words = validation_that_misses_by(0.01).in_words
-    starts = {
-        Severity.NOTE: "Good enough to plan with: ",
-        Severity.CARE: "Use with care: ",
-        Severity.STOP: "Do not plan with this: ",
-    }
-    for kind, (severity, phrase) in RULES.items():
-        said = verdict([Remark(kind, "Something is so."), Remark("unused", "So what.")], words)
-        assert said.startswith(starts[severity] + phrase)
-        assert said.endswith("the model is 0.4° (1% of its range) from the limb's bend on average.")
 
 
 def test_what_the_data_do_not_tell_stops():

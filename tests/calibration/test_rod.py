@@ -81,8 +81,3 @@ def test_half_the_tip_tangent_taken_for_the_chord_is_far_off(rod):
     assert found / rod - 1 == pytest.approx([0.53, 0.24, -0.19], abs=0.02)
     assert "if by TipTangentSensor: correct the header's bend_sensor" in remark.sentence
     assert remark.severity == Severity.STOP
-
-
-def test_the_chord_taken_for_half_the_tip_tangent_is_named():
-    _, (remark,) = calibrated(ChordSensor, TipTangentSensor)
-    assert "if by ChordSensor: correct the header's bend_sensor" in remark.sentence

@@ -11,11 +11,8 @@ from controllers import estimator as module
 from controllers.estimator import Estimator
 from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import (
-    CalibrationRecord,
-    HystereticLaw,
     Limb,
     LimbParameters,
-    LinearLaw,
     TipTangentSensor,
     simulate,
 )
@@ -136,19 +133,6 @@ def test_its_covariance_is_that_of_its_errors_in_space():
     assert low < np.sum(normalized) < high
 
 
-def test_an_estimate_is_one_vector_for_the_context():
-    filtered = Estimator(linear_limb())
-    estimate = filtered.begin(np.array([22.0, 30.0]), np.array([0.1]))
-    estimate = filtered.corrected(estimate, np.array([22.1, 29.0]), np.array([np.nan]))
-    estimate = filtered.predicted(estimate, DUTY)
-    vector = filtered.pack(estimate)
-    assert vector.shape == (filtered.size,)
-    for field in dataclasses.fields(estimate):
-        np.testing.assert_array_equal(
-            getattr(filtered.unpack(vector), field.name), getattr(estimate, field.name)
-        )
-
-
 @pytest.fixture(scope="module")
 def limb():
     parameters = LimbParameters()
@@ -265,19 +249,6 @@ def test_a_thermocouple_that_stands_still_is_not_believed_for_long(limb):
     assert estimate.unbelieved[1] == 0.0
 
 
-def test_a_load_that_is_taken_away_is_forgotten(limb, recording):
-    """20° at once, which is more than a bend walks: the estimate is there within a second."""
-
-    def loaded(k, V, phi):
-        return V, phi + np.deg2rad(20.0) * min(k / 80, 1.0) * (k < FROM) * 0.9
-
-    found = estimates(limb, recording, loaded)
-    offsets = np.rad2deg([estimate.offset[0] for estimate in found])
-    assert offsets[FROM - 1] > 12.0
-    assert found[FROM + 5].unbelieved[2] > 0.0
-    assert np.abs(offsets[FROM + 20 :]).max() < 2.0
-
-
 def missed_heat(recording, found):
     """By how much T of all wires was overestimated (K, W), °C."""
     return [e.heat[:2] - T for e, T in zip(found, recording.wire_temperature.T, strict=True)]
@@ -328,51 +299,3 @@ def test_a_wrong_start_is_over_after_three_seconds(limb, recording):
     missed = np.array(missed_heat(late, estimates(limb, late, begun=begun)))
     assert missed[0].min() < -30.0
     assert np.abs(missed[62:]).max() < 6.0
-
-
-def test_what_a_limb_is_off_at_the_start_is_drift_as_far_as_that_is_known():
-    """The rest angle of a calibrated limb is known; a payload is what drift cannot explain."""
-    for law, drift, off, bent in (
-        (LinearLaw, 2.0, 3.0, 0.0),
-        (HystereticLaw, 1.0, 6.0, 6.0),
-        (LinearLaw, None, 2.0, 2.0),
-    ):
-        parameters = LimbParameters()
-        for wire in parameters.wires:
-            wire.law = law()
-        if drift is not None:
-            parameters.segments[0].bend_sensor.drift = float(np.deg2rad(drift))
-            error = float(np.deg2rad(0.3))
-            parameters.calibration = CalibrationRecord(["rest_angle"], [0.0], [error], [[error**2]])
-        filtered, rng = Estimator(parameters), np.random.default_rng(3)
-        vector = filtered.nothing
-        for _ in range(20):
-            readings = np.full(2, 25.0) + rng.normal(0.0, 0.2, 2)
-            bend = np.deg2rad([off]) + rng.normal(0.0, np.deg2rad(0.5), 1)
-            estimate = filtered.read(vector, readings, bend)
-            vector = filtered.pack(filtered.predicted(estimate, np.zeros(2)))
-        estimated = np.rad2deg(filtered.model.bend_angle(estimate.heat) + estimate.offset)
-        np.testing.assert_allclose(estimated, bent, atol=0.8)
-
-
-def test_a_reading_that_is_absent_leaves_the_law(limb, recording):
-    found = estimates(
-        limb, recording, lambda k, V, phi: (np.full(2, np.nan) if k else V, phi * np.nan)
-    )
-    temperature = np.array([estimate.heat[:2] for estimate in found]).T
-    np.testing.assert_allclose(temperature, recording.wire_temperature, atol=1.0)
-    deviation = [np.sqrt(estimate.covariance[0, 0]) for estimate in found]
-    assert deviation[-1] > 2 * deviation[0]
-
-
-def test_what_heats_the_wires_besides_is_found(limb, recording):
-    """A supply of 10% more voltage heats by 21% more."""
-    stronger = LimbParameters()
-    stronger.segments[0].links = 2
-    for wire in stronger.wires:
-        wire.law.a2 /= 1.21
-    found = estimates(stronger, recording)
-    missed = missed_heat(recording, found)
-    assert np.abs(missed).max() < 3.0
-    # The missing 0.6 · 20 · 0.21 / 1.21 °C/s, but it decays within 15 s.
-    assert 0.5 * 2.1 < found[FROM].heating_rate[1] < 1.1 * 2.1

@@ -1,7 +1,6 @@
 """Learning over repetitions, on plants that are the reduced model with known errors."""
 
 import copy
-import dataclasses
 import hashlib
 
 import numpy as np
@@ -20,7 +19,6 @@ from controllers.reduced_model import ReducedModel
 from limb_systems import (
     HystereticLaw,
     Layout,
-    LimbError,
     LimbParameters,
     Recording,
     Trajectory,
@@ -106,20 +104,6 @@ def ripple(times):
     return np.deg2rad(3.0) * np.sin(0.5 * times) ** 2
 
 
-def test_estimate_of_a_constant_is_the_weighted_mean():
-    """Closed form: of prior variance p and noise r, j readings leave p r / (j p + r)."""
-    p, r, readings = 2.0, 3.0, [1.0, 4.0, 2.5]
-    part = RepeatingError(np.zeros(1), np.array([[p]]), np.eye(1), np.array([[r]]), 0.0)
-    for number in (1, 2, 3):
-        seen = np.array(readings[:number])[:, None]
-        found = part.estimate(seen, np.zeros((number, 1, 0)), 0.0)
-        assert found.covariance[0, 0] == pytest.approx(p * r / (number * p + r))
-        assert found.error[0] == pytest.approx(p * sum(readings[:number]) / (number * p + r))
-    seen = np.array([*readings, np.nan])[:, None]
-    with_none = part.estimate(seen, np.zeros((4, 1, 0)), 0.0)
-    assert with_none.error[0] == pytest.approx(found.error[0])
-
-
 def test_gains_and_the_share_that_is_wrong_are_found_from_changes():
     """Of 40 repetitions whose changes the limb has 1.4 times and, but for 30%, 0.8 times."""
     random, times = np.random.default_rng(0), np.arange(0.0, 20.0, 0.2)
@@ -165,36 +149,6 @@ def test_correction_is_that_of_least_squares_where_no_bound_is_active():
     exact = np.linalg.solve(G.T @ G + weights, G.T @ missed)
     assert np.abs(exact).max() > 1e-3
     np.testing.assert_allclose(found.ravel(), exact, atol=1e-7)
-
-
-def test_three_repetitions_are_enough_with_the_right_model_and_an_exact_sensor():
-    parameters = limb(0.0, 0.0)
-    learner, plant = Learner(plan_of(parameters)), Plant(parameters, disturbance=ripple)
-    repetition = learner.update(plant.repeat(learner))
-    before = plant.error(learner)
-    assert before > 1.0
-    assert np.rad2deg(repetition.mean_error) == pytest.approx(before, rel=0.02)
-    learner.update(plant.repeat(learner))
-    assert plant.error(learner) < 0.5 * before  # the first step is careful
-    for _ in range(2):
-        learner.update(plant.repeat(learner))
-    assert plant.error(learner) < 0.07 * before
-    assert np.rad2deg(learner.repetitions[-1].mean_error) == pytest.approx(
-        plant.error(learner), abs=0.02
-    )
-
-
-def test_late_repetitions_do_not_follow_the_noise():
-    """With nothing to learn, steps of the duty fall with the number of repetitions."""
-    parameters = limb()
-    learner, plant = Learner(plan_of(parameters)), Plant(parameters)
-    corrections = [learner.correction]
-    for _ in range(8):
-        learner.update(plant.repeat(learner))
-        corrections.append(learner.correction)
-    steps = np.sqrt((np.diff(corrections, axis=0) ** 2).mean(axis=(1, 2)))
-    assert steps[-3:].mean() < 0.35 * steps[0]
-    assert plant.error(learner) < 0.6  # where the drift alone is read as 0.8° on average
 
 
 def wrong(parameters: LimbParameters) -> LimbParameters:
@@ -266,32 +220,6 @@ def test_worse_repetitions_are_undone_and_steps_get_shorter():
     np.testing.assert_allclose(step, 0.5 * whole, atol=1e-12)
 
 
-def test_warmer_start_is_no_error_that_repeats():
-    parameters = limb(0.0, 0.0)
-    learner, plant = Learner(plan_of(parameters)), Plant(parameters)
-    plant.start = plant.model.cold + 3.0  # T and V of both wires
-    learner.update(plant.repeat(learner))
-    assert np.abs(learner._belief.errors.wire_temperature).max() < 0.5
-    assert np.abs(learner._belief.errors.bend_angle).max() < np.deg2rad(0.1)
-    learner.update(plant.repeat(learner))
-    assert plant.error(learner) < 0.2
-
-
-def test_interrupted_repetitions_are_undone_but_seen():
-    parameters = limb(0.1, 0.1)
-    learner, plant = Learner(plan_of(parameters)), Plant(parameters, disturbance=ripple)
-    learner.update(plant.repeat(learner))
-    # Once more, from the beginning, where the ripple is known already.
-    half = plant.repeat(learner, end=6.0, interrupted="the board switched off")
-    repetition = learner.update(half)
-    assert repetition.interrupted == "the board switched off"
-    assert repetition.remark == "interrupted; back to the best repetition"
-    np.testing.assert_array_equal(learner.correction, learner.repetitions[0].correction)
-    assert np.isnan(repetition.bend_angle[-1]).all()
-    # One that ends early without saying so is no whole repetition, either.
-    assert "ends at 6 s" in learner.update(plant.repeat(learner, end=6.0)).interrupted
-
-
 def test_first_repetition_that_was_too_hot_lowers_the_bounds():
     parameters = limb(0.1, 0.1)
     plan = plan_of(parameters)
@@ -303,40 +231,6 @@ def test_first_repetition_that_was_too_hot_lowers_the_bounds():
     plant.repeat(learner)
     readings = plant.model.readings(plant.heat)
     assert readings.max() < warmest - READING_MARGIN - COOLER + 0.5
-
-
-def test_it_ends_when_it_does_not_pay():
-    parameters = limb()
-    learner, plant = Learner(plan_of(parameters)), Plant(wrong(parameters))
-    assert not learner.finished
-    errors = []
-    while not learner.finished:
-        assert len(learner.repetitions) < 30
-        learner.update(plant.repeat(learner))
-        errors.append(plant.error(learner))
-    assert len(errors) > 3
-    assert errors[learner.best] < 0.5 * errors[0]
-
-
-def test_it_ends_when_all_fail():
-    parameters = limb()
-    learner, plant = Learner(plan_of(parameters)), Plant(parameters)
-    for _ in range(3):
-        assert not learner.finished
-        learner.update(plant.repeat(learner, end=5.0, interrupted="the cable was pulled"))
-    assert learner.finished == "The last 3 repetitions were interrupted."
-
-
-def test_first_duty_is_the_plans_own():
-    """Of a plan that starts at 5 s: its knots are nodes but for rounding."""
-    plan = plan_of(limb())
-    learner = Learner(dataclasses.replace(plan, time=plan.time + 5.0))
-    source = learner.source()
-    context = source.CreateDefaultContext()
-    for time, duty in zip(plan.time, plan.duty.T, strict=True):
-        context.SetTime(time)
-        np.testing.assert_allclose(source.GetOutputPort("duty").Eval(context), duty, atol=1e-12)
-    assert learner.expected_error < np.deg2rad(0.02)
 
 
 def test_it_goes_on_from_a_file_as_if_it_had_never_ended(tmp_path):
@@ -391,15 +285,3 @@ def resealed(text, old, new):
     assert old in body
     body = body.replace(old, new, 1)
     return first[:-64] + hashlib.sha256(body[:-1].encode()).hexdigest() + "\n" + body
-
-
-def test_recordings_of_another_shape_and_failed_plans_are_refused(two_segments):
-    parameters = limb()
-    learner = Learner(plan_of(parameters))
-    other = Learner(plan_of(two_segments))
-    with pytest.raises(LimbError, match="2 bends and 4 wires, but the plan of 1 and 2"):
-        learner.update(Plant(two_segments).repeat(other))
-    assert not learner.repetitions
-    failed = dataclasses.replace(CHECKED, largest_defect=1.0)
-    with pytest.raises(LimbError, match="failed its check and is not learned"):
-        Learner(dataclasses.replace(plan_of(parameters), check=failed))

@@ -90,15 +90,3 @@ def test_what_it_foretells_has_the_heat_that_the_law_does_not_know(fed):
     shown = observed(fed, known, recording)
     foretold, then = shown.highest_temperature[60, 1], recording.wire_temperature[1, 80]
     assert foretold == pytest.approx(then, abs=2.0)
-
-
-def test_segments_are_told_apart(fed, two_segments):
-    levels = [[0.3, 0.0, 0.0, 0.3], [0.0, 0.3, 0.3, 0.0]]
-    recording = simulate(Limb(two_segments), course_of(levels, 8.0), 8.0)
-    shown = observed(fed, two_segments, recording)
-    np.testing.assert_allclose(shown.wire_temperature.T, recording.wire_temperature, atol=1.5)
-    bend = np.rad2deg(np.abs(shown.bend_angle.T - recording.bend_angle))
-    assert bend.max() < 1.5
-    np.testing.assert_array_equal(shown.heat[:, :4], shown.wire_temperature)
-    assert shown.heat.shape == (161, 8)
-    assert shown.torque_disturbance.shape == (161, 2)

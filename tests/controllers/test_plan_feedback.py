@@ -13,7 +13,6 @@ from controllers.plan_controller import (
     SampledPlan,
     allocate,
     mean_gains,
-    temperature_to_hold,
     within_total,
 )
 from controllers.plan_feedback import BEND, DUTY, TEMPERATURE, regulator_gains
@@ -83,23 +82,6 @@ def test_wires_around_an_axis_share_both_bends(wires):
     assert 3 < sum(made) < 15
 
 
-def test_two_ways_of_sharing_agree_in_a_plane():
-    """The wires of planar segments, and the same as if each had a trace of the other bend."""
-    gains = np.array([[LEFT, RIGHT, 0.0, 0.0], [0.0, 0.0, LEFT, RIGHT]])
-    rng, caps = np.random.default_rng(2), np.array([0.9, 0.5, 1.0, 0.3])
-    for _ in range(20):
-        duty, wanted = caps * rng.random(4), rng.uniform(-0.1, 0.1, 2)
-        found = [allocate(wanted, duty, gains + trace, caps) for trace in (0.0, 1e-12)]
-        np.testing.assert_allclose(*found, atol=1e-5)
-
-
-def test_what_holds_a_bend_between_two_wires_is_in_both():
-    """With three wires at 120°: p between two of them takes as much in each as in one alone."""
-    around = 0.004 * np.array([[1.0, -0.5, -0.5], [0.0, np.sqrt(0.75), -np.sqrt(0.75)]])
-    for push, warmer in (([-0.1, 0.0], [25.0, 0.0, 0.0]), ([0.1, 0.0], [0.0, 25.0, 25.0])):
-        np.testing.assert_allclose(temperature_to_hold(around, np.array(push)), warmer, atol=1e-9)
-
-
 def test_duty_within_the_supply_keeps_its_proportions():
     np.testing.assert_allclose(within_total(np.array([0.9, 0.6]), 1.0), [0.6, 0.4])
     np.testing.assert_array_equal(within_total(np.array([0.3, 0.2]), 1.0), [0.3, 0.2])
@@ -125,18 +107,6 @@ def test_gains_are_those_of_the_springs(two_segments):
     hot = np.full(4, 0.5)
     found = allocate(np.array([9.0, 0.0]), hot, coupled, np.ones(4))
     np.testing.assert_allclose(found, [0.0, 1.0, 0.5, 0.5], rtol=1e-12)
-
-
-def test_a_plan_is_sampled_at_the_controllers_period(short_plan):
-    sampled = SampledPlan(short_plan, short_plan.parameters)
-    assert sampled.duty.shape == (81, 2)
-    early = short_plan.duty_trajectory().vector_values(np.linspace(1.0, 1.05, 101)).mean(axis=1)
-    np.testing.assert_allclose(sampled.duty[20], np.clip(early, 0, 1), atol=1e-3)
-    np.testing.assert_allclose(
-        sampled.bend_angle[20], short_plan.bend_angle_at([1.05])[:, 0], atol=1e-9
-    )
-    np.testing.assert_allclose(sampled.heat[0], ReducedModel(short_plan.parameters).cold, atol=1e-6)
-    assert [sampled.index(time) for time in (0.0, 0.0999999, 3.95, 99.0)] == [0, 2, 79, 80]
 
 
 def heavier(parameters):
@@ -220,22 +190,6 @@ def test_wires_that_are_hotter_than_planned_are_let_cool(fed, short_plan):
     assert duty[1:].sum() < 0.5 * cold[1:].sum()
 
 
-def test_each_segment_is_held_to_its_own_plan(two_segments):
-    two_segments.temperature_limits.warm_up_time = 1000.0
-    times = [0.0, 1.0, 2.5, 4.5]
-    reference = references.from_samples(
-        times, np.deg2rad([[0.0, 0.0, 8.0, 8.0], [0.0, 0.0, -6.0, -6.0]])
-    )
-    course = plan(two_segments, reference, knot_rate=4.0, tolerance_deg=0.5)
-    other = copy.deepcopy(two_segments)
-    for segment, bent in zip(other.segments, (3.0, 3.0), strict=True):
-        segment.rest_angle = np.deg2rad(bent)
-    held = replay(course, Limb(other), controller=PlanFeedback(course))
-    late = held.time > 3.9
-    missed = np.rad2deg(held.bend_angle - course.bend_angle_at(held.time))[:, late]
-    assert np.abs(missed).max() < 1.0
-
-
 @pytest.mark.parametrize("gravity", [[0.0, 0.0, 0.0], [0.0, -6.0, 7.0]])
 def test_both_bends_of_a_limb_in_space_are_held(gravity):
     """Whose torque is 10% weaker than known, and which rests bent in another direction."""
@@ -311,9 +265,3 @@ def test_the_regulator_costs_least(short_plan):
     gains = regulator_gains(model, sampled)
     assert gains.shape == (K, 2, 3)
     np.testing.assert_allclose(-gains[0] @ np.append(start[:2], bent), best[:2], rtol=1e-9)
-
-
-def test_a_plan_is_the_model_under_its_own_duty(short_plan):
-    """So that only what the limb does otherwise is regulated, from the first period on."""
-    controller = PlanRegulator(short_plan)
-    assert np.rad2deg(np.abs(controller._unlike_plan[[0, 1, -1]])).max() < 0.05

@@ -67,15 +67,6 @@ def test_it_is_where_a_slowly_heated_limb_is():
         assert np.abs(bend).max() < 0.1
 
 
-def test_segments_bend_as_their_own_wires_do(two_segments):
-    two_segments.gravity = [9.81, 0.0, 0.0]  # bends a bent limb less
-    recording, model, heats = along(two_segments)
-    assert np.ptp(recording.bend_angle, axis=1).min() > np.deg2rad(4.0)
-    np.testing.assert_allclose(
-        np.rad2deg(model.bend_angle(heats).T), np.rad2deg(recording.bend_angle), atol=0.25
-    )
-
-
 def test_a_torque_bends_by_the_springs():
     """(11) and (12): φ = (n + 1) / 2 · β (T - T0) / k."""
     parameters = LimbParameters()
@@ -125,17 +116,3 @@ def test_derivatives_are_those_of_differences():
             move = 1e-5 * np.eye(W)[wire]
             difference = model.step(heat, duty + move) - model.step(heat, duty - move)
             np.testing.assert_allclose(by_duty[:, wire], difference / 2e-5, rtol=1e-6, atol=1e-9)
-
-
-def test_points_are_evaluated_together():
-    model = ReducedModel(stiff())
-    heats = model.cold + np.linspace(0.0, 50.0, 3)[:, None]
-    duty = np.array([[0.1, 0.2], [0.5, 0.0], [1.0, 1.0]])
-    after, by_heat, _ = model.linearized_step(heats, duty)
-    bend, slopes = model.bend_slopes(heats)
-    for k in range(3):
-        one, slope, _ = model.linearized_step(heats[k], duty[k])
-        np.testing.assert_allclose(after[k], one)
-        np.testing.assert_allclose(by_heat[k], slope)
-        np.testing.assert_allclose(bend[k], model.bend_slopes(heats[k])[0])
-        np.testing.assert_allclose(slopes[k], model.bend_slopes(heats[k])[1])

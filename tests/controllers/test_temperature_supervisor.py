@@ -7,25 +7,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.linalg import expm
 
-from controllers import TemperatureSupervisor, supervised
-from hardware import LimbTwin, replay
+from controllers import TemperatureSupervisor
+from hardware import LimbTwin
 from limb_systems import (
     HystereticLaw,
     Limb,
-    LimbError,
     LimbParameters,
     TwoMassLaw,
 )
-from limb_systems.model.parameters import CalibrationRecord
 from limb_systems.simulation import record
 
 LIMIT = 100.0  # °C, T_max, of limbs that are not calibrated
-CALIBRATED_LIMIT = 105.0  # °C
 PERIOD = 0.05
 
 
@@ -106,14 +103,6 @@ def test_full_duty_is_used_as_far_as_it_goes():
     assert applied[-1, 0] == pytest.approx(holds, abs=0.03)
 
 
-def test_duty_is_untouched_far_below_the_limit():
-    parameters, rng = small_limb(), np.random.default_rng(2)
-    asked = rng.uniform(0.0, 0.3, (200, 2))
-    temperature, applied = driven(TemperatureSupervisor(parameters), ExactWires(parameters), asked)
-    assert temperature.max() < 80.0
-    np.testing.assert_array_equal(applied[1:], asked[1:])
-
-
 def test_the_nearest_duty_is_applied():
     """Each wire has a bound of its own, so what is nearest to the duty asked is nearest in each."""
     parameters = small_limb()
@@ -123,13 +112,6 @@ def test_the_nearest_duty_is_applied():
     np.testing.assert_array_equal(applied[1:200, 1], np.full(199, 0.2))
     np.testing.assert_array_equal(applied[200:203], [[0.1, 0.0]] * 3)
     np.testing.assert_array_equal(applied[203:], [[0.0, 0.4]] * 2)
-
-
-def test_a_chosen_limit_is_kept():
-    parameters = small_limb()
-    supervisor = TemperatureSupervisor(parameters, limit=70.0)
-    temperature, _ = driven(supervisor, ExactWires(parameters), [[1.0, 1.0]] * 200)
-    assert 66.0 < temperature.max() <= 70.0
 
 
 def test_wires_that_are_known_badly_pass_the_limit_by_so_much():
@@ -146,13 +128,6 @@ def test_wires_that_are_known_badly_pass_the_limit_by_so_much():
         wires = ExactWires(others)
         temperature, _ = driven(TemperatureSupervisor(parameters), wires, square[:200])
         assert LIMIT - 5.0 < temperature.max() < LIMIT + beyond
-
-
-def test_wires_that_are_calibrated_may_be_warmer():
-    parameters = small_limb()
-    parameters.calibration = CalibrationRecord([], [], [], [])
-    temperature, _ = driven(TemperatureSupervisor(parameters), ExactWires(parameters), square)
-    assert 103.0 < temperature.max() <= CALIBRATED_LIMIT
 
 
 def test_without_readings_the_law_is_believed():
@@ -208,50 +183,6 @@ def test_an_emulated_limb_that_is_not_calibrated_does_not_cut_out():
     limb = LimbTwin(seed=14, truth=True)
     recording = supervised_recording(limb, LimbParameters(), waves(2, 14.0), 14.0)
     assert 95.0 < recording.wire_temperature.max() < LIMIT + 2.0
-
-
-class FullDuty(LeafSystem):
-    """A controller that reads the bend angle and asks for all."""
-
-    __slots__ = ()
-
-    def __init__(self, names=("bend_angle",), duty=(1.0, 1.0)):
-        super().__init__()
-        for name in names:
-            self.DeclareVectorInputPort(name, 1 + (name != "bend_angle"))
-        self.DeclareVectorOutputPort(
-            "duty", len(duty), lambda _, output: output.SetFromVector(duty)
-        )
-        self.set_name("full_duty")
-
-
-def ports_of(system):
-    inputs = [system.get_input_port(k).get_name() for k in range(system.num_input_ports())]
-    outputs = [system.get_output_port(k).get_name() for k in range(system.num_output_ports())]
-    return sorted(inputs), outputs
-
-
-def test_a_supervised_controller_has_the_ports_of_a_controller():
-    for names in ((), ("bend_angle",), ("measured_temperature", "bend_angle")):
-        diagram = supervised(FullDuty(names), LimbParameters())
-        assert ports_of(diagram) == (sorted({*names, "measured_temperature"}), ["duty"])
-
-
-def test_a_supervised_controller_drives_a_limb(short_plan):
-    parameters = copy.deepcopy(short_plan.parameters)
-    controller = supervised(FullDuty(), parameters, limit=60.0)
-    recording = replay(short_plan, Limb(parameters), controller=controller)
-    assert 50.0 < recording.wire_temperature.max() <= 60.0
-
-
-def test_what_cannot_be_supervised_is_refused():
-    parameters = LimbParameters()
-    with pytest.raises(LimbError, match=r"^The limit of a wire's temperature is 110.0 °C; .*\.$"):
-        TemperatureSupervisor(parameters, limit=110.0)
-    with pytest.raises(LimbError, match=r"^FullDuty has a duty for 3 wires, but .* has 2\.$"):
-        supervised(FullDuty(duty=(1.0, 1.0, 1.0)), parameters)
-    with pytest.raises(LimbError, match=r"^ConstantVectorSource has no output port duty, .*\.$"):
-        supervised(ConstantVectorSource(np.ones(2)), parameters)
 
 
 def test_the_limit_stays_below_that_of_the_board():

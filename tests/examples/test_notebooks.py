@@ -40,7 +40,7 @@ def run(path, folder, kernel):
     notebook = nbformat.read(path, as_version=4)
     afresh = nbformat.v4.new_code_cell(f"%reset -f\n%cd -q {folder}\n{FEWER_LAWS}")
     notebook.cells.insert(0, afresh)
-    NotebookClient(notebook, km=kernel, timeout=120).execute()
+    NotebookClient(notebook, km=kernel, timeout=None).execute()
     return notebook
 
 

@@ -17,7 +17,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.interpolate import CubicSpline
@@ -25,7 +25,6 @@ from scipy.interpolate import CubicSpline
 from calibration import calibrate, collect_from_twin
 from calibration.prediction.law_fit import LawFit
 from calibration.prediction.unknowns import unknowns_of
-from hardware import LimbTwin, replay
 from hardware.emulation.specimen import Specimen
 from limb_systems import (
     Limb,
@@ -36,7 +35,6 @@ from limb_systems import (
     simulate,
 )
 from planners import plan, references
-from soft_limb.command import main
 from soft_limb.evaluation import disturbances, error_split, tables
 from soft_limb.evaluation import experiment as experiments
 from soft_limb.evaluation.ways import Way
@@ -184,6 +182,30 @@ def test_taught_motions_are_what_the_paper_says(demo):
     assert np.median(speed(first)) > 2 * np.median(speed(second))
 
 
+def test_bend_is_read_late_absent_or_held():
+    """A ramp of one unit in a second, seen where a controller would update, every 0.05 s."""
+
+    def seen(**changes):
+        builder = DiagramBuilder()
+        ramp = PiecewisePolynomial.FirstOrderHold([0.0, 9.0], [[1.0, 10.0]])
+        source = builder.AddSystem(TrajectorySource(ramp))
+        path = builder.AddSystem(disturbances.BendPath(1, **changes))
+        builder.Connect(source.get_output_port(), path.get_input_port())
+        log = LogVectorOutput(path.get_output_port(), builder, 0.05)
+        simulator = Simulator(builder.Build())
+        simulator.AdvanceTo(2.0)
+        return log.FindLog(simulator.get_context()).data()[0]
+
+    time = 0.05 * np.arange(41)
+    np.testing.assert_allclose(seen(), 1 + time)
+    np.testing.assert_allclose(seen(delay=0.1), np.maximum(1.0, 0.9 + time), atol=1e-9)
+    absent = seen(start=1.0, absence=0.5)
+    assert np.flatnonzero(np.isnan(absent)).tolist() == list(range(20, 30))
+    held = seen(start=1.0, absence=0.5, held=True)
+    np.testing.assert_allclose(held[20:30], 1.95)  # the last reading before
+    np.testing.assert_allclose(np.delete(held, np.s_[20:30]), np.delete(1 + time, np.s_[20:30]))
+
+
 def test_interval_of_the_mean_is_students():
     """Of 1, 2, 3, 4, 5: standard error sqrt(2.5 / 5), and t(97.5%, 4) = 2.776 in any table."""
     mean, margin = tables.mean_and_margin([1.0, 2.0, 3.0, 4.0, 5.0])
@@ -286,50 +308,6 @@ def test_rollouts_that_were_aborted_are_counted_and_compared_up_to_then(driven):
     assert aborted == ["2 of 4", "0 of 4", "4 of 4", "0 of 4"]
 
 
-def test_absences_are_compared_limb_by_limb():
-    def summary(seed, absent, error):
-        motions = experiments.MOTIONS
-        split = {m: dict.fromkeys(error_split.STEPS, (1.0, 1.0)) for m in motions}
-        first = dict.fromkeys(motions, error)
-        return tables.Summary(seed, absent, {}, {}, {}, {}, first, split, {}, "LinearLaw")
-
-    summaries = [summary(0, (), 2.0), summary(1, (), 6.0)]
-    summaries += [summary(0, ("silicone",), 3.0), summary(1, ("silicone",), 7.2)]
-    rows = tables.absence_table(summaries)
-    assert rows[0] == ["with all effects", *["4.00"] * 4]
-    # Changes of 1 and 1.2: mean 1.1, standard error 0.1, and t(97.5%, 1) = 12.706.
-    assert rows[1] == ["without silicone"] + ["5.10 (+1.10 ± 1.27)"] * 4
-    assert "changes by +1.10 ± 1.27°, which may be chance" in tables.findings(summaries)[1]
-
-
-def test_demo_plans_first_and_then_does_what_quick_does(tmp_path, monkeypatch, capsys):
-    asked = []
-    monkeypatch.setattr("soft_limb.evaluation.reproduce.run_all", lambda *_: asked.append(_) or [])
-    monkeypatch.setattr(
-        "soft_limb.evaluation.reproduce.evaluate", lambda settings, tell: asked.append(settings)
-    )
-    with pytest.raises(AssertionError):  # no limb was run
-        main(["demo", str(tmp_path)])
-    assert "check       simulated again" in capsys.readouterr().out
-    planned = Trajectory.load(tmp_path / "first_plan.csv")
-    assert planned.parameters == LimbParameters()
-    monkeypatch.setattr(sys, "argv", ["reproduce_paper.py", str(tmp_path), "--quick"])
-    with pytest.raises(AssertionError):
-        runpy.run_path(str(EXAMPLES / "reproduce_paper.py"), run_name="__main__")
-    assert asked[0] == asked[2]
-    assert main(["demo", str(tmp_path)]) == 1
-    assert "first_plan.csv exists" in capsys.readouterr().err
-
-
-def test_command_refuses_no_limbs(monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["reproduce_paper.py", "--limbs", "0"])
-    with pytest.raises(SystemExit) as caught:
-        runpy.run_path(str(EXAMPLES / "reproduce_paper.py"), run_name="__main__")
-    assert caught.value.code == 2
-    said = capsys.readouterr().err
-    assert "--limbs, --rollouts, --repetitions and --angles must be one or more" in said
-
-
 def test_hands_move_through_their_points():
     """From rest to rest, and never farther than from one point to the next."""
     for name in experiments.HANDS:
@@ -344,131 +322,3 @@ def test_hands_move_through_their_points():
             between = np.rad2deg(course.vector_values(np.linspace(start, end, 50))[0])
             assert between.min() >= min(ends) - 1e-9
             assert between.max() <= max(ends) + 1e-9
-
-
-def test_table_1_has_a_row_for_each_way_and_the_shown_repetitions():
-    def followed(error, aborted=0):
-        return tables.Followed(
-            5, aborted, error + 2, 2.0, 1.5, (error,) * 3, error / 2, 0.5, 90.0, 95.0
-        )
-
-    def summary(seed, worse):
-        ways = {"open loop": followed(2.0 + worse, 1), "learning": followed(9.0)}
-        learned = [followed(3.0 - 0.1 * number + worse) for number in range(10)]
-        motions = experiments.MOTIONS
-        disturbed = {
-            "payload": {"plan feedback": followed(1.0 + worse), "open loop": followed(4.0)},
-            "no bend": {"plan feedback": followed(1.5, 2)},
-        }
-        ways["plan feedback"] = followed(0.5)
-        return tables.Summary(
-            seed,
-            (),
-            dict.fromkeys(motions, 1.25),
-            dict.fromkeys(motions, ways),
-            dict.fromkeys(motions, learned),
-            disturbed,
-            {},
-            {},
-            {},
-            "LinearLaw",
-        )
-
-    summaries = [summary(0, 0.0), summary(1, 0.0)]
-    rows = tables.table_1(summaries)[:7]
-    assert {len(row) for row in rows} == {len(tables.TABLE_1_HEADER)}
-    assert [row[1].removeprefix("2 emulated limbs, ") for row in rows] == [
-        "best plan within the limits",
-        "open loop",
-        "plan feedback",
-        "learning, best of 1",
-        "learning, best of 4",
-        "learning, best of 10",
-        "the paper's robot",
-    ]
-    assert rows[0][:3] == [
-        "Validation",
-        "2 emulated limbs, best plan within the limits",
-        "1.25 ± 0.00",
-    ]
-    from_reference = ["4.00 ± 0.00", "2.00", "1.50"]
-    from_plan = ["2.00 ± 0.00"] * 3 + ["1.00"]
-    assert rows[1][2:] == [*from_reference, *from_plan, "90", "95", "2 of 10"]
-    assert [row[5] for row in rows[3:6]] == ["3.00 ± 0.00", "2.70 ± 0.00", "2.10 ± 0.00"]
-    assert rows[6][2:7] == ["", "", "", "3.44", "2.33"]
-    # Limbs of another physics have rows of their own, and change no others.
-    other = dataclasses.replace(summary(0, 5.0), physics="continuum")
-    both = tables.table_1([*summaries, other])
-    assert both[:6] == [[*rows[0]], *rows[1:6]]
-    assert [row[1].removeprefix("continuum limb, ") for row in both[6:8]] == [
-        "best plan within the limits",
-        "open loop",
-    ]
-    assert tables.disturbance_table([*summaries, other]) == tables.disturbance_table(summaries)
-    table = tables.disturbance_table(summaries)
-    assert [row[0] for row in table] == ["payload", "no bend", "all, the worst"]
-    assert table[0] == [
-        "payload",
-        "3.00",
-        "1.00 / 0.50",
-        "90",
-        "95",
-        "0 of 10",
-        "6.00",
-        "4.00 / 2.00",
-        "95",
-        "0 of 10",
-    ]
-    assert table[1][5:] == ["4 of 10", "", "", "", ""]
-    assert table[2][5] == "4 of 20"
-
-
-def test_bend_is_read_late_absent_or_held():
-    """A ramp of one unit in a second, seen where a controller would update, every 0.05 s."""
-
-    def seen(**changes):
-        builder = DiagramBuilder()
-        ramp = PiecewisePolynomial.FirstOrderHold([0.0, 9.0], [[1.0, 10.0]])
-        source = builder.AddSystem(TrajectorySource(ramp))
-        path = builder.AddSystem(disturbances.BendPath(1, **changes))
-        builder.Connect(source.get_output_port(), path.get_input_port())
-        log = LogVectorOutput(path.get_output_port(), builder, 0.05)
-        simulator = Simulator(builder.Build())
-        simulator.AdvanceTo(2.0)
-        return log.FindLog(simulator.get_context()).data()[0]
-
-    time = 0.05 * np.arange(41)
-    np.testing.assert_allclose(seen(), 1 + time)
-    np.testing.assert_allclose(seen(delay=0.1), np.maximum(1.0, 0.9 + time), atol=1e-9)
-    absent = seen(start=1.0, absence=0.5)
-    assert np.flatnonzero(np.isnan(absent)).tolist() == list(range(20, 30))
-    held = seen(start=1.0, absence=0.5, held=True)
-    np.testing.assert_allclose(held[20:30], 1.95)  # the last reading before
-    np.testing.assert_allclose(np.delete(held, np.s_[20:30]), np.delete(1 + time, np.s_[20:30]))
-
-
-def test_a_disturbed_controller_has_the_ports_of_a_controller(fig5_plan):
-    """And drives a limb by what it is shown."""
-    shown = []
-
-    class Watching(LeafSystem):
-        def __init__(self):
-            super().__init__()
-            self.DeclareVectorInputPort("measured_temperature", 2)
-            self.DeclareVectorInputPort("bend_angle", 1)
-            self.DeclareVectorOutputPort("duty", 2, lambda _, duty: duty.set_value([0, 0]))
-            self.DeclarePeriodicPublishEvent(0.05, 0.0, self._watch)
-
-        def _watch(self, context):
-            shown.append(
-                np.append(
-                    self.get_input_port(0).Eval(context), self.get_input_port(1).Eval(context)
-                )
-            )
-
-    controller = disturbances.behind_bend_path(Watching(), start=1.0, absence=2.0)
-    recording = replay(fig5_plan, LimbTwin(seed=3), controller=controller)
-    assert not np.isnan(recording.bend_angle).any()
-    temperatures, bends = np.split(np.array(shown), [2], axis=1)
-    assert (temperatures > 15.0).all()
-    assert np.isnan(bends).sum() == 40

@@ -1,28 +1,86 @@
-"""Emulated boards: in a process of its own with a host that heats, and in simulated time.
+"""Emulated boards: along a clock that they share with the host, and in a process of their own.
 
 The process is shared by all tests, as it takes seconds to start, and as new for each.
 """
 
 import json
 import random
+import re
 import subprocess
 import sys
-import threading
 import time
 
 import numpy as np
 import pytest
 import simulated_board
 
-from hardware import BoardLink, HardwareError
+from hardware import HardwareError, LimbTwin
+from hardware.emulation.emulator import Emulation
 from limb_systems import LimbParameters
 
+from .virtual_time import VirtualCable, VirtualTime
+
 BOUNDS = LimbParameters().heat_bounds
+# What a host says that was late, or was stopped for a while, or a board that went off by that.
+LATE = (
+    "no valid command came for 250 ms",
+    "The simulation fell behind by",
+    "Nothing new came from the board",
+    r"come 0\.\d+ s late",
+    "did not get a command within",
+    "this program sent no duty for 250 ms",
+)
+MOST_STARTS = 50
 SETTLING_TIME = 0.6  # s, of a board that was switched on, before it can be armed
 
 
-class Emulator:
-    """``python -m hardware emulate``, with its log."""
+class Board:
+    """What happens to an emulated board."""
+
+    port: str
+
+    def events(self, kind):
+        raise NotImplementedError
+
+    def wait_for(self, condition, limit):
+        raise NotImplementedError
+
+    def duty(self):
+        return [self.events("duty")[-1][side] for side in ("left", "right")]
+
+    def off_after(self, since, limit=3.0) -> float:
+        """s from a time until both wires were off."""
+
+        def off():
+            late = [e for e in self.events("duty") if e["time"] >= since - 1e-3]
+            return next((e["time"] for e in late if e["left"] == e["right"] == 0.0), None)
+
+        assert self.wait_for(lambda: off() is not None, limit), self.events("duty")[-3:]
+        return off() - since
+
+
+class VirtualBoard(Board):
+    """An emulated board along a `VirtualTime`, at a port that programs of this process may open."""
+
+    def __init__(self, time, port="/dev/virtual", twin=None):
+        self._events = []
+        cable = VirtualCable(time, port)
+        note = lambda **event: self._events.append(event)  # noqa: E731
+        cable.board = self._board = Emulation(twin or LimbTwin(), cable, note, time.monotonic)
+        self.port, self._time, self.wait_for = port, time, time.wait_for
+        self.order("restart")
+
+    def events(self, kind):
+        return [event for event in self._events if event["event"] == kind]
+
+    def order(self, text) -> float:
+        """Gives an order, which is obeyed at once; the time, s."""
+        self._board.misbehave(text)
+        return self._time.monotonic()
+
+
+class Emulator(Board):
+    """``python -m hardware emulate``, with its log, in real time."""
 
     def __init__(self, folder, *options):
         self.log = folder / f"log_{time.monotonic_ns()}.jsonl"
@@ -56,25 +114,36 @@ class Emulator:
         events = [json.loads(line) for line in lines if line.endswith(b"}")]
         return [event for event in events if event["event"] == kind]
 
-    def duty(self):
-        return [self.events("duty")[-1][side] for side in ("left", "right")]
-
-    def off_after(self, since, limit=3.0) -> float:
-        """s from a time until both wires were off."""
-
-        def off():
-            late = [e for e in self.events("duty") if e["time"] >= since - 1e-3]
-            return next((e["time"] for e in late if e["left"] == e["right"] == 0.0), None)
-
-        assert wait_for(lambda: off() is not None, limit), self.events("duty")[-3:]
-        return off() - since
+    def wait_for(self, condition, limit=None):
+        return wait_for(condition)
 
     def stop(self):
         self.process.terminate()
         self.process.wait()
 
 
-def wait_for(condition, limit=5.0):
+def is_late(said):
+    return any(re.search(words, said) for words in LATE)
+
+
+def start_heating(board, start):
+    """A host that heats a board in real time.
+
+    Where a computer is too busy for a host, it is off before it heats, and is started again.
+    """
+    for _ in range(MOST_STARTS):
+        host = start()
+        assert board.wait_for(lambda: any(board.duty()) or host.poll() is not None)
+        if any(board.duty()):
+            return host
+        said = host.communicate()[1]
+        assert is_late(said), said
+        board.renew()
+    raise AssertionError(said)
+
+
+def wait_for(condition, limit=600.0):
+    """Whether something is so in the end. The limit only keeps a test from hanging."""
     end = time.monotonic() + limit
     while time.monotonic() < end:
         if condition():
@@ -89,29 +158,30 @@ def last_numbers(message: bytes, count: int) -> np.ndarray:
 
 
 class Heating:
-    """A host that keeps a wire at a duty, as a thread, until it fails or is stopped."""
+    """A host that keeps a wire at a duty, beside what a test does, until it fails."""
 
-    def __init__(self, link, duty=(0.0, 1.0)):
-        self.error, self._stop, self._duty = None, threading.Event(), np.array(duty)
+    def __init__(self, time, link, duty=(0.0, 1.0)):
+        self.error, self._time, self._link, self._duty = None, time, link, np.array(duty)
         link.arm(BOUNDS * (len(duty) // len(BOUNDS)))
-        self._thread = threading.Thread(target=self._run, args=(link,), daemon=True)
-        self._thread.start()
+        self._due = time.monotonic()
+        time.at_each_turn(self._command)
 
-    def _run(self, link):
-        while not self._stop.wait(0.05):
-            try:
-                link.command(self._duty)
-            except HardwareError as error:
-                self.error = error
-                return
+    def _command(self):
+        if self._time.monotonic() < self._due:
+            return
+        self._due += 0.05
+        try:
+            self._link.command(self._duty)
+        except HardwareError as error:
+            self.error = error
+        return self.error
+
+    def freeze(self):
+        self._due = np.inf
 
     def failure(self) -> str:
-        assert wait_for(lambda: self.error is not None)
+        assert self._time.wait_for(lambda: self.error is not None)
         return str(self.error)
-
-    def stop(self):
-        self._stop.set()
-        self._thread.join()
 
 
 class SimulatedBoard(simulated_board.SimulatedBoard):
@@ -160,25 +230,28 @@ def board_in_simulated_time(monkeypatch):
     return SimulatedBoard()
 
 
-@pytest.fixture(scope="session")
-def _emulators(tmp_path_factory):
-    """The one in use, if any."""
-    emulators = []
-    yield emulators
-    for emulator in emulators:
-        emulator.stop()
+@pytest.fixture
+def virtual_time(monkeypatch):
+    return VirtualTime(monkeypatch)
 
 
 @pytest.fixture
-def emulator(_emulators, tmp_path_factory):
-    if not _emulators:
-        _emulators.append(Emulator(tmp_path_factory.mktemp("emulator")))
-    emulator = _emulators[0]
-    emulator.renew()
+def emulator(virtual_time):
+    return VirtualBoard(virtual_time)
+
+
+@pytest.fixture(scope="session")
+def _real_emulator(tmp_path_factory):
+    emulator = Emulator(tmp_path_factory.mktemp("emulator"))
     yield emulator
-    if any(event["order"] == "unplug" for event in emulator.events("order")):
-        _emulators.remove(emulator)
-        emulator.stop()
+    emulator.stop()
+
+
+@pytest.fixture
+def real_emulator(_real_emulator):
+    """A board in a process of its own, in real time, as new."""
+    _real_emulator.renew()
+    return _real_emulator
 
 
 @pytest.fixture
@@ -194,9 +267,3 @@ def start_host():
     for host in hosts:
         host.kill()  # or it would keep the port
         host.wait()
-
-
-@pytest.fixture
-def link(emulator):
-    with BoardLink(emulator.port) as link:
-        yield link

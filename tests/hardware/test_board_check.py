@@ -1,4 +1,4 @@
-"""`soft-limb board-check` at a port, in real time; test_board_rules.py has all rules."""
+"""`soft-limb board-check` at a port; test_board_rules.py has all rules."""
 
 import io
 import json
@@ -9,7 +9,6 @@ import pytest
 from hardware.robot import board_check
 from hardware.robot.bench import Bench
 from hardware.robot.board_check import RULES
-from hardware.robot.link import BoardLink
 from soft_limb.command import main
 
 
@@ -70,11 +69,11 @@ def test_a_stopped_check_leaves_the_wires_off(emulator, some_rules, monkeypatch,
     assert emulator.off_after(heated) < 0.25  # before the heartbeat would have ended it
 
 
-def test_a_board_with_a_fault_and_a_port_that_is_not_there_are_named(emulator, capsys):
+def test_a_board_with_a_fault_and_a_port_that_is_not_there_are_named(
+    virtual_time, emulator, capsys
+):
     emulator.order("silence")
-    with BoardLink(emulator.port) as link:
-        while not link.next_sample().latched:
-            pass
+    virtual_time.sleep(1.0)
     assert main(["board-check", emulator.port]) == 1
     message = "error: The board cannot be checked: it is off for reason 22, the bend sensor does"
     assert capsys.readouterr().err.startswith(message)

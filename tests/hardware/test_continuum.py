@@ -22,7 +22,7 @@ from hardware.emulation.continuum import (
     Preisach,
     RadialShells,
 )
-from limb_systems import ChordSensor, LimbError, LimbParameters, SegmentParameters, simulate
+from limb_systems import ChordSensor, LimbParameters, SegmentParameters, simulate
 from limb_systems.model.manipulator import make_manipulator
 
 EXACT = {  # a beam whose stiffness is even, and a sensor without errors
@@ -248,38 +248,6 @@ def test_a_seed_is_one_limb_and_noise_is_by_numbers():
     simulate(LimbTwin(specimen=one), [0.0, 0.4], 5.0)
     assert one.state["heat"][1 + SHELLS] > first.ambient + 20.0
     assert not first.state
-
-
-def test_the_limb_is_made_again_from_its_identity(tmp_path):
-    twin = LimbTwin(seed=5, physics="continuum")
-    twin.parameters.save(tmp_path / "limb.yaml")
-    again = LimbTwin.of(LimbParameters.load(tmp_path / "limb.yaml"))
-    assert again.specimen.wires == twin.specimen.wires
-    assert again.source == twin.source == "emulated limb, seed 5, physics continuum"
-    lumped = LimbTwin(seed=5)
-    assert lumped.parameters.board.serial_number != twin.parameters.board.serial_number
-
-
-def test_limbs_that_it_cannot_be_are_refused(two_segments):
-    with pytest.raises(LimbError, match="'clay' is not one of the physics lumped, continuum"):
-        LimbTwin(physics="clay")
-    with pytest.raises(LimbError, match=r"one segment .* take the physics lumped"):
-        LimbTwin(two_segments, physics="continuum")
-    with pytest.raises(LimbError, match="has no effect 'memory'"):
-        LimbTwin(physics="continuum", extra=["memory"])
-
-
-def test_a_changed_limb_begins_where_the_change_leaves_it():
-    specimen = specimen_with(**EXACT)
-    specimen.wires = [dataclasses.replace(wire, martensite_pull=0.0) for wire in specimen.wires]
-    simulate(LimbTwin(specimen=specimen), [0.0, 0.0], 0.5)
-    bent, warm = specimen.disturbed(payload=0.1), specimen.disturbed(ambient=5.0)
-    recording = simulate(LimbTwin(specimen=bent, truth=True), [0.0, 0.0], 2.0)
-    angles = np.rad2deg(recording.bend_angle[0])
-    assert angles.mean() == pytest.approx(np.rad2deg(0.1), abs=0.05)
-    assert np.ptp(angles) < 0.2
-    read = simulate(LimbTwin(specimen=warm), [0.0, 0.0], 5.0).measured_temperature.mean()
-    assert read == pytest.approx(specimen.ambient + 5.0, abs=0.2)
 
 
 def test_thermocouples_read_the_current_and_lag():

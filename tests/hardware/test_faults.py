@@ -1,16 +1,17 @@
-"""The fault table over a cable: what happens while a wire is heated, in real time.
+"""The fault table over a cable: what happens while a wire is heated.
 
-Each fault is injected into an emulated board in another process, which runs the
-firmware's own files; times are from the fault to duty zero at its pins. Faults for
-which neither cable nor host matters are in test_simulated_faults.py.
+Each fault is injected into an emulated board, which runs the firmware's own files; times are
+from the fault to duty zero at its pins. Host and board share a clock, but where a host is a
+process that is stopped. Faults for which neither cable nor host matters are in
+test_simulated_faults.py.
 """
 
 import contextlib
+import functools
+import json
 import os
 import signal
 import sys
-import threading
-import time
 
 import numpy as np
 import pytest
@@ -19,12 +20,14 @@ from pydrake.systems.framework import LeafSystem
 from hardware import BoardLink, HardwareError, SerialLimb, replay
 from hardware.firmware import guard, heat
 from limb_systems import Recording, simulate
+from soft_limb.bridge.drive import drive
+from soft_limb.bridge.messages import Heard
 from soft_limb.command import main, run_command
 
-from .conftest import BOUNDS, Heating, wait_for
+from .conftest import BOUNDS, Heating, is_late, start_heating
 
 HEARTBEAT = 0.3  # s
-SAMPLE = 0.13  # s: thermocouples are read every 100 ms, and the machine may be busy
+SAMPLE = 0.11  # s: thermocouples are read every 100 ms
 
 HOST = """
 import numpy as np
@@ -39,39 +42,24 @@ def report(record_property, fault, seconds):
     print(f"\n{fault}: {1000 * seconds:.0f} ms")
 
 
-def test_a_host_that_freezes(emulator, start_host, record_property):
+def test_a_host_that_freezes(real_emulator, start_host):
     """One that is killed is in test_serial_limb.py."""
-    process = start_host([sys.executable, "-c", HOST.format(port=emulator.port)])
-    assert wait_for(lambda: emulator.duty()[1] > 0.0, 20.0)
-    time.sleep(0.5)
-    since = time.monotonic()
+    emulator = real_emulator
+    process = start_heating(
+        emulator, lambda: start_host([sys.executable, "-c", HOST.format(port=emulator.port)])
+    )
     process.send_signal(signal.SIGSTOP)
-    off = emulator.off_after(since)
-    report(record_property, "host is frozen", off)
-    assert off < HEARTBEAT
+    assert emulator.wait_for(lambda: not any(emulator.duty()))
     # It wakes up and goes on sending, but nothing restarts by itself.
     process.send_signal(signal.SIGCONT)
-    said = process.communicate(timeout=20)[1]
-    assert "no valid command came for 250 ms" in said or "fell behind" in said
+    said = process.communicate()[1]
+    assert is_late(said), said
     assert emulator.duty() == [0.0, 0.0]
 
 
-class Sender(threading.Thread):
-    """Sends this process a signal some time after something is so."""
-
-    def __init__(self, number, condition, delay=0.3):
-        super().__init__()
-        self._number, self._condition, self._delay = number, condition, delay
-        self.start()
-
-    def run(self):
-        assert wait_for(self._condition, 60.0)
-        time.sleep(self._delay)
-        self.sent = time.monotonic()
-        os.kill(os.getpid(), self._number)
-
-
-def test_a_host_that_is_told_to_stop(emulator, fig5_plan, tmp_path, record_property, capsys):
+def test_a_host_that_is_told_to_stop(
+    virtual_time, emulator, fig5_plan, tmp_path, record_property, capsys
+):
     fig5_plan.save(tmp_path / "plan.csv")
     command = ["replay", str(tmp_path / "plan.csv"), "--port", emulator.port, "--force"]
     for number, controller in (
@@ -79,19 +67,50 @@ def test_a_host_that_is_told_to_stop(emulator, fig5_plan, tmp_path, record_prope
         (signal.SIGINT, "receding-horizon"),
         (signal.SIGHUP, "plan-feedback"),
     ):
-        told = Sender(number, lambda: emulator.duty()[1] > 0.0)
+        told = []
+
+        def tell(number=number, told=told):
+            told.append(virtual_time.monotonic())
+            os.kill(os.getpid(), number)
+
+        virtual_time.when(lambda: emulator.duty()[1] > 0.0, tell, after=0.3)
         output = ["-o", str(tmp_path / "out.csv"), "--controller", controller]
         assert main([*command, *output]) == 128 + number
-        off = emulator.off_after(told.sent)
+        off = emulator.off_after(told[0])
         report(record_property, f"host gets {number.name}", off)
         assert off < HEARTBEAT
         assert "stopped; wires are off" in capsys.readouterr().err
 
 
-def test_a_signal_between_plan_and_arming(emulator, tmp_path, capsys):
+def test_a_bridge_that_is_told_to_stop(virtual_time, emulator, monkeypatch):
+    """It says on its topic that it has ended."""
+    told = []
+
+    class Node:
+        """In place of the process on the network: somebody commands all the time."""
+
+        def __init__(self, *_):
+            self.tell, self.close = told.append, lambda: None
+
+        def hear(self):
+            return Heard(duty=[0.0, 0.2], born=virtual_time.monotonic())
+
+    monkeypatch.setattr("soft_limb.bridge.drive.NodeProcess", Node)
+    stop = functools.partial(os.kill, os.getpid(), signal.SIGINT)
+    virtual_time.when(lambda: emulator.duty()[1] > 0.0, stop, after=0.3)
+    with pytest.raises(KeyboardInterrupt):
+        drive(SerialLimb(emulator.port))
+    last = virtual_time.monotonic()
+    assert emulator.off_after(last) < 0.05
+    assert json.loads(told[-1]["/limb/state"]) == {"state": "idle", "why": "the bridge has ended"}
+
+
+def test_a_signal_between_plan_and_arming(virtual_time, emulator, tmp_path, capsys):
     """The plan is on the disk, and nothing has been armed yet."""
     (tmp_path / "taught.csv").write_text("0,0\n2,6\n3,6\n")
-    Sender(signal.SIGINT, (tmp_path / "out" / "plan.csv").exists, 0.0)
+    virtual_time.when(
+        (tmp_path / "out" / "plan.csv").exists, lambda: os.kill(os.getpid(), signal.SIGINT)
+    )
     command = ["follow", str(tmp_path / "taught.csv"), "-o", str(tmp_path / "out")]
     assert main([*command, "--port", emulator.port]) == 130
     assert capsys.readouterr().err.endswith("stopped; wires are off\n")
@@ -124,20 +143,21 @@ def assert_never_armed(emulator):
 class _Failing(LeafSystem):
     """A controller that heats, and fails after a second."""
 
-    def __init__(self):
+    def __init__(self, time):
         super().__init__()
+        self._time = time
         self.DeclareVectorInputPort("bend_angle", 1)
         self.DeclareStateOutputPort("duty", self.DeclareDiscreteState([0.0, 0.3]))
         self.DeclarePeriodicDiscreteUpdateEvent(0.05, 0.0, self._update)
 
     def _update(self, context, _):
         if context.get_time() > 1.0:
-            self.failed = time.monotonic()
+            self.failed = self._time.monotonic()
             raise ArithmeticError("of the controller")
 
 
-def test_a_controller_that_fails(emulator, fig5_plan, tmp_path, record_property):
-    controller, path = _Failing(), tmp_path / "recording.csv"
+def test_a_controller_that_fails(virtual_time, emulator, fig5_plan, tmp_path, record_property):
+    controller, path = _Failing(virtual_time), tmp_path / "recording.csv"
     robot = SerialLimb(emulator.port, fig5_plan.parameters)
     with pytest.raises(ArithmeticError), pytest.warns(UserWarning, match="unfinished"):
         replay(fig5_plan, robot, controller=controller, journal=path)
@@ -149,12 +169,12 @@ def test_a_controller_that_fails(emulator, fig5_plan, tmp_path, record_property)
     assert "of the controller" in kept.interrupted
 
 
-def test_faults_of_cable_and_board_while_a_wire_is_hot(emulator, record_property):
+def test_faults_of_cable_and_board_while_a_wire_is_hot(virtual_time, emulator, record_property):
     """One after the other, as its thermocouple has to follow some heat only after a start."""
 
     def off_after(fault, limit, said):
-        heating = Heating(link)
-        assert wait_for(lambda: emulator.duty() == [0.0, 1.0], 10.0)
+        heating = Heating(virtual_time, link)
+        assert virtual_time.wait_for(lambda: emulator.duty() == [0.0, 1.0], 10.0)
         off = emulator.off_after(emulator.order(fault))
         report(record_property, fault, off)
         assert off < limit
@@ -164,19 +184,19 @@ def test_faults_of_cable_and_board_while_a_wire_is_hot(emulator, record_property
         # Behind a buffer that fills up: after 0.4 s commands answer samples of 250 ms before.
         off_after("creep 0.3", 1.0, "late")
         emulator.order("mend")
-        wait_for_calm(link)
+        wait_for_calm(virtual_time, link)
         # As long as a command in some comes through the line is not to blame.
         off_after("corrupt 0.3", 1.0, "")
         duties = {(event["left"], event["right"]) for event in emulator.events("duty")}
         assert duties <= {(0.0, 0.0), (0.0, heat.LITTLE_DUTY), (0.0, 1.0)}
         emulator.order("mend")
-        wait_for_calm(link)
+        wait_for_calm(virtual_time, link)
 
         off_after("open right", SAMPLE, "a thermocouple is open")
         with pytest.raises(HardwareError, match=r"refuses to be armed.*Mend it"):
             link.arm(BOUNDS)
         emulator.order("mend")
-        wait_for_calm(link)
+        wait_for_calm(virtual_time, link)
         with pytest.raises(HardwareError, match="refuses to be armed"):
             link.arm(BOUNDS)  # mended is not cleared
         link.clear()
@@ -184,40 +204,43 @@ def test_faults_of_cable_and_board_while_a_wire_is_hot(emulator, record_property
 
         off_after("stall 5.0", 0.25, "restarted by itself")  # its watchdog resets it
         link.clear()
-        heating = Heating(link)
-        assert wait_for(lambda: emulator.duty()[1] > 0.0)
+        heating = Heating(virtual_time, link)
+        assert virtual_time.wait_for(lambda: emulator.duty()[1] > 0.0)
         emulator.order("drop 1.0")
         assert "Nothing new came from the board" in heating.failure()
         emulator.order("mend")
-        wait_for_calm(link)
-        heating = Heating(link)
-        assert wait_for(lambda: emulator.duty()[1] > 0.0)
+        wait_for_calm(virtual_time, link)
+        heating = Heating(virtual_time, link)
+        assert virtual_time.wait_for(lambda: emulator.duty()[1] > 0.0)
         off = emulator.off_after(emulator.order("unplug"))
         report(record_property, "cable unplugged", off)
         assert off < HEARTBEAT
         assert "The cable to" in heating.failure() or "Nothing new came" in heating.failure()
 
 
-def wait_for_calm(link):
+def wait_for_calm(time, link):
     """Until samples come in time, of a board that is off."""
 
     def calm():
         with contextlib.suppress(HardwareError):
-            return not link.next_sample().armed and link.delay < 0.1
+            return not link.sample().armed and link.delay < 0.1
         return False
 
-    assert wait_for(calm)
+    time.sleep(0.15)  # until its thermocouples were read
+    assert time.wait_for(calm)
 
 
-def test_duty_out_of_range_is_not_sent(emulator, link):
-    link.arm(BOUNDS)
-    for duty in ((0.0, 1.01), (-0.1, 0.0), (np.nan, 0.0), (0.0, np.inf)):
-        with pytest.raises(HardwareError, match="must be 2 numbers from 0 to 1"):
-            link.command(np.array(duty))
+def test_duty_out_of_range_is_not_sent(virtual_time, emulator):
+    with BoardLink(emulator.port) as link:
+        link.arm(BOUNDS)
+        for duty in ((0.0, 1.01), (-0.1, 0.0), (np.nan, 0.0), (0.0, np.inf)):
+            with pytest.raises(HardwareError, match="must be 2 numbers from 0 to 1"):
+                link.command(np.array(duty))
+            virtual_time.sleep(0.05)
     assert emulator.duty() == [0.0, 0.0]
 
 
-def test_simulation_that_falls_behind(emulator, record_property):
+def test_simulation_that_falls_behind(virtual_time, emulator, record_property):
     class Slow(SerialLimb):
         """Thinks for a while at 0.5 s."""
 
@@ -225,7 +248,7 @@ def test_simulation_that_falls_behind(emulator, record_property):
 
         def _update(self, context, state):
             if context.get_time() == pytest.approx(0.5):
-                time.sleep(0.15)  # the board itself bears that
+                virtual_time.sleep(0.15)  # the board itself bears that
             super()._update(context, state)
 
     with (
@@ -240,8 +263,8 @@ def test_simulation_that_falls_behind(emulator, record_property):
     assert emulator.duty() == [0.0, 0.0]
 
 
-def test_second_program_on_a_port_is_refused(emulator, link, capsys):
-    with pytest.raises(HardwareError, match="is in use by another program"):
-        BoardLink(emulator.port)
-    assert main(["status", emulator.port]) == 1
-    assert capsys.readouterr().err == f"error: {emulator.port} is in use by another program.\n"
+def test_second_program_on_a_port_is_refused(real_emulator, capsys):
+    with BoardLink(real_emulator.port):
+        assert main(["status", real_emulator.port]) == 1
+    said = capsys.readouterr().err
+    assert said == f"error: {real_emulator.port} is in use by another program.\n"

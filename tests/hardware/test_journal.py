@@ -5,10 +5,9 @@ import threading
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import LeafSystem
 
 from hardware import HardwareError, LimbTwin, replay, watch
-from limb_systems import Limb, LimbError, LimbParameters, Recording, Trajectory
+from limb_systems import Limb, LimbParameters, Recording, Trajectory
 from limb_systems.files import table_writer
 from limb_systems.files.csv_format import KILLED
 from limb_systems.output import OutputError
@@ -131,34 +130,6 @@ def test_ctrl_c_ends_what_is_taught_and_the_file_says_so(path, end_at):
     assert Recording.load(path).interrupted == recording.interrupted
 
 
-def test_teaching_that_is_stopped_at_once_leaves_no_file(path, end_at, monkeypatch, capsys):
-    path.write_text("old")
-    monkeypatch.setattr("soft_limb.commands.hardware.SerialLimb", lambda *_, **__: LimbTwin())
-    end_at(None, KeyboardInterrupt())
-    assert main(["teach", "port", "-o", str(path), "--force"]) == 130
-    assert capsys.readouterr().err == "stopped; wires are off\n"
-    assert path.read_text() == "old"
-
-
-def test_a_journal_without_rows_is_not_recovered(path, capsys):
-    Recording(
-        time=[],
-        duty=np.zeros((2, 0)),
-        measured_temperature=np.zeros((2, 0)),
-        bend_angle=np.zeros((1, 0)),
-        parameters=LimbParameters(),
-        source="a test",
-        sample_rate=20.0,
-    ).save(path)
-    data = path.read_bytes()
-    for size in (len(data), data.index(b"# end")):
-        path.write_bytes(data[:size])
-        assert main(["recover", str(path), "-o", str(path.with_name("whole.csv"))]) == 1
-        said = capsys.readouterr().err
-        assert said == f"error: {path} has no samples; there is nothing to recover.\n"
-    assert list(path.parent.iterdir()) == [path]
-
-
 def test_what_is_recovered_says_that_it_was_interrupted(path, capsys):
     recording = watch(LimbTwin(), 2.0)
     recording.measured_temperature = recording.measured_temperature.copy()
@@ -173,21 +144,6 @@ def test_what_is_recovered_says_that_it_was_interrupted(path, capsys):
     assert "doubt       1 of 40 samples out of range, the first at 0.35 s\n" in said
     assert Recording.load(whole).interrupted == KILLED
     np.testing.assert_array_equal(Recording.load(whole).measured_temperature[1, 7], 700.0)
-
-
-def test_duty_is_rounded_into_its_range_as_in_the_recording(plan_of_3_s, path):
-    recording = replay(plan_of_3_s, Limb(), controller=AlmostOff(), journal=path)
-    np.testing.assert_array_equal(recording.duty, 0.0)
-    np.testing.assert_array_equal(Recording.load(path).duty, 0.0)
-    assert Recording.load(path).provenance == recording.provenance is not None
-
-
-class AlmostOff(LeafSystem):
-    """A controller with an error of rounding."""
-
-    def __init__(self):
-        super().__init__()
-        self.DeclareVectorOutputPort("duty", 2, lambda _, duty: duty.SetFromVector([-1e-15, 0.0]))
 
 
 def test_a_stalled_disk_ends_the_run_with_the_wires_off(path, monkeypatch):
@@ -217,9 +173,3 @@ def test_a_stalled_disk_ends_the_run_with_the_wires_off(path, monkeypatch):
     finally:
         go.set()
     assert closed == [True]
-
-
-def test_a_journal_that_cannot_be_made_is_one_sentence(tmp_path):
-    (tmp_path / "file").touch()
-    with pytest.raises(LimbError, match=r"^Cannot write .*file/recording\.csv"):
-        watch(LimbTwin(), 1.0, journal=tmp_path / "file" / "recording.csv")

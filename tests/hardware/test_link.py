@@ -1,9 +1,7 @@
 """Boards that are none, are others' or are hung, as the host's end of the cable tells."""
 
-import itertools
 import os
 import threading
-import time
 import tty
 
 import numpy as np
@@ -27,11 +25,18 @@ from limb_systems import (
 from limb_systems.model.heat_bounds import HeatBounds
 from soft_limb.command import main
 
-from .conftest import BOUNDS, wait_for
+from .conftest import BOUNDS
+from .virtual_time import VirtualCable
 
 
 @pytest.fixture
-def board():
+def board(virtual_time):
+    """The board's end of a cable."""
+    return VirtualCable(virtual_time, "/dev/virtual")
+
+
+@pytest.fixture
+def pseudo_terminal():
     """The board's end of a pseudo-terminal, and its port."""
     master, slave = os.openpty()
     tty.setraw(slave)
@@ -44,18 +49,18 @@ def greeting(version, channels=2):
     return protocol.encode(protocol.INFO, version, 20, 440, b"mine0001", channels, 0)
 
 
-def test_a_port_without_a_board_is_named(board, monkeypatch):
+def test_a_port_without_a_board_is_named(pseudo_terminal, monkeypatch):
+    _, port = pseudo_terminal
     monkeypatch.setattr("hardware.robot.link.ANSWER_TIME", 0.3)
-    with pytest.raises(HardwareError, match=f"The board on {board[1]} does not answer a greeting"):
-        SerialLimb(board[1])
+    with pytest.raises(HardwareError, match=f"The board on {port} does not answer a greeting"):
+        SerialLimb(port)
     message = "does not answer after the port was opened"  # but may be opened again
-    with BoardLink(board[1]) as link, pytest.raises(HardwareError, match=message):
+    with BoardLink(port) as link, pytest.raises(HardwareError, match=message):
         link.sample()
 
 
-def test_a_board_of_another_version_is_refused(board, monkeypatch):
+def test_a_board_of_another_version_is_refused(board):
     """Also one of the first version, which did not tell its channels."""
-    monkeypatch.setattr("hardware.robot.link.ANSWER_TIME", 0.3)
     first = bytes.fromhex("7e0181010032 00b8016d69 6e653030 30314766 dc367e")
     newer = bytes((0x05, protocol.INFO)) + bytes(20)
     newer = b"\x7e" + newer + protocol.crc32(newer) + b"\x7e"
@@ -64,8 +69,8 @@ def test_a_board_of_another_version_is_refused(board, monkeypatch):
         (first, "speaks version 1 of the protocol, but this program versions 3 and 4; flash"),
         (newer, "only versions 3 and 4; use a newer version of this"),
     ):
-        with BoardLink(board[1]) as link:
-            os.write(board[0], frame)
+        with BoardLink(board.port) as link:
+            board.write(frame)
             with pytest.raises(HardwareError, match=said):
                 link.info()
 
@@ -79,15 +84,15 @@ def test_an_older_host_notices_this_board(monkeypatch):
     assert parser.other_version == 3
 
 
-def test_a_board_with_other_channels_is_refused(board):
-    with BoardLink(board[1]) as link:
-        os.write(board[0], greeting(3, channels=4))
+def test_a_board_with_other_channels_is_refused(virtual_time, board):
+    with BoardLink(board.port) as link:
+        board.write(greeting(3, channels=4))
         assert link.info().channels == 4
-    threading.Timer(0.3, os.write, (board[0], greeting(3, channels=4))).start()
+    virtual_time.when(lambda: True, lambda: board.write(greeting(3, channels=4)), after=0.3)
     with pytest.raises(
         LimbError, match=r"has 2 wires and 1 bend angles, but the board on .* has 4 channels"
     ):
-        SerialLimb(board[1])
+        SerialLimb(board.port)
 
 
 def sample(number, state, reason, bend=0, acknowledged=0, time_ms=None):
@@ -104,7 +109,7 @@ def limb_with(sensor) -> LimbParameters:
     return limb
 
 
-def test_the_segment_tells_what_a_reading_means(board):
+def test_the_segment_tells_what_a_reading_means(virtual_time, board):
     """The board reads 30°, in 1/64 of them."""
 
     def make(number):
@@ -112,8 +117,8 @@ def test_the_segment_tells_what_a_reading_means(board):
 
     for sensor, degrees in ((TipTangentSensor(), 15.0), (ChordSensor(), 30.0)):
         with (
-            Talking(board[0], make),
-            SerialLimb(board[1], limb_with(sensor), heated=False) as limb,
+            Talking(board, virtual_time, make),
+            SerialLimb(board.port, limb_with(sensor), heated=False) as limb,
         ):
             simulator = Simulator(limb)
             limb.GetInputPort("duty").FixValue(simulator.get_mutable_context(), [0.0, 0.0])
@@ -141,49 +146,50 @@ def test_an_emulated_board_is_for_a_limb_of_eight_wires():
         EmulatedBoard(LimbTwin(limb), lambda _: None)
 
 
-def test_the_reason_for_which_a_board_is_off_is_told(board):
+def test_the_reason_for_which_a_board_is_off_is_told(virtual_time, board):
     for reason, text in REASONS.items():
-        with BoardLink(board[1]) as link:
-            os.write(board[0], sample(1, guard.ARMED, guard.NONE))
+        with BoardLink(board.port) as link:
+            board.write(sample(1, guard.ARMED, guard.NONE))
             link.command([0.0, 0.5])
-            os.write(board[0], sample(2, guard.DISARMED, reason))
-            assert wait_for(lambda: not link.sample().armed)
-            with pytest.raises(HardwareError, match=f"{board[1]} switched off: {text}"):
+            board.write(sample(2, guard.DISARMED, reason))
+            assert virtual_time.wait_for(lambda: not link.sample().armed)
+            with pytest.raises(HardwareError, match=f"{board.port} switched off: {text}"):
                 link.command([0.0, 0.5])
             if reason >= guard.LATCHING:
                 with pytest.raises(HardwareError, match=f"refuses to be armed: {text}. Mend it"):
                     link.arm(BOUNDS)
             else:
                 link.clear()  # nothing is latched: asks for nothing
-        sent = protocol.Parser((protocol.ARM, protocol.CLEAR)).feed(os.read(board[0], 4096))
+        sent = protocol.Parser((protocol.ARM, protocol.CLEAR)).feed(board.read())
         assert sent == []
 
 
-def test_a_reason_that_is_not_known_is_a_sentence(board, capsys):
-    with Talking(board[0], lambda number: greeting(3) + sample(number, guard.DISARMED, 77)):
-        assert main(["status", board[1]]) == 0
+def test_a_reason_that_is_not_known_is_a_sentence(virtual_time, board, capsys):
+    with Talking(
+        board, virtual_time, lambda number: greeting(3) + sample(number, guard.DISARMED, 77)
+    ):
+        assert main(["status", board.port]) == 0
     assert "off: for a reason that this program does not know, 77" in capsys.readouterr().out
 
 
 class Talking:
     """A board that sends armed samples each 50 ms, made by a function of their number."""
 
-    def __init__(self, end, make):
-        self._stop, self._end, self._make = threading.Event(), end, make
-        self._thread = threading.Thread(target=self._send)
+    def __init__(self, cable, time, make):
+        self._cable, self._time, self._make, self._number = cable, time, make, 0
+        self._due = time.monotonic()
 
     def __enter__(self):
-        self._thread.start()
+        self._cable.board = self
 
     def __exit__(self, *_):
-        self._stop.set()
-        self._thread.join()
+        self._cable.board = None
 
-    def _send(self):
-        for number in itertools.count(1):
-            os.write(self._end, self._make(number))
-            if self._stop.wait(0.05):
-                return
+    def step(self):
+        if self._time.monotonic() >= self._due:
+            self._due += 0.05
+            self._number += 1
+            self._cable.write(self._make(self._number))
 
 
 def test_a_sample_counts_only_if_all_of_its_channels_came():
@@ -214,53 +220,53 @@ def test_a_sample_counts_only_if_all_of_its_channels_came():
         assert (sample.armed, sample.acknowledged) == (True, 9)
 
 
-def keep_commanding(link, seconds=1.5):
+def keep_commanding(time, link, seconds=1.5):
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         link.command([0.0, 0.5])
         time.sleep(0.05)
 
 
-def test_a_sample_that_repeats_is_not_new(board):
+def test_a_sample_that_repeats_is_not_new(virtual_time, board):
     same = sample(7, guard.ARMED, guard.NONE, acknowledged=100)
     with (
-        BoardLink(board[1]) as link,
-        Talking(board[0], lambda _: same),
+        BoardLink(board.port) as link,
+        Talking(board, virtual_time, lambda _: same),
         pytest.raises(HardwareError, match="Nothing new came from the board"),
     ):
-        keep_commanding(link)
+        keep_commanding(virtual_time, link)
 
 
-def test_old_samples_in_turn_are_not_new(board):
+def test_old_samples_in_turn_are_not_new(virtual_time, board):
     def make(number):
         return sample(7 + number % 2, guard.ARMED, guard.NONE, acknowledged=100)
 
     with (
-        BoardLink(board[1]) as link,
-        Talking(board[0], make),
+        BoardLink(board.port) as link,
+        Talking(board, virtual_time, make),
         pytest.raises(HardwareError, match=r"time of the board on .* went back"),
     ):
-        keep_commanding(link)
+        keep_commanding(virtual_time, link)
 
 
-def test_samples_that_come_later_and_later_are_noticed(board):
+def test_samples_that_come_later_and_later_are_noticed(virtual_time, board):
     """Behind a buffer that grows: half of a second for each second."""
 
     def make(number):
         return sample(number, guard.ARMED, guard.NONE, acknowledged=number, time_ms=25 * number)
 
     with (
-        BoardLink(board[1]) as link,
-        Talking(board[0], make),
+        BoardLink(board.port) as link,
+        Talking(board, virtual_time, make),
         pytest.raises(HardwareError, match=r"come 0\.\d+ s late; is this computer or the conn"),
     ):
-        keep_commanding(link)
+        keep_commanding(virtual_time, link)
 
 
 def test_a_board_whose_clock_is_slow_is_borne(board, monkeypatch):
     """By 2%, as that of an oscillator without a crystal may be, for five minutes."""
     parser = protocol.Parser((protocol.SAMPLE,))
-    with BoardLink(board[1]) as link:
+    with BoardLink(board.port) as link:
         for number in range(6_000):
             passed = 0.05 * number
             monkeypatch.setattr("hardware.robot.link.time.monotonic", lambda now=passed: now)
@@ -272,27 +278,29 @@ def test_a_board_whose_clock_is_slow_is_borne(board, monkeypatch):
         monkeypatch.undo()
 
 
-def test_commands_that_do_not_arrive_are_noticed(board):
+def test_commands_that_do_not_arrive_are_noticed(virtual_time, board):
     with (
-        BoardLink(board[1]) as link,
-        Talking(board[0], lambda number: sample(number, guard.ARMED, guard.NONE)),
+        BoardLink(board.port) as link,
+        Talking(board, virtual_time, lambda number: sample(number, guard.ARMED, guard.NONE)),
         pytest.raises(
             HardwareError, match=r"did not get a command within 0\.\d+ s; commands arrive"
         ),
     ):
-        keep_commanding(link)
+        keep_commanding(virtual_time, link)
 
 
-def test_commands_that_are_answered_go_on(board):
+def test_commands_that_are_answered_go_on(virtual_time, board):
     with (
-        BoardLink(board[1]) as link,
-        Talking(board[0], lambda n: 2 * sample(n, guard.ARMED, guard.NONE, acknowledged=n)),
+        BoardLink(board.port) as link,
+        Talking(
+            board, virtual_time, lambda n: 2 * sample(n, guard.ARMED, guard.NONE, acknowledged=n)
+        ),
     ):
-        keep_commanding(link, 0.6)
+        keep_commanding(virtual_time, link, 0.6)
         assert link.lost_samples == 0  # those that are doubled are not lost
 
 
-def test_the_sample_that_says_that_the_board_is_off_is_recorded(board, tmp_path):
+def test_the_sample_that_says_that_the_board_is_off_is_recorded(virtual_time, board, tmp_path):
     def make(number):
         state, reason = guard.DISARMED, guard.NONE
         if number > 20:
@@ -303,51 +311,49 @@ def test_the_sample_that_says_that_the_board_is_off_is_recorded(board, tmp_path)
         return greeting(3) + sample(number, state, reason, bend, acknowledged=number)
 
     with (
-        Talking(board[0], make),
+        Talking(board, virtual_time, make),
         pytest.warns(UserWarning, match="recorded until then is in"),
         pytest.raises(HardwareError, match="a thermocouple is open"),
     ):
-        collect_sag(SerialLimb(board[1]), journal=tmp_path / "sag.csv")
+        collect_sag(SerialLimb(board.port), journal=tmp_path / "sag.csv")
     recording = Recording.load(tmp_path / "sag.unfinished.csv", unfinished=True)
     assert "a thermocouple is open" in recording.interrupted
     np.testing.assert_allclose(np.rad2deg(recording.bend_angle[0, -3:]), [1.5, 1.5, 3.5])
 
 
-def test_a_board_that_another_program_has_armed_is_left_to_it(board):
+def test_a_board_that_another_program_has_armed_is_left_to_it(virtual_time, board):
     with (
-        BoardLink(board[1]) as link,
-        Talking(board[0], lambda number: sample(number, guard.ARMED, guard.NONE)),
+        BoardLink(board.port) as link,
+        Talking(board, virtual_time, lambda number: sample(number, guard.ARMED, guard.NONE)),
         pytest.raises(HardwareError, match="is in use by another program"),
     ):
         link.arm(BOUNDS)
 
 
-def test_the_bounds_of_a_limb_are_in_the_frame_that_arms(board, monkeypatch):
-    monkeypatch.setattr("hardware.robot.link.ARMING_TIME", 0.3)
+def test_the_bounds_of_a_limb_are_in_the_frame_that_arms(virtual_time, board):
     limb = LimbParameters()
     limb.total_duty = 0.7
     limb.wires[1].heat_bounds = HeatBounds(0.05, 0.08, 18.0, 21.5, 0.75)
     with (
-        BoardLink(board[1]) as link,
-        Talking(board[0], lambda n: sample(n, guard.DISARMED, 0)),
+        BoardLink(board.port) as link,
+        Talking(board, virtual_time, lambda n: sample(n, guard.DISARMED, 0)),
         pytest.raises(HardwareError, match="does not let itself be armed: all is well"),
     ):
         link.arm(limb.heat_bounds, limb.total_duty)
-    frames = protocol.Parser((protocol.ARM,)).feed(os.read(board[0], 65536))
+    frames = protocol.Parser((protocol.ARM,)).feed(board.read())
     challenge, bounds, total = protocol.read_arm_values(frames[0][1])
     assert (challenge, total) == (4711, 0.7)
     np.testing.assert_allclose(bounds[0], (0.042, 0.095, 17.0, 23.0, 0.5))
     np.testing.assert_allclose(bounds[1], (0.05, 0.08, 18.0, 21.5, 0.75))
 
 
-def test_a_board_that_takes_no_data_is_hung(board, monkeypatch):
-    hung = threading.Event()
-    with BoardLink(board[1]) as link:
-        monkeypatch.setattr(link._cable, "send", lambda _: hung.wait(5.0))
-        start = time.monotonic()
+def test_a_board_that_takes_no_data_is_hung(pseudo_terminal, monkeypatch):
+    hung, sent = threading.Event(), []
+    with BoardLink(pseudo_terminal[1]) as link:
+        monkeypatch.setattr(link._cable, "send", lambda _: sent.append(hung.wait(60.0)))
         for _ in range(20):
             link.disarm()  # neither waits nor raises
-        assert time.monotonic() - start < 1.0
+        assert not sent
         with pytest.raises(HardwareError, match="takes no more data; is the board hung"):
             link.info()
         hung.set()

@@ -33,19 +33,6 @@ def test_frames_come_through_whatever_is_between_them():
         assert received == sent
 
 
-def test_two_frames_may_share_a_flag():
-    first, second = (protocol.encode(protocol.CLEAR, n) for n in (1, 2))
-    frames = protocol.Parser((protocol.CLEAR,)).feed(first + second[1:])
-    assert frames == [(protocol.CLEAR, (1,)), (protocol.CLEAR, (2,))]
-
-
-def test_frames_that_never_end_are_given_up():
-    parser = protocol.Parser(KINDS)
-    assert parser.feed(b"\x7e" + b"x" * 1_000_000) == []
-    assert parser.rejected == 1
-    assert parser.feed(protocol.encode(protocol.HELLO)) == [(protocol.HELLO, ())]
-
-
 def test_frames_for_two_wires_are_those_of_hosts_and_boards_before_there_were_others():
     """As they were sent then, and so is all that a board said in two seconds."""
     wide_bounds = (0.03, 0.5, 4.0, 40.0, 0.1)

@@ -3,12 +3,10 @@
 import dataclasses
 import json
 import re
-import time
 
 import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem
-from pydrake.systems.primitives import ConstantVectorSource
 
 from hardware import LimbTwin, ReplayError, replay
 from hardware.emulation.sensors import SensedLimb
@@ -18,11 +16,9 @@ from limb_systems import (
     LimbError,
     LimbParameters,
     Recording,
-    SerialBoard,
     simulate,
 )
 from limb_systems.tracking import reference_distances, tracking_errors
-from planners import plan, references
 from soft_limb.command import main
 
 
@@ -33,16 +29,6 @@ def test_replay_on_the_model_itself_follows_the_plan(fig5_plan):
     np.testing.assert_allclose(recording.time, np.arange(1201) / 20, atol=1e-9)
     planned = [np.interp(recording.time, fig5_plan.time, duty) for duty in fig5_plan.duty]
     np.testing.assert_allclose(recording.duty, planned, atol=1e-9)
-
-
-def test_rollouts_behind_sensors_have_errors_of_the_size_of_their_noise(fig5_plan):
-    planned = beginning(fig5_plan, 201)
-    rollouts = [replay(planned, SensedLimb(Limb(planned.parameters), seed=s)) for s in range(14)]
-    errors = tracking_errors(planned, rollouts)
-    # Noise of 0.5° and drift of 1° are normal of σ = 1.12°: |w| has the mean √(2/π) σ and the
-    # median 0.674 σ. Few drifts are seen, which is what the tolerance is for.
-    assert np.rad2deg(errors.mean) == pytest.approx(np.sqrt(2 / np.pi) * 1.12, rel=0.3)
-    assert np.rad2deg(errors.median) == pytest.approx(0.674 * 1.12, rel=0.3)
 
 
 def test_rollouts_on_the_twin_say_that_they_are_emulated(fig5_plan, tmp_path):
@@ -151,27 +137,6 @@ def test_a_controller_drives_the_limb_with_what_it_reads(fig5_plan, tmp_path):
         np.testing.assert_array_equal(Recording.load(journal).duty, recording.duty)
 
 
-def test_feedback_changes_the_duty(fig5_plan):
-    fed = replay(fig5_plan, Limb(), controller=Steady(0.3, -0.2, bend_angle=1))
-    np.testing.assert_allclose(fed.duty[0], 0.3 - 0.2 * fed.bend_angle[0], atol=1e-6)
-
-
-def test_a_controller_beyond_duty_is_named(fig5_plan):
-    with pytest.raises(LimbError, match=r"duty is \[1\.5, 1\.5\] at 0 s"):
-        replay(beginning(fig5_plan, 3), Limb(), controller=Steady(1.5))
-
-
-def test_a_controller_with_other_ports_is_refused(fig5_plan):
-    forces = "Steady has an input port wire_force, but a limb has only the outputs measured"
-    for controller, sentence in (
-        (ConstantVectorSource([0.1, 0.1]), "ConstantVectorSource has no output port duty"),
-        (Steady(wire_force=2), forces),
-        (Steady(bend_angle=2), "Steady takes 2 values at bend_angle, but the limb has 1"),
-    ):
-        with pytest.raises(ReplayError, match=sentence):
-            replay(fig5_plan, Limb(), controller=controller)
-
-
 def test_a_replay_ends_at_the_board_s_limit(fig5_plan, tmp_path, capsys):
     """A plan by which the limb's wires get too hot."""
     eager = dataclasses.replace(beginning(fig5_plan, 201), duty=0 * fig5_plan.duty[:, :201] + 0.7)
@@ -215,39 +180,6 @@ def beginning(trajectory, num_knots):
     return dataclasses.replace(trajectory, **parts)
 
 
-class View:
-    """What a `LiveView` is told."""
-
-    def __init__(self):
-        self.phases, self.readings, self.rests = [], [], 0
-
-    def begin(self, phase):
-        self.phases.append(phase)
-
-    def show(self, reading):
-        self.readings.append(reading)
-
-    def rest(self):
-        self.rests += 1
-
-
-def test_replay_that_is_shown_is_in_real_time_and_the_same(fig5_plan):
-    trajectory, view = beginning(fig5_plan, 11), View()
-    start = time.monotonic()
-    recording = replay(trajectory, LimbTwin(seed=1), live=view)
-    assert time.monotonic() - start >= 1.0
-    unseen = replay(trajectory, LimbTwin(seed=1))
-    np.testing.assert_allclose(recording.duty, unseen.duty, atol=1e-9)
-    np.testing.assert_allclose(recording.bend_angle, unseen.bend_angle, atol=np.deg2rad(0.2))
-    (phase,) = view.phases
-    assert (phase.source, phase.duration, phase.limit) == ("emulated limb, seed 1", 1.0, 110.0)
-    assert view.rests == 1
-    times = [reading.time for reading in view.readings]
-    np.testing.assert_allclose(times, recording.time, atol=1e-9)
-    shown = [reading.duty for reading in view.readings]
-    np.testing.assert_allclose(shown, recording.duty.T, atol=1e-9)
-
-
 def test_command_replays_and_writes_a_recording(fig5_plan, tmp_path, capsys):
     planned = beginning(fig5_plan, 101)
     planned.save(tmp_path / "plan.csv")
@@ -272,19 +204,6 @@ def test_command_replays_and_writes_a_recording(fig5_plan, tmp_path, capsys):
     assert said["source"] == recording.source
     assert said["timing"] is None  # simulated time
     assert said["written"] == [str(output)]
-
-
-def test_a_plan_that_was_calibrated_through_an_emulated_port_is_for_that_limb(
-    fig5_plan, tmp_path, capsys
-):
-    planned = beginning(fig5_plan, 6)
-    parameters = dataclasses.replace(planned.parameters, board=SerialBoard("twin0003"))
-    dataclasses.replace(planned, parameters=parameters).save(tmp_path / "plan.csv")
-    arguments = ["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "recording.csv")]
-    assert main([*arguments, "--emulated", "5"]) == 1
-    assert "calibration of the emulated limb 3, not 5" in capsys.readouterr().err
-    assert main(arguments) == 0
-    assert Recording.load(tmp_path / "recording.csv").source == "emulated limb, seed 3"
 
 
 def test_a_plan_of_a_limb_of_ones_own_is_not_followed_by_another_in_silence(
@@ -314,43 +233,3 @@ def test_a_plan_of_a_limb_of_ones_own_is_not_followed_by_another_in_silence(
     folder = tmp_path / "learned"
     assert main(["learn", arguments[0], "-o", str(folder), "-n", "1", "--model"]) == 0
     assert Recording.load(folder / "repetition_1.csv").source == "model"
-
-
-def test_command_emulates_a_limb_with_extra_effects(monkeypatch):
-    twins = []
-    monkeypatch.setattr(
-        "soft_limb.commands.hardware.emulate", lambda twin, *_, **__: twins.append(twin.source)
-    )
-    assert main(["emulate", "--emulated", "3", "--extra", "memory", "--extra", "bond"]) == 0
-    assert twins == ["emulated limb, seed 3, with memory, with bond"]
-
-
-def test_command_says_what_is_wrong_with_a_file(tmp_path, capsys):
-    (tmp_path / "plan.csv").write_text("time,duty\n0,1\n")
-    output = tmp_path / "recording.csv"
-    assert main(["replay", str(tmp_path / "plan.csv"), "-o", str(output)]) == 1
-    error = capsys.readouterr().err
-    assert "plan.csv: this is not a limb trajectory" in error
-    assert "soft-limb plan makes a trajectory of a reference" in error
-    assert main(["replay", str(tmp_path / "plan.csv"), "-o", str(tmp_path / "x.png")]) == 1
-    assert "x.png is to be a table; its name must end with .csv" in capsys.readouterr().err
-    assert not output.exists()
-
-
-def test_the_shell_and_python_replay_on_the_limb_that_the_plan_is_for(tmp_path, capsys):
-    """Its parameters say which one that is; the recordings are the same."""
-    reference = references.from_samples([0.0, 4.0], np.deg2rad([0.0, 6.0]))
-    trajectory = plan(LimbTwin(seed=3).parameters, reference)
-    ours = replay(trajectory, LimbTwin.of(trajectory.parameters))
-    assert ours.source == "emulated limb, seed 3"
-    planned, output = str(tmp_path / "plan.csv"), str(tmp_path / "recording.csv")
-    trajectory.save(planned)
-    assert main(["replay", planned, "-o", output]) == 0
-    theirs = Recording.load(output)
-    assert theirs.source == ours.source
-    for name in ("time", "duty", "applied_duty", "measured_temperature", "bend_angle"):
-        np.testing.assert_array_equal(getattr(theirs, name), getattr(ours, name))
-    capsys.readouterr()
-    assert main(["replay", planned, "-o", output, "--emulated", "5", "--force"]) == 1
-    said = "calibration of the emulated limb 3, not 5; calibrate that one, or leave --emulated out"
-    assert said in capsys.readouterr().err

@@ -49,13 +49,6 @@ def test_at_rest_its_feet_carry_its_own_weight(resting):
     assert rear_z > front_z > 0.0  # the rear feet are below
 
 
-def test_without_duty_there_is_no_heat(resting):
-    twin, recording = resting
-    room = twin.specimen.ambient
-    assert abs(room - twin.parameters.ambient_temperature) < 3.0
-    assert np.abs(recording.wire_temperature - room).max() < 0.01
-
-
 def test_a_camera_sees_the_body_ten_times_a_second_with_noise(resting):
     _, recording = resting
     seen = recording.body_pose[:, 21:].reshape(3, -1, 2)  # when it has settled
@@ -136,20 +129,6 @@ def test_a_limb_that_is_taken_off_is_the_one_on_the_robot():
     let_go = simulate(twin.again(hand=hand), [0.0, 0.0], 0.8)
     assert np.rad2deg(let_go.bend_angle[0, 11]) > 35.0
     assert np.abs(np.rad2deg(let_go.bend_angle[0, -1])) < 30.0
-
-
-def test_what_is_drawn_keeps_to_what_is_stated():
-    specimens = [RobotSpecimen(RobotParameters(), seed) for seed in range(25)]
-    drawn = [specimen.drawn for specimen in specimens]
-    for shares, width in (
-        ([robot.body.mass / 0.020 for robot in drawn], 0.1),
-        ([robot.limbs[0].parameters.segments[0].mass / 0.015 for robot in drawn], 0.1),
-        ([robot.ground.friction / 0.3 for robot in drawn], 0.3),
-        ([s.foot_friction[1] / s.drawn.ground.friction for s in specimens], 0.1),
-        ([1 + (robot.limbs[1].position[0] - 0.03) for robot in drawn], 1e-3),
-    ):
-        assert max(np.abs(np.array(shares) - 1)) < width
-        assert np.std(shares) == pytest.approx(width / np.sqrt(3), rel=0.25)
 
 
 def test_a_replay_has_its_pose_and_it_goes_on_from_there(tmp_path):

@@ -1,9 +1,5 @@
 """A robot whose limbs have boards of their own: they heat together, and go off together."""
 
-import subprocess
-import sys
-import time
-
 import numpy as np
 import pytest
 
@@ -15,35 +11,18 @@ from limb_systems import LimbError, Recording, RobotLimb, RobotParameters, Seria
 from planners import plan, references
 from soft_limb.command import main
 
-from .conftest import BOUNDS, Emulator, Heating, wait_for
+from .conftest import BOUNDS, Heating, VirtualBoard
 
 NAMES = ["rear", "front"]
 DUTY = [0.02, 0.08, 0.06, 0.04]  # another one for each wire
 HEARTBEAT = 0.3  # s, as in test_faults.py
-BY_HOST = 0.2  # s, before the heartbeat; it takes some ms if the machine is not busy
-
-HOST = f"""
-import sys
-from hardware import SerialLimb
-from limb_systems import RobotLimb, RobotParameters, simulate
-robot = RobotParameters(limbs=[RobotLimb(name) for name in {NAMES}]).together
-ports = dict(zip({NAMES}, sys.stdin.readline().split()))
-simulate(SerialLimb(ports, robot), {DUTY}, 60.0)
-"""
-
-
-@pytest.fixture(scope="module")
-def second_emulator(tmp_path_factory):
-    emulator = Emulator(tmp_path_factory.mktemp("second"))
-    yield emulator
-    emulator.stop()
+BY_HOST = 0.06  # s, before the heartbeat
 
 
 @pytest.fixture
-def boards(emulator, second_emulator):
+def boards(virtual_time):
     """The emulated boards of the rear and the front limb."""
-    second_emulator.renew()
-    return emulator, second_emulator
+    return [VirtualBoard(virtual_time, f"/dev/{name}") for name in NAMES]
 
 
 @pytest.fixture
@@ -68,7 +47,9 @@ def test_limbs_have_their_segments_by_name():
             limbs_of(robot.together, names)
 
 
-def test_a_plan_is_replayed_on_all_boards_in_one_time(ports, boards, robot, tmp_path, capsys):
+def test_a_plan_is_replayed_on_all_boards_in_one_time(
+    virtual_time, ports, boards, robot, tmp_path, capsys
+):
     for limb in robot.limbs:
         limb.parameters.temperature_limits.warm_up_time = 100.0
     reference = references.from_samples([0.0, 0.8], [[0.0, 0.01], [0.0, -0.02]])
@@ -81,6 +62,7 @@ def test_a_plan_is_replayed_on_all_boards_in_one_time(ports, boards, robot, tmp_
     recording = Recording.load(tmp_path / "recording.csv")
     assert recording.parameters.wire_names[0] == "rear_left"
     duty = planned.duty_trajectory().vector_values(recording.time)
+    virtual_time.sleep(0.01)
     for board, part in zip(boards, np.split(duty, 2), strict=True):
         applied = np.array([(event["left"], event["right"]) for event in board.events("duty")])
         away = np.abs(applied[:, :, np.newaxis] - part[:, :-1]).max(axis=1)
@@ -102,12 +84,8 @@ def test_a_plan_is_replayed_on_all_boards_in_one_time(ports, boards, robot, tmp_
         SerialLimb(ports, robot.together, board="examples/text_board.yaml")
 
 
-def test_boards_go_off_together(ports, boards, robot, start_host, record_property):
+def test_boards_go_off_together(virtual_time, ports, boards, robot, record_property):
     rear, front = boards
-    host = start_host([sys.executable, "-c", HOST], stdin=subprocess.PIPE)
-
-    def heated():
-        return [*rear.duty(), *front.duty()] == pytest.approx(DUTY, abs=1e-4)
 
     def off(board, since, what, limit):
         seconds = board.off_after(since)
@@ -115,42 +93,49 @@ def test_boards_go_off_together(ports, boards, robot, start_host, record_propert
         print(f"\n{what}: {1000 * seconds:.0f} ms")
         assert seconds < limit
 
-    def fails(order, board, said):
+    def heating(link):
+        heating = Heating(virtual_time, link, DUTY)
+        heated = virtual_time.wait_for(
+            lambda: [*rear.duty(), *front.duty()] == pytest.approx(DUTY, abs=1e-4)
+        )
+        assert heated, heating.error
+        return heating
+
+    def fails(link, order, board, said):
         """Makes a heated board fail, after which the host says why it ends; the fault's time."""
-        heating = Heating(link, DUTY)
-        assert wait_for(heated), heating.error
+        host = heating(link)
         since = board.order(order)
-        assert said in heating.failure()
+        assert said in host.failure()
         return since
 
     with SeveralBoards(ports, robot.together) as link:
-        since = fails("open left", front, "thermocouple is open")
+        since = fails(link, "open left", front, "thermocouple is open")
         front.off_after(since)
         off(rear, front.events("duty")[-1]["time"], "after another board's fault", BY_HOST)
         count = len(rear.events("duty"))
         with pytest.raises(HardwareError, match="refuses to be armed: a thermocouple is open"):
             link.arm(2 * BOUNDS)
-        assert wait_for(lambda: not any(part.armed for part in link.sample().parts))
+        assert virtual_time.wait_for(lambda: not any(part.armed for part in link.sample().parts))
         with pytest.raises(HardwareError, match="thermocouple is open"):  # not: by the host
             link.command(np.array(DUTY))
+        virtual_time.sleep(0.1)
         assert len(rear.events("duty")) == count
-    front.renew()
-
-    host.stdin.write(f"{rear.port} {front.port}\n")
-    host.stdin.flush()
-    assert wait_for(heated, 20.0)
-    since = time.monotonic()
-    host.kill()
-    for board in boards:
-        off(board, since, "host killed", HEARTBEAT)
+    front.order("mend")
+    front.order("restart")
 
     with SeveralBoards(ports, robot.together) as link:
-        since = fails("drop 1.0", front, "Nothing new came from the board")
+        host, since = heating(link), virtual_time.monotonic()
+        host.freeze()
+        for board in boards:
+            off(board, since, "host does nothing", HEARTBEAT)
+
+    with SeveralBoards(ports, robot.together) as link:
+        since = fails(link, "drop 1.0", front, "Nothing new came from the board")
         off(rear, since, "after another board's silence", 0.4)
     front.order("mend")
     front.order("restart")  # it is ready later than the other, which has to wait
     with SeveralBoards(ports, robot.together) as link:
-        since = fails("unplug", front, "The cable to")
+        since = fails(link, "unplug", front, "The cable to")
         off(rear, since, "after another board's cable was unplugged", BY_HOST)
         off(front, since, "cable unplugged", HEARTBEAT)
     with pytest.raises(HardwareError, match=f"Cannot open {front.port}"):

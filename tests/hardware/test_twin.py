@@ -6,36 +6,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import (
-    ApplySimulatorConfig,
-    ExtractSimulatorConfig,
-    InitializeParams,
-    Simulator,
-)
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from pydrake.trajectories import PiecewisePolynomial
 from simulated_board import SimulatedBoard
 
 from hardware import LimbTwin
 from hardware.emulation.emulated_board import EmulatedBoard
-from hardware.emulation.sensors import Noise, SampledSensors, SensedLimb, Sensor
+from hardware.emulation.sensors import SensedLimb
 from hardware.emulation.specimen import Specimen
-from hardware.emulation.twin import SPECIMENS
 from hardware.firmware import guard
 from limb_systems import (
     ChordSensor,
-    EmulatedLimb,
     Limb,
-    LimbError,
     LimbParameters,
-    NoBoard,
     SegmentParameters,
-    SerialBoard,
     TipTangentSensor,
     simulate,
 )
-from limb_systems.simulation import make_simulator
 
 
 def port_sizes(system):
@@ -58,11 +44,6 @@ def test_has_the_ports_of_the_limb(two_segments):
             assert twin_outputs.pop("applied_duty", None) in (None, twin_inputs["duty"])
             assert twin_outputs.pop("cut_out", None) in (None, 1)
             assert twin_outputs == sensed | {"measurement": sum(sensed.values())}
-
-
-def test_limbs_of_all_physics_have_the_same_ports():
-    lumped, *others = (port_sizes(LimbTwin(physics=name, truth=True)) for name in SPECIMENS)
-    assert others == [lumped]
 
 
 def test_each_wire_warms_and_bends_its_own_segment_to_its_side(two_segments):
@@ -91,28 +72,6 @@ def test_readings_are_the_model_with_the_stated_noise():
     assert heat_error.std() == pytest.approx(0.25 * np.sqrt(1 + 1 / 12), rel=0.1)
 
 
-def test_readings_come_in_steps_and_are_held_between_samples():
-    recording = simulate(LimbTwin(), [0.1, 0.4], 5.0, sample_rate=20.0)
-    steps = recording.measured_temperature / 0.25
-    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
-    # Thermocouples are read at 10 Hz: at most every second sample at 20 Hz is a new one.
-    assert (np.diff(recording.measured_temperature) != 0).sum(axis=1).max() <= 50
-    assert len(np.unique(recording.bend_angle)) > 30
-
-
-def test_a_rest_is_a_simulation_without_heat():
-    twin = LimbTwin(seed=2, extra=("memory",))
-    simulate(twin, [0.0, 0.3], 30.0)
-    rested = LimbTwin(specimen=copy.deepcopy(twin.specimen)).again(120.0).specimen.state
-    waited = LimbTwin(specimen=twin.specimen)
-    simulate(waited, [0.0, 0.0], 120.0)
-    after = waited.specimen.state
-    for name, tolerance in (("wires", 5e-3), ("measured", 0.02), ("rest", 1e-4)):
-        np.testing.assert_allclose(rested[name], after[name], rtol=0, atol=tolerance)
-    bend = [3 * state["joints"][:5].mean() for state in (rested, after)]  # (11)
-    assert abs(bend[0] - bend[1]) < np.deg2rad(0.01)
-
-
 def test_a_limb_that_was_hot_is_still_warm():
     twin = LimbTwin(seed=2)
     cold = simulate(twin, [0.0, 0.3], 30.0)
@@ -130,20 +89,6 @@ def test_a_limb_that_was_hot_is_still_warm():
     assert simulate(LimbTwin(seed=2), [0.0, 0.0], 1.0).measured_temperature[1, 0] < room + 1.5
 
 
-def test_bend_over_temperature_is_a_loop():
-    """Bends more at 60 °C when cooling than when heating, by some degrees."""
-    twin = LimbTwin(seed=0)
-    up = simulate(twin, [0.0, 0.15], 120.0)
-    down = simulate(twin.again(), [0.0, 0.0], 120.0)
-
-    def bend_at(recording, temperature):
-        near = np.abs(recording.measured_temperature[1] - temperature) < 1.0
-        return np.rad2deg(recording.bend_angle[0, near].mean())
-
-    assert up.measured_temperature[1].max() > 75.0
-    assert 2.0 < bend_at(down, 60.0) - bend_at(up, 60.0) < 20.0
-
-
 def test_a_limb_bent_by_hand_is_held_and_rings_down():
     hand = PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], [[0.0, 0.8, 0.8]])
     recording = simulate(
@@ -155,13 +100,6 @@ def test_a_limb_bent_by_hand_is_held_and_rings_down():
     assert ringing.min() < -0.2  # it swings through
     crossings = np.flatnonzero(np.diff(np.sign(ringing - ringing[-50:].mean())))
     assert len(crossings) > 4
-
-
-def test_gravity_of_a_remounted_limb_is_felt():
-    twin = LimbTwin(seed=0).again(gravity=(0.0, -9.81, 0.0))
-    sag = simulate(twin, [0.0, 0.0], 10.0)
-    assert sag.parameters.gravity == [0.0, -9.81, 0.0]
-    assert -9.0 < np.rad2deg(sag.bend_angle[0, -40:].mean()) < -3.5  # α/2, of a 10° sag
 
 
 def test_a_sagging_limb_shows_what_its_sensor_is_made_for():
@@ -180,41 +118,6 @@ def test_a_sagging_limb_shows_what_its_sensor_is_made_for():
         assert wrong == pytest.approx(1.2 * chord + np.rad2deg(0.1), abs=0.2)
 
 
-def test_the_described_sensor_s_noise_and_drift_are_the_emulated_ones():
-    limb = LimbParameters()
-    limb.segments[0].bend_sensor = TipTangentSensor(gain=2.0, noise=0.003, drift=0.04)
-    drawn, nominal = Specimen(limb, 3).segments[0], Specimen(LimbParameters(), 3).segments[0]
-    assert drawn == dataclasses.replace(
-        nominal, sensor_gain=2 * nominal.sensor_gain, sensor_noise=0.003, sensor_drift=0.04
-    )
-
-
-def run_sensor(sensor, signal, duration, noise=None):
-    builder = DiagramBuilder()
-    source = builder.AddSystem(ConstantVectorSource(signal))
-    sensors = builder.AddSystem(SampledSensors([sensor], noise))
-    builder.Connect(source.get_output_port(), sensors.get_input_port())
-    sink = LogVectorOutput(sensors.GetOutputPort(sensor.name), builder, 0.1)
-    simulator = Simulator(builder.Build())
-    simulator.AdvanceTo(duration)
-    return sink.FindLog(simulator.get_context()).data()
-
-
-def test_sensor_without_noise_rounds_its_response_at_its_period():
-    readings = run_sensor(Sensor("x", 2, 0.5, 0.25), [0.3, -1.13], 1.0)
-    np.testing.assert_allclose(readings.T, np.tile([0.25, -1.25], (11, 1)))
-    bent = run_sensor(Sensor("x", 1, 0.5, 1e-6, response=lambda x: x + x**2), [0.5], 1.0)
-    np.testing.assert_allclose(bent, 0.75)
-
-
-def test_sensor_drifts_with_its_deviation_and_correlation_time():
-    sensor = Sensor("x", 200, 0.1, 1e-9, drift=2.0, drift_time=5.0)
-    readings = run_sensor(sensor, np.zeros(200), 50.0, Noise(np.random.default_rng(1)))
-    assert readings.std() == pytest.approx(2.0, rel=0.1)
-    late = np.mean(readings[:, :-50] * readings[:, 50:]) / np.mean(readings**2)
-    assert late == pytest.approx(np.exp(-1), abs=0.08)  # 5 s apart
-
-
 def test_readings_are_those_they_have_always_been():
     """The limbs of the evaluation stay what they were, to the digit; their chords were kept."""
     limb = LimbParameters()
@@ -231,45 +134,6 @@ def test_readings_are_those_they_have_always_been():
             degrees = np.rad2deg(run.bend_angle)
             np.testing.assert_allclose(4 * run.measured_temperature, expected[:2], atol=1e-6)
             np.testing.assert_allclose(10 * degrees, expected[2:], atol=1e-6)
-
-
-def test_copies_of_a_context_go_on_alike():
-    for make in (LimbTwin, lambda: SensedLimb(Limb())):
-        limb = make()
-        simulator = make_simulator(limb, 1e-2)
-        limb.GetInputPort("duty").FixValue(simulator.get_mutable_context(), [0.1, 0.4])
-        simulator.AdvanceTo(1.0)
-        contexts = [simulator.get_context().Clone() for _ in range(2)]
-        copies = [Simulator(limb, context) for context in contexts]
-        readings = [[], []]
-        for end in np.arange(1.1, 2.0, 0.1):  # in turn, as if one were a look ahead
-            for ahead, seen in zip(copies, readings, strict=True):
-                ApplySimulatorConfig(ExtractSimulatorConfig(simulator), ahead)
-                ahead.Initialize(InitializeParams(suppress_initialization_events=True))
-                ahead.AdvanceTo(end)
-                seen.append(limb.GetOutputPort("measurement").Eval(ahead.get_context()))
-        np.testing.assert_array_equal(*readings)
-        assert np.ptp(readings[0], axis=0).min() > 0.0
-
-
-def test_measurement_is_both_readings(two_segments):
-    for limb in (LimbTwin(two_segments), SensedLimb(Limb(two_segments))):
-        simulator = make_simulator(limb, 1e-2)
-        context = simulator.get_mutable_context()
-        limb.GetInputPort("duty").FixValue(context, [0.0, 0.3, 0.2, 0.0])
-        simulator.AdvanceTo(0.5)
-        names = ("measured_temperature", "bend_angle")
-        both = [limb.GetOutputPort(name).Eval(context) for name in names]
-        np.testing.assert_array_equal(
-            limb.GetOutputPort("measurement").Eval(context), np.concatenate(both)
-        )
-
-
-def test_applied_duty_is_that_in_steps_of_the_pwm():
-    recording = simulate(LimbTwin(), [0.101, 0.3], 1.0)
-    np.testing.assert_allclose(recording.applied_duty[:, 0], [26 / 255, 76 / 255])
-    assert recording.sample_age is None
-    assert simulate(Limb(), [0.101, 0.3], 1.0).applied_duty is None
 
 
 def test_an_emulated_limb_is_made_again_from_its_identity():
@@ -291,38 +155,6 @@ def test_an_emulated_limb_is_made_again_from_its_identity():
         np.testing.assert_array_equal(rerun.bend_angle, recording.bend_angle)
         np.testing.assert_array_equal(rerun.measured_temperature, recording.measured_temperature)
     assert LimbTwin.of(LimbParameters(), seed=9).source == "emulated limb, seed 9"
-
-
-def test_a_limb_that_was_calibrated_through_its_port_is_known_by_its_number():
-    def through_port(number):
-        return LimbParameters(board=SerialBoard(number))
-
-    number = EmulatedLimb(3).serial_number
-    assert LimbTwin.of(through_port(number), seed=9).parameters.board == EmulatedLimb(3)
-    number = EmulatedLimb(3, LimbParameters(ambient_temperature=21.0).to_yaml()).serial_number
-    with pytest.raises(LimbError, match=f"limb {number} was calibrated through its port"):
-        LimbTwin.of(through_port(number))
-    of_a_robot = LimbTwin.of(through_port("0123456789abcdef"), seed=9)
-    assert of_a_robot.source == "emulated limb, seed 9"
-
-
-def test_a_limb_drawn_around_a_calibrated_one_is_another():
-    calibrated = LimbTwin(seed=3).parameters
-    calibrated.segments[0].stiffness *= 1.1
-    board = LimbTwin(calibrated, seed=3).parameters.board
-    assert board.seed == 3
-    assert LimbParameters.from_yaml(board.description).board == NoBoard()
-    numbers = {
-        board.serial_number,
-        LimbTwin(seed=3).parameters.board.serial_number,
-        LimbTwin(seed=3, extra=["bond"]).parameters.board.serial_number,
-        LimbTwin(seed=4).parameters.board.serial_number,
-        LimbTwin(seed=123450).parameters.board.serial_number,
-        LimbTwin(seed=123451).parameters.board.serial_number,
-    }
-    assert len(numbers) == 6
-    assert {len(number) for number in numbers} == {8}
-    assert "twin0003" in numbers
 
 
 def test_a_limb_that_is_measured_too_hot_cuts_out_until_its_next_use():

@@ -125,17 +125,6 @@ def test_the_sensor_reads_in_axes_of_its_own():
     np.testing.assert_allclose(np.rad2deg(seen), np.rad2deg([0.5 * gain + 0.1, -0.2]), atol=0.4)
 
 
-def test_each_axis_has_noise_and_drift_of_its_own():
-    specimen = Specimen(LimbParameters.in_space(), 3).without("rubber", "stress")
-    seen = np.rad2deg(
-        simulate(LimbTwin(specimen=specimen), [0.0] * 3, 60.0, sample_rate=5.0).bend_angle
-    )
-    noise = np.diff(seen) / np.sqrt(2)
-    assert noise.std(axis=1) == pytest.approx([0.5, 0.5], rel=0.1)
-    assert np.abs(np.corrcoef(noise)[0, 1]) < 0.2
-    assert np.diff(seen, axis=0).std() > 0.9  # more than the noise of both, by the drifts
-
-
 def test_a_hand_holds_both_bends():
     wanted = np.array([0.5, -0.4])
     hand = PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 3.0], np.outer(wanted, [0.0, 1.0, 1.0]))
@@ -145,35 +134,6 @@ def test_a_hand_holds_both_bends():
     np.testing.assert_allclose(bent, wanted, rtol=0.15)  # it is no stiffer than a hand
     with pytest.raises(LimbError, match="The hand moves 2 bend angles, but the limb has 1"):
         LimbTwin(hand=hand)
-
-
-def test_it_remembers_towards_the_wire_that_was_hot():
-    specimen = Specimen(LimbParameters.in_space(), 3, ["memory"]).without("places")
-    twin = LimbTwin(specimen=specimen)
-    simulate(twin, [0.0, 0.3, 0.0], 30.0)
-    shift = twin.specimen.state["rest"][:2]
-    (segment,) = specimen.segments
-    assert np.rad2deg(np.arctan2(*shift[::-1])) == pytest.approx(120.0, abs=0.1)
-    assert 0.3 * segment.memory_angle < np.hypot(*shift) < segment.memory_angle
-
-
-def test_loads_push_towards_both_axes():
-    specimen = Specimen(LimbParameters.in_space(), 3)
-    loaded = specimen.disturbed(payload=0.1, payload_e3=-0.2)
-    shape = Layout(specimen.description).shape
-    expected = specimen.rest_angles() + shape @ [0.1, -0.2]
-    np.testing.assert_allclose(loaded.rest_angles(), expected)
-    assert Specimen.of(loaded.board).segments == loaded.segments
-    with pytest.raises(LimbError, match="bends in a plane takes no payload_e3"):
-        Specimen(LimbParameters(), 3).disturbed(payload_e3=0.1)
-
-
-def test_a_stiff_limb_does_not_get_lost():
-    """At the accuracy of other limbs Newton's method once went to NaN here, after 0.8 s."""
-    limb = LimbParameters.in_space()
-    limb.segments[0].twists, limb.payload, limb.gravity = True, 0.02, [0.0, 0.0, -9.81]
-    bent = simulate(LimbTwin(limb, seed=28), [0.3, 0.1, 0.0], 1.0).bend_angle
-    assert np.rad2deg(bent[1, -1]) < -5.0
 
 
 # Of the physics "continuum"

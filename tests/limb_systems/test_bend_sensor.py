@@ -6,7 +6,6 @@ import scipy.linalg
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 
 from limb_systems import (
-    BendSensor,
     ChordSensor,
     LimbParameters,
     SegmentParameters,
@@ -15,7 +14,6 @@ from limb_systems import (
     joint_angles_from_bend_angle,
     make_manipulator,
 )
-from limb_systems.model.parameters import ParameterError
 from limb_systems.model.statics import static_equilibrium
 
 SENSORS = (TipTangentSensor(), ChordSensor())
@@ -54,15 +52,6 @@ def test_first_mode_of_a_cantilever_has_688_thousandths():
         assert ratio(1e-3 * modes[:, 0]) == pytest.approx(1.3765 / 2, rel=tolerance)
 
 
-def test_readings_are_converted_there_and_back():
-    for sensor in SENSORS:
-        bends = np.linspace(-1.0, 1.0, 5)
-        np.testing.assert_allclose(sensor.bend_angle(sensor.reading(bends)), bends)
-        assert sensor.reading(0.3) == pytest.approx(
-            0.6 if isinstance(sensor, TipTangentSensor) else 0.3
-        )
-
-
 def test_gain_and_offset_are_in_what_a_sensor_shows_and_taken_out_again():
     for kind in [TipTangentSensor, ChordSensor]:
         sensor, angles = kind(gain=1.1, offset=0.05), np.array([0.1, 0.08, 0.05, 0.02, 0.01])
@@ -91,24 +80,3 @@ def test_a_chord_sensor_reads_the_bend_angle_of_the_limb():
     np.testing.assert_array_equal(
         ChordSensor().apparent_bend_angle(angles), bend_angle(LimbParameters(), angles)[0]
     )
-
-
-def test_sensors_are_kept_in_files():
-    limb = LimbParameters()
-    limb.segments[0].bend_sensor = ChordSensor(gain=0.98, offset=-0.01, noise=0.002, drift=0.0)
-    assert LimbParameters.from_yaml(limb.to_yaml()) == limb
-    plain = limb.to_yaml().replace("!ChordSensor", "!TipTangentSensor")
-    assert LimbParameters.from_yaml(plain).segments[0].bend_sensor == TipTangentSensor(
-        0.98, -0.01, 0.002, 0.0
-    )
-    assert LimbParameters.from_yaml("segments:\n- bend_sensor: !TipTangentSensor {}\n") == (
-        LimbParameters()
-    )
-
-
-def test_no_file_has_a_bend_sensor_that_is_no_particular_one():
-    text = "segments:\n- bend_sensor: !BendSensor {}\n"
-    with pytest.raises(ParameterError, match="is a !BendSensor, which is not known"):
-        LimbParameters.from_yaml(text)
-    with pytest.raises(TypeError, match="abstract"):
-        BendSensor()

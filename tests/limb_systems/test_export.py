@@ -5,7 +5,6 @@ import io
 import json
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ import pytest
 from mcap.reader import make_reader
 from scipy.interpolate import make_interp_spline
 
-from limb_systems import Limb, LimbError, PlanCheck, Provenance, Trajectory, simulate
+from limb_systems import Limb, PlanCheck, Provenance, Trajectory, simulate
 from soft_limb.command import main
 
 
@@ -124,34 +123,6 @@ def test_mcap_has_a_channel_for_each_signal(recording, path, table):
     assert json.loads(metadata.metadata["provenance"]) == dataclasses.asdict(recording.provenance)
 
 
-def test_mcap_leaves_out_what_is_missing(recording, path):
-    """JSON has no nan."""
-    recording = dataclasses.replace(recording, bend_angle=recording.bend_angle.copy())
-    recording.bend_angle[0, 1] = np.nan
-    recording.save(path)
-    assert main(["export", str(path), "-o", str(path.with_suffix(".mcap"))]) == 0
-    reader = make_reader(io.BytesIO(path.with_suffix(".mcap").read_bytes()))
-    bends = [json.loads(m.data) for _, _, m in reader.iter_messages(topics="/bend_angle")]
-    assert [len(bend) for bend in bends[:3]] == [2, 1, 2]
-
-
-def test_several_files_go_to_a_folder_and_nothing_is_replaced(recording, path, capsys):
-    other = path.with_name("other.csv")
-    recording.save(other)
-    folder = path.parent / "exported"
-    order = ["export", str(path), str(other), "-o", str(folder), "--format", "mcap"]
-    assert main(order) == 0
-    assert {made.name for made in folder.iterdir()} == {"recording.mcap", "other.mcap"}
-    assert main(order) == 1
-    assert "exists; give another name, or --force" in capsys.readouterr().err
-    assert main([*order, "--force"]) == 0
-    assert main(["export", str(path), "-o", str(path.with_suffix(".xlsx"))]) == 1
-    assert (
-        "must end with .parquet, .mcap, .csv, .h, or --format tell which."
-        in capsys.readouterr().err
-    )
-
-
 @pytest.fixture
 def plan(recording, tmp_path):
     """Duty that ramps between uneven knots, from off to full."""
@@ -247,16 +218,3 @@ def test_only_plans_that_may_drive_a_limb_are_made_into_rows(plan, path, tmp_pat
     assert main(order) == 1
     assert "must not drive a limb: it was never checked" in capsys.readouterr().err
     assert not (tmp_path / "rows.h").exists()
-
-
-def test_what_is_not_installed_is_named(recording, path, monkeypatch, capsys):
-    for package in ("pyarrow", "mcap.writer", "pandas"):
-        monkeypatch.setitem(sys.modules, package, None)  # as if it were not there
-        suffix = ".mcap" if package == "mcap.writer" else ".parquet"
-        assert main(["export", str(path), "-o", str(path.with_suffix(suffix))]) == 1
-        name = package.partition(".")[0]
-        said = f"error: {name} is not installed; pip install 'soft-limb[data]' installs it.\n"
-        assert capsys.readouterr().err == said
-        assert list(path.parent.iterdir()) == [path]
-    with pytest.raises(LimbError, match="pandas is not installed"):
-        recording.to_pandas()

@@ -7,7 +7,6 @@ import pytest
 from limb_systems import LimbError, LimbParameters, Recording, Trajectory
 from limb_systems.input import LARGEST_TABLE, LARGEST_TEXT, read_bytes
 from planners import Task, references
-from soft_limb.command import main
 
 READERS = {
     "limb": (LimbParameters.load, LARGEST_TEXT),
@@ -51,28 +50,3 @@ def test_files_that_grow_or_hide_their_size_are_read_to_the_limit(refused):
     assert read_bytes(status, "status", 10**6, LimbError).startswith(b"Name:")
     with refused(LimbError, "larger than the 1e-05 MB"):
         read_bytes(status, "status", 10, LimbError)
-
-
-def test_commands_say_so_in_one_sentence(pipe, monkeypatch, capsys):
-    monkeypatch.chdir(pipe.parent)
-    for line in (
-        "replay {} -o new.csv",
-        "recover {} -o new.csv",
-        "emulate -l {}",
-        "plan {} -o new.csv",
-        "plan fig5 -l {} -o new.csv",
-        "plan fig5 --task {} -o new.csv",
-    ):
-        assert main(line.format(pipe).split()) == 1
-        error = capsys.readouterr().err
-        assert error.startswith(f"error: Cannot read the {error.split()[4]}")
-        assert f"{pipe} is a device or a pipe, but must be a file." in error
-        assert error.count("\n") == 1
-    assert list(pipe.parent.iterdir()) == [pipe]
-
-
-def test_a_reference_of_one_endless_cell_is_one_sentence(refused, tmp_path):
-    path = tmp_path / "reference.csv"
-    path.write_text("0" * 200_000 + ",1\n")
-    with refused(LimbError, path, "field larger than field limit"):
-        references.load(path)

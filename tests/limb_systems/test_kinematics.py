@@ -60,18 +60,6 @@ def test_bend_angle_of_each_segment_is_seen_from_its_own_base(uneven_limb):
         )
 
 
-def test_straight_limb_has_its_tip_on_e1_and_no_bend():
-    parameters = LimbParameters()
-    np.testing.assert_allclose(tip_position(parameters, np.zeros(5)), [0.10, 0.0], atol=1e-16)
-    np.testing.assert_array_equal(bend_angle(parameters, np.zeros(5)), [0.0])
-
-
-def test_positive_joint_angles_bend_towards_positive_e2():
-    parameters = LimbParameters()
-    assert tip_position(parameters, np.full(5, 0.1))[1] > 0
-    assert bend_angle(parameters, np.full(5, 0.1)) > 0
-
-
 def test_a_limb_bent_back_over_its_base_has_a_bend_beyond_a_right_angle():
     parameters = LimbParameters(segments=[SegmentParameters(links=2)])
     # First link along E2, the second half back: the chord points to 90° + 60°/2.
@@ -90,13 +78,6 @@ def test_equal_joint_angles_have_the_bend_of_eqn_11_exactly():
             np.testing.assert_allclose(back, np.full(links, joint_angle), atol=1e-14)
 
 
-def test_joint_angles_of_two_segments_follow_their_own_bend(uneven_limb):
-    expected = [0.3 * 2 / 4] * 3 + [-0.6 * 2 / 3] * 2
-    actual = joint_angles_from_bend_angle(uneven_limb, [0.3, -0.6])
-    np.testing.assert_allclose(actual, expected, rtol=1e-14)
-    np.testing.assert_allclose(bend_angle(uneven_limb, actual), [0.3, -0.6], rtol=1e-13)
-
-
 def test_tip_tangent_of_a_circular_arc_is_twice_its_bend():
     """Under constant curvature (8) is exact, and the fine chain is an arc."""
     parameters = LimbParameters(segments=[SegmentParameters(links=100)])
@@ -107,18 +88,6 @@ def test_tip_tangent_of_a_circular_arc_is_twice_its_bend():
     sensor = parameters.segments[0].bend_sensor
     assert sensor.bend_angle(np.radians(60.0)) == measured
     assert sensor.reading(measured) == pytest.approx(np.radians(60.0), rel=1e-15)
-
-
-def test_many_samples_at_once_are_as_one_by_one(uneven_limb):
-    samples = np.random.default_rng(5).uniform(-1, 1, (5, 7))
-    bends = np.random.default_rng(6).uniform(-1, 1, (2, 7))
-    all_tips = tip_position(uneven_limb, samples)
-    all_bends = bend_angle(uneven_limb, samples)
-    all_joints = joint_angles_from_bend_angle(uneven_limb, bends)
-    for k in range(7):
-        np.testing.assert_allclose(all_tips[:, k], plant_tip(uneven_limb, samples[:, k]))
-        np.testing.assert_allclose(all_bends[:, k], bend_angle(uneven_limb, samples[:, k]))
-        np.testing.assert_allclose(bend_angle(uneven_limb, all_joints[:, k]), bends[:, k])
 
 
 def test_bend_angles_are_the_plants(uneven_limb):

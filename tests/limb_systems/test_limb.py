@@ -18,7 +18,6 @@ from limb_systems import (
     split_state,
     to_paper_state,
 )
-from limb_systems.model.parameters import ParameterError
 from limb_systems.simulation import make_simulator
 
 OUTPUTS = ["measured_temperature", "bend_angle", "wire_temperature", "joint_state", "measurement"]
@@ -65,32 +64,6 @@ def test_ports_have_the_names_order_and_sizes_of_the_convention():
     assert limb.IsDifferentialEquationSystem()
 
 
-def test_two_segments_have_four_wires_and_two_bend_angles(uneven_limb):
-    limb = Limb(uneven_limb)
-    assert limb.GetInputPort("duty").size() == 4
-    assert [limb.GetOutputPort(name).size() for name in OUTPUTS] == [4, 2, 4, 10, 6]
-    assert limb.num_continuous_states() == 5 + 5 + 4 + 4
-
-
-def test_state_order_is_angles_rates_wire_and_measured_temperature(uneven_limb):
-    limb, state = Limb(uneven_limb), np.arange(18.0) / 10
-    values = evaluate(limb, state, np.zeros(4))
-    measured, bend, wire, joints, measurement = np.split(values[18:], np.cumsum([4, 2, 4, 10]))
-    np.testing.assert_array_equal(measurement, [*measured, *bend])
-    np.testing.assert_array_equal(joints, state[:10])
-    np.testing.assert_array_equal(wire, state[10:14])
-    np.testing.assert_array_equal(measured, state[14:])
-
-
-def test_default_state_is_straight_at_rest_and_at_ambient(uneven_limb):
-    limb = Limb(uneven_limb)
-    context = limb.CreateDefaultContext()
-    state = context.get_continuous_state_vector().CopyToVector()
-    np.testing.assert_array_equal(state, [0.0] * 10 + [22.0] * 8)
-    values = evaluate(limb, state, np.zeros(4))
-    np.testing.assert_allclose(values[:18], 0.0, atol=1e-12)  # and it stays there
-
-
 def test_duty_is_not_clipped():
     limb = Limb()
     state = np.append(np.zeros(10), [25.0] * 4)
@@ -127,20 +100,6 @@ def test_each_segment_bends_by_its_own_wires(uneven_limb):
     recording = simulate(Limb(uneven_limb), [0.0, 0.0, 0.0, 0.2], 5.0)
     assert recording.bend_angle[1, -1] > np.radians(0.3)
     assert abs(recording.bend_angle[0, -1]) < 0.1 * recording.bend_angle[1, -1]
-
-
-def test_limb_keeps_a_copy_of_its_parameters():
-    parameters = LimbParameters()
-    limb = Limb(parameters)
-    parameters.segments[0].wire("left").law.beta = 1e-3
-    assert limb.parameters == LimbParameters()
-
-
-def test_bad_parameters_make_no_limb(refused):
-    parameters = LimbParameters()
-    parameters.segments[0].wire("right").law.a1 = 0.07
-    with refused(ParameterError, "segments[0].wires[1].law.a1", "0.07"):
-        Limb(parameters)
 
 
 def finite_differences(function, point, steps) -> np.ndarray:
@@ -193,32 +152,6 @@ def symbols(name: str, size: int):
     return variables, np.array([Expression(variable) for variable in variables])
 
 
-def test_symbolic_derivatives_and_outputs_of_one_link_are_the_numeric_ones():
-    parameters = fast_limb(links=1)
-    limb, rng = Limb(parameters), np.random.default_rng(4)
-    state, duty = random_state(rng, parameters), rng.uniform(0, 1, 2)
-    state_names, state_symbols = symbols("x", len(state))
-    duty_names, duty_symbols = symbols("u", 2)
-    values = evaluate(limb.ToSymbolic(), state_symbols, duty_symbols)
-    where = dict(zip(state_names + duty_names, np.append(state, duty), strict=True))
-    evaluated = [value.Evaluate(where) for value in values]
-    np.testing.assert_allclose(evaluated, evaluate(limb, state, duty), rtol=1e-9)
-
-
-def test_symbolic_heat_and_torque_of_five_links_are_the_numeric_ones():
-    """Symbols for the heat; Drake cannot invert a symbolic mass matrix beyond one link."""
-    parameters = fast_limb(links=5)
-    limb, rng = Limb(parameters), np.random.default_rng(5)
-    state, duty = random_state(rng, parameters), rng.uniform(0, 1, 2)
-    heat_names, heat_symbols = symbols("T", 4)
-    duty_names, duty_symbols = symbols("u", 2)
-    joints = np.array([Expression(value) for value in state[:10]])
-    values = evaluate(limb.ToSymbolic(), np.append(joints, heat_symbols), duty_symbols)
-    where = dict(zip(heat_names + duty_names, np.append(state[10:], duty), strict=True))
-    evaluated = [value.Evaluate(where) for value in values]
-    np.testing.assert_allclose(evaluated, evaluate(limb, state, duty), rtol=1e-9)
-
-
 def test_symbolic_implicit_dynamics_vanish_at_the_numeric_derivatives(planar_chain):
     """M θ̈ + ... - f in symbols: zero at θ̈ of the Lagrangian, not zero elsewhere."""
     for links in [2, 3, 5]:
@@ -264,14 +197,6 @@ def test_paper_state_has_the_order_and_meaning_of_eqn_14(uneven_limb):
     np.testing.assert_allclose(measured_rate, derivatives[14:], rtol=1e-12)
 
 
-def test_paper_state_of_the_nominal_limb_by_hand():
-    """a3 = -1: V̇ = -(V - T) = 80 - 50 left and 30 - 40 right."""
-    state = np.concatenate([np.full(5, 0.1), np.full(5, 0.2), [80.0, 30.0], [50.0, 40.0]])
-    expected = np.concatenate([np.full(5, 0.1), [50, 40], np.full(5, 0.2), [30.0, -10.0]])
-    np.testing.assert_allclose(to_paper_state(LimbParameters(), state), expected, atol=1e-13)
-    np.testing.assert_allclose(from_paper_state(LimbParameters(), expected), state, atol=1e-13)
-
-
 def test_the_two_conversions_of_eqn_14_invert_each_other(uneven_limb):
     for shape in [(18,), (18, 1), (18, 6)]:
         values = np.random.default_rng(9).uniform(-50, 100, shape)
@@ -280,19 +205,6 @@ def test_the_two_conversions_of_eqn_14_invert_each_other(uneven_limb):
         assert there.shape == back.shape == shape
         np.testing.assert_allclose(there, values, atol=1e-11)
         np.testing.assert_allclose(back, values, atol=1e-11)
-
-
-def test_conversions_of_many_states_are_those_of_each(uneven_limb):
-    states = np.random.default_rng(10).uniform(-50, 100, (18, 6))
-    converted = to_paper_state(uneven_limb, states)
-    for k in range(6):
-        np.testing.assert_array_equal(converted[:, k], to_paper_state(uneven_limb, states[:, k]))
-
-
-def test_split_state_names_the_parts(uneven_limb):
-    parts = split_state(uneven_limb, np.arange(18.0))
-    assert [len(part) for part in parts] == [5, 5, 4, 4]
-    np.testing.assert_array_equal(np.concatenate(parts), np.arange(18.0))
 
 
 def test_two_limbs_share_a_diagram_and_are_simulated_as_each_alone(uneven_limb):
@@ -314,11 +226,3 @@ def test_two_limbs_share_a_diagram_and_are_simulated_as_each_alone(uneven_limb):
         )
         bend = limb.GetOutputPort("bend_angle").Eval(context)
         np.testing.assert_allclose(bend, alone.bend_angle[:, -1], atol=1e-5)
-
-
-def test_a_limb_may_be_given_as_a_file(tmp_path, uneven_limb):
-    uneven_limb.save(tmp_path / "limb.yaml")
-    assert Limb(tmp_path / "limb.yaml").parameters == uneven_limb
-    assert Limb(str(tmp_path / "limb.yaml")).parameters == uneven_limb
-    with pytest.raises(ParameterError, match="LimbParameters or the path of their YAML file"):
-        Limb(5)

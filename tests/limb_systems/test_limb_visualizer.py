@@ -6,22 +6,18 @@ import weakref
 from pathlib import Path
 
 import numpy as np
-import pytest
 from pydrake.geometry import Meshcat, MeshcatParams
-from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from limb_systems import Limb, LimbError, LimbParameters, LimbVisualizer, wire_color
+from limb_systems import Limb, LimbParameters, LimbVisualizer, wire_color
 
 sys.path.insert(0, str(Path(__file__).parent))
 
 from meshcat_page import (
     LIMB,
-    boxes,
     by_equation_11,
-    commands,
     link_poses,
     make_plan,
     properties,
@@ -130,16 +126,6 @@ def test_live_view_shows_duty_and_ghosts_at_the_context_s_time(two_segments):
             assert scene[f"/drake/duty/{name}/fill", "scale"].tolist() == [1.0, duty[wire], 1.0]
 
 
-def test_a_view_replaces_the_one_before_and_takes_no_plan_of_another_limb(two_segments):
-    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
-    LimbVisualizer(two_segments, meshcat, make_plan(two_segments))
-    assert any("ghosts" in path for path in boxes(meshcat.StaticHtml()))
-    LimbVisualizer(two_segments, meshcat)
-    assert not any("ghosts" in path for path in boxes(meshcat.StaticHtml()))
-    with pytest.raises(LimbError, match=r"2 links, .* and 3 links, .* of one of 5 links"):
-        LimbVisualizer(LimbParameters(), meshcat, make_plan(two_segments))
-
-
 def test_a_live_view_is_freed_and_its_meshcat_with_it():
     meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
     builder = DiagramBuilder()
@@ -153,55 +139,3 @@ def test_a_live_view_is_freed_and_its_meshcat_with_it():
     del builder, diagram, visualizer, meshcat
     gc.collect()
     assert [reference() for reference in references] == [None] * len(references)
-
-
-def test_two_limbs_in_one_diagram_and_one_meshcat_leave_each_other_alone(two_segments):
-    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
-    beside = RigidTransform(RotationMatrix.MakeZRotation(0.3), [0.0, 0.2, 0.01])
-    limbs = {"first": (two_segments, RigidTransform()), "second": (LimbParameters(), beside)}
-    builder, heated = DiagramBuilder(), {}
-    for number, (prefix, (parameters, base_pose)) in enumerate(limbs.items()):
-        view = builder.AddSystem(
-            LimbVisualizer(
-                parameters, meshcat, make_plan(parameters), prefix=prefix, base_pose=base_pose
-            )
-        )
-        num_wires, num_joints = len(parameters.wires), parameters.num_joints
-        heated[prefix] = 30.0 + 10.0 * number + np.arange(num_wires)
-        for port, value in (
-            ("joint_state", np.full(2 * num_joints, 0.1 + 0.1 * number)),
-            ("wire_temperature", heated[prefix]),
-            ("duty", np.linspace(0.1, 0.4, num_wires) + 0.5 * number),
-        ):
-            constant = builder.AddSystem(ConstantVectorSource(value))
-            builder.Connect(constant.get_output_port(), view.GetInputPort(port))
-    Simulator(builder.Build()).Initialize()
-    page = meshcat.StaticHtml()
-    poses, scene = transforms(page), properties(page)
-    points = []
-    for number, (prefix, (parameters, base_pose)) in enumerate(limbs.items()):
-        for folder in ("visualizer", "ghosts", "duty"):
-            np.testing.assert_allclose(
-                poses[f"/drake/{prefix}/{folder}"], base_pose.GetAsMatrix4(), atol=1e-12
-            )
-        expected = link_poses(parameters, np.full(parameters.num_joints, 0.1 + 0.1 * number))
-        for link, (origin, _) in enumerate(expected[:-1], 1):
-            found = poses[f"/drake/{prefix}/visualizer/limb/link_{link}"]
-            np.testing.assert_allclose(found[:3, 3], origin, atol=1e-9)
-            points.append(base_pose @ origin)
-        *color, _ = scene[f"/drake/{prefix}/visualizer/limb/link_1/limb/wire_right", "color"]
-        expected = wire_color(parameters, heated[prefix][1])
-        np.testing.assert_allclose(srgb(np.array(color)), expected, atol=1e-9)
-        path = f"/drake/{prefix}/duty/{parameters.wire_names[-1]}/fill"
-        assert scene[path, "scale"][1] == pytest.approx(0.4 + 0.5 * number)
-        assert f"/drake/{prefix}/ghosts/plan/link_1/strip" in boxes(page)
-    assert not any(path.startswith("/drake/visualizer") for path in poses)
-    # The camera sees both.
-    (target,) = (np.array(c["value"]) for c in commands(page) if c["type"] == "set_target")
-    camera = "/Cameras/default/rotated/<object>"
-    eye, slope = scene[camera, "position"], np.tan(np.radians(scene[camera, "fov"]) / 2)
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    up = np.cross([1, 0, 0], forward)
-    for point in points:
-        seen = point[[0, 2, 1]] * [1, 1, -1] - eye  # as three.js counts: E1, E3, -E2
-        assert abs(seen @ up) < slope * (seen @ forward)

@@ -1,16 +1,11 @@
 """The MultibodyPlant against Lagrange's equations, energy, pendulum and beam theory."""
 
-import dataclasses
-
 import numpy as np
 import pytest
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.primitives import Linearize
 
-from limb_systems import LimbParameters, SegmentParameters, add_manipulator, make_manipulator
-from limb_systems.model.parameters import ParameterError
+from limb_systems import LimbParameters, SegmentParameters, make_manipulator
 
 
 def random_segment(rng, links: int) -> SegmentParameters:
@@ -98,17 +93,6 @@ def test_power_of_forces_and_damping_is_the_change_of_energy(planar_chain):
         assert (after - before) / (2 * step) == pytest.approx(power, abs=1e-4 * gross)
 
 
-def test_gravity_along_the_bending_axis_does_not_move_the_limb():
-    for gravity in [[0.0, 0.0, 9.81], [0.0, 0.0, -50.0]]:
-        rng = np.random.default_rng(3)
-        angles, rates, force = random_state(rng, 5)
-        with_gravity = make_manipulator(LimbParameters(gravity=gravity))
-        without = make_manipulator(LimbParameters())
-        expected = plant_acceleration(without, angles, rates, force)
-        actual = plant_acceleration(with_gravity, angles, rates, force)
-        np.testing.assert_allclose(actual, expected, atol=1e-9 * np.abs(expected).max())
-
-
 def free_motion(planar_chain, parameters, duration: float):
     """Energies and rates of a limb let go from a strong bend, every millisecond."""
     plant, chain = make_manipulator(parameters), planar_chain(parameters)
@@ -176,31 +160,3 @@ def test_fine_chain_rings_like_an_euler_bernoulli_cantilever():
     extrapolated = 2 * lowest_frequency(40) - lowest_frequency(20)
     expected = 1.875104**2 * np.sqrt(rigidity / (mass * length**3))
     assert extrapolated == pytest.approx(expected, rel=5e-3)
-
-
-def test_joints_are_named_and_ordered_from_base_to_tip(uneven_limb):
-    plant = make_manipulator(uneven_limb)
-    for index in range(5):
-        joint = plant.GetJointByName(f"joint_{index + 1}")
-        assert joint.position_start() == index
-        assert joint.velocity_start() == index
-        assert joint.child_body().name() == f"link_{index + 1}"
-    assert plant.num_positions() == plant.num_velocities() == 5
-
-
-def test_bodies_can_be_added_beside_the_manipulator():
-    plant = MultibodyPlant(time_step=0.0)
-    add_manipulator(plant, LimbParameters())
-    sphere = SpatialInertia.SolidSphereWithMass(0.01, 0.005)
-    payload = plant.AddRigidBody("payload", plant.AddModelInstance("payload"), sphere)
-    plant.WeldFrames(plant.GetFrameByName("link_5"), payload.body_frame())
-    plant.Finalize()
-    assert plant.num_positions() == 5
-    assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(0.025 + 0.01)
-
-
-def test_parameters_out_of_range_make_no_manipulator(refused):
-    for change in [{"links": 0}, {"mass": -1.0}, {"stiffness": float("nan")}]:
-        parameters = LimbParameters(segments=[dataclasses.replace(SegmentParameters(), **change)])
-        with refused(ParameterError, f"segments[0].{next(iter(change))}"):
-            make_manipulator(parameters)

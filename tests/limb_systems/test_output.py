@@ -57,17 +57,6 @@ def test_an_input_is_not_replaced_through_a_link(folder, monkeypatch):
         check_outputs([path, folder / "hard.csv"], force=True)
 
 
-def test_folders_that_are_not_there_yet_are_fine(folder):
-    check_outputs([folder / "new" / "deep" / "plan.csv", None], inputs=[None])
-    assert not (folder / "new").exists()
-
-
-def test_pictures_need_a_known_format(folder):
-    check_outputs([folder / "plan.PNG"], pictures=[folder / "plan.PNG", None])
-    with pytest.raises(OutputError, match=r"plan\.xyz is of no known format; .*\.pdf"):
-        check_outputs([folder / "plan.xyz"], pictures=[folder / "plan.xyz"])
-
-
 def test_folders_without_permission_are_refused(folder, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may write everywhere
     with pytest.raises(OutputError, match="is a folder that you may not write to"):
@@ -116,15 +105,3 @@ def test_commands_keep_what_is_there(limb, monkeypatch, capsys):
         assert error.count("\n") == 1
         assert {path: path.read_bytes() for path in limb.iterdir()} == before
         assert any(word in error for word in reasons), line
-
-
-def test_collecting_again_replaces_recordings_only_when_forced(limb, monkeypatch, capsys):
-    collected = []
-    monkeypatch.setattr("soft_limb.commands.calibration.collect_from_twin", lambda *_, **__: {})
-    monkeypatch.setattr(
-        "soft_limb.commands.calibration.save_recordings", lambda *_: collected.append(True) or []
-    )
-    assert main(["collect", "-o", str(limb)]) == 1
-    assert f"{limb} holds recordings" in capsys.readouterr().err
-    assert main(["collect", "-o", str(limb), "--force"]) == 0
-    assert collected == [True]

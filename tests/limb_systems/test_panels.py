@@ -11,28 +11,17 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from hardware import LimbTwin, SensedLimb
 from limb_systems import (
     Limb,
-    LimbError,
-    LimbParameters,
     PlanCheck,
     Recording,
-    SegmentParameters,
     Trajectory,
     simulate,
 )
 from limb_systems.views import plots
-from limb_systems.views.colors import (
-    LEFT_RIGHT_COLORS,
-    PLAN_COLOR,
-    REFERENCE_COLOR,
-    ROLLOUT_COLOR,
-    wire_colors,
-)
-from limb_systems.views.panels import Curve, Panel, repetition_panels, tracking_panels
-from limb_systems.views.plots import Figure, save_figure
-from soft_limb.reports import charts, page
+from limb_systems.views.panels import Curve, Panel, tracking_panels
+from limb_systems.views.plots import save_figure
+from soft_limb.reports import page
 
 
 def items_of(html: str) -> list[dict]:
@@ -182,95 +171,6 @@ def test_several_rollouts_are_their_mean_and_band_of_95_percent(model_recording,
     np.testing.assert_allclose(curve.band, 1.96, atol=1e-9)  # s = 1°
 
 
-def test_each_segment_has_its_panels_and_each_wire_its_name_and_colour(three_and_one):
-    wires, joints = len(three_and_one.wires), three_and_one.num_joints
-    warm = np.arange(2.0 * wires).reshape(wires, 2)
-    plan = Trajectory(
-        time=np.array([0.0, 30.0]),
-        reference=np.zeros((2, 2)),
-        duty=warm / 10,
-        joint_state=np.zeros((2 * joints, 2)),
-        wire_temperature=25.0 + warm,
-        measured_temperature=26.0 + warm,
-        parameters=three_and_one,
-        check=PlanCheck(),
-    )
-    panels = tracking_panels(plan)
-    assert [panel.label for panel in panels[::3]] == [
-        "bend angle of segment 1 (°)",
-        "bend angle of segment 2 (°)",
-    ]
-    rows = iter(range(wires))
-    for segment, names in enumerate((("low", "middle", "high"), ("only",))):
-        heat, duty = map(by_name, panels[3 * segment + 1 : 3 * segment + 3])
-        for color, name in zip(wire_colors(3), names, strict=False):
-            row = next(rows)
-            np.testing.assert_array_equal(duty[f"{name}, D* planned"].y, plan.duty[row, :-1])
-            np.testing.assert_array_equal(heat[f"{name}, V* planned"].y, 26.0 + warm[row])
-            np.testing.assert_array_equal(heat[f"{name}, T* planned"].y, 25.0 + warm[row])
-            assert {heat[f"{name}, {what} planned"].color for what in ("V*", "T*")} == {color}
-    colors = [*wire_colors(8), REFERENCE_COLOR, PLAN_COLOR, ROLLOUT_COLOR]
-    assert len(set(colors)) == 11  # all that is drawn beside each other
-    assert tuple(colors[:2]) == LEFT_RIGHT_COLORS
-    assert len(wire_colors(9)) == 9
-
-
-def test_in_space_each_bend_has_its_panel_and_both_are_drawn_over_each_other():
-    limb = LimbParameters.in_space(wires=4, links=2)
-    limb.segments = [SegmentParameters(links=1), *limb.segments]
-    angles = np.random.default_rng(4).uniform(-0.3, 0.3, (10, 6))
-    plan = Trajectory(
-        time=np.arange(6.0),
-        reference=angles[:3],
-        duty=np.zeros((6, 6)),
-        joint_state=angles,
-        wire_temperature=np.full((6, 6), 25.0),
-        measured_temperature=np.full((6, 6), 25.0),
-        parameters=limb,
-        check=PlanCheck(),
-    )
-    panels = tracking_panels(plan)
-    assert [panel.label for panel in panels] == [
-        "bend angle of segment 1 (°)",
-        "temperature (°C)",
-        "duty",
-        "bend angle of segment 2 towards E2 (°)",
-        "bend angle of segment 2 towards E3 (°)",
-        "temperature (°C)",
-        "duty",
-        "bend angle of segment 2 towards E3 (°)",
-    ]
-    for name, bends in (("reference φ_REF", plan.reference), ("plan φ*", plan.bend_angle)):
-        for panel, bend in zip((panels[0], *panels[3:5]), np.rad2deg(bends), strict=True):
-            np.testing.assert_allclose(by_name(panel)[name].y, bend)
-        path = by_name(panels[-1])[name]
-        np.testing.assert_allclose([path.x, path.y], np.rad2deg(bends[1:]))
-    assert panels[-1].x_label == "bend angle of segment 2 towards E2 (°)"
-    shown = plots.draw(panels).axes
-    assert [axis.get_aspect() for axis in shown] == ["auto"] * 7 + [1.0]
-    plotted = [model for model in models_of(chart_of(panels)).values() if model["name"] == "Figure"]
-    equal = [plot["attributes"].get("match_aspect", False) for plot in plotted]
-    assert equal == [False] * 7 + [True]
-
-
-def test_the_legend_says_how_a_recording_came_about(model_recording):
-    plan = plan_like(model_recording)
-    for source, how in (
-        ("limb SN1 on /dev/ttyACM0", "recorded"),
-        ("day_3.csv", "recorded"),
-        (LimbTwin(seed=3).source, "emulated"),
-        ("limb twin0003 on /dev/pts/7", "emulated"),  # an emulated board's serial number
-        (SensedLimb(Limb()).source, "simulated"),
-    ):
-        made = dataclasses.replace(
-            model_recording, source=source, joint_state=None, wire_temperature=None
-        )
-        for one, expected in ((made, how), (model_recording, "simulated")):
-            bend, heat, _ = tracking_panels(plan, [one])
-            assert f"{expected} φ" in by_name(bend)
-            assert f"right, V {expected}" in by_name(heat)
-
-
 def test_pictures_and_charts_show_their_panels(model_recording, rollouts, tmp_path):
     panels = tracking_panels(plan_like(model_recording), rollouts)
     figure = plots.draw(panels, "three rollouts")
@@ -311,66 +211,6 @@ def test_pictures_and_charts_show_their_panels(model_recording, rollouts, tmp_pa
     assert figure.get_size_inches()[0] == width > 6.0  # the figure is as it was
 
 
-def test_repetitions_are_errors_and_the_first_and_the_last(model_recording):
-    last = dataclasses.replace(model_recording, bend_angle=model_recording.bend_angle + 0.1)
-    plan = plan_like(model_recording)
-    distances, errors = np.deg2rad([[3.0, 2.5], [2.0, 1.0]])
-    panels = repetition_panels(plan, distances, errors, model_recording, last)
-    means, bend = panels
-    drawn = {(curve.name[:12], *curve.x, *curve.y.round(9)) for curve in means.curves}
-    assert drawn == {("from the ref", 1, 2, 3.0, 2.5), ("from the pla", 1, 2, 2.0, 1.0)}
-    difference = by_name(bend)["last repetition"].y - by_name(bend)["first repetition"].y
-    np.testing.assert_allclose(difference, np.rad2deg(0.1))
-    above, below = plots.draw(panels).axes
-    assert (above.get_xlabel(), below.get_xlabel()) == ("repetition", "time (s)")
-    assert above.get_ylim()[0] == 0.0
-    ranges = [
-        plot["attributes"]["x_range"]["id"]
-        for plot in models_of(chart_of(panels)).values()
-        if plot["name"] == "Figure"
-    ]
-    assert len(set(ranges)) == 2
-
-
-def test_a_picture_of_no_known_format_is_refused_before_it_is_drawn(tmp_path):
-    with pytest.raises(LimbError, match=r"fig\.xyz"):
-        save_figure(Figure(), tmp_path / "new" / "fig.xyz")
-    assert not (tmp_path / "new").exists()
-
-
-def test_long_curves_keep_their_extremes():
-    x = np.arange(50_000.0)
-    y = np.sin(x / 500)
-    y[12_345], y[40_001] = 90.0, -70.0
-    (curves,) = curves_of(chart_of([Panel("a (°)", [Curve("long", x, y, "#808080")])]))
-    shown, values = curves["long"]
-    assert len(shown) <= charts.MAX_POINTS
-    assert shown[[np.argmax(values), np.argmin(values)]].tolist() == [12_345, 40_001]
-    assert (shown[0], shown[-1]) == (0.0, 49_999)
-
-
-def test_a_page_has_bokeh_once_and_is_the_same_each_time(model_recording, tmp_path):
-    def write(name: str) -> str:
-        parts = [
-            page.chart(tracking_panels(plan_like(model_recording), recordings), 'the "bend"')
-            for recordings in ([], [model_recording])
-        ]
-        page.write_page(tmp_path / name, "Two charts", parts)
-        return (tmp_path / name).read_text(encoding="utf-8")
-
-    text = write("first.html")
-    assert write("second.html") == text
-    assert text.count("Bokeh.embed.embed_item(") == 1
-    assert 1e6 < len(text) < 2e6  # one BokehJS
-    assert 'aria-label="the &#34;bend&#34;"' in text
-    outside = re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL)
-    assert not re.search(r"(src|href)=|@import|<link", outside)
-    page.write_page(
-        tmp_path / "none.html", "No chart", [page.preformatted('<figure class="chart"')]
-    )
-    assert (tmp_path / "none.html").stat().st_size < 1e4
-
-
 HOSTILE = "</script><script>document.title = 'broken'</script>$$x$$ @y $name"
 
 
@@ -386,13 +226,6 @@ def test_names_are_text(tmp_path, browser):
     link = shown.get_by_role("link")
     assert link.evaluate("link => link.href").endswith("/a%20b%26%3Ci%3E.csv")
     shown.close()
-
-
-def test_a_long_name_makes_no_page_wider_than_a_phone(tmp_path, look_at):
-    name = "model, k = 0.1255 N·m/rad (the data do not determine it)"
-    panels = [Panel("sag (°)", [Curve(name, np.arange(3.0), np.arange(3.0), "#4270ec")])]
-    page.write_page(tmp_path / "long.html", "Long", [page.chart(panels, "sag")])
-    look_at(tmp_path / "long.html")
 
 
 def test_a_click_in_the_legend_hides_a_curve_and_the_pointer_shows_values(tmp_path, browser):

@@ -82,11 +82,6 @@ def test_a_simulation_is_stamped_with_what_made_it(monkeypatch):
     assert made.limb_seed is made.seed is None
 
 
-def test_seeds_are_those_of_the_limb_and_of_what_was_done_to_it():
-    made = Provenance.now(LimbParameters(board=EmulatedLimb(7)), 3)
-    assert (made.limb_seed, made.seed) == (7, 3)
-
-
 def test_a_command_is_as_it_was_typed_but_for_secrets():
     for arguments, command in (
         (["/opt/bin/soft-limb", "plan", "my file.csv"], "soft-limb plan 'my file.csv'"),
@@ -137,19 +132,6 @@ def test_commit_is_gits_with_a_mark_for_changes(checkout, tmp_path, monkeypatch)
     assert ask() == ""
 
 
-def test_without_git_there_is_no_commit(checkout, monkeypatch):
-    monkeypatch.setenv("PATH", "")
-    assert provenance._commit.__wrapped__() == ""
-
-
-def test_git_is_asked_once(checkout, monkeypatch):
-    calls, run = [], subprocess.run
-    monkeypatch.setattr(subprocess, "run", lambda *a, **k: calls.append(a) or run(*a, **k))
-    provenance._commit.cache_clear()
-    assert len({Provenance.now().commit for _ in range(3)}) == len(calls) == 1
-    provenance._commit.cache_clear()
-
-
 def test_a_result_keeps_its_provenance_when_it_is_saved_again(tmp_path):
     for original in (recording(provenance=MADE), trajectory(provenance=MADE), trajectory()):
         original.save(tmp_path / "once.csv")
@@ -157,19 +139,6 @@ def test_a_result_keeps_its_provenance_when_it_is_saved_again(tmp_path):
         assert loaded.provenance == original.provenance
         loaded.save(tmp_path / "twice.csv")
         assert (tmp_path / "twice.csv").read_bytes() == (tmp_path / "once.csv").read_bytes()
-
-
-def test_a_calibrated_limb_keeps_its_provenance_also_in_plans(tmp_path):
-    calibrated(MADE).save(tmp_path / "limb.yaml")
-    loaded = LimbParameters.load(tmp_path / "limb.yaml")
-    assert loaded.calibration.provenance == MADE
-    trajectory(parameters=loaded).save(tmp_path / "plan.csv")
-    assert Trajectory.load(tmp_path / "plan.csv").parameters.calibration.provenance == MADE
-
-
-def test_provenance_comes_back_from_json():
-    assert Provenance.from_json(dataclasses.asdict(MADE)) == MADE
-    assert Provenance.from_json(None) is None
 
 
 def test_digest_is_that_of_every_parameter_and_not_of_when_it_was_made():
@@ -184,12 +153,3 @@ def test_digest_is_that_of_every_parameter_and_not_of_when_it_was_made():
     changed[4].segments[0].links = 6
     digests = {limb.digest for limb in [*changed, calibrated(MADE)]}
     assert len(digests) == 6
-
-
-def test_a_plan_is_the_same_whoever_made_it():
-    later = dataclasses.replace(MADE, time="2031-01-31T12:00:00Z")
-    plan = trajectory(parameters=calibrated(MADE), provenance=MADE)
-    assert plan.is_same_plan(trajectory(parameters=calibrated(later), provenance=None))
-    other = trajectory(parameters=calibrated(MADE), provenance=MADE)
-    other.duty[1, 2] = 1e-9
-    assert not plan.is_same_plan(other)

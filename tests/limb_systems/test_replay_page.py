@@ -3,9 +3,7 @@
 import html.parser
 import itertools
 import json
-import logging
 import re
-import socket
 import sys
 from pathlib import Path
 
@@ -13,16 +11,11 @@ import matplotlib.colors
 import numpy as np
 import pytest
 from pydrake.common.eigen_geometry import Quaternion
-from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform, RotationMatrix
 
 from limb_systems import (
-    Layout,
-    LimbError,
     LimbParameters,
-    PlanCheck,
     Recording,
-    Trajectory,
     bend_angle,
     joint_angles_from_bend_angle,
     tip_position,
@@ -30,7 +23,7 @@ from limb_systems import (
     write_meshcat_replay,
 )
 from limb_systems.model.kinematics import link_positions
-from limb_systems.views import colors, replay_page
+from limb_systems.views import colors
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -42,10 +35,8 @@ from meshcat_page import (
     check_ghost,
     check_link_poses,
     commands,
-    link_poses,
     make_plan,
     make_recording,
-    properties,
     srgb,
     transforms,
 )
@@ -103,49 +94,6 @@ def test_links_and_wires_are_as_the_model_s_recording_says(tmp_path, modelled):
     assert "nothing measured" in page.split('id="caption"')[1]
     assert not any("ghosts" in path for path in boxes(page))  # there is no reference
     assert "reference" not in page.split('id="caption"')[1]
-
-
-def test_without_joint_angles_the_bend_angle_and_measured_temperature_are_shown(
-    tmp_path, two_segments
-):
-    recording = make_recording(two_segments)
-    page = replay(tmp_path, recording)
-    tracks, _, _ = animation(page)
-    frame = 20
-    for segment, last in ((0, 2), (1, 5)):
-        # The chord of the segment, seen from its base, points to the bend angle.
-        angles = joint_angles_from_bend_angle(two_segments, recording.bend_angle[:, frame])
-        poses = link_poses(two_segments, angles)
-        first = Layout(two_segments).joints_of[segment].start
-        chord = poses[last][0] - poses[first][0]
-        base = poses[first][1] - angles[first]
-        assert np.arctan2(chord[1], chord[0]) - base == pytest.approx(
-            recording.bend_angle[segment, frame]
-        )
-    check_link_poses(tracks, frame, two_segments, angles)
-    shown = srgb(tracks[f"{LIMB}/link_1/limb/wire_left/<object>", "material.color"][frame])
-    np.testing.assert_allclose(shown, wire_color(two_segments, 100.0), atol=1e-9)
-    assert "measured temperature" in page.split('id="caption"')[1]
-
-
-def test_a_trajectory_is_cubic_between_its_knots(tmp_path):
-    parameters, heat = LimbParameters(), np.full((2, 2), 25.0)
-    trajectory = Trajectory(
-        time=np.array([0.0, 1.0]),
-        reference=np.zeros((1, 2)),
-        duty=np.zeros((2, 2)),
-        joint_state=np.vstack([np.zeros((5, 2)), np.tile([0.4, -0.4], (5, 1))]),
-        wire_temperature=heat,
-        measured_temperature=heat,
-        parameters=parameters,
-        check=PlanCheck(),
-    )
-    page = replay(tmp_path, trajectory, frames_per_second=10.0)
-    tracks, _, rate = animation(page)
-    assert rate == pytest.approx(10.0)
-    check_link_poses(tracks, 5, parameters, np.full(5, 0.1))  # θ(1/2) = (1/8) (0.4 + 0.4)
-    check_link_poses(tracks, 10, parameters, np.zeros(5))
-    assert "wire temperature" in page.split('id="caption"')[1]
 
 
 def test_beside_a_recording_ghosts_keep_to_the_time_of_the_plan(tmp_path, two_segments):
@@ -208,85 +156,6 @@ def test_beside_a_recording_ghosts_keep_to_the_time_of_the_plan(tmp_path, two_se
         assert f"<span>{name} <output>" in caption
 
 
-def test_beside_a_planned_motion_a_plan_starts_with_it(tmp_path, two_segments):
-    motion, plan = make_plan(two_segments), make_plan(two_segments)
-    plan.time += 2.0
-    plan.joint_state *= 0.5
-    tracks, _, _ = animation(replay(tmp_path, motion, plan=plan))
-    for frame, knot in ((0, 0), (50, 5), (80, 8)):
-        check_ghost("plan", tracks, frame, two_segments, plan.joint_angles[:, knot])
-        check_link_poses(tracks, frame, two_segments, motion.joint_angles[:, knot])
-
-
-def test_without_a_plan_the_ghost_is_the_motion_s_own_reference(tmp_path, two_segments):
-    for make, said in ((make_plan, "planned motion, nothing measured"), (make_recording, "a test")):
-        motion = make(two_segments)
-        motion.reference = np.outer([0.4, -0.3], np.sin(motion.time))
-        page = replay(tmp_path, motion, frames_per_second=20.0)
-        tracks, _, _ = animation(page)
-        step = round(20.0 * (motion.time[1] - motion.time[0]))
-        for sample in (0, 3, len(motion.time) - 1):
-            angles = by_equation_11(two_segments, motion.reference[:, sample])
-            check_ghost("reference", tracks, sample * step, two_segments, angles)
-        assert not any("ghosts/plan" in path for path, _ in tracks)
-        assert said in page.split('id="caption"')[1]
-
-
-def test_bars_are_filled_by_duty(tmp_path, two_segments):
-    rng = np.random.default_rng(3)
-    recording = make_recording(two_segments)
-    recording.duty = rng.random((4, 41))
-    recording.duty[:, :2] = [0.0, 1.0]
-    page = replay(tmp_path, recording)
-    tracks, _, _ = animation(page)
-    shapes, poses = boxes(page), transforms(page)
-    lefts = []
-    for wire, name in enumerate(["left_1", "right_1", "left_2", "right_2"]):
-        path = f"/drake/duty/{name}"
-        bar, track = shapes[f"{path}/fill/bar"], shapes[f"{path}/track"]
-        scale = tracks[f"{path}/fill", "scale"]
-        center = scale * (poses[f"{path}/fill/bar"] @ [0, 0, 0, 1])[:3]  # pushed along
-        low, high = center[:, 1] - scale[:, 1] * bar[1] / 2, center[:, 1] + scale[:, 1] * bar[1] / 2
-        np.testing.assert_allclose(high - low, recording.duty[wire] * bar[1], atol=1e-12)
-        np.testing.assert_allclose(low, 0.0, atol=1e-12)
-        # Full, the track is seen all around; it is wider by one margin.
-        middle = poses[f"{path}/track"][1, 3]
-        assert middle == pytest.approx(bar[1] / 2)
-        assert track[1] - bar[1] == pytest.approx(track[0] - bar[0])
-        assert 0 < track[1] - bar[1] < 0.1 * bar[1]
-        outline = shapes[f"{path}/outline"]
-        assert (outline[:2] > track[:2]).all()
-        x = poses[path][0, 3]
-        lefts += [x - outline[0] / 2, x + outline[0] / 2]
-    # Beside each other, and all of them left of the base, which is 6 mm deep.
-    assert (np.diff(lefts) > 0).all()
-    assert lefts[-1] < -0.006
-
-
-def test_any_number_of_wires_is_shown_by_name(tmp_path, three_and_one):
-    recording = make_recording(three_and_one)
-    recording.duty = np.random.default_rng(3).random((4, 41))
-    page = replay(tmp_path, recording)
-    tracks, _, _ = animation(page)
-    for wire, (name, link) in enumerate(
-        (("low", 1), ("middle", 2), ("high", 2), ("only", 5)),
-    ):
-        expected = wire_color(three_and_one, recording.measured_temperature[wire])
-        color = tracks[f"{LIMB}/link_{link}/limb/wire_{name}/<object>", "material.color"]
-        np.testing.assert_allclose(srgb(color), expected, atol=1e-9)
-    bars = {path: pose[0, 3] for path, pose in transforms(page).items() if "/duty/" in path}
-    names = ("low_1", "middle_1", "high_1", "only_2")
-    places = [bars[f"/drake/duty/{name}"] for name in names]
-    within, _, between = np.diff(places)
-    assert 0 < within < between
-    scales = [tracks[f"/drake/duty/{name}/fill", "scale"][:, 1] for name in names]
-    np.testing.assert_allclose(scales, recording.duty)
-    caption = page.split('id="caption"')[1]
-    assert "wires from top to bottom: high, middle, low; only" in caption
-    assert "duty from 0 to 1: low 1, middle 1, high 1, only 2" in caption
-    assert readouts(page).shape == (2 + 2 * 4, 41)
-
-
 def test_in_space_links_ghosts_and_paths_of_tips_are_where_kinematics_says(tmp_path):
     limb = LimbParameters.in_space(wires=4, links=3)
     limb.segments[0].centred_joints = True
@@ -337,59 +206,6 @@ def readouts(page: str) -> np.ndarray:
     return np.array(values)
 
 
-def test_the_replay_lasts_as_long_as_the_recording(tmp_path):
-    for num_samples, frames_per_second in ((2, 20.0), (15, 0.1), (41, 49.0), (64, 7.3)):
-        recording = make_recording(LimbParameters(), num_samples)
-        page = replay(tmp_path, recording, frames_per_second=frames_per_second)
-        tracks, _, rate = animation(page)
-        for track in tracks.values():
-            assert (len(track) - 1) / rate == pytest.approx(2.0)
-        assert float(re.search(r"const rate = (\S+);", page)[1]) == pytest.approx(rate)
-        angles = joint_angles_from_bend_angle(LimbParameters(), recording.bend_angle[:, -1])
-        check_link_poses(tracks, -1, LimbParameters(), angles)
-
-
-@pytest.mark.parametrize("bend_angle", [-0.4, 1.6])
-def test_the_camera_sees_the_whole_motion_and_little_else(tmp_path, bend_angle):
-    parameters = LimbParameters()
-    recording = make_recording(parameters)
-    recording.bend_angle *= bend_angle / recording.bend_angle.max()
-    plan = make_plan(parameters)
-    plan.joint_state *= abs(bend_angle)
-    page = replay(tmp_path, recording, plan=plan)
-    scene = properties(page)
-    camera = "/Cameras/default/rotated/<object>"
-    (target,) = (np.array(c["value"]) for c in commands(page) if c["type"] == "set_target")
-    eye = scene[camera, "position"]
-    angles = joint_angles_from_bend_angle(parameters, recording.bend_angle)
-    ends = np.array([end for column in angles.T for end, _ in link_poses(parameters, column)])
-    ghosts = plan.joint_angles.T
-    ends = np.vstack([ends, *([e for e, _ in link_poses(parameters, column)] for column in ghosts)])
-    points = np.vstack([ends + np.array([0, 0, height]) for height in (-0.01, 0.01)])
-    for name in ("left", "right"):
-        path = f"/drake/duty/{name}"
-        center = (transforms(page)[path] @ transforms(page)[f"{path}/outline"])[:3, 3]
-        half = boxes(page)[f"{path}/outline"] / 2
-        points = np.vstack([points, center + half, center - half])
-    points = points[:, [0, 2, 1]] * [1, 1, -1]  # as three.js counts: E1, E3, -E2
-    forward = (target - eye) / np.linalg.norm(target - eye)
-    right = np.cross(forward, [0, 1, 0])
-    right /= np.linalg.norm(right)
-    up = np.cross(right, forward)
-    np.testing.assert_allclose(right, [1, 0, 0], atol=1e-9)  # E1 points to the right
-    assert up @ [0, 0, -1] > 0.8  # and E2 up
-    slope = np.tan(np.radians(scene[camera, "fov"]) / 2)
-    depth = (points - eye) @ forward
-    assert scene[camera, "near"] < depth.min()
-    assert depth.max() < scene[camera, "far"]
-    height = (points - eye) @ up / depth / slope
-    width = (points - eye) @ right / depth / slope
-    aspect = float(re.search(r"camera\.aspect / ([0-9.]+)", page)[1])
-    for extent, limit in ((height, 1.0), (width, aspect)):
-        assert np.abs(extent).max() < 0.95 * limit
-        assert np.ptp(extent) > 2 * 0.45 * limit
-
-
 class Tags(html.parser.HTMLParser):
     """Collects the tags of a page with their attributes."""
 
@@ -415,59 +231,3 @@ def test_the_page_needs_nothing_but_itself_and_its_title_is_text(tmp_path):
     assert "<b>$a {{ b }} &lt;script&gt;&amp;&lt;/script&gt;</b>" in page
     assert "duty from 0 to 1: left, right<" in page
     assert "upper wire: right, lower wire: left" in page
-
-
-def test_no_server_and_no_message_stays_behind(tmp_path, monkeypatch, caplog, capfd):
-    ports = []
-
-    def meshcat(params):
-        server = Meshcat(params)
-        ports.append(server.port())
-        assert is_open(server.port())
-        return server
-
-    def is_open(port):
-        with socket.socket() as client:
-            return client.connect_ex(("127.0.0.1", port)) == 0
-
-    monkeypatch.setattr(replay_page, "Meshcat", meshcat)
-    caplog.set_level(logging.INFO, logger="drake")
-    replay(tmp_path, make_recording(LimbParameters()))
-    assert len(ports) == 1
-    assert not is_open(ports[0])
-    assert caplog.records == []
-    assert capfd.readouterr() == ("", "")
-    assert logging.getLogger("drake").level == logging.INFO
-    assert [file.name for file in tmp_path.iterdir()] == ["replay.html"]
-
-
-def test_a_page_that_cannot_be_written_leaves_all_as_it_was(tmp_path, monkeypatch):
-    def full_disk(_):
-        raise OSError("no space left")
-
-    (tmp_path / "replay.html").write_text("the page before")
-    monkeypatch.setattr("os.fsync", full_disk)
-    with pytest.raises(OSError, match="no space left"):
-        write_meshcat_replay(tmp_path / "replay.html", make_recording(LimbParameters()))
-    assert (tmp_path / "replay.html").read_text() == "the page before"
-    assert len(list(tmp_path.iterdir())) == 1
-
-
-def test_refuses_what_cannot_be_replayed(tmp_path):
-    sample = make_recording(LimbParameters(), 1)
-    with pytest.raises(LimbError, match="two samples"):
-        write_meshcat_replay(tmp_path / "replay.html", sample)
-    other = LimbParameters()
-    other.segments[0].links = 4
-    with pytest.raises(LimbError, match=r"plan is for a limb of 4 links, 100 mm .* of one of 5 li"):
-        replay(tmp_path, make_recording(LimbParameters()), plan=make_plan(other))
-    limb = LimbParameters.in_space()
-    recording, limb.segments[0].twists = make_recording(LimbParameters.in_space()), True
-    with pytest.raises(LimbError, match=r"two axes, twists, but .* of one of .* two axes; they"):
-        replay(tmp_path, recording, plan=make_plan(limb))
-    for rate in (0.0, -20.0, np.nan, np.inf):
-        with pytest.raises(LimbError, match="frames_per_second"):
-            write_meshcat_replay(
-                tmp_path / "replay.html", make_recording(LimbParameters()), frames_per_second=rate
-            )
-    assert list(tmp_path.iterdir()) == []

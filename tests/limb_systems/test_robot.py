@@ -94,16 +94,6 @@ def test_limbs_bend_the_way_they_are_mounted():
     np.testing.assert_allclose(rear, front * [-1, 1, 1], atol=1e-12)
 
 
-def test_duty_is_given_for_all_wires_or_limb_by_limb():
-    system = Robot()
-    context = system.CreateDefaultContext()
-    system.GetInputPort("duty").FixValue(context, [0.1, 0.2, 0.3, 0.4])
-    system.GetInputPort("front.duty").FixValue(context, [0.5, 0.6])
-    rates = system.EvalTimeDerivatives(context).CopyToVector()[:4]
-    np.testing.assert_allclose(rates, 20.0 * np.array([0.1, 0.2, 0.5, 0.6]))  # a2 D (6)
-    assert system.GetOutputPort("front.bend_angle").size() == 1
-
-
 def test_files_of_robots_and_of_their_recordings_round_trip(tmp_path):
     robot = RobotParameters()
     robot.limbs[1].parameters.segments[0].wires[0].law.a1 = -0.06
@@ -119,45 +109,3 @@ def test_files_of_robots_and_of_their_recordings_round_trip(tmp_path):
     assert "duty_front_left" in loaded.columns()
     np.testing.assert_array_equal(loaded.contact_force, recording.contact_force)
     np.testing.assert_array_equal(loaded.body_pose, recording.body_pose)
-
-
-def _rename(robot):
-    robot.limbs[1].name = "rear"
-
-
-def _tilt(robot):
-    robot.limbs[1].e2 = [0.5, 0.0, 0.5]
-
-
-def _turn_out_of_the_plane(robot):
-    robot.limbs[1].e2 = [0.0, 1.0, 0.0]
-
-
-def _in_space(robot):
-    robot.limbs[0].parameters = LimbParameters.in_space()
-
-
-def _in_grams(robot):
-    robot.body.mass = 20.0
-
-
-def _in_other_air(robot):
-    robot.limbs[1].parameters.ambient_temperature = 20.0
-
-
-@pytest.mark.parametrize(
-    ("mistake", "sentence"),
-    [
-        (_rename, r"limbs\[1\].name is 'rear', but another limb has this name"),
-        (_tilt, r"limbs\[1\] has e1 = .* at right angles"),
-        (_turn_out_of_the_plane, r"limbs\[1\] .* out of the plane of x and z"),
-        (_in_space, r"limbs\[0\] bends in space, but the body moves in a plane"),
-        (_in_grams, "body.mass is 20 kg, 952 times the water"),
-        (_in_other_air, r"limbs\[1\].parameters.ambient_temperature differs"),
-    ],
-)
-def test_a_robot_that_cannot_be_is_refused(mistake, sentence):
-    robot = RobotParameters()
-    mistake(robot)
-    with pytest.raises(LimbError, match=sentence):
-        Robot(robot)

@@ -6,15 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.common.eigen_geometry import Quaternion
-from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from limb_systems import (
     BodyParameters,
-    FootParameters,
     GroundParameters,
-    LimbError,
-    LimbVisualizer,
     Recording,
     Robot,
     RobotLimb,
@@ -22,7 +18,6 @@ from limb_systems import (
     wire_color,
     write_meshcat_replay,
 )
-from limb_systems.foot_fall import foot_fall
 from limb_systems.model.robot_parameters import walking_limb
 from limb_systems.views.panels import foot_fall_panel, motion_panels
 from limb_systems.views.plots import draw
@@ -30,7 +25,7 @@ from limb_systems.views.walk import FRAMES, draw_walk
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from meshcat_page import animation, boxes, make_plan, srgb, transforms
+from meshcat_page import animation, boxes, srgb, transforms
 
 ROBOT = "/drake/visualizer/robot"
 
@@ -150,53 +145,6 @@ def test_the_view_goes_with_a_robot_that_goes_far_over_marks_that_repeat(tmp_pat
         moved = shown(tracks, "/drake/ground", sample).translation()[0]
         assert abs(moved) < 0.05
         assert (moved + x) / 0.05 == pytest.approx(round((moved + x) / 0.05), abs=1e-6)
-
-
-def test_a_live_view_takes_the_pose_of_the_body_and_refuses_a_plan():
-    recording = random_recording(RobotParameters(), travel=0.1)
-    meshcat = Meshcat(MeshcatParams(host="localhost", port=0))
-    view = LimbVisualizer(recording.robot, meshcat)
-    context = view.CreateDefaultContext()
-    for name, value in (
-        ("joint_state", recording.joint_state[:, 2]),
-        ("wire_temperature", recording.wire_temperature[:, 2]),
-        ("body_pose", recording.body_pose[:, 2]),
-    ):
-        view.GetInputPort(name).FixValue(context, value)
-    view.ForcedPublish(context)
-    found = transforms(meshcat.StaticHtml())
-    for name, pose in drake_poses(recording, 2).items():
-        np.testing.assert_allclose(found[f"{ROBOT}/{name}"], pose.GetAsMatrix4(), atol=1e-9)
-    with pytest.raises(LimbError, match="without a plan"):
-        LimbVisualizer(recording.robot, meshcat, make_plan(recording.parameters))
-
-
-def test_feet_stick_roll_slide_and_swing():
-    """One straight limb under a body, its foot so large that it matters whether it rolls."""
-    limb = RobotLimb("leg", parameters=walking_limb())
-    robot = RobotParameters(limbs=[limb], feet=FootParameters(radius=0.01))
-    # In each 0.1 s: how far the foot's centre goes, mm, how far it turns, rad, and its load, N.
-    moves = [
-        (0.0, 0.0, 0.2, "stick"),
-        (0.5, 0.0, 0.2, "slide_forward"),
-        (-0.5, 0.0, 0.2, "slide_backward"),
-        (0.5, -0.05, 0.2, "stick"),  # it rolls: r · 0.05 rad = 0.5 mm
-        (0.0, 0.05, 0.2, "slide_forward"),  # it spins on the spot
-        (0.001, 0.0, 0.2, "stick"),  # it creeps
-        (0.5, 0.0, 0.0, "swing"),
-    ]
-    foot = np.cumsum([0.0, *(1e-3 * move for move, *_ in moves)])
-    turn = np.cumsum([0.0, *(turned for _, turned, *_ in moves)])
-    pose = np.array([foot - 0.06 * np.sin(turn), 0.01 + 0.06 * np.cos(turn), turn])
-    loads = [load for *_, load, _ in moves]
-    force = np.array([0 * turn, [*loads, 0.0]])
-    recording = recording_of(robot, pose, np.zeros((5, len(turn))), force)
-    phases = foot_fall(recording)
-    assert [phase.contacts for phase in phases] == [[contact] for *_, contact in moves]
-    np.testing.assert_allclose([phase.start for phase in phases], np.arange(7) / 10, atol=1e-9)
-    recording.contact_force = None
-    with pytest.raises(LimbError, match="contact forces"):
-        foot_fall(recording)
 
 
 def test_a_gait_is_drawn_as_it_is(gait):

@@ -1,6 +1,5 @@
 """Rubber that rests bent, stiffens and remembers, against formulas written out by hand."""
 
-import dataclasses
 import warnings
 
 import numpy as np
@@ -15,13 +14,10 @@ from limb_systems import (
     LinearLaw,
     RestMemory,
     SegmentParameters,
-    ThresholdLaw,
     WireParameters,
     Wires,
     bend_angle,
 )
-from limb_systems.files.samples import column_names
-from limb_systems.model.parameters import ParameterError
 from limb_systems.model.statics import static_equilibrium
 from limb_systems.simulation import make_simulator
 from planners.transcription.program import TrajectoryProgram
@@ -65,12 +61,6 @@ def test_a_limb_rests_at_its_rest_angle_and_stays_there():
     np.testing.assert_allclose(rates, 0.0, atol=1e-11)
     angles, _ = static_equilibrium(parameters)
     np.testing.assert_allclose(angles, [0.1] * 3 + [-0.2 / 3] * 2, rtol=1e-12)
-
-
-def test_statics_are_about_the_rest_angle():
-    """k (θ - θ_rest) = f (12)."""
-    angles, _ = static_equilibrium(limb_with(rest_angle=-0.15), [30.0, 90.0])
-    np.testing.assert_allclose(angles, -0.05 + 4.7e-4 * 60.0 / K, rtol=1e-12)
 
 
 def test_stiffening_adds_its_share_where_the_segment_bends_by_45_degrees():
@@ -143,39 +133,6 @@ def test_the_memory_has_the_rates_of_its_law_written_out():
     np.testing.assert_allclose(found[5:], [first, second], rtol=1e-9)
 
 
-def test_the_memory_follows_torques_that_are_not_linear():
-    """g' = |direction| (n + 1) / (2 k) dτ/dT Ṫ, with the logistic slope of the threshold."""
-    limb = limb_with(rest_memory=RestMemory(0.03, 2.0))
-    limb.segments[0].wire("right").law = ThresholdLaw()
-    T, S, D = np.array([40.0, 52.0]), 30.0, np.array([0.3, 0.4])
-    rates = Wires(limb).rates(np.array([*T, S, 0.01]), D)
-    warming = np.array([-0.07 * 15.0 + 6.0, -0.08 * 22.0 + 8.0])
-    slopes = np.array([4.7e-4, 7e-4 / (1.0 + np.exp(-4.0 / 7.0))])
-    p = ramp(6 / (2 * K) * slopes * warming)
-    expected = 2.0 * (p[1] * (0.03 - 0.01) + p[0] * (-0.03 - 0.01))
-    assert rates[3] == pytest.approx(expected, rel=1e-5)
-
-
-def test_nothing_creeps_at_rest():
-    """At the duty that holds the temperatures, the rest angle stays where it was."""
-    wires = Wires(two_segments())
-    T = np.array([60.0, 70.0, 50.0, 40.0, 90.0])
-    held = np.array([0.1, 0.07, 0.07, 0.07, 0.07]) * (T - 25.0) / [30.0, 25.0, 20.0, 20.0, 20.0]
-    rates = wires.rates(np.array([*T, 0.03, -0.02]), held)
-    np.testing.assert_allclose(rates, 0.0, atol=1e-14)
-
-
-def test_a_wire_that_heats_leads_the_rest_angle_to_its_side():
-    """r = Δ (1 - exp(-λ g)) while it heats fast, for which g is the bend that it would hold."""
-    limb = limb_with(rest_memory=RestMemory(0.03, 2.0))
-    states = simulated_states(limb, [0.0, 1.0], 2.0)
-    torque = 4.7e-4 * (states[11] - 25.0)
-    shift = 0.03 * (1.0 - np.exp(-2.0 * torque * 3 / K))
-    assert states[12] == pytest.approx(shift, rel=1e-3)
-    mirrored = simulated_states(limb, [1.0, 0.0], 2.0)
-    assert mirrored[12] == pytest.approx(-shift, rel=1e-3)
-
-
 def simulated_states(limb: LimbParameters, duty, duration: float, start=None) -> np.ndarray:
     """The state of the `Limb` after a time of constant duty."""
     system = Limb(limb)
@@ -243,24 +200,3 @@ def test_symbolic_rates_are_the_numeric_ones():
         where = dict(zip(names, values, strict=True))
         found = [rate.Evaluate(where) for rate in rates]
         np.testing.assert_allclose(found, wires.rates(values[:-2], values[-2:]), rtol=1e-9)
-
-
-def test_files_name_the_state_and_keep_the_rubber(tmp_path):
-    parameters = two_segments()
-    names = ["wire_state_rest_shift_1", "wire_state_rest_shift_2"]
-    assert column_names(parameters)["other_wire_state"] == names
-    only = limb_with(rest_memory=RestMemory())
-    assert column_names(only)["other_wire_state"] == ["wire_state_rest_shift"]
-    parameters.save(tmp_path / "limb.yaml")
-    assert LimbParameters.load(tmp_path / "limb.yaml") == parameters
-    short = "segments:\n- {rest_angle: 0.1, rest_memory: {shift: 0.02}}\n"
-    segment = LimbParameters.from_yaml(short).segments[0]
-    assert (segment.rest_angle, segment.rest_memory) == (0.1, RestMemory(shift=0.02))
-    assert "rest_memory" not in LimbParameters().to_yaml()
-
-
-def test_rubber_out_of_its_range_is_refused(refused):
-    parameters = two_segments()
-    parameters.segments[1].rest_memory = dataclasses.replace(RestMemory(), shift=-0.1)
-    with refused(ParameterError, "segments[1].rest_memory.shift", "-0.1"):
-        Limb(parameters)

@@ -70,13 +70,6 @@ def test_wire_and_measured_temperature_are_the_exponentials(uneven_limb):
         np.testing.assert_allclose(measured, expected[1], atol=1e-6)
 
 
-def test_default_state_is_ambient_and_stays_so_without_duty(uneven_limb):
-    simulator = thermal_simulator(uneven_limb, np.zeros(4))
-    simulator.AdvanceTo(10.0)
-    for signal in temperatures(simulator):
-        np.testing.assert_allclose(signal, 22.0, atol=1e-9)
-
-
 def test_equilibrium_temperature_is_ambient_minus_a2_over_a1_duty(uneven_limb):
     duty = np.array([0.1, 0.2, 0.3, 0.4])
     simulator = thermal_simulator(uneven_limb, duty)
@@ -114,10 +107,6 @@ def test_torque_is_the_same_on_every_joint_and_right_minus_left():
     )
     expected = 5e-4 * (85.0 - 25.0) - 2e-4 * (60.0 - 25.0)  # (4) by hand: 0.023 N·m
     np.testing.assert_allclose(torque(parameters, [60.0, 85.0]), [expected] * 5, rtol=1e-12)
-
-
-def test_no_torque_at_ambient_temperature(uneven_limb):
-    np.testing.assert_allclose(torque(uneven_limb, [22.0] * 4), 0.0, atol=1e-15)
 
 
 def test_each_segment_is_bent_by_its_own_wires_only(uneven_limb):

@@ -17,7 +17,6 @@ from limb_systems import (
     simulate,
 )
 from limb_systems.tracking import tracking_errors
-from limb_systems.views.plots import plot_tracking
 
 
 @pytest.fixture(scope="module")
@@ -46,14 +45,6 @@ def test_a_plan_that_starts_late_is_followed_and_judged_alike(fig5_plan, late_pl
     assert errors[1] == pytest.approx(errors[0], rel=1e-3)
 
 
-def test_pictures_of_a_plan_that_starts_late_are_on_the_clock_of_the_recording(late_plan):
-    recording = replay(late_plan, Limb(late_plan.parameters))
-    (panel, *_) = plot_tracking(late_plan, [recording]).axes
-    assert panel.get_xlim() == pytest.approx((0.0, 60.0))
-    lines = {line.get_label().split()[0]: line.get_xdata() for line in panel.get_lines()}
-    assert lines["plan"][0] == pytest.approx(lines["simulated"][0]) == 0.0
-
-
 def test_a_recording_that_starts_late_is_validated_alike(fig5_plan):
     recording = simulate(Limb(fig5_plan.parameters), fig5_plan, 10.0)
     late = dataclasses.replace(recording, time=recording.time + 5.0)
@@ -72,11 +63,6 @@ def test_states_between_knots_have_the_slopes_of_the_dynamics(fig5_plan):
     law = LinearLaw()
     expected = law.a1 * (fig5_plan.wire_temperature - 25.0) + law.a2 * fig5_plan.duty
     np.testing.assert_allclose(heat, expected[:, 1:-1], atol=1e-6)
-
-
-def test_a_plan_whose_lines_end_as_on_windows_is_read(fig5_plan):
-    text = fig5_plan.to_text()
-    assert Trajectory.from_text(text.replace("\n", "\r\n")).to_text() == text
 
 
 def test_a_plan_without_a_check_is_replayed_only_if_asked_for(fig5_plan, tmp_path):

@@ -72,14 +72,6 @@ def test_torque_with_a_threshold_sets_in_and_is_linear_far_above():
     assert law.torque([40.0, None], ROOM, 0.0) < 0.1 * law.torque([55.0, None], ROOM, 0.0)
 
 
-def test_torque_saturates_at_that_of_the_transformed_wire():
-    law = SaturatingLaw(full_torque=0.04, middle=60.0, width=5.0)
-    cold = 0.04 / (1.0 + np.exp(7.0))
-    T = np.array([25.0, 60.0, 400.0])
-    expected = [0.0, 0.02 - cold, 0.04 - cold]
-    np.testing.assert_allclose(law.torque([T, None], ROOM, 0.0), expected, rtol=1e-9, atol=1e-18)
-
-
 def shares(
     law: HystereticLaw, turns: list[float], rate: float = 1.0, share: float = 0.0, step: float = 0.1
 ) -> list[np.ndarray]:
@@ -120,15 +112,6 @@ def test_hysteresis_follows_the_closed_forms_of_duhems_law():
     T, turn = again[0], 45.0 + 2 * BACKLASH
     left = (1 + np.exp((turn - 64.0) / 5)) / (1 + np.exp((np.maximum(T, turn) - 64.0) / 5))
     np.testing.assert_allclose(again[1], 1 - (1 - cooling[1][-1]) * left, atol=0.01)
-
-
-def test_the_loop_is_as_wide_on_slow_paths_as_on_fast_ones():
-    """Half of the wire is transformed at the middles, which are 8 °C apart."""
-    for rate, step in [(0.02, 0.5), (3.0, 0.02)]:
-        law = HystereticLaw()
-        (up, heating), (down, cooling) = shares(law, [35.0, 90.0, 40.0], rate, step=step)
-        found = np.interp(0.5, heating, up) - np.interp(0.5, cooling[::-1], down[::-1])
-        assert found == pytest.approx(8.0, rel=0.05)
 
 
 def test_minor_loops_are_monotone_within_the_major_one_and_do_not_creep():
@@ -177,16 +160,6 @@ def test_the_share_stays_from_0_to_1_in_every_simulation():
             limit = 3.0 * law.full_torque  # of the bend, (n + 1) / 2 torque / k
             _, _, bend = runs.simulate(law, np.full((1, 1), ROOM), heat, rubber)
             assert np.abs(bend).max() <= limit
-
-
-def test_settled_hysteretic_wires_are_on_the_curve_of_heating():
-    """They were heated from cold and held; what is transformed stays so."""
-    law = HystereticLaw()
-    T = np.array([80.0, 60.0])
-    silicone = 25.0 + (T - 25.0) * 0.004 / 0.016
-    start, end = np.exp((25.0 - 66.0) / 9.0), np.exp((T - 66.0) / 9.0)
-    expected = [*T, *silicone, *(T - BACKLASH), *(1.0 - (1.0 + start) / (1.0 + end))]
-    np.testing.assert_allclose(Wires(limb_with(law, law)).settled_states(T), expected, rtol=1e-9)
 
 
 def test_drakes_derivatives_are_those_of_complex_steps():
@@ -242,15 +215,6 @@ def test_the_limb_has_the_law_written_out(planar_chain):
         force = np.full(5, torque[1] - torque[0])
         expected = planar_chain(limb).acceleration(angles, rates, force)
         np.testing.assert_allclose(found[5:10], expected, rtol=1e-7)
-
-
-def test_the_yaml_brings_back_the_law(tmp_path):
-    for kind in LAWS:
-        limb = limb_with(kind(a1=-0.123), kind())
-        limb.save(tmp_path / "limb.yaml")
-        loaded = LimbParameters.load(tmp_path / "limb.yaml")
-        assert loaded == limb
-        assert type(loaded.wires[0].law) is kind
 
 
 def reference_shares(solver, turns: list[float]) -> list[np.ndarray]:

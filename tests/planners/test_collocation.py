@@ -1,7 +1,6 @@
 """Collocation in closed form against Drake's own constraints and dynamics."""
 
 import numpy as np
-import pytest
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import SpatialInertia
@@ -12,7 +11,6 @@ from wire_laws import LIMBS, limb_with, random_state
 from limb_systems import (
     HystereticLaw,
     Limb,
-    LimbError,
     LimbParameters,
     SegmentParameters,
     Wires,
@@ -119,25 +117,6 @@ def test_defects_and_their_jacobian_agree_with_drakes_autodiff():
         np.testing.assert_allclose(multiples.T @ theirs[:n], difference, atol=1e-7)
 
 
-def test_intervals_of_a_long_trajectory_are_those_of_short_ones():
-    """Uneven time steps, seen at once and one by one."""
-    for parameters in limbs().values():
-        states, duty = random_state(parameters, np.random.default_rng(6), 4)
-        steps = np.array([1.0, 0.5, 2.0]) * TIME_STEP
-        defects, short = Trajectories(parameters, 4), Trajectories(parameters)
-        values, jacobian = (
-            method(states, duty, steps) for method in (defects.evaluate, defects.jacobian)
-        )
-        S, W = states.shape[1], duty.shape[1]
-        for k in range(3):
-            part = states[k : k + 2], duty[k : k + 2], steps[k : k + 1]
-            np.testing.assert_allclose(values[k], short.evaluate(*part)[0], rtol=1e-10, atol=1e-10)
-            own = np.r_[k * S : (k + 2) * S, 4 * S + np.arange(k * W, (k + 2) * W), 4 * (S + W) + k]
-            rows = jacobian[k * S : (k + 1) * S]
-            np.testing.assert_allclose(rows[:, own], short.jacobian(*part), rtol=1e-10, atol=1e-10)
-            assert not np.delete(rows, own, axis=1).any()
-
-
 def test_hessian_is_the_difference_quotient_of_the_jacobian():
     """The whole one, and then that by heat and duty alone."""
     generator = np.random.default_rng(7)
@@ -224,13 +203,6 @@ def test_the_transcription_takes_any_mechanics():
             getattr(program.defects, method)(x, *arguments) for program in (chain, other)
         )
         np.testing.assert_allclose(ours, theirs, atol=1e-7 * np.abs(theirs).max())
-
-
-def test_a_mechanics_of_another_limb_is_refused():
-    heavy = LimbParameters(segments=[SegmentParameters(mass=0.03)])
-    mechanics = PlanarChain(make_manipulator(heavy))
-    with pytest.raises(LimbError, match="PlanarChain gives other accelerations than the limb's"):
-        TrajectoryProgram(LimbParameters(), np.linspace(0.0, 1.0, 3), mechanics=mechanics)
 
 
 def test_a_load_on_the_tip_is_part_of_the_chain(monkeypatch):

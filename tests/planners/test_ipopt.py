@@ -2,22 +2,15 @@
 
 import os
 import signal
-from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
 from pydrake.solvers import (
-    IpoptSolver,
     MathematicalProgram,
     SnoptSolver,
-    SolutionResult,
-    SolverOptions,
 )
 
 from planners import ExactHessianIpoptSolver
-
-ROOT = Path(__file__).parents[2]
 
 
 def nearest_point_on_circle():
@@ -52,20 +45,6 @@ def test_scaling_of_variables_does_not_move_the_optimum():
         )
 
 
-def test_linear_constraints_bounds_and_linear_costs():
-    """min x² + y² - 4x, x + y = 1, y >= 0.25: the bound is active, x = 0.75."""
-    prog = MathematicalProgram()
-    x = prog.NewContinuousVariables(2)
-    prog.AddQuadraticCost(x[0] ** 2 + x[1] ** 2)
-    prog.AddLinearCost(-4 * x[0] + 3.0)
-    prog.AddLinearConstraint(x[0] + x[1] == 1.0)
-    prog.AddBoundingBoxConstraint(0.25, np.inf, x[1])
-    solution = ExactHessianIpoptSolver().Solve(prog, np.zeros(2))
-    assert solution.is_success()
-    np.testing.assert_allclose(solution.get_x_val(), [0.75, 0.25], atol=1e-4)
-    assert solution.get_optimal_cost() == pytest.approx(0.75**2 + 0.25**2 - 3.0 + 3.0, abs=1e-4)
-
-
 def test_infeasible_program_is_no_success():
     prog, x = nearest_point_on_circle()
     prog.AddBoundingBoxConstraint(2.0, 3.0, x)
@@ -73,17 +52,6 @@ def test_infeasible_program_is_no_success():
     assert not solution.is_success()
     status = solution.get_solver_details().status
     assert "infeasible" in status or "failed" in status
-
-
-def test_any_smooth_cost_is_taken_with_its_hessian():
-    """Rosenbrock's valley, whose minimum is 0 at (1, 1)."""
-    prog = MathematicalProgram()
-    x = prog.NewContinuousVariables(2, "x")
-    prog.AddCost(lambda z: (1 - z[0]) ** 2 + 100 * (z[1] - z[0] ** 2) ** 2, vars=x)
-    result = ExactHessianIpoptSolver().Solve(prog, np.array([-1.2, 1.0]))
-    assert result.is_success()
-    np.testing.assert_allclose(result.GetSolution(x), [1.0, 1.0], atol=1e-3)
-    assert result.get_solver_details().iterations < 40  # Newton's method takes about 20
 
 
 def test_the_exact_hessian_makes_newton_quick_where_gauss_newton_knows_nothing():
@@ -96,26 +64,6 @@ def test_the_exact_hessian_makes_newton_quick_where_gauss_newton_knows_nothing()
     assert result.is_success()
     np.testing.assert_allclose(result.get_x_val(), np.full(2, np.sqrt(0.5)), atol=1e-5)
     assert result.get_solver_details().iterations < 15
-
-
-def test_warm_start_from_the_solution_takes_next_to_no_iterations():
-    prog, _ = nearest_point_on_circle()
-    solver = ExactHessianIpoptSolver(exact=True)
-    cold = solver.Solve(prog, np.array([-0.5, 0.8]))
-    multipliers = cold.get_solver_details().multipliers
-    warm = solver.Solve(prog, cold.get_x_val(), multipliers=multipliers)
-    assert warm.is_success()
-    assert warm.get_solver_details().iterations <= 2 < cold.get_solver_details().iterations
-
-
-def test_solver_options_are_drakes():
-    prog, _ = nearest_point_on_circle()
-    options = SolverOptions()
-    options.SetOption(IpoptSolver.id(), "max_iter", 1)
-    result = ExactHessianIpoptSolver().Solve(prog, np.array([-0.5, 0.8]), options)
-    assert not result.is_success()
-    assert result.get_solution_result() == SolutionResult.kIterationLimit
-    assert result.get_solver_details().iterations == 1
 
 
 def test_a_signal_at_a_feasible_point_raises_what_its_handler_does():
@@ -143,14 +91,6 @@ def test_a_signal_at_a_feasible_point_raises_what_its_handler_does():
             signal.signal(number, before)
 
 
-def test_what_is_not_smooth_is_refused():
-    prog = MathematicalProgram()
-    x = prog.NewContinuousVariables(3)
-    prog.AddExponentialConeConstraint(np.eye(3), np.zeros(3), x)
-    with pytest.raises(ValueError, match="the program has others"):
-        ExactHessianIpoptSolver().Solve(prog, np.zeros(3))
-
-
 def test_agrees_with_snopt_on_a_random_nonlinear_program():
     for exact in [False, True]:
         generator = np.random.default_rng(5)
@@ -167,10 +107,3 @@ def test_agrees_with_snopt_on_a_random_nonlinear_program():
         assert solution.is_success()
         assert reference.is_success()
         assert solution.get_optimal_cost() == pytest.approx(reference.get_optimal_cost(), rel=1e-5)
-
-
-def test_solves_on_a_thread_where_there_are_no_signals():
-    prog, _ = nearest_point_on_circle()
-    with ThreadPoolExecutor() as pool:
-        solve = pool.submit(ExactHessianIpoptSolver(exact=True).Solve, prog, np.array([-0.5, 0.8]))
-        assert solve.result().is_success()

@@ -10,17 +10,12 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import (
     Limb,
-    LimbError,
     LimbParameters,
-    LinearLaw,
-    SaturatingLaw,
     SegmentParameters,
-    WireParameters,
     joint_angles_from_bend_angle,
     simulate,
 )
 from limb_systems.model.statics import HeldAngles
-from limb_systems.tracking import reference_distances
 from planners import (
     InfeasibleError,
     Planner,
@@ -32,7 +27,6 @@ from planners import (
     planning,
     references,
 )
-from planners.checks import far_from_reference
 from planners.transcription import ipopt, solving
 from planners.transcription.program import TrajectoryProgram
 from planners.transcription.quasi_static import solve_quasi_static
@@ -143,22 +137,6 @@ def test_plan_is_better_than_its_quasi_static_start(fig5_plan):
     assert fig5_plan.check.cost < 0.9999 * fig5_plan.check.guess_cost
 
 
-def test_another_feasible_plan_costs_more(fig5_plan):
-    """Heat is linear in duty: blends of feasible duties obey (18)-(20) as well."""
-    quarter = references.from_samples(
-        fig5_plan.time, 0.25 * fig5_plan.reference
-    )  # feasible, but for another reference
-    other = plan(fig5_plan.parameters, quarter, task=Task.paper())
-    angles_ref = joint_angles_from_bend_angle(fig5_plan.parameters, fig5_plan.reference)
-    for blend in (0.02, 0.2):
-        duty = (1 - blend) * fig5_plan.duty + blend * other.duty
-        course = PiecewisePolynomial.FirstOrderHold(fig5_plan.time, duty)
-        rollout = simulate(Limb(), course, sample_rate=10.0, accuracy=1e-5)
-        assert rollout.wire_temperature[:, rollout.time > 20.0].min() > 45.0 - 0.01
-        cost = paper_cost(rollout.joint_state[:5], duty, angles_ref)
-        assert cost > fig5_plan.check.cost * (1 + 1e-4)
-
-
 def test_tighter_tolerances_find_the_same_cost(fig5_plan, monkeypatch):
     monkeypatch.setitem(ipopt.OPTIONS, "tol", 1e-8)
     tight = plan(fig5_plan.parameters, references.step_and_decaying_sine(), task=Task.paper())
@@ -175,35 +153,6 @@ def test_snopt_finds_the_same_optimum_of_the_same_program():
     result = SnoptSolver().Solve(program.prog, guess, None)
     assert result.is_success()
     assert result.get_optimal_cost() == pytest.approx(trajectory.check.cost, rel=1e-5)
-
-
-def test_limbs_of_other_lengths():
-    for links in [2, 8]:
-        segment = SegmentParameters(links=links, stiffness=0.1246 * (links + 1) / 6)
-        trajectory = plan(cold_parameters(segments=[segment]), short_reference(), knot_rate=20.0)
-        assert np.rad2deg(trajectory.bend_angle[0, 60:]).mean() == pytest.approx(15.0, abs=3.0)
-
-
-def test_a_limb_may_have_a_single_wire():
-    for links, law in [(1, LinearLaw), (2, SaturatingLaw), (7, LinearLaw)]:
-        limb = cold_parameters(segments=[SegmentParameters(links=links)])
-        limb.segments[0].wires = [WireParameters("only", e2=-0.0034, law=law())]
-        there_and_back = references.from_samples([0, 1, 3, 30], np.deg2rad([0, 0, -10.0, 0]))
-        trajectory = plan(limb, there_and_back, knot_rate=5.0)
-        assert trajectory.duty.shape == (1, len(trajectory.time))
-        missed = np.rad2deg(np.abs(trajectory.bend_angle - trajectory.reference))[0]
-        assert np.median(missed) < 1.0
-        assert np.rad2deg(trajectory.bend_angle).min() < -6.0
-
-
-def test_two_segments_follow_a_reference_each(two_segments):
-    two_segments.temperature_limits.warm_up_time = 1000.0
-    both = references.from_samples(
-        [0.0, 2.0, 6.0, 10.0], np.deg2rad([[0.0, 0.0, 10.0, 10.0], [0.0, 0.0, -6.0, -6.0]])
-    )
-    trajectory = plan(two_segments, both)
-    end = np.rad2deg(trajectory.bend_angle[:, -1])
-    np.testing.assert_allclose(end, [10.0, -6.0], atol=0.5)
 
 
 def test_gravity_is_planned_against():
@@ -248,50 +197,6 @@ def test_unreachable_temperatures_are_named_before_ipopt_runs(monkeypatch):
             plan(parameters, references.step_and_decaying_sine(), **arguments)
 
 
-def test_the_named_time_is_the_one_from_which_it_works():
-    parameters = LimbParameters()
-    parameters.temperature_limits.warm_up_time = 0.5
-    reference = short_reference(5.0)
-    with pytest.raises(InfeasibleError, match=r"from 1\.0[45] s on"):
-        plan(parameters, reference)
-    parameters.temperature_limits.warm_up_time = 1.05
-    trajectory = plan(parameters, reference, tolerance_deg=2.0)
-    assert trajectory.wire_temperature[:, trajectory.time > 1.05].min() > 44.99
-
-
-def test_requests_that_make_no_sense_are_refused():
-    for reference, arguments, message in [
-        ([[0.0, np.nan]], {}, "is nan° at 0 s"),
-        ([[0.0, 4.0]], {}, r"is 183\.346° at 0\.8 s; .* from -180° to 180°"),
-        ([[0.0, 0.1], [0.0, 0.1]], {}, r"has 2 angles .* this limb has 1 segment, .* axes: 2"),
-        ([[0.0, 0.1]], {"knot_rate": 0.1}, "makes one knot"),
-        ([[0.0, 0.1]], {"knot_rate": -5.0}, "knot_rate is -5.0 Hz"),
-        ([[0.0, 0.1]], {"knot_rate": np.nan}, "knot_rate is nan Hz"),
-        ([[0.0, 0.1]], {"initial_state": [0.0]}, "initial_state must be 14 finite numbers"),
-    ]:
-        course = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], reference)
-        with pytest.raises(PlanningError, match=message) as caught:
-            plan(LimbParameters(), course, **arguments)
-        assert "\n" not in str(caught.value)
-
-
-def test_reference_that_starts_late_is_refused():
-    late = PiecewisePolynomial.FirstOrderHold([1.0, 2.0], [[0.0, 0.1]])
-    with pytest.raises(PlanningError, match="must start at 0 s"):
-        plan(LimbParameters(), late)
-
-
-def test_impossible_limbs_are_refused():
-    for change, message in [
-        (lambda p: setattr(p.segments[0], "links", 0), r"segments\[0\]\.links is 0"),
-        (lambda p: setattr(p.temperature_limits, "maximum", 20.0), "must be above ambient"),
-    ]:
-        parameters = LimbParameters()
-        change(parameters)
-        with pytest.raises(LimbError, match=message):
-            plan(parameters, short_reference())
-
-
 def test_a_plan_that_fails_its_check_is_not_returned():
     with pytest.raises(PlanningError, match="failed its check: simulating the planned duty"):
         plan(cold_parameters(), short_reference(duration=2.0), tolerance_deg=1e-9, max_knots=30)
@@ -308,31 +213,6 @@ def test_a_simulation_that_goes_elsewhere_is_noticed(fig5_plan, monkeypatch):
 
 def small_limb():
     return cold_parameters(segments=[SegmentParameters(links=1)])
-
-
-def test_the_exact_hessian_takes_over_from_gauss_newton(monkeypatch):
-    usual = plan(small_limb(), short_reference())
-    monkeypatch.setattr(solving, "GAUSS_NEWTON_ITERATIONS", 2)
-    other = plan(small_limb(), short_reference())
-    assert usual.check.solver == "IPOPT, Gauss-Newton"
-    assert other.check.solver == (
-        "IPOPT, exact Hessian (after IPOPT, Gauss-Newton: maximum number of iterations exceeded)"
-    )
-    assert other.check.cost == pytest.approx(usual.check.cost, rel=1e-6)
-
-
-def test_drakes_solvers_can_be_chosen():
-    usual = plan(small_limb(), short_reference())
-    chosen = plan(small_limb(), short_reference(), solver=SnoptSolver())
-    assert chosen.check.solver == "SNOPT"
-    assert chosen.check.cost == pytest.approx(usual.check.cost, rel=1e-4)
-
-
-def test_if_all_fail_there_is_no_plan_and_each_is_named(monkeypatch):
-    monkeypatch.setattr(solving, "GAUSS_NEWTON_ITERATIONS", 1)
-    monkeypatch.setitem(ipopt.OPTIONS, "max_iter", 1)
-    with pytest.raises(PlanningError, match=r"No solver found a plan: .*Gauss-Newton: .*monotone"):
-        plan(small_limb(), short_reference())
 
 
 def test_attempts_end_after_their_time_in_all(monkeypatch):
@@ -396,26 +276,6 @@ def test_a_plan_far_from_its_reference_says_how_far_where_and_why():
     assert np.rad2deg(nearest.max()) == pytest.approx(35.7, abs=0.1)
 
 
-def test_a_plan_near_its_reference_warns_of_nothing(fig5_plan):
-    assert far_from_reference(fig5_plan) is None
-    assert "far from" not in plan_verdict(fig5_plan, plan_summary(fig5_plan))
-
-
-def test_what_the_limits_leave_is_what_the_program_leaves_without_a_price_of_duty(fig5_plan):
-    free = plan(LimbParameters(), references.step_and_decaying_sine(), task=Task(duty_weight=1e-3))
-    found = reference_distances(fig5_plan, nearest=nearest_bend_angle(fig5_plan))
-    left = np.rad2deg(reference_distances(free).planned)
-    assert np.rad2deg(found.nearest) == pytest.approx(left, abs=0.05)
-    assert left < np.rad2deg(found.planned) - 0.5
-
-
-def test_a_planner_whose_knots_are_too_few_says_so():
-    at_once = references.from_samples([0.0, 0.01, 2.0], np.deg2rad([0.0, 30.0, 30.0]))
-    planner = planning.Planner(cold_parameters(), np.linspace(0.0, 2.0, 21), tolerance_deg=1e-3)
-    with pytest.raises(PlanningError, match="failed its check: simulating the planned duty"):
-        planner.plan(at_once)
-
-
 def test_readings_stay_below_the_boards_maximum_by_a_margin():
     limb, times = LimbParameters(), np.linspace(0.0, 40.0, 161)
     reference = references.from_samples([0, 22, 25, 40], np.deg2rad([0, 0, 30, 30]))
@@ -434,8 +294,3 @@ def test_a_reading_above_the_boards_maximum_is_refused():
     limb.temperature_limits.measured_maximum = 80.0
     with pytest.raises(InfeasibleError, match=r"right wire reads .* let it cool first"):
         plan(limb, short_reference(), initial_state=hot)
-
-
-def test_a_margin_must_be_of_each_wire():
-    with pytest.raises(PlanningError, match="measured_margin is"):
-        Planner(LimbParameters(), [0.0, 1.0], measured_margin=[1.0, 2.0, 3.0])

@@ -39,21 +39,6 @@ def test_recording_becomes_its_bend_angle_from_time_zero():
     )
 
 
-def test_a_value_that_no_limb_has_is_no_reference():
-    recording = simulate(Limb(), [0.0, 0.3], 2.0)
-    recording.bend_angle[0, 3] = np.deg2rad(32767 / 64)
-    with pytest.raises(LimbError, match=r"bend_angle is \[8\.9.*\] rad at 0\.15 s"):
-        references.from_recording(recording, smoothing_time=0.5)
-
-
-def test_a_recording_without_samples_is_no_reference():
-    empty = simulate(Limb(), [0.0, 0.3], 2.0)
-    for name in ("time", "duty", "measured_temperature", "bend_angle"):
-        setattr(empty, name, getattr(empty, name)[..., :0])
-    with pytest.raises(LimbError, match="needs two samples or more"):
-        references.from_recording(empty, smoothing_time=0.5)
-
-
 def test_csv_is_in_degrees_and_starts_at_its_first_sample(tmp_path):
     path = tmp_path / "reference.csv"
     path.write_text("# s, deg\n5,0\n7,-30\n")
@@ -102,26 +87,6 @@ def test_csv_is_read_as_spreadsheets_write_it(tmp_path):
         reference = references.load(path)
         assert reference.end_time() == 1.5
         assert degrees(reference, 0.75) == pytest.approx(5.0)
-
-
-def test_csv_of_several_segments(tmp_path):
-    path = tmp_path / "reference.csv"
-    path.write_text("time;base;tip\n0;0;0\n1,5;10;-20\n")
-    assert np.rad2deg(references.load(path).value(1.5)).ravel().tolist() == [10.0, -20.0]
-
-
-def test_what_looks_like_a_mistake_is_warned_of(tmp_path):
-    for text, message in [
-        ("0,0\n5,0.52\n", r"largest angle is 0\.52; are these radians\? Files must have degrees"),
-        ("0,-60\n5,60\n", "changes by 120° from one sample to the next at 5 s"),
-        ("5,0\n7,-30\n", "starts at 5 s, which is shifted to 0 s"),
-    ]:
-        path = tmp_path / "reference.csv"
-        path.write_text(text)
-        with pytest.warns(UserWarning, match=message) as said:
-            references.load(path)
-        assert len(said) == 1
-        assert str(said[0].message).startswith(str(path))
 
 
 def test_bends_of_a_tip_path_are_those_of_arcs_of_a_circle():

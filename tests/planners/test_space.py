@@ -5,14 +5,12 @@ import warnings
 
 import numpy as np
 import pytest
-from pydrake.solvers import SnoptSolver
 
 from limb_systems import HystereticLaw, Layout, LimbParameters, WireParameters, simulate
 from limb_systems.model.limb import Limb
 from limb_systems.model.parameters import CalibrationRecord
 from limb_systems.model.statics import HeldAngles
-from planners import InfeasibleError, Planner, PlanningError, Task, plan, references
-from planners.diagnostics import plot_diagnostics
+from planners import Task, plan, references
 from planners.transcription.quasi_static import HeldBends
 
 TIMES = np.linspace(0.0, 40.0, 401)
@@ -116,49 +114,6 @@ def test_limits_of_the_task_and_of_the_supply_hold():
     assert free.duty.sum(axis=0).max() == pytest.approx(0.7, abs=1e-4)
     shortest = Task(stretch=(0.5, 2.0), time_weight=10.0, reach=True)
     assert plan(parameters, step, task=shortest).duration < 11.0
-
-
-def test_planning_again_starts_from_the_plan_before():
-    planner = Planner(limb_in_space(), TIMES[:101])
-    first, again = (planner.plan(circle(degrees)) for degrees in (10.0, 10.05))
-    assert again.check.iterations < first.check.iterations / 2
-    anew = Planner(limb_in_space(), TIMES[:101]).plan(circle(10.05))
-    assert again.check.cost == pytest.approx(anew.check.cost, rel=1e-4)
-
-
-def test_two_segments_of_different_kinds_are_planned():
-    space, planar = limb_in_space().segments[0], LimbParameters().segments[0]
-    parameters = LimbParameters(segments=[space, planar])
-    with pytest.warns(UserWarning, match=r"may swing .* its first mode is at \d\.\d* Hz"):
-        found = plan(parameters, circle(8.0, 3), knot_rate=5.0)
-    missed = np.rad2deg(np.abs(found.bend_angle - found.reference))[:, found.time > 20.0]
-    assert np.median(missed) < 0.2
-
-
-def test_what_cannot_be_planned_is_named():
-    parameters, reference = limb_in_space(), circle(10.0)
-    for arguments, message in (
-        ({"solver": SnoptSolver()}, "Snopt|SNOPT.* cannot plan for a limb that bends in space"),
-        ({"reference": circle(10.0, 1)}, "has 1 angle at .* 1 segment, with 2 bend angles in all"),
-    ):
-        with pytest.raises(PlanningError, match=message):
-            plan(**{"parameters": parameters, "reference": reference, **arguments})
-    with pytest.raises(InfeasibleError, match=r"\(20\) and the task's reach cannot all"):
-        plan(parameters, circle(120.0), task=Task(reach=True), knot_rate=2.0)
-    starved = dataclasses.replace(parameters, total_duty=0.1)
-    with pytest.raises(InfeasibleError, match=r"a total_duty of 0\.1"):
-        plan(starved, reference, knot_rate=2.0)
-    with pytest.warns(UserWarning, match=r"° towards E. are asked for"):
-        plan(parameters, circle(40.0), knot_rate=5.0)
-    parameters.segments[0].wires = [WireParameters.at("only", 30.0)]
-    with pytest.warns(UserWarning, match="far from its reference"):
-        plan(parameters, reference, knot_rate=2.0)
-
-
-def test_diagnostics_show_the_heat_of_a_plan_in_space(circle_plan):
-    defects, *_ = plot_diagnostics(circle_plan).axes
-    assert [line.get_label() for line in defects.lines] == ["largest of wires", "largest of V"]
-    assert max(line.get_ydata().max() for line in defects.lines) < 1e-9
 
 
 def test_margins_for_feedback_do_not_depend_on_how_a_limb_is_turned():

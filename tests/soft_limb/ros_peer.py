@@ -76,7 +76,7 @@ class Peer:
         self.duty.write(Array(Layout([], 0), list(duty)), timestamp=written)
         return written * 1e-9
 
-    def states(self, wanted=lambda state: True, limit=10.0, meanwhile=lambda: None):
+    def states(self, wanted=lambda state: True, limit=600.0, meanwhile=lambda: None):
         """(time of writing, state) until one is as wanted."""
         states, end = [], time.monotonic() + limit
         while time.monotonic() < end:

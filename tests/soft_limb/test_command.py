@@ -46,11 +46,6 @@ def test_an_error_and_a_warning_are_a_sentence_each(capsys):
     assert capsys.readouterr().err == "warning: these are radians\n"
 
 
-def test_mistakes_of_the_program_are_not_hidden():
-    with pytest.raises(ValueError, match="a mistake"):
-        run_command(fail_with(ValueError("a mistake")), "stopped")
-
-
 @pytest.mark.parametrize("name", COMMANDS)
 def test_help_has_examples_that_the_command_takes(name):
     home = f"soft_limb.commands.{COMMANDS[name][0]}"
@@ -159,17 +154,6 @@ def test_a_reader_that_went_away_gets_no_traceback():
     process.stdout.close()
     assert process.stderr.read() == ""
     assert process.wait() == 1
-
-
-def test_doors_list_their_commands_with_a_line_each(capsys):
-    for package in ("", "calibration", "hardware"):
-        with pytest.raises(SystemExit) as ended:
-            main(["--help"], package=package)
-        assert ended.value.code == 0
-        lines = capsys.readouterr().out.splitlines()
-        for name, (home, what) in COMMANDS.items():
-            listed = any(line.split(maxsplit=1) == [name, what] for line in lines)
-            assert listed == (package in ("", home))
 
 
 def test_every_command_explains_itself(capsys):

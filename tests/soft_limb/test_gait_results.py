@@ -1,6 +1,5 @@
 """Gaits and what robots did are told by the commands on results, and on a page."""
 
-import base64
 import dataclasses
 import html
 import json
@@ -9,10 +8,8 @@ import re
 import numpy as np
 import pytest
 
-from hardware.live.messages import Reading, RunHeader
 from limb_systems import GaitVariation, Recording, RobotParameters
 from soft_limb.command import main
-from soft_limb.live.view import View, commands
 from soft_limb.reports.gait import gait_report, gait_verdict
 
 
@@ -41,11 +38,6 @@ def folder(tmp_path, monkeypatch, gait):
             contact_force=gait.contact_force,
         ).save(f"{name}.csv")
     return tmp_path
-
-
-def base64_parts(page: str) -> bytes:
-    """What a page of Meshcat tells it."""
-    return b"".join(map(base64.b64decode, re.findall(r"base64,([^\"]+)\"\)", page)))
 
 
 def said(arguments: list[str], capsys) -> str:
@@ -95,13 +87,3 @@ def test_a_gait_s_page_has_its_verdict_its_check_and_the_robot_in_3d(folder, gai
     assert 'href="gait.csv"' in page
     gait.check = dataclasses.replace(gait.check, violation=1e-3)
     assert "Not to be used: its constraints are violated" in gait_verdict(gait)
-
-
-def test_the_live_page_shows_a_robot_as_it_stands(gait):
-    view, wires = View(), [0.0] * 4
-    view.begin(RunHeader("a robot", gait.parameters, 110.0, robot=gait.robot))
-    for name in ("body", "rear_link_5", "front_foot"):
-        assert f"visualizer/robot/{name}".encode() in base64_parts(view.page)
-    told = commands(view._limb, gait.parameters, Reading(0.0, [0.0, 0.0], [25.0] * 4, wires))
-    (foot,) = (one["matrix"][12:15] for one in told if one["path"].endswith("front_foot"))
-    np.testing.assert_allclose(foot, [0.03, 0.0, gait.robot.feet.radius], atol=1e-9)

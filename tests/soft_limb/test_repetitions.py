@@ -1,6 +1,5 @@
 """Learning over repetitions as a command, and what is on the disk whenever it ends."""
 
-import dataclasses
 import json
 import re
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 
 from controllers import Learner
-from hardware import HardwareError, LimbTwin, ReplayError
+from hardware import HardwareError, ReplayError
 from limb_systems import Limb, LimbParameters, Recording, Trajectory
 from limb_systems.progress import Progress
 from planners import plan, references
@@ -66,46 +65,6 @@ def test_command_repeats_and_goes_on(plan_file, tmp_path, capsys, monkeypatch, l
     before = (folder / "learning.txt").read_bytes()
     assert main(again) == 0
     assert (folder / "learning.txt").read_bytes() == before
-
-
-def test_command_replaces_only_when_told_to(plan_file, short_plan, tmp_path, capsys):
-    folder = tmp_path / "learned"
-    folder.mkdir()
-    (folder / "repetition_1.csv").write_text("of something else")
-    order = ["learn", plan_file, "-n", "1", "-o", str(folder)]
-    assert main(order) == 1
-    assert "holds repetitions without learning.txt" in capsys.readouterr().err
-    assert main([*order, "--force"]) == 0
-    assert len(Recording.load(folder / "repetition_1.csv").time) == 61
-    other = tmp_path / "other.csv"
-    dataclasses.replace(short_plan, duty=short_plan.duty / 2).save(other)
-    capsys.readouterr()
-    assert main(["learn", str(other), "-n", "1", "-o", str(folder)]) == 1
-    assert "is of another plan" in capsys.readouterr().err
-
-    folder = tmp_path / "new"
-    assert main(["learn", plan_file, "-n", "0", "-o", str(folder)]) == 1
-    assert "--repetitions is 0; it must be 1 or more" in capsys.readouterr().err
-    assert not folder.exists()
-
-
-def test_recording_that_was_complete_is_learned_from_later(short_plan, tmp_path, monkeypatch):
-    """Ctrl-C between a repetition and what is learned from it loses nothing."""
-
-    def stop(*_):
-        raise KeyboardInterrupt
-
-    learner = Learner(short_plan)
-    limbs = rested_twins(LimbTwin(seed=3), short_plan, learner)
-    with monkeypatch.context() as patch:
-        patch.setattr(Learner, "update", stop)
-        with pytest.raises(KeyboardInterrupt):
-            repeat(learner, limbs, 1, tmp_path)
-    again = Learner.load(tmp_path / "learning.txt")
-    assert not again.repetitions
-    repeat(again, stop, 1, tmp_path)  # no limb is needed
-    assert len(again.repetitions) == 1
-    assert len(Learner.load(tmp_path / "learning.txt").repetitions) == 1
 
 
 class Robot(Limb):

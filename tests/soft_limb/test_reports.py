@@ -15,7 +15,7 @@ from limb_systems import (
     WireParameters,
     simulate,
 )
-from soft_limb.reports.rollout import rollout_verdict, write_rollout_report
+from soft_limb.reports.rollout import write_rollout_report
 from soft_limb.runs.rollout import Rollout
 
 
@@ -77,18 +77,3 @@ def test_a_report_begins_with_what_went_wrong(rollout, tmp_path, look_at):
     assert "<b>7" not in text
     assert '<a href="../plan.csv">' in text
     look_at(report)
-
-
-def test_a_report_says_that_all_is_well(rollout):
-    whole = dataclasses.replace(
-        rollout.recording,
-        interrupted="",
-        measured_temperature=np.clip(rollout.recording.measured_temperature, 0.0, 100.0),
-    )
-    trajectory = dataclasses.replace(rollout.trajectory, check=PlanCheck())
-    well = dataclasses.replace(rollout, recording=whole, trajectory=trajectory, late=np.zeros(4))
-    assert rollout_verdict(well) == (
-        "Mean distance from the reference: measured 1.00°, planned 0.00°, best possible within the "
-        "limits 0.00°. Followed the plan to 1.00° on average, and to 1.00° for nine tenths of the "
-        "samples. All commands left in time."
-    )

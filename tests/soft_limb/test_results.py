@@ -4,7 +4,6 @@ import dataclasses
 import json
 import re
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,15 +16,13 @@ from limb_systems import (
     PlanCheck,
     Provenance,
     Recording,
-    SegmentParameters,
     Trajectory,
     joint_angles_from_bend_angle,
 )
-from limb_systems.summary import Summary
 from soft_limb.command import main
 from soft_limb.reports import page
-from soft_limb.results.comparison import Change, compare, flattened
-from soft_limb.results.reading import ResultFile, read_result
+from soft_limb.results.comparison import Change, compare
+from soft_limb.results.reading import read_result
 
 MADE = Provenance("0.1.0", "0123456789ab", "soft-limb plan", "a" * 12, "2030-01-31T12:00:00Z", 7, 3)
 TIME = np.linspace(0.0, 4.0, 41)
@@ -129,28 +126,6 @@ def test_show_says_what_each_file_is_and_what_made_it(folder, capsys):
     assert re.search(r"^limb seed   7$", said, re.MULTILINE)
 
 
-def test_show_reads_what_is_older_and_what_is_unfinished(folder, capsys):
-    recording = make_recording(provenance=None)
-    recording.save("old.csv")
-    lines = (folder / "old.csv").read_text().splitlines(keepends=True)
-    (folder / "cut.unfinished.csv").write_text("".join(lines[:-5]))
-    page.write_page("old.html", "Old", [])
-    old = ["old.csv", "cut.unfinished.csv", "old.html"]
-    files = shown(old, capsys)
-    assert [file["provenance"] for file in files.values()] == [None] * 3
-    assert "killed" in files["cut.unfinished.csv"]["facts"]["end"]
-    assert main(["show", "old.csv"]) == 0
-    assert "made by     not known\n" in capsys.readouterr().out
-
-
-def test_show_tells_a_limb_that_was_changed_since_it_was_calibrated(folder, capsys):
-    assert "changed" not in shown(["limb.yaml"], capsys)["limb.yaml"]["facts"]
-    limb = LimbParameters.load("limb.yaml")
-    digest, limb.total_duty = limb.digest, 1.4
-    limb.save("limb.yaml")
-    assert digest in shown(["limb.yaml"], capsys)["limb.yaml"]["facts"]["changed"]
-
-
 def damaged(text: str) -> str:
     return text.replace("0.1", "0.2", 1) + " "
 
@@ -180,33 +155,6 @@ def test_a_file_that_is_damaged_or_unknown_is_one_sentence(folder, capsys):
 def compared(arguments, capsys) -> dict:
     assert main(["compare", *arguments, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
-
-
-def test_compare_finds_the_parameter_that_was_changed_and_no_other(folder, capsys):
-    limb = LimbParameters.load("limb.yaml")
-    limb.segments[0].wire("right").law.a2 *= 1.05
-    limb.calibration.provenance = None
-    limb.save("other.yaml")
-    facts = compared(["limb.yaml", "other.yaml"], capsys)
-    of_limb = [change for change in facts["changes"] if "." in change["name"]]
-    (change,) = of_limb
-    assert (change["name"], change["unit"]) == ("right.law.a2", "°C/s")
-    assert change["values"] == [20.0, 21.0]
-    assert change["relative"] == [None, pytest.approx(0.05)]
-    assert main(["compare", "limb.yaml", "other.yaml"]) == 0
-    assert re.search(r"right\.law\.a2 +°C/s +20 +21 \(\+5%\)\n", capsys.readouterr().out)
-    assert main(["compare", "limb.yaml", "limb.yaml"]) == 0
-    assert capsys.readouterr().out == "nothing changed\n"
-
-
-def test_every_number_of_a_limb_is_compared_under_a_name_of_its_own(two_segments):
-    names = flattened(two_segments)
-    assert names["1.left.law.beta"][0] == two_segments.segments[0].wires[0].law.beta
-    assert names["2.left.law.beta"][0] == 2.5e-4
-    assert names["2.length"] == (0.06, "m")
-    numbers = [value for value, _ in names.values() if isinstance(value, float | int)]
-    yaml = two_segments.to_yaml()
-    assert len(numbers) == len(re.findall(r"(?<=[ \[])-?[0-9][0-9.e+-]*(?=[,\]}\n])", yaml))
 
 
 def test_compare_tells_a_shift_of_one_degree(folder, capsys):
@@ -256,65 +204,6 @@ def test_show_reads_a_reference(tmp_path, capsys):
     assert "list.csv is nothing that soft-limb writes, and no reference" in said.err
 
 
-def test_compare_takes_a_plan_beside_its_recordings(folder, capsys):
-    make_recording(-2.0).save("below.csv")
-    facts = compared(["plan.csv", "recording.csv", "below.csv"], capsys)
-    assert facts["kinds"] == ["trajectory", "recording", "recording"]
-    means = [item["mean"] for item in facts["tracking"]]
-    assert means == pytest.approx([0.0, 2.0], abs=1e-3)
-    assert [item["run"] for item in facts["tracking"]] == [1, 2]
-    bend = [item["mean"] for item in facts["differences"] if item["signal"] == "bend_angle"]
-    assert bend == pytest.approx(means, abs=1e-6)
-
-
-def test_samples_that_are_not_plausible_are_left_out(folder):
-    broken = make_recording()
-    broken.measured_temperature = broken.measured_temperature.copy()
-    broken.measured_temperature[0, 7] = 5000.0
-    results = [read_result("recording.csv")] * 2
-    results[1] = dataclasses.replace(results[1], value=broken)
-    assert all(difference.mean < 1e-9 for difference in compare(results).differences)
-
-
-def test_runs_are_called_by_what_tells_them_apart():
-    for paths, names in (
-        (["out/plan.csv", "out/recording.csv"], ["plan.csv", "recording.csv"]),
-        (["/a/b/limb.yaml", "limb.yaml"], ["b/limb.yaml", "limb.yaml"]),
-        (["x/a/out", "y/a/out", "z"], ["x/a/out", "y/a/out", "z"]),
-        (["/out", "out"], ["/out", "out"]),
-        (["a/out", "a/out"], ["out", "out"]),
-    ):
-        limb = LimbParameters()
-        runs = [ResultFile(Path(path), "limb", Summary([]), None, limb) for path in paths]
-        assert compare(runs).names == names
-
-
-def test_what_cannot_be_compared_is_one_sentence(folder, capsys):
-    make_recording(time=TIME + 10).save("late.csv")
-    limb = LimbParameters(segments=[SegmentParameters(), SegmentParameters()])
-    two = make_recording()
-    two = Recording(
-        time=two.time,
-        duty=np.tile(two.duty, (2, 1)),
-        measured_temperature=np.tile(two.measured_temperature, (2, 1)),
-        bend_angle=np.tile(two.bend_angle, (2, 1)),
-        parameters=limb,
-        source="two",
-        sample_rate=10.0,
-    )
-    two.save("two.csv")
-    for runs, said in (
-        (["plan.csv", "limb.yaml"], "plan.csv is a trajectory and limb.yaml is a limb; compare"),
-        (["plan.csv"], "a comparison needs two or more"),
-        (["task.yaml", "task.yaml"], "task.yaml is a task; plans, recordings and limbs are"),
-        (["recording.csv", "two.csv"], "of 1 segments and 2 wires, but two.csv of 2 and 4"),
-        (["recording.csv", "late.csv"], "they have no time in common"),
-    ):
-        assert main(["compare", *runs]) == 1
-        (line,) = capsys.readouterr().err.splitlines()
-        assert said in line
-
-
 def test_the_page_has_all_runs_and_what_made_it(folder, capsys):
     make_recording(1.0).save("shifted.csv")
     order = ["compare", "plan.csv", "recording.csv", "shifted.csv", "-o", "compare.html"]
@@ -328,8 +217,3 @@ def test_the_page_has_all_runs_and_what_made_it(folder, capsys):
     assert "exists; give another name, or --force" in capsys.readouterr().err
     assert main(["compare", "limb.yaml", "limb.yaml", "-o", "limbs.html"]) == 0
     assert "Nothing changed." in (folder / "limbs.html").read_text()
-
-
-def test_a_seed_is_no_larger_than_another():
-    assert Change("board.seed", "", [3, 4]).relative == [None, None]
-    assert Change("a2", "°C/s", [3.0, 4.0]).relative[1] == pytest.approx(1 / 3)

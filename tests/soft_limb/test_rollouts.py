@@ -1,16 +1,15 @@
 """Controllers from the shell: replay with one, and teach and go."""
 
-import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 from hardware import LimbTwin
-from limb_systems import LimbError, LimbParameters, Recording, Trajectory, simulate
+from limb_systems import LimbParameters, Recording, Trajectory, simulate
 from planners import plan, references
 from soft_limb.command import main
-from soft_limb.runs.rollout import DEADLINE, Rollout, reduced_time, roll_out
+from soft_limb.runs.rollout import DEADLINE, Rollout, roll_out
 
 
 @pytest.fixture(scope="module")
@@ -55,17 +54,6 @@ def test_deadlines_that_were_missed_are_counted(short_plan, tmp_path):
     assert "replans     8 begun, 2 late, 1 failed" in str(summary)
 
 
-def test_the_time_in_which_the_board_reduced_the_duty():
-    """10 samples at 20 Hz; a command that has just changed is applied a sample later."""
-    commanded = np.zeros((2, 61))
-    commanded[1, 5:] = 0.3
-    applied = np.roll(commanded, 1, axis=1)
-    applied[1, 20:30] = 0.1
-    recording = simulate(LimbTwin(), [0.0, 0.3], 3.0)
-    recording = dataclasses.replace(recording, duty=commanded, applied_duty=applied)
-    assert reduced_time(recording) == pytest.approx(0.5)
-
-
 def test_what_was_taught_is_followed(tmp_path, capsys):
     """A motion that the limb cannot do in full: the report tells plan and reference apart."""
     (tmp_path / "taught.csv").write_text("0,0\n0.5,25\n4,25\n")
@@ -98,23 +86,6 @@ def test_what_was_taught_is_followed(tmp_path, capsys):
 
     assert main(arguments) == 1
     assert "plan.csv exists; give another name, or --force" in capsys.readouterr().err
-
-
-def test_follow_plans_with_the_task_and_the_knots_of_a_user(tmp_path, monkeypatch, capsys):
-    """Up to full duty, which the margins for feedback do not allow."""
-
-    def unplug(*_, **__):
-        raise LimbError("unplugged")
-
-    monkeypatch.setattr("soft_limb.runs.teach_and_go.roll_out", unplug)
-    (tmp_path / "taught.csv").write_text("0,0\n0.5,25\n4,25\n")
-    (tmp_path / "task.yaml").write_text("duty_margin: 0.1\n")
-    words = ["--task", str(tmp_path / "task.yaml"), "--knot-rate", "5"]
-    assert main(["follow", str(tmp_path / "taught.csv"), "-o", str(tmp_path), *words]) == 1
-    assert capsys.readouterr().err == "error: unplugged\n"
-    planned = Trajectory.load(tmp_path / "plan.csv")
-    assert planned.duty.max() == pytest.approx(0.9)
-    assert np.diff(planned.time).max() == pytest.approx(0.2)  # finer at the step
 
 
 def test_without_a_reference_or_a_board_nothing_is_planned(tmp_path, capsys):

@@ -49,25 +49,3 @@ def test_a_row_is_what_plan_and_replay_make(sweep, tmp_path, capsys):
     assert first == only | {"planning_s": "0.123"}
     assert [row["segments.0.stiffness"] for row in (first, second)] == ["0.11", "0.12"]
     assert first["problem"] != second["problem"]
-
-
-@pytest.mark.parametrize(
-    ("words", "status", "sentence"),
-    [
-        (["--vary", "segments.0.stiff=1"], 1, "'segments.0.stiff' is no number in the description"),
-        (["--vary", "segments.0.stiffness=-1:1:3"], 1, "stiffness is -1.0; it must be a number"),
-        (["--vary", "segments.0.stiffness=1:2"], 2, "from, to and how many"),
-        (["--seeds", "0..9"], 2, "'0..9' is not seeds, such as 0-9"),
-        (["--task", "none.yaml"], 1, "Cannot read the task"),
-        ([], 1, "sweep.csv is not the table of a sweep of these fields"),
-    ],
-)
-def test_what_makes_no_sense_is_one_sentence(words, status, sentence, sweep, tmp_path, capsys):
-    (tmp_path / "sweep.csv").write_text("time,bend\n1,2\n")
-    try:
-        ended = sweep(*words)
-    except SystemExit as exit:
-        ended = exit.code
-    assert ended == status
-    assert sentence in capsys.readouterr().err
-    assert (tmp_path / "sweep.csv").read_text() == "time,bend\n1,2\n"

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.geometry import Role
-from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import RevoluteJoint
@@ -63,19 +62,6 @@ def test_checked_in_file_is_what_the_generator_writes_for_the_nominal_limb():
     assert text == limb_urdf(LimbParameters().segments)
 
 
-def test_checked_in_file_is_found_through_its_package():
-    plant = MultibodyPlant(time_step=0.0)
-    parser = Parser(plant)
-    parser.SetStrictParsing()
-    parser.package_map().AddPackageXml(str(FOLDER / "package.xml"))
-    name = ElementTree.parse(FOLDER / "package.xml").findtext("name")
-    (model,) = parser.AddModelsFromUrl(f"package://{name}/limb_5.urdf")
-    plant.Finalize()
-    assert plant.GetModelInstanceName(model) == "limb"
-    assert plant.num_joints() == 5 + 1  # and the one that floats the base
-    assert plant.CalcTotalMass(plant.CreateDefaultContext()) == pytest.approx(0.025, rel=1e-12)
-
-
 def test_links_of_any_number_have_the_inertia_of_one_beam():
     for links in [1, 2, 5, 10, 100]:
         segment = SegmentParameters(
@@ -122,12 +108,6 @@ def test_positive_angle_bends_towards_e2_and_links_follow_each_other():
     ]
     expected = [[0, 0, 0], [0, 0.05, 0], [0, 0.10, 0], [-0.05, 0.10, 0]]
     np.testing.assert_allclose(origins, expected, atol=1e-15)
-
-
-def test_straight_base_frame_is_that_of_the_first_link():
-    plant = parse(LimbParameters().segments)
-    pose = plant.EvalBodyPoseInWorld(plant.CreateDefaultContext(), plant.GetBodyByName("link_1"))
-    assert pose.IsNearlyEqualTo(RigidTransform.Identity(), 1e-15)
 
 
 def test_wires_lie_on_the_side_towards_which_they_bend():
@@ -187,27 +167,6 @@ def test_in_space_wires_run_at_their_places_beside_the_axis_of_each_piece():
     np.testing.assert_allclose(shown.GetPoseInWorld(ball).translation(), ends[-1], atol=1e-12)
     radius = shown.inspector().GetShape(ball).radius()
     assert 7850 * 4 / 3 * np.pi * radius**3 == pytest.approx(0.02, rel=0.01)  # of steel
-
-
-def test_limb_has_nothing_to_collide_with():
-    """Collision geometry would connect ports that direct collocation leaves open."""
-    robot = ElementTree.fromstring(limb_urdf(LimbParameters().segments))
-    assert robot.findall(".//visual")
-    assert not robot.findall(".//collision")
-    assert not robot.findall(".//transmission")  # effort limits would clamp silently
-
-
-def test_numbers_keep_all_their_digits():
-    for number in [1 / 3, 0.1 + 0.2, 1e-5, 123.456789012345678]:
-        segment = SegmentParameters(links=1, mass=number, damping=number, length=1.0)
-        robot = ElementTree.fromstring(limb_urdf([segment]))
-        assert float(robot.find("link[@name='link_1']/inertial/mass").get("value")) == number
-        assert float(robot.find("joint/dynamics").get("damping")) == number
-
-
-def test_model_has_the_given_name():
-    robot = ElementTree.fromstring(limb_urdf(LimbParameters().segments, name="left <arm> & co"))
-    assert robot.get("name") == "left <arm> & co"
 
 
 def test_generator_needs_only_the_named_fields_of_a_segment():
