@@ -51,8 +51,8 @@ class OpenLoopInSpace(OpenLoop):
         duty: np.ndarray,
         step: float,
         segment: SegmentParameters,
-        lengths: Sequence[int],
         loads: Sequence[np.ndarray],
+        lengths: Sequence[int] | None = None,
     ):
         super().__init__(duty, step, segment, lengths)
         unit = copy.deepcopy(segment)

@@ -281,7 +281,7 @@ class _Problem:
         self._open_loop = (
             OpenLoop(duty, STEP, segment, lengths)
             if segment.axes == 1
-            else OpenLoopInSpace(duty, STEP, segment, lengths, [run.load for run in runs])
+            else OpenLoopInSpace(duty, STEP, segment, [run.load for run in runs], lengths)
         )
         self._num_bends = segment.axes
         self._prior = prior_factor(unknowns)

@@ -198,7 +198,5 @@ def _logistic(z):
 
 def _softplus(z):
     """ln(1 + exp(z)), where exp(z) may be too large for a number, too."""
-    if isinstance(z, np.ndarray) and z.dtype == float:
-        return np.logaddexp(0.0, z)
     size = np.sqrt(z**2 + 1e-12)  # |z|, whose derivative all scalar types have at 0
     return 0.5 * (z + size) + np.log(1.0 + np.exp(-size))
