@@ -61,10 +61,12 @@ class PlanMiss:
 
     @property
     def low(self) -> float:
+        """The least that a plan is expected to miss by, rad."""
         return self.expected / SPREAD
 
     @property
     def high(self) -> float:
+        """The most that a plan is expected to miss by, rad."""
         return self.expected * SPREAD
 
     @property
