@@ -36,8 +36,8 @@ def end_at(monkeypatch):
     """Ends what runs at a time with an error; before its first sample if that is None."""
 
     def end(time, error):
-        def update(_, done, remark=""):
-            if done >= time:
+        def update(progress, done, remark=""):
+            if progress._unit == "s" and done >= time:  # of the simulation, and not of files
                 raise error
 
         def start(*_):
