@@ -201,14 +201,16 @@ def test_taught_motion_becomes_a_reference(emulator, tmp_path, capsys):
 
 
 def test_a_gap_is_no_end_where_nothing_is_heated(emulator, tmp_path, capsys):
+    output = tmp_path / "taught.csv"
+    unfinished = tmp_path / "taught.unfinished.csv"
+
     def interrupt():
-        time.sleep(1.0)
+        wait_for(lambda: unfinished.exists() and "\n0.25" in unfinished.read_text())  # s
         emulator.order("drop 1")
         time.sleep(0.6)
         emulator.order("drop 0")
 
     threading.Thread(target=interrupt).start()
-    output = tmp_path / "taught.csv"
     assert main(["teach", emulator.port, "-o", str(output), "-t", "4"]) == 0
     assert "missing" in capsys.readouterr().out
     missing = Recording.load(output).missing
