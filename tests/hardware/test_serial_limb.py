@@ -2,11 +2,10 @@
 
 import copy
 import dataclasses
+import functools
 import json
 import re
 import sys
-import threading
-import time
 
 import numpy as np
 import pytest
@@ -200,17 +199,14 @@ def test_taught_motion_becomes_a_reference(emulator, tmp_path, capsys):
     assert reference.end_time() == pytest.approx(1.5)
 
 
-def test_a_gap_is_no_end_where_nothing_is_heated(emulator, tmp_path, capsys):
+def test_a_gap_is_no_end_where_nothing_is_heated(emulator, virtual_time, tmp_path, capsys):
+    begin = virtual_time.monotonic() + 2.0
+    for seconds, order in ((0.0, "drop 1"), (0.6, "drop 0")):
+        virtual_time.when(
+            lambda due=begin + seconds: virtual_time.monotonic() >= due,
+            functools.partial(emulator.order, order),
+        )
     output = tmp_path / "taught.csv"
-    unfinished = tmp_path / "taught.unfinished.csv"
-
-    def interrupt():
-        wait_for(lambda: unfinished.exists() and "\n0.25" in unfinished.read_text())  # s
-        emulator.order("drop 1")
-        time.sleep(0.6)
-        emulator.order("drop 0")
-
-    threading.Thread(target=interrupt).start()
     assert main(["teach", emulator.port, "-o", str(output), "-t", "4"]) == 0
     assert "missing" in capsys.readouterr().out
     missing = Recording.load(output).missing
