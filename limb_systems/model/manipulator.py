@@ -9,8 +9,8 @@ from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from urdf import limb_urdf
 
-# kg, far below a rounding error of any limb's mass: Drake's plant in symbols divides by each
-# body's mass since 1.52.
+# kg, far below the rounding error of a limb's mass. Drake 1.58 divides by the mass of each body
+# when it evaluates a plant in symbols.
 NEGLIGIBLE_MASS = 1e-20
 
 
