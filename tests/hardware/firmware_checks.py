@@ -5,6 +5,7 @@ pytest runs them under CPython, test_firmware.py under MicroPython as well.
 
 import math
 import struct
+import sys
 
 from hardware.firmware import firmware, from_host, guard, heat, protocol, readings, wide
 from hardware.firmware.firmware import Firmware
@@ -20,7 +21,7 @@ class PaperBoard:
         self.channels, self.angles, self.pulls = len(pulls), angles, pulls
         self.now = 0
         self.incoming = b""
-        self.sent = []
+        self.sent = []  # the newest, as hours of them do not fit into a small computer
         self.duty = [None] * self.channels
         self.wires = [ROOM] * self.channels  # °C
         self.temperatures = [ROOM] * self.channels  # as read
@@ -53,6 +54,7 @@ class PaperBoard:
 
     def send(self, data):
         self.sent.append(data)
+        del self.sent[:-200]
 
     def read_thermocouple(self, wire):
         quarters = int(4 * (self.temperatures[wire] + self.errors[wire]) + 0.5) & 0x3FFF
@@ -706,14 +708,14 @@ def test_frames_of_the_other_version_have_no_effect():
     for host, spoken in ((Host(), wide.VERSION), (four_wires(), protocol.VERSION)):
         host.arm()
         host.run(300, [0.1] * host.board.channels)
-        sent = len(host.board.sent)
+        host.board.sent.clear()
         values = host.guard.session, host.sequence + 1, host.board.now, [9000, 9000]
         host.board.incoming += from_host.encode_command(spoken, *values)
         for kind in (protocol.DISARM, protocol.HELLO):
             host.board.incoming += from_host.encode(spoken, kind)
         host.run(2)
         assert host.board.duty == [0.1] * host.board.channels
-        assert len(host.board.sent) == sent  # no INFO
+        assert host.board.sent == []  # no INFO
         assert host.firmware._parser.other_version == spoken
 
 
@@ -766,9 +768,10 @@ def test_each_of_two_angles_must_follow_its_wires():
 
 def test_samples_come_at_their_rate_and_the_watchdog_is_fed():
     host = Host()
-    sent, fed = len(host.board.sent), host.board.fed
+    host.board.sent.clear()
+    fed = host.board.fed
     host.run(1000)
-    assert len(host.board.sent) - sent in (38, 40, 42)  # each twice
+    assert len(host.board.sent) in (38, 40, 42)  # each twice
     assert 950 <= host.board.fed - fed <= 1050
 
 
@@ -846,10 +849,10 @@ def test_bend_bytes():
     assert readings.bends(b"\x00\x40\x00", 2) is None
 
 
-def run_all():
-    """Runs every test above; for interpreters without pytest. Returns how many."""
+if __name__ == "__main__":
+    print(sys.implementation.name)
     tests = [(name, test) for name, test in globals().items() if name.startswith("test_")]
     for name, test in tests:
         print(name)
         test()
-    return len(tests)
+    print(len(tests), "passed")
