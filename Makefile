@@ -1,10 +1,11 @@
-# Each target sets up what it needs: Python $(PYTHON), make and a shell suffice.
-PYTHON ?= python3.11
+# Each target sets up what it needs: Python, make and a shell suffice. PYTHON is the newest that is
+# supported, or what you say.
+PYTHON ?=
 VENV ?= .venv
 BIN := $(VENV)/bin
 CONSTRAINTS ?= -c constraints.txt
 
-.PHONY: demo test newest versions wheel bench evaluation pictures tables browser lint chip micropython notebooks docs linkcheck coverage clean
+.PHONY: demo test newest versions wheel bench evaluation pictures tables browser lint chip notebooks docs linkcheck coverage clean
 
 demo: $(VENV)/ready
 	$(BIN)/soft-limb demo out --force
@@ -12,15 +13,19 @@ demo: $(VENV)/ready
 test: $(VENV)/ready lint
 	$(BIN)/python -m pytest
 
-# The tests with the newest versions that pyproject.toml allows, in an environment of its own.
+# The tests with the newest versions that pyproject.toml allows, in an environment of its own. All
+# versions of Python that pyenv has count, not just the one that is chosen.
 newest:
 	rm -rf build/newest
-	$(MAKE) VENV=build/newest CONSTRAINTS= versions test
+	PYENV_VERSION=$$(pyenv versions --bare 2>/dev/null | paste -s -d : -) \
+	    $(MAKE) VENV=build/newest CONSTRAINTS= versions test
 
 versions: $(VENV)/ready
+	@$(BIN)/python -c 'import sys; sys.version_info < (3, 12) and print("Drake 1.51 is the last for \
+	Python 3.11: newer versions of Drake are not tested, as no newer Python was found.")'
 	@echo "Other than in constraints.txt:"
 	@$(BIN)/python -m pip list --format freeze --exclude-editable --exclude pip \
-	    --disable-pip-version-check | grep -vixFf constraints.txt || echo "nothing"
+	    --disable-pip-version-check | grep -vixF "$$(sed 's/;.*//' constraints.txt)" || echo "nothing"
 
 # What pip installs, in dist/.
 wheel: $(VENV)/ready
@@ -69,13 +74,6 @@ tables: evaluation
 browser: $(VENV)/ready
 	$(BIN)/playwright install --with-deps --only-shell chromium
 
-# Needs Node.js and npm.
-micropython: $(VENV)/ready
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(CONSTRAINTS) -e '.[firmware]'
-	npm install --silent --no-save --prefix $(VENV)/micropython @micropython/micropython-webassembly-pyscript@1.27.0
-	MICROPYTHON=$(VENV)/micropython/node_modules/@micropython/micropython-webassembly-pyscript/micropython.mjs \
-	    $(BIN)/python -m pytest -n 0 tests/hardware/test_firmware.py -rsP
-
 # The C core on emulated chips; needs arm-none-eabi-gcc and qemu-system-arm, and says so.
 chip: $(VENV)/ready
 	PYTHONPATH=benchmarks $(BIN)/python -m tests.chip.check_chip
@@ -109,10 +107,8 @@ lint: $(VENV)/ready
 	$(BIN)/mypy
 
 $(VENV)/ready: pyproject.toml constraints.txt
-	@echo "Setting up $(VENV), once: about a minute, and 700 MB ..."
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --progress-bar on --disable-pip-version-check $(CONSTRAINTS) -e '.[dev]'
-	touch $@
+	@sh .ci/set_up $(VENV) '$(PYTHON)' $(CONSTRAINTS) -e '.[dev]'
+	@touch $@
 
 clean:
 	rm -rf $(VENV) out build *.egg-info
