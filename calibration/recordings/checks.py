@@ -333,8 +333,8 @@ def _check_wires(recording: Recording) -> None:
     smooth[unread] = WARMTH * heat[unread]
     drive = levers.T @ smooth
     moves = np.ptp(signal, axis=1).max() > 2 * BENT and np.ptp(drive) > 0
-    both = [(rows - rows.mean(axis=1, keepdims=True)).ravel() for rows in (drive, signal)]
-    agreement = _agreement(*both) if moves else 0.0
+    driving, bent = (rows - rows.mean(axis=1, keepdims=True) for rows in (drive, signal))
+    agreement = _agreement(driving.ravel(), bent.ravel()) if moves else 0.0
     swapped = _exchanged(recording)
     if swapped and abs(agreement) > 0.5:
         pair, what = " and ".join(names[index] for index in swapped), "thermocouples"

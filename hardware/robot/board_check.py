@@ -636,7 +636,7 @@ def _bend_that_does_not_follow_latches(bench: Bench) -> None:
         def ends(sample: Sample) -> bool:
             least[:] += 0.05 * (17.0 * sample.duty - 0.07 * least)
             pulls.append(shares @ least)
-            return not sample.armed or np.ptp(pulls) > 65 or sample.temperature.max() > WARM
+            return bool(not sample.armed or np.ptp(pulls) > 65 or sample.temperature.max() > WARM)
 
         for duty, seconds in ((one, 4.5), (0 * one, 20.0), (other, 9.0)):
             if bench.hold(duty, seconds, until=ends):
