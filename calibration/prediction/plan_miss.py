@@ -38,15 +38,10 @@ TYPICAL = (
     (4.0, 0.8, 0.0),
     (6.0, 0.0, 0.6),
 )
-GOOD, WORST = (
-    0.15,
-    0.4,
-)  # expected miss over the range of the bend, up to which plans are good, or bad
+GOOD, WORST = 0.15, 0.4  # expected miss over the range of the bend: good up to, bad from there on
 HOT = 0.8  # share of the rise to T_max that recordings must reach
-SWING, FEWEST_SWINGS = (
-    0.3,
-    2,
-)  # share of a wire's rise that is a swing, and how many show hysteresis
+SWING = 0.3  # share of a wire's rise that is a swing
+FEWEST_SWINGS = 2  # that show hysteresis
 
 
 @dataclasses.dataclass(frozen=True)
