@@ -21,7 +21,7 @@ from ..hardware.test_firmware_in_c import Episode
 
 EPISODES, PASSES = 30, 400
 PLAYER = Path(__file__).with_name("player.c")
-CROSS, EMULATOR = "arm-none-eabi-gcc", "qemu-system-arm"
+CROSS, LIBRARY, EMULATOR = "arm-none-eabi-gcc", "rdimon.specs", "qemu-system-arm"
 CHIPS = {
     "Cortex-M4F": ("mps2-an386", ["-mcpu=cortex-m4", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]),
     "Cortex-M3": ("mps2-an385", ["-mcpu=cortex-m3"]),
@@ -56,8 +56,9 @@ def record(core, rng: random.Random) -> tuple[bytes, bool]:
 def build(folder: Path, compiler: str, options: list[str]) -> Path:
     """Return the program that plays episodes, built in a folder."""
     program = folder / "player"
+    strict = ["-O2", "-Wall", "-Wextra", "-Werror"]
     subprocess.run(
-        [compiler, "-O2", *options, f"-I{SKETCH}", SKETCH / "core.c", PLAYER, "-o", program],
+        [compiler, *strict, *options, f"-I{SKETCH}", SKETCH / "core.c", PLAYER, "-o", program],
         check=True,
     )
     return program
@@ -71,12 +72,21 @@ def calls_of(folder: Path, command: list) -> bytes:
     return calls.read_bytes()
 
 
+def missing_packages() -> list[str]:
+    """Return Debian's packages of the tools that are not installed."""
+    tools = ("gcc", COMPILER), ("gcc-arm-none-eabi", CROSS), ("qemu-system-arm", EMULATOR)
+    missing = [package for package, tool in tools if not tool or not shutil.which(tool)]
+    find = f"{CROSS} -print-file-name={LIBRARY}"  # answers the name alone if it has none
+    if subprocess.getoutput(find) != LIBRARY and "gcc-arm-none-eabi" not in missing:
+        return missing
+    return [*missing, "libnewlib-arm-none-eabi"]
+
+
 def main() -> int:
-    for tool, package in ((COMPILER, "gcc"), (CROSS, "gcc-arm-none-eabi libnewlib-arm-none-eabi"),
-                          (EMULATOR, "qemu-system-arm")):  # fmt: skip
-        if not tool or not shutil.which(tool):
-            print(f"{package} is missing: apt install {package}", file=sys.stderr)
-            return 2
+    missing = missing_packages()
+    if missing:
+        print(f"Tools are missing: apt install {' '.join(missing)}.", file=sys.stderr)
+        return 2
     rng, different = random.Random(0), 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -91,7 +101,7 @@ def main() -> int:
         )
         for chip, (machine, options) in CHIPS.items():
             for dialect in ("c11", "gnu11"):
-                newlib = [f"-std={dialect}", "-mthumb", "--specs=rdimon.specs"]
+                newlib = [f"-std={dialect}", "-mthumb", f"--specs={LIBRARY}"]
                 newlib.append("-Wl,--section-start=.vectors=0")
                 program = build(folder, CROSS, [*options, *newlib])
                 emulate = [EMULATOR, "-M", machine, "-nographic", "-monitor", "none", "-serial",

@@ -19,6 +19,12 @@ static uint32_t number(int size)
     return value;
 }
 
+static void read_answers(uint8_t *data, unsigned size)
+{
+    if (fread(data, 1, size, answers) != size)
+        exit(1);
+}
+
 static void note(char what, const void *data, int size)
 {
     fputc(what, calls);
@@ -35,7 +41,7 @@ static void remember(uint8_t reason) { note('R', &reason, 1); }
 static int receive(uint8_t *data, int room)
 {
     if (!heard++)
-        taken = 0, waiting = number(2), fread(incoming, 1, waiting, answers);
+        taken = 0, waiting = number(2), read_answers(incoming, waiting);
     int size = waiting - taken < (unsigned)room ? (int)(waiting - taken) : room;
     memcpy(data, incoming + taken, size);
     taken += size;
@@ -45,7 +51,8 @@ static int receive(uint8_t *data, int room)
 static int read_bend(uint8_t *data)
 {
     int size = number(1);
-    return fread(data, 1, size, answers);
+    read_answers(data, size);
+    return size;
 }
 
 static void set_duty(int wire, real duty)
