@@ -7,7 +7,6 @@ test_simulated_faults.py.
 """
 
 import contextlib
-import functools
 import json
 import os
 import signal
@@ -96,7 +95,10 @@ def test_a_bridge_that_is_told_to_stop(virtual_time, emulator, monkeypatch):
             return Heard(duty=[0.0, 0.2], born=virtual_time.monotonic())
 
     monkeypatch.setattr("soft_limb.bridge.drive.NodeProcess", Node)
-    stop = functools.partial(os.kill, os.getpid(), signal.SIGINT)
+
+    def stop():
+        raise KeyboardInterrupt  # as the handler of a signal does
+
     virtual_time.when(lambda: emulator.duty()[1] > 0.0, stop, after=0.3)
     with pytest.raises(KeyboardInterrupt):
         drive(SerialLimb(emulator.port))
