@@ -59,6 +59,7 @@ def import_logs(
     paths: Sequence[str | Path],
     mapping: LogMapping | None = None,
     parameters: LimbParameters | None = None,
+    unread: list[str] | None = None,
 ) -> list[ImportedLog]:
     """Reads logs.
 
@@ -69,15 +70,24 @@ def import_logs(
     Args:
         mapping: mapping of all of them; what they show themselves if None.
         parameters: the limb's description; the nominal limb if None.
+        unread: gets why a log is left out that is no table of text with rows of numbers; if None,
+            none is left out.
 
     Raises:
-        LogError: if one is no table of text with rows of numbers, or not as the given mapping says.
+        LogError: if a log is no table of text with rows of numbers, unless it is left out beside
+            another one; if it is not as the given mapping says.
     """
     table = read_table(paths[0]) if len(paths) == 1 and not mapping else None  # not many at once
-    found = {
-        Path(path): [LimbInLog("", mapping, [], [])] if mapping else limbs_in_log(path, table)
-        for path in paths
-    }
+    found: dict[Path, list[LimbInLog]] = {}
+    for number, path in enumerate(paths, 1):
+        try:
+            found[Path(path)] = (
+                [LimbInLog("", mapping, [], [])] if mapping else limbs_in_log(path, table)
+            )
+        except LogError as error:
+            if unread is None or (number == len(paths) and not found):
+                raise
+            unread.append(str(error))
     if table:
         read = itertools.chain(*found.values())
         table = table.only(set().union(*(limb.mapping.columns for limb in read)))

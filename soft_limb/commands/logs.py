@@ -1,6 +1,7 @@
 """The command that reads logs of other programs."""
 
 import argparse
+import sys
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
@@ -23,7 +24,8 @@ def _import(options: argparse.Namespace) -> int:
     check_folder(options.output)
     parameters = LimbParameters.load(options.limb) if options.limb else None
     given = LogMapping.load(options.mapping) if options.mapping else None
-    logs = import_logs(options.logs, given, parameters)
+    unread: list[str] = []
+    logs = import_logs(options.logs, given, parameters, unread)
     mappings = [options.output / log.limb.name / f"{log.stem}.mapping.yaml" for log in logs]
     files = [options.output / file for log in logs for file in log.files]
     every = [recording for log in logs for recording in log.recordings]
@@ -49,7 +51,9 @@ def _import(options: argparse.Namespace) -> int:
     failed = [log for log in logs if log.error]
     text = "" if failed else "\n".join(_next(options.output, recordings, heated))
     print_summary(options, Summary.of({"next": text}, {"logs": told}), written)
-    return ASKED if any(log.asks for log in failed) else int(bool(failed))
+    for error in unread:
+        print(f"error: {error} It is left out.", file=sys.stderr)
+    return ASKED if any(log.asks for log in failed) else int(bool(failed or unread))
 
 
 def _of_kind(log: ImportedLog, kind: str | None) -> Iterator[Remark]:

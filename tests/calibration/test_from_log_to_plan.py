@@ -65,8 +65,10 @@ def test_from_logs_to_a_plan(logs, tmp_path, monkeypatch, capsys):
     left_out = "tot.csv is left out: the left thermocouple is dead: it moves by 0.0 °C while "
     left_out += "its wire gets 4.5 s of full duty in all."
 
-    assert main(["import", *map(str, logs), "-o", "my recordings"]) == 0
-    printed = capsys.readouterr().out
+    Path("no log.csv").write_text("t,x\n1,foo\n")
+    assert main(["import", *map(str, logs), "no log.csv", "-o", "my recordings"]) == 1
+    printed, complained = capsys.readouterr()
+    assert "no log.csv has no rows of numbers between delimiters" in complained
     assert f"soft-limb fit: {left_out}" in printed
     assert named(printed) == ["fit", "my recordings", "-o", "limb_2.yaml"]
     assert Recording.load("my recordings/77_heiß_begonnen.csv").kind == "both"
