@@ -18,7 +18,10 @@ from limb_systems.signals import SIGNALS, came, stop
 from soft_limb.results.folder import find, glance
 
 NEWEST = 12  # results that are listed without a command
-EXIT_STATUS = "exit status: 0 done, 1 it could not be done, 2 wrong usage, 130 stopped by Ctrl-C"
+EXIT_STATUS = (
+    "exit status: 0 done, 1 it could not be done, 2 wrong usage, or import asks, "
+    "130 stopped by Ctrl-C"
+)
 
 # For each command: its module in `soft_limb.commands`, which is imported when the command runs,
 # and what it does.
