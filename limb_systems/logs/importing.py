@@ -84,10 +84,10 @@ def import_logs(
             found[Path(path)] = (
                 [LimbInLog("", mapping, [], [])] if mapping else limbs_in_log(path, table)
             )
-        except LogError as error:
+        except LogError as problem:
             if unread is None or (number == len(paths) and not found):
                 raise
-            unread.append(str(error))
+            unread.append(str(problem))
     if table:
         read = itertools.chain(*found.values())
         table = table.only(set().union(*(limb.mapping.columns for limb in read)))
