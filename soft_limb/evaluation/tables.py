@@ -245,7 +245,7 @@ def approach_table(summaries: Sequence[Summary]) -> list[list[str]]:
         driven = [followed for limb in limbs for followed in limb.values()]
         heat = np.mean([followed.reading for followed in driven])
         aborted = np.mean([followed.aborted / followed.rollouts for followed in driven])
-        suffix = f" ({len(limbs)} limbs)" if len(limbs) < len(whole) else ""
+        suffix = f" ({len(limbs)} limb{'s' * (len(limbs) > 1)})" if len(limbs) < len(whole) else ""
         rows.append([name + suffix, *cells, f"{heat:.2f}", f"{100 * aborted:.0f}%"])
     return rows
 
