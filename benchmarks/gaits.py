@@ -36,8 +36,8 @@ def violation(gait: Gait) -> float:
     load = np.hypot(*planar.weight)
     y, steps = np.vstack([gait.body_pose, gait.joint_angles]).T, np.diff(gait.time)
     forces = gait.contact_force.T.reshape(len(y), -1, 2)
-    by_feet = planar.feet_jacobian(planar.arms(y))
-    balance = planar.gradient(y) - np.einsum("kfc,kfcd->kd", forces, by_feet)
+    by_feet = planar.feet_jacobian(y)
+    balance = planar.potential.first(y)[1][:, 0] - np.einsum("kfc,kfcd->kd", forces, by_feet)
     balance[:, 3:] -= wires.forces(gait.wire_states.T, gait.joint_angles.T)
     balance[:, 2:] /= planar.size
     travel, heights = np.moveaxis(planar.feet(y), -1, 0)

@@ -119,10 +119,6 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     repetitions = 1 if options.quick else options.repetitions
     links, knots = (QUICK_LINKS, QUICK_KNOTS) if options.quick else (LINKS, KNOTS)
-    solvers = SOLVERS
-    if importlib.util.find_spec("casadi") is None:
-        _say("CasADi is not installed (pip install -e '.[bench]'); running the others.")
-        solvers = [solver for solver in SOLVERS if solver.module != "casadi_peer"]
 
     options.output.mkdir(parents=True, exist_ok=True)
     results, too_slow = {}, {}
@@ -130,14 +126,14 @@ def main(arguments: list[str] | None = None) -> int:
         # Who ran into the time limit is not tried on what is larger in both respects.
         tried = [
             solver
-            for solver in solvers
+            for solver in SOLVERS
             if not any(n <= size[0] and size[1] >= N for n, N in too_slow.get(solver, []))
         ]
         results[size] = run_size(*size, tried, repetitions, options.time_limit)
         for solver, result in results[size].items():
             if result["verdict"] == TIME_LIMIT:
                 too_slow.setdefault(solver, []).append(size)
-        results[size] |= {s: {"verdict": "not tried"} for s in solvers if s not in tried}
+        results[size] |= {s: {"verdict": "not tried"} for s in SOLVERS if s not in tried}
         report = "\n\n".join([*introduction(repetitions, options.time_limit), *tables(results)])
         (options.output / "results.md").write_text(report + "\n", encoding="utf-8")
     plot(results, options.output / "scaling.png")
@@ -157,9 +153,9 @@ def run_size(links: int, knots: int, solvers, repetitions: int, time_limit: floa
     if "times" not in problem:
         raise RuntimeError(f"There is no problem to solve: {problem['status']}")
     del problem["peak"], problem["imports"]
-    runs = {solver: [] for solver in solvers}
+    runs = {solver: [] for solver in SOLVERS}
     for repetition in range(repetitions):
-        for solver in solvers:
+        for solver in SOLVERS:
             if any(not run.get("success") for run in runs[solver]):
                 continue
             _say(f"n = {links}, N = {knots}, {repetition + 1} of {repetitions}: {solver.name} ... ")

@@ -12,20 +12,20 @@ longer than that.
 """
 
 import dataclasses
-from collections.abc import Collection
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake import trajectories
-from pydrake.solvers import Binding
 
 from controllers.plan_controller import bend_by_temperature, temperature_to_hold
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, LimbParameters, Trajectory
-from limb_systems.model.statics import HeldAngles
+from limb_systems.model.smooth_function import SmoothFunction
 from planners import Task, references
 from planners.nearest import nearest_plan
 from planners.transcription.descent import descend
+from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import add_soft_bounds, temperature_weights
 from planners.transcription.quasi_static import QuasiStaticProgram
@@ -258,7 +258,7 @@ class HorizonProgram(QuasiStaticProgram):
         super().__init__(
             model.parameters,
             times,
-            HeldAngles(model.parameters),
+            model.held,
             Task(**counted, duty_hold=0.0),
             limit_weight=LIMIT_WEIGHT,
         )
@@ -290,50 +290,10 @@ class HorizonProgram(QuasiStaticProgram):
             return None
         return np.clip(found[self.duty[:-1]], 0.0, 1.0 - self.task.duty_margin)
 
-    def _make_blocks(self) -> list[ConstraintBlock]:
-        return [_ModelSteps(self._model, self.heat, self.duty[:-1], self.bends)]
-
-
-class _ModelSteps:
-    """Steps and bends of a `ReducedModel` as a `ConstraintBlock`, for what needs no curvature.
-
-    Args:
-        heat, duty, bends: indices of x (K + 1, N), D (K, W) and φ (K + 1, F).
-    """
-
-    replaces: Collection[Binding] = ()
-
-    def __init__(self, model: ReducedModel, heat: np.ndarray, duty: np.ndarray, bends: np.ndarray):
-        self._model, self._heat, self._duty, self._bends = model, heat, duty, bends
-        (K, N), F = heat[1:].shape, bends.shape[1]
-        of_step = np.repeat(np.hstack([heat[:-1], duty])[:, None], N, axis=1)
-        steps = np.concatenate([heat[1:, :, None], of_step], axis=2)
-        held = np.concatenate([bends[:, :, None], np.repeat(heat[:, None], F, axis=1)], axis=2)
-        self.columns = np.append(steps, held)
-        of_rows = np.append(np.full(K * N, steps.shape[2]), np.full(bends.size, held.shape[2]))
-        self.rows = np.repeat(np.arange(len(of_rows)), of_rows)
-        self.lower = self.upper = np.zeros(len(of_rows))
-        self.hessian_rows = self.hessian_columns = np.zeros(0, int)
-
-    def evaluate(self, x: np.ndarray) -> np.ndarray:
-        heats = self._heats(x)
-        steps = heats[1:] - self._model.step(heats[:-1], x[self._duty])
-        held = x[self._bends] - self._model.bend_angle(heats)
-        return np.append(steps[:, : self._heat.shape[1]], held)
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        heats, N = self._heats(x), self._heat.shape[1]
-        _, by_heat, by_duty = self._model.linearized_step(heats[:-1], x[self._duty])
-        _, by_states = self._model.bend_slopes(heats)
-        one = np.ones((len(by_heat), N, 1))
-        steps = np.concatenate([one, -by_heat[:, :N, :N], -by_duty[:, :N]], axis=2)
-        one = np.ones((*self._bends.shape, 1))
-        return np.append(steps, np.concatenate([one, -by_states[:, :, :N]], axis=2))
-
-    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        return np.zeros(0)
-
-    def _heats(self, x: np.ndarray) -> np.ndarray:
-        """[x, V] (K + 1, H), with readings of which nothing here depends."""
-        readings = np.zeros((len(self._heat), self._model.num_wires))
-        return np.hstack([x[self._heat], readings])
+    def _heat_block(self) -> ConstraintBlock:
+        """Steps of the model without readings, of which nothing here depends."""
+        N, W = self.heat.shape[1], self._model.num_wires
+        x, D = ca.SX.sym("x", N), ca.SX.sym("D", W)
+        after = self._model.symbolic_step(ca.vertcat(x, ca.SX.zeros(W)), D)[:N]
+        points = np.hstack([self.heat[:-1], self.duty[:-1]])
+        return FunctionBlock(SmoothFunction(after, ca.vertcat(x, D)), points, self.heat[1:])

@@ -5,9 +5,11 @@ cool within ten. Controllers at 20 Hz therefore see a limb that is always where
 its wires' torque and its rubber hold it, θ = K⁻¹ f(x) by (2) and (4).
 """
 
+import casadi as ca
 import numpy as np
 
 from limb_systems import Layout, LimbParameters
+from limb_systems.model.smooth_function import SmoothFunction
 from limb_systems.model.statics import HeldAngles
 from limb_systems.simulation import PERIOD
 
@@ -22,6 +24,8 @@ class ReducedModel:
     - ``num_wires``, ``num_bends``, ``size``: W, F and H.
     - ``cold``: heat of wires that were never heated (H,).
     - ``scales``: typical changes of the heat (H,).
+    - ``held``: the `HeldAngles` of the limb.
+    - ``symbolic_step``: `step` as a CasADi function.
     - ``bend_by_torque``: each bend by a torque on each of the joints that make it (F,), rad/(N·m).
 
     Args:
@@ -31,19 +35,31 @@ class ReducedModel:
 
     def __init__(self, parameters: LimbParameters, period: float = PERIOD):
         self.parameters, self.period = parameters, period
-        self._held = HeldAngles(parameters)
-        wires = self._wires = self._held.wires
-        W = self.num_wires = wires.num_wires
         layout = Layout(parameters)
-        self.num_bends, self._is_planar = layout.num_bends, layout.is_planar
+        self.held = HeldAngles(parameters, of_equal_angles=layout.is_planar)
+        wires = self._wires = self.held.wires
+        W = self.num_wires = wires.num_wires
+        self.num_bends = layout.num_bends
         self.size = wires.num_states + W
         self.cold = np.concatenate([wires.cold_states, wires.cold_states[:W]])
         self.scales = wires.heat_scales
-        self._to_bend = (layout.shape / (layout.shape**2).sum(axis=0)).T  # (11)
-        if not self._is_planar:
-            _, self._to_bend = self._held.chain.expanded_bends(self._held.rest_angles)
+        _, to_bend = self.held.bends_of_angles.first(self.held.rest_angles)
         in_bend = layout.shape > 0
-        self.bend_by_torque = np.diag(self._to_bend @ self._held.compliance @ in_bend).copy()
+        self.bend_by_torque = np.diag(to_bend @ self.held.compliance @ in_bend).copy()
+        heat, duty = ca.SX.sym("y", self.size), ca.SX.sym("D", W)
+        after = self._state_step(heat, duty)
+        self.symbolic_step = ca.Function("step", [heat, duty], [after])
+        self._step = SmoothFunction(after, ca.vertcat(heat, duty))
+
+    def _state_step(self, heat: ca.SX, duty: ca.SX) -> ca.SX:
+        """The heat (H,) a period later, by the midpoint method."""
+
+        def rates(heat: ca.SX) -> ca.SX:
+            return self._wires.symbolic_heat(heat[:N], heat[N:], duty)
+
+        N = self._wires.num_states
+        after = heat + self.period * rates(heat + 0.5 * self.period * rates(heat))
+        return ca.vertcat(self._wires.within(after[:N]), after[N:])
 
     @property
     def heating_rates(self) -> np.ndarray:
@@ -66,25 +82,19 @@ class ReducedModel:
 
     def step(self, heat: np.ndarray, duty: np.ndarray) -> np.ndarray:
         """The heat (..., H) a period later, under duty (..., W), by the midpoint method."""
-        middle = heat + 0.5 * self.period * self._wires.heat_rates(heat, duty)
-        after = heat + self.period * self._wires.heat_rates(middle, duty)
-        states = after[..., : self._wires.num_states]
-        states[...] = self._wires.within(states)
-        return after
+        return self._step.values(np.concatenate([heat, duty], axis=-1))
 
     def joint_angles(self, heat: np.ndarray) -> np.ndarray:
         """θ (..., n) that the wires hold, rad."""
-        return self._held.angles(heat[..., : -self.num_wires])
+        return self.held.angles(heat[..., : -self.num_wires])
 
     def bend_angle(self, heat: np.ndarray) -> np.ndarray:
         """φ (..., F) that the wires hold, rad.
 
-        It is the mean of the joints by (11) in a plane, and the chord's in space, as in plans. What
+        It is the mean of the joints by (11) in a plane, and the chord's in space. What
         a sensor reads otherwise, of a sagging limb, is for the observer a bend from outside.
         """
-        if self._is_planar:
-            return self.joint_angles(heat) @ self._to_bend.T
-        return self._held.bends(heat[..., : -self.num_wires])
+        return self.held.values(heat[..., : -self.num_wires])
 
     def linearized_step(
         self, heat: np.ndarray, duty: np.ndarray
@@ -95,27 +105,12 @@ class ReducedModel:
             The heat a period later (..., H), its derivatives by the heat
             (..., H, H) and by duty (..., H, W).
         """
-        H, half = self.size, 0.5 * self.period
-        rates, by_start = self._wires.expanded_heat_rates(heat, duty)
-        rates, by_middle = self._wires.expanded_heat_rates(heat + half * rates, duty)
-        slopes = by_middle + half * by_middle[..., :H] @ by_start
-        slopes *= self.period
-        slopes[..., np.arange(H), np.arange(H)] += 1.0
-        after = heat + self.period * rates
-        N = self._wires.num_states
-        kept = self._wires.within(after[..., :N])
-        slopes[..., :N, :][kept != after[..., :N]] = 0.0
-        after[..., :N] = kept
-        return after, slopes[..., :H], slopes[..., H:]
+        after, slopes = self._step.first(np.concatenate([heat, duty], axis=-1))
+        return after, slopes[..., : self.size], slopes[..., self.size :]
 
     def bend_slopes(self, heat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`bend_angle` (..., F), rad, and its derivatives by the heat (..., F, H)."""
-        states = heat[..., : -self.num_wires]
-        if self._is_planar:
-            angles, by_state = self._held.expanded(states)
-            bend, by_state = angles @ self._to_bend.T, self._to_bend @ by_state
-        else:
-            bend, by_state = self._held.expanded_bends(states)
+        bend, by_state = self.held.first(heat[..., : -self.num_wires])
         slopes = np.zeros((*bend.shape, self.size))
         slopes[..., : -self.num_wires] = by_state
         return bend, slopes

@@ -44,7 +44,7 @@ def nearest_plan(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray] | None
         )
     except LimbError:  # infeasible, or the limb folds
         return None
-    bend = held.bends(heat[: len(states)].T).T
+    bend = held.values(heat[: len(states)].T).T
     bend, temperature = (
         np.array([np.interp(plan.time, times, row) for row in rows])
         for rows in (bend, heat[: held.wires.num_wires])

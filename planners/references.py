@@ -17,7 +17,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import Layout, LimbError, LimbParameters, Recording
 from limb_systems.input import LARGEST_TABLE, read_text
-from limb_systems.model.chain import Chain
+from limb_systems.model.chain import tip_of_angles
 
 IN_SPACE = (
     "If yours bends in space, write axes: 2 into its segments in its YAML file, and where its "
@@ -301,7 +301,7 @@ def from_tip_path(
         LimbError: if shapes disagree, or the tip does not reach a point.
     """
     layout = Layout(parameters)
-    chain = Chain(layout, [0.0, 0.0, 0.0])
+    tip_of = tip_of_angles(layout)
     wanted, times = np.atleast_2d(np.asarray(path, float)), np.asarray(times, float)
     sideways = [1] if layout.is_planar else [1, 2]
     if layout.is_planar and len(wanted) == 2:
@@ -318,10 +318,10 @@ def from_tip_path(
         return from_samples(times, bends.T)  # which says that there are too few
     for _ in range(TIP_STEPS):
         angles = bends @ layout.shape.T
-        tip, slopes = chain.expanded_position(angles, layout.num_joints - 1, layout.end_offset[-1])
+        tip, slopes = tip_of.first(angles)
         missed = wanted.T - tip[:, sideways]
         if np.abs(missed).max() < 1e-10:
-            return from_samples(times, chain.bends(angles).T)
+            return from_samples(times, layout.bend_angle(angles.T))
         step = (np.linalg.pinv(slopes[:, sideways] @ layout.shape) @ missed[..., None])[..., 0]
         bends = bends + step / np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True) / 0.3)
     worst = int(np.abs(missed).max(axis=1).argmax())

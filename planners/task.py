@@ -143,7 +143,7 @@ class Task:
         held = HeldAngles(parameters)
 
         def bend(temperature: np.ndarray) -> np.ndarray:
-            return held.bends(held.wires.settled_states(temperature))
+            return held.values(held.wires.settled_states(temperature))
 
         slopes = np.linalg.norm(mean_bend_by_temperature(parameters, bend), axis=0)
         weakest = slopes.min()  # of all wires, rad/°C

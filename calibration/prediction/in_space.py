@@ -6,8 +6,10 @@ points on rings, and a polynomial through these is evaluated between them.
 """
 
 import copy
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 
+import casadi as ca
 import numpy as np
 from numpy.polynomial.chebyshev import chebvander
 
@@ -16,6 +18,7 @@ from limb_systems.model.bend_sensor import rolled
 from limb_systems.model.chain import Chain
 from limb_systems.model.ensemble import OpenLoop
 from limb_systems.model.rubber import NonlinearRubber
+from limb_systems.model.smooth_function import SmoothFunction
 
 DEGREE = 8  # of the polynomial, which is within 0.03° of equilibria in all plans
 MOST = np.deg2rad(78.0)  # bend that both torques hold, at most; no tip tangent shows 90°
@@ -60,13 +63,9 @@ class OpenLoopInSpace(OpenLoop):
         unit.rest_angle = unit.rest_angle_e3 = 0.0
         unit.rest_memory = None
         self._layout = Layout(LimbParameters(segments=[unit]))
-        self._cubic = NonlinearRubber(LimbParameters(segments=[unit]))
         self._sensor, self._disc = segment.bend_sensor, _disc()
         kinds, self._mounting = np.unique(np.round(loads, 9), axis=0, return_inverse=True)
-        self._chains = [
-            Chain(Layout(LimbParameters(segments=[unit], payload=payload)), gravity)
-            for *gravity, payload in kinds.tolist()
-        ]
+        self._balances = [_balance(unit, gravity, payload) for *gravity, payload in kinds.tolist()]
 
     def _bends(
         self,
@@ -78,21 +77,21 @@ class OpenLoopInSpace(OpenLoop):
         pulls = torques.swapaxes(0, 1) @ levers[:, None]
         pulls /= rubber["stiffness"][:, None, None, None]
         bends = np.empty_like(pulls)
-        for number, chain in enumerate(self._chains):
+        for number, balance in enumerate(self._balances):
             runs = np.flatnonzero(self._mounting == number)
-            bends[:, :, runs] = self._interpolated(chain, pulls[:, :, runs], rubber)
+            bends[:, :, runs] = self._interpolated(balance, pulls[:, :, runs], rubber)
         read = rolled(bends.transpose(3, 1, 0, 2), rubber["roll"][:, None])
         return np.moveaxis(read, 0, -1)
 
     def _interpolated(
-        self, chain: Chain, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]
+        self, balance: SmoothFunction, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]
     ) -> np.ndarray:
         """Bends (B, ..., 2) held by torques towards E2 and E3 over k (B, ..., 2), rad."""
         sizes = np.linalg.norm(pulls, axis=-1, keepdims=True)
         most = np.minimum(sizes.max(axis=(1, 2, 3)), MOST * self._layout.shape.max()) + 1e-9
         ranges = most[:, None, None, None]
         points, terms, weights = self._disc
-        held = self.held(chain, ranges[:, 0] * points, rubber)
+        held = self.held(balance, ranges[:, 0] * points, rubber)
         coefficients = np.zeros((len(pulls), 2, *terms.shape))
         coefficients[:, :, terms] = (weights @ held).swapaxes(1, 2)
         within = (pulls / np.maximum(sizes, ranges)).reshape(len(pulls), 1, -1, 2)
@@ -100,32 +99,47 @@ class OpenLoopInSpace(OpenLoop):
         bends = ((series[..., 0, :] @ coefficients) * series[..., 1, :]).sum(axis=-1)
         return bends.swapaxes(1, 2).reshape(pulls.shape)
 
-    def held(self, chain: Chain, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]) -> np.ndarray:
+    def held(
+        self, balance: SmoothFunction, pulls: np.ndarray, rubber: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
         """Bends (B, P, 2), rad, as exact equilibria of `_interpolated`; nan where there is none."""
         layout = self._layout
         towards = (layout.shape > 0).astype(float)  # joints by bends (n, 2)
-        ratio = np.stack([np.ones_like(rubber["stiffness"]), rubber["stiffness_ratio"]], axis=-1)
+        k = rubber["stiffness"]
+        ratio = np.stack([np.ones_like(k), rubber["stiffness_ratio"]], axis=-1)
         # A twist joint keeps its own share of k.
         springs = ratio @ towards.T + layout.stiffness * (1 - towards.sum(axis=-1))
         rest = np.stack([rubber["rest_angle"], rubber["rest_angle_e3"]], axis=-1) @ layout.shape.T
-        springs, rest, k = springs[:, None], rest[:, None], rubber["stiffness"][:, None, None]
-        stiffening = np.asarray(rubber.get("stiffening", np.zeros(len(k)))).reshape(-1, 1, 1)
+        stiffening = np.broadcast_to(rubber.get("stiffening", 0.0), k.shape)
+        of_sets = np.column_stack([springs, rest, k, stiffening])
         force = pulls @ towards.T
-        angles = rest + force / springs
-        no_shift = np.zeros((*angles.shape[:-1], 0))
+        given = np.concatenate(
+            [force, np.repeat(of_sets[:, None], force.shape[1], axis=1)], axis=-1
+        )
+        angles = rest[:, None] + force / springs[:, None]
         for _ in range(STEPS):
-            bent = angles - rest
-            load, stiffness = chain.held(angles, layout.stiffness)
-            left = force - springs * bent - load / k
-            weight = stiffness.matrix() - np.diag(layout.stiffness)
-            slopes = springs[..., None] * np.eye(layout.num_joints) + weight / k[..., None]
-            if "stiffening" in rubber:
-                left = left + stiffening * self._cubic.forces(no_shift, bent)
-                slopes = slopes - stiffening[..., None] * self._cubic.force_by_angle(bent)
-            step = np.linalg.solve(slopes, left[..., None])[..., 0]
+            residual, slopes = balance.first(angles, given)
+            step = -np.linalg.solve(slopes, residual[..., None])[..., 0]
             angles = angles + np.clip(step, -0.5, 0.5)
             if np.abs(step).max() < TOLERANCE:
                 break
         angles = np.where(np.abs(step).max(axis=-1, keepdims=True) < TOLERANCE, angles, np.nan)
         seen = self._sensor.exact_bends(layout.chains[0], np.moveaxis(angles, -1, 0))
         return np.moveaxis(seen, 0, -1)
+
+
+def _balance(unit: SegmentParameters, gravity: Sequence[float], payload: float) -> SmoothFunction:
+    """Torques on the joints over k (n,) of θ, which are zero at rest.
+
+    Its parameters are the wires' force over k (n,), the springs over k (n,), their rest angles
+    (n,), k and the stiffening.
+    """
+    limb = LimbParameters(segments=[dataclasses.replace(unit, stiffening=1.0)], payload=payload)
+    layout = Layout(limb)
+    n = layout.num_joints
+    q, force, springs, rest = (ca.SX.sym(name, n) for name in ("q", "f", "K", "r"))
+    k, stiffening, still = ca.SX.sym("k"), ca.SX.sym("s"), ca.SX(n, 1)
+    weight = Chain(layout, q).inverse_dynamics(still, still, ca.DM(gravity)) / k
+    cubic = NonlinearRubber(limb).forces(ca.SX(0, 1), q - rest)
+    residual = springs * (q - rest) + weight - stiffening * cubic - force
+    return SmoothFunction(residual, q, ca.vertcat(force, springs, rest, k, stiffening))

@@ -45,7 +45,7 @@ from hardware.emulation.sensors import (
 )
 from hardware.emulation.specimen import Specimen
 from limb_systems import Layout, LimbError
-from limb_systems.model.chain import Chain as StaticChain
+from limb_systems.model.chain import weight_of_angles
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import SegmentParameters
 from limb_systems.model.ports import declare_part
@@ -568,10 +568,10 @@ class ContinuumLimb(LeafSystem):
         self._described = Layout(specimen.description)
         limb = dataclasses.replace(specimen.description, segments=[fine(segment)])
         self._layout, self._sensor = Layout(limb), segment.bend_sensor
-        self._in_space = StaticChain(self._layout, limb.gravity)
+        self._weighs = bool(np.cross(limb.gravity, self._layout.axes).any())
+        self._weight = weight_of_angles(self._layout, limb.gravity)
         self._twists = np.flatnonzero(~self._layout.shape.any(axis=1))
         self._torsional = segment.torsional_ratio * self._chains[0].stiffness[: len(self._twists)]
-        self._springs = np.ones(self._layout.num_joints)
         step = period / SUBSTEPS
         self._free = [chain.propagator(step) for chain in self._chains]
         self._held = [chain.propagator(step, held=True) for chain in self._chains]
@@ -740,10 +740,9 @@ class ContinuumLimb(LeafSystem):
         """Moments of gravity on the joints of each axis, N·m, under which the twists settle."""
         if len(self._chains) == 1:
             return [self._chains[0].weight(angles[0])]
-        if not self._in_space.weighs:
+        if not self._weighs:
             return [0.0, 0.0]
-        load, _ = self._in_space.held(self._all_angles(angles, twist), self._springs)
-        moments = -load
+        moments = -self._weight.values(self._all_angles(angles, twist))
         twist[:] = moments[self._twists] / self._torsional
         return [moments[joints] for joints in self._layout.bend_joints]
 

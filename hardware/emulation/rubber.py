@@ -8,7 +8,7 @@ from pydrake.trajectories import Trajectory
 
 from hardware.emulation.specimen import Specimen
 from limb_systems import Layout, LimbParameters
-from limb_systems.model.chain import Chain
+from limb_systems.model.chain import tip_of_angles
 from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.ownership import weak_method
 
@@ -157,7 +157,7 @@ class Hand(LeafSystem):
         super().__init__()
         self._motion, self._layout = motion, Layout(parameters)
         (segment,), (self._segment_chain,) = parameters.segments, self._layout.chains
-        self._chain = Chain(self._layout, parameters.gravity)
+        self._tip = tip_of_angles(self._layout)
         # A torque at the tip turns the chord by about (n + 1) / 2 joints' worth of angle.
         self._stiffness = GRIP * segment.stiffness * self._segment_chain.equal_angle
         self._length, self._sensor = segment.length, segment.bend_sensor
@@ -173,9 +173,7 @@ class Hand(LeafSystem):
             output.SetFromVector(np.zeros(num_joints))
             return
         angles, rates = np.split(self.get_input_port().Eval(context), 2)
-        chord, slopes = self._chain.expanded_position(
-            angles, num_joints - 1, self._layout.end_offset[-1]
-        )
+        chord, slopes = self._tip.first(angles)
         along = chord / np.linalg.norm(chord)
         # The least rotation that turns E1 along the chord, of E2 and E3.
         across = np.eye(3)[1:] - np.outer(along[1:], along + np.eye(3)[0]) / (1 + along[0])

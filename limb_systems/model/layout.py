@@ -43,6 +43,8 @@ class Layout:
       what is before a segment's first joint, and the payload.
     - ``body_masses``, ``body_centres``: kg (B,), and centre of mass from the joint's origin
       (B, 3), m.
+    - ``body_moments``: principal moments of inertia about E1, E2 and E3 (B, 3), kg·m², of
+      homogeneous boxes. The payload is a point.
 
     Args:
         parameters: description of the limb.
@@ -77,6 +79,7 @@ class Layout:
         links: list[int] = []
         last_joints: list[int] = []
         bodies: list[tuple[int, float, float]] = []
+        sizes: list[tuple[float, float, float]] = []  # of the bodies along E1, E2 and E3, m
         end = 0.0  # of the segment before, along E1 from its last joint
         for number, (segment, chain, suffix) in enumerate(
             zip(segments, self.chains, self.segment_suffixes, strict=True)
@@ -97,6 +100,7 @@ class Layout:
                 self.bend_suffixes.append(suffix if segment.axes == 1 else f"{suffix}_{kind}")
             piece, mass = segment.length / segment.links, segment.mass / segment.links
             if chain.first_length:
+                sizes.append((chain.first_length * piece, segment.thickness, segment.width))
                 bodies.append((joints.start - 1, chain.first_length * mass, end + 0.25 * piece))
             start = end + chain.first_length * piece
             for first, last, share in zip(
@@ -106,6 +110,7 @@ class Layout:
                 strict=True,
             ):
                 self.offsets[joints.start + first, 0] = start
+                sizes.append((share * piece, segment.thickness, segment.width))
                 bodies.append((joints.start + last, share * mass, 0.5 * share * piece))
                 links += [len(last_joints)] * int(last - first + 1)
                 last_joints.append(joints.start + int(last))
@@ -113,11 +118,15 @@ class Layout:
             end = chain.lengths[-1] * piece
             self.end_offset[number, 0] = end
         if parameters.payload:
+            sizes.append((0.0, 0.0, 0.0))
             bodies.append((self.num_joints - 1, parameters.payload, end))
         self.link_of_joint, self.last_joints = np.array(links), np.array(last_joints)
         joints_of_bodies, masses, centres = zip(*bodies, strict=True)
         self.body_joints, self.body_masses = np.array(joints_of_bodies), np.array(masses)
         self.body_centres = np.outer(centres, [1.0, 0.0, 0.0])
+        squares = np.array(sizes) ** 2
+        across = squares.sum(axis=1, keepdims=True) - squares
+        self.body_moments = self.body_masses[:, None] * across / 12
 
     @property
     def is_planar(self) -> bool:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from limb_systems.model.kinematics import rest_joint_angles
@@ -27,30 +28,27 @@ class NonlinearRubber:
     that of both bends of a link, and there is an r for each, towards which ±Δ is along the wire's
     lever. Twists do not stiffen.
 
-    Arrays have the joints, the wires (W) or the states r (R) along their last
-    axis, and may be of any scalar type.
+    Its forces and rates are expressions of symbols.
 
     - ``state_names``: such as ``rest_shift_2``, R.
     - ``stiffens``, ``remembers``: whether any segment does.
-    - ``force_by_shift``: derivative of the force by r (n, R), N·m/rad.
     - ``bend_by_torque``: bend angle that a torque of each wire alone holds (W,), rad/(N·m).
-    - ``pace``: λ of each wire on each shift (R, W), 1/rad.
 
     Args:
         parameters: description of the limb.
     """
 
     def __init__(self, parameters: LimbParameters):
-        layout = self._layout = Layout(parameters)
+        layout = Layout(parameters)
         num_joints, num_wires = layout.num_joints, layout.num_wires
         num_shifts = num_rest_shifts(parameters)
         self.state_names: list[str] = []
         self.remembers = num_shifts > 0
         self._rest = rest_joint_angles(parameters)
         self._cubic = np.zeros(num_joints)
-        self.force_by_shift = np.zeros((num_joints, num_shifts))
+        self._force_by_shift = np.zeros((num_joints, num_shifts))
         self.bend_by_torque = np.zeros(num_wires)
-        self.pace, self._towards = np.zeros((2, num_shifts, num_wires))
+        self._pace, self._towards = np.zeros((2, num_shifts, num_wires))
         for bend, (joints, suffix) in enumerate(
             zip(layout.bend_joints, layout.bend_suffixes, strict=True)
         ):
@@ -65,11 +63,11 @@ class NonlinearRubber:
             self.state_names.append(f"rest_shift{suffix}")
             lever = layout.levers[joints[0], wires]
             torque_by_bend = layout.stiffness[joints] * equal
-            self.force_by_shift[joints, row] = torque_by_bend
+            self._force_by_shift[joints, row] = torque_by_bend
             self.bend_by_torque[wires] = np.hypot(
                 self.bend_by_torque[wires], lever / torque_by_bend[0]
             )
-            self.pace[row, wires] = memory.rate
+            self._pace[row, wires] = memory.rate
             # A wire of a planar segment leads to ±Δ, however its lever is inclined.
             share = np.sign(lever) if segment.axes == 1 else lever
             self._towards[row, wires] = memory.rate * memory.shift * share
@@ -79,47 +77,22 @@ class NonlinearRubber:
         links = layout.link_of_joint[bends]
         self._same_link[np.ix_(bends, bends)] = links[:, None] == links
 
-    def forces(self, shifts: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """Generalized force (..., n), N·m, of r (..., R) and θ (..., n), rad."""
-        force = shifts @ self.force_by_shift.T
-        if not self.stiffens:
-            return force
-        bent = angles - self._rest
-        if self._layout.is_planar:
-            return force - self._cubic * bent**3
-        return force - self._cubic * bent * (bent**2 @ self._same_link)
+    def forces(self, shifts: ca.SX, angles: ca.SX) -> ca.SX:
+        """Generalized force (n,), N·m, of r (R,) and θ (n,), rad."""
+        bent = angles - ca.DM(self._rest)
+        squared = ca.DM(self._same_link) @ bent**2
+        force = -ca.DM(self._cubic) * bent * squared
+        return force + ca.DM(self._force_by_shift) @ shifts if self.remembers else force
 
-    def force_by_angle(self, angles: np.ndarray) -> np.ndarray:
-        """Derivatives of the joints' forces by the angles (..., n, n), N·m/rad."""
-        bent = angles - self._rest
-        squared = bent**2 @ self._same_link
-        own = -(self._cubic * squared)[..., None] * np.eye(len(self._rest))
-        products = 2 * bent[..., :, None] * bent[..., None, :] * self._same_link
-        return own - self._cubic[:, None] * products
-
-    def force_hessian(self, angles: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Second derivatives of weights · force by the angles (..., n, n), for weights (..., n)."""
-        bent, weighted = angles - self._rest, weights * self._cubic
-        products = weighted[..., :, None] * bent[..., None, :] * self._same_link
-        own = ((weighted * bent) @ self._same_link)[..., None] * np.eye(len(self._rest))
-        return -2.0 * (products + products.swapaxes(-1, -2) + own)
-
-    def progress(self, torque_rates: Any, wires: slice | np.ndarray) -> Any:
-        """p(g_i') of some wires, rad/s, from the rates of their torques, N·m/s."""
-        return ramp(self.bend_by_torque[wires] * torque_rates)
-
-    def rates(self, shifts: np.ndarray, progress: np.ndarray) -> np.ndarray:
-        """r' (..., R), rad/s, of r (..., R) and the `progress` of all wires (..., W)."""
-        return progress @ self._towards.T - (progress @ self.pace.T) * shifts
-
-    def rates_by_progress(self, shifts: np.ndarray) -> np.ndarray:
-        """Derivatives of `rates` by the `progress` of all wires (..., R, W)."""
-        return self._towards - self.pace * shifts[..., None]
+    def rates(self, shifts: ca.SX, torque_rates: ca.SX) -> ca.SX:
+        """r' (R,), rad/s, of r (R,) and the rates of all wires' torques (W,), N·m/s."""
+        progress = ramp(ca.DM(self.bend_by_torque) * torque_rates)
+        return ca.DM(self._towards) @ progress - shifts * (ca.DM(self._pace) @ progress)
 
     def settled(self, torques: np.ndarray) -> np.ndarray:
         """r (R,) after wires heated from cold, all at once and in proportion, to torques (W,)."""
         bends = np.maximum(self.bend_by_torque * torques, 0.0)
-        paths = self.pace @ bends
+        paths = self._pace @ bends
         gone = np.divide(-np.expm1(-paths), paths, out=np.zeros_like(paths), where=paths > 0)
         return gone * (self._towards @ bends)
 

@@ -2,15 +2,16 @@
 
 from collections.abc import Callable
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from limb_systems.errors import LimbError
 from limb_systems.model.chain import Chain
-from limb_systems.model.chain_stiffness import ChainStiffness
-from limb_systems.model.kinematics import rest_joint_angles
+from limb_systems.model.dynamics import equation_of_motion
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.smooth_function import SmoothFunction
 from limb_systems.model.wires import Wires
 
 NEWTON_STEPS = 50
@@ -41,82 +42,100 @@ def static_equilibrium(
             "one for each wire."
         )
     balance = _Balance(parameters)
-    joints = np.eye(parameters.num_joints)
-    angles, stiffness = balance.settled(balance.wires.settled_states(wire), 0.0 * joints[0])
-    return angles, stiffness.solve(joints)
+    straight = np.zeros(parameters.num_joints)
+    angles, by_point = balance.settled(balance.wires.settled_states(wire), straight)
+    return angles, np.linalg.inv(by_point[:, : len(angles)])
 
 
 class HeldAngles:
-    """Joint angles θ and bends φ(θ) that wires hold at rest, K (θ - θ_0) + ∇V(θ) = f(x, θ).
+    """Joint angles θ and bends φ(θ) that wires hold at rest, where (2) has no motion.
 
-    K are the springs of (2), which rest at θ_0, V is the potential of gravity and f the force of
-    the wires and of what stiffens, (4). The equilibrium is exact. Where V and f are no
-    functions of θ, θ is linear in f. Arrays have any number of points before their last axis.
+    The equilibrium is exact. Where gravity and forces are no functions of θ, θ is linear in f.
+    Arrays have any number of points before their last axis. φ(x) has the methods of a
+    `SmoothFunction`.
 
     The equilibria of the last states are kept, so that values, slopes and curvature at the same
     states take one solution. All methods raise LimbError where the limb has no stable equilibrium.
 
     - ``rest_angles``: θ (n,), rad, with wires that were never heated.
     - ``compliance``: ∂θ/∂f (n, n) there, rad/(N·m).
-    - ``wires``, ``chain``: the limb's `Wires`, and its `Chain`.
+    - ``wires``: the limb's `Wires`.
+    - ``bends_of_angles``: φ (F,) of θ as a `SmoothFunction`.
 
     Args:
         parameters: description of the limb.
+        of_equal_angles: whether φ is that of the mean of the joints' angles, by (11), instead of
+            the chord's.
     """
 
-    def __init__(self, parameters: LimbParameters):
+    def __init__(self, parameters: LimbParameters, of_equal_angles: bool = False):
         self._balance = _Balance(parameters)
-        self.wires, self.chain = self._balance.wires, self._balance.chain
+        self.wires = self._balance.wires
+        self.bends_of_angles = self._balance.bends
+        if of_equal_angles:
+            shape, q = Layout(parameters).shape, ca.SX.sym("q", parameters.num_joints)
+            self.bends_of_angles = SmoothFunction(ca.DM(np.linalg.pinv(shape)) @ q, q)
+        N, F = self.wires.num_states, self.bends_of_angles.num_values
+        self.num_values = F
+        self.slope_places = np.indices((F, N)).reshape(2, -1)
+        self.curvature_places = np.array(np.tril_indices(N))
         self.rest_angles, self.compliance = static_equilibrium(parameters)
         self._cold = self.wires.forces(self.wires.cold_states, self.rest_angles)
-        self._states = self._angles = np.empty(0)
-        self._by_force: Callable[[np.ndarray], np.ndarray] = self.compliance.__matmul__
+        self._kept: tuple[np.ndarray, tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
 
     def angles(self, states: np.ndarray) -> np.ndarray:
         """θ (..., n), rad, at states x (..., N) of the wires."""
-        if not self._balance.is_linear and np.array_equal(self._states, states):
-            return self._angles
-        at_rest = np.broadcast_to(self.rest_angles, (*states.shape[:-1], len(self.rest_angles)))
-        angles = at_rest + (self.wires.forces(states, at_rest) - self._cold) @ self.compliance.T
-        if self._balance.is_linear:
-            return angles
-        self._angles, stiffness = self._balance.settled(states, angles)
-        self._states, self._by_force = states.copy(), stiffness.solve
-        return self._angles
+        return self._settled(states)[0]
 
     def expanded(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`angles` θ (..., n), and their derivatives by the states (..., n, N)."""
-        angles = self.angles(states)
-        by_state, _ = self.wires.force_derivatives(states, angles)
-        slopes = self._by_force(by_state)
-        return angles, np.broadcast_to(slopes, (*angles.shape, states.shape[-1]))
+        angles, _, slopes = self._settled(states)
+        return angles, slopes
 
-    def bends(self, states: np.ndarray) -> np.ndarray:
+    def values(self, states: np.ndarray) -> np.ndarray:
         """φ (..., F), rad, of the equilibria at states x (..., N)."""
-        return self.chain.bends(self.angles(states))
+        return self.bends_of_angles.values(self.angles(states))
 
-    def expanded_bends(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`bends` φ (..., F), and their derivatives by the states (..., F, N)."""
+    def first(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """φ (..., F), and its derivatives by the states (..., F, N)."""
         angles, slopes = self.expanded(states)
-        bends, by_angle = self.chain.expanded_bends(angles)
+        bends, by_angle = self.bends_of_angles.first(angles)
         return bends, by_angle @ slopes
 
-    def bend_curvature(self, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    def second(self, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Second derivatives of weights · φ by the states (..., N, N), for weights (..., F).
 
-        They are those of φ(θ) less those of r = K (θ - θ_0) + ∇V - f, weighted with the adjoint λ,
-        along θ_x. How torques of laws bend with angles is left out.
+        They are those of φ(θ) less those of the residual of (2), weighted with the adjoint λ,
+        along [∂θ/∂x, 1].
         """
-        angles, slopes = self.expanded(states)
-        _, by_angle = self.chain.expanded_bends(angles)
-        adjoint = self._by_force(by_angle.swapaxes(-1, -2) @ weights[..., None])[..., 0]
-        curvature = self.chain.bend_curvature(angles, weights)
-        if self.chain.weighs:
-            curvature -= self.chain.gravity_curvature(angles, adjoint)
-        if self.wires.torque_needs_angle:
-            curvature += self.wires.force_hessian_by_angle(angles, adjoint)
-        along = slopes.swapaxes(-1, -2) @ curvature @ slopes
-        return along + self.wires.force_hessian(states, angles, adjoint)
+        angles, compliance, slopes = self._settled(states)
+        n = angles.shape[-1]
+        by_angle = self.bends_of_angles.first(angles)[1].swapaxes(-1, -2)
+        adjoint = (compliance @ (by_angle @ weights[..., None]))[..., 0]
+        residual = self._balance.residual.second(np.concatenate([angles, states], -1), -adjoint)
+        along = slopes.swapaxes(-1, -2)
+        by_angles = residual[..., :n, :n] + self.bends_of_angles.second(angles, weights)
+        mixed = along @ residual[..., :n, n:]
+        return along @ by_angles @ slopes + mixed + mixed.swapaxes(-1, -2) + residual[..., n:, n:]
+
+    def slopes(self, states: np.ndarray) -> np.ndarray:
+        """Derivatives of φ by the states at the ``slope_places`` (..., F N)."""
+        return self.first(states)[1].reshape(*states.shape[:-1], -1)
+
+    def curvatures(self, states: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """`second` at the ``curvature_places``, of the lower triangle (..., N (N + 1) / 2)."""
+        return self.second(states, weights)[..., *self.curvature_places]
+
+    def _settled(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """θ (..., n), and its derivatives by forces (..., n, n) and by the states (..., n, N)."""
+        if self._kept is None or not np.array_equal(self._kept[0], states):
+            at_rest = np.broadcast_to(self.rest_angles, (*states.shape[:-1], len(self.rest_angles)))
+            moved = (self.wires.forces(states, at_rest) - self._cold) @ self.compliance.T
+            angles, by_point = self._balance.settled(states, at_rest + moved)
+            stiffness, by_state = np.split(by_point, [angles.shape[-1]], axis=-1)
+            compliance = np.linalg.inv(stiffness)
+            self._kept = states.copy(), (angles, compliance, -compliance @ by_state)
+        return self._kept[1]
 
 
 def mean_bend_by_temperature(
@@ -140,20 +159,22 @@ def mean_bend_by_temperature(
 
 
 class _Balance:
-    """Forces on the joints of a limb at rest, r(x, θ) = K (θ - θ_0) + ∇V(θ) - f(x, θ).
+    """Forces on the joints of a limb at rest.
 
-    - ``is_linear``: whether r is linear in θ, with K.
+    - ``wires``: the limb's `Wires`.
+    - ``residual``: (2) without motion (n,), N·m, of [θ, x], as a `SmoothFunction`.
+    - ``bends``: φ (F,) of θ, as a `SmoothFunction`.
     """
 
     def __init__(self, parameters: LimbParameters):
-        self.wires = Wires(parameters)
-        layout = Layout(parameters)
-        self.chain = Chain(layout, parameters.gravity)
-        self._springs, self._relaxed = layout.stiffness, rest_joint_angles(parameters)
-        self.is_linear = not (self.chain.weighs or self.wires.torque_needs_angle)
+        self.wires, n = Wires(parameters), parameters.num_joints
+        q, x, still = ca.SX.sym("q", n), ca.SX.sym("x", self.wires.num_states), ca.SX(n, 1)
+        residual = equation_of_motion(parameters, self.wires, q, still, still, x)
+        self.residual = SmoothFunction(residual, ca.vertcat(q, x))
+        self.bends = SmoothFunction(Chain(Layout(parameters), q).bends(), q)
 
-    def settled(self, states: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, "_Stiffness"]:
-        """θ (..., n) where r = 0 at states (..., N), and the stiffness there.
+    def settled(self, states: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """θ (..., n) at rest at states (..., N), and the residual's derivatives by [θ, x] there.
 
         Newton's method may miss the rest of a limb that is heavy for its springs. Steps that
         go downhill do not, but may end with a limb that hangs from a fold.
@@ -166,20 +187,20 @@ class _Balance:
         """
         try:
             return self._newton(states, start)
-        except LimbError:
-            angles, stiffness = self._newton(states, start, downhill=True)
-        folded = (np.abs(self.chain.bends(angles)) > FOLDED).any(axis=-1)
+        except (LimbError, np.linalg.LinAlgError):
+            angles, by_point = self._newton(states, start, downhill=True)
+        folded = (np.abs(self.bends.values(angles)) > FOLDED).any(axis=-1)
         if folded.any():
             raise LimbError(f"Gravity folds the limb{_where(folded)}; is it too soft?")
-        return angles, stiffness
+        return angles, by_point
 
     def _newton(
         self, states: np.ndarray, start: np.ndarray, downhill: bool = False
-    ) -> tuple[np.ndarray, "_Stiffness"]:
-        angles = start
+    ) -> tuple[np.ndarray, np.ndarray]:
+        angles, n = start, start.shape[-1]
         for _ in range(NEWTON_STEPS):
-            force, stiffness = self._expanded(states, angles)
-            step = stiffness.solve(force[..., None], downhill)[..., 0]
+            residual, by_point = self.residual.first(np.concatenate([angles, states], axis=-1))
+            step = _step(by_point[..., :n], -residual, downhill)
             largest = np.abs(step).max(axis=-1, keepdims=True)
             # No step is so long that a joint turns over, nor, downhill, that the slope turns.
             angles = angles + step / np.maximum(1.0, largest / (0.2 if downhill else 1.0))
@@ -190,44 +211,22 @@ class _Balance:
                 f"There is no static equilibrium that Newton's method finds"
                 f"{_where(largest[..., 0] >= CONVERGED)}; is the limb too soft?"
             )
-        unstable = ~np.asarray(stiffness.is_stable)
+        unstable = np.linalg.eigvalsh(by_point[..., :n])[..., 0] <= 0
         if unstable.any():
             raise LimbError(
                 f"The limb's equilibrium{_where(unstable)} is unstable: gravity folds it; is it "
                 "too soft?"
             )
-        return angles, stiffness
-
-    def _expanded(self, states: np.ndarray, angles: np.ndarray) -> tuple[np.ndarray, "_Stiffness"]:
-        """-r (..., n), N·m, and the derivatives of r by θ."""
-        force = self.wires.forces(states, angles) - self._springs * (angles - self._relaxed)
-        _, by_angle = self.wires.force_derivatives(states, angles)
-        if by_angle is not None and not self.chain.weighs:
-            return force, _Matrix(np.diag(self._springs) - by_angle)
-        load, stiffness = self.chain.held(angles, self._springs)
-        if by_angle is None:
-            return force - load, stiffness
-        return force - load, _Matrix(stiffness.matrix() - by_angle)
+        return angles, by_point
 
 
-class _Matrix:
-    """A symmetric stiffness (..., n, n), as a `ChainStiffness`."""
-
-    def __init__(self, matrix: np.ndarray):
-        self._matrix = matrix
-
-    @property
-    def is_stable(self) -> np.ndarray:
-        return np.linalg.eigvalsh(self._matrix)[..., 0] > 0
-
-    def solve(self, forces: np.ndarray, downhill: bool = False) -> np.ndarray:
-        if not downhill or self.is_stable.all():
-            return np.linalg.solve(self._matrix, forces)
-        values, axes = np.linalg.eigh(self._matrix)
-        return axes @ ((axes.swapaxes(-1, -2) @ forces) / np.abs(values)[..., None])
-
-
-_Stiffness = ChainStiffness | _Matrix
+def _step(stiffness: np.ndarray, forces: np.ndarray, downhill: bool) -> np.ndarray:
+    """The Newton step (..., n) under forces (..., n), or one that forces do work along."""
+    if downhill:
+        values, axes = np.linalg.eigh(stiffness)
+        along = axes.swapaxes(-1, -2) @ forces[..., None] / np.abs(values)[..., None]
+        return (axes @ along)[..., 0]
+    return np.linalg.solve(stiffness, forces[..., None])[..., 0]
 
 
 def _where(refused: np.ndarray) -> str:

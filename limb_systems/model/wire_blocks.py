@@ -73,7 +73,7 @@ class ThermocoupleLag(AffineSystem):
         """
         wires = _affine(parameters, "rates_are_affine", "heat")
         N, W = wires.num_states, wires.num_wires
-        slopes = wires.heat_jacobian(np.zeros(N + W), np.zeros(W))[N:]
+        slopes = wires.heat.first(np.zeros(N + 2 * W))[1][N:]
         super().__init__(
             A=slopes[:, N : N + W],
             B=slopes[:, :N],
@@ -109,13 +109,13 @@ class TorqueMap(AffineSystem):
         """
         wires, n = _affine(parameters, "torque_is_affine", "torque"), parameters.num_joints
         nothing, straight = np.zeros(wires.num_states), np.zeros(n)
-        matrix, _ = wires.force_derivatives(nothing, straight)
+        _, slopes = wires.force.first(np.concatenate([nothing, straight]))
         super().__init__(
             A=np.zeros((0, 0)),
             B=np.zeros((0, wires.num_states)),
             f0=np.zeros(0),
             C=np.zeros((n, 0)),
-            D=matrix,
+            D=slopes[:, : wires.num_states],
             y0=wires.forces(nothing, straight),
         )
         self.set_name("torque_map")

@@ -23,13 +23,11 @@ class WireLaw(Tagged):
 
     A law is written for one wire and evaluated for many at once: each state x,
     the duty D in [0, 1] and the angle θ in rad by which a link turns towards the wire may be
-    numbers or arrays
-    of floats, complex numbers (whose imaginary parts are infinitesimal),
-    AutoDiffXd or Expression. The law's own fields that are numbers may be such
-    arrays, too. The methods must therefore work element by element, with arithmetic and
-    numpy's functions (`numpy.exp`, `numpy.tanh`, ...), without branches, and be smooth.
-    They are called once with symbols, and differentiated; floats then take the
-    code that comes of it.
+    numbers, arrays of floats, AutoDiffXd, or symbols of Drake or CasADi. The law's own fields that
+    are numbers may be arrays, too. The methods must therefore work element by element, with
+    arithmetic and numpy's functions (`numpy.exp`, `numpy.tanh`, ...), without branches, and be
+    smooth. A limb calls them once with symbols, which CasADi differentiates, and evaluates the
+    code of the result.
 
     - ``states``: names of the wire's states, the wire temperature ``T``, °C,
       first. The value of each is a typical change, by which solvers scale it.
@@ -130,21 +128,13 @@ class LinearLaw(WireLaw):
         return {**cooling, "heating": self.a2, "reading": -self.a3}
 
 
-def within(states: Any, low: Any, high: Any) -> Any:
-    """States, real or complex, cut off at their bounds, beyond which nothing depends on them."""
-    return np.where(np.real(states) < low, low, np.where(np.real(states) > high, high, states))
-
-
 def runge_kutta(
-    rates: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    states: np.ndarray,
-    duty: Sequence[np.ndarray] | np.ndarray,
-    step: float,
-) -> np.ndarray:
+    rates: Callable[[Any, Any], Any], states: Any, duty: Sequence[Any], step: Any
+) -> Any:
     """States after a step, by the classical Runge-Kutta method.
 
     Args:
-        rates: function of states and duty.
+        rates: function of states and duty, of arrays or symbols.
         duty: duty at the beginning, in the middle and at the end of the step.
         step: s.
     """

@@ -264,12 +264,11 @@ def standing_still(program: GaitProgram) -> np.ndarray:
     ambient = program.robot.together.ambient_temperature
     states = wires.settled_states(np.full(W, ambient + START_WARMTH))
     standing = Standing(planar, wires, np.ones((F, 2)))
-    point = np.concatenate([planar.rest, states, np.tile([0.0, load / F], F)])
+    standing_forces, travel = np.tile([0.0, load / F], F), planar.feet(planar.rest)[:, 0]
+    point = np.concatenate([planar.rest, states, standing_forces, travel])
     point[1] = planar.radius - planar.feet(planar.rest)[:, 1].mean()
-    targets = np.concatenate(
-        [np.zeros(d), planar.feet(planar.rest)[:, 0], np.full(F, planar.radius)]
-    )
-    unknown = np.r_[:d, len(point) - 2 * F : len(point)]
+    targets = np.append(np.zeros(d + F), np.full(F, planar.radius))
+    unknown = np.r_[:d, d + len(states) + np.arange(2 * F)]
     for _ in range(50):
         missed = targets - standing.values(point)[: d + 2 * F]
         # More than two straight limbs share the load in many ways, of which one is taken.

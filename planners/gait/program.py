@@ -6,7 +6,7 @@ of the feet; in each interval, between knots, are the duty and the contacts; eac
 duration of its own. What is held:
 
 - the balance of forces and the stability of `Standing`, at every knot;
-- (17) of the heat, in every interval, as by `PeriodicHeat`;
+- (17) of the heat, in every interval, as `heat_defects`;
 - a foot on the ground is at z = r and carries a least share of the load; one that sticks does not
   travel, and has ``|f_t| <= 0.8 μ f_n``; one that slides travels one way only, and has f_t = -μ f_n
   against it; one that swings carries nothing, is 1 mm clear of the ground at knots inside of its
@@ -17,17 +17,19 @@ A knot between two phases belongs to both. Where a foot begins to slide or cease
 what slides, as friction does not jump: the share of μ counts at knots inside of a phase.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Literal
 
+import casadi as ca
 import numpy as np
-from pydrake.solvers import Binding, MathematicalProgram
+from pydrake.solvers import MathematicalProgram
 
 from limb_systems import Gait, GaitCheck, GaitPhase, Provenance, RobotParameters, Wires
-from planners.gait.heat import PeriodicHeat
+from limb_systems.model.smooth_function import SmoothFunction
 from planners.gait.planar_robot import POSE, PlanarRobot
 from planners.gait.standing import LEAST_PIVOT, Standing
-from planners.transcription.collocation import ANGLE_SCALE
+from planners.transcription.collocation import ANGLE_SCALE, heat_defects
+from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 
 SLIDES = {"slide_forward": 1.0, "slide_backward": -1.0}
@@ -95,9 +97,9 @@ class GaitProgram:
         self.standing = standing
         off_ground = np.all([of == "swing" for of in both], axis=0)
         self.blocks: list[ConstraintBlock] = [
-            _StandingBlock(self, standing, off_ground, clearance, steadiness),
-            PeriodicHeat(self.wires, self.heat, self.duty, self.time_steps),
-            _Merit(self),
+            self._standing_block(off_ground, clearance, steadiness),
+            self._heat_block(),
+            self._merit_block(),
         ]
 
     def _add_variables(self) -> None:
@@ -180,11 +182,54 @@ class GaitProgram:
                 most = {"stick": 0.0, "swing": furthest}.get(contact, np.inf)
                 self._add_linear(row, least, most, pair, 1.0 / LENGTH_SCALE)
 
+    def _standing_block(
+        self, off_ground: np.ndarray, clearance: float, steadiness: float
+    ) -> ConstraintBlock:
+        """`Standing` at all knots: in balance, with the feet's travel, on the ground and stable.
+
+        Args:
+            off_ground: true where a foot swings before and after a knot (K, F).
+        """
+        planar, load = self.planar, self.load
+        d, F = len(planar.stiffness), planar.num_feet
+        forces, moments = np.full(2, load), np.full(d - 2, load * planar.size)
+        scales = np.concatenate([forces, moments, np.full(2 * F, LENGTH_SCALE), np.ones(F + POSE)])
+        lower, upper = np.zeros((2, len(self.y), len(scales)))
+        heights, pivots = slice(d + F, d + 2 * F), slice(d + 2 * F, None)
+        lower[:, heights] = planar.radius + clearance * off_ground
+        upper[:, heights] = np.where(off_ground, np.inf, planar.radius)
+        lower[:, pivots] = np.arcsinh(steadiness * np.sinh(LEAST_PIVOT))
+        upper[:, pivots] = np.inf
+        return FunctionBlock(self.standing, self.points, scales=scales, bounds=(lower, upper))
+
+    def _heat_block(self) -> ConstraintBlock:
+        """(17) of the heat around the period, with duty held over intervals of free length."""
+        before, after = (ca.SX.sym(name, self.heat.shape[1]) for name in ("y0", "y1"))
+        duty, step = ca.SX.sym("D", self.wires.num_wires), ca.SX.sym("h")
+        defects = heat_defects(self.wires, before, duty, after, duty, step)
+        function = SmoothFunction(defects, ca.vertcat(before, after, duty, step))
+        around = np.roll(self.heat, -1, axis=0)
+        points = np.column_stack([self.heat, around, self.duty, self.time_steps])
+        return FunctionBlock(function, points, scales=self.wires.heat_scales)
+
+    def _merit_block(self) -> ConstraintBlock:
+        """The objective m: S = m Σ h, or m S = Σ h D."""
+        stride, merit = ca.SX.sym("S"), ca.SX.sym("m")
+        steps, duty = ca.SX.sym("h", len(self.steps)), ca.SX.sym("D", *self.duty.shape)
+        of_intervals = steps[self.phase_of.tolist()]
+        if self.objective == "speed":
+            missed, scale = stride - merit * ca.sum(of_intervals), LENGTH_SCALE
+        else:
+            missed, scale = merit * stride - ca.sum(ca.sum(duty, 1) * of_intervals), 10.0
+        function = SmoothFunction(missed, ca.vertcat(stride, merit, steps, ca.vec(duty)))
+        point = np.concatenate([[self.stride, self.merit], self.steps, self.duty.T.ravel()])
+        return FunctionBlock(function, point[None], scales=scale)
+
     @property
     def points(self) -> np.ndarray:
         """Indices of the points of `Standing` (K, P)."""
         states = self.heat[:, : self.wires.num_states]
-        return np.hstack([self.y, states, self.forces])
+        return np.hstack([self.y, states, self.forces, self.travel])
 
     def complete(self, x: np.ndarray, stride: float, steps: np.ndarray) -> np.ndarray:
         """Decision variables with those of travel, time and merit, which follow from the others.
@@ -250,120 +295,3 @@ class GaitProgram:
         ones = np.ones(len(rows))
         variables = [self._variable(index) for index in indices]
         self.prog.AddLinearConstraint(scale * rows, lower * ones, upper * ones, variables)
-
-
-class _StandingBlock:
-    """`Standing` at all knots: in balance, with the feet's travel, on the ground and stable."""
-
-    replaces: Collection[Binding] = ()
-
-    def __init__(
-        self,
-        program: GaitProgram,
-        standing: Standing,
-        off_ground: np.ndarray,
-        clearance: float,
-        steadiness: float,
-    ):
-        self._standing = standing
-        planar, wires, load = program.planar, program.wires, program.load
-        d, F, N = len(planar.stiffness), planar.num_feet, wires.num_states
-        K = len(program.y)
-        points = program.points
-        self._points, self._travel = points, program.travel
-        self._scales = np.concatenate(
-            [
-                np.full(2, 1 / load),
-                np.full(d - 2, 1 / (load * planar.size)),
-                np.full(2 * F, 1 / LENGTH_SCALE),
-                np.ones(F + POSE),
-            ]
-        )
-        m, P = len(self._scales), points.shape[1]
-        lower, upper = np.zeros((2, K, m))
-        heights = slice(d + F, d + 2 * F)
-        lower[:, heights] = planar.radius + clearance * off_ground
-        upper[:, heights] = np.where(off_ground, np.inf, planar.radius)
-        lower[:, d + 2 * F :] = np.arcsinh(steadiness * np.sinh(LEAST_PIVOT))
-        upper[:, d + 2 * F :] = np.inf
-        self.lower, self.upper = ((ends * self._scales).ravel() for ends in (lower, upper))
-        pattern = np.ones((m, P), bool)
-        pattern[:POSE, d : d + N] = False
-        pattern[d : d + 2 * F, d:] = False
-        pattern[d + 2 * F :, d : d + N] = wires.torque_needs_angle
-        self._nonzeros = pattern.nonzero()
-        rows = m * np.arange(K)[:, None]
-        self.rows = np.append(rows + self._nonzeros[0], rows + d + np.arange(F))
-        self.columns = np.append(points[:, self._nonzeros[1]], program.travel)
-        curved = np.ones(P, bool)
-        curved[d : d + N] = not wires.torque_is_affine
-        self._triangle = np.tril(np.outer(curved, curved)).nonzero()
-        self.hessian_rows, self.hessian_columns = (
-            points[:, places].ravel() for places in self._triangle
-        )
-        self._of_travel = slice(d, d + F)
-
-    def evaluate(self, x: np.ndarray) -> np.ndarray:
-        values = self._standing.values(x[self._points])
-        values[:, self._of_travel] -= x[self._travel]
-        return (values * self._scales).ravel()
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        slopes = self._standing.derivatives(x[self._points]) * self._scales[:, None]
-        own = np.full(self._travel.size, -1.0 / LENGTH_SCALE)
-        rows, columns = self._nonzeros
-        return np.append(slopes[:, rows, columns], own)
-
-    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        weights = multipliers.reshape(len(self._points), -1) * self._scales
-        rows, columns = self._triangle
-        return self._standing.curvature(x[self._points], weights)[:, rows, columns].ravel()
-
-
-class _Merit:
-    """The objective m: S = m Σ h, or m S = Σ h D."""
-
-    replaces: Collection[Binding] = ()
-
-    def __init__(self, program: GaitProgram):
-        self._p = program
-        self.lower = self.upper = np.zeros(1)
-        counts = np.bincount(program.phase_of)
-        stride, merit = np.array([program.stride]), np.array([program.merit])
-        self._is_speed = program.objective == "speed"
-        self._counts = counts
-        if self._is_speed:
-            self.columns = np.concatenate([stride, merit, program.steps])
-            self.hessian_rows = program.steps
-            self.hessian_columns = np.repeat(merit, len(counts))
-            self._scale = 1.0 / LENGTH_SCALE
-        else:
-            steps = np.repeat(program.time_steps, program.duty.shape[1])
-            self._pairs = steps, program.duty.ravel()
-            self.columns = np.concatenate([stride, merit, *self._pairs])
-            self.hessian_rows = np.append(merit, steps)
-            self.hessian_columns = np.append(stride, program.duty.ravel())
-            self._scale = 0.1
-        self.rows = np.zeros(len(self.columns), int)
-
-    def evaluate(self, x: np.ndarray) -> np.ndarray:
-        p, stride, merit = self._p, x[self._p.stride], x[self._p.merit]
-        if self._is_speed:
-            return self._scale * np.array([stride - merit * (self._counts * x[p.steps]).sum()])
-        steps, duty = (x[places] for places in self._pairs)
-        return self._scale * np.array([merit * stride - (steps * duty).sum()])
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        p, stride, merit = self._p, x[self._p.stride], x[self._p.merit]
-        if self._is_speed:
-            period = (self._counts * x[p.steps]).sum()
-            return self._scale * np.concatenate([[1.0, -period], -merit * self._counts])
-        steps, duty = (x[places] for places in self._pairs)
-        return self._scale * np.concatenate([[merit, stride], -duty, -steps])
-
-    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        ones = np.ones(len(self.hessian_rows))
-        if self._is_speed:
-            return -self._scale * multipliers * self._counts * ones
-        ones[1:] = -1.0
-        return self._scale * multipliers * ones

@@ -6,8 +6,8 @@ from scipy.interpolate import PchipInterpolator
 from limb_systems import Gait, LimbError, PlanCheck, Provenance, Trajectory, Wires, bend_angle
 from limb_systems.model.kinematics import rest_joint_angles
 from limb_systems.model.statics import HeldAngles
-from limb_systems.model.wire_law import runge_kutta
 from limb_systems.simulation import PERIOD
+from planners.transcription.quasi_static import readings_along
 
 SHORTEST_WARM_UP, LONGEST_WARM_UP = 1.0, 300.0  # s
 NEAR = 0.1  # °C
@@ -126,11 +126,5 @@ def _duty_time(
 
 def _heat(wires: Wires, states: np.ndarray, duty: np.ndarray, times: np.ndarray) -> np.ndarray:
     """[x, V] (K, N + W) under duty (K, W) that is linear between times (K,), from V = T."""
-    heat, N = np.append(states, states[: wires.num_wires]), wires.num_states
-    course = [heat]
-    for before, after, step in zip(duty[:-1], duty[1:], np.diff(times), strict=True):
-        levels = (before, (before + after) / 2, after)
-        heat = runge_kutta(wires.heat_rates, heat, levels, step)
-        heat[:N] = wires.within(heat[:N])
-        course.append(heat)
-    return np.array(course)
+    course = wires.under_duty(states, duty, times)
+    return np.hstack([course, readings_along(wires, course, states[: wires.num_wires], times)])

@@ -24,16 +24,16 @@ derivatives of the defects follow from those of F at the knots and in the middle
 import copy
 from collections.abc import Collection
 
+import casadi as ca
 import numpy as np
 from pydrake.solvers import Binding
 
-from limb_systems import Wires
-from planners.transcription.mechanics import Mechanics
+from limb_systems.model.dynamics import Dynamics
+from limb_systems.model.wires import Wires
 
 ANGLE_SCALE = 0.1  # rad, a typical change, which is scaled to one
-RATE_SCALE = 1.0  # rad/s, as much
 
-_DIFFERENCE = 2e-6  # of central differences, in typical changes or of a time step
+_DIFFERENCE = 2e-6  # of central differences, as a share of a time step
 
 
 class LimbDefects:
@@ -43,50 +43,41 @@ class LimbDefects:
     in the order of a `Limb`'s states. An interval depends on the points at its knots
     and on its length, [p0, p1, h].
 
-    - ``acceleration_to_angle``: K⁻¹ M(0) (n, n), s².
-
     Args:
-        mechanics: joint accelerations of the limb; without, points are [y, D], and n is 0.
-        wires: heat and forces of the limb.
+        dynamics: F.
+        heat_scales: typical changes of the heat (M,).
         states, duty, time_steps: indices of the knots' states (K, 2n + M) and
             duty (K, W), and of the time steps (K - 1), among the program's variables.
         typical_time_step: s, for the scaling of rows.
         replaces: the program's constraints that this stands for.
+        free_duration: whether the time steps vary, so that their curvature matters.
     """
 
     def __init__(
         self,
-        mechanics: Mechanics | None,
-        wires: Wires,
+        dynamics: Dynamics,
+        heat_scales: np.ndarray,
         states: np.ndarray,
         duty: np.ndarray,
         time_steps: np.ndarray,
         typical_time_step: float,
         replaces: Collection[Binding] = (),
+        free_duration: bool = False,
     ):
-        self._mechanics, self._wires = mechanics, wires
+        self._dynamics, self.replaces = dynamics, replaces
+        self._free_duration = free_duration
         self._points, self._time_steps = np.hstack([states, duty]), time_steps
-        self._typical_h, self.replaces = typical_time_step, replaces
-        self.acceleration_to_angle = np.zeros((0, 0))
-        if mechanics is not None:
-            self.acceleration_to_angle = (
-                mechanics.straight_mass_matrix / mechanics.stiffness[:, None]
-            )
-        n = self._n = len(self.acceleration_to_angle)
-        M, h = len(wires.heat_scales), typical_time_step
+        self._typical_h, M, h = typical_time_step, len(heat_scales), typical_time_step
+        n = self._n = dynamics.num_joints
         self._scale = np.zeros((2 * n + M, 2 * n + M))
-        self._scale[:n, :n] = 8 / h * self.acceleration_to_angle
-        self._scale[n : 2 * n, n : 2 * n] = self.acceleration_to_angle
-        self._scale[2 * n :, 2 * n :] = np.diag(h / wires.heat_scales)
+        self._scale[:n, :n] = 8 / h * dynamics.acceleration_to_angle
+        self._scale[n : 2 * n, n : 2 * n] = dynamics.acceleration_to_angle
+        self._scale[2 * n :, 2 * n :] = np.diag(h / heat_scales)
         self._variables = np.column_stack([self._points[:-1], self._points[1:], time_steps])
         self.lower = self.upper = np.zeros(len(time_steps) * (2 * n + M))
         self._expanded: tuple | None = None
 
-        # What F depends on: accelerations on all but V and D.
-        P = self._points.shape[1]
-        pattern = np.zeros((n + M, P))
-        pattern[:n, : 2 * n + wires.num_states] = 1.0
-        pattern[n:, 2 * n :] = wires.heat_pattern
+        P, pattern = self._points.shape[1], dynamics.pattern.astype(float)
         heat = pattern[None, n:, 2 * n :]
         self._to_middle = np.abs(_by_knots(np.eye(P)[None], n, heat, heat, 0.1)[0, :, :P])
         nonzero = np.ones((2 * n + M, 2 * P + 1))
@@ -96,36 +87,31 @@ class LimbDefects:
         first_rows = (2 * n + M) * np.arange(len(time_steps))
         self.rows = (first_rows[:, None] + self._nonzeros[0]).ravel()
         self.columns = self._variables[:, self._nonzeros[1]].ravel()
-        self._lay_out_hessian(of_mechanics=mechanics is not None)
+        self._lay_out_hessian(first_curved=0)
 
-    def _lay_out_hessian(self, of_mechanics: bool) -> None:
-        n, wires, P = self._n, self._wires, self._points.shape[1]
-        self._curved_joints = n if of_mechanics else 0
-        pattern = np.zeros((P, P))
-        pattern[2 * n :, 2 * n :] = wires.heat_curvature
-        moving = 2 * n + wires.num_states
-        if n:
-            pattern[2 * n : moving, 2 * n : moving] += wires.torque_curvature
-        pattern[: 2 * self._curved_joints, :moving] = 1.0
-        pattern[:moving, : 2 * self._curved_joints] = 1.0
-        nonzero = np.full((2 * P + 1, 2 * P + 1), float(of_mechanics))
-        nonzero[:-1, :-1] = np.tile(self._to_middle.T @ pattern @ self._to_middle, (2, 2))
-        nonzero[:-1, :-1] += np.kron(np.eye(2), pattern)
-        self._hessian_nonzeros = np.tril(nonzero).nonzero()
-        rows, columns = self._hessian_nonzeros
+    def _lay_out_hessian(self, first_curved: int) -> None:
+        """Sets where second derivatives are, by variables of points from a first one on."""
+        self._first_curved, P = first_curved, self._points.shape[1]
+        of_rates = self._dynamics.curvature.astype(float)
+        of_rates[:first_curved] = of_rates[:, :first_curved] = 0.0
+        by_step = self._free_duration and not first_curved
+        curved = np.full((2 * P + 1, 2 * P + 1), float(by_step))
+        by_middle = self._to_middle.T @ of_rates @ self._to_middle
+        curved[:-1, :-1] = np.tile(by_middle, (2, 2)) + np.kron(np.eye(2), of_rates)
+        self._hessian_nonzeros = rows, columns = np.tril(curved).nonzero()
         self.hessian_rows = self._variables[:, rows].ravel()
         self.hessian_columns = self._variables[:, columns].ravel()
 
-    def with_curvature_of_wires(self) -> "LimbDefects":
-        """Copy whose ``hessian`` is that by heat and duty alone."""
+    def with_curvature_of_heat(self) -> "LimbDefects":
+        """A copy whose ``hessian`` is that by heat and duty alone, which is sparser."""
         block = copy.copy(self)
-        block._lay_out_hessian(of_mechanics=False)
+        block._lay_out_hessian(first_curved=2 * self._n)
         return block
 
     def evaluate(self, x: np.ndarray) -> np.ndarray:
         """Scaled defects, all zero for a feasible trajectory."""
         points, h = x[self._points], x[self._time_steps][:, None]
-        n, values = self._n, self._values(points)
+        n, values = self._n, self._dynamics.values(points)
         steps, sums = np.diff(points, axis=0), points[:-1] + points[1:]
         rows = np.hstack(
             [
@@ -134,7 +120,7 @@ class LimbDefects:
             ]
         )
         rows[:, :n] += h / 8 * np.diff(values[:, :n], axis=0)
-        rows[:, n:] -= self._values(self._middle(points, values, h))
+        rows[:, n:] -= self._dynamics.values(self._middle(points, values, h))
         return (rows @ self._scale.T).ravel()
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
@@ -159,13 +145,12 @@ class LimbDefects:
         weights[:-1] = by_rates - 0.25 * on_values
         weights[1:] -= by_rates + 0.25 * on_values
 
-        joints = self._curved_joints
-        first = 2 * (n - joints)  # of the variables that are curved
-        at_knots = self._curvature(points, weights)[:, first:, first:]
-        curvature = self._curvature(middle, -on_values)[:, first:, first:]
+        first = self._first_curved
+        second = self._dynamics.second if not first else self._dynamics.second_by_heat
+        at_knots, curvature = second(points, weights), second(middle, -on_values)
         heat = slopes[:, n:, 2 * n :]
         for _ in range(2):
-            curvature = _by_knots(curvature, joints, heat[:-1], heat[1:], h[:, :, None])
+            curvature = _by_knots(curvature, 0 if first else n, heat[:-1], heat[1:], h[:, :, None])
             curvature = curvature.swapaxes(1, 2)
         hessian = np.zeros((len(h), 2 * P + 1, 2 * P + 1))
         curved = np.r_[first:P, P + first : 2 * P]
@@ -173,7 +158,7 @@ class LimbDefects:
         # A knot's own curvature is in the interval that it begins, the last one's in the last.
         hessian[:, first:P, first:P] += at_knots[:-1]
         hessian[-1, P + first : -1, P + first : -1] += at_knots[-1]
-        if joints:
+        if self._free_duration and not first:
             moved = _DIFFERENCE * time_steps
             above, below = (
                 np.einsum("ki,kij->kj", multipliers, self._jacobian(points, time_steps + side))
@@ -182,68 +167,6 @@ class LimbDefects:
             hessian[:, -1] = (above - below) / (2 * moved[:, None])
         rows, columns = self._hessian_nonzeros
         return hessian[:, rows, columns].ravel()
-
-    def accelerations(self, states: np.ndarray) -> np.ndarray:
-        """θ̈ (K, n) of states (K, 2n + M), rad/s²."""
-        n, N = self._n, self._wires.num_states
-        angles, rates, x = np.split(states[:, : 2 * n + N], [n, 2 * n], axis=1)
-        assert self._mechanics is not None
-        return self._mechanics.accelerations(angles, rates, self._wires.forces(x, angles))
-
-    def _values(self, points: np.ndarray) -> np.ndarray:
-        """F (K, n + M) at points (K, P)."""
-        n, W = self._n, self._wires.num_wires
-        heat_rates = self._wires.heat_rates(points[:, 2 * n : -W], points[:, -W:])
-        return np.hstack([self.accelerations(points), heat_rates]) if n else heat_rates
-
-    def _acceleration_slopes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """θ̈ (K, n), and its derivatives by [θ, θ̇, x] (K, n, 2n + N)."""
-        n, N = self._n, self._wires.num_states
-        angles, rates, x = np.split(points[:, : 2 * n + N], [n, 2 * n], axis=1)
-        assert self._mechanics is not None
-        forces = self._wires.forces(x, angles)
-        force_by_state, force_by_angle = self._wires.force_derivatives(x, angles)
-        values, by_angle, by_rate, by_force = self._mechanics.derivatives(angles, rates, forces)
-        if force_by_angle is not None:
-            by_angle = by_angle + by_force @ force_by_angle
-        return values, np.concatenate([by_angle, by_rate, by_force @ force_by_state], axis=2)
-
-    def _slopes(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """F (K, n + M), and its derivatives by the points (K, n + M, P)."""
-        n, W = self._n, self._wires.num_wires
-        heat, duty = points[:, 2 * n : -W], points[:, -W:]
-        heat_rates, by_heat = self._wires.expanded_heat_rates(heat, duty)
-        if not n:
-            return heat_rates, by_heat
-        accelerations, by_moving = self._acceleration_slopes(points)
-        values = np.hstack([accelerations, heat_rates])
-        slopes = np.zeros((*values.shape, points.shape[1]))
-        slopes[:, :n, : by_moving.shape[2]] = by_moving
-        slopes[:, n:, 2 * n :] = by_heat
-        return values, slopes
-
-    def _curvature(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Second derivatives of weights · F by the points (K, P, P)."""
-        n, N, W = self._n, self._wires.num_states, self._wires.num_wires
-        angles, x = points[:, :n], points[:, 2 * n : 2 * n + N]
-        result = np.zeros((*points.shape, points.shape[1]))
-        moving = slice(2 * n, 2 * n + N)
-        if self._mechanics is not None:
-            on_forces = (self._mechanics.mobilities(angles) @ weights[:, :n, None])[:, :, 0]
-            result[:, moving, moving] = self._wires.force_hessian(x, angles, on_forces)
-        if not self._wires.rates_are_affine:
-            heat, duty = points[:, 2 * n : -W], points[:, -W:]
-            result[:, 2 * n :, 2 * n :] += self._wires.heat_hessian(heat, duty, weights[:, n:])
-        for index in range(2 * self._curved_joints):
-            step = np.zeros(points.shape[1])
-            step[index] = _DIFFERENCE * (ANGLE_SCALE if index < n else RATE_SCALE)
-            above, below = (
-                np.einsum("ki,kij->kj", weights[:, :n], self._acceleration_slopes(points + side)[1])
-                for side in (step, -step)
-            )
-            result[:, index, : moving.stop] = (above - below) / (2 * step[index])
-            result[:, : moving.stop, index] = result[:, index, : moving.stop]
-        return result
 
     def _middle(self, points: np.ndarray, values: np.ndarray, h: np.ndarray) -> np.ndarray:
         """Points (K - 1, P) in the middle of each interval, from those at the knots and F there."""
@@ -261,9 +184,9 @@ class LimbDefects:
         """
         place = np.append(points.ravel(), time_steps)
         if self._expanded is None or not np.array_equal(self._expanded[0], place):
-            values, slopes = self._slopes(points)
+            values, slopes = self._dynamics.first(points)
             middle = self._middle(points, values, time_steps[:, None])
-            self._expanded = place, (values, slopes, middle, self._slopes(middle)[1])
+            self._expanded = place, (values, slopes, middle, self._dynamics.first(middle)[1])
         return self._expanded[1]
 
     def _jacobian(self, points: np.ndarray, time_steps: np.ndarray) -> np.ndarray:
@@ -296,6 +219,30 @@ class LimbDefects:
         by_step[:, n:] -= (mid_slopes @ middle_by_step[:, :, None])[:, :, 0]
         rows[:, :, -1] = by_step @ self._scale.T
         return rows
+
+
+def heat_defects(
+    wires: Wires, first: ca.SX, duty: ca.SX, second: ca.SX, next_duty: ca.SX, step: ca.SX
+) -> ca.SX:
+    """The defects of the heat y alone over an interval of length h, as expressions (M,).
+
+    They are those of (17) times 2 h / 3, with F of the heat:
+
+        y1 - y0 - h/6 (F0 + 4 Fc + F1),  yc = (y0 + y1)/2 + h/8 (F0 - F1),  Dc = (D0 + D1)/2
+
+    Args:
+        first, second: y0 and y1 (M,).
+        duty, next_duty: D0 and D1 (W,).
+        step: h, s.
+    """
+
+    def rates(heat: ca.SX, duty: ca.SX) -> ca.SX:
+        return wires.symbolic_heat(*ca.vertsplit(heat, [0, wires.num_states, heat.numel()]), duty)
+
+    before, after = rates(first, duty), rates(second, next_duty)
+    middle = (first + second) / 2 + step / 8 * (before - after)
+    in_middle = rates(middle, (duty + next_duty) / 2)
+    return second - first - step / 6 * (before + 4 * in_middle + after)
 
 
 def _by_knots(

@@ -12,16 +12,15 @@ from pydrake.systems.analysis import BatchEvalTimeDerivatives
 from limb_systems import (
     Layout,
     Limb,
-    LimbError,
     LimbParameters,
     Wires,
     joint_angles_from_bend_angle,
     split_state,
 )
+from limb_systems.model.dynamics import Dynamics
 from planners.task import Task, TaskError
 from planners.transcription.collocation import ANGLE_SCALE, LimbDefects
 from planners.transcription.ipopt import ConstraintBlock
-from planners.transcription.mechanics import Mechanics, PlanarChain
 
 REST_RATE = np.deg2rad(0.5)  # rad/s, largest bend rate at rest
 REACH_TOLERANCE = np.deg2rad(0.1)  # rad
@@ -155,12 +154,8 @@ class TrajectoryProgram(PlanProgram):
         task: weights and limits; `Task()` if None.
         measured_margin: how far readings V stay below ``measured_maximum``, °C,
             one number or one for each wire (W,).
-        mechanics: joint accelerations of the limb; those of its `PlanarChain` if None.
         with_constraints: whether ``prog`` has (17) as Drake's constraints, which building
             takes most of the time; ``defects`` stand for them anyway.
-
-    Raises:
-        LimbError: if the mechanics is not that of the limb's plant.
     """
 
     def __init__(
@@ -170,7 +165,6 @@ class TrajectoryProgram(PlanProgram):
         task: Task | None = None,
         *,
         measured_margin: ArrayLike = 0.0,
-        mechanics: Mechanics | None = None,
         with_constraints: bool = True,
     ):
         self.parameters, self.times, self.task = parameters, times, task or Task()
@@ -190,9 +184,17 @@ class TrajectoryProgram(PlanProgram):
         )
         self._add_limits_of_motion()
         self._set_scaling(self._states, self.state_scales)
-        if mechanics is None:
-            mechanics = PlanarChain(self.limb.GetSubsystemByName("manipulator"))
-        self.defects = self._make_defects(mechanics)
+        self._dynamics = Dynamics(parameters)
+        self.defects = LimbDefects(
+            self._dynamics,
+            self.wires.heat_scales,
+            self.states,
+            self.duty,
+            self.time_steps,
+            typical_time_step=float(np.median(np.diff(times))),
+            replaces=self.prog.generic_constraints(),  # those of `DirectCollocation`
+            free_duration=self.task.stretch is not None,
+        )
         self.blocks = [self.defects]
         self._customize()
 
@@ -256,7 +258,7 @@ class TrajectoryProgram(PlanProgram):
         return np.vstack(
             [
                 defects[:n] * h,
-                self.defects.acceleration_to_angle @ defects[n : 2 * n],
+                self._dynamics.acceleration_to_angle @ defects[n : 2 * n],
                 defects[2 * n :] * h / self.wires.heat_scales[:, None],
             ]
         )
@@ -331,41 +333,6 @@ class TrajectoryProgram(PlanProgram):
                 prog.AddLinearConstraint(to_bend, [-limits[k]], [limits[k]], rates[k])
             if task.reach:
                 self._ends.append(prog.AddLinearConstraint(to_bend, [0.0], [0.0], angles[-1]))
-
-    def _make_defects(self, mechanics: Mechanics) -> LimbDefects:
-        defects = LimbDefects(
-            mechanics,
-            self.wires,
-            self.states,
-            self.duty,
-            self.time_steps,
-            typical_time_step=float(np.median(np.diff(self.times))),
-            replaces=self.prog.generic_constraints(),  # those of `DirectCollocation`
-        )
-        if self._largest_disagreement(defects) > 1e-9:
-            raise LimbError(
-                f"{type(mechanics).__name__} gives other accelerations than the limb's plant; it "
-                "is not the mechanics of this limb."
-            )
-        return defects
-
-    def _largest_disagreement(self, defects: LimbDefects) -> float:
-        """Largest relative difference of the closed form's accelerations from the limb's."""
-        generator, num_states = np.random.default_rng(0), 5
-        n, wires = self.parameters.num_joints, self.wires
-        cold = np.concatenate([wires.cold_states, wires.cold_states[: wires.num_wires]])
-        warmer = generator.uniform(0.0, 1.5, (num_states, len(cold))) * wires.heat_scales
-        states = np.vstack(
-            [
-                generator.uniform(-1.0, 1.0, (n, num_states)),
-                generator.uniform(-10.0, 10.0, (n, num_states)),
-                (cold + warmer).T,
-            ]
-        )
-        duty = np.zeros((wires.num_wires, num_states))
-        theirs = self._time_derivatives(states, duty)[n : 2 * n]
-        ours = defects.accelerations(states.T).T
-        return float(np.abs(ours - theirs).max() / np.abs(theirs).max())
 
     def _time_derivatives(self, states: np.ndarray, duty: np.ndarray) -> np.ndarray:
         return BatchEvalTimeDerivatives(

@@ -12,13 +12,12 @@ a few of the knots are enough for that.
 
 import copy
 import dataclasses
-from collections.abc import Collection
 
+import casadi as ca
 import numpy as np
 import scipy.sparse
 from numpy.typing import ArrayLike
 from pydrake.solvers import (
-    Binding,
     ClarabelSolver,
     LinearEqualityConstraint,
     MathematicalProgram,
@@ -27,9 +26,11 @@ from pydrake.solvers import (
 from pydrake.trajectories import PiecewisePolynomial
 
 from limb_systems import Layout, LimbError, LimbParameters, LinearLaw, Wires
+from limb_systems.model.smooth_function import SmoothFunction
 from limb_systems.model.statics import HeldAngles
 from planners.task import Task
-from planners.transcription.collocation import ANGLE_SCALE, LimbDefects
+from planners.transcription.collocation import ANGLE_SCALE, heat_defects
+from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
 from planners.transcription.program import (
     REACH_TOLERANCE,
@@ -246,16 +247,24 @@ class QuasiStaticProgram(PlanProgram):
         self._add_limits_of_motion(steps)
         scales = np.append(scales, np.full(len(self._shares), ANGLE_SCALE))
         self._set_scaling(np.hstack([heat, bends]), scales)
-        self.blocks = self._make_blocks()
+        held_bends = FunctionBlock(held, self.heat[:, : wires.num_states], self.bends)
+        self.blocks = [self._heat_block(), held_bends]
         self._tangent: tuple[MathematicalProgram, LinearEqualityConstraint] | None = None
         self._customize()
 
-    def _make_blocks(self) -> list[ConstraintBlock]:
-        typical = float(np.median(np.diff(self.times)))
-        return [
-            LimbDefects(None, self.wires, self.heat, self.duty, self.time_steps, typical),
-            HeldBends(self.held, self.heat[:, : self.wires.num_states], self.bends),
-        ]
+    def _heat_block(self) -> ConstraintBlock:
+        """(17) of the heat, as `heat_defects`."""
+        wires = self.wires
+        y0, y1 = (ca.SX.sym(name, self.heat.shape[1]) for name in ("y0", "y1"))
+        D0, D1 = (ca.SX.sym(name, wires.num_wires) for name in ("D0", "D1"))
+        h = ca.SX.sym("h")
+        points = np.column_stack(
+            [self.heat[:-1], self.duty[:-1], self.heat[1:], self.duty[1:], self.time_steps]
+        )
+        defects = SmoothFunction(
+            heat_defects(wires, y0, D0, y1, D1, h), ca.vertcat(y0, D0, y1, D1, h)
+        )
+        return FunctionBlock(defects, points, scales=wires.heat_scales / 1.5)
 
     def update(self, reference: np.ndarray, initial_state: np.ndarray, warm_up_time: float) -> None:
         """Sets the values that change from plan to plan.
@@ -320,7 +329,7 @@ class QuasiStaticProgram(PlanProgram):
         x = np.zeros(self.prog.num_vars())
         x[self.time_steps] = np.diff(self.times)
         x[self.heat], x[self.duty] = heat[: self.heat.shape[1]].T, duty.T
-        x[self.bends] = self.held.bends(heat[: self.wires.num_states].T)
+        x[self.bends] = self.held.values(heat[: self.wires.num_states].T)
         return x
 
     def tangent_solution(self, x: np.ndarray) -> np.ndarray | None:
@@ -383,43 +392,6 @@ class QuasiStaticProgram(PlanProgram):
     def largest_defect(self, x: np.ndarray) -> float:
         """The largest violation of (17) of the heat, scaled, or of φ = φ(x), rad."""
         return max(float(np.abs(block.evaluate(x)).max()) for block in self.blocks)
-
-
-class HeldBends:
-    """φ = φ(x), the bends that wires hold, as a `planners.transcription.ipopt.ConstraintBlock`.
-
-    Args:
-        held: angles that the wires hold.
-        states: indices of x (K, N) among the program's variables.
-        bends: indices of φ (K, F).
-    """
-
-    replaces: Collection[Binding] = ()
-
-    def __init__(self, held: HeldAngles, states: np.ndarray, bends: np.ndarray):
-        self._held, self._states, self._bends = held, states, bends
-        (K, N), F = states.shape, bends.shape[1]
-        self.lower = self.upper = np.zeros(bends.size)
-        self.rows = np.repeat(np.arange(bends.size), N + 1)
-        of_bend = np.broadcast_to(states[:, None], (K, F, N))
-        self.columns = np.concatenate([bends[:, :, None], of_bend], axis=2).ravel()
-        self._triangle = np.tril_indices(N)
-        self.hessian_rows, self.hessian_columns = (states[:, i].ravel() for i in self._triangle)
-
-    def evaluate(self, x: np.ndarray) -> np.ndarray:
-        return (x[self._bends] - self._held.bends(x[self._states])).ravel()
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        bends, slopes = self._held.expanded_bends(x[self._states])
-        one = np.ones((*bends.shape, 1))
-        return np.concatenate(
-            [one, np.broadcast_to(-slopes, (*bends.shape, slopes.shape[-1]))], axis=2
-        ).ravel()
-
-    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        weights = -multipliers.reshape(self._bends.shape)
-        curvature = self._held.bend_curvature(x[self._states], weights)
-        return curvature[:, *self._triangle].ravel()
 
 
 def linear_limb(parameters: LimbParameters) -> LimbParameters:

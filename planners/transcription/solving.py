@@ -156,12 +156,12 @@ def _attempts(program: PlanProgram, guess, multipliers, solver, report: Callable
             yield name, lambda: ipopt(True, multipliers=multipliers)
         yield name, lambda: ipopt(True, patient)
     elif task.stretch is None and not (wires.rates_are_affine and wires.torque_is_affine):
-        of_wires = [program.defects.with_curvature_of_wires()]
+        of_heat = [program.defects.with_curvature_of_heat()]
         name = "IPOPT, curvature of the wires"
         far = task.customize or task.reach or task.final_hold or task.max_bend_rate is not None
         if not far:
-            yield name, lambda: ipopt(True, NEAR, multipliers, of_wires)
-        yield f"{name}, patient", lambda: ipopt(True, patient, multipliers, of_wires)
+            yield name, lambda: ipopt(True, NEAR, multipliers, of_heat)
+        yield f"{name}, patient", lambda: ipopt(True, patient, multipliers, of_heat)
     elif task.stretch is None:
         yield "IPOPT, Gauss-Newton", lambda: ipopt(False, limit, multipliers)
     yield "IPOPT, exact Hessian", lambda: ipopt(True)

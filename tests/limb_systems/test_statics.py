@@ -148,27 +148,7 @@ def test_drakes_plant_stays_at_rest_where_wires_hold_it(held_limb):
         plant.CalcForceElementsContribution(context, forces)
         load = plant.CalcInverseDynamics(context, np.zeros(len(q)), forces)
         np.testing.assert_allclose(load, force, rtol=0, atol=1e-12 * np.abs(force).max())
-    np.testing.assert_allclose(held.bends(states).T, bend_angle(held_limb, angles.T), atol=1e-14)
-
-
-@of_each(HELD_LIMBS)
-@pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")  # of torques not used
-def test_derivatives_of_what_wires_hold_are_those_of_complex_steps(held_limb):
-    held, states = HeldAngles(held_limb), states_of(held_limb)
-    rng, steps = np.random.default_rng(6), 1e-30j * np.eye(states.shape[1])
-
-    def by_complex_steps(function):
-        return np.stack([function(states + step).imag / 1e-30 for step in steps], axis=-1)
-
-    def weighted_slopes(states):
-        return (weights[:, None] @ held.expanded_bends(states)[1])[:, 0]
-
-    _, slopes = held.expanded_bends(states)
-    weights = rng.normal(size=slopes.shape[:2])
-    curvature = held.bend_curvature(states, weights)
-    for actual, function in ((slopes, held.bends), (curvature, weighted_slopes)):
-        expected = by_complex_steps(function)
-        np.testing.assert_allclose(actual, expected, atol=1e-12 * np.abs(expected).max(), rtol=0)
+    np.testing.assert_allclose(held.values(states).T, bend_angle(held_limb, angles.T), atol=1e-14)
 
 
 def test_points_without_an_equilibrium_are_named(refused):

@@ -1,9 +1,7 @@
 """Collocation in closed form against Drake's own constraints and dynamics."""
 
 import numpy as np
-from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import SpatialInertia
+from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.planning import DirectCollocationConstraint
 from scipy.linalg import block_diag
 from wire_laws import LIMBS, limb_with, random_state
@@ -14,13 +12,9 @@ from limb_systems import (
     LimbParameters,
     SegmentParameters,
     Wires,
-    add_manipulator,
-    make_manipulator,
 )
-from limb_systems.model import limb
-from planners import TrajectoryProgram
+from limb_systems.model.dynamics import Dynamics
 from planners.transcription.collocation import LimbDefects
-from planners.transcription.mechanics import PlanarChain
 
 TIME_STEP = 5e-4  # s, short enough for the fixed point that closes the θ rows below
 
@@ -42,15 +36,16 @@ def limbs() -> dict[str, LimbParameters]:
 class Trajectories:
     """`LimbDefects` of K knots as functions of states (K, ..), duty (K, W) and time steps."""
 
-    def __init__(self, parameters, num_knots=2, time_step=TIME_STEP, mechanics=None):
+    def __init__(self, parameters, num_knots=2, time_step=TIME_STEP):
         wires = Wires(parameters)
         num_states = 2 * parameters.num_joints + len(wires.heat_scales)
         sizes = num_knots * num_states, num_knots * wires.num_wires, num_knots - 1
         ends = np.cumsum(sizes)
         states, duty, steps = np.split(np.arange(ends[-1]), ends[:-1])
-        mechanics = mechanics or PlanarChain(make_manipulator(parameters))
         shape = states.reshape(num_knots, -1), duty.reshape(num_knots, -1), steps
-        self.block = LimbDefects(mechanics, wires, *shape, time_step)
+        self.block = LimbDefects(
+            Dynamics(parameters), wires.heat_scales, *shape, time_step, free_duration=True
+        )
         self.num_states, self.num_variables = num_states, ends[-1]
 
     def evaluate(self, *signals):
@@ -84,8 +79,7 @@ def test_defects_and_their_jacobian_agree_with_drakes_autodiff():
         constraint = DirectCollocationConstraint(
             system, system.CreateDefaultContext(), input_port_index=port
         )
-        chain = PlanarChain(make_manipulator(parameters))
-        weight = np.linalg.inv(chain.straight_mass_matrix) @ np.diag(chain.stiffness)
+        weight = np.linalg.inv(Dynamics(parameters).acceleration_to_angle)
         heat_weight = np.diag(Wires(parameters).heat_scales / TIME_STEP)
         unscale = block_diag(TIME_STEP / 8 * weight, weight, heat_weight)
         defects, step = Trajectories(parameters), np.array([TIME_STEP])
@@ -143,83 +137,6 @@ def test_hessian_is_the_difference_quotient_of_the_jacobian():
         knots = np.arange(signals[0].size).reshape(3, -1)
         others = np.r_[knots[:, : 2 * n].ravel(), -2:0]
         quotient[others], quotient[:, others] = 0.0, 0.0
-        defects.block = defects.block.with_curvature_of_wires()
+        defects.block = defects.block.with_curvature_of_heat()
         hessian = scales[:, None] * defects.hessian(multipliers, *signals) * scales
         np.testing.assert_allclose(hessian, quotient, atol=1e-6 * most)
-
-
-class PlantMechanics:
-    """`Mechanics` of any plant, by Drake's AutoDiff: one limb's, or that of several on a ground."""
-
-    def __init__(self, plant):
-        self.num_joints, chain = plant.num_positions(), PlanarChain(plant)
-        self.stiffness, self.straight_mass_matrix = chain.stiffness, chain.straight_mass_matrix
-        self._plant = plant.ToAutoDiffXd()
-        self._context = self._plant.CreateDefaultContext()
-
-    def derivatives(self, angles, rates, forces):
-        results = []
-        for point in np.hstack([angles, rates, forces]):
-            variables = InitializeAutoDiff(point)[:, 0]
-            n, port = self.num_joints, self._plant.get_applied_generalized_force_input_port()
-            self._plant.SetPositionsAndVelocities(self._context, variables[: 2 * n])
-            port.FixValue(self._context, variables[2 * n :])
-            rows = self._plant.EvalTimeDerivatives(self._context).CopyToVector()[n:]
-            slopes = np.split(ExtractGradient(rows), 3, axis=1)
-            results.append((ExtractValue(rows)[:, 0], *slopes))
-        return tuple(np.array(values) for values in zip(*results, strict=True))
-
-    def accelerations(self, angles, rates, forces):
-        return self.derivatives(angles, rates, forces)[0]
-
-    def mobilities(self, angles):
-        return self.derivatives(angles, 0 * angles, 0 * angles)[3]
-
-
-def test_accelerations_and_derivatives_are_the_plants():
-    generator = np.random.default_rng(4)
-    for parameters in limbs().values():
-        plant, n = make_manipulator(parameters), parameters.num_joints
-        chain, theirs = PlanarChain(plant), PlantMechanics(plant)
-        angles, rates, forces = (generator.uniform(-s, s, (3, n)) for s in (2.0, 20.0, 0.1))
-        for our, their in zip(
-            [*chain.derivatives(angles, rates, forces), chain.mobilities(angles)],
-            [*theirs.derivatives(angles, rates, forces), theirs.mobilities(angles)],
-            strict=True,
-        ):
-            np.testing.assert_allclose(our, their, atol=1e-9 * np.abs(their).max())
-
-
-def test_the_transcription_takes_any_mechanics():
-    parameters, times = LimbParameters(), np.linspace(0.0, 0.2, 5)
-    chain = TrajectoryProgram(parameters, times)
-    plant = PlantMechanics(make_manipulator(parameters))
-    other = TrajectoryProgram(parameters, times, mechanics=plant)
-    x = np.random.default_rng(0).uniform(0.1, 0.3, chain.prog.num_vars())
-    x[chain.time_steps] = 0.05
-    multipliers = np.random.default_rng(1).normal(size=len(chain.defects.lower))
-    for method, arguments in (("evaluate", ()), ("jacobian", ()), ("hessian", (multipliers,))):
-        ours, theirs = (
-            getattr(program.defects, method)(x, *arguments) for program in (chain, other)
-        )
-        np.testing.assert_allclose(ours, theirs, atol=1e-7 * np.abs(theirs).max())
-
-
-def test_a_load_on_the_tip_is_part_of_the_chain(monkeypatch):
-    def loaded(parameters):
-        plant = MultibodyPlant(time_step=0.0)
-        add_manipulator(plant, parameters)
-        link = plant.GetBodyByName("link_5")
-        inertia = SpatialInertia.SolidSphereWithMass(0.01, 0.01)
-        load = plant.AddRigidBody("load", link.model_instance(), inertia)
-        plant.WeldFrames(link.body_frame(), load.body_frame())
-        plant.Finalize()
-        plant.set_name("manipulator")
-        return plant
-
-    times = np.linspace(0.0, 1.0, 3)
-    unloaded = TrajectoryProgram(LimbParameters(), times).defects
-    monkeypatch.setattr(limb, "make_manipulator", loaded)
-    program = TrajectoryProgram(LimbParameters(), times)
-    x = np.random.default_rng(0).uniform(0.1, 0.3, program.prog.num_vars())
-    assert np.abs(program.defects.evaluate(x) - unloaded.evaluate(x)).max() > 1e-3

@@ -64,11 +64,12 @@ def test_potential_and_feet_are_those_of_drakes_plant():
         forces = MultibodyForces(plant)
         plant.CalcForceElementsContribution(context, forces)
         gradient = -plant.CalcGeneralizedForces(context, forces)
-        np.testing.assert_allclose(planar.gradient(y), gradient, atol=1e-12)
-        missed = planar.potential(y) - plant.CalcPotentialEnergy(context)
+        potential, slope = planar.potential.first(y)
+        np.testing.assert_allclose(slope[0], gradient, atol=1e-12)
+        missed = potential[0] - plant.CalcPotentialEnergy(context)
         offset = missed if offset is None else offset
         assert missed == pytest.approx(offset, abs=1e-12)
-        jacobians = planar.feet_jacobian(planar.arms(y))
+        jacobians = planar.feet_jacobian(y)
         for limb, place, jacobian in zip(robot.limbs, planar.feet(y), jacobians, strict=True):
             foot, world = plant.GetFrameByName(f"{limb.name}_foot"), plant.world_frame()
             of_foot = plant.CalcJacobianSpatialVelocity(
@@ -99,11 +100,10 @@ def test_derivatives_of_all_blocks(law, objective):
         places = block.rows, block.columns
         return scipy.sparse.csr_matrix((block.jacobian(x), places), (len(block.lower), len(x)))
 
-    for block in program.blocks:
-        name = type(block).__name__
-        slope = block.evaluate(x + 1e-30j * away).imag / 1e-30
+    for name, block in zip(("standing", "heat", "merit"), program.blocks, strict=True):
+        slope = (block.evaluate(x + 1e-6 * away) - block.evaluate(x - 1e-6 * away)) / 2e-6
         found = jacobian(block, x) @ away
-        np.testing.assert_allclose(found, slope, atol=1e-11 * abs(slope).max(), err_msg=name)
+        np.testing.assert_allclose(found, slope, atol=1e-7 * abs(slope).max(), err_msg=name)
         weights = rng.normal(size=len(block.lower))
         rows, columns = block.hessian_rows, block.hessian_columns
         hessian = scipy.sparse.csr_matrix(
@@ -126,7 +126,7 @@ def test_pivots_are_positive_where_the_stiffness_is():
         forces = load * np.array([rng.uniform(-0.3, 0.3), 1.0, rng.uniform(-0.3, 0.3), 1.0])
         held = np.array([[rng.integers(2), 1.0], [1.0, 1.0]])
         standing = Standing(planar, wires, held)
-        point = np.concatenate([y, wires.cold_states, forces])
+        point = np.concatenate([y, wires.cold_states, forces, np.zeros(2)])
         stable.append(np.linalg.eigvalsh(standing.stiffness(point))[0] > 0)
         assert (standing.values(point)[-5:] > 0).all() == stable[-1]
     assert 0.2 < np.mean(stable) < 0.8

@@ -6,12 +6,10 @@ import warnings
 import numpy as np
 import pytest
 
-from limb_systems import HystereticLaw, Layout, LimbParameters, WireParameters, simulate
+from limb_systems import Layout, LimbParameters, WireParameters, simulate
 from limb_systems.model.limb import Limb
 from limb_systems.model.parameters import CalibrationRecord
-from limb_systems.model.statics import HeldAngles
 from planners import Task, plan, references
-from planners.transcription.quasi_static import HeldBends
 
 TIMES = np.linspace(0.0, 40.0, 401)
 
@@ -68,34 +66,6 @@ def test_both_programs_give_a_planar_limb_the_same_plan(monkeypatch):
     assert "quasi-static" in quasi_static.check.solver
     apart = np.rad2deg(np.abs(quasi_static.bend_angle - planar.bend_angle))
     assert apart.max() < 0.05
-
-
-def test_bends_that_wires_hold_have_their_derivatives():
-    parameters = limb_in_space(payload=0.01)
-    parameters.segments[0].wires[0].law = HystereticLaw()
-    held, generator = HeldAngles(parameters), np.random.default_rng(0)
-    N, K = held.wires.num_states, 3
-    block = HeldBends(held, np.arange(K * N).reshape(K, N), K * N + np.arange(2 * K).reshape(K, 2))
-    scales = np.append(np.tile(held.wires.heat_scales[:N], K), np.full(2 * K, 0.1))
-    x = np.append(np.tile(held.wires.settled_states(np.full(3, 60.0)), K), np.zeros(2 * K))
-    x += 0.3 * scales * generator.uniform(-1.0, 1.0, len(x))
-    multipliers = generator.normal(size=2 * K)
-
-    def jacobian(x):
-        dense = np.zeros((2 * K, len(x)))
-        np.add.at(dense, (block.rows, block.columns), block.jacobian(x))
-        return dense
-
-    hessian = np.zeros((len(x), len(x)))
-    np.add.at(hessian, (block.hessian_rows, block.hessian_columns), block.hessian(x, multipliers))
-    hessian += np.tril(hessian, -1).T
-    for index, step in enumerate(np.diag(1e-5 * scales)):
-        by_values = (block.evaluate(x + step) - block.evaluate(x - step)) / 2e-5
-        np.testing.assert_allclose(scales[index] * jacobian(x)[:, index], by_values, atol=1e-9)
-        by_slopes = multipliers @ (jacobian(x + step) - jacobian(x - step)) / 2e-5
-        np.testing.assert_allclose(
-            scales[index] * scales * hessian[index], scales * by_slopes, atol=1e-9
-        )
 
 
 def test_limits_of_the_task_and_of_the_supply_hold():
