@@ -153,9 +153,9 @@ def run_size(links: int, knots: int, solvers, repetitions: int, time_limit: floa
     if "times" not in problem:
         raise RuntimeError(f"There is no problem to solve: {problem['status']}")
     del problem["peak"], problem["imports"]
-    runs = {solver: [] for solver in SOLVERS}
+    runs = {solver: [] for solver in solvers}
     for repetition in range(repetitions):
-        for solver in SOLVERS:
+        for solver in solvers:
             if any(not run.get("success") for run in runs[solver]):
                 continue
             _say(f"n = {links}, N = {knots}, {repetition + 1} of {repetitions}: {solver.name} ... ")
