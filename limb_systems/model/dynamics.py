@@ -63,7 +63,8 @@ class Dynamics:
         q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
         x = ca.SX.sym("x", N)
         residual = equation_of_motion(parameters, wires, q, v, a, x)
-        self._residual = SmoothFunction(residual, ca.vertcat(q, v, x, a))
+        self._residual = SmoothFunction(residual, ca.vertcat(q, v, x), a)
+        self._with_acceleration = SmoothFunction(residual, ca.vertcat(q, v, x, a))
         self._force = SmoothFunction(wires.symbolic_force(x, q), x, q)
         still = ca.substitute(residual, a, ca.SX.zeros(n))
         mass = ca.vec(ca.jacobian(residual, a))
@@ -85,7 +86,7 @@ class Dynamics:
     def curvature(self) -> np.ndarray:
         n, moving, P = self.num_joints, self._moving, self.pattern.shape[1]
         pattern = np.zeros((P, P), bool)
-        rows, columns = self._residual.curvature_places
+        rows, columns = self._with_acceleration.curvature_places
         own = (rows < moving) & (columns < moving)
         pattern[rows[own], columns[own]] = True
         with_acceleration = np.unique(columns[~own])
@@ -112,9 +113,10 @@ class Dynamics:
     def second(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Second derivatives of weights · `values` by the points (..., P, P)."""
         n, moving = self.num_joints, self._moving
-        accelerations, by_moving, mass = self._expanded(points)
-        adjoint = np.linalg.solve(mass, -weights[..., :n, None])[..., 0]
-        curved = self._residual.second(_joined(points[..., :moving], accelerations), adjoint)
+        accelerations, by_moving, mobility = self._expanded(points)
+        adjoint = -(mobility @ weights[..., :n, None])[..., 0]
+        point = np.concatenate([points[..., :moving], accelerations], axis=-1)
+        curved = self._with_acceleration.second(point, adjoint)
         own, mixed = curved[..., :moving, :moving], curved[..., :moving, moving:] @ by_moving
         result = np.zeros((*points.shape, points.shape[-1]))
         result[..., :moving, :moving] = own + mixed + mixed.swapaxes(-1, -2)
@@ -144,12 +146,10 @@ class Dynamics:
         return mass.reshape(*load.shape, self.num_joints), load
 
     def _expanded(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """θ̈ (..., n), its derivatives by [θ, θ̇, x] (..., n, 2n + N), and M (..., n, n)."""
-        accelerations, moving = self.accelerations(points), self._moving
-        _, slopes = self._residual.first(_joined(points[..., :moving], accelerations))
-        mass = slopes[..., moving:]
-        return accelerations, -np.linalg.solve(mass, slopes[..., :moving]), mass
-
-
-def _joined(*arrays: np.ndarray) -> np.ndarray:
-    return np.concatenate(arrays, axis=-1)
+        """θ̈ (..., n), its derivatives by [θ, θ̇, x] (..., n, 2n + N), and M⁻¹ (..., n, n)."""
+        moving = points[..., : self._moving]
+        mass, load = self._mass_and_load(moving)
+        mobility = np.linalg.inv(mass)
+        accelerations = -(mobility @ load[..., None])[..., 0]
+        _, slopes = self._residual.first(moving, accelerations)
+        return accelerations, -mobility @ slopes, mobility
