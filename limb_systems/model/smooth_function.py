@@ -7,8 +7,8 @@ own numbers for a single point, where numpy's overhead would be most of the time
 
 import functools
 import math
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Hashable, Sequence
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -139,6 +139,24 @@ def _defined(code: Any, names: dict[str, Any]) -> Callable[..., None]:
     scope = dict(names)
     exec(code, scope)
     return scope["function"]
+
+
+_MOST_STATED = 16
+_STATED: dict[Hashable, Any] = {}
+T = TypeVar("T")
+
+
+def stated_once(key: Hashable, state: Callable[[], T]) -> T:
+    """Return what a function states in symbols, or what it returned for the same key before.
+
+    Many objects describe the same limb, and differentiating and compiling takes longer than most of
+    what they do. The last few results are kept.
+    """
+    if key not in _STATED:
+        if len(_STATED) == _MOST_STATED:
+            del _STATED[next(iter(_STATED))]
+        _STATED[key] = state()
+    return _STATED[key]
 
 
 class SmoothFunction:

@@ -9,11 +9,9 @@ import numpy as np
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.rubber import REST_SCALE, NonlinearRubber, num_rest_shifts
-from limb_systems.model.smooth_function import SmoothFunction
+from limb_systems.model.smooth_function import SmoothFunction, stated_once
 from limb_systems.model.wire_law import TEMPERATURE_SCALE, runge_kutta
 
-_MOST_STATED = 16
-_STATED: dict[tuple, dict[str, Any]] = {}
 LONGEST_STEP = 0.1  # s, of an integration
 
 
@@ -46,17 +44,12 @@ class Wires:
     """
 
     def __init__(self, parameters: LimbParameters):
-        # Laws are stated and differentiated once for a limb, of which there are many `Wires`.
         plain = dataclasses.replace(parameters, calibration=None)
-        key = repr(plain), *(type(wire.law) for wire in parameters.wires)
-        if key not in _STATED:
-            if len(_STATED) == _MOST_STATED:
-                del _STATED[next(iter(_STATED))]
-            self._state(parameters)
-            _STATED[key] = self.__dict__
-        self.__dict__.update(_STATED[key])
+        key = Wires, repr(plain), *(type(wire.law) for wire in parameters.wires)
+        self.__dict__.update(stated_once(key, lambda: self._stated(parameters)))
 
-    def _state(self, parameters: LimbParameters) -> None:
+    def _stated(self, parameters: LimbParameters) -> dict[str, Any]:
+        """The attributes of all `Wires` of a limb."""
         laws = [wire.law for wire in parameters.wires]
         self.num_wires = len(laws)
         self._ambient = parameters.ambient_temperature
@@ -115,6 +108,7 @@ class Wires:
             for law in laws
         )
         self.torque_is_affine = not self.torque_needs_angle and ca.is_linear(force, x)
+        return vars(self)
 
     def _state_heat(self, x: ca.SX, V: ca.SX, D: ca.SX) -> tuple[ca.SX, ca.SX]:
         """ẋ (N,) by (6) and the memory of the rubber, and V̇ (W,) by (7)."""

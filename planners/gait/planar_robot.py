@@ -4,13 +4,15 @@ The configuration y = [x, z, θ, q] is of the body in the vertical plane, m and 
 joints, rad. The limbs are `Chain`s whose bases the body carries.
 """
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 
 from limb_systems import Layout, RobotParameters
 from limb_systems.model.chain import Chain
 from limb_systems.model.kinematics import rest_joint_angles
-from limb_systems.model.smooth_function import SmoothFunction
+from limb_systems.model.smooth_function import SmoothFunction, stated_once
 from planners.transcription.solving import PlanningError
 
 POSE = 3  # x, z and θ of the body, before the joints
@@ -33,6 +35,7 @@ class PlanarRobot:
     - ``last_joints``: the joint of each limb that carries its foot, among the joints (F,).
     - ``radius``: radius of the feet, m.
     - ``size``: the longest limb's length, m.
+    - ``key``: the same for robots with the same description.
 
     Args:
         robot: description of the robot, on a planar body.
@@ -43,6 +46,12 @@ class PlanarRobot:
 
     def __init__(self, robot: RobotParameters):
         _check(robot)
+        laws = (type(wire.law) for wire in robot.together.wires)
+        self.key = PlanarRobot, repr(robot), *laws
+        self.__dict__.update(stated_once(self.key, lambda: self._stated(robot)))
+
+    def _stated(self, robot: RobotParameters) -> dict[str, Any]:
+        """The attributes of all `PlanarRobot`s of a description."""
         layout = Layout(robot.together)
         self.stiffness = np.append(np.zeros(POSE), layout.stiffness)
         self.rest = np.append(np.zeros(POSE), rest_joint_angles(robot.together))
@@ -78,6 +87,7 @@ class PlanarRobot:
         self.symbolic_potential = springs - ca.dot(ca.DM(gravity), moment)
         self.potential = SmoothFunction(self.symbolic_potential, y)
         self._feet = SmoothFunction(ca.vec(self.symbolic_feet), y)
+        return vars(self)
 
     def feet(self, y: np.ndarray) -> np.ndarray:
         """s and z of each foot (..., F, 2), m, of y (..., d)."""

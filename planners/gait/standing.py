@@ -17,13 +17,11 @@ stationary, so that the pivot's derivative is that of Φ(p, v) = vᵀ H(p) v at 
 curvature is Φ's less what the eliminated coordinates give way.
 """
 
-from collections.abc import Iterator
-
 import casadi as ca
 import numpy as np
 
 from limb_systems import Wires
-from limb_systems.model.smooth_function import SmoothFunction
+from limb_systems.model.smooth_function import SmoothFunction, stated_once
 from planners.gait.planar_robot import POSE, PlanarRobot
 
 # ρ, N/m: a hundred times what limbs are, so that more of it would change pivots by percents.
@@ -62,6 +60,13 @@ class Standing:
         self._order = np.append(np.arange(POSE, d), np.arange(POSE))
         self._pivots = [*robot.last_joints, *range(d - POSE, d)]
 
+        functions = stated_once((Standing, robot.key), lambda: self._stated(robot, wires))
+        self._of_point, self._energy, self._stiffness = functions
+        self.slope_places, self.curvature_places = self._places()
+
+    def _stated(self, robot: PlanarRobot, wires: Wires) -> tuple[SmoothFunction, ...]:
+        """Balance and feet of a point; Φ; and the stiffness, column by column."""
+        d, N, F = self._d, self._N, self._F
         y, feet = robot.configuration, ca.vec(robot.symbolic_feet)
         x, forces, travel = ca.SX.sym("x", N), ca.SX.sym("f", 2 * F), ca.SX.sym("s", F)
         v, on_ground = ca.SX.sym("v", d), ca.SX.sym("held", 2 * F)
@@ -70,14 +75,14 @@ class Standing:
         balance = ca.gradient(lagrangian, y) - torques
         s, z = robot.symbolic_feet[0, :].T, robot.symbolic_feet[1, :].T
         point = ca.vertcat(y, x, forces, travel)
-        self._of_point = SmoothFunction(ca.vertcat(balance, s - travel, z), point)
         along = ca.jtimes(feet, y, v)
         own = ca.jtimes(balance, y, v)
         energy = ca.dot(v, own) + GROUND_STIFFNESS * ca.dot(on_ground, along**2)
-        self._energy = SmoothFunction(energy, ca.vertcat(point, v), on_ground)
-        stiffness = ca.vec(ca.hessian(energy, v)[0] / 2)
-        self._stiffness = SmoothFunction(stiffness, point, on_ground)
-        self.slope_places, self.curvature_places = self._places()
+        return (
+            SmoothFunction(ca.vertcat(balance, s - travel, z), point),
+            SmoothFunction(energy, ca.vertcat(point, v), on_ground),
+            SmoothFunction(ca.vec(ca.hessian(energy, v)[0] / 2), point, on_ground),
+        )
 
     def split(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """y (..., d), x (..., N) and λ (..., F, 2) of points."""
@@ -86,7 +91,7 @@ class Standing:
 
     def values(self, points: np.ndarray) -> np.ndarray:
         """Balance, feet and pivots (..., m)."""
-        pivots = np.stack([pivot for pivot, _, _, _ in self._eliminated(points)], axis=-1)
+        pivots = np.moveaxis(self._eliminated(points)[0], 0, -1)
         return np.concatenate(
             [self._of_point.values(points), np.arcsinh(pivots / self._least)], axis=-1
         )
@@ -100,25 +105,29 @@ class Standing:
     def derivatives(self, points: np.ndarray) -> np.ndarray:
         """Derivatives of `values` by the points (..., m, P)."""
         _, of_point = self._of_point.first(points)
-        of_pivots = [slope[..., None, :] for _, slope in self._expanded(points)]
-        return np.concatenate([of_point, *of_pivots], axis=-2)
+        pivots, motions, _ = self._eliminated(points)
+        of_pivots = np.moveaxis(self._pivot_slopes(points, pivots, motions), 0, -2)
+        return np.concatenate([of_point, of_pivots], axis=-2)
 
     def second(self, points: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Second derivatives of weights · `values` by the points (..., P, P)."""
         P, first_pivot = points.shape[-1], self.num_values - len(self._pivots)
         result = self._of_point.second(points, weights[..., :first_pivot])
-        for number, ((pivot, v, before, kept), slope) in enumerate(self._expanded(points)):
-            size = np.hypot(pivot, self._least[number])
-            weight = weights[..., first_pivot + number] / size
-            both = self._energy.second(
-                np.concatenate([points, v], axis=-1), weight[..., None], self._held
-            )
-            change = 0.5 * both[..., P + before, :P]  # of H v, times the weight
-            gives_way = change.swapaxes(-1, -2) @ np.linalg.solve(kept, change)
-            by_weight = np.divide(1.0, weight, out=np.zeros_like(weight), where=weight != 0)
-            result += both[..., :P, :P] - 2 * by_weight[..., None, None] * gives_way
-            bent = (weight * pivot)[..., None, None] * slope[..., :, None] * slope[..., None, :]
-            result -= bent
+        pivots, motions, stiffness = self._eliminated(points)
+        slopes = self._pivot_slopes(points, pivots, motions)
+        one = np.ones((*pivots.shape, 1))
+        curved = self._energy.second(self._with(points, motions), one, self._held)
+        sizes = np.hypot(pivots, self._of_pivots(self._least, pivots))
+        on_pivots = np.moveaxis(weights[..., first_pivot:], -1, 0) / sizes
+        for number, pivot, slope, both, weight in zip(
+            self._pivots, pivots, slopes, curved, on_pivots, strict=True
+        ):
+            before = self._order[:number]
+            change = 0.5 * both[..., P + before, :P]  # of H v, to which they give way
+            kept = stiffness[..., before[:, None], before]
+            both = both[..., :P, :P] - 2 * change.swapaxes(-1, -2) @ np.linalg.solve(kept, change)
+            both -= pivot[..., None, None] * slope[..., :, None] * slope[..., None, :]
+            result += weight[..., None, None] * both
         return result
 
     def slopes(self, points: np.ndarray) -> np.ndarray:
@@ -142,24 +151,33 @@ class Standing:
         curved[tuple(self._of_point.curvature_places)] = True
         return np.array(slopes.nonzero()), np.array(np.tril(curved | curved.T).nonzero())
 
-    def _expanded(self, points: np.ndarray) -> Iterator[tuple[tuple, np.ndarray]]:
-        """What `_eliminated` says of each pivot, and the derivative of its asinh (..., P)."""
-        for least, found in zip(self._least, self._eliminated(points), strict=True):
-            pivot, v, _, _ = found
-            _, slopes = self._energy.first(np.concatenate([points, v], axis=-1), self._held)
-            yield found, slopes[..., 0, : points.shape[-1]] / np.hypot(pivot, least)[..., None]
+    def _pivot_slopes(
+        self, points: np.ndarray, pivots: np.ndarray, motions: np.ndarray
+    ) -> np.ndarray:
+        """Derivatives of the pivots' asinh by the points (V, ..., P)."""
+        _, slopes = self._energy.first(self._with(points, motions), self._held)
+        sizes = np.hypot(pivots, self._of_pivots(self._least, pivots))
+        return slopes[..., 0, : points.shape[-1]] / sizes[..., None]
 
-    def _eliminated(self, points: np.ndarray) -> Iterator[tuple[np.ndarray, ...]]:
-        """Each pivot (...) and what belongs to it.
+    @staticmethod
+    def _with(points: np.ndarray, motions: np.ndarray) -> np.ndarray:
+        """Arguments [p, v] of Φ for each pivot (V, ..., P + d)."""
+        return np.concatenate([np.broadcast_to(points, (len(motions), *points.shape)), motions], -1)
 
-        These are the motion v (..., d) whose stiffness vᵀ H v the pivot is, the coordinates that
-        were eliminated before it, and their stiffness.
-        """
+    @staticmethod
+    def _of_pivots(values: np.ndarray, pivots: np.ndarray) -> np.ndarray:
+        """Values of the V pivots (V,) as an array (V, 1, ...) beside the pivots."""
+        return values.reshape(-1, *[1] * (pivots.ndim - 1))
+
+    def _eliminated(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The V pivots (V, ...), their motions v (V, ..., d), and the stiffness (..., d, d)."""
         whole = self.stiffness(points)
-        for number in self._pivots:
+        motions = np.zeros((len(self._pivots), *whole.shape[:-1]))
+        for number, v in zip(self._pivots, motions, strict=True):
             before, own = self._order[:number], self._order[number]
             kept = whole[..., before[:, None], before]
-            v = np.zeros(whole.shape[:-1])
             v[..., own] = 1.0
             v[..., before] = -np.linalg.solve(kept, whole[..., before, own, None])[..., 0]
-            yield np.einsum("...i,...i->...", whole[..., own, :], v), v, before, kept
+        own = self._order[self._pivots]
+        pivots = np.einsum("...ji,j...i->j...", whole[..., own, :], motions)
+        return pivots, motions, whole
