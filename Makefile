@@ -5,7 +5,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 CONSTRAINTS ?= -c constraints.txt
 
-.PHONY: demo test newest versions wheel bench evaluation pictures tables browser lint chip notebooks docs linkcheck coverage clean
+.PHONY: demo test test-all newest versions wheel bench evaluation pictures tables browser lint chip notebooks docs linkcheck coverage clean
 
 demo: $(VENV)/ready
 	$(BIN)/soft-limb demo out --force
@@ -13,12 +13,16 @@ demo: $(VENV)/ready
 test: $(VENV)/ready lint
 	$(BIN)/python -m pytest
 
+# As well what takes long: the wheel, the demo, notebooks, a browser, MicroPython and C compilers.
+test-all: $(VENV)/ready lint
+	$(BIN)/python -m pytest -m ''
+
 # The tests with the newest versions that pyproject.toml allows, in an environment of its own. All
 # versions of Python that pyenv has count, not just the one that is chosen.
 newest:
 	rm -rf build/newest
 	PYENV_VERSION=$$(pyenv versions --bare 2>/dev/null | paste -s -d : -) \
-	    $(MAKE) VENV=build/newest CONSTRAINTS= versions test
+	    $(MAKE) VENV=build/newest CONSTRAINTS= versions test-all
 
 versions: $(VENV)/ready
 	@$(BIN)/python -c 'import sys; sys.version_info < (3, 12) and print("Drake 1.51 is the last for \

@@ -11,6 +11,8 @@ import pytest
 
 from limb_systems import LimbParameters, Recording, Trajectory
 
+pytestmark = pytest.mark.whole
+
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
     "limb_systems",

@@ -139,6 +139,7 @@ def test_notebooks_are_stored_without_what_running_them_leaves():
         assert texts[-1].startswith("## Now change something")
 
 
+@pytest.mark.whole
 @pytest.mark.parametrize(
     ("path", "check"),
     [

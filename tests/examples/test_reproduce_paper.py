@@ -81,6 +81,7 @@ def demo(tmp_path_factory):
     return folder, said.getvalue(), complained.getvalue()
 
 
+@pytest.mark.whole
 def test_demo_leaves_what_it_promises(demo):
     folder, said, complained = demo
     assert all(
@@ -99,6 +100,7 @@ def test_demo_leaves_what_it_promises(demo):
         assert b"</html>" in (folder / f"{name}.html").read_bytes()
 
 
+@pytest.mark.whole
 def test_the_report_can_be_looked_into_and_links_to_the_data(demo, look_at):
     folder = demo[0]
     text = (folder / "report.html").read_text(encoding="utf-8")
@@ -110,6 +112,7 @@ def test_the_report_can_be_looked_into_and_links_to_the_data(demo, look_at):
     look_at(folder / "limb_0" / "calibration.html")
 
 
+@pytest.mark.whole
 def test_table_1_is_that_of_the_files(demo):
     folder, said, _ = demo
     (summary,) = json.loads((folder / "results.json").read_text(encoding="utf-8"))
@@ -164,6 +167,7 @@ def assert_followed(followed, trajectory, path):
     assert followed["highest_temperature"] == pytest.approx(rollout.wire_temperature.max())
 
 
+@pytest.mark.whole
 def test_taught_motions_are_what_the_paper_says(demo):
     """The first is faster and within a smaller range, the second has holds."""
     folder, *_ = demo

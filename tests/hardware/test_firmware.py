@@ -64,6 +64,7 @@ def micropython(tmp_path_factory):
     return run
 
 
+@pytest.mark.whole
 def test_under_micropython(micropython):
     said = micropython("firmware_checks.py")
     assert said.startswith("micropython")

@@ -88,6 +88,7 @@ run_command(run, "stopped; wires are off")
 """
 
 
+@pytest.mark.whole
 def test_browsers_show_what_is_recorded_and_their_button_stops(
     start_host, browser, motion, tmp_path
 ):
