@@ -38,7 +38,7 @@ COMMANDS = {
     "teach": ("hardware", "record the bend while the limb is moved by hand"),
     "status": ("hardware", "print the state of a board"),
     "arm-check": ("hardware", "test sensors and wires one by one"),
-    "board-check": ("hardware", "test a board's firmware against the protocol, rule by rule"),
+    "board-check": ("hardware", "test that a board refuses what it must and ends duty in time"),
     "ports": ("hardware", "list the serial ports of this computer"),
     "recover": ("hardware", "finish the recording of a program that was killed"),
     "emulate": ("hardware", "emulate a board and a limb on a pseudo-terminal"),

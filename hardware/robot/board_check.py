@@ -1,795 +1,250 @@
-"""The rules of docs/protocol.md, checked on any board, also one of another maker.
+"""The self test of a board: what it answers and refuses, and when it ends duty.
 
-The numbers here are those of that page, not of the firmware in this project, so that they differ
-if one of them is changed.
+The numbers here are from docs/protocol.md, not from the firmware in this project, so that a
+changed number shows. All wires get a duty of 4% for less than a second at a time.
 """
 
 import contextlib
-import dataclasses
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from hardware.firmware import protocol
-from hardware.robot.bench import (
-    POLL,
-    Ask,
-    Bench,
-    Bounds,
-    NotRunError,
-    RuleBrokenError,
-    StaysOnError,
-    expect,
-    state_of,
-)
-from hardware.robot.link import HardwareError, Sample, SerialPort
+from hardware.firmware import from_host, protocol
+from hardware.robot.link import Assembly, HardwareError, Sample, SerialPort, pulls_of
 from limb_systems import LimbParameters
+from limb_systems.signals import heed_signals
 
 PASSED, FAILED, NOT_RUN = "passed", "failed", "not run"
+POLL = 0.01  # s, between two looks at what came
+GENTLE = 0.04  # duty that warms a wire by less than 1 °C/s
+HOTTEST = 45.0  # °C, of a reading at which the test stops
 
 # Bounds of ARM: (a1 slowest, fastest, a2 least, most, a3 slowest).
-NOMINAL = (0.042, 0.095, 17.0, 23.0, 0.5)
-STRONG = (0.2, 0.5, 60.0, 100.0, 4.0)  # of wires that would warm far more than any does
-WEAK = (0.2, 0.2, 10.0, 10.0, 0.1)  # and far less
-HIDING = (0.2, 0.5, 4.0, 8.0, 0.1)  # and so little that no thermocouple need show it
-BUDGET = (0.005, 0.5, 4.0, 100.0, 0.1)  # by which any wire may be far warmer than it is
+WIDE = (0.03, 0.5, 4.0, 40.0, 0.1)  # that suit any wire
+NONE = (0.0,) * 5
 RANGES = ((0.005, 0.2), (0.01, 0.5), (4.0, 60.0), (8.0, 100.0), (0.1, 4.0))
+NOMINAL = (0.042, 0.095, 17.0, 23.0, 0.5)
+WRONG = [
+    (0.095, 0.042, *NOMINAL[2:]),  # out of order
+    (0.042, 0.095, 23.0, 17.0, 0.5),
+    *((*NOMINAL[:n], 0.8 * low, *NOMINAL[n + 1 :]) for n, (low, _) in enumerate(RANGES)),
+    *((*NOMINAL[:n], 1.2 * high, *NOMINAL[n + 1 :]) for n, (_, high) in enumerate(RANGES)),
+]
+Bounds = Sequence[float]
 
-GENTLE = 0.04  # duty that warms a wire by less than 1 °C/s
-WARM = 80.0  # °C, of a reading at which a check gives up
+
+class StaysOnError(Exception):
+    """The board heats when it must not."""
 
 
-@dataclasses.dataclass(frozen=True)
-class Rule:
-    """A rule, and how it is checked.
+class Host:
+    """The host's side of the cable: ``samples`` came once each, ``infos`` are values of INFO."""
 
-    - ``name``: stable, for reports.
-    - ``sentence``: the rule in words.
-    - ``section``: anchor in docs/protocol.md.
-    - ``check``: talks to the board; raises if the rule is broken.
-    - ``by_hand``: whether something must be done at the robot.
-    """
+    def __init__(self, cable: SerialPort, limb: LimbParameters):
+        self._cable, self._pulls = cable, pulls_of(limb)
+        self._parser = protocol.Parser(from_host.KINDS, from_host.FORMATS)
+        self._assembly = Assembly()
+        self._session = self._sequence = 0
+        self.names = limb.wire_names
+        self.samples: list[Sample] = []
+        self.infos: list[tuple] = []
+
+    @property
+    def last(self) -> Sample:
+        """The newest sample."""
+        return self.samples[-1]
+
+    def say(self, kind: int) -> None:
+        """Send a frame without values three times, as one may get lost."""
+        self._cable.send(3 * from_host.encode(self._parser.version, kind))
+
+    def wait(self, seconds: float, answer: Callable[[], None] = lambda: None) -> None:
+        """Take what comes for some seconds, and call ``answer`` after each new sample."""
+        heed_signals()
+        end = self._cable.now() + seconds - POLL / 2
+        while self._cable.now() < end:
+            self._cable.wait(POLL)
+            for kind, values in self._parser.feed(self._cable.receive()):
+                if kind == protocol.INFO:
+                    self.infos.append(values)
+                    continue
+                sample = self._assembly.take(kind, values, self._cable.now())
+                if sample and (not self.samples or sample.board_time != self.last.board_time):
+                    self.samples.append(sample)
+                    answer()
+
+    def fresh(self, after: float = 0.0) -> Sample:
+        """Return the first sample after some seconds; HardwareError if none comes for 1 s."""
+        self.wait(after)
+        count, end = len(self.samples), self._cable.now() + 1.0
+        while len(self.samples) == count and self._cable.now() < end:
+            self.wait(POLL)
+        if len(self.samples) == count:
+            raise HardwareError("The board sent no sample for 1 s; look at cable and supply.")
+        return self.last
+
+    def arm(self, bounds: Sequence[Bounds], total: float, challenge: int) -> Sample:
+        """Ask the board once to arm; return the sample that shows whether it did."""
+        self._session, self._sequence = challenge, 0
+        version = self._parser.version
+        for frame in from_host.encode_arming(version, challenge, bounds, total, self._pulls):
+            self._cable.send(frame)
+            self.wait(POLL)
+        return self.fresh(0.05)
+
+    def command(self, duty: float) -> None:
+        """Send a COMMAND of one duty for all wires, in answer to the newest sample."""
+        self._sequence += 1
+        if self.last.duty.any() and self.last.temperature.max() > HOTTEST:
+            raise StaysOnError(f"a wire is read at {self.last.temperature.max():.0f} °C")
+        heard = round(1000 * self.last.board_time) & 0xFFFFFFFF
+        ticks = [round(protocol.FULL_DUTY * duty)] * len(self.names)
+        values = self._session, self._sequence, heard, ticks
+        self._cable.send(2 * from_host.encode_command(self._parser.version, *values))
+
+    def heat(self, total: float = 1.5) -> str:
+        """Arm the board and hold a gentle duty for 0.3 s; return what went wrong, or nothing."""
+        for _ in range(8):
+            if self.arm([WIDE] * len(self.names), total, self.fresh().challenge).armed:
+                self.wait(0.3, lambda: self.command(GENTLE))
+                return "" if self.last.duty.all() else "no duty followed a command"
+        return f"the board did not arm: {self.last.reason_text}"
+
+    def off(self) -> None:
+        """Disarm the board; StaysOnError if it stays armed or heats."""
+        self.say(protocol.DISARM)
+        for after in (0.1, 0.8):  # by then its heartbeat has ended
+            sample = self.fresh(after)
+            if not sample.armed and not sample.duty.any():
+                return
+        raise StaysOnError("it does not switch off; disconnect the supply of its wires now")
+
+
+def _answers(host: Host) -> str:
+    host.say(protocol.HELLO)
+    host.wait(0.3)
+    if not host.infos:
+        return "no INFO came after three HELLO"
+    _, period, limit, _, channels, *_ = host.infos[-1]
+    good = (period, channels) == (50, len(host.names)) and 0 < limit <= 440
+    return "" if good else f"INFO says {period} ms, {channels} channels, {limit / 4:g} °C at most"
+
+
+def _samples(host: Host) -> str:
+    count = len(host.samples)
+    host.wait(2.0)
+    steps = np.diff([1000 * sample.board_time for sample in host.samples[count:]])
+    good = len(steps) > 26 and abs(steps.mean() - 50) <= 2
+    return "" if good else f"{len(steps) + 1} samples came in 2 s"
+
+
+def _sensors(host: Host) -> str:
+    V, tips = host.fresh().temperature, np.rad2deg(host.last.tip_tangent)
+    good = 10 <= V.min() <= V.max() <= HOTTEST and np.ptp(V) <= 8 and (abs(tips) < 120).all()
+    return "" if good else f"wires are read at {V} °C, tip tangents at {tips}°"
+
+
+def _refused(host: Host, reason: int | None, *wrong: Bounds, total=1.0, other=0) -> str:
+    for bounds, (wire, name) in itertools.product(wrong, enumerate(host.names)):
+        each = [bounds if n == wire else WIDE for n in range(len(host.names))]
+        sample = host.arm(each, total, host.last.challenge ^ other)
+        if sample.armed or reason not in (None, sample.reason):
+            return f"reason {sample.reason} after ARM with {bounds} of {name}, a sum of {total}"
+    return ""
+
+
+def _ends(host: Host, reason: int, within: float, act: Callable[[], None] = lambda: None) -> str:
+    """Heat gently, act, and say what is wrong unless duty ends in time for a reason."""
+    if wrong := host.heat():
+        return wrong
+    answered = host.last.board_time
+    act()
+    host.wait(0.6)
+    age = max(s.board_time for s in host.samples if s.armed or s.duty.any()) - answered
+    good = age <= within and host.last.reason == reason
+    return "" if good else f"armed for {age:.2f} s after it, then off for reason {host.last.reason}"
+
+
+def _sum(host: Host) -> str:
+    wrong = host.heat(GENTLE / 2 * len(host.names))
+    good = np.allclose(host.last.duty, GENTLE / 2, rtol=0, atol=5e-5)
+    return wrong or ("" if good else f"duties are {host.last.duty}; ARM allows half of {GENTLE}")
+
+
+class Case(NamedTuple):
+    """A rule of docs/protocol.md, its anchor there, and what says how a board breaks it."""
 
     name: str
-    sentence: str
+    rule: str
     section: str
-    check: Callable[[Bench], None]
-    by_hand: bool
+    check: Callable[[Host], str]
 
 
-@dataclasses.dataclass(frozen=True)
-class Outcome:
-    """What came of checking a rule.
+BOARD, HOST = "from-the-board", "from-the-host"
+# fmt: off
+CASES = [Case(*row) for row in (
+    ("info", "INFO says 50 ms, a channel for each wire, and 110 °C at most.", BOARD, _answers),
+    ("samples", "A SAMPLE comes every 50 ms.", BOARD, _samples),
+    ("sensors", "A cold limb is read at 10 to 45 °C and below 120°.", BOARD, _sensors),
+    ("challenge", "ARM without the newest challenge does not arm.", HOST,
+        lambda host: _refused(host, None, WIDE, other=1)),
+    ("no-bounds", "ARM without bounds does not arm.", HOST, lambda host: _refused(host, 7, NONE)),
+    ("bounds", "ARM with bounds out of range or order does not arm.", HOST,
+        lambda host: _refused(host, 7, *WRONG)),
+    ("no-sum", "ARM with a largest sum of zero does not arm.", HOST,
+        lambda host: _refused(host, 7, WIDE, total=0.0)),
+    ("duty", "A duty above 1 switches the board off.", HOST,
+        lambda host: _ends(host, 2, 0.08, lambda: host.command(1.0001))),
+    ("sum", "Duties above the sum that ARM allows are reduced.", HOST, _sum),
+    ("silence", "Duty ends 250 ms after a COMMAND.", HOST, lambda host: _ends(host, 1, 0.3)),
+    ("disarm", "DISARM ends duty at once.", HOST,
+        lambda host: _ends(host, 3, 0.08, lambda: host.say(protocol.DISARM))),
+)]
+# fmt: on
 
-    - ``outcome``: "passed", "failed" or "not run".
-    - ``what``: what was seen and what was expected, or why it was not run.
-    """
 
-    rule: Rule
+class Outcome(NamedTuple):
+    """The outcome of a case: "passed", "failed" or "not run", and what was seen."""
+
+    case: Case
     outcome: str
     what: str = ""
 
 
-RULES: list[Rule] = []
+def check_board(cable: SerialPort, limb: LimbParameters, say: Callable) -> list[Outcome]:
+    """Test a board case by case, and tell each outcome. Duty must be zero after each case.
 
-
-def check_board(
-    cable: SerialPort,
-    say: Callable[[Outcome], None] = lambda _: None,
-    ask: Ask | None = None,
-    rules: Sequence[Rule] = RULES,
-    limb: LimbParameters | None = None,
-) -> list[Outcome]:
-    """Checks a board, rule by rule. It is off at the end, whatever happens.
-
-    Args:
-        cable: the host's end of the cable to the board, see `Bench`.
-        say: takes each outcome when it is there.
-        ask: has something done at the robot, see `Bench`. Without it the rules that need that are
-            not checked.
-        rules: rules to check, in their order.
-        limb: the limb on the board; the nominal one if None.
-
-    Raises:
-        HardwareError: if the cable is gone, the board is for another limb, or if a fault is
-            latched at the beginning.
+    Raises HardwareError if no samples come, the board is for another limb, or a fault is latched.
     """
-    outcomes: list[Outcome] = []
-    bench = Bench(cable, ask, limb)
-    ended = None  # why no further rule is checked
+    host, outcomes, ended = Host(cable, limb), list[Outcome](), ""
     try:
-        bench.wait(0.5)
-        if bench.samples and len(bench.last.temperature) != len(bench.names):
+        sample = host.fresh(0.5)
+        if len(sample.temperature) != len(host.names):
             raise HardwareError(
-                f"The board has {len(bench.last.temperature)} channels, but the limb has the wires "
-                f"{', '.join(bench.names)}; name the file of the limb that is on it: --limb FILE."
+                f"The board has {len(sample.temperature)} channels, but the limb has "
+                f"{len(host.names)} wires; name the file of the limb that is on it: --limb FILE."
             )
-        if bench.samples and bench.last.latched:
+        if sample.latched:
             raise HardwareError(
-                f"The board cannot be checked: {state_of(bench.last)}. Mend it, then clear the "
-                "fault: soft-limb status PORT --clear."
+                f"The board cannot be checked: it is off for reason {sample.reason}, "
+                f"{sample.reason_text}. Mend it, then: soft-limb status PORT --clear."
             )
-        for rule in rules:
-            if ended:
-                outcome = Outcome(rule, NOT_RUN, ended)
-            elif not bench.samples:
-                ended = "no SAMPLE comes"
-                outcome = Outcome(rule, FAILED, f"{ended} within 0.5 s; expected one each 50 ms")
-            elif rule.by_hand and ask is None:
-                outcome = Outcome(rule, NOT_RUN, "it needs a hand at the robot")
-            else:
-                outcome, ended = _check(bench, rule)
+        for case in CASES:
+            outcome = Outcome(case, NOT_RUN, ended)
+            if not ended:
+                try:
+                    host.off()
+                    wrong = case.check(host)
+                    host.off()
+                    outcome = Outcome(case, FAILED if wrong else PASSED, wrong)
+                except StaysOnError as error:
+                    outcome = Outcome(case, FAILED, str(error))
+                    ended = "it heated when it must not"
             outcomes.append(outcome)
             say(outcome)
     finally:
-        bench.switch_off()
+        with contextlib.suppress(HardwareError):
+            host.say(protocol.DISARM)
     return outcomes
-
-
-def _check(bench: Bench, rule: Rule) -> tuple[Outcome, str | None]:
-    """The outcome of a rule, and why no further one can be checked."""
-    try:
-        bench.off()
-        if bench.last.latched:
-            raise NotRunError(f"the board cannot be armed: {state_of(bench.last)}")
-        rule.check(bench)
-        outcome = Outcome(rule, PASSED)
-    except RuleBrokenError as broken:
-        outcome = Outcome(rule, FAILED, str(broken))
-    except NotRunError as reason:
-        outcome = Outcome(rule, NOT_RUN, str(reason))
-    except StaysOnError as error:
-        bench.switch_off()
-        return Outcome(rule, FAILED, str(error)), "the board heated when it must not"
-    bench.switch_off()
-    with contextlib.suppress(RuleBrokenError):  # a fault that the check made
-        bench.clear()
-    return outcome, None
-
-
-def _rule(section: str, by_hand: bool = False):
-    """Adds a rule to `RULES`: the name and the docstring of a function that checks it."""
-
-    def add(check: Callable[[Bench], None]) -> None:
-        name = check.__name__.strip("_").replace("_", "-")
-        RULES.append(Rule(name, check.__doc__ or "", section, check, by_hand))
-
-    return add
-
-
-def _percent(duty: Sequence[float] | np.ndarray) -> str:
-    return " and ".join(f"{100 * share:g}%" for share in duty)
-
-
-def _expect_duty(sample: Sample, duty: Sequence[float], when: str) -> None:
-    expect(
-        np.allclose(sample.duty, duty, rtol=0, atol=5e-5),
-        f"{_percent(sample.duty)} {when}; expected {_percent(duty)}",
-    )
-
-
-def _expect_off(sample: Sample, when: str, *reasons: int) -> None:
-    off = not sample.armed and not sample.duty.any()
-    expect(
-        off and (not reasons or sample.reason in reasons),
-        f"{when} {state_of(sample)}, at {_percent(sample.duty)}; expected it to be off"
-        + "".join(f" for reason {reason}" for reason in reasons),
-    )
-
-
-# Frames from the board.
-
-
-@_rule("from-the-board")
-def _samples_every_50_ms(bench: Bench) -> None:
-    """A SAMPLE comes every 50 ms, twice; its sequence increases by 1, and its time is in ms."""
-    samples = bench.next_samples(2.0)
-    counted, arrived, numbers = np.diff(
-        [(sample.board_time, sample.received, sample.sequence) for sample in samples], axis=0
-    ).T
-    expect(
-        len(counted) > 26 and abs(counted.mean() - 0.05) <= 2e-3 and (counted > 0.02).all(),
-        f"{len(counted)} steps in 2 s, of {np.round(1000 * counted)} ms; expected 50 ms each",
-    )
-    expect(
-        abs(counted.sum() - arrived.sum()) <= 0.02 * arrived.sum() + 2 * POLL,
-        f"its clock counted {counted.sum():.2f} s in {arrived.sum():.2f} s; expected the same",
-    )
-    copies = bench.copies[-len(counted) : -1]
-    expect(copies.count(2) >= 0.9 * len(copies), f"they came {copies} times; expected 2 each")
-    steps = set((numbers % 0x10000).tolist())
-    expect(steps == {1}, f"the sequence increased by {sorted(steps)}; expected by 1")
-
-
-@_rule("frames")
-def _frames_are_valid(bench: Bench) -> None:
-    """Frames have their version, length and CRC-32; the byte 03 is sent as 7D 23."""
-    rejected, start = bench.parser.rejected, len(bench.received)
-    bench.wait(2.0)
-    received, damaged = bytes(bench.received[start:]), bench.parser.rejected - rejected
-    expect(damaged == 0, f"{damaged} frames were damaged; expected none")
-    other = bench.parser.other_version
-    expect(other is None, f"frames are of version {other}; expected 3 or 4")
-    longest = max(map(len, received.split(b"\x7e"))) + 2
-    expect(longest <= 64, f"a frame has {longest} bytes; expected 64 at most")
-    expect(3 not in received, "the byte 03 came; expected it to be escaped")
-
-
-# Frames to the board, by how many INFO come for them.
-
-
-def _framed(body: bytes, spoil: int = 0) -> bytes:
-    """The frame of any body, with a checksum that is right unless it is spoiled."""
-    checksum = bytearray(protocol.crc32(body))
-    checksum[0] ^= spoil
-    frame = bytearray(b"\x7e")
-    for byte in body + checksum:
-        frame += bytes((0x7D, byte ^ 0x20)) if byte in (0x7E, 0x7D, 0x03) else bytes((byte,))
-    return bytes(frame + b"\x7e")
-
-
-def _hello(bench: Bench) -> bytes:
-    return _framed(bytes((bench.parser.version, 1)))
-
-
-def _answers(bench: Bench, *pieces: bytes) -> int:
-    """How many INFO come for these bytes."""
-    bench.infos.clear()
-    for piece in pieces:
-        bench.send(piece)
-        bench.wait(POLL)
-    bench.wait(0.15)
-    return len(bench.infos)
-
-
-@_rule("from-the-board")
-def _info_describes_the_board(bench: Bench) -> None:
-    """The board answers HELLO with INFO, which has its numbers."""
-    answered = any(_answers(bench, _hello(bench)) for _ in range(3))
-    expect(answered, "no INFO came after three HELLO; expected one for each")
-    version, period, limit, _, channels, cause, *others = bench.infos[-1]
-    wires, angles = len(bench.names), len(bench.last.tip_tangent)
-    expected = 3 if (wires, angles) == (2, 1) else 4
-    spoken = bench.parser.version
-    expect(
-        version == spoken == expected,
-        f"firmware version {version}, version {spoken} of the protocol; expected {expected}",
-    )
-    expect(period == 50, f"a sample period of {period} ms; expected 50 ms")
-    expect(0 < limit <= 440, f"a limit of {limit / 4:g} °C; expected 110 °C at most")
-    expect(channels == wires, f"{channels} channels; expected {wires}")
-    frames = [] if expected == 3 else [angles, -(-wires // 4)]
-    expect(others == frames, f"{others} angles and CHANNELS; expected {frames}")
-    expect(cause <= 5, f"cause {cause} of the last reset; expected 0 to 5")
-
-
-def _expect_answers(bench: Bench, expected: int, cases: Mapping[str, Sequence[bytes]]) -> None:
-    """Each case must bring so many INFO, and no other change."""
-    if not any(_answers(bench, _hello(bench)) for _ in range(3)):
-        raise NotRunError("the board does not answer HELLO")
-    before = bench.last
-    for case, pieces in cases.items():
-        answers = _answers(bench, *pieces)
-        expect(answers == expected, f"{answers} INFO after {case}; expected {expected}")
-    after = bench.fresh()
-    expect(
-        (after.challenge, after.reason) == (before.challenge, before.reason),
-        f"challenge or reason changed: {state_of(after)}; expected no change",
-    )
-    expect(_answers(bench, _hello(bench)), "a HELLO after them had no answer; expected INFO")
-
-
-@_rule("frames")
-def _damaged_frames_are_ignored(bench: Bench) -> None:
-    """A frame with a wrong CRC, or of another version, length or type, has no effect."""
-    version, kinds = bench.parser.version, (0x00, 0x06, 0x42, 0x81, 0x82, 0xFF)
-    hello = bytes((version, 1))
-    cases = {f"a CRC that is wrong by {n:02X}": [_framed(hello, n)] for n in (0x01, 0x80)}
-    cases |= {f"a HELLO of version {n}": [_framed(bytes((n, 1)))] for n in {2, 3, 4} - {version}}
-    cases |= {f"a HELLO with {n} bytes more": [_framed(hello + bytes(n))] for n in (1, 24)}
-    cases |= {f"a frame of type {n:02X}": [_framed(bytes((version, n)))] for n in kinds}
-    _expect_answers(bench, 0, cases)
-
-
-@_rule("frames")
-def _noise_is_skipped(bench: Bench) -> None:
-    """Other bytes are skipped up to the next flag; frames may share one, or come byte by byte."""
-    hello = _hello(bench)
-    noises = {
-        "bytes without a flag": b"\x55" * 40,
-        "a body that is too long": b"\x7e" + b"\x55" * 60,
-        "two escapes in a row": b"\x7e\x05\x7d\x7d",
-        "an escape before a flag": b"\x7e\x05\x7d",
-        "half a frame": hello[:4],
-        "empty bodies": b"\x7e\x7e\x7e",
-    }
-    cases = {f"{name} and a HELLO": [noise + hello] for name, noise in noises.items()}
-    cases["a HELLO in pieces"] = [bytes((byte,)) for byte in hello]
-    _expect_answers(bench, 1, cases)
-    _expect_answers(bench, 2, {"two HELLO with a shared flag": [hello[:-1] + hello]})
-
-
-# Readings at rest.
-
-
-@_rule("from-the-board")
-def _temperatures_in_quarter_degrees(bench: Bench) -> None:
-    """V is in 1/4 °C."""
-    V = bench.fresh().temperature
-    expect(10 <= V.min() <= V.max() <= 45, f"V is {V} °C; expected that of a room, 10 to 45 °C")
-
-
-@_rule("from-the-board", by_hand=True)
-def _bend_in_64ths_of_a_degree(bench: Bench) -> None:
-    """The tip tangent angle is in 1/64 degrees, to the right positive."""
-    with bench.fault("stick bend 90", "Bend the tip to the right, square to the base, and hold it"):
-        angle = np.rad2deg(bench.fresh().tip_tangent[0])
-        expect(60 <= angle <= 120, f"the tip tangent is read as {angle:.0f}°; expected about 90°")
-
-
-# Arming.
-
-
-def _expect_armed(bench: Bench, *arguments) -> None:
-    try:
-        bench.arm(*arguments)
-    except NotRunError as refusal:
-        raise RuleBrokenError(f"{refusal}, 1 s after ARM; expected it to be armed") from refusal
-
-
-@_rule("from-the-host")
-def _arm_arms(bench: Bench) -> None:
-    """ARM with the newest challenge arms, without duty; while armed it has no effect."""
-    _expect_armed(bench)
-    expect(bench.last.reason == 0, f"it is armed with reason {bench.last.reason}; expected 0")
-    bench.arm()
-    bench.hold(bench.every(GENTLE), 0.2)
-    bench.off()
-    bench.arm()
-    _expect_duty(bench.fresh(0.05), bench.every(0.0), "after ARM, before any COMMAND")
-    bench.hold(bench.every(GENTLE), 0.15)
-    number = bench.sequence
-    bench.send_arm(total=0.01, challenge=bench.session)
-    bench.command(bench.every(GENTLE), sequence=number + 1)
-    sample = bench.fresh(0.05)
-    expect(
-        sample.armed and sample.acknowledged == number + 1,
-        f"after a second ARM {state_of(sample)}, and command {sample.acknowledged} is the last; "
-        f"expected armed, and {number + 1}",
-    )
-    _expect_duty(sample, bench.every(GENTLE), "after a second ARM")
-
-
-@_rule("what-a-board-must-do", by_hand=True)
-def _cold_thermocouples_must_agree(bench: Bench) -> None:
-    """Thermocouples of cold wires that disagree by more than 8 °C do not arm."""
-    with bench.fault("drift {0} 2", "Hold the {0} thermocouple between two warm fingers"):
-        if not bench.sees(lambda sample: np.ptp(sample.temperature) > 10.5, 20.0):
-            raise NotRunError("the thermocouples did not differ by 10 °C")
-        bench.send_arm()
-        _expect_off(bench.fresh(0.05), "after ARM", 8)
-
-
-@_rule("what-a-board-must-do")
-def _arm_needs_the_newest_challenge(bench: Bench) -> None:
-    """ARM with any other challenge has no effect; it changes each time the board is off."""
-    challenges = [bench.last.challenge]
-    for _ in range(3):
-        bench.arm()
-        challenges.append(bench.off().challenge)
-    expect(len(set(challenges)) == 4, f"the challenges were {challenges}; expected unlike ones")
-    *_, old, new = challenges
-    for challenge in {old, new ^ 1, new ^ 0x8000, 0} - {new}:
-        bench.send_arm(challenge=challenge)
-        _expect_off(bench.fresh(0.15), f"after ARM with {challenge}, where {new} is the newest,")
-
-
-@_rule("from-the-host")
-def _bounds_in_range(bench: Bench) -> None:
-    """ARM arms only with bounds of all wires, in range and order, by which heat shows."""
-    low_a1, high_a1, low_a2, high_a2, a3 = NOMINAL
-    cases: dict[str, Bounds] = {"a cooling": (high_a1, low_a1, low_a2, high_a2, a3)}
-    cases["a heating"] = (low_a1, high_a1, high_a2, low_a2, a3)
-    cases = {f"{what} out of order": bounds for what, bounds in cases.items()}
-    for number, allowed in enumerate(RANGES):
-        for value in (0.8 * allowed[0], 1.2 * allowed[1]):
-            what = f"bound {number + 1} at {value:g}, where {allowed} is allowed,"
-            cases[what] = (*NOMINAL[:number], value, *NOMINAL[number + 1 :])
-    for what, bounds in cases.items():
-        for wire in range(len(bench.names)):
-            each = [bounds if n == wire else NOMINAL for n in range(len(bench.names))]
-            bench.send_arm(total=1.0, each=each)
-            _expect_off(bench.fresh(0.02), f"after ARM with {what}", 7)
-    most = len(bench.names)
-    for total in (0.0, most + 1e-4, 6.5535) if most < 6 else (0.0,):  # a frame cannot say more
-        bench.send_arm(NOMINAL, total)
-        _expect_off(bench.fresh(0.02), f"after ARM with a sum of {total:g}", 7)
-    if bench.parser.version > 3:
-        bench.send_arm(lost=1)
-        _expect_off(bench.fresh(0.02), "after ARM without the BOUNDS of a wire", 7)
-    bench.send_arm(HIDING, 1.0)
-    _expect_off(bench.fresh(0.02), "after ARM with bounds by which 0.12 shows by 1 °C", 7)
-    _expect_armed(bench, HIDING, 0.12)
-
-
-# Commands.
-
-
-@_rule("from-the-host")
-def _duty_goes_to_its_wire(bench: Bench) -> None:
-    """COMMAND has the duty of each wire; above the sum all are reduced in proportion."""
-    wires = len(bench.names)
-    unlike = [0.02 + 0.01 * wire for wire in range(wires)]
-    far = [0.09, 0.03, *bench.every(0.06)[2:]]
-    for total, asked, applied in (
-        (1.5, unlike, unlike),
-        (1.5, bench.only(0, 0.0123), bench.only(0, 0.0123)),
-        (0.03 * wires, bench.every(0.06), bench.every(0.03)),
-        (0.03 * wires, far, [share / 2 for share in far]),
-    ):
-        bench.arm(total=total)
-        bench.hold(asked, 0.15)
-        _expect_duty(bench.fresh(), applied, f"for {_percent(asked)} and a sum of {total:g}")
-        bench.off()
-
-
-@_rule("from-the-board")
-def _acknowledges_the_last_command(bench: Bench) -> None:
-    """SAMPLE has the low half of its sequence; 7D and a byte stand for the byte XOR 20."""
-    bench.arm()
-    first = bench.fresh().acknowledged
-    expect(first == 0, f"{0} is the last command of a new session; expected 0")
-    for number in (1, 2, 0x03, 0x7D, 0x7E, 0x7E7D, 50000, 70000, 0x037E7D, 0x7D7DFD7D):
-        bench.command(bench.every(0.0), sequence=number)
-        seen = bench.fresh(0.1).acknowledged
-        expect(
-            seen == number & 0xFFFF,
-            f"command {number:X} is acknowledged as {seen:X}; expected its low half",
-        )
-
-
-@_rule("from-the-host")
-def _stale_commands_do_nothing(bench: Bench) -> None:
-    """COMMAND has no effect if it is old, late, repeated or of another session, nor while off."""
-    bench.arm()
-    before = bench.session
-    bench.command(bench.every(GENTLE))
-    bench.fresh(0.05)
-    for session in (before, bench.off().challenge, 0):
-        bench.command(bench.every(GENTLE), sequence=1000, session=session)
-        _expect_off(bench.fresh(), "after a COMMAND while it was off")
-    bench.arm()
-    bench.hold(bench.every(0.02), 0.4)
-    commands: list[tuple[str, dict]] = [
-        (f"of session {session}", {"sequence": 10**6, "session": session})
-        for session in {before, bench.session ^ 1, 0} - {bench.session}
-    ]
-    commands += [(f"of the sequence {number}", {"sequence": number}) for number in (0, 1, 5)]
-    # The last of these answers a sample that is not yet.
-    commands += [(f"that answers a sample {age:g} s old", {"age": age}) for age in (0.3, 5.0, -1.0)]
-    for what, command in commands:
-        asked = bench.every(0.02)
-        bench.command(asked)
-        bench.fresh()
-        bench.command(bench.every(GENTLE), sequence=bench.sequence)
-        bench.command(bench.every(GENTLE), **command)
-        _expect_duty(bench.fresh(), asked, f"after a command {what}, and one that repeats")
-
-
-def _last_command(bench: Bench) -> float:
-    """Ends a series of commands; the time of the SAMPLE that the last one answered, s."""
-    bench.arm()
-    bench.hold(bench.every(GENTLE), 0.3)
-    answered = bench.fresh().board_time
-    bench.command(bench.every(GENTLE))
-    return answered
-
-
-@_rule("from-the-host")
-def _duty_ends_in_time(bench: Bench) -> None:
-    """A duty holds until 250 ms after its COMMAND, and 290 ms after the SAMPLE it answers."""
-    answered = _last_command(bench)
-    while (age := bench.fresh().board_time - answered) <= 0.22:
-        _expect_duty(bench.last, bench.every(GENTLE), f"{1000 * age:.0f} ms after the last command")
-    bench.off()
-    for after, answers_it, within in ((0.27, False, 0.36), (0.19, True, 0.385)):
-        answered = _last_command(bench)
-        # A SAMPLE tells too late when it ended; but a board that is off takes no command any more.
-        bench.wait(after)
-        bench.command(bench.every(GENTLE), age=answers_it * (bench.last.board_time - answered))
-        ended = bench.sees(lambda sample: not sample.armed, 1.0)
-        age = bench.last.board_time - answered
-        expect(
-            ended and age <= within,
-            f"{'off' if ended else 'armed'} {1000 * age:.0f} ms after the answered sample, with "
-            f"another COMMAND after {1000 * after:.0f} ms; expected off within "
-            f"{1000 * within:.0f} ms",
-        )
-        bench.off()
-
-
-@_rule("from-the-host")
-def _off_has_its_reason(bench: Bench) -> None:
-    """DISARM and a duty above 10000 switch off at once; SAMPLE says why the board is off."""
-    wrong = [bench.only(0, 1.0001), bench.only(-1, 6.5535)]
-    if bench.parser.version > 3 and len(bench.names) < 8:
-        wrong.append([*bench.every(0.0), GENTLE])  # of a wire that is not there
-    for duty in wrong:
-        bench.arm()
-        bench.hold(bench.every(GENTLE), 0.1)
-        bench.command(duty)
-        _expect_off(bench.fresh(0.03), f"after a duty of {_percent(duty)}", 2)
-    bench.arm()
-    bench.hold(bench.every(GENTLE), 0.1)
-    bench.switch_off()
-    _expect_off(bench.fresh(0.03), "after DISARM", 3)
-    bench.arm()
-    bench.wait(0.6)
-    if not bench.fresh().armed:  # else another rule is broken
-        _expect_off(bench.last, "when no command came", 1)
-    bench.off()
-    bench.arm()
-    for came in bench.steps(0.8):
-        if came:
-            bench.command(bench.every(0.0), age=0.4)
-    _expect_off(bench.last, "when only late commands came", 6)
-
-
-# Faults. Bounds that no wire has let the band act at once.
-
-
-def _make_fault(bench: Bench) -> None:
-    """Heats the coolest wire, which ARM says warms far more, until the board is off for 21."""
-    bench.cool(min)
-    bench.arm(STRONG)
-    duty = bench.only(int(np.argmin(bench.last.temperature)), 0.3)
-    bench.hold(duty, 6.0, until=lambda sample: not sample.armed)
-    _expect_off(bench.last, "where ARM said that the wire warms by 60 °C/s at least", 21)
-
-
-@_rule("the-band")
-def _heat_that_is_not_read_latches(bench: Bench) -> None:
-    """A reading below the band latches 21 until CLEAR with the newest challenge; it stays off."""
-    _make_fault(bench)
-    bench.wait(6.0)  # after which the fault is gone
-    old, new = bench.session, bench.last.challenge
-    bench.send_arm()
-    _expect_off(bench.fresh(0.15), "after ARM without a CLEAR", 21)
-    for challenge in {old, new ^ 1} - {new}:
-        bench.send(bench.encode(protocol.CLEAR, challenge))
-        _expect_off(bench.fresh(0.15), f"after CLEAR with {challenge}, not the newest,", 21)
-    new = bench.last.challenge
-    bench.clear()
-    _expect_off(bench.fresh(), "after CLEAR", 3)
-    expect(bench.last.challenge != new, "CLEAR kept the challenge; expected a new one")
-
-
-@_rule("the-band")
-def _warmth_without_heat_latches(bench: Bench) -> None:
-    """A reading above the band latches 24."""
-    bench.arm(WEAK)
-    duty = bench.only(int(np.argmin(bench.last.warmest)), 0.3)  # of which it knows the least heat
-    bench.hold(duty, 15.0, until=lambda sample: not sample.armed)
-    seen = bench.last
-    bench.switch_off()
-    bench.cool(max)  # or else a board takes the thermocouple for a wrong one
-    what = f"at {seen.temperature.max():.0f} °C, where ARM said 10 °C/s at most,"
-    _expect_off(seen, what, 24)
-
-
-def _prove(bench: Bench) -> None:
-    """Has all thermocouples follow some heat, as they must after a start; then it is off."""
-    if bench.last.warmest.max() >= 127:
-        bench.arm(NOMINAL)
-        bench.hold(bench.every(0.25), 4.0)
-        bench.off()
-
-
-@_rule("from-the-board")
-def _heated_wire_is_the_one_that_warms(bench: Bench) -> None:
-    """Left is the left wire, its thermocouple and negative angles, and so is any other wire."""
-    _prove(bench)
-    for wire, side in reversed(list(enumerate(bench.names))):
-        before = bench.fresh()
-        bench.arm()
-        bench.hold(bench.only(wire, 0.3), 7.0)
-        after = bench.fresh(0.05)
-        bench.switch_off()
-        risen = after.temperature - before.temperature
-        own, other = risen[wire], np.delete(risen, wire).max(initial=0.0)
-        turns = np.rad2deg(after.tip_tangent - before.tip_tangent)
-        turned = bench.shares[:, wire] @ turns
-        expect(
-            own > 3 and own > 2 * other,
-            f"heat to the {side} wire raised its own V by {own:.1f} °C, another by {other:.1f}; "
-            "expected more than 3 °C, and twice the other",
-        )
-        expect(
-            turned > 1, f"it turned the tip by {turned:.1f}° to the {side}; expected 1° at least"
-        )
-
-
-@_rule("the-band", by_hand=True)
-def _detached_thermocouple_latches(bench: Bench) -> None:
-    """A thermocouple that has come off latches 21."""
-    with bench.fault("detach {0}", "Take the {0} thermocouple off its wire, into the air"):
-        bench.fresh()
-        bench.clear()  # it may have jumped
-        bench.arm(NOMINAL)
-        bench.hold(bench.every(0.15), 10.0, until=lambda sample: not sample.armed)
-        _expect_off(bench.last, "10 s after it was heated", 21)
-
-
-@_rule("what-a-board-must-do", by_hand=True)
-def _bend_that_does_not_follow_latches(bench: Bench) -> None:
-    """A bend that does not turn by 3° while the wires' difference changes by 60 °C latches 23."""
-    _prove(bench)
-    bench.cool(max)
-    with bench.fault("stick bend", "Clamp the limb so that it cannot bend"):
-        bench.arm((0.042, 0.07, 17.0, 23.0, 0.5))  # they cool more slowly at most
-        shares = bench.shares[0]
-        least, pulls = np.zeros(len(shares)), [0.0]  # °C, as the board calculates it
-        sides = [np.where(side * shares > 0.1, side * shares, 0.0) for side in (-1, 1)]
-        one, other = (0.5 * (side > 0) / side.sum() for side in sides)  # as two wires pull
-
-        def ends(sample: Sample) -> bool:
-            least[:] += 0.05 * (17.0 * sample.duty - 0.07 * least)
-            pulls.append(shares @ least)
-            return bool(not sample.armed or np.ptp(pulls) > 65 or sample.temperature.max() > WARM)
-
-        for duty, seconds in ((one, 4.5), (0 * one, 20.0), (other, 9.0)):
-            if bench.hold(duty, seconds, until=ends):
-                break
-        if bench.last.armed and np.ptp(pulls) <= 65:
-            raise NotRunError("these wires would become too warm; they are stronger than others")
-        _expect_off(bench.last, "after a change by 65 °C", 23)
-
-
-@_rule("the-band")
-def _warmest_follows_the_heat(bench: Bench) -> None:
-    """The most a wire can have follows its duty."""
-    _prove(bench)
-    bench.arm(BUDGET)
-    bench.command(bench.every(0.0))
-    start = bench.fresh()
-    count = len(bench.samples) - 1
-    bench.hold(bench.only(0, 0.1), 3.0)
-    bench.hold(bench.only(-1, 0.08), 3.0)
-    given = sum(
-        100.0 * (after.board_time - before.board_time) * before.duty
-        for before, after in itertools.pairwise(bench.samples[count:])
-    )
-    risen = bench.last.warmest - start.warmest
-    expect(
-        (np.abs(risen - given) <= 6.0).all(),
-        f"the most that the wires can have rose by {risen} °C, when ARM said up to 100 °C/s at "
-        f"full duty; expected {np.round(given)} °C",
-    )
-    armed = bench.last.warmest
-    bench.switch_off()
-    off = bench.fresh(0.5).warmest
-    expect(
-        (np.abs(off - armed) <= 3).all(),
-        f"the most fell from {armed} to {off} °C within 0.7 s of switching off; expected it to be "
-        "kept",
-    )
-
-
-@_rule("the-band")
-def _duty_is_reduced_before_127_c(bench: Bench) -> None:
-    """The duty is reduced so that the most a wire can have stays below 127 °C."""
-    _prove(bench)
-    bench.arm(BUDGET)
-    bench.hold(bench.only(-1, 0.25), 8.0, until=lambda sample: 0 < sample.duty[-1] < 0.2)
-    bench.hold(bench.only(-1, 0.25), 1.0)
-    seen = bench.fresh()
-    expect(
-        seen.armed and seen.duty[-1] < 0.2 and seen.warmest.max() <= 129,
-        f"{state_of(seen)}, with {_percent(seen.duty)} after heat for {seen.warmest.max():g} °C; "
-        "expected it to stay armed, at a reduced duty, and at 127 °C at most",
-    )
-
-
-def _expect_latch(
-    bench: Bench, reason: int, order: str, by_hand: str, seconds: float = 3.0
-) -> float:
-    """A fault must latch within a time, s, for its reason; the highest reading until then, °C."""
-    with bench.fault(order, by_hand):
-        bench.sees(lambda sample: sample.latched or sample.temperature.max() > 118.0, seconds)
-        hottest = max(sample.temperature.max() for sample in bench.samples)
-        _expect_off(bench.last, f"with readings up to {hottest:.1f} °C", reason)
-    return hottest
-
-
-def _latching(what: str, *fault) -> Rule:
-    """The rule that a fault latches: its name, and arguments of `_expect_latch`."""
-
-    def check(bench: Bench) -> None:
-        bench.cool(max)  # or else another fault shows first
-        _expect_latch(bench, *fault)
-
-    name, sentence = f"{what} latches".replace(" ", "-"), f"A fault latches: {what}."
-    return Rule(name, sentence, "what-a-board-must-do", check, by_hand=True)
-
-
-RULES += [
-    _latching("open thermocouple", 17, "open {0}", "Unplug the {0} thermocouple"),
-    _latching("short to ground", 18, "ground {1}", "Ground a lead of the {1} thermocouple"),
-    _latching("short to supply", 19, "supply {0}", "Put the {0} thermocouple's lead to 3.3 V"),
-    _latching("dead amplifier", 17, "dead {1}", "Unplug the {1} amplifier's data line, DO"),
-    _latching("silent bend sensor", 22, "silence", "Unplug the bend sensor"),
-    _latching("reading below the room", 25, "drift {0} -1", "Hold ice on the {0} bead", 30.0),
-]
-
-
-@_rule("what-a-board-must-do", by_hand=True)
-def _first_fault_is_kept(bench: Bench) -> None:
-    """The first fault that latches stays."""
-    with bench.fault("supply {1}", "Connect a lead of the {1} thermocouple to 3.3 V"):
-        bench.fresh(0.3)
-        bench.do("silence", "Unplug the bend sensor as well")
-        _expect_off(bench.fresh(0.3), "after two faults", 19)
-
-
-@_rule("what-a-board-must-do", by_hand=True)
-def _reset_begins_anew(bench: Bench) -> None:
-    """After a reset reason and cause say so, the challenge is random, and ten samples must come."""
-    challenges = []
-    for _ in range(3):
-        bench.reset()
-        challenges.append(bench.last.challenge)
-        _expect_off(bench.last, "after a reset", 5)
-    expect(len(set(challenges)) == 3, f"{challenges} after three resets; expected unlike ones")
-    while not bench.last.armed and bench.last.sequence < 30:
-        bench.send_arm()
-        bench.fresh()
-    number = bench.last.sequence
-    expect(
-        bench.last.armed and number > 10,
-        f"{state_of(bench.last)} at sample {number}; expected it to arm after sample 10",
-    )
-    bench.off()
-    _answers(bench, 3 * _hello(bench))
-    causes = [info[5] for info in bench.infos]
-    expect({1, 3} & {*causes}, f"causes {causes} of the last reset; expected 1 or 3")
-
-
-@_rule("what-a-board-must-do", by_hand=True)
-def _fault_outlives_a_reset(bench: Bench) -> None:
-    """A latched fault stays over a reset."""
-    _make_fault(bench)
-    bench.reset()
-    _expect_off(bench.fresh(), "after a reset", 21)
-
-
-@_rule("the-band", by_hand=True)
-def _little_heat_after_a_start(bench: Bench) -> None:
-    """After any start there is little duty until a thermocouple has followed it."""
-    bench.cool(max)
-    bench.reset()
-    bench.fresh(0.6)
-    bench.arm(NOMINAL)
-    share = round(min(0.3, 1.2 / len(bench.names)), 2)
-    bench.hold(bench.every(share), 0.3)
-    seen = bench.fresh()
-    expect(
-        seen.warmest.min() >= 120 and seen.duty.max() <= 0.12,
-        f"{_percent(seen.duty)} after a reset, where the wires can have {seen.warmest} °C; "
-        "expected 12% at most, and 120 °C or more",
-    )
-    bench.hold(bench.every(share), 10.0, until=lambda sample: sample.duty.min() == share)
-    seen = bench.last
-    _expect_duty(seen, bench.every(share), "after ten seconds of the duty that was asked for")
-    hottest = seen.warmest.max()
-    expect(hottest < 100, f"a wire can have {hottest:g} °C after ten seconds; expected below 100")
-
-
-@_rule("what-a-board-must-do", by_hand=True)
-def _reading_above_110_c_latches(bench: Bench) -> None:
-    """Two readings in a row above 110 °C latch 16."""
-    bench.reset()  # after which a wire may be hot by its heat, so that the band bears it
-    bench.wait(0.6)
-    warm = "Begin to warm the {0} thermocouple, off the limb, slowly to above 110 °C by hot air"
-    hottest = _expect_latch(bench, 16, "drift {0} 4", warm, 60.0)
-    expect(110 <= hottest <= 113, f"it latched at {hottest:.1f} °C; expected 110 to 113 °C")

@@ -149,7 +149,7 @@ class Host:
 
 
 def test_a_session_from_greeting_to_disarming():
-    """What the rules of board_check say of it; here also under MicroPython."""
+    """What the rules of conformance.py say of it; here also under MicroPython."""
     host = Host(milliseconds=200)
     host.arm()  # before ten samples
     host.run(500, (1.0, 1.0))

@@ -1,72 +1,150 @@
-"""`soft-limb board-check` at a port; test_board_rules.py has all rules."""
+"""`soft-limb board-check`: the self test of a board. test_board_rules.py has the conformance."""
 
-import io
 import json
-import sys
 
 import pytest
 
-from hardware.robot import board_check
-from hardware.robot.bench import Bench
-from hardware.robot.board_check import RULES
+from hardware.firmware import guard, heat
+from hardware.firmware.firmware import Firmware
+from hardware.robot.board_check import CASES, FAILED, NOT_RUN, PASSED, Host, check_board
+from hardware.robot.link import HardwareError
+from limb_systems import LimbParameters
 from soft_limb.command import main
 
+from .test_board_rules import (
+    Cable,
+    PaperRobot,
+    any_challenge,
+    any_power,
+    any_sum,
+    constants,
+    heartbeat_of,
+    in_guard,
+    limits_the_duty,
+    no_disarm,
+    no_greeting,
+    no_wires,
+    only_in_order,
+    only_in_range,
+    slow_samples,
+)
 
-@pytest.fixture
-def some_rules(monkeypatch):
-    """Rules of a moment each; all of them take minutes."""
 
-    def choose(*names):
-        rules = [rule for rule in RULES if rule.name in names]
-        assert len(rules) == len(names)
-        monkeypatch.setattr(board_check, "RULES", rules)
+def outcomes(change=lambda program, patch: None, limb=None):
+    """The outcomes of the self test on a board whose program was changed, and its robot."""
+    limb = limb or LimbParameters()
+    with pytest.MonkeyPatch.context() as patch:
 
-    return choose
+        class Program(Firmware):
+            def __init__(self, board):
+                super().__init__(board)
+                change(self, patch)
+
+        robot = PaperRobot(Program, limb)
+        said = []
+        found = check_board(Cable(robot), limb, said.append)
+    assert said == found
+    assert [outcome.case for outcome in found] == CASES
+    return found, robot
 
 
-def test_the_emulated_board_passes_and_what_is_done_by_hand_is_waited_for(
-    emulator, some_rules, capsys, monkeypatch
-):
-    some_rules(
-        "info-describes-the-board", "open-thermocouple-latches", "silent-bend-sensor-latches"
-    )
+@pytest.mark.parametrize("limb", [LimbParameters(), LimbParameters.in_space(wires=4)])
+def test_this_firmware_passes_and_ends_without_duty(limb):
+    found, robot = outcomes(limb=limb)
+    assert [(o.case.name, o.what) for o in found if o.outcome != PASSED] == []
+    assert robot.firmware.guard.state != guard.ARMED
+    assert robot.duty == [0.0] * len(limb.wires)
+
+
+@in_guard("arm")
+def any_bounds_of_zero(subject, arm, challenge, bounds, *others):
+    nothing = any(wire[0] == 0 for wire in bounds)
+    arm(challenge, [heat.NOMINAL] * len(bounds) if nothing else bounds, *others)
+
+
+def unlike_thermocouples(program, patch):
+    program._board.errors[0] = 9.0
+
+
+def long_heartbeat(program, patch):
+    heartbeat_of(400)(program, patch)
+    patch.setattr(guard, "LONGEST_HOLD", 1000)
+
+
+# For each case boards that fail it.
+BOARDS = {
+    "info": (no_greeting, no_wires),
+    "samples": (slow_samples,),
+    "sensors": (unlike_thermocouples,),
+    "challenge": (any_challenge,),
+    "no-bounds": (any_bounds_of_zero,),
+    "bounds": (
+        constants(heat, acceptable=only_in_order, shown=lambda bounds, total: True),
+        constants(heat, acceptable=only_in_range),
+    ),
+    "no-sum": (any_sum,),
+    "duty": (limits_the_duty,),
+    "sum": (any_power,),
+    "silence": (long_heartbeat,),
+    "disarm": (no_disarm,),
+}
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_a_board_that_breaks_a_rule_fails_its_case(case):
+    for change in BOARDS[case.name]:
+        found, _ = outcomes(change)
+        (outcome,) = (outcome for outcome in found if outcome.case == case)
+        assert outcome.outcome == FAILED, change
+        assert outcome.what
+
+
+def test_a_board_that_stays_on_ends_the_test():
+    def never_off(program, patch):
+        no_disarm(program, patch)
+        heartbeat_of(10**9)(program, patch)
+        patch.setattr(guard, "LONGEST_HOLD", 10**9)
+
+    found, _ = outcomes(never_off)
+    (stays,) = (o for o in found if "disconnect the supply of its wires" in o.what)
+    assert {o.outcome for o in found[found.index(stays) + 1 :]} == {NOT_RUN}
+
+
+def test_a_silent_board_and_one_of_another_limb_are_refused():
+    def say_nothing(program, patch):
+        program._board.send = lambda data: None
+
+    with pytest.raises(HardwareError, match="sent no sample for 1 s"):
+        outcomes(say_nothing)
+    four = Cable(PaperRobot(limb=LimbParameters.in_space(wires=4)))
+    with pytest.raises(HardwareError, match="has 4 channels, but the limb has 2 wires"):
+        check_board(four, LimbParameters(), print)
+
+
+def test_the_emulated_board_passes_at_a_port(emulator, capsys):
     assert main(["board-check", emulator.port]) == 0
     *lines, summary = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines] == ["ok", "not", "not"]
-    assert lines[-1] == "not run  silent-bend-sensor-latches: it needs a hand at the robot"
-    assert summary == "passed 1, failed 0, not run 2"
-
-    class Person(io.StringIO):
-        """Does what is asked for, but leaves the bend sensor alone."""
-
-        def readline(self):
-            order = capsys.readouterr().err.split('"')[1]
-            if order == "silence":
-                return "s\n"
-            emulator.order(order)
-            return "\n"
-
-    monkeypatch.setattr(sys, "stdin", Person())
-    assert main(["board-check", emulator.port, "--by-order", "--json"]) == 0
+    assert lines == [f"ok       {case.name}" for case in CASES]
+    assert summary == f"passed {len(CASES)}, failed 0, not run 0"
+    assert emulator.duty() == [0.0, 0.0]
+    assert main(["board-check", emulator.port, "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
-    assert (facts["passed"], facts["failed"], facts["not_run"]) == (2, 0, 1)
-    assert facts["checks"][2]["what"] == "what it needs at the robot was not done"
-    assert facts["checks"][1]["section"] == "docs/protocol.md#what-a-board-must-do"
+    assert (facts["passed"], facts["failed"], facts["not_run"]) == (len(CASES), 0, 0)
+    assert facts["checks"][-1]["section"] == "docs/protocol.md#from-the-host"
 
 
-def test_a_stopped_check_leaves_the_wires_off(emulator, some_rules, monkeypatch, capsys):
-    some_rules("duty-goes-to-its-wire")
-    hold = Bench.hold
+def test_a_stopped_check_leaves_the_wires_off(emulator, monkeypatch, capsys):
+    heat_gently = Host.heat
 
-    def interrupt(bench, *arguments):
-        hold(bench, *arguments)
+    def interrupt(host, *arguments):
+        heat_gently(host, *arguments)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Bench, "hold", interrupt)
+    monkeypatch.setattr(Host, "heat", interrupt)
     assert main(["board-check", emulator.port]) == 130
     assert capsys.readouterr().err == "stopped; wires are off\n"
     *_, heated = (e["time"] for e in emulator.events("duty") if e["right"] > 0)
-    assert emulator.off_after(heated) < 0.25  # before the heartbeat would have ended it
+    assert emulator.off_after(heated) < 0.4  # it was heated for 0.3 s; silence would take 0.5 s
 
 
 def test_a_board_with_a_fault_and_a_port_that_is_not_there_are_named(

@@ -1,4 +1,4 @@
-"""The rules of board-check: this firmware keeps them, and a board that breaks one fails it."""
+"""The rules of a board: this firmware keeps them, and a board that breaks one fails it."""
 
 import random
 import struct
@@ -10,11 +10,11 @@ from hardware.emulation.emulator import Emulation
 from hardware.emulation.twin import LimbTwin
 from hardware.firmware import firmware, from_host, guard, heat, protocol, wide
 from hardware.firmware.firmware import Firmware
-from hardware.robot.bench import Bench
-from hardware.robot.board_check import FAILED, NOT_RUN, PASSED, RULES, check_board
 from hardware.robot.link import HardwareError, pulls_of
 from limb_systems import Layout, LimbParameters
 
+from .bench import Bench
+from .conformance import FAILED, NOT_RUN, PASSED, RULES, check_board
 from .firmware_checks import ROOM, PaperBoard
 
 STEP = 10  # ms, of the loop

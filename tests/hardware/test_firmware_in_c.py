@@ -10,9 +10,9 @@ import pytest
 
 from hardware.emulation import emulator
 from hardware.firmware import firmware, from_host, guard, heat, protocol
-from hardware.robot.board_check import PASSED, RULES, check_board
 
 from .c_firmware import COMPILER, compile_core, make_both
+from .conformance import PASSED, RULES, check_board
 from .firmware_checks import PaperBoard
 from .test_board_rules import Cable, EmulatedCable, PaperRobot, fast_checksum  # noqa: F401
 

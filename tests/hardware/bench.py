@@ -1,4 +1,4 @@
-"""A board on the bench: raw frames to and from it, for the rules of `board_check`.
+"""A board on the bench: raw frames to and from it, for the rules of `conformance`.
 
 Unlike `BoardLink`, it also says what no host should say.
 """
