@@ -17,6 +17,7 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: a process for each core
 
 import numpy as np
+import witness  # noqa: F401 (its physics)
 from pydrake.trajectories import PiecewisePolynomial
 
 from hardware import LimbTwin

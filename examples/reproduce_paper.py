@@ -15,6 +15,7 @@ any executor; with --cluster it is that of a Dask cluster.
 
 import argparse
 import dataclasses
+import importlib
 import sys
 from pathlib import Path
 
@@ -22,6 +23,8 @@ from hardware.emulation.specimen import EFFECTS, EXTRA_EFFECTS
 from soft_limb.command import run_command
 from soft_limb.evaluation.experiment import NUM_ANGLES, NUM_REPETITIONS, NUM_ROLLOUTS, Settings
 from soft_limb.evaluation.reproduce import quick, reproduce_in
+
+WITNESSES = Path(__file__).parents[1] / "tests" / "witnesses"
 
 
 def main() -> int:
@@ -110,6 +113,9 @@ def _jobs(options) -> list[Settings]:
     if options.quick:
         whole = quick(whole)
     jobs = [dataclasses.replace(whole, seed=seed) for seed in seeds]
+    if options.others:
+        sys.path.append(str(WITNESSES))
+        importlib.import_module("continuum")  # which adds its physics
     other = dataclasses.replace(
         whole, physics="continuum", extra=(), compare=False, disturbances=()
     )

@@ -145,7 +145,7 @@ def _add_import_option(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="MODULE",
         help="import a Python module first, of this folder or an installed one, that defines a "
-        "wire law or a bend sensor of your own; once for each module",
+        "wire law, a bend sensor or an emulated limb of your own; once for each module",
     )
 
 

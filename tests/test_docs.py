@@ -31,7 +31,6 @@ from controllers import (
     TemperatureSupervisor,
 )
 from hardware import LimbTwin, RobotTwin, SensedLimb, SerialLimb
-from hardware.emulation.continuum import ContinuumLimb, ContinuumSpecimen, WalkingSensors
 from hardware.emulation.lumped import CutOut
 from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
 from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
@@ -304,8 +303,6 @@ def make_system(monkeypatch, fig5_plan):
             limb_sensors(parameters, 20.0, bend_response=np.asarray, bend_noise=0.0, bend_drift=0.0)
         ),
         Hand: lambda: Hand(parameters, course),
-        ContinuumLimb: lambda: ContinuumLimb(ContinuumSpecimen(parameters, 0)),
-        WalkingSensors: lambda: WalkingSensors(ContinuumSpecimen(parameters, 0), 20.0),
         Feed: lambda: Feed(None, Limb()),
         Journal: lambda: Journal(os.devnull, Limb(), 20.0),
     }

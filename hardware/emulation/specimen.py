@@ -30,7 +30,7 @@ Sources:
 import copy
 import dataclasses
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -173,7 +173,10 @@ class Specimen:
     A new specimen is unused: its wires are cold, its rubber is at rest, and its
     noise is at the beginning.
 
-    - ``physics``: name of the physics, of which `LimbTwin` has several.
+    - ``physics``: name of the physics, "lumped" or a name of your own in `SPECIMENS`.
+    - ``build``: method of a subclass of other physics, None for the lumped physics. It takes a
+      builder, ``hand``, ``bend_rate``, ``wire_period`` and ``truth``, adds the limb's systems and
+      exports the ports of `LimbTwin`.
     - ``rest_period``: longest step of a rest without heat, s.
     - ``effects``, ``extra_effects``: effects that can be taken out, and added on request.
     """
@@ -183,6 +186,7 @@ class Specimen:
     rest_period = 1.0
     effects: tuple[str, ...] = EFFECTS + SPACE_EFFECTS
     extra_effects: tuple[str, ...] = EXTRA_EFFECTS
+    build: Callable[..., None] | None = None
     wires: list[Any]
     segments: list[Any]
 

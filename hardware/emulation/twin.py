@@ -8,15 +8,14 @@ import numpy as np
 from pydrake import trajectories
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from hardware.emulation.continuum import PERIOD as CONTINUUM_PERIOD
-from hardware.emulation.continuum import ContinuumLimb, ContinuumSpecimen, WalkingSensors
-from hardware.emulation.lumped import CutOut, add_physics
+from hardware.emulation.lumped import add_physics
 from hardware.emulation.specimen import Specimen, emulated_limb
 from hardware.emulation.wires import LONGEST_STEP
 from limb_systems import Layout, LimbError, LimbParameters, make_manipulator
 from limb_systems.simulation import PERIOD, make_simulator
 
-SPECIMENS = {specimen.physics: specimen for specimen in (Specimen, ContinuumSpecimen)}
+# Kinds of specimens by their physics. A module with other physics adds its own specimen here.
+SPECIMENS: dict[str, type[Specimen]] = {Specimen.physics: Specimen}
 # Accuracy of simulations in space and of stiff limbs: the least step at 1e-2 is too long for the
 # stiffest modes of limbs that twist, have many links or are let go, in which one limb in four got
 # lost, and those of a robot that stands on its limbs all.
@@ -42,8 +41,8 @@ class LimbTwin(Diagram):
                   │            └────────────────────────┘
                   └─▶ ThermocoupleLag ──▶ sensor ──▶ measured_temperature
 
-    All this is its physics "lumped". That called "continuum" shares nothing with it but the
-    ports, see `ContinuumLimb`.
+    All this is its physics "lumped". A specimen of other physics builds itself, and shares the
+    ports alone, see `Specimen.build`.
 
     For a limb of n joints, W wires and F bends in all, see `Layout`:
 
@@ -92,13 +91,12 @@ class LimbTwin(Diagram):
                 the seed draws all other values around the given ones.
             seed: seed of the particular limb and its sensors' noise.
             extra: effects that it has beside those of every limb, see `Specimen`.
-            physics: one of `SPECIMENS`.
+            physics: "lumped", or another of `SPECIMENS`.
             specimen: the particular limb, in place of these four.
             hand: bend angle over time, or both of two axes, rad, to which a hand bends the
                 limb until the end of the trajectory.
             bend_rate: rate at which the bend sensors are read, Hz.
-            wire_period: period of `ShapeMemoryWires`, s, or of `ContinuumLimb` if it is longer
-                than its own.
+            wire_period: period of `ShapeMemoryWires`, s.
             truth: whether it shows, and recordings have, what no sensor of a robot could.
 
         Raises:
@@ -108,7 +106,7 @@ class LimbTwin(Diagram):
         """
         super().__init__()
         if specimen is None:
-            specimen = _specimens(physics)(LimbParameters.of(parameters), seed, extra)
+            specimen = specimens_of(physics)(LimbParameters.of(parameters), seed, extra)
         self.specimen, self.parameters = specimen, copy.deepcopy(specimen.description)
         self.parameters.board = specimen.board
         layout = Layout(self.parameters)
@@ -126,10 +124,14 @@ class LimbTwin(Diagram):
         if hand is not None and len(self.parameters.segments) > 1:
             raise LimbError("An emulated hand holds limbs of one segment; this limb has more.")
         self.source = f"emulated limb, {specimen.label}"
-        if isinstance(specimen, ContinuumSpecimen):
-            self._build_continuum(specimen, hand, bend_rate, wire_period, truth)
-            return
         builder = DiagramBuilder()
+        if specimen.build:
+            specimen.build(
+                builder, hand=hand, bend_rate=bend_rate, wire_period=wire_period, truth=truth
+            )
+            builder.BuildInto(self)
+            self.set_name("limb_twin")
+            return
         manipulator = builder.AddSystem(make_manipulator(specimen.mechanics()))
         angles = specimen.state.get("joints", specimen.rest_angles())[: layout.num_joints]
         manipulator.SetDefaultPositions(angles)
@@ -144,41 +146,6 @@ class LimbTwin(Diagram):
             truth=truth,
         )
         builder.ExportInput(duty, "duty")
-        builder.BuildInto(self)
-        self.set_name("limb_twin")
-
-    def _build_continuum(
-        self,
-        specimen: ContinuumSpecimen,
-        hand: trajectories.Trajectory | None,
-        bend_rate: float,
-        wire_period: float,
-        truth: bool,
-    ) -> None:
-        builder = DiagramBuilder()
-        # It keeps its own time, but for fast samples and pauses.
-        period = wire_period if wire_period > PERIOD else min(CONTINUUM_PERIOD, 1 / bend_rate)
-        limb = builder.AddSystem(ContinuumLimb(specimen, period, hand))
-        sensors = builder.AddSystem(WalkingSensors(specimen, bend_rate))
-        cut_out = builder.AddSystem(CutOut(len(specimen.wires), wire_period))
-        for name in ("thermocouples", "bend"):
-            builder.Connect(limb.GetOutputPort(name), sensors.GetInputPort(name))
-        builder.Connect(
-            sensors.GetOutputPort("measured_temperature"),
-            cut_out.GetInputPort("measured_temperature"),
-        )
-        builder.Connect(cut_out.GetOutputPort("duty"), limb.GetInputPort("duty"))
-        builder.ExportInput(cut_out.GetInputPort("duty"), "duty")
-        ports = {
-            "measured_temperature": sensors,
-            "bend_angle": sensors,
-            "applied_duty": limb,
-            "measurement": sensors,
-            "cut_out": cut_out,
-        }
-        ports |= {"wire_temperature": limb, "joint_state": limb} if truth else {}
-        for name, system in ports.items():
-            builder.ExportOutput(system.GetOutputPort(name), name)
         builder.BuildInto(self)
         self.set_name("limb_twin")
 
@@ -197,7 +164,7 @@ class LimbTwin(Diagram):
                 say which limb it is.
         """
         if board := emulated_limb(parameters.board):
-            return cls(specimen=_specimens(board.physics).of(board))
+            return cls(specimen=specimens_of(board.physics).of(board))
         return cls(parameters, seed=seed)
 
     def again(
@@ -249,7 +216,11 @@ class LimbTwin(Diagram):
         limit.SetAtIndex(0, np.inf)
 
 
-def _specimens(physics: str) -> type[Specimen]:
+def specimens_of(physics: str) -> type[Specimen]:
+    """Return the kind of specimens of a physics; LimbError if no loaded module defines it."""
     if physics not in SPECIMENS:
-        raise LimbError(f"{physics!r} is not one of the physics {', '.join(SPECIMENS)}.")
+        raise LimbError(
+            f"No emulated limb of the physics {physics!r} is known here, only "
+            f"{', '.join(SPECIMENS)}; name the module that defines it: soft-limb --import MODULE."
+        )
     return SPECIMENS[physics]

@@ -255,7 +255,7 @@ class EmulatedLimb(BoardIdentity):
     - ``absent``: effects that were taken out of it.
     - ``extra``: effects that it has beside those of every emulated limb.
     - ``disturbances``: later changes, each a name and a number.
-    - ``physics``: name of its physics, "lumped" or "continuum".
+    - ``physics``: name of its physics, "lumped" or the name that a module of yours defines.
     """
 
     seed: int

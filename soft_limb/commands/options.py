@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from hardware.emulation.specimen import EXTRA_EFFECTS, Specimen
-from hardware.emulation.twin import SPECIMENS
 from hardware.robot.text_board import TextBoard, TextBoardError
 from limb_systems.errors import LimbError
 from limb_systems.summary import Entry, Summary
@@ -157,9 +156,9 @@ SHARED: dict[str, Option | list[Option]] = {
     ),
     "physics": Option(
         "--physics",
-        choices=list(SPECIMENS),
         default=Specimen.physics,
-        help="physics of the emulated limb (default %(default)s)",
+        help="physics of the emulated limb (default %(default)s); --import names the module of "
+        "any other",
     ),
     "driven": [  # the limb that a plan drives
         PORT,

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from hardware.emulation.twin import SPECIMENS
 from limb_systems import LimbParameters
 from limb_systems.output import check_outputs
 from limb_systems.progress import Progress
@@ -137,8 +136,8 @@ COMMANDS = {
             Option(
                 "--physics",
                 action="append",
-                choices=SPECIMENS,
-                help="family of emulated limbs (default lumped)",
+                help="family of emulated limbs (default lumped); --import names the module of any "
+                "other",
             ),
             Option(
                 "-j",

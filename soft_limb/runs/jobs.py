@@ -3,11 +3,13 @@
 import concurrent.futures
 import contextlib
 import functools
+import importlib
 import multiprocessing
 import os
 from collections.abc import Callable, Generator, Iterable, Iterator
 from typing import Any
 
+from hardware.emulation.twin import SPECIMENS
 from limb_systems.errors import LimbError
 
 # Yields calls that do not need each other, gets their results, and returns its own.
@@ -129,7 +131,7 @@ def local_executor(num_processes: int) -> Iterator[concurrent.futures.Executor]:
     if method == "forkserver":
         context.set_forkserver_preload(["calibration", "soft_limb.runs.rollout"])
     with concurrent.futures.ProcessPoolExecutor(
-        num_processes, mp_context=context, initializer=_hush
+        num_processes, mp_context=context, initializer=_begin, initargs=(_modules(),)
     ) as pool:
         try:
             yield pool
@@ -139,6 +141,13 @@ def local_executor(num_processes: int) -> Iterator[concurrent.futures.Executor]:
             raise
 
 
-def _hush() -> None:
-    """Keeps the progress of several processes off one terminal."""
+def _modules() -> list[str]:
+    """Return the modules with the physics of emulated limbs that this process has loaded."""
+    return [specimen.__module__ for specimen in SPECIMENS.values()]
+
+
+def _begin(modules: list[str]) -> None:
+    """Load modules in a new process, and keep its progress off the terminal of the others."""
+    for module in modules:
+        importlib.import_module(module)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)

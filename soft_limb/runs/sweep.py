@@ -18,6 +18,7 @@ from pydrake import trajectories
 
 from hardware import LimbTwin
 from hardware.emulation.specimen import emulated_limb
+from hardware.emulation.twin import specimens_of
 from hardware.replay import replay
 from limb_systems import LimbError, LimbParameters, Trajectory
 from limb_systems.output import write_atomically
@@ -125,7 +126,8 @@ def cases(
         seeds: limbs' seeds; if None the limb that this one was calibrated on, or seed 0.
 
     Raises:
-        LimbError: if there is no such field, or a value is not possible, or if there are seeds,
+        LimbError: if there is no such field or physics, or a value is not possible, or if there are
+            seeds,
             but the limb was calibrated on an emulated one.
     """
     calibrated = emulated_limb(limb.board)
@@ -138,6 +140,8 @@ def cases(
     drawn = [(p, seed) for p in physics for seed in (seeds if seeds is not None else [0])]
     if calibrated:
         drawn = [(calibrated.physics, None)]
+    for name, _ in drawn:
+        specimens_of(name)
     found = []
     for values in itertools.product(*(values for _, values in vary)):
         fields = tuple(zip((field for field, _ in vary), values, strict=True))

@@ -6,12 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
-from scipy.linalg import eigh, expm
-from scipy.optimize import fsolve
-
-from hardware import LimbTwin
-from hardware.emulation.continuum import (
+from continuum import (
     ADDED,
     CREEP_TIMES,
     JOINTS,
@@ -22,8 +17,16 @@ from hardware.emulation.continuum import (
     Preisach,
     RadialShells,
 )
+from scipy.integrate import solve_ivp
+from scipy.linalg import eigh, expm
+from scipy.optimize import fsolve
+
+from hardware import LimbTwin
+from hardware.emulation.twin import specimens_of
 from limb_systems import ChordSensor, LimbParameters, SegmentParameters, simulate
 from limb_systems.model.manipulator import make_manipulator
+from soft_limb.command import main
+from soft_limb.runs.jobs import local_executor, run_each
 
 EXACT = {  # a beam whose stiffness is even, and a sensor without errors
     **dict.fromkeys(("taper", "creep", "mullins", "softening", "stiffening", "friction"), 0.0),
@@ -263,3 +266,17 @@ def test_thermocouples_read_the_current_and_lag():
     inner = limb.GetSubsystemByName("shape_memory_wires")
     read = inner.GetOutputPort("thermocouples").Eval(inner.GetMyContextFromRoot(context))
     assert read[1] == pytest.approx(before + pick_up * end[1])
+
+
+def test_processes_know_the_physics_that_the_host_has_loaded():
+    with local_executor(1) as executor:
+        (kind,) = run_each(specimens_of, ["continuum"], executor)
+    assert kind is ContinuumSpecimen
+
+
+def test_a_command_without_the_module_of_a_physics_says_so(tmp_path, capsys):
+    words = ["sweep", "fig5", "-o", str(tmp_path / "a.csv"), "--physics", "rods"]
+    assert main(words) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("error: No emulated limb of the physics 'rods' is known here")
+    assert said.endswith("soft-limb --import MODULE.\n")

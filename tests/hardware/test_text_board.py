@@ -12,6 +12,7 @@ import threading
 import time
 from pathlib import Path
 
+import continuum  # noqa: F401 (its physics)
 import numpy as np
 import pytest
 from pydrake import trajectories

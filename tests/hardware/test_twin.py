@@ -17,11 +17,13 @@ from hardware.firmware import guard
 from limb_systems import (
     ChordSensor,
     Limb,
+    LimbError,
     LimbParameters,
     SegmentParameters,
     TipTangentSensor,
     simulate,
 )
+from limb_systems.model.parameters import EmulatedLimb
 
 
 def port_sizes(system):
@@ -196,3 +198,12 @@ def test_an_emulated_board_that_comes_late_still_has_its_limb():
     )
     expected = simulate(on_time, duty, 10.0).measured_temperature[0, -1]
     assert board.reading("measured_temperature")[0] == pytest.approx(expected, abs=0.5)
+
+
+def test_a_limb_of_physics_that_no_loaded_module_defines_is_named():
+    """Such a file loads without the module, but the limb cannot be made again."""
+    parameters = LimbParameters(board=EmulatedLimb(seed=3, physics="rods"))
+    read = LimbParameters.from_yaml(parameters.to_yaml())
+    known = r"physics 'rods' is known here, only .*lumped.*: soft-limb --import MODULE"
+    with pytest.raises(LimbError, match=known):
+        LimbTwin.of(read)

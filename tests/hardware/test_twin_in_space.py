@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from continuum import ContinuumSpecimen, RadialShells, fine
 from pydrake.trajectories import PiecewisePolynomial
 
-from hardware.emulation.continuum import ContinuumSpecimen, RadialShells, fine
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import LimbTwin
 from limb_systems import (

@@ -1,7 +1,8 @@
 """An emulated limb of another physics: heat diffuses, wires have true minor loops, rubber ages.
 
 It shares none of its laws with the model, nor with the emulated limb of lumped masses
-(`ShapeMemoryWires`, `EmulatedRubber`), so that what works on both owes less to either. A seed
+(`ShapeMemoryWires`, `EmulatedRubber`). It is a witness: methods are judged on it, too. Importing
+this module adds the physics "continuum" to `SPECIMENS` of `LimbTwin`. A seed
 draws a `ContinuumSpecimen` by ranges that are listed below with their sources; "ours" marks
 ranges without a published source. No range was fitted to make a calibration or a controller
 look good or bad.
@@ -32,11 +33,12 @@ import dataclasses
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem
 from pydrake.trajectories import Trajectory
 from scipy.linalg import eigh, expm
 from scipy.special import ndtri
 
+from hardware.emulation.lumped import CutOut
 from hardware.emulation.sensors import (
     THERMOCOUPLE_NOISE,
     THERMOCOUPLE_PERIOD,
@@ -44,11 +46,13 @@ from hardware.emulation.sensors import (
     rolled,
 )
 from hardware.emulation.specimen import Specimen
+from hardware.emulation.twin import SPECIMENS
 from limb_systems import Layout, LimbError
 from limb_systems.model.chain import weight_of_angles
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import SegmentParameters
 from limb_systems.model.ports import declare_part
+from limb_systems.simulation import PERIOD as SIMULATION_PERIOD
 
 JOINTS = 8  # of the chain for each axis, whatever the links of the description
 SHELLS = 7  # of silicone around each wire
@@ -279,6 +283,44 @@ class ContinuumSpecimen(Specimen):
             return towards_e2
         rest = segment.rest_angle_e3 + beam.rest_offset_e3
         return np.append(towards_e2, rest * equal_joint_angles(segment, 1))
+
+    def build(
+        self,
+        builder: DiagramBuilder,
+        *,
+        hand: Trajectory | None,
+        bend_rate: float,
+        wire_period: float,
+        truth: bool,
+    ) -> None:
+        """Add `ContinuumLimb` and its sensors to a builder, and export the ports of `LimbTwin`."""
+        # The limb keeps its own period, except for fast samples and pauses.
+        is_pause = wire_period > SIMULATION_PERIOD
+        period = wire_period if is_pause else min(PERIOD, 1 / bend_rate)
+        limb = builder.AddSystem(ContinuumLimb(self, period, hand))
+        sensors = builder.AddSystem(WalkingSensors(self, bend_rate))
+        cut_out = builder.AddSystem(CutOut(len(self.wires), wire_period))
+        for name in ("thermocouples", "bend"):
+            builder.Connect(limb.GetOutputPort(name), sensors.GetInputPort(name))
+        builder.Connect(
+            sensors.GetOutputPort("measured_temperature"),
+            cut_out.GetInputPort("measured_temperature"),
+        )
+        builder.Connect(cut_out.GetOutputPort("duty"), limb.GetInputPort("duty"))
+        builder.ExportInput(cut_out.GetInputPort("duty"), "duty")
+        ports = {
+            "measured_temperature": sensors,
+            "bend_angle": sensors,
+            "applied_duty": limb,
+            "measurement": sensors,
+            "cut_out": cut_out,
+        }
+        ports |= {"wire_temperature": limb, "joint_state": limb} if truth else {}
+        for name, system in ports.items():
+            builder.ExportOutput(system.GetOutputPort(name), name)
+
+
+SPECIMENS[ContinuumSpecimen.physics] = ContinuumSpecimen
 
 
 def fine(segment: SegmentParameters) -> SegmentParameters:
