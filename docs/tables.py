@@ -7,6 +7,7 @@ come from its results.json, those of a benchmark from FOLDER/BENCHMARK.txt, what
 """
 
 import argparse
+import dataclasses
 import json
 import re
 from collections.abc import Callable, Sequence
@@ -28,7 +29,8 @@ def read_summaries(path: Path) -> list[Summary]:
         return Followed(**values) if "true_reference" in values else values
 
     limbs = json.loads(path.read_text(encoding="utf-8"), object_hook=followed)
-    return [Summary(**limb | {"absent": tuple(limb["absent"])}) for limb in limbs]
+    fields = [field.name for field in dataclasses.fields(Summary)]
+    return [Summary(**{name: limb[name] for name in fields}) for limb in limbs]
 
 
 def split_rows(summaries: Sequence[Summary], which: int) -> Rows:

@@ -19,7 +19,7 @@ import importlib
 import sys
 from pathlib import Path
 
-from hardware.emulation.specimen import EFFECTS, EXTRA_EFFECTS
+from hardware.emulation.specimen import EXTRA_EFFECTS
 from soft_limb.command import run_command
 from soft_limb.evaluation.experiment import NUM_ANGLES, NUM_REPETITIONS, NUM_ROLLOUTS, Settings
 from soft_limb.evaluation.reproduce import quick, reproduce_in
@@ -49,9 +49,6 @@ def main() -> int:
         "--no-compare",
         action="store_true",
         help="no plans with the paper's calibration and with other laws; half of the time",
-    )
-    parser.add_argument(
-        "--effects", action="store_true", help="also limbs without one of their effects each"
     )
     parser.add_argument(
         "--rollouts", type=int, default=NUM_ROLLOUTS, help="of each plan (default %(default)s)"
@@ -120,18 +117,6 @@ def _jobs(options) -> list[Settings]:
         whole, physics="continuum", extra=(), compare=False, disturbances=()
     )
     jobs += [dataclasses.replace(other, seed=seed) for seed in range(options.others)]
-    if options.effects:
-        # What limbs are without, to see what each effect costs; all of them at last.
-        absences = [(effect,) for effect in EFFECTS + extra if effect != "stress"]
-        absences.append(EFFECTS + extra)
-        fewer = dataclasses.replace(
-            whole, rollouts=1, compare=False, closed_loop={}, disturbances=()
-        )
-        jobs += [
-            dataclasses.replace(fewer, seed=seed, absent=absent)
-            for seed in seeds
-            for absent in absences
-        ]
     return jobs
 
 

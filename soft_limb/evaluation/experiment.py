@@ -57,7 +57,7 @@ NUM_STEPS = 4  # that `evaluate` tells
 class Settings:
     """What is done with a limb.
 
-    - ``seed``, ``extra``, ``absent``: arguments of the limb's `Specimen`.
+    - ``seed``, ``extra``: arguments of the limb's `Specimen`.
     - ``physics``: family of the limb, as of `LimbTwin`.
     - ``rollouts``: how often each plan is driven open loop; twice with a controller, whose
       rollouts differ by the sensors' noise alone, and once with the receding horizon.
@@ -72,7 +72,6 @@ class Settings:
 
     seed: int
     extra: tuple[str, ...] = ()
-    absent: tuple[str, ...] = ()
     rollouts: int = NUM_ROLLOUTS
     repetitions: int = NUM_REPETITIONS
     closed_loop: dict[str, tuple[str, ...]] = dataclasses.field(
@@ -223,8 +222,7 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
 
 def record(settings: Settings) -> tuple[Specimen, dict[str, list[Recording]]]:
     """A new limb, and its recordings for calibration."""
-    limb = LimbTwin(seed=settings.seed, extra=settings.extra, physics=settings.physics)
-    specimen = limb.specimen.without(*settings.absent)
+    specimen = LimbTwin(seed=settings.seed, extra=settings.extra, physics=settings.physics).specimen
     recordings = collect_from_twin(
         LimbTwin(specimen=specimen),
         seed=settings.seed,

@@ -1,4 +1,4 @@
-"""The paper's figures of one limb as pictures, Figs. 4 to 7."""
+"""The paper's figures of one limb, Figs. 4 to 7, and ways to drive it side by side."""
 
 from collections.abc import Mapping
 
@@ -12,12 +12,12 @@ from limb_systems.views.colors import (
     ROLLOUT_COLOR,
     wire_colors,
 )
-from limb_systems.views.plots import WIDTH, Figure, plot_tracking
-from soft_limb.evaluation.experiment import HANDS, VALIDATION, Experiment
-from soft_limb.evaluation.panels import ways_shown
+from limb_systems.views.panels import Panel, tracking_panels
+from limb_systems.views.plots import WIDTH, Figure
+from soft_limb.evaluation.experiment import AS_DESCRIBED, HANDS, RAMPS, VALIDATION, Experiment
 from soft_limb.evaluation.tables import Followed, nearest_distance
-from soft_limb.evaluation.ways import OPEN_LOOP, Way
-from soft_limb.reports.calibration import plot_validation
+from soft_limb.evaluation.ways import FOLLOW, LEARNING, OPEN_LOOP, Way
+from soft_limb.reports.calibration_panels import validation_panels
 
 
 def plot_taught(experiment: Experiment) -> Figure:
@@ -54,6 +54,24 @@ def _plot_poses(axis, recording: Recording, color: str) -> None:
     axis.spines[:].set_visible(False)
     axis.set_xticks(places, [f"{time:g}" for time in times], fontsize=8)
     axis.tick_params(length=0)
+
+
+def ways_shown(experiment: Experiment) -> dict[str, Way]:
+    """Ways in which the limb was driven along `RAMPS`, each with one rollout.
+
+    Open loop before and after calibration, by `follow`, and the best repetition of learning;
+    nothing if it was not driven in one of these.
+    """
+    (motion,) = (motion for motion in experiment.motions if motion.name == RAMPS)
+    if not {FOLLOW, LEARNING} <= motion.ways.keys():
+        return {}
+    (described,) = (each for each in experiment.compared[AS_DESCRIBED] if each.name == RAMPS)
+    learned = motion.ways[LEARNING]
+    last = Way(learned.trajectory, learned.rollouts[-1:])
+    firsts = {name: motion.ways[name] for name in (OPEN_LOOP, FOLLOW)}
+    firsts = {name: Way(way.trajectory, way.rollouts[:1]) for name, way in firsts.items()}
+    learning = f"{LEARNING}, best of {len(learned.rollouts)}"
+    return {f"{OPEN_LOOP}, not calibrated": described.open_loop, **firsts, learning: last}
 
 
 def plot_ways(shown: Mapping[str, Way]) -> Figure:
@@ -95,25 +113,31 @@ def plot_ways(shown: Mapping[str, Way]) -> Figure:
     return figure
 
 
-def figures(experiment: Experiment) -> dict[str, tuple[Figure, str]]:
-    """The paper's figures of one limb, by the names of their files, with a description."""
+def figures(experiment: Experiment) -> dict[str, tuple[Figure | list[Panel], str]]:
+    """Return the paper's figures of one limb by the names of their files, with descriptions.
+
+    A figure is a list of panels, which a page shows as a chart, or a picture if it has no axes
+    to look into.
+    """
     driven = {motion.name: motion.open_loop for motion in experiment.motions}
-    result = {
+
+    def tracking(name: str) -> list[Panel]:
+        return tracking_panels(driven[name].trajectory, driven[name].rollouts)
+
+    result: dict[str, tuple[Figure | list[Panel], str]] = {
         "fig4": (
-            plot_validation(experiment.validation),
+            validation_panels(experiment.validation),
             "Fig. 4: the calibrated model and the emulated limb for the same duty",
         ),
         "fig5": (
-            plot_tracking(driven[VALIDATION].trajectory, driven[VALIDATION].rollouts),
+            tracking(VALIDATION),
             "Fig. 5: two steps and a decaying sinusoid, plan and rollouts. The limb cannot move "
             "as asked: heat builds up and leaves over seconds, and bounds hold",
         ),
     }
     for letter, name in zip("ab", HANDS, strict=True):
-        result[f"fig6{letter}"] = (
-            plot_tracking(driven[name].trajectory, driven[name].rollouts),
-            f"Fig. 6, {name}: a motion that was taught, plan and rollouts",
-        )
+        text = f"Fig. 6, {name}: a motion that was taught, plan and rollouts"
+        result[f"fig6{letter}"] = tracking(name), text
     result["fig7"] = (
         plot_taught(experiment),
         "Fig. 7: the limb's shape by its bend sensor, constant curvature (11), as it was taught "

@@ -6,27 +6,19 @@ import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from limb_systems.views.panels import Panel
 from limb_systems.views.plots import Figure
 from soft_limb.evaluation.experiment import MOTIONS, NUM_ANGLES, Experiment
-from soft_limb.evaluation.panels import (
-    error_panels,
-    learning_panels,
-    limbs_panels,
-    panels_of,
-    split_panels,
-)
 from soft_limb.evaluation.tables import (
     APPROACH_HEADER,
     DISTANCE_HEADER,
     DISTURBANCE_HEADER,
     TABLE_1_HEADER,
     Summary,
-    absence_table,
     approach_table,
-    complete,
     distance_table,
     disturbance_table,
-    findings,
+    of_family,
     split_table,
     table_1,
 )
@@ -46,7 +38,7 @@ def write_report(
     path: str | Path,
     summaries: Sequence[Summary],
     experiment: Experiment,
-    pictures: dict[str, tuple[Figure, str]],
+    pictures: dict[str, tuple[Figure | list[Panel], str]],
     data: Mapping[str, Path],
 ) -> None:
     """Writes the page.
@@ -55,10 +47,10 @@ def write_report(
         path: the HTML file.
         summaries: one for each limb.
         experiment: the limb that is shown.
-        pictures: `figures` of it; those without a chart are shown as they are.
+        pictures: `figures` of it.
         data: files that the page links to, by what they are.
     """
-    count = len(complete(summaries))
+    count = len(of_family(summaries))
     limbs = f"{count} emulated limbs" if count > 1 else "an emulated limb"
     parts: list[page.Part] = [
         page.paragraph(
@@ -70,27 +62,18 @@ def write_report(
         page.verdict(EMULATED),
         _distances(summaries),
         _table_1(summaries),
-        *_closed_loop(summaries),
+        *_disturbances(summaries),
         _approaches(summaries),
         _error_split(summaries),
     ]
-    drawn = panels_of(experiment)
     parts += [
         page.section(
             text,
-            page.chart(drawn[name], text) if name in drawn else page.picture(figure, text),
+            page.chart(drawn, text) if isinstance(drawn, list) else page.picture(drawn, text),
         )
-        for name, (figure, text) in pictures.items()
+        for drawn, text in pictures.values()
     ]
     parts += [
-        page.section(
-            "Error over time",
-            page.paragraph(
-                "Rollouts against their plan, beside the plan against its reference, which moves "
-                "faster than the wires cool, or costs more duty than its weight in (15) allows."
-            ),
-            page.chart(error_panels(experiment), "Error of all rollouts over time"),
-        ),
         _parameters(experiment),
         _what_was_done(summaries, experiment),
         page.section("Data", page.links(path, data)),
@@ -121,49 +104,29 @@ def _table_1(summaries: Sequence[Summary]) -> page.Section:
         "aborted as a wire was measured at the board's limit of 110 °C; these count up to then."
     )
     parts = [page.table(TABLE_1_HEADER, table_1(summaries), caption)]
-    if len(complete(summaries)) > 1:
+    if len(of_family(summaries)) > 1:
         parts.append(page.paragraph("± is half of the 95% confidence interval over limbs."))
-        text = "Table I for each limb, open loop: from the reference, and from the plan"
-        parts.append(page.chart(limbs_panels(summaries), text))
     return page.section("Table I, distances from reference and plan", *parts)
 
 
-def _closed_loop(summaries: Sequence[Summary]) -> list[page.Section]:
-    parts = []
-    if any(s.repetitions for s in complete(summaries)):
-        parts.append(
-            page.section(
-                "Learning over repetitions",
-                page.paragraph(
-                    "Each repetition is driven in open loop, with the duty that was learned from "
-                    "the readings of those before. The sensor's noise and drift do not repeat, and "
-                    "stay in what is read; its gain does, and stays in the true bend."
-                ),
-                page.chart(learning_panels(summaries), "Distances of the best repetition so far"),
-            )
-        )
-    if rows := disturbance_table(summaries):
-        parts.append(
-            page.section(
-                "Disturbances",
-                page.paragraph(
-                    "Something changes after the calibration, or a reading fails in mid motion. "
-                    "The plan of Fig. 5 is driven with plan feedback, and in open loop if the limb "
-                    "has changed."
-                ),
-                page.table(
-                    DISTURBANCE_HEADER,
-                    rows,
-                    "Mean |φ_REF − φ| of the true bend; mean |φ* − φ|, as read / of the true bend, "
-                    "in degrees; highest V and T of any wire, °C; aborted rollouts.",
-                ),
-            )
-        )
-    return parts
+def _disturbances(summaries: Sequence[Summary]) -> list[page.Section]:
+    rows = disturbance_table(summaries)
+    if not rows:
+        return []
+    text = (
+        "Something changes after the calibration, or a reading fails in mid motion. The plan of "
+        "Fig. 5 is driven with plan feedback, and in open loop if the limb has changed."
+    )
+    caption = (
+        "Mean |φ_REF − φ| of the true bend; mean |φ* − φ|, as read / of the true bend, in degrees; "
+        "highest V and T of any wire, °C; aborted rollouts."
+    )
+    table = page.table(DISTURBANCE_HEADER, rows, caption)
+    return [page.section("Disturbances", page.paragraph(text), table)]
 
 
 def _approaches(summaries: Sequence[Summary]) -> page.Section:
-    laws = collections.Counter(s.law for s in complete(summaries))
+    laws = collections.Counter(s.law for s in of_family(summaries))
     chosen = ", ".join(f"{law} for {count}" for law, count in laws.most_common())
     others = (
         "The same limbs and references, planned with other calibrated models: the paper's law "
@@ -196,7 +159,6 @@ def _error_split(summaries: Sequence[Summary]) -> page.Section:
             "partly cancel each other, so the first table adds up to more than the whole error; "
             "the second one adds up to it."
         ),
-        page.chart(split_panels(summaries), "Change of the bend angle by each step"),
         page.table(
             ["step", *MOTIONS],
             split_table(summaries, 0),
@@ -210,23 +172,7 @@ def _error_split(summaries: Sequence[Summary]) -> page.Section:
             "back.",
         ),
     ]
-    if any(s.absent for s in summaries):
-        parts += [
-            page.paragraph(
-                "The next table splits the error of the model's form. An effect that it lacks "
-                "is taken out of the limb, and everything is done again with this limb, "
-                "from the recordings on. Silicone is the second thermal mass; without stress there "
-                "is no latent heat, and bending does not change the torque. In a limb without any "
-                "of these effects, torque still follows temperature along an S-curve, where the "
-                "model has a line (4)."
-            ),
-            page.table(
-                ["limb", *MOTIONS],
-                absence_table(summaries),
-                "Mean error of the first rollout and, in brackets, its change, in degrees.",
-            ),
-        ]
-    return page.section("Where the error comes from", *parts, page.items(findings(summaries)))
+    return page.section("Where the error comes from", *parts)
 
 
 def _parameters(experiment: Experiment) -> page.Section:
@@ -249,7 +195,7 @@ def _parameters(experiment: Experiment) -> page.Section:
 
 
 def _what_was_done(summaries: Sequence[Summary], experiment: Experiment) -> page.Section:
-    seeds = ", ".join(str(s.seed) for s in complete(summaries))
+    seeds = ", ".join(str(s.seed) for s in of_family(summaries))
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in PACKAGES)
     return page.section(
         "What was done",

@@ -12,7 +12,8 @@ from pathlib import Path
 from calibration import save_recordings
 from limb_systems import write_meshcat_replay
 from limb_systems.output import write_atomically
-from limb_systems.views.plots import save_figure
+from limb_systems.views.panels import Panel
+from limb_systems.views.plots import Figure, draw, save_figure
 from soft_limb.evaluation.experiment import (
     MOTIONS,
     NUM_STEPS,
@@ -69,7 +70,7 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
         tell("drawing figures, and writing the report")
         pictures = figures(shown)
         drawn = [
-            executor.submit(save_figure, figure, folder / f"{name}.png")
+            executor.submit(save_picture, figure, folder / f"{name}.png")
             for name, (figure, _) in pictures.items()
         ]
         (motion,) = (motion for motion in shown.motions if motion.name == RAMPS)
@@ -107,7 +108,7 @@ def reproduce(
     """The evaluation of limbs on an executor; files are written where this is called.
 
     Args:
-        jobs: what is done with each limb; the first is without nothing.
+        jobs: what is done with each limb.
         executor: as for `soft_limb.runs.jobs.run_all`.
         folder: gets a folder of files of each limb, and ``results.json`` with the limbs that
             are finished.
@@ -122,9 +123,8 @@ def reproduce(
     for number, experiment in run_all([evaluate(job, tell) for job in jobs], executor, at_once):
         found[number] = summary = summarize(experiment)
         shown = experiment if number == 0 else shown
-        if not jobs[number].absent:
-            kind = "limb" if summary.physics == "lumped" else summary.physics
-            _save(experiment, folder / f"{kind}_{summary.seed}")
+        kind = "limb" if summary.physics == "lumped" else summary.physics
+        _save(experiment, folder / f"{kind}_{summary.seed}")
         _write_results(folder, [found[done] for done in sorted(found)])
         if len(jobs) > 1:
             print(f"{len(found):>3} of {len(jobs)}: {_line(summary)}", flush=True)
@@ -132,9 +132,13 @@ def reproduce(
     return [found[number] for number in range(len(jobs))], shown
 
 
+def save_picture(figure: Figure | list[Panel], path: Path) -> None:
+    """Save one of `figures` as a picture."""
+    save_figure(draw(figure) if isinstance(figure, list) else figure, path)
+
+
 def _line(summary: Summary) -> str:
     """A limb's mean errors, open loop and then with what else it was driven by."""
-    without = f" without {', '.join(summary.absent)}" if summary.absent else ""
     names = dict.fromkeys(name for ways in summary.ways.values() for name in ways)
     parts = []
     for name in names:
@@ -146,7 +150,7 @@ def _line(summary: Summary) -> str:
     if aborted:
         parts.append(f"{aborted} rollouts aborted")
     kind = "limb" if summary.physics == "lumped" else f"{summary.physics} limb"
-    return f"{kind} {summary.seed}{without}: {'; '.join(parts)}"
+    return f"{kind} {summary.seed}: {'; '.join(parts)}"
 
 
 def _print_table(rows: Sequence[Sequence[str]]) -> None:

@@ -136,7 +136,7 @@ def _mean_reading_error(way: Way) -> float:
 class Summary:
     """The numbers of one experiment, angles in degrees.
 
-    - ``seed``, ``absent``: the limb's number, and which effects it was without.
+    - ``seed``: the limb's number.
     - ``nearest``: mean distance from the reference that the limits leave of each motion, of the
       best plan; None if it is not known.
     - ``ways``: how each motion went in each way to drive it; of learning, the best repetitions
@@ -152,7 +152,6 @@ class Summary:
     """
 
     seed: int
-    absent: tuple[str, ...]
     nearest: dict[str, float | None]
     ways: dict[str, dict[str, Followed]]
     repetitions: dict[str, list[Followed]]
@@ -193,7 +192,6 @@ def summarize(experiment: Experiment) -> Summary:
     specimen, prediction = experiment.specimen, experiment.calibration.prediction
     return Summary(
         specimen.seed,
-        specimen.absent,
         {motion.name: nearest_distance(motion.open_loop.trajectory) for motion in motions},
         ways,
         repetitions,
@@ -218,7 +216,7 @@ def nearest_distance(trajectory: Trajectory) -> float | None:
 
 def distance_table(summaries: Sequence[Summary], physics: str = "lumped") -> list[list[str]]:
     """Rows of each motion, as of `DISTANCE_HEADER`: mean distances over a family's limbs."""
-    whole = complete(summaries, physics)
+    whole = of_family(summaries, physics)
     rows = []
     for motion, name in MOTION_NAMES.items():
         ways = [summary.ways[motion] for summary in whole]
@@ -234,7 +232,7 @@ def distance_table(summaries: Sequence[Summary], physics: str = "lumped") -> lis
 
 def approach_table(summaries: Sequence[Summary]) -> list[list[str]]:
     """Rows of each approach: for each motion mean distances, then V, then aborted."""
-    whole = complete(summaries)
+    whole = of_family(summaries)
     rows = []
     for name in dict.fromkeys(name for s in whole for name in s.approaches):
         limbs = [s.approaches[name] for s in whole if name in s.approaches]
@@ -250,9 +248,9 @@ def approach_table(summaries: Sequence[Summary]) -> list[list[str]]:
     return rows
 
 
-def complete(summaries: Sequence[Summary], physics: str = "lumped") -> list[Summary]:
-    """The summaries of a family's limbs that are without nothing."""
-    return [s for s in summaries if not s.absent and s.physics == physics]
+def of_family(summaries: Sequence[Summary], physics: str = "lumped") -> list[Summary]:
+    """Return the summaries of the limbs of one physics."""
+    return [s for s in summaries if s.physics == physics]
 
 
 def mean_and_margin(values: Sequence[float]) -> tuple[float, float]:
@@ -269,7 +267,7 @@ def table_1(summaries: Sequence[Summary]) -> list[list[str]]:
     rows = []
     for motion in MOTIONS:
         for physics in dict.fromkeys(summary.physics for summary in summaries):
-            rows += _family_rows(complete(summaries, physics), motion)
+            rows += _family_rows(of_family(summaries, physics), motion)
         if motion in PAPER_TABLE_1:
             of_paper = [*[""] * 3, *(f"{value:.2f}" for value in PAPER_TABLE_1[motion])]
             rest = [""] * (len(TABLE_1_HEADER) - 2 - len(of_paper))
@@ -328,7 +326,7 @@ def _hottest(group: Sequence[Followed]) -> list[str]:
 
 def disturbance_table(summaries: Sequence[Summary]) -> list[list[str]]:
     """Rows of each disturbance, as of `DISTURBANCE_HEADER`, and of all at last."""
-    whole = [s for s in complete(summaries) if s.disturbed]
+    whole = [s for s in of_family(summaries) if s.disturbed]
     if not whole:
         return []
     groups = {name: [s.disturbed[name] for s in whole] for name in whole[0].disturbed}
@@ -358,7 +356,7 @@ def _aborted(group: Sequence[Followed]) -> str:
 
 def split_table(summaries: Sequence[Summary], which: int) -> list[list[str]]:
     """Rows of `error_split`: the difference a step makes (0), or its part of the error (1)."""
-    whole = complete(summaries)
+    whole = of_family(summaries)
     rows = [
         [
             f"{step}: {meaning}" if which == 0 else step,
@@ -375,56 +373,6 @@ def split_table(summaries: Sequence[Summary], which: int) -> list[list[str]]:
     return [*rows, ["whole error of the first rollout", *errors]]
 
 
-def absence_table(summaries: Sequence[Summary]) -> list[list[str]]:
-    """Rows for what limbs are without: the error of each motion, and its change by that."""
-    whole = {s.seed: s for s in complete(summaries)}
-    rows = []
-    for absent in dict.fromkeys(s.absent for s in summaries):
-        group = [s for s in summaries if (s.absent, s.physics) == (absent, "lumped")]
-        cells = []
-        for motion in MOTIONS:
-            error, _ = mean_and_margin([s.first[motion] for s in group])
-            change = [s.first[motion] - whole[s.seed].first[motion] for s in group]
-            suffix = f" ({_with_margin(*mean_and_margin(change), '+')})" if absent else ""
-            cells.append(f"{error:.2f}{suffix}")
-        name = f"without {', '.join(absent)}" if absent else "with all effects"
-        rows.append([name, *cells])
-    return rows
-
-
-def findings(summaries: Sequence[Summary]) -> list[str]:
-    """What the tables say, in sentences."""
-    whole = complete(summaries)
-    sizes = {
-        step: np.mean([[s.split[m][step][0] for m in MOTIONS] for s in whole]) for step in STEPS
-    }
-    order = sorted(sizes, key=lambda step: sizes[step], reverse=True)
-    sentences = [
-        "By what they make of the bend angle, over all motions, the steps rank: "
-        + ", ".join(f"{step} {sizes[step]:.2f}°" for step in order)
-        + "."
-    ]
-    by_absence: dict[tuple[str, ...], list[float]] = {}
-    base = {s.seed: np.mean(list(s.first.values())) for s in whole}
-    for s in summaries:
-        if s.absent:
-            change = float(np.mean(list(s.first.values())) - base[s.seed])
-            by_absence.setdefault(s.absent, []).append(change)
-    for absent, changes in by_absence.items():
-        change, margin = mean_and_margin(changes)
-        if np.isnan(margin):
-            verdict = "on this one limb"
-        elif abs(change) < margin:
-            verdict = "which may be chance"
-        else:
-            verdict = "which is more than chance"
-        sentences.append(
-            f"Without {', '.join(absent)} the mean error of all motions changes by "
-            f"{_with_margin(change, margin, '+')}°, {verdict}."
-        )
-    return sentences
-
-
-def _with_margin(value: float, margin: float, sign: str = "") -> str:
-    text = f"{round(value, 2) + 0.0:{sign}.2f}"  # and no -0.00
+def _with_margin(value: float, margin: float) -> str:
+    text = f"{round(value, 2) + 0.0:.2f}"  # and no -0.00
     return text if np.isnan(margin) else f"{text} ± {margin:.2f}"
