@@ -13,7 +13,7 @@ from limb_systems.output import OutputError, check_outputs
 from limb_systems.summary import Summary
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
 from soft_limb.live.page import LOOPBACK, host_and_port, open_in_browser
-from soft_limb.results.comparison import Comparison, compare
+from soft_limb.results.comparison import compare
 from soft_limb.results.overview import Overview
 from soft_limb.results.reading import GAIT, RECORDING, TRAJECTORY, read_result
 
@@ -46,24 +46,14 @@ def _compare(options: argparse.Namespace) -> int:
 
         write_comparison(comparison, options.output)
     if not options.json:
-        _print_comparison(comparison)
+        for title, rows in comparison.tables().items():
+            print_table(title, rows)
+        if comparison.changes:
+            print_table("what changed", comparison.changes_table())
+        else:
+            print("nothing changed")
     print_summary(options, Summary.of({}, comparison.to_json()), [options.output])
     return 0
-
-
-def _print_comparison(comparison: Comparison) -> None:
-    if comparison.distances:
-        print_table("mean distance from the plan's reference", comparison.distances_table())
-    if tracking := comparison.tracking:
-        rows = comparison.differences_table(tracking, "|{0}* - {0}|")
-        print_table("tracking errors of the plan's recordings", rows)
-    if comparison.changes:
-        print_table("what changed", comparison.changes_table())
-    else:
-        print("nothing changed")
-    if differences := comparison.differences:
-        rows = comparison.differences_table(differences, "|Δ{}|")
-        print_table("absolute differences from the first", rows)
 
 
 def _export(options: argparse.Namespace) -> int:

@@ -1,14 +1,12 @@
 """The page that has all of the evaluation in it."""
 
 import collections
-import importlib.metadata
-import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from limb_systems.views.panels import Panel
 from limb_systems.views.plots import Figure
-from soft_limb.evaluation.experiment import MOTIONS, NUM_ANGLES, Experiment
+from soft_limb.evaluation.experiment import MOTIONS, Experiment
 from soft_limb.evaluation.tables import (
     APPROACH_HEADER,
     DISTANCE_HEADER,
@@ -24,14 +22,11 @@ from soft_limb.evaluation.tables import (
 )
 from soft_limb.evaluation.ways import PAUSE
 from soft_limb.reports import page
-from soft_limb.reports.calibration import parameter_table
-from soft_limb.results.summaries import plan_summary, validation_summary
 
 EMULATED = (
     "These limbs are emulated. The numbers say how the method fares on an emulation with physics "
     "that the model leaves out, and nothing of a real limb."
 )
-PACKAGES = ("soft-limb", "drake", "ipyopt", "numpy", "scipy", "matplotlib", "bokeh")
 
 
 def write_report(
@@ -74,11 +69,10 @@ def write_report(
         for drawn, text in pictures.values()
     ]
     parts += [
-        _parameters(experiment),
         _what_was_done(summaries, experiment),
-        page.section("Data", page.links(path, data)),
     ]
-    page.write_page(path, "The paper reproduced, on emulated limbs", parts, summaries[0].provenance)
+    title = "The paper reproduced, on emulated limbs"
+    page.write_page(path, title, parts, summaries[0].provenance, data)
 
 
 def _distances(summaries: Sequence[Summary]) -> page.Section:
@@ -175,28 +169,8 @@ def _error_split(summaries: Sequence[Summary]) -> page.Section:
     return page.section("Where the error comes from", *parts)
 
 
-def _parameters(experiment: Experiment) -> page.Section:
-    calibration = experiment.calibration
-    plans = "\n\n".join(
-        f"{motion.name}\n{plan_summary(motion.open_loop.trajectory)}"
-        for motion in experiment.motions
-    )
-    return page.section(
-        "Parameters and plans",
-        page.paragraph(
-            f"The limb that is shown, seed {experiment.specimen.seed}. Validation, open loop: "
-            f"{validation_summary(experiment.validation).line()}."
-        ),
-        parameter_table(calibration),
-        page.items([remark.sentence for remark in calibration.remarks]),
-        page.limb(calibration.parameters),
-        page.preformatted(plans),
-    )
-
-
 def _what_was_done(summaries: Sequence[Summary], experiment: Experiment) -> page.Section:
     seeds = ", ".join(str(s.seed) for s in of_family(summaries))
-    versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in PACKAGES)
     return page.section(
         "What was done",
         page.items(
@@ -204,22 +178,13 @@ def _what_was_done(summaries: Sequence[Summary], experiment: Experiment) -> page
                 f"Limbs: seeds {seeds}; pictures show seed {experiment.specimen.seed}. A seed "
                 "draws a limb and its sensors' noise from ranges that "
                 "hardware/emulation/specimen.py lists with their sources; none was left out.",
-                "Recordings of each: ten of the sag, three ring-downs, and "
-                f"{NUM_ANGLES} random equilibria each with the right wire, the left one and both, "
-                "held by PI control; pulses, ramps and random levels of duty; and a motion three "
-                "times, which judges the laws.",
-                "Motions: the reference of Fig. 5 drawn by hand, and two that a hand moves the "
-                "limb through with its wires off, one faster and narrow, one wide with holds. The "
-                "paper gives no numbers for them; these are ours.",
                 f"Rollouts of each plan: {len(experiment.motions[0].open_loop.rollouts)}, in open "
-                "loop and with each controller, but one with the receding horizon. The first ones "
-                "of each plan and way begin where the limb was left by the recordings, the hand "
-                f"and {PAUSE:g} s without heat, the others where the first one left it, likewise. "
-                "They differ by the sensors' noise and drift.",
+                "loop and with each controller, but one with the receding horizon. The first one "
+                "of each plan and way begins where the limb was left by the recordings, the hand "
+                f"and {PAUSE:g} s without heat, the others where the first one left it.",
                 "Closed loop and learning follow plans with a margin of temperature and duty, "
                 "open loop the paper's.",
                 "Bands in the figures are mean ± 1.96 standard deviations of the rollouts.",
-                f"Software: {versions}, Python {platform.python_version()}.",
             ]
         ),
     )

@@ -14,6 +14,7 @@ from limb_systems import write_meshcat_replay
 from limb_systems.output import write_atomically
 from limb_systems.views.panels import Panel
 from limb_systems.views.plots import Figure, draw, save_figure
+from soft_limb.commands.options import print_table
 from soft_limb.evaluation.experiment import (
     MOTIONS,
     NUM_STEPS,
@@ -88,8 +89,8 @@ def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = N
 
     print(f"\n{calibration_summary(shown.calibration)}\n")
     for physics in dict.fromkeys(summary.physics for summary in summaries):
-        print("Mean distance of the true bend from what was asked for:")
-        _print_table([DISTANCE_HEADER, *distance_table(summaries, physics)])
+        title = "mean distance of the true bend from what was asked for"
+        print_table(title, [DISTANCE_HEADER, *distance_table(summaries, physics)])
     print(EMULATED)
     print(f"\nwritten in {time.perf_counter() - started:.0f} s:")
     for path in sorted(folder.iterdir()):
@@ -151,17 +152,6 @@ def _line(summary: Summary) -> str:
         parts.append(f"{aborted} rollouts aborted")
     kind = "limb" if summary.physics == "lumped" else f"{summary.physics} limb"
     return f"{kind} {summary.seed}: {'; '.join(parts)}"
-
-
-def _print_table(rows: Sequence[Sequence[str]]) -> None:
-    """Columns of words to the left, those of numbers to the right."""
-    columns = []
-    for column in zip(*rows, strict=True):
-        width = max(map(len, column))
-        words = any(cell[:1].isalpha() for cell in column[1:])
-        columns.append([f"{cell:{'<' if words else '>'}{width}}" for cell in column])
-    for cells in zip(*columns, strict=True):
-        print("  ".join(cells).rstrip())
 
 
 def _write_results(folder: Path, summaries: list[Summary]) -> None:

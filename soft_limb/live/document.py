@@ -3,7 +3,6 @@
 import itertools
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 import numpy as np
 from bokeh.document import Document
@@ -24,11 +23,10 @@ from hardware.robot.serial_limb import DEADLINE
 from limb_systems.model.layout import Layout
 from limb_systems.views.colors import REFERENCE_COLOR
 from limb_systems.views.panels import Curve, Panel, in_words, measured_panels
-from limb_systems.views.template import part, template
 from soft_limb.live.run import MOST_POINTS, Run
 from soft_limb.reports import charts
+from soft_limb.reports.page import TEMPLATES, part, template
 
-TEMPLATES = Path(__file__).parent / "templates"
 PERIOD = 200  # ms, of what browsers are told
 SILENCE = 1.0  # s, after which a limb that runs is missed
 WINDOW = 600.0  # s, that are shown of what has no end
@@ -49,7 +47,7 @@ class LiveDocument:
         """
         self._run, self._stop = run, stop
         self._shown, self._sent = (0, 0), 0
-        style = InlineStyleSheet(css=(TEMPLATES / "style.css").read_text("utf-8"))
+        style = InlineStyleSheet(css=(TEMPLATES / "live.css").read_text("utf-8"))
         self._state, self._facts = (
             Div(name=name, sizing_mode="stretch_width", margin=0, stylesheets=[style])
             for name in ("state", "facts")
@@ -67,7 +65,7 @@ class LiveDocument:
         # Another run may be served at the same address, whose document is another.
         document.js_on_event(ClientReconnected, CustomJS(code="window.location.reload()"))
         document.title = "Soft limb, live"
-        document.template = template("page.html", TEMPLATES)
+        document.template = template("live.html")
         document.add_periodic_callback(self._look, PERIOD)
 
     def _press(self) -> None:
@@ -208,7 +206,7 @@ def state(run: Run) -> str:
         kind, what = "armed", "Armed: wires may be heated"
     else:
         kind, what = "off", f"Wires off: {board.reason}"
-    return part("state", kind, what, run.said, alarms(run), folder=TEMPLATES)
+    return part("state", kind, what, run.said, alarms(run))
 
 
 def alarm(phase: RunHeader, temperature: float) -> tuple[str, str]:
@@ -241,26 +239,20 @@ def facts(run: Run, phase: RunHeader, reading: Reading | None) -> str:
     rows, lines = [], []
     if reading is not None:
         rows = [
-            (
-                name,
-                [f"{value:.{digits}f}" for value in values],
-                [alarm(phase, value) if digits == 1 else ("", "") for value in values],
-            )
+            (name, [f"{value:.{digits}f}" for value in values])
             for name, values, digits in _wires(run, phase, reading)
         ]
         lines = [*_bend(phase, reading), *_clock(run, phase, reading)]
         if reading.board is not None:
             lines += _cable(reading.board)
     if phase.band is not None:
-        lines.append(
-            "Shaded: 95% of limbs like this are read there, and 995 of 1000 wires up to there."
-        )
+        lines.append("Shaded: 95% band of the bend reading, 99.5% upper bound of wire temperature.")
     lines.append(phase.source)
-    return part("facts", names, rows, lines, folder=TEMPLATES)
+    return part("facts", names, rows, lines)
 
 
 def _wires(run: Run, phase: RunHeader, reading: Reading) -> list[tuple[str, Sequence[float], int]]:
-    """Names, values of each wire and digits; those read have one."""
+    """Names, values of each wire and digits."""
     rows: list[tuple[str, Sequence[float], int]] = [
         ("reading V, °C", reading.measured_temperature, 1),
         ("highest so far, °C", run.highest.tolist(), 1),

@@ -116,10 +116,9 @@ def write_report(
                 panels.wire_panels(heat, force, color),
             )
         )
-    if data:
-        parts.append(page.section("Data", page.links(path, data)))
     record = calibration.parameters.calibration
-    page.write_page(path, "Calibration of a limb", parts, record.provenance if record else None)
+    made = record.provenance if record else None
+    page.write_page(path, "Calibration of a limb", parts, made, data)
 
 
 def write_validation_report(
@@ -130,11 +129,9 @@ def write_validation_report(
         page.verdict(validation.verdict),
         page.paragraph(f"{validation_summary(validation).line()}."),
         page.chart(panels.validation_panels(validation), "Limb and model for the same duty"),
-        page.section("Data", page.links(path, data)),
     ]
-    page.write_page(
-        path, "Validation of a calibrated limb", parts, validation.simulation.provenance
-    )
+    made = validation.simulation.provenance
+    page.write_page(path, "Validation of a calibrated limb", parts, made, data)
 
 
 def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part]:

@@ -47,17 +47,10 @@ def _runs(comparison: Comparison) -> list[list[str]]:
 
 def _signals(comparison: Comparison) -> list[page.Section]:
     first = comparison.names[0]
-    head, *rows = comparison.differences_table(comparison.differences, "|Δ{}|")
-    parts = [page.table(head, rows, f"Absolute differences from {first} over their common time.")]
-    if comparison.tracking:
-        head, *rows = comparison.differences_table(comparison.tracking, "|{0}* − {0}|")
-        parts.insert(0, page.table(head, rows, "Tracking errors of the recordings of the plan."))
-        head, *rows = comparison.distances_table()
-        caption = (
-            "Mean distance from the reference of the plan: of what was recorded, of the plan, and "
-            "of the best plan that the limits of the limb leave."
-        )
-        parts.insert(0, page.table(head, rows, caption))
+    parts = [
+        page.table(head, rows, f"{title[0].upper()}{title[1:]}.")
+        for title, (head, *rows) in comparison.tables().items()
+    ]
     chart = page.chart(_panels(comparison), f"All runs, and what differs from {first}")
     return [
         page.section("How far apart they are", *parts),

@@ -58,15 +58,12 @@ def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | N
             )
         )
     cycle = page.chart(motion_panels(gait), "Feet, body, forces, bends and heat")
-    facts = list(gait_summary(gait).texts().items())
     parts += [
         page.section("The cycle", cycle),
-        page.section("How it was found", page.table(["", ""], facts)),
+        page.section("How it was found", page.facts(gait_summary(gait))),
         page.section("Robot", page.preformatted(gait.robot.to_yaml())),
     ]
-    if data:
-        parts.append(page.section("Data", page.links(path, data)))
-    page.write_page(path, "Gait of a robot", parts, gait.provenance)
+    page.write_page(path, "Gait of a robot", parts, gait.provenance, data)
 
 
 def _row(variation: GaitVariation) -> list[str]:

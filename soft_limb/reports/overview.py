@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from limb_systems.output import write_atomically
 from limb_systems.provenance import Provenance
-from limb_systems.views import template as templates
+from soft_limb.reports import page
 from soft_limb.results.overview import ListedFile, Overview
 from soft_limb.results.reading import (
     GAIT,
@@ -26,7 +26,6 @@ from soft_limb.results.reading import (
     TRAJECTORY,
 )
 
-TEMPLATES = Path(__file__).parent / "templates"
 WIDTH, HEIGHT = 240.0, 56.0  # of a panel of a small picture
 _DASHES = {"solid": "", "dashed": "4 3", "dotted": "1 3"}
 
@@ -64,15 +63,15 @@ def overview_page(
         for file in files:
             results.setdefault(file.key, []).append(by_key[key])
     pages = overview.pages()
-    shown = {page.key for of_file in pages.values() for page in of_file}
-    return templates.template("overview.html", TEMPLATES).render(
+    shown = {report.key for of_file in pages.values() for report in of_file}
+    return page.template("overview.html").render(
         folder=overview.folder.resolve().name or str(overview.folder.resolve()),
         unread=overview.unread,
         provenance=provenance and dataclasses.asdict(provenance),
         served=served,
         news=news,
         files=overview.of_kind(RECORDING, TRAJECTORY, GAIT, LEARNING, LIMB, ROBOT, TASK),
-        others=[page for page in overview.of_kind(REPORT) if page.key not in shown],
+        others=[report for report in overview.of_kind(REPORT) if report.key not in shown],
         foreign=[file.trouble for file in overview.files if file.trouble],
         origins=origins,
         results=results,
@@ -114,4 +113,4 @@ def picture(file: ListedFile) -> Markup:
         x_unit = panel.x_label.rpartition("(")[2].rstrip(")")
         length = f"{times.max():.0f} {x_unit}"
         drawn.append((panel.label.rpartition(" (")[0], ends, length, lines))
-    return templates.part("picture_in_small", drawn, WIDTH, HEIGHT, folder=TEMPLATES)
+    return page.part("picture_in_small", drawn, WIDTH, HEIGHT)

@@ -19,6 +19,7 @@ from markupsafe import Markup
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.output import write_atomically
 from limb_systems.provenance import Provenance
+from limb_systems.summary import Summary
 from limb_systems.views import template as templates
 from limb_systems.views.panels import Panel
 
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-TEMPLATES = Path(__file__).parent / "templates"
-_part = functools.partial(templates.part, folder=TEMPLATES)
+TEMPLATES = Path(__file__).parents[1] / "templates"
+part = functools.partial(templates.part, folder=TEMPLATES)  # by a macro of parts.html
+template = functools.partial(templates.template, folder=TEMPLATES)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -46,6 +48,7 @@ def write_page(
     title: str,
     parts: Sequence[Part],
     provenance: Provenance | None = None,
+    data: Mapping[str, str | Path] | None = None,
 ) -> None:
     """Writes a page, whole or not at all; one of many sections has a list of them.
 
@@ -55,10 +58,12 @@ def write_page(
         parts: parts and sections, in their order.
         provenance: origin of the results, for the last section and, for programs, in a script
             of JSON with the id "provenance"; None if it is not known.
+        data: files that the page links to, by what they hold, plain text.
     """
+    if data:
+        parts = [*parts, section("Data", _links(path, data))]
     if provenance:
-        facts = table(["", ""], list(provenance.summary().texts().items()))
-        parts = [*parts, section("How it was made", facts)]
+        parts = [*parts, section("How it was made", facts(provenance.summary()))]
     body = [text for one in parts for text in getattr(one, "parts", [one])]
     bokeh = ""
     if any(text.startswith('<figure class="chart"') for text in body):
@@ -68,7 +73,7 @@ def write_page(
         bokeh = Resources(mode="inline", components=["bokeh"], log_level="warn").render_js()
     write_atomically(
         path,
-        templates.template("report.html", TEMPLATES).render(
+        template("report.html").render(
             title=title,
             parts=parts,
             provenance=provenance and dataclasses.asdict(provenance),
@@ -82,24 +87,11 @@ def section(heading: str, *parts: Markup) -> Section:
     return Section(heading, parts)
 
 
-def paragraph(text: str) -> Markup:
-    """A paragraph."""
-    return _part("paragraph", text)
-
-
-def verdict(text: str) -> Markup:
-    """What a report begins with: what came of it, in a sentence or two."""
-    return _part("verdict", text)
-
-
-def items(texts: Sequence[str]) -> Markup:
-    """A list."""
-    return _part("items", texts)
-
-
-def preformatted(text: str) -> Markup:
-    """Text whose lines and spaces count, such as a file."""
-    return _part("preformatted", text)
+paragraph = functools.partial(part, "paragraph")  # a text
+verdict = functools.partial(part, "verdict")  # a text: what came of it, with which a report begins
+items = functools.partial(part, "items")  # texts, as a list
+preformatted = functools.partial(part, "preformatted")  # a text whose lines and spaces count
+frame = functools.partial(part, "frame")  # HTML of a page within the page, and a description
 
 
 def limb(parameters: LimbParameters) -> Markup:
@@ -113,21 +105,16 @@ def limb(parameters: LimbParameters) -> Markup:
     return preformatted(text)
 
 
-def links(report: str | Path, targets: Mapping[str, str | Path]) -> Markup:
-    """Links to files, which hold as long as the files stay where they are from the report.
-
-    Args:
-        report: path of the page.
-        targets: files by what they hold, plain text.
-    """
+def _links(report: str | Path, targets: Mapping[str, str | Path]) -> Markup:
+    """Links to files, which hold as long as the files stay where they are from the report."""
     folder = Path(report).parent
-    return _part(
-        "links",
-        {
-            text: Path(os.path.relpath(target, folder)).as_posix()
-            for text, target in targets.items()
-        },
-    )
+    paths = {what: Path(os.path.relpath(file, folder)).as_posix() for what, file in targets.items()}
+    return part("links", paths)
+
+
+def facts(summary: Summary) -> Markup:
+    """A table of the statements about a result."""
+    return table(["", ""], list(summary.texts().items()))
 
 
 def chart(panels: Sequence[Panel], description: str) -> Markup:
@@ -151,17 +138,7 @@ def chart(panels: Sequence[Panel], description: str) -> Markup:
 
     item = json.loads(json.dumps(json_item(charts.chart(panels))), object_hook=renumber)
     item["root_id"], item["target_id"] = numbers[item["root_id"]], None
-    return _part("chart", item, description)
-
-
-def frame(html: str, description: str) -> Markup:
-    """A page within the page.
-
-    Args:
-        html: the page, which needs no other file.
-        description: text for readers who cannot see it.
-    """
-    return _part("frame", html, description)
+    return part("chart", item, description)
 
 
 def picture(figure: "Figure", description: str) -> Markup:
@@ -175,7 +152,7 @@ def picture(figure: "Figure", description: str) -> Markup:
     buffer = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "limb"}):  # the same picture, the same bytes
         figure.savefig(buffer, format="svg", metadata={"Date": None})
-    return _part("picture", base64.b64encode(buffer.getvalue()).decode(), description)
+    return part("picture", base64.b64encode(buffer.getvalue()).decode(), description)
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> Markup:
@@ -191,4 +168,4 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "
         bool(cells) and all(cell.lstrip("-+±−")[:1].isdigit() for cell in cells)
         for cells in columns
     ]
-    return _part("table", header, rows, numeric, caption)
+    return part("table", header, rows, numeric, caption)

@@ -12,25 +12,19 @@ from soft_limb.results.summaries import active_times, spans
 
 
 def plan_verdict(trajectory: Trajectory, summary: Summary) -> str:
-    """Whether a plan was checked, how far it is from its reference, and what holds it there."""
+    """How far a plan is from its reference, whether it was checked, and why it is far."""
     check = trajectory.check
-    said = f"The reference is {summary.texts()['reference']}. "
-    said += (
-        f"Not to be used: {failure}"
-        if (failure := check.failure())
-        else "Checked: simulated again, the limb stays within "
-        f"{check.largest_difference_deg:.4f}° of the plan."
-    )
+    said = [f"The reference is {summary.texts()['reference']}."]
+    if failure := check.failure():
+        said.append(f"Not to be used: {failure}")
+    else:
+        said.append(
+            "Checked: simulated again, the limb stays within "
+            f"{check.largest_difference_deg:.4f}° of the plan."
+        )
     if far := far_from_reference(trajectory):
-        return f"{said} {far}"
-    times = active_times(trajectory)
-    if not times:
-        return f"{said} No limit is active."
-    longest = sorted(times, key=lambda bound: -sum(end - start for start, end in times[bound]))[:3]
-    named = [
-        f"{bound} for {sum(end - start for start, end in times[bound]):.1f} s" for bound in longest
-    ]
-    return f"{said} It runs along limits: {', '.join(named)}."
+        said.append(far)
+    return " ".join(said)
 
 
 def write_report(
@@ -49,11 +43,7 @@ def write_report(
     """
     trajectory = trajectory.since_start()
     rows = [
-        [
-            bound,
-            spans(times),
-            f"{sum(end - start for start, end in times):.1f}",
-        ]
+        [bound, spans(times), f"{sum(end - start for start, end in times):.1f}"]
         for bound, times in active_times(trajectory).items()
     ]
     limits = trajectory.parameters.temperature_limits
@@ -61,8 +51,7 @@ def write_report(
         f"Duty is from 0 to 1 (18). No wire is planned above T_max = {limits.maximum:g} °C (19), "
         f"and none below T_warm = {limits.warm:g} °C from {limits.warm_up_time:g} s on (20)."
     )
-    texts = summary.texts()
-    del texts["limits"]  # they have a section of their own
+    found = Summary([entry for entry in summary.entries if entry.name != "limits"])
     parts: list[page.Part] = [
         page.verdict(plan_verdict(trajectory, summary)),
         page.chart(tracking_panels(trajectory), "Bend angle, temperatures and duty of the plan"),
@@ -73,8 +62,7 @@ def write_report(
             if rows
             else page.paragraph("None is active."),
         ),
-        page.section("How it was found", page.table(["", ""], list(texts.items()))),
+        page.section("How it was found", page.facts(found)),
         page.section("Limb", page.limb(trajectory.parameters)),
     ]
-    parts.append(page.section("Data", page.links(path, data)))
-    page.write_page(path, "Plan of a limb's motion", parts, trajectory.provenance)
+    page.write_page(path, "Plan of a limb's motion", parts, trajectory.provenance, data)

@@ -15,27 +15,10 @@ from soft_limb.runs.rollout import Rollout
 
 
 def rollout_verdict(rollout: Rollout) -> str:
-    """How near a limb came to its reference and to its plan, and what went wrong."""
-    values, check = rollout.summary().to_json(), rollout.trajectory.check
-    timing, nearest = values["timing"], values["nearest_distance_deg"]
-    done = "Mean distance from the reference: not measured"
-    if rollout.has_bend:
-        done = f"Mean distance from the reference: measured {values['reference_distance_deg']:.2f}°"
-    said = [
-        f"{done}, planned {values['planned_distance_deg']:.2f}°"
-        + ("." if nearest is None else f", best possible within the limits {nearest:.2f}°."),
-    ]
-    if tracking := values.get("tracking"):
-        said.append(
-            f"Followed the plan to {tracking['mean_deg']:.2f}° on average, and to "
-            f"{tracking['percentile_90_deg']:.2f}° for nine tenths of the samples."
-        )
-    if check.bend_band_deg:
-        said.append(
-            f"In open loop, the bend sensors of 95% of the limbs that the calibration allows for "
-            f"read within ±{check.bend_band_deg:.2f}° of the plan."
-        )
-    recording = rollout.recording
+    """What ended a run, how near the limb came to its reference, and what is to be doubted."""
+    recording, texts = rollout.recording, rollout.summary().texts()
+    said = [f"{texts['reference']}."]
+    said[0] = said[0][0].upper() + said[0][1:]
     if recording.interrupted:
         said.insert(
             0,
@@ -46,14 +29,6 @@ def rollout_verdict(rollout: Rollout) -> str:
         said.append(far)
     if recording.doubt:
         said.append(f"Doubtful: {recording.doubt}; they do not count.")
-    if timing:
-        missed = timing["missed_deadline"]
-        said.append(
-            f"{missed} command{'s' * (missed != 1)} ({timing['missed_deadline_share']:.1%}) "
-            "left too late."
-            if missed
-            else "All commands left in time."
-        )
     return " ".join(said)
 
 
@@ -71,10 +46,9 @@ def write_rollout_report(
     parts: list[page.Part] = [
         page.verdict(rollout_verdict(rollout)),
         page.chart(panels, "Bend angle, temperatures and duty of the plan and the recording"),
-        page.section("Facts", page.table(["", ""], list(summary.texts().items()))),
-        page.section("Data", page.links(path, data)),
+        page.section("Facts", page.facts(summary)),
     ]
-    page.write_page(path, "A plan, followed", parts, rollout.recording.provenance)
+    page.write_page(path, "A plan, followed", parts, rollout.recording.provenance, data)
 
 
 def learning_verdict(learner: Learner) -> str:
@@ -102,19 +76,25 @@ def learning_verdict(learner: Learner) -> str:
 
 
 def write_learning_report(
-    learner: Learner, recordings: Mapping[int, Path], state: Path, path: str | Path
+    learner: Learner, recordings: Mapping[int, Path], state: Path, picture: Path, path: Path
 ) -> None:
-    """Writes one HTML page: verdict, errors, the first and the last repetition, and links.
+    """Save a picture of all repetitions and a page on them.
 
     Args:
         recordings: the files of repetitions by their numbers, one or more.
         state: file of the learner.
+        picture: path of the picture.
         path: path of the page.
     """
+    # Matplotlib takes as long to import as all the rest.
+    from limb_systems.views.plots import draw, save_figure
+
     numbers = sorted(recordings)
     first, last = (Recording.load(recordings[number]) for number in (numbers[0], numbers[-1]))
     distances = [repetition.reference_distance for repetition in learner.repetitions]
     errors = [repetition.mean_error for repetition in learner.repetitions]
+    panels = repetition_panels(learner.trajectory, distances, errors, first, last)
+    save_figure(draw(panels), picture)
     rows = [
         [
             str(number),
@@ -125,20 +105,20 @@ def write_learning_report(
         for number, repetition in enumerate(learner.repetitions, 1)
     ]
     learned = page.chart(
-        repetition_panels(learner.trajectory, distances, errors, first, last),
+        panels,
         "Mean distances of each repetition; bend angle in the first, in the last and in the plan",
     )
     tracked = page.chart(
         tracking_panels(learner.trajectory, [last]),
         "Bend angle, temperatures and duty of the plan and the last repetition",
     )
-    data = {f"repetition {number}": recordings[number] for number in numbers}
+    data = {"what was learned": state}
+    data |= {f"repetition {number}": recordings[number] for number in numbers}
     header = ["repetition", "mean |φ_REF − φ|, °", "mean |φ* − φ|, °", "remark"]
     parts: list[page.Part] = [
         page.verdict(learning_verdict(learner)),
         learned,
         page.section(f"Repetition {numbers[-1]}", tracked),
         page.section("Repetitions", page.table(header, rows)),
-        page.section("Data", page.links(path, {"what was learned": state, **data})),
     ]
-    page.write_page(path, "A plan, learned", parts, last.provenance)
+    page.write_page(path, "A plan, learned", parts, last.provenance, data)

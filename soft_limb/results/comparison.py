@@ -142,6 +142,19 @@ class Comparison:
                 break
         return names
 
+    def tables(self) -> dict[str, list[list[str]]]:
+        """Return tables of how far runs are apart by their titles, as far as there are any."""
+        tables = {}
+        if self.distances:
+            tables["mean distance from the plan's reference"] = self.distances_table()
+        for title, differences, symbol in (
+            ("tracking errors of the plan's recordings", self.tracking, "|{0}* - {0}|"),
+            ("absolute differences from the first", self.differences, "|Δ{}|"),
+        ):
+            if differences:
+                tables[title] = self.differences_table(differences, symbol)
+        return tables
+
     def changes_table(self) -> list[list[str]]:
         """A head, and a row for each change: name, unit, the values of all runs.
 

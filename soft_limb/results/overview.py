@@ -16,10 +16,7 @@ from limb_systems.files.gait import Gait
 from limb_systems.files.recording import Recording
 from limb_systems.files.table_writer import is_unfinished
 from limb_systems.files.trajectory import Trajectory
-from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.layout import Layout
-from limb_systems.model.parameters import LimbParameters
-from limb_systems.model.statics import HeldAngles
 from limb_systems.provenance import Provenance
 from limb_systems.views.colors import (
     NEUTRAL_COLOR,
@@ -259,7 +256,7 @@ def _nearest(
 
 
 def small_panels(result: ResultFile) -> list[Panel]:
-    """What is drawn of a result in small: its signals, what was learned, how heat bends a limb."""
+    """What is drawn of a result in small: its signals, or what was learned."""
     if result.kind == LEARNING:
         repetitions = result.summary.to_json()["repetitions"] or []
         numbers = np.arange(1.0, len(repetitions) + 1)
@@ -278,8 +275,6 @@ def small_panels(result: ResultFile) -> list[Panel]:
             )
         ]
     run = result.value
-    if isinstance(run, LimbParameters):
-        return _bend_by_heat(run)
     if not isinstance(run, Recording | Trajectory | Gait):
         return []
     good = np.flatnonzero(run.usable if isinstance(run, Recording) else np.ones(len(run.time)))
@@ -310,23 +305,3 @@ def small_panels(result: ResultFile) -> list[Panel]:
             ("bend_angle", "measured_temperature"), (bend, heat), read, strict=True
         )
     ]
-
-
-def _bend_by_heat(limb: LimbParameters) -> list[Panel]:
-    """The bend at rest over the temperature of each wire, if the others are cold."""
-    try:
-        held = HeldAngles(limb)
-    except LimbError:  # gravity folds it
-        return []
-    cold, curves = limb.ambient_temperature, []
-    heat = np.linspace(cold, limb.temperature_limits.maximum, 25)
-    for bends, wires in zip(Layout(limb).bends_of, Layout(limb).wires_of, strict=True):
-        several = range(wires.start, wires.stop)
-        for wire, color in zip(several, wire_colors(len(several)), strict=True):
-            held_at = np.full((len(heat), len(limb.wires)), cold)
-            held_at[:, wire] = heat
-            states = np.array([held.wires.settled_states(row) for row in held_at])
-            bent = np.rad2deg(bend_angle(limb, held.angles(states).T)[bends])
-            for bend, dash in zip(bent, _TOWARDS, strict=False):
-                curves.append(Curve(limb.wire_names[wire], heat, bend, color, dash))
-    return [Panel("bend at rest, one wire hot (°)", curves, x_label="temperature (°C)")]

@@ -227,13 +227,5 @@ def draw_repetitions(learner: Learner, folder: Path) -> list[Path]:
     }
     if not complete:
         return []
-    # Matplotlib takes as long to import as all the rest.
-    from limb_systems.views.plots import plot_repetitions, save_figure
-
-    distances = [repetition.reference_distance for repetition in learner.repetitions]
-    errors = [repetition.mean_error for repetition in learner.repetitions]
-    first, last = (Recording.load(complete[choose(complete)]) for choose in (min, max))
-    figure = plot_repetitions(learner.trajectory, distances, errors, first, last)
-    save_figure(figure, folder / PICTURE)
-    write_learning_report(learner, complete, folder / STATE, folder / REPORT)
+    write_learning_report(learner, complete, folder / STATE, folder / PICTURE, folder / REPORT)
     return [folder / PICTURE, folder / REPORT]

@@ -217,8 +217,8 @@ HOSTILE = "</script><script>document.title = 'broken'</script>$$x$$ @y $name"
 def test_names_are_text(tmp_path, browser):
     x = np.arange(3.0)
     panels = [Panel("a (°)", [Curve(HOSTILE, x, x, "#808080")])]
-    parts = [page.chart(panels, HOSTILE), page.links(tmp_path / "p.html", {HOSTILE: "a b&<i>.csv"})]
-    page.write_page(tmp_path / "p.html", "Whole", parts)
+    data = {HOSTILE: tmp_path / "a b&<i>.csv"}
+    page.write_page(tmp_path / "p.html", "Whole", [page.chart(panels, HOSTILE)], data=data)
     shown = browser.new_page()
     shown.goto((tmp_path / "p.html").as_uri())
     shown.get_by_text(HOSTILE, exact=True).first.wait_for()

@@ -94,7 +94,7 @@ def test_what_is_in_a_folder_and_what_belongs_together(folder):
     assert "day%201/a.html" in shown
     assert ">a in 3D</a>" in shown
     assert 'aria-label="bend angle, -9 to 11°, over 4 s"' in shown
-    assert shown.count("<polyline") == 2 * 4 + 2 * 5 + 2  # plans have a reference, limbs wires
+    assert shown.count("<polyline") == 2 * 4 + 2 * 5  # plans have a reference
 
 
 def test_a_file_is_read_again_only_if_it_has_changed(folder, monkeypatch):
