@@ -209,27 +209,21 @@ def state(run: Run) -> str:
     return part("state", kind, what, run.said, alarms(run))
 
 
-def alarm(phase: RunHeader, temperature: float) -> tuple[str, str]:
-    """The kind of alarm for a reading, "near" or "bad", and its word; both empty for none."""
-    limits = phase.parameters.temperature_limits
-    if temperature >= min(limits.measured_maximum, phase.limit):
-        return "bad", "too hot"
-    if temperature > limits.maximum:
-        return "near", "above T_max"
-    return ("near", "near T_max") if temperature >= limits.maximum - NEAR else ("", "")
-
-
 def alarms(run: Run) -> list[tuple[str, str]]:
-    """Kind and sentence for each wire that is read near T_max or above."""
+    """Return kind ("near" or "bad") and sentence for each wire read near T_max or above."""
     if run.phase is None or run.reading is None or not run.is_running:
         return []
     parameters, said = run.phase.parameters, []
-    limit = parameters.temperature_limits.maximum
+    limits = parameters.temperature_limits
     for name, value in zip(parameters.wire_names, run.reading.measured_temperature, strict=True):
-        kind, word = alarm(run.phase, value)
-        if kind:
-            called = name.replace("_", " ")
-            said.append((kind, f"{called}: {value:.1f} °C, {word} (T_max {limit:g} °C)"))
+        if value >= min(limits.measured_maximum, run.phase.limit):
+            kind, word = "bad", "too hot"
+        elif value >= limits.maximum - NEAR:
+            kind, word = "near", "above T_max" if value > limits.maximum else "near T_max"
+        else:
+            continue
+        called = name.replace("_", " ")
+        said.append((kind, f"{called}: {value:.1f} °C, {word} (T_max {limits.maximum:g} °C)"))
     return said
 
 

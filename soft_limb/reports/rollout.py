@@ -52,22 +52,12 @@ def write_rollout_report(
 
 
 def learning_verdict(learner: Learner) -> str:
-    """How far distance and error fell, and why learning ended."""
-    repetitions = learner.repetitions
-    said = []
-    for what, values in (
-        ("distance from the reference", [r.reference_distance for r in repetitions]),
-        ("error", [r.mean_error for r in repetitions]),
-    ):
-        first, last = np.rad2deg([values[0], values[-1]])
-        said.append(
-            f"The mean {what} went from {first:.2f}° in the first repetition to {last:.2f}° in the "
-            f"last of {len(repetitions)}."
-            if len(repetitions) > 1
-            else f"The mean {what} was {first:.2f}° in the first repetition."
-        )
-    if broken := [n for n, repetition in enumerate(repetitions, 1) if repetition.interrupted]:
-        said.append(f"Interrupted: {', '.join(map(str, broken))}.")
+    """How far the distance from the reference fell, and why learning ended."""
+    distances = np.rad2deg([repetition.reference_distance for repetition in learner.repetitions])
+    said = [f"Mean distance from the reference: {distances[0]:.2f}° in the first repetition"]
+    if len(distances) > 1:
+        said[0] += f", {distances[-1]:.2f}° in the last of {len(distances)}"
+    said[0] += "."
     if far := far_from_reference(learner.trajectory):
         said.append(far)
     if learner.finished:

@@ -36,7 +36,6 @@ from soft_limb.results.reading import (
     REPORT,
     ROBOT,
     TRAJECTORY,
-    ResultFile,
     read_result,
 )
 
@@ -208,7 +207,7 @@ def list_file(file: FoundFile) -> ListedFile:
         time=_seconds(result.provenance) or file.changed,
         kind=result.kind,
         facts=facts,
-        panels=small_panels(result),
+        panels=small_panels(value),
         made=result.provenance,
         digest=parameters.digest if parameters else "",
     )
@@ -255,26 +254,8 @@ def _nearest(
     return [other for other in candidates if other.folder == meant]
 
 
-def small_panels(result: ResultFile) -> list[Panel]:
-    """What is drawn of a result in small: its signals, or what was learned."""
-    if result.kind == LEARNING:
-        repetitions = result.summary.to_json()["repetitions"] or []
-        numbers = np.arange(1.0, len(repetitions) + 1)
-        return [
-            Panel(
-                "mean distances (°)",
-                [
-                    Curve(name, numbers, np.array([one[key] for one in repetitions]), color)
-                    for name, key, color in (
-                        ("|φ_ref - φ|", "reference_distance_deg", ROLLOUT_COLOR),
-                        ("|φ* - φ|", "mean_deg", NEUTRAL_COLOR),
-                    )
-                ],
-                x_label="learned in (repetitions)",
-                from_zero=True,
-            )
-        ]
-    run = result.value
+def small_panels(run: object) -> list[Panel]:
+    """The bend angles and temperatures of a recording, plan or gait, drawn in small."""
     if not isinstance(run, Recording | Trajectory | Gait):
         return []
     good = np.flatnonzero(run.usable if isinstance(run, Recording) else np.ones(len(run.time)))
