@@ -108,7 +108,9 @@ class Wires:
             for law in laws
         )
         self.torque_is_affine = not self.torque_needs_angle and ca.is_linear(force, x)
-        return vars(self)
+        # A copy: the collector of Python 3.13 takes what only an object's own dictionary holds for
+        # garbage as soon as the object itself is, whoever else has the dictionary.
+        return dict(vars(self))
 
     def _state_heat(self, x: ca.SX, V: ca.SX, D: ca.SX) -> tuple[ca.SX, ca.SX]:
         """ẋ (N,) by (6) and the memory of the rubber, and V̇ (W,) by (7)."""

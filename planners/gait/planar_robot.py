@@ -87,7 +87,9 @@ class PlanarRobot:
         self.symbolic_potential = springs - ca.dot(ca.DM(gravity), moment)
         self.potential = SmoothFunction(self.symbolic_potential, y)
         self._feet = SmoothFunction(ca.vec(self.symbolic_feet), y)
-        return vars(self)
+        # A copy: the collector of Python 3.13 takes what only an object's own dictionary holds for
+        # garbage as soon as the object itself is, whoever else has the dictionary.
+        return dict(vars(self))
 
     def feet(self, y: np.ndarray) -> np.ndarray:
         """s and z of each foot (..., F, 2), m, of y (..., d)."""
