@@ -52,7 +52,7 @@ def make_problem(links: int, knots: int) -> dict:
     times = np.linspace(0.0, DURATION, knots)
     reference = references.step_and_decaying_sine().vector_values(times)
     of_wires = {
-        name: np.array([getattr(wire, name) for wire in parameters.wires])
+        name: np.array([getattr(wire.law, name) for wire in parameters.wires])
         for name in ("a1", "a2", "a3", "beta")
     }
     return of_wires | {
@@ -231,8 +231,9 @@ def _program_and_guess(links: int, knots: int):
 
 def _states_and_duty(program, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """States (2n + 4, N) and duty (2, N) of all decision variables."""
-    joint_state, wire, measured, duty = program.signals(x)
-    return np.vstack([joint_state, wire, measured]), duty
+    signals = program.signals(x)
+    names = "joint_state", "wire_temperature", "measured_temperature"
+    return np.vstack([signals[name] for name in names]), signals["duty"]
 
 
 def _timed(times: dict, name: str, function):
