@@ -59,7 +59,8 @@ class Dynamics:
 
     def __init__(self, parameters: LimbParameters):
         self._wires = wires = Wires(parameters)
-        n, N = self.num_joints, _ = parameters.num_joints, wires.num_states
+        self.num_joints = n = parameters.num_joints
+        N = wires.num_states
         q, v, a = (ca.SX.sym(name, n) for name in ("q", "v", "a"))
         x = ca.SX.sym("x", N)
         residual = equation_of_motion(parameters, wires, q, v, a, x)

@@ -162,7 +162,7 @@ class Wires:
         return kept
 
     def forces(self, states: np.ndarray, angles: np.ndarray) -> np.ndarray:
-        """f (..., n), N·m, as `symbolic_forces` of x (..., N) and θ (..., n)."""
+        """f (..., n), N·m, as ``symbolic_force`` of x (..., N) and θ (..., n)."""
         return self.force.values(_joined(states, angles))
 
     def reading_rates(self, readings: np.ndarray, states: np.ndarray) -> np.ndarray:

@@ -146,7 +146,7 @@ def figures(experiment: Experiment) -> dict[str, tuple[Figure | list[Panel], str
     if shown := ways_shown(experiment):
         result["ways"] = (
             plot_ways(shown),
-            "Ramps that the limb can follow: open loop before and after calibration, `follow`, and "
+            "Ramps that the limb can follow: open loop before and after calibration, follow, and "
             "the best repetition of learning",
         )
     return result

@@ -61,13 +61,11 @@ def write_report(
         _approaches(summaries),
         _error_split(summaries),
     ]
-    parts += [
-        page.section(
-            text,
-            page.chart(drawn, text) if isinstance(drawn, list) else page.picture(drawn, text),
-        )
-        for drawn, text in pictures.values()
-    ]
+    for drawn, text in pictures.values():
+        heading, _, caption = text.partition(": ")
+        shown = page.chart(drawn, text) if isinstance(drawn, list) else page.picture(drawn, text)
+        caption = f"{caption[0].upper()}{caption[1:]}."
+        parts.append(page.section(heading, page.paragraph(caption), shown))
     parts += [
         _what_was_done(summaries, experiment),
     ]
