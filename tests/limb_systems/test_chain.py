@@ -121,6 +121,13 @@ def test_bends_are_smooth_where_the_chain_is_straight(layout):
     values, slopes = bends.first(course)
     curved = bends.second(course, np.tile([1.0, -0.5][: values.shape[1] // 2], (len(course), 2)))
     steps = np.diff(course, axis=0)
+    first_end = SmoothFunction(Chain(layout, q).position(3, layout.end_offset[0]), q)
+    ahead, across = np.split(
+        first_end.values(course)[:, : 1 + layout.bends_of[0].stop], [1], axis=1
+    )
+    size = np.linalg.norm(across, axis=1, keepdims=True)
+    expected = np.arctan2(size, ahead) * across / size
+    np.testing.assert_allclose(values[:, layout.bends_of[0]], expected, rtol=3e-14)
     for given, derivative in ((values, slopes), (slopes, curved)):
         if given is slopes:
             weights = np.tile([1.0, -0.5][: values.shape[1] // 2], 2)
