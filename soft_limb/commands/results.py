@@ -9,10 +9,11 @@ from pathlib import Path
 from limb_systems.errors import LimbError
 from limb_systems.files.export import write_mcap, write_parquet
 from limb_systems.files.runner import write_c_header, write_rows
-from limb_systems.output import OutputError, check_outputs
+from limb_systems.output import OutputError, check_outputs, write_atomically
 from limb_systems.summary import Summary
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
 from soft_limb.live.page import LOOPBACK, host_and_port, open_in_browser
+from soft_limb.reports.comparison import comparison_page
 from soft_limb.results.comparison import compare
 from soft_limb.results.overview import Overview
 from soft_limb.results.reading import GAIT, RECORDING, TRAJECTORY, read_result
@@ -41,10 +42,7 @@ def _compare(options: argparse.Namespace) -> int:
     check_outputs([options.output], inputs=options.runs, force=options.force)
     comparison = compare([read_result(path) for path in options.runs])
     if options.output:
-        # Bokeh takes as long to import as all the rest.
-        from soft_limb.reports.comparison import write_comparison
-
-        write_comparison(comparison, options.output)
+        write_atomically(options.output, comparison_page(comparison))
     if not options.json:
         for title, rows in comparison.tables().items():
             print_table(title, rows)

@@ -1,57 +1,32 @@
 """The process that serves a live page: ``python -m soft_limb.live.server``, by `LivePage` alone."""
 
+import asyncio
 import contextlib
+import json
 import os
 import signal
 import socket
 import sys
 import time
-from collections.abc import Callable
 from typing import Any
 
-from bokeh.application import Application
-from bokeh.application.handlers import FunctionHandler
-from bokeh.server.server import BaseServer
-from bokeh.server.tornado import BokehTornado
-from bokeh.settings import settings
-from tornado.httpserver import HTTPServer
-from tornado.httputil import HTTPServerRequest
 from tornado.ioloop import IOLoop, PeriodicCallback
-from tornado.web import ErrorHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from hardware.live.messages import Reading
 from limb_systems import LimbError
-from soft_limb.live.document import LiveDocument
-from soft_limb.live.gate import Gate, Gated, listen
 from soft_limb.live.page import open_in_browser
 from soft_limb.live.run import Run
-from soft_limb.live.view import View, ViewHandler
+from soft_limb.live.shown import Browser, facts, state
+from soft_limb.live.site import PageHandler, Site
+from soft_limb.live.view import View
+from soft_limb.reports.page import bokeh_scripts, template
 
-PRIORITY = 10  # by which it gives way to who commands
-PERIOD = 0.2  # s, of the view
+PRIORITY = 10  # by which it gives way to the program that runs the limb
+PERIOD = 0.2  # s, in which browsers are told what is new
 BETWEEN_STOPS = 2.0  # s, so that a second click does not interrupt what the first has begun
 FAREWELL = 4.0  # s, in which browsers hear of the end
-LARGEST_MESSAGE = 100_000  # bytes, from a browser
 LARGEST_DATAGRAM = 65_536
-
-
-class LiveApplication(Gated, BokehTornado):
-    """Bokeh's application and the 3D view, behind the gate."""
-
-    def __init__(self, gate: Gate, view: View, make_document: Callable):
-        super().__init__(
-            gate,
-            {"/": Application(FunctionHandler(make_document))},
-            extra_websocket_origins=["*"],  # the gate has looked at them
-            extra_patterns=[(r"/view/", ViewHandler, {"view": view})],
-            websocket_max_message_size_bytes=LARGEST_MESSAGE,
-        )
-
-    def find_handler(self, request: HTTPServerRequest, **kwargs: Any) -> Any:
-        """The handler of a request that may pass; no page of another site needs Bokeh's scripts."""
-        if request.path == "/autoload.js":
-            return self.get_handler_delegate(request, ErrorHandler, {"status_code": 403})
-        return super().find_handler(request, **kwargs)
 
 
 class StopSwitch:
@@ -61,15 +36,18 @@ class StopSwitch:
         self._program, self._pressed = program, -BETWEEN_STOPS
 
     def press(self) -> None:
-        """Once in two seconds, and only while that program is there."""
+        """Send the signal, once in two seconds, and only while that program is there."""
         now = time.monotonic()
         if now - self._pressed >= BETWEEN_STOPS and os.getppid() == self._program:
             self._pressed = now
             os.kill(self._program, signal.SIGINT)
 
 
-class Server:
-    """Serves the page of one run, and ends soon after it."""
+class LiveSite(Site):
+    """The page of one run, its 3D view, and the websocket that keeps the page up to date.
+
+    - ``watchers``: browsers that look at the page; without one nothing is drawn.
+    """
 
     def __init__(self, host: str, port: int, messages: socket.socket, program: int):
         """
@@ -81,67 +59,108 @@ class Server:
         Raises:
             LimbError: if it cannot listen there.
         """
-        sockets, gate, self.url = listen(host, port)
-        self._loop = IOLoop.current()
-        self._run, self._view, self._number = Run(), View(), 0
-        self._shown: Reading | None = None
-        switch = StopSwitch(program)
-        application = LiveApplication(
-            gate, self._view, lambda document: LiveDocument(document, self._run, switch.press)
-        )
-        http_server = HTTPServer(application)
-        http_server.add_sockets(sockets)
-        BaseServer(self._loop, application, http_server).start()
-        self._messages = messages
+        super().__init__(host, port, [("/", _Page), ("/view/", _View), ("/live", _Watcher)])
+        self.page = template("live.html").render(bokeh=bokeh_scripts())
+        self.run, self.view, self.switch = Run(), View(), StopSwitch(program)
+        self.watchers: set[_Watcher] = set()
+        self._number, self._drawn = 0, Reading(0.0, [], [], [])
+        self._loop, self._messages = IOLoop.current(), messages
         messages.setblocking(False)
-        self._loop.add_handler(messages, lambda *_: self._take(), IOLoop.READ)
-        self._loop.add_handler(sys.stdin.fileno(), lambda *_: self._end(), IOLoop.READ)
-        PeriodicCallback(self._show, 1000 * PERIOD).start()
 
     def serve(self) -> None:
-        """Until the run has ended."""
+        """Serve the page until the run has ended."""
+        self.open()
+        self._loop.add_handler(self._messages, lambda *_: self._take(), IOLoop.READ)
+        self._loop.add_handler(sys.stdin.fileno(), lambda *_: self._end(), IOLoop.READ)
+        PeriodicCallback(self._tell, 1000 * PERIOD).start()
         self._loop.start()
 
     def _take(self) -> None:
-        """All that was told since."""
+        """Take in all messages that have come."""
         with contextlib.suppress(OSError):  # there is no more
             while True:
                 data, files, *_ = socket.recv_fds(self._messages, LARGEST_DATAGRAM, 1)
-                self._run.take(data, files)
+                self.run.take(data, files)
 
     def _end(self) -> None:
-        """The program has said why it ends, or is gone."""
+        """Note why the program ends, or that it is gone."""
         self._take()
         self._loop.remove_handler(sys.stdin.fileno())
-        self._run.end(sys.stdin.read())
+        self.run.end(sys.stdin.read())
         self._loop.call_later(FAREWELL, self._loop.stop)
 
-    def _show(self) -> None:
-        run = self._run
+    def _tell(self) -> None:
+        """Tell all browsers what is new."""
+        run = self.run
         if run.phase is not None and self._number != run.number:
             self._number = run.number
-            self._view.begin(run.phase)
-        if self._view.watchers and run.reading is not None and run.reading is not self._shown:
-            self._shown = run.reading
-            self._view.show(run.reading)
+            self.view.begin(run.phase)
+        if not self.watchers:
+            return
+        cooling = run.reading is not None and run.reading.cooling
+        news: dict[str, Any] = {"state": state(run), "cooling": cooling, "ended": bool(run.ended)}
+        if run.phase is not None:
+            news["facts"] = facts(run, run.phase, run.reading)
+        if run.reading is not None and run.reading is not self._drawn:
+            self._drawn = run.reading
+            news["view"] = self.view.commands(run.reading)
+        for watcher in self.watchers:
+            watcher.tell(news)
+
+
+class _Page(PageHandler):
+    def get(self) -> None:
+        self.finish(self.application.page)
+
+
+class _View(PageHandler):
+    def get(self) -> None:
+        self.finish(self.application.view.page)
+
+
+class _Watcher(WebSocketHandler):
+    """A browser that looks at the page, and may press its button."""
+
+    application: Any
+
+    def open(self, *_: str) -> None:
+        self._browser = Browser(self.application.run)
+        self._sent: asyncio.Future[None] | None = None
+        self.application.watchers.add(self)
+
+    def check_origin(self, origin: str) -> bool:
+        """The gate has checked it, as for everything that the site serves."""
+        return True
+
+    def on_message(self, message: str | bytes) -> None:
+        if message == "stop":
+            self.application.switch.press()
+
+    def tell(self, news: dict[str, Any]) -> None:
+        """Send what is new, unless the browser has not yet taken what came before."""
+        if self._sent is None or self._sent.done():
+            with contextlib.suppress(WebSocketClosedError):
+                self._sent = self.write_message(json.dumps(news | self._browser.curves()))
+
+    def on_close(self) -> None:
+        self.application.watchers.discard(self)
 
 
 def main() -> None:
-    """Serves a page as `LivePage` asks for it."""
+    """Serve a page as `LivePage` asks for it."""
     host, port, messages, program, open_browser = sys.argv[1:]
     os.nice(PRIORITY)
-    settings.resources = "server"  # nothing comes from the network, whatever the environment says
     try:
-        server = Server(host, int(port), socket.socket(fileno=int(messages)), int(program))
+        site = LiveSite(host, int(port), socket.socket(fileno=int(messages)), int(program))
     except LimbError as error:
         print(error)
         return
-    print(server.url, flush=True)
+    print(site.url, flush=True)
     null = os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, sys.stdout.fileno())
     if int(open_browser):
-        open_in_browser(server.url)
-    server.serve()
+        open_in_browser(site.url)
+    site.serve()
 
 
 if __name__ == "__main__":

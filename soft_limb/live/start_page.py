@@ -10,17 +10,16 @@ import os
 import re
 import signal
 import sys
-import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
 
-from tornado.httpserver import HTTPServer
-from tornado.web import HTTPError, RequestHandler
+from tornado.web import HTTPError
 
 from limb_systems import LimbError
-from soft_limb.live.gate import Gate, Gated, listen
+from soft_limb.live.site import PageHandler, Site
+from soft_limb.reports.comparison import comparison_page
 from soft_limb.reports.overview import overview_page
 from soft_limb.results.comparison import compare
 from soft_limb.results.overview import ListedFile, Overview
@@ -33,10 +32,12 @@ FAREWELL = 5.0  # s, in which a replay ends as by Ctrl-C
 T = TypeVar("T")
 
 
-class StartPage:
+class StartPage(Site):
     """The page of a folder, and the replay that was started from it, one at a time.
 
     - ``url``: address of the page. Its token, if it has one, is like a password.
+    - ``overview``: results in the folder.
+    - ``news``: sentences on what was started, each with the address of its live page or "".
     """
 
     def __init__(self, folder: Path, host: str, port: int, modules: Sequence[str] = ()):
@@ -51,18 +52,20 @@ class StartPage:
         """
         self.overview = Overview(folder)
         self.overview.look(0.0)
-        self._sockets, gate, self.url = listen(host, port)
-        self._host, self._modules = "" if not gate.token else host, modules
+        super().__init__(
+            host,
+            port,
+            [("/", _List), ("/compare", _Compare), ("/start", _Start), (r"/file/(.+)", _File)],
+        )
+        self._host, self._modules = "" if not self.gate.token else host, modules
         self._reader = ThreadPoolExecutor(1)
-        self._application = StartApplication(gate, self)
         self._replay: asyncio.subprocess.Process | None = None
         self._watcher: asyncio.Task | None = None
         self.news: list[tuple[str, str]] = []
 
     async def serve(self) -> None:
-        """Until it is cancelled; what was started from it ends, too."""
-        server = HTTPServer(self._application)
-        server.add_sockets(self._sockets)
+        """Serve the page until this is cancelled; what was started from the page ends, too."""
+        server = self.open()
         try:
             await asyncio.Event().wait()
         finally:
@@ -74,7 +77,7 @@ class StartPage:
                     await asyncio.wait_for(self._replay.wait(), FAREWELL)
 
     async def read(self, work: Callable[[], T]) -> T:
-        """Does work in a thread, one at a time."""
+        """Do work in a thread, one piece at a time."""
         return await asyncio.get_running_loop().run_in_executor(self._reader, work)
 
     def listed(self, key: str) -> ListedFile:
@@ -92,20 +95,6 @@ class StartPage:
         """Whether a path leads to a file in the folder."""
         resolved = path.resolve()
         return resolved.is_relative_to(self.overview.folder.resolve()) and resolved.is_file()
-
-    def compared(self, keys: Sequence[str]) -> str:
-        """A page that compares results.
-
-        Raises:
-            LimbError: if they cannot be compared.
-        """
-        from soft_limb.reports.comparison import write_comparison  # with Bokeh
-
-        comparison = compare([read_result(self.listed(key).path) for key in keys])
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder, "comparison.html")
-            write_comparison(comparison, path)
-            return path.read_text("utf-8")
 
     async def start(self, plan: ListedFile) -> str:
         """Replays a plan on an emulated limb; the address of its live page.
@@ -154,76 +143,50 @@ class StartPage:
         self.news = [(done if status == 0 else f"The replay of {plan.key} ended: {last}", "")]
 
 
-class StartApplication(Gated):
-    """The pages of a `StartPage`, behind the gate."""
-
-    def __init__(self, gate: Gate, page: StartPage):
-        """
-        Args:
-            gate: who may see it.
-            page: what is served.
-        """
-        handlers = {"/": _List, "/compare": _Compare, "/start": _Start, r"/file/(.+)": _File}
-        rules = [(path, kind, {"page": page}) for path, kind in handlers.items()]
-        super().__init__(gate, rules, log_function=lambda handler: None)
-
-
-class _Handler(RequestHandler):
-    def initialize(self, page: StartPage) -> None:
-        self.page = page
-        self.set_header("Cache-Control", "no-store")
-        self.set_header("X-Content-Type-Options", "nosniff")
-
-    def write_error(self, status_code: int, **details) -> None:
-        """A sentence."""
-        error = details.get("exc_info", (None, None))[1]
-        said = str(error) if isinstance(error, LimbError) else self._reason
-        self.set_status(409 if isinstance(error, LimbError) else status_code)
-        self.set_header("Content-Type", "text/plain; charset=utf-8")
-        self.finish(f"{said}\n")
-
-    def log_exception(self, kind, error, trace) -> None:
-        """What users are told needs no trace."""
-        if not isinstance(error, LimbError | HTTPError):
-            super().log_exception(kind, error, trace)
-
-
-class _List(_Handler):
+class _List(PageHandler):
     async def get(self) -> None:
-        page = self.page
-        await page.read(lambda: page.overview.look(PATIENCE))
+        site = self.application
+        await site.read(lambda: site.overview.look(PATIENCE))
         self.finish(
-            overview_page(page.overview, lambda f: f"file/{f.key}", served=True, news=page.news)
+            overview_page(site.overview, lambda f: f"file/{f.key}", served=True, news=site.news)
         )
 
 
-class _Compare(_Handler):
+class _Compare(PageHandler):
     async def get(self) -> None:
-        keys = self.get_query_arguments("run", strip=False)
-        self.finish(await self.page.read(lambda: self.page.compared(keys)))
+        site, keys = self.application, self.get_query_arguments("run", strip=False)
+
+        def compared() -> str:
+            return comparison_page(compare([read_result(site.listed(key).path) for key in keys]))
+
+        self.finish(await site.read(compared))
 
 
-class _Start(_Handler):
+class _Start(PageHandler):
     async def post(self) -> None:
-        plan = self.page.listed(self.get_body_argument("plan", strip=False))
+        plan = self.application.listed(self.get_body_argument("plan", strip=False))
         if plan.kind != TRAJECTORY:
             raise HTTPError(404)
         try:
-            self.redirect(await self.page.start(plan), status=303)
+            self.redirect(await self.application.start(plan), status=303)
         except LimbError:  # the page says why
             self.redirect("/", status=303)
 
 
-class _File(_Handler):
+class _File(PageHandler):
     async def get(self, key: str) -> None:
-        page, path = self.page, self.page.overview.folder / key
-        beside = {file.path.parent for file in page.overview.of_kind(REPORT)}
-        is_picture = key.isprintable() and path.suffix == ".png" and path.parent in beside
-        if not (is_picture and page.is_inside(path)):
-            path = page.listed(key).path
+        site = self.application
+        path, beside = site.overview.folder / key, site.overview.of_kind(REPORT)
+        is_picture = key.isprintable() and path.suffix == ".png"
+        if not (
+            is_picture
+            and path.parent in {report.path.parent for report in beside}
+            and site.is_inside(path)
+        ):
+            path = site.listed(key).path
         self.set_header("Content-Type", TYPES.get(path.suffix, "text/plain; charset=utf-8"))
         # As of another site: a page in the folder, whoever wrote it, cannot ask for anything here.
         self.set_header(
             "Content-Security-Policy", "sandbox allow-scripts allow-popups allow-downloads"
         )
-        self.finish(await page.read(path.read_bytes))
+        self.finish(await site.read(path.read_bytes))

@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -20,8 +19,8 @@ _STYLES = tuple(  # of wires
 )
 
 
-def write_comparison(comparison: Comparison, path: str | Path) -> None:
-    """Writes the page to an HTML file."""
+def comparison_page(comparison: Comparison) -> str:
+    """Return the page, HTML."""
     names = comparison.names
     parts: list[page.Part] = [
         page.section("Runs", page.table(["", "kind", "made by", "at"], _runs(comparison)))
@@ -33,7 +32,7 @@ def write_comparison(comparison: Comparison, path: str | Path) -> None:
     changed = page.table(head, rows, caption) if rows else page.paragraph("Nothing changed.")
     parts.append(page.section("What changed", changed))
     others = names[1] if len(names) == 2 else f"{len(names) - 1} others"
-    page.write_page(path, f"{names[0]} compared with {others}", parts, Provenance.now())
+    return page.make_page(f"{names[0]} compared with {others}", parts, Provenance.now())
 
 
 def _runs(comparison: Comparison) -> list[list[str]]:

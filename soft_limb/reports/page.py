@@ -50,36 +50,47 @@ def write_page(
     provenance: Provenance | None = None,
     data: Mapping[str, str | Path] | None = None,
 ) -> None:
-    """Writes a page, whole or not at all; one of many sections has a list of them.
+    """Write a page, whole or not at all, with links to its data.
 
     Args:
         path: the HTML file.
+        title, parts, provenance: as of `make_page`.
+        data: files that the page links to, by what they hold, plain text.
+    """
+    if data:
+        folder = Path(path).parent
+        links = {what: Path(os.path.relpath(at, folder)).as_posix() for what, at in data.items()}
+        parts = [*parts, section("Data", part("links", links))]
+    write_atomically(path, make_page(title, parts, provenance))
+
+
+def make_page(title: str, parts: Sequence[Part], provenance: Provenance | None = None) -> str:
+    """Return a page, HTML. A page of many sections begins with a list of them.
+
+    Args:
         title: plain text, also used as the heading.
         parts: parts and sections, in their order.
         provenance: origin of the results, for the last section and, for programs, in a script
             of JSON with the id "provenance"; None if it is not known.
-        data: files that the page links to, by what they hold, plain text.
     """
-    if data:
-        parts = [*parts, section("Data", _links(path, data))]
     if provenance:
         parts = [*parts, section("How it was made", facts(provenance.summary()))]
     body = [text for one in parts for text in getattr(one, "parts", [one])]
-    bokeh = ""
-    if any(text.startswith('<figure class="chart"') for text in body):
-        from bokeh.resources import Resources
-
-        # The same for all charts; widgets, tables and formulas would make it thrice as large.
-        bokeh = Resources(mode="inline", components=["bokeh"], log_level="warn").render_js()
-    write_atomically(
-        path,
-        template("report.html").render(
-            title=title,
-            parts=parts,
-            provenance=provenance and dataclasses.asdict(provenance),
-            bokeh=bokeh,
-        ),
+    has_charts = any(text.startswith('<figure class="chart"') for text in body)
+    return template("report.html").render(
+        title=title,
+        parts=parts,
+        provenance=provenance and dataclasses.asdict(provenance),
+        bokeh=bokeh_scripts() if has_charts else "",
     )
+
+
+def bokeh_scripts() -> str:
+    """Return the scripts that draw charts, HTML; a page with them needs no other file."""
+    from bokeh.resources import Resources
+
+    # The same for all charts; widgets, tables and formulas would make it thrice as large.
+    return Resources(mode="inline", components=["bokeh"], log_level="warn").render_js()
 
 
 def section(heading: str, *parts: Markup) -> Section:
@@ -103,13 +114,6 @@ def limb(parameters: LimbParameters) -> Markup:
         flags=re.MULTILINE,
     )
     return preformatted(text)
-
-
-def _links(report: str | Path, targets: Mapping[str, str | Path]) -> Markup:
-    """Links to files, which hold as long as the files stay where they are from the report."""
-    folder = Path(report).parent
-    paths = {what: Path(os.path.relpath(file, folder)).as_posix() for what, file in targets.items()}
-    return part("links", paths)
 
 
 def facts(summary: Summary) -> Markup:

@@ -17,7 +17,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bokeh.document import Document
 from pydrake.geometry import Meshcat, MeshcatParams
 
 from controllers import Learner
@@ -31,14 +30,15 @@ from limb_systems import (
     Trajectory,
     joint_angles_from_bend_angle,
 )
-from limb_systems.views.limb_view import LimbView, ghosts_of_plan
 from planners import plan, references
 from soft_limb.command import main
 from soft_limb.commands import options
-from soft_limb.live import document, server, view
-from soft_limb.live.gate import COOKIE, Gate
+from soft_limb.live import server
 from soft_limb.live.page import LivePage
 from soft_limb.live.run import MOST_POINTS, Run
+from soft_limb.live.shown import Browser, columns
+from soft_limb.live.site import COOKIE, Gate
+from soft_limb.live.view import View
 from soft_limb.runs.cooling import cool_down
 from soft_limb.runs.repetitions import repeat
 from soft_limb.runs.rollout import roll_out
@@ -50,8 +50,8 @@ PATIENCE = 600_000  # ms, after which a page hangs
 READ = """() => {
     const source = Bokeh.documents[0].get_model_by_name("readings");
     const columns = Object.entries(source.data).map(([name, values]) => [name, [...values]]);
-    const text = (name) => Bokeh.documents[0].get_model_by_name(name).text;
-    return {columns: Object.fromEntries(columns), facts: text("facts"), state: text("state")};
+    const facts = document.querySelector("#facts").innerHTML;
+    return {columns: Object.fromEntries(columns), facts};
 }"""
 COUNT = "window.Bokeh?.documents[0]?.get_model_by_name('readings')?.data.time?.length ?? 0"
 
@@ -234,6 +234,23 @@ def test_commands_say_where_the_page_is_and_what_runs(virtual_time, monkeypatch,
     assert len(pages) == 2
 
 
+@pytest.mark.whole
+def test_a_page_says_when_its_program_is_silent(browser, live):
+    page = browser.new_page()
+    page.set_default_timeout(PATIENCE)
+    page.goto(re.sub(r"//.+:", "//127.0.0.1:", live.url))
+    page.get_by_text("No limb runs").wait_for()
+    silent = page.get_by_text("Nothing comes from the page's own program")
+    silent.wait_for(state="hidden")
+    os.kill(live._process.pid, signal.SIGSTOP)
+    try:
+        silent.wait_for()
+    finally:
+        os.kill(live._process.pid, signal.SIGCONT)
+    silent.wait_for(state="hidden")
+    page.close()
+
+
 @pytest.fixture(scope="module")
 def live():
     """A page for other computers, of a program that a shell runs in the background."""
@@ -274,7 +291,7 @@ def status(port, path, **headers):
 def test_from_beyond_this_computer_the_token_is_needed(port, token):
     assert len(token) > 40
     known = f"{COOKIE}_{port}={token}"
-    for path in ("/", "/?token=wrong", "/view/", "/ws", "/static/js/bokeh.min.js", "/metadata"):
+    for path in ("/", "/?token=wrong", "/view/", "/live", "/nothing"):
         assert status(port, path)[0] == 403, path
         assert status(port, path, Cookie=f"{known[:-1]}-")[0] == 403, path
     code, headers = status(port, f"/?token={token}")
@@ -284,7 +301,6 @@ def test_from_beyond_this_computer_the_token_is_needed(port, token):
         code, headers = status(port, path, Cookie=known)
         assert (code, headers["X-Frame-Options"]) == (200, "SAMEORIGIN"), path
         assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
-    assert status(port, "/autoload.js?bokeh-autoload-element=x", Cookie=known)[0] == 403
     assert status(port, "/", Cookie=known, Origin="http://example.org")[0] == 403
 
 
@@ -320,8 +336,9 @@ def test_the_view_is_what_meshcat_shows(motion):
         visualizer.get_input_port(index).FixValue(context, values)
     context.SetTime(reading.time)
     visualizer.ForcedPublish(context)
-    limb = LimbView(motion.parameters, ghosts_of_plan(motion.parameters, motion))
-    told = view.commands(limb, motion.parameters, reading)
+    told = View()
+    told.begin(RunHeader("a limb", motion.parameters, 110.0, plan=motion))
+    told = told.commands(reading)
     kinds = [command["type"] for command in told]
     assert (kinds.count("set_transform"), kinds.count("set_property")) == (15, 12)
     for command in told:
@@ -336,19 +353,18 @@ def test_the_view_is_what_meshcat_shows(motion):
 def test_pages_of_other_sites_are_refused(port, token):
     """Browsers say from which page a websocket is opened."""
 
-    def answer(path, origin):
+    def answer(origin):
         connection = http.client.HTTPConnection("127.0.0.1", port)
         headers = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
-        headers |= {"Sec-WebSocket-Key": "x", "Sec-WebSocket-Protocol": "bokeh, x"}
+        headers |= {"Sec-WebSocket-Key": "x"}
         headers |= {"Origin": origin, "Cookie": f"{COOKIE}_{port}={token}"}
-        connection.request("GET", path, headers=headers)
+        connection.request("GET", "/live", headers=headers)
         with contextlib.closing(connection):
             return connection.getresponse().status
 
-    for path in ("/ws", "/view/"):
-        assert answer(path, f"http://127.0.0.1:{port}") == 101
-        for origin in ("http://example.org", f"https://127.0.0.1:{port}", "null"):
-            assert answer(path, origin) == 403
+    assert answer(f"http://127.0.0.1:{port}") == 101
+    for origin in ("http://example.org", f"https://127.0.0.1:{port}", "null"):
+        assert answer(origin) == 403
 
 
 def test_at_home_a_page_has_a_name_of_this_computer():
@@ -416,22 +432,30 @@ def test_a_page_that_is_opened_late_shows_what_was_before(motion):
     for duration, first in ((20.0, 0.0), (None, 100.0)):
         run = Run()
         run._begin(RunHeader("a limb", motion.parameters, 110.0, duration))
-        early = document.LiveDocument(Document(), run, lambda: None)
+        early, shown = Browser(run), []
         for step in range(14000):
             reading = Reading(step / 20, [0.0], [30.0, 20.0], [0.0] * 2)
             run.take(pickle.dumps(Message("", reading)), [])
-            if step % 2000 == 0:
-                early._look()
-        early._look()
-        late = document.LiveDocument(Document(), run, lambda: None)
-        for page in (early, late):
-            times = np.array(page._source.data["time"])
+            if step % 2000 == 0 or step == 13999:
+                news = early.curves()
+                assert ("charts" in news) == (step == 0)
+                shown = news["data"]["time"] if "data" in news else shown + news["rows"]["time"]
+        for times in (shown[-MOST_POINTS:], Browser(run).curves()["data"]["time"]):
             assert times[0] == pytest.approx(first, abs=1.0)
             assert times[-1] == pytest.approx(700.0, abs=1.0)
             np.testing.assert_allclose(np.diff(times), times[1] - times[0])
             assert len(times) <= MOST_POINTS
-        if duration:
-            assert late._x_range.end > 700.0
+
+
+def test_a_value_that_is_missing_is_a_gap(motion):
+    """JSON has no number for it, and Meshcat no pose."""
+    phase = RunHeader("a limb", motion.parameters, 110.0)
+    reading = Reading(1.0, [float("nan")], [30.0, 20.0], [0.0] * 2)
+    told, view = columns(phase, [reading]), View()
+    view.begin(phase)
+    assert (told["bend_angle_0"], told["reference_0"]) == ([None], [None])
+    assert told["measured_temperature_1"] == [20.0]
+    assert view.commands(reading) == []
 
 
 def test_a_limb_is_shown_while_it_cools(virtual_time, motion):

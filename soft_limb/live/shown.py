@@ -1,22 +1,14 @@
-"""What a browser shows of a run: Bokeh's document, one for each that looks."""
+"""What the live page shows of a run: curves, state and numbers."""
 
 import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
-from bokeh.document import Document
-from bokeh.events import ButtonClick, ClientReconnected
+from bokeh.embed import json_item
 from bokeh.layouts import column
-from bokeh.models import (
-    Button,
-    ColumnDataSource,
-    CustomJS,
-    DataRange1d,
-    Div,
-    InlineStyleSheet,
-    Range1d,
-)
+from bokeh.models import ColumnDataSource, DataRange1d, Range1d
 
 from hardware.live.messages import BoardReading, Reading, RunHeader
 from hardware.robot.serial_limb import DEADLINE
@@ -25,110 +17,67 @@ from limb_systems.views.colors import REFERENCE_COLOR
 from limb_systems.views.panels import Curve, Panel, in_words, measured_panels
 from soft_limb.live.run import MOST_POINTS, Run
 from soft_limb.reports import charts
-from soft_limb.reports.page import TEMPLATES, part, template
+from soft_limb.reports.page import part
 
-PERIOD = 200  # ms, of what browsers are told
 SILENCE = 1.0  # s, after which a limb that runs is missed
-WINDOW = 600.0  # s, that are shown of what has no end
-COOLING = 15.0  # s, by which the time axis grows when a limb is shown beyond its run
+WINDOW = 600.0  # s, that are shown of a run without an end
 NEAR = 10.0  # °C below T_max, from where on a wire is said to be near it
 LIMIT_COLOR, WARM_COLOR = "#c62828", "#b08900"
 
 
-class LiveDocument:
-    """Keeps a browser's document up to date with a `Run`."""
+class Browser:
+    """What one browser has been told of the curves of a run."""
 
-    def __init__(self, document: Document, run: Run, stop: Callable[[], None]):
+    def __init__(self, run: Run):
+        self._run, self._shown, self._sent = run, (0, 0), 0
+
+    def curves(self) -> dict[str, Any]:
+        """Return what the browser does not have yet, for JSON.
+
+        - ``charts``: charts of a new phase, as Bokeh embeds them, of at most ``most`` points.
+        - ``data``: all columns, if the phase is new or its readings were thinned.
+        - ``rows``: else what is to be appended to the columns.
         """
-        Args:
-            document: document of a browser that has just come.
-            run: state of the run.
-            stop: function that the button calls.
-        """
-        self._run, self._stop = run, stop
-        self._shown, self._sent = (0, 0), 0
-        style = InlineStyleSheet(css=(TEMPLATES / "live.css").read_text("utf-8"))
-        self._state, self._facts = (
-            Div(name=name, sizing_mode="stretch_width", margin=0, stylesheets=[style])
-            for name in ("state", "facts")
-        )
-        big = InlineStyleSheet(css=".bk-btn { font-size: 1.3rem; padding: .6rem 1.3rem; }")
-        self._button = Button(name="stop", label="STOP", button_type="danger", stylesheets=[big])
-        self._button.on_event(ButtonClick, lambda _: self._press())
-        self._curves = column(name="curves", sizing_mode="stretch_width")
-        self._x_range: Range1d | DataRange1d | None = None
-        self._source = ColumnDataSource(name="readings")
-        self._pulse = Div(name="pulse", visible=False, tags=[0, False])
-        self._look()
-        for root in (self._state, self._button, self._curves, self._facts, self._pulse):
-            document.add_root(root)
-        # Another run may be served at the same address, whose document is another.
-        document.js_on_event(ClientReconnected, CustomJS(code="window.location.reload()"))
-        document.title = "Soft limb, live"
-        document.template = template("live.html")
-        document.add_periodic_callback(self._look, PERIOD)
-
-    def _press(self) -> None:
-        self._stop()
-        self._button.label = "STOP again"
-
-    def _look(self) -> None:
-        """Tells the browser what is new."""
-        run = self._run
-        phase = run.phase
-        if phase is not None:
-            number, thinned = self._shown
+        run, phase = self._run, self._run.phase
+        news: dict[str, Any] = {}
+        if phase is None:
+            return {}
+        number, thinned = self._shown
+        if (run.number, run.thinned) != (number, thinned):
+            news["data"] = columns(phase, run.readings)
             if run.number != number:
-                self._sent = 0
-                self._source = ColumnDataSource(_columns(phase, []), name="readings")
-                self._curves.children = drawn = figures(phase, self._source)
-                self._x_range = drawn[0].x_range
-            elif run.thinned != thinned:
-                self._source.data, self._sent = _columns(phase, list(run.readings)), run.count
-            self._shown = run.number, run.thinned
-            self._stream(phase)
-        self._state.text = state(run)
-        if phase is not None:
-            self._facts.text = facts(run, phase, run.reading)
-        if run.reading is not None and run.reading.cooling:
-            self._button.label = "End"  # of what is shown; there is nothing to stop
-        self._button.disabled = bool(run.ended)
-        self._pulse.tags = [self._pulse.tags[0] + 1, bool(run.ended)]
-
-    def _stream(self, phase: RunHeader) -> None:
-        run = self._run
-        if new := min(run.count - self._sent, len(run.readings)):
-            fresh = list(itertools.islice(run.readings, len(run.readings) - new, None))
-            self._source.stream(_columns(phase, fresh), MOST_POINTS)
-            self._sent = run.count
-            if isinstance(self._x_range, Range1d) and fresh[-1].time > self._x_range.end:
-                self._x_range.end = fresh[-1].time + COOLING
+                news |= {"charts": figures(phase), "most": MOST_POINTS}
+        elif new := min(run.count - self._sent, len(run.readings)):
+            fresh = itertools.islice(run.readings, len(run.readings) - new, None)
+            news["rows"] = columns(phase, fresh)
+        self._shown, self._sent = (run.number, run.thinned), run.count
+        return news
 
 
-def _columns(phase: RunHeader, readings: Sequence[Reading]) -> dict[str, list[float]]:
-    """The columns of the curves: angles in degrees, numbered by bend or wire."""
-    num_bends, num_wires = Layout(phase.parameters).num_bends, len(phase.parameters.wires)
-    nan = float("nan")
-    columns = {"time": [reading.time for reading in readings]}
+def columns(phase: RunHeader, readings: Iterable[Reading]) -> dict[str, list[float | None]]:
+    """The columns of the curves: angles in degrees, numbered by bend or wire; None for a gap."""
+    readings, layout = list(readings), Layout(phase.parameters)
+    found: dict[str, list[float | None]] = {"time": [reading.time for reading in readings]}
     for name, size, scale in (
-        ("bend_angle", num_bends, 180.0 / np.pi),
-        ("reference", num_bends, 180.0 / np.pi),
-        ("measured_temperature", num_wires, 1.0),
-        ("duty", num_wires, 1.0),
-        ("applied_duty", num_wires, 1.0),
+        ("bend_angle", layout.num_bends, 180.0 / np.pi),
+        ("reference", layout.num_bends, 180.0 / np.pi),
+        ("measured_temperature", layout.num_wires, 1.0),
+        ("duty", layout.num_wires, 1.0),
+        ("applied_duty", layout.num_wires, 1.0),
     ):
         for i in range(size):
-            columns[f"{name}_{i}"] = [
-                nan if (values := getattr(reading, name)) is None else scale * values[i]
-                for reading in readings
+            values = [getattr(reading, name) for reading in readings]
+            found[f"{name}_{i}"] = [
+                None if row is None or not np.isfinite(row[i]) else scale * row[i] for row in values
             ]
-    return columns
+    return found
 
 
-def figures(phase: RunHeader, source: ColumnDataSource) -> list:
-    """The curves of a phase."""
+def figures(phase: RunHeader) -> dict[str, Any]:
+    """The charts of a phase, whose curves take their columns from the source "readings"."""
+    source = ColumnDataSource(columns(phase, []), name="readings")
     x_range = (
-        Range1d(start=0.0, end=phase.duration)
+        Range1d(start=0.0, end=phase.duration, name="duration")
         if phase.duration
         else DataRange1d(follow="end", follow_interval=WINDOW, range_padding=0)
     )
@@ -138,7 +87,7 @@ def figures(phase: RunHeader, source: ColumnDataSource) -> list:
     if isinstance(x_range, DataRange1d):  # limits are drawn beyond what has been recorded
         renderers = itertools.chain.from_iterable(figure.renderers for figure in drawn)
         x_range.renderers = [one for one in renderers if one.data_source is source]
-    return drawn
+    return json_item(column(*drawn, sizing_mode="stretch_width"))
 
 
 def panels(phase: RunHeader) -> list[Panel]:
