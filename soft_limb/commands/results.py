@@ -3,6 +3,7 @@
 import argparse
 import asyncio
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -10,12 +11,12 @@ from limb_systems.errors import LimbError
 from limb_systems.files.export import write_mcap, write_parquet
 from limb_systems.files.runner import write_c_header, write_rows
 from limb_systems.output import OutputError, check_outputs, write_atomically
+from limb_systems.provenance import Provenance
 from limb_systems.summary import Summary
 from soft_limb.commands.options import Command, Option, print_summary, print_table, shared
 from soft_limb.live.page import LOOPBACK, host_and_port, open_in_browser
-from soft_limb.reports.comparison import comparison_page
-from soft_limb.results.comparison import compare
-from soft_limb.results.overview import Overview
+from soft_limb.results.comparison import compare, comparison_page
+from soft_limb.results.overview import ListedFile, Overview, overview_page
 from soft_limb.results.reading import GAIT, RECORDING, TRAJECTORY, read_result
 
 _TABLES = {"parquet": write_parquet, "mcap": write_mcap}
@@ -86,15 +87,18 @@ def _export(options: argparse.Namespace) -> int:
 
 def _runs(options: argparse.Namespace) -> int:
     check_outputs([options.output], force=options.force)
-    # Those of servers take as long to import as all the rest.
     if options.output:
-        from soft_limb.reports.overview import write_overview
-
-        overview = Overview(options.folder)
+        overview, folder = Overview(options.folder), options.output.resolve().parent
         overview.look()
-        write_overview(overview, options.output)
+
+        def link(file: ListedFile) -> str:
+            return Path(os.path.relpath(file.path.resolve(), folder)).as_posix()
+
+        made = overview_page(overview, link, provenance=Provenance.now())
+        write_atomically(options.output, made)
         print_summary(options, Summary([]), [options.output])
         return 0
+    # Servers take as long to import as all the rest.
     from soft_limb.live.start_page import StartPage
 
     page = StartPage(options.folder, *host_and_port(options.address), options.modules)

@@ -19,10 +19,8 @@ from tornado.web import HTTPError
 
 from limb_systems import LimbError
 from soft_limb.live.site import PageHandler, Site
-from soft_limb.reports.comparison import comparison_page
-from soft_limb.reports.overview import overview_page
-from soft_limb.results.comparison import compare
-from soft_limb.results.overview import ListedFile, Overview
+from soft_limb.results.comparison import compare, comparison_page
+from soft_limb.results.overview import ListedFile, Overview, overview_page
 from soft_limb.results.reading import REPORT, TRAJECTORY, read_result
 
 PATIENCE = 0.7  # s, for which one request reads files

@@ -1,4 +1,4 @@
-"""How results differ: what made them, their parameters, their signals."""
+"""The differences between results: what made them, their parameters, their signals; as a page."""
 
 import dataclasses
 import itertools
@@ -14,14 +14,21 @@ from limb_systems.files.trajectory import Trajectory
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import CalibrationRecord, LimbParameters
 from limb_systems.model.robot_parameters import RobotParameters
+from limb_systems.provenance import Provenance
 from limb_systems.tracking import ReferenceDistances, reference_distances, tracking_errors
-from limb_systems.views.panels import SIGNALS
+from limb_systems.views.colors import PLAN_COLOR, REFERENCE_COLOR, ROLLOUT_COLOR, wire_colors
+from limb_systems.views.panels import SIGNALS, Curve, Panel
 from planners import nearest_bend_angle
+from soft_limb.reports import page
 from soft_limb.results.reading import LIMB, RECORDING, TRAJECTORY, ResultFile
 from soft_limb.results.summaries import distances_summary
 
 NONE = "-"  # for a value that one of the runs does not have
 LONGEST = 60  # characters of a value in a table
+_COLORS = (PLAN_COLOR, ROLLOUT_COLOR, *wire_colors(6))
+_STYLES = tuple(  # of wires
+    (dash, width) for width in (1.5, 3.0) for dash in ("solid", "dashed", "dotted", "dashdot")
+)
 _RUNS = (RECORDING, TRAJECTORY)
 _OF_FITS = ("names", "values", "standard_errors", "covariance", "provenance")  # see the laws
 
@@ -143,16 +150,30 @@ class Comparison:
         return names
 
     def tables(self) -> dict[str, list[list[str]]]:
-        """Return tables of how far runs are apart by their titles, as far as there are any."""
+        """How far runs are apart: tables with a head by their titles, as far as there are any."""
         tables = {}
         if self.distances:
-            tables["mean distance from the plan's reference"] = self.distances_table()
+            tables["mean distance from the plan's reference"] = [
+                ["run", "measured", "planned", "best possible within the limits"],
+                *(
+                    [self.names[run], *map(_degrees, dataclasses.astuple(distances))]
+                    for run, distances in self.distances.items()
+                ),
+            ]
         for title, differences, symbol in (
             ("tracking errors of the plan's recordings", self.tracking, "|{0}* - {0}|"),
             ("absolute differences from the first", self.differences, "|Δ{}|"),
         ):
+            rows = [["run", "", "mean", "median", "90th percentile"]]
+            for item in differences:
+                digits = 3 if item.signal == "duty" else 2
+                unit = item.unit if item.unit in ("", "°") else f" {item.unit}"
+                numbers = (item.mean, item.median, item.percentile_90)
+                cells = [f"{number:.{digits}f}{unit}" for number in numbers]
+                what = symbol.format(SIGNALS[item.signal].symbol)
+                rows.append([self.names[item.run], what, *cells])
             if differences:
-                tables[title] = self.differences_table(differences, symbol)
+                tables[title] = rows
         return tables
 
     def changes_table(self) -> list[list[str]]:
@@ -167,35 +188,6 @@ class Comparison:
                 for text, relative in zip(_texts(change.values), change.relative, strict=True)
             ]
             rows.append([change.name, change.unit, *cells])
-        return rows
-
-    def distances_table(self) -> list[list[str]]:
-        """A head, and a row for each recording: mean distances from the reference.
-
-        The distance of the recorded bend, of the plan, and of the best plan within the limits.
-        """
-        rows = [["run", "measured", "planned", "best possible within the limits"]]
-        for run, distances in self.distances.items():
-            cells = [
-                NONE if distance is None else f"{np.rad2deg(distance):.2f}°"
-                for distance in (distances.done, distances.planned, distances.nearest)
-            ]
-            rows.append([self.names[run], *cells])
-        return rows
-
-    def differences_table(self, differences: Sequence[Difference], symbol: str) -> list[list[str]]:
-        """A head, and a row for each difference with its statistics.
-
-        Args:
-            symbol: text for what differs, with "{}" for the signal's symbol.
-        """
-        names, rows = self.names, [["run", "", "mean", "median", "90th percentile"]]
-        for item in differences:
-            digits = 3 if item.signal == "duty" else 2
-            unit = item.unit if item.unit in ("", "°") else f" {item.unit}"
-            numbers = (item.mean, item.median, item.percentile_90)
-            cells = [f"{number:.{digits}f}{unit}" for number in numbers]
-            rows.append([names[item.run], symbol.format(SIGNALS[item.signal].symbol), *cells])
         return rows
 
 
@@ -404,3 +396,75 @@ def _text(value: Any, digits: int) -> str:
     else:
         text = " ".join(str(value).split())
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
+
+
+def _degrees(angle: float | None) -> str:
+    return NONE if angle is None else f"{np.rad2deg(angle):.2f}°"
+
+
+def comparison_page(comparison: Comparison) -> str:
+    """Return the comparison as a page, HTML, with all runs in one chart."""
+    names, runs = comparison.names, []
+    for name, result in zip(names, comparison.results, strict=True):
+        made = result.provenance
+        by = f"soft-limb {made.version} {made.commit}".strip() if made else "not known"
+        runs.append([name, result.kind, by, made.time if made else ""])
+    parts: list[page.Part] = [page.section("Runs", page.table(["", "kind", "made by", "at"], runs))]
+    if comparison.curves:
+        tables = [
+            page.table(head, rows, f"{title[0].upper()}{title[1:]}.")
+            for title, (head, *rows) in comparison.tables().items()
+        ]
+        said = f"Below each signal is its difference (Δ) from that of {names[0]}."
+        chart = page.chart(_panels(comparison), f"All runs, and what differs from {names[0]}")
+        parts.append(page.section("How far apart they are", *tables))
+        parts.append(page.section("All runs", page.paragraph(said), chart))
+    head, *rows = comparison.changes_table()
+    caption = f"In brackets the difference from {names[0]}, over its size."
+    changed = page.table(head, rows, caption) if rows else page.paragraph("Nothing changed.")
+    parts.append(page.section("What changed", changed))
+    others = names[1] if len(names) == 2 else f"{len(names) - 1} others"
+    return page.make_page(f"{names[0]} compared with {others}", parts, Provenance.now())
+
+
+def _panels(comparison: Comparison) -> list[Panel]:
+    results, names = comparison.results, comparison.names
+    parameters = results[0].value.parameters
+    panels, layout = [], Layout(parameters)
+    drawn: list[tuple[str, list[int], str]] = []  # in each panel: a signal's rows, and where
+    for bends, wires, suffix in zip(
+        layout.bends_of, layout.wires_of, layout.segment_suffixes, strict=True
+    ):
+        for bend in range(bends.start, bends.stop):
+            drawn.append(("bend_angle", [bend], layout.bend_suffixes[bend]))
+        wired = list(range(wires.start, wires.stop))
+        drawn += [("measured_temperature", wired, suffix), ("duty", wired, suffix)]
+    for signal, rows, suffix in drawn:
+        bends_alone = signal == "bend_angle"
+        values, differences = _references(results, rows[0]) if bends_alone else [], []
+        for number, curves in enumerate(comparison.curves):
+            color, run = _COLORS[number % len(_COLORS)], curves[signal]
+            for row, style in zip(rows, itertools.cycle(_STYLES), strict=False):
+                wire = "" if bends_alone else parameters.wire_names[row]
+                name = ", ".join(filter(None, [names[number], wire]))
+                values.append(Curve(name, run.time, run.values[row], color, *style))
+                if number:
+                    apart = run.difference_time, run.differences[row]
+                    differences.append(Curve(name, *apart, color, *style))
+        kind = SIGNALS[signal]
+        panels.append(kind.panel(values, suffix, y_range=None))
+        unit = f" ({kind.unit})" * bool(kind.unit)
+        panels.append(Panel(f"Δ{kind.symbol}{unit}", differences, height=170))
+    return panels
+
+
+def _references(results: Sequence[ResultFile], bend: int) -> list[Curve]:
+    """What the plans are for; one that several share is drawn once."""
+    drawn: list[Curve] = []
+    for result in results:
+        if result.kind == TRAJECTORY:
+            plan = result.value.since_start()
+            angle = np.rad2deg(plan.reference[bend])
+            if not any(np.array_equal(curve.y, angle) for curve in drawn):
+                drawn.append(Curve("reference φ_REF", plan.time, angle, REFERENCE_COLOR))
+    return drawn

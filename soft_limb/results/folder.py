@@ -10,8 +10,10 @@ SUFFIXES = (".csv", ".html", ".txt", ".yaml", ".yml")
 MOST_NAMES = 50_000
 _HEAD = 4096  # bytes
 _TAIL = 16384  # bytes of a page, whose provenance is at its end
-_ROBOT = r"^(body|feet|ground|limbs):"
-_LIMB = r"^(ambient_temperature|board|calibration|segments|temperature_limits):"
+# Fields at the top level that only a robot has, and those of a limb.
+_ROBOT = {"body", "limbs", "feet", "ground"}
+_LIMB = {"ambient_temperature", "board", "calibration", "format", "gravity", "payload", "segments"}
+_LIMB |= {"supply_voltage", "temperature_limits", "total_duty"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,7 +75,10 @@ def _is_theirs(name: str) -> bool:
 
 
 def glance(path: Path) -> str:
-    """The kind that a file seems to be, as of `ResultFile`; empty for none, and for a task."""
+    """The kind that a file seems to be, as of `ResultFile`; empty for none, and for a task.
+
+    A reference is none: any table may be one.
+    """
     try:
         with open(path, "rb") as file:
             head = file.read(_HEAD).decode("utf-8", "replace").removeprefix("\ufeff")
@@ -81,12 +86,24 @@ def glance(path: Path) -> str:
             tail = file.read(_TAIL)
     except OSError:
         return ""
+    if kind := kind_of_head(path, head):
+        return kind
+    return "report" if is_html(head) and b'id="provenance"' in tail else ""
+
+
+def kind_of_head(path: Path, head: str) -> str:
+    """The kind of a table, or of the limb or robot that a YAML file describes; else empty."""
     if match := re.match(r"# limb (recording|trajectory|gait|learning), format ", head):
         return match[1]
-    if head.lstrip().lower().startswith("<!doctype html>"):
-        return "report" if b'id="provenance"' in tail else ""
-    if path.suffix in (".yaml", ".yml"):
-        for kind, field in (("robot", _ROBOT), ("limb", _LIMB)):
-            if re.search(field, head, re.MULTILINE):
-                return kind
-    return ""
+    given = fields_of(head) if path.suffix in (".yaml", ".yml") else set()
+    return "robot" if given & _ROBOT else "limb" if given & _LIMB else ""
+
+
+def fields_of(text: str) -> set[str]:
+    """The fields at the top level of a YAML file."""
+    return set(re.findall(r"^\{?(\w+):", text, re.MULTILINE))
+
+
+def is_html(head: str) -> bool:
+    """Whether a file that begins so is a page."""
+    return head.lstrip().lower().startswith("<!doctype html>")

@@ -1,15 +1,17 @@
-"""All results in a folder, and what belongs together."""
+"""All results in a folder, and what belongs together, as a page."""
 
 import dataclasses
 import datetime
 import itertools
 import shlex
 import time
+import urllib.parse
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
 
 import numpy as np
+from markupsafe import Markup
 
 from limb_systems.errors import LimbError
 from limb_systems.files.gait import Gait
@@ -25,8 +27,8 @@ from limb_systems.views.colors import (
     ROLLOUT_COLOR,
     wire_colors,
 )
-from limb_systems.views.panels import SIGNALS, Curve, Panel
 from soft_limb.command import COMMANDS
+from soft_limb.reports import page
 from soft_limb.results.folder import FoundFile, find, glance
 from soft_limb.results.reading import (
     GAIT,
@@ -35,6 +37,7 @@ from soft_limb.results.reading import (
     RECORDING,
     REPORT,
     ROBOT,
+    TASK,
     TRAJECTORY,
     read_result,
 )
@@ -42,7 +45,8 @@ from soft_limb.results.reading import (
 RECENT = 5.0  # s since the last change of a recording
 BEING_RECORDED = "it is being recorded, or its program was killed just now"
 POINTS = 150  # of a curve in a small picture
-_TOWARDS = ("solid", "dotted")  # of bends towards E2 and E3
+WIDTH, HEIGHT = 240.0, 56.0  # of a panel of a small picture
+_DASHED, _DOTTED = "4 3", "1 3"  # bends towards E3 are dotted
 # Of kinds of files, those from which they are made.
 _MADE_FROM = {
     RECORDING: (TRAJECTORY, LIMB, ROBOT, GAIT),
@@ -64,7 +68,7 @@ class ListedFile:
     - ``time``: when it was made, as far as it says so, else changed, s since 1970.
     - ``kind``: as of `ResultFile`; empty if the file cannot be read.
     - ``facts``: key figures by their names.
-    - ``panels``: small picture of the signals.
+    - ``picture``: small picture of the signals, SVG.
     - ``made``: what made it; None if it does not say.
     - ``digest``: digest of the limb's parameters; empty if there are none.
     - ``trouble``: why it cannot be read, in a sentence; else empty.
@@ -75,7 +79,7 @@ class ListedFile:
     time: float
     kind: str = ""
     facts: dict[str, str] = dataclasses.field(default_factory=dict)
-    panels: Sequence[Panel] = ()
+    picture: str | Markup = ""
     made: Provenance | None = None
     digest: str = ""
     trouble: str = ""
@@ -101,7 +105,7 @@ class Overview:
         self.folder = Path(folder)
         self.files: list[ListedFile] = []
         self.unread = 0
-        self._known: dict[tuple[str, float, int], ListedFile] = {}
+        self._known: dict[FoundFile, ListedFile] = {}
 
     def look(self, patience: float = float("inf")) -> None:
         """Looks at what is there now, and reads for so long, s; at least one file.
@@ -110,20 +114,21 @@ class Overview:
             LimbError: if the folder cannot be read.
         """
         try:
-            found = {(file.key, file.changed, file.size): file for file in find(self.folder)}
+            found = find(self.folder)
         except OSError as error:
             raise LimbError(f"Cannot list {self.folder}: {error.strerror}.") from error
         known = {
-            stamp: self._known[stamp]
-            for stamp in found
+            file: self._known[file]
+            for file in found
             # What was being recorded is asked again whether it still is.
-            if stamp in self._known and self._known[stamp].facts.get("end") != BEING_RECORDED
+            if file in self._known and self._known[file].facts.get("end") != BEING_RECORDED
         }
         end = time.monotonic() + patience
-        for stamp in [stamp for stamp in found if stamp not in known]:
-            known[stamp] = list_file(found[stamp])
-            if time.monotonic() > end:
-                break
+        for file in found:
+            if file not in known:
+                known[file] = list_file(file)
+                if time.monotonic() > end:
+                    break
         self._known, self.unread = known, len(found) - len(known)
         listed = [file for file in known.values() if file.kind or file.trouble]
         self.files = sorted(listed, key=lambda file: (-file.time, file.key))
@@ -171,8 +176,8 @@ class Overview:
     def pages(self) -> dict[str, list[ListedFile]]:
         """Reports and replays of each file, by its key: they have its provenance."""
         by_stamp = defaultdict(list)
-        for page in self.of_kind(REPORT):
-            by_stamp[page.made].append(page)
+        for report in self.of_kind(REPORT):
+            by_stamp[report.made].append(report)
         return {
             file.key: by_stamp[file.made]
             for file in self.of_kind(*_MADE_FROM)
@@ -207,7 +212,7 @@ def list_file(file: FoundFile) -> ListedFile:
         time=_seconds(result.provenance) or file.changed,
         kind=result.kind,
         facts=facts,
-        panels=small_panels(value),
+        picture=small_picture(value),
         made=result.provenance,
         digest=parameters.digest if parameters else "",
     )
@@ -254,35 +259,81 @@ def _nearest(
     return [other for other in candidates if other.folder == meant]
 
 
-def small_panels(run: object) -> list[Panel]:
-    """The bend angles and temperatures of a recording, plan or gait, drawn in small."""
+def small_picture(run: object) -> Markup:
+    """The bend angles and temperatures of a recording, plan or gait in small, as SVG."""
     if not isinstance(run, Recording | Trajectory | Gait):
-        return []
+        return Markup()
     good = np.flatnonzero(run.usable if isinstance(run, Recording) else np.ones(len(run.time)))
     if len(good) < 2:
-        return []
+        return Markup()
     kept = good[np.unique(np.linspace(0, len(good) - 1, POINTS).astype(int))]
     times = run.time[kept] - run.time[0]
     color = ROLLOUT_COLOR if isinstance(run, Recording) else PLAN_COLOR
     asked = None if isinstance(run, Gait) else run.reference
-    wanted = [] if asked is None else list(np.rad2deg(asked[:, kept]))
-    bend = [Curve("reference", times, row, REFERENCE_COLOR, "dashed") for row in wanted]
+    angles, wires = np.rad2deg(run.bend_angle), run.measured_temperature
+    bend = [(row, REFERENCE_COLOR, _DASHED) for row in ([] if asked is None else np.rad2deg(asked))]
     towards = Layout(run.parameters).bend_direction
-    bend += [
-        Curve("φ", times, row, color, _TOWARDS[axis])
-        for row, axis in zip(np.rad2deg(run.bend_angle[:, kept]), towards, strict=True)
-    ]
-    wires = run.measured_temperature[:, kept]
-    heat = [
-        Curve("V", times, row, shade)
-        for row, shade in zip(wires, wire_colors(len(wires)), strict=True)
-    ]
-    limit = np.full(2, run.parameters.temperature_limits.maximum)
-    heat.append(Curve("T_max", times[[0, -1]], limit, NEUTRAL_COLOR, "dotted"))
-    read = np.rad2deg(run.bend_angle[:, good]), run.measured_temperature[:, good]
-    return [
-        SIGNALS[name].panel(curves, y_range=(float(values.min()), float(values.max())))
-        for name, curves, values in zip(
-            ("bend_angle", "measured_temperature"), (bend, heat), read, strict=True
-        )
-    ]
+    bend += [(row, color, ("", _DOTTED)[axis]) for row, axis in zip(angles, towards, strict=True)]
+    heat = [(row, shade, "") for row, shade in zip(wires, wire_colors(len(wires)), strict=True)]
+    limit = np.full(len(run.time), run.parameters.temperature_limits.maximum)
+    heat.append((limit, NEUTRAL_COLOR, _DOTTED))
+    drawn = []
+    for name, unit, lines, read in (
+        ("bend angle", "°", bend, angles[:, good]),
+        ("temperature", " °C", heat, wires[:, good]),
+    ):
+        rows = np.array([row[kept] for row, *_ in lines])
+        heights = HEIGHT * (rows.max() - rows) / max(np.ptp(rows), 1e-9)
+        points = [
+            " ".join(
+                f"{WIDTH * x / times[-1]:.1f},{y:.1f}" for x, y in zip(times, row, strict=True)
+            )
+            for row in heights
+        ]
+        styled = [(text, *style) for text, (_, *style) in zip(points, lines, strict=True)]
+        ends = f"{read.min():.0f} to {read.max():.0f}{unit}"
+        drawn.append((name, ends, f"{times[-1]:.0f} s", styled))
+    return page.part("picture_in_small", drawn, WIDTH, HEIGHT)
+
+
+def overview_page(
+    overview: Overview,
+    link: Callable[[ListedFile], str],
+    *,
+    provenance: Provenance | None = None,
+    served: bool = False,
+    news: Sequence[tuple[str, str]] = (),
+) -> str:
+    """The page, HTML.
+
+    Args:
+        link: function that gives the address of a file, before it is quoted.
+        provenance: what makes it, of one that is kept.
+        served: whether there is a server that compares and starts.
+        news: sentences on what was started, each with a link or "".
+    """
+    origins = overview.origins()
+    by_key = {file.key: file for file in overview.files}
+    results: dict[str, list[ListedFile]] = {}
+    for key, files in origins.items():
+        for file in files:
+            results.setdefault(file.key, []).append(by_key[key])
+    pages = overview.pages()
+    shown = {report.key for of_file in pages.values() for report in of_file}
+    return page.template("overview.html").render(
+        folder=overview.folder.resolve().name or str(overview.folder.resolve()),
+        unread=overview.unread,
+        provenance=provenance and dataclasses.asdict(provenance),
+        served=served,
+        news=news,
+        files=overview.of_kind(RECORDING, TRAJECTORY, GAIT, LEARNING, LIMB, ROBOT, TASK),
+        others=[report for report in overview.of_kind(REPORT) if report.key not in shown],
+        foreign=[file.trouble for file in overview.files if file.trouble],
+        origins=origins,
+        results=results,
+        pages=pages,
+        compared=(RECORDING, TRAJECTORY, LIMB),
+        startable=TRAJECTORY,
+        href=lambda file: urllib.parse.quote(link(file)),
+        day=lambda file: f"{datetime.datetime.fromtimestamp(file.time):%Y-%m-%d %H:%M}",
+    )

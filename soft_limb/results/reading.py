@@ -1,9 +1,10 @@
-"""Reads any file of soft-limb, and says what it is."""
+"""Read any file of soft-limb, and say what it is."""
 
 import dataclasses
 import html
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +22,12 @@ from limb_systems.model.robot_parameters import RobotParameters
 from limb_systems.provenance import Provenance
 from limb_systems.summary import Entry, Summary
 from planners import Task, references
+from soft_limb.results.folder import fields_of, is_html, kind_of_head
 from soft_limb.results.summaries import gait_summary, plan_summary, repetitions_summary
 
 RECORDING, TRAJECTORY, LEARNING = "recording", "trajectory", "learning"
 GAIT, LIMB, ROBOT, TASK, REPORT = "gait", "limb", "robot", "task", "report"
 REFERENCE = "reference"
-_OF_LIMBS = {field.name for field in dataclasses.fields(LimbParameters)}
 
 
 class ResultError(LimbError):
@@ -83,58 +84,44 @@ def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
         LimbError: with one sentence, if it is not a file of soft-limb or is damaged.
     """
     path = Path(path)
-    data = read_bytes(path, "result", LARGEST_TABLE, ResultError)
-    head = data[:4096].decode("utf-8", errors="replace").removeprefix("\ufeff")
-    if match := re.match(r"# limb (\w+), format ", head):
-        readers = {
-            RECORDING: _recording,
-            TRAJECTORY: _trajectory,
-            GAIT: _gait,
-            LEARNING: _learning,
-        }
-        if match[1] in readers:
-            return readers[match[1]](path, quick)
-    elif head.lstrip().lower().startswith("<!doctype html>"):
-        return _report(path, data)
-    elif path.suffix in (".yaml", ".yml"):
-        return _yaml(path, data)
-    elif not match and path.suffix == ".csv":
-        return _reference(path)
-    raise ResultError(
-        f"{path} is no recording, trajectory, gait, limb, robot, task, reference, state of "
-        "learning or report of soft-limb."
-    )
+    text = read_bytes(path, "result", LARGEST_TABLE, ResultError).decode("utf-8", "replace")
+    text, others = text.removeprefix("\ufeff"), {".csv": REFERENCE, ".yaml": TASK, ".yml": TASK}
+    kind = REPORT if is_html(text[:1000]) else kind_of_head(path, text) or others.get(path.suffix)
+    if kind is None:
+        raise ResultError(
+            f"{path} is no recording, trajectory, gait, limb, robot, task, reference, state of "
+            "learning or report of soft-limb."
+        )
+    value, made, summary = _READERS[kind](path, text, quick)
+    return ResultFile(path, kind, summary, made, value)
 
 
-def _recording(path: Path, _quick: bool) -> ResultFile:
+Read = tuple[Any, Provenance | None, Summary]
+
+
+def _recording(path: Path, _text: str, _quick: bool) -> Read:
     recording = Recording.load(path, unfinished=is_unfinished(path))
     rate = Entry("rate", float(recording.sample_rate), "Hz")
-    summary = recording.summary() + Summary(
-        [rate, _identity(recording.robot or recording.parameters)]
-    )
-    return ResultFile(path, RECORDING, summary, recording.provenance, recording)
+    more = Summary([rate, _identity(recording.robot or recording.parameters)])
+    return recording, recording.provenance, recording.summary() + more
 
 
-def _trajectory(path: Path, quick: bool) -> ResultFile:
-    trajectory = Trajectory.load(path)
-    summary = plan_summary(trajectory, quick=quick) + Summary([_identity(trajectory.parameters)])
-    return ResultFile(path, TRAJECTORY, summary, trajectory.provenance, trajectory)
+def _trajectory(path: Path, _text: str, quick: bool) -> Read:
+    plan = Trajectory.load(path)
+    summary = plan_summary(plan, quick=quick) + Summary([_identity(plan.parameters)])
+    return plan, plan.provenance, summary
 
 
-def _gait(path: Path, _quick: bool) -> ResultFile:
+def _gait(path: Path, _text: str, _quick: bool) -> Read:
     gait = Gait.load(path)
-    summary = gait_summary(gait) + Summary([_identity(gait.robot)])
-    return ResultFile(path, GAIT, summary, gait.provenance, gait)
+    return gait, gait.provenance, gait_summary(gait) + Summary([_identity(gait.robot)])
 
 
-def _learning(path: Path, quick: bool) -> ResultFile:
+def _learning(path: Path, _text: str, quick: bool) -> Read:
     learner = Learner.load(path)
-    trajectory = learner.trajectory
-    plan = Entry("plan", trajectory.summary().line())
-    summary = repetitions_summary(learner, quick=quick) + Summary(
-        [plan, _identity(trajectory.parameters)]
-    )
-    return ResultFile(path, LEARNING, summary, learner.provenance)
+    plan = learner.trajectory
+    more = Summary([Entry("plan", plan.summary().line()), _identity(plan.parameters)])
+    return None, learner.provenance, repetitions_summary(learner, quick=quick) + more
 
 
 def _identity(parameters: LimbParameters | RobotParameters) -> Entry:
@@ -150,14 +137,9 @@ def _identity(parameters: LimbParameters | RobotParameters) -> Entry:
     )
 
 
-def _yaml(path: Path, data: bytes) -> ResultFile:
-    given = set(re.findall(r"^\{?(\w+):", data.decode("utf-8", errors="replace"), re.MULTILINE))
-    if given & {field.name for field in dataclasses.fields(RobotParameters)} - _OF_LIMBS:
-        return _robot(path)
-    if given & _OF_LIMBS:
-        return _limb(path)
+def _task(path: Path, text: str, _quick: bool) -> Read:
     fields = [field.name for field in dataclasses.fields(Task)]
-    if not given & set(fields):
+    if not fields_of(text) & set(fields):
         raise ResultError(f"{path} has no field of a limb, a robot or a task at its top level.")
     task, default = Task.load(path), Task()
     changed = [
@@ -165,11 +147,10 @@ def _yaml(path: Path, data: bytes) -> ResultFile:
         for name in fields
         if getattr(task, name) != getattr(default, name)
     ]
-    summary = Summary(changed or [Entry("fields", "all have their defaults")])
-    return ResultFile(path, TASK, summary, None)
+    return None, None, Summary(changed or [Entry("fields", "all have their defaults")])
 
 
-def _limb(path: Path) -> ResultFile:
+def _limb(path: Path, _text: str, _quick: bool) -> Read:
     limb = LimbParameters.load(path)
     record, made = limb.calibration, None
     wires = zip(limb.wire_names, limb.wires, strict=True)
@@ -186,10 +167,10 @@ def _limb(path: Path) -> ResultFile:
         if made and made.parameters != limb.digest:
             said = f"since it was calibrated: its digest was {made.parameters} then"
             entries.append(Entry("changed", said))
-    return ResultFile(path, LIMB, Summary(entries), made, limb)
+    return limb, made, Summary(entries)
 
 
-def _robot(path: Path) -> ResultFile:
+def _robot(path: Path, _text: str, _quick: bool) -> Read:
     robot = RobotParameters.load(path)
     body, ground = robot.body, robot.ground
     stands = f"μ = {ground.friction:g}, slope {np.rad2deg(ground.slope):g}°" if ground else "none"
@@ -199,10 +180,10 @@ def _robot(path: Path) -> ResultFile:
         Entry("ground", stands),
         _identity(robot),
     ]
-    return ResultFile(path, ROBOT, Summary(entries), None, robot)
+    return robot, None, Summary(entries)
 
 
-def _reference(path: Path) -> ResultFile:
+def _reference(path: Path, _text: str, _quick: bool) -> Read:
     try:
         course = references.load(path)
     except LimbError as error:
@@ -219,11 +200,10 @@ def _reference(path: Path) -> ResultFile:
         Entry("bends", len(bends)),
         Entry("motion", [float(low), float(high)], "°", f"bend {low:.1f}° to {high:.1f}°"),
     ]
-    return ResultFile(path, REFERENCE, Summary(entries), None)
+    return None, None, Summary(entries)
 
 
-def _report(path: Path, data: bytes) -> ResultFile:
-    text = data.decode("utf-8", errors="replace")
+def _report(path: Path, text: str, _quick: bool) -> Read:
     title = re.search(r"<title>(.*?)</title>", text, re.DOTALL)
     stamp = re.search(
         r'<script type="application/json" id="provenance">(.*?)</script>', text, re.DOTALL
@@ -233,4 +213,17 @@ def _report(path: Path, data: bytes) -> ResultFile:
     except ValueError as error:
         raise ResultError(f"{path}: its provenance is damaged: {error}.") from error
     summary = Summary([Entry("title", html.unescape(title[1]).strip() if title else "none")])
-    return ResultFile(path, REPORT, summary, made)
+    return None, made, summary
+
+
+_READERS: dict[str, Callable[[Path, str, bool], Read]] = {
+    RECORDING: _recording,
+    TRAJECTORY: _trajectory,
+    GAIT: _gait,
+    LEARNING: _learning,
+    LIMB: _limb,
+    ROBOT: _robot,
+    TASK: _task,
+    REFERENCE: _reference,
+    REPORT: _report,
+}

@@ -19,9 +19,8 @@ from soft_limb.command import main
 from soft_limb.live import start_page
 from soft_limb.live.start_page import StartPage
 from soft_limb.reports import page
-from soft_limb.reports.overview import overview_page
 from soft_limb.results import overview
-from soft_limb.results.overview import Overview
+from soft_limb.results.overview import Overview, overview_page
 
 from .test_results import MADE, make_plan, make_recording
 
