@@ -59,7 +59,7 @@ from soft_limb.commands.options import (
     text_board,
 )
 from soft_limb.live.page import DONE, LivePage
-from soft_limb.reports.rollout import write_rollout_report
+from soft_limb.reports.plan import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary
 from soft_limb.runs import repetitions, teach_and_go
 from soft_limb.runs.cooling import cool_down

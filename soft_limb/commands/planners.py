@@ -7,7 +7,7 @@ from limb_systems import LimbParameters
 from limb_systems.output import check_outputs
 from planners.planning import MAX_KNOTS
 from soft_limb.commands.options import Command, Option, print_summary, shared
-from soft_limb.reports.plan import write_report
+from soft_limb.reports.plan import write_plan_report
 from soft_limb.results.summaries import plan_summary
 from soft_limb.runs.planning import plan_from_files, task_named
 
@@ -50,7 +50,7 @@ def _plan(options: argparse.Namespace) -> int:
             data["reference"] = reference
         if options.limb:
             data["limb"] = options.limb
-        write_report(trajectory, summary, options.report, data)
+        write_plan_report(trajectory, summary, options.report, data)
     print_summary(options, summary, outputs)
     return 0
 

@@ -1,6 +1,6 @@
-"""A calibration, or its validation, as one HTML page."""
+"""A calibration, or its validation, as one HTML page, with every fit over its data."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,13 +8,21 @@ import numpy as np
 from markupsafe import Markup
 
 from calibration.calibrate import Calibration
+from calibration.prediction.law_fit import Predicted
 from calibration.prediction.selection import Prediction
 from calibration.section_v.damping import DampingFit
+from calibration.section_v.force import ForceFit
 from calibration.section_v.heat import HeatFit
+from calibration.section_v.stiffness import StiffnessFit
 from calibration.validation import Validation
-from limb_systems.views.colors import wire_colors
-from limb_systems.views.panels import Panel
-from soft_limb.reports import calibration_panels as panels
+from limb_systems.views.colors import (
+    NEUTRAL_COLOR,
+    PLAN_COLOR,
+    REFERENCE_COLOR,
+    ROLLOUT_COLOR,
+    wire_colors,
+)
+from limb_systems.views.panels import SIGNALS, Curve, Panel
 from soft_limb.reports import page
 from soft_limb.results.summaries import ranked, validation_summary
 
@@ -48,12 +56,15 @@ _MEANING = {
 }
 
 
+Samples = tuple[str, np.ndarray, np.ndarray, np.ndarray]  # name, times, φ (F, K) in rad, V (W, K)
+
+
 def plot_validation(validation: Validation) -> "Figure":
     """Fig. 4 as a picture: the calibrated model against the limb, for the same duty."""
     # Matplotlib takes as long to import as all the rest.
     from limb_systems.views.plots import draw
 
-    return draw(panels.validation_panels(validation))
+    return draw(validation_panels(validation))
 
 
 def write_report(
@@ -78,7 +89,7 @@ def write_report(
                 "Validation, Sec. V-D and Fig. 4",
                 f"The duty of a recording that was not used in any fit, simulated open loop. "
                 f"{validation_summary(calibration.validation).line()}.",
-                panels.validation_panels(calibration.validation),
+                validation_panels(calibration.validation),
             )
         )
     parts.append(
@@ -96,7 +107,7 @@ def write_report(
             _section(
                 "Spring constant, Sec. V-A",
                 f"The correction factor of (9) is {calibration.stiffness.factor_in_words}.",
-                panels.stiffness_panels(calibration.stiffness),
+                stiffness_panels(calibration.stiffness),
             )
         )
     if calibration.damping:
@@ -104,7 +115,7 @@ def write_report(
             _section(
                 "Damping, Sec. V-B and Algorithm 1",
                 _compare_decay(calibration.damping),
-                panels.damping_panels(calibration.damping),
+                damping_panels(calibration.damping),
             )
         )
     colors = wire_colors(len(calibration.heat))
@@ -113,7 +124,7 @@ def write_report(
             _section(
                 f"The {heat.wire} wire, Sec. V-C",
                 _heat_in_words(heat),
-                panels.wire_panels(heat, force, color),
+                wire_panels(heat, force, color),
             )
         )
     record = calibration.parameters.calibration
@@ -128,7 +139,7 @@ def write_validation_report(
     parts: list[page.Part] = [
         page.verdict(validation.verdict),
         page.paragraph(f"{validation_summary(validation).line()}."),
-        page.chart(panels.validation_panels(validation), "Limb and model for the same duty"),
+        page.chart(validation_panels(validation), "Limb and model for the same duty"),
     ]
     made = validation.simulation.provenance
     page.write_page(path, "Validation of a calibrated limb", parts, made, data)
@@ -156,7 +167,7 @@ def _prediction(prediction: Prediction, wire_names: list[str]) -> list[page.Part
                 title,
                 f"{predicted.run.source}: bend within {np.rad2deg(predicted.bend_error):.2f}°, "
                 f"V within {predicted.temperature_error:.1f} °C on average.",
-                panels.predicted_panels(predicted, wire_names),
+                predicted_panels(predicted, wire_names),
             )
         )
     return parts
@@ -191,3 +202,108 @@ def _heat_in_words(fit: HeatFit) -> str:
 
 def _section(title: str, text: str, shown: list[Panel]) -> page.Section:
     return page.section(title, page.paragraph(text), page.chart(shown, title))
+
+
+def validation_panels(validation: Validation) -> list[Panel]:
+    """Fig. 4: the calibrated model against the limb, for the same duty."""
+    recording, simulation = validation.recording, validation.simulation
+    names = recording.parameters.wire_names
+    runs = [
+        (name, run.time, run.bend_angle, run.measured_temperature)
+        for name, run in (("limb", recording), ("model", simulation))
+    ]
+    wanted = None if recording.reference is None else np.rad2deg(recording.reference)
+    colors = wire_colors(len(names))
+    duties = [
+        Curve(name, recording.time, duty, color, width=1.0)
+        for name, duty, color in zip(names, recording.duty, colors, strict=True)
+    ]
+    return [*_against_model(runs, names, wanted), SIGNALS["duty"].panel(duties)]
+
+
+def predicted_panels(predicted: Predicted, wire_names: Sequence[str]) -> list[Panel]:
+    """A recording and its open-loop simulation by the fitted law."""
+    run = predicted.run
+    runs = [
+        ("limb", run.times, run.bend.T, run.temperature.T),
+        ("law", run.times, predicted.bend.T, predicted.temperature.T),
+    ]
+    return _against_model(runs, wire_names)
+
+
+def _against_model(
+    runs: list[Samples], wire_names: Sequence[str], wanted: np.ndarray | None = None
+) -> list[Panel]:
+    """Bends and readings of a limb, and dashed of its model; with set points (F, K), degrees."""
+    panels, readings, colors = [], [], wire_colors(len(wire_names))
+    styles = ((ROLLOUT_COLOR, "solid", 1.0), (PLAN_COLOR, "dashed", 1.75))
+    for bend, suffix in enumerate(["_e2", "_e3"] if len(runs[0][2]) == 2 else [""]):
+        curves = [
+            Curve(run, time, np.rad2deg(angles[bend]), *style)
+            for (run, time, angles, _), style in zip(runs, styles, strict=True)
+        ]
+        if wanted is not None:
+            point = Curve("set point", runs[0][1], wanted[bend], REFERENCE_COLOR, width=1.0)
+            curves.insert(0, point)
+        panels.append(SIGNALS["bend_angle"].panel(curves, suffix))
+    for (run, time, _, heats), (_, dash, width) in zip(runs, styles, strict=True):
+        for wire, color, heat in zip(wire_names, colors, heats, strict=True):
+            readings.append(Curve(f"{wire}, V {run}", time, heat, color, dash, width))
+    return [*panels, SIGNALS["measured_temperature"].panel(readings)]
+
+
+def stiffness_panels(fit: StiffnessFit) -> list[Panel]:
+    """The sag of each trial, and that of the fitted limb."""
+    sags = np.rad2deg(np.abs(fit.sags))
+    trials = np.arange(1, len(sags) + 1)
+    model = np.full(len(sags), np.rad2deg(abs(fit.simulated_sag)))
+    curves = [
+        Curve("limb, each trial", trials, sags, ROLLOUT_COLOR, marks=True),
+        Curve(f"model, k = {fit.stiffness}", trials, model, PLAN_COLOR, "dashed"),
+    ]
+    ticks = {int(trial): str(trial) for trial in trials}
+    return [Panel("sag (°)", curves, x_label="trial", from_zero=True, x_ticks=ticks)]
+
+
+def damping_panels(fit: DampingFit) -> list[Panel]:
+    """The first ring-down's sinusoid, and the model's decay with its phase and offset."""
+    measured, simulated = fit.measured[0], fit.simulated[0]
+    span = measured.start + np.linspace(0, min(2.0, fit.time[-1] - measured.start), 400)
+    # The model's fit has another release: it is drawn with the limb's phase and offset.
+    model = np.exp(-simulated.damping_ratio * simulated.natural_frequency * (span - span[0]))
+    decay = np.rad2deg(measured.offset + measured.amplitude * model)
+    shown = (fit.time >= measured.start - 1.5) & (fit.time <= span[-1])
+    curves = [
+        Curve("limb", fit.time[shown], np.rad2deg(fit.bend_angle[shown]), ROLLOUT_COLOR),
+        Curve("its sinusoid", span, np.rad2deg(measured(span)), NEUTRAL_COLOR),
+        Curve(f"model's decay, σ = {fit.damping}", span, decay, PLAN_COLOR, "dashed"),
+    ]
+    return [SIGNALS["bend_angle"].panel(curves, height=230)]
+
+
+def wire_panels(heat: HeatFit, force: ForceFit, color: str) -> list[Panel]:
+    """Heat transfer over time, and bend against wire temperature."""
+    angles, fitted = np.rad2deg(heat.recorded_angle), np.rad2deg(heat.bend_angle)
+    readings = [
+        Curve("limb, V", heat.time, heat.recorded_temperature, color),
+        Curve("fit, V", heat.time, heat.measured_temperature, PLAN_COLOR, "dashed"),
+        Curve("fit, T", heat.time, heat.wire_temperature, NEUTRAL_COLOR),
+    ]
+    bend = [
+        Curve("limb", heat.time, angles, ROLLOUT_COLOR),
+        Curve("φ = (T − T0) / b", heat.time, fitted, PLAN_COLOR, "dashed"),
+    ]
+    span = np.array([heat.ambient, heat.wire_temperature.max()])
+    slope = np.mean(force.bend_angle / (force.wire_temperature - heat.ambient) / force.ratios)
+    line = np.rad2deg(slope * force.beta.value * (span - heat.ambient))
+    equilibria = np.rad2deg(force.bend_angle)
+    over_heat = [
+        Curve("recording", heat.wire_temperature, angles, REFERENCE_COLOR, width=1.0),
+        Curve("equilibria", force.wire_temperature, equilibria, color, width=2.0, marks=True),
+        Curve(f"β = {force.beta}", span, line, PLAN_COLOR, "dashed"),
+    ]
+    return [
+        SIGNALS["measured_temperature"].panel(readings),
+        SIGNALS["bend_angle"].panel(bend, height=230),
+        SIGNALS["bend_angle"].panel(over_heat, x_label="simulated wire temperature T (°C)"),
+    ]

@@ -20,7 +20,7 @@ from limb_systems.files.table_writer import unfinished_files
 from limb_systems.output import OutputError, check_folder
 from limb_systems.progress import Progress
 from soft_limb.live.page import LivePage
-from soft_limb.reports.rollout import write_learning_report
+from soft_limb.reports.plan import write_learning_report
 from soft_limb.runs.cooling import COOL
 from soft_limb.runs.rollout import record_replay
 

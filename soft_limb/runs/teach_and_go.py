@@ -7,7 +7,7 @@ from limb_systems import LimbParameters, LimbSystem
 from limb_systems.summary import Summary
 from planners import Task
 from soft_limb.live.page import LivePage
-from soft_limb.reports.rollout import write_rollout_report
+from soft_limb.reports.plan import write_rollout_report
 from soft_limb.runs.planning import plan_from_files
 from soft_limb.runs.rollout import NEAREST, Rollout, roll_out
 

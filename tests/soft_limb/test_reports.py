@@ -15,7 +15,7 @@ from limb_systems import (
     WireParameters,
     simulate,
 )
-from soft_limb.reports.rollout import write_rollout_report
+from soft_limb.reports.plan import write_rollout_report
 from soft_limb.runs.rollout import Rollout
 
 
