@@ -304,16 +304,20 @@ def robot_panels(motion: Recording | Gait) -> list[Panel]:
     elif forces is not None and motion.joint_state is not None and len(time) > 1:
         panels.append(foot_fall_panel(robot, foot_fall(motion), time[-1]))
     if pose is not None:
-        in_space, names = len(pose) == 6, ("x", "y", "z", "roll", "pitch", "yaw")
-        shown = [names[:3], names[3:]] if in_space else [["x"], ["pitch"]]
-        rows = dict(zip(names if in_space else ("x", "z", "pitch"), pose, strict=True))
-        for group, unit, scale in zip(shown, ("mm", "°"), (1e3, np.rad2deg(1.0)), strict=True):
+        in_space = robot.pose_size == 6
+        for group in ("mm", "°"):
+            drawn = [
+                (name, scale * row)
+                for (name, unit, scale), row in zip(body_axes(robot), pose, strict=True)
+                if unit == group and (in_space or name != "z")
+            ]
             colors = wire_colors(3) if in_space else [ROLLOUT_COLOR]
             curves = [
-                Curve(name, time, scale * rows[name], color)
-                for name, color in zip(group, colors, strict=True)
+                Curve(name, time, row, color)
+                for (name, row), color in zip(drawn, colors, strict=True)
             ]
-            panels.append(Panel(f"body {', '.join(group)} ({unit})", curves, 190))
+            names = ", ".join(name for name, _ in drawn)
+            panels.append(Panel(f"body {names} ({group})", curves, 190))
     if forces is not None:
         of_feet = forces.reshape(len(robot.limbs), -1, len(time))
         axes = "xz" if robot.force_size == 2 else "xyz"
@@ -326,6 +330,13 @@ def robot_panels(motion: Recording | Gait) -> list[Panel]:
         ]
         panels.append(Panel("contact force (N)", curves, 230 + 20 * (len(curves) // 6)))
     return panels
+
+
+def body_axes(robot: RobotParameters) -> list[tuple[str, str, float]]:
+    """Name, unit and scale from SI of each row of a body's pose."""
+    in_space = robot.pose_size == 6
+    moves, turns = ("xyz", ("roll", "pitch", "yaw")) if in_space else ("xz", ("pitch",))
+    return [(axis, "mm", 1e3) for axis in moves] + [(turn, "°", np.rad2deg(1.0)) for turn in turns]
 
 
 def foot_fall_panel(robot: RobotParameters, phases: Sequence[GaitPhase], end: float) -> Panel:

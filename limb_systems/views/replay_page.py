@@ -32,6 +32,7 @@ from limb_systems.views.limb_view import (
     ghosts_of_plan,
     joint_angle_trajectory,
 )
+from limb_systems.views.panels import body_axes
 from limb_systems.views.template import template
 
 CYCLES = 3  # of a gait
@@ -96,47 +97,78 @@ def replay_page(
         raise LimbError(f"frames_per_second is {frames_per_second!r}; it must be positive.")
     if isinstance(motion, Gait):
         motion = motion.repeated(CYCLES)
-    parameters, limits = motion.parameters, motion.parameters.temperature_limits
-    title = title or ("Robot" if motion.robot else "Soft limb")
+    parameters, layout = motion.parameters, Layout(motion.parameters)
+    robot = None if motion.robot is None or motion.robot.is_limb else motion.robot
+    in_space = not (robot or layout.is_planar)
     start, end = motion.time[[0, -1]]
-    ghosts, pose = _ghosts_beside(motion, plan), getattr(motion, "body_pose", None)
     times = np.linspace(start, end, 1 + max(1, round((end - start) * frames_per_second)))
+    rate = (len(times) - 1) / (end - start)
     temperature, measured = motion.wire_temperature, motion.wire_temperature is None
     if temperature is None:
         temperature = motion.measured_temperature
-    shown = ~np.isnan(temperature).any(axis=0)
-    rate = (len(times) - 1) / (end - start)
-    frames = _Frames(
-        joint_angle_trajectory(motion).vector_values(times),
-        np.array([np.interp(times, motion.time[shown], row[shown]) for row in temperature]),
+    heat = _interpolated(motion, temperature, times)
+    duty = (
         motion.duty_trajectory().vector_values(times)
         if isinstance(motion, Gait)
-        else np.array([np.interp(times, motion.time, row) for row in motion.duty]),
-        [ghost.joint_angles.vector_values(times - start) for ghost in ghosts],
-        None if pose is None else np.array([np.interp(times, motion.time, row) for row in pose]),
+        else _interpolated(motion, motion.duty, times)
     )
-    robot = None if motion.robot is None or motion.robot.is_limb else motion.robot
-    in_space = not (robot or Layout(parameters).is_planar)
-    page, aspect = _animate(robot or parameters, frames, ghosts, rate, in_space)
-    names = [suffix.strip("_").replace("_", " ") for suffix in Layout(parameters).bend_suffixes]
+    pose = getattr(motion, "body_pose", None)
+    pose = None if pose is None else _interpolated(motion, pose, times)
+    ghosts = _ghosts_beside(motion, plan)
+    angles = joint_angle_trajectory(motion).vector_values(times)
+    ghostly = [ghost.joint_angles.vector_values(times - start) for ghost in ghosts]
+
+    view = LimbView(robot or parameters, ghosts)
+    with _drake_silenced():
+        meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
+    view.add_to(meshcat)
+    aspect = view.set_scene(meshcat, np.hstack([angles, *ghostly]), pose)
+    if in_space:
+        view.add_tip_path(meshcat, angles)
+    meshcat.StartRecording(rate)
+    animation = meshcat.get_mutable_recording()
+    animation.set_repetitions(1_000_000)
+    colors = view.colors(heat)
+    for frame in range(len(times)):
+        time = (frame + 1e-6) / rate  # Drake rounds down
+        placed = None if pose is None else pose[:, frame]
+        view.show(meshcat, angles[:, frame], duty[:, frame], time, placed)
+        for paths, color in zip(view.wire_paths, colors[:, frame], strict=True):
+            for path in paths:
+                # Meshcat sets "color" on a path; an animation binds to its mesh.
+                animation.SetProperty(frame, f"{path}/<object>", "material.color", color)
+    meshcat.PublishRecording()
+    page = meshcat.StaticHtml()
+    del meshcat, animation
+    gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
+
+    # What each output of the caption says in each frame.
+    body = body_axes(robot) if robot and pose is not None else []
+    values = [np.rad2deg(bend_angle(parameters, each)).round(1) for each in (angles, *ghostly)]
+    values += [
+        (scale * row).round(1)[np.newaxis]
+        for (_, _, scale), row in zip(body, [] if pose is None else pose, strict=True)
+    ]
+    values += [np.array([t.round(1), d.round(2)]) for t, d in zip(heat, duty, strict=True)]
+    title = title or ("Robot" if motion.robot else "Soft limb")
     how = motion.how if isinstance(motion, Recording) else "planned"
     caption = template("replay.html", Path(__file__).parent / "templates").render(
         title=title,
         motion=_motion_in_words(motion),
         poses=[(how, None)] + [(ghost.name, _css(ghost.color)) for ghost in ghosts],
-        bends=names,
+        bends=[suffix.strip("_").replace("_", " ") for suffix in layout.bend_suffixes],
         in_space=in_space,
-        body=_body_in_words(robot) if robot and pose is not None else [],
+        body=[(name, unit) for name, unit, _ in body],
         tip_color=ROLLOUT_COLOR,
         wires=[name.replace("_", " ") for name in parameters.wire_names],
-        values=_values(parameters, frames),
+        values=np.vstack(values).tolist(),
         frames_per_second=repr(float(rate)),
         last_frame=len(times) - 1,
         opacity=GHOST_OPACITY,
         provenance=motion.provenance and dataclasses.asdict(motion.provenance),
         signal="measured temperature" if measured else "wire temperature",
         low=f"{parameters.ambient_temperature:g}",
-        high=f"{limits.maximum:g}",
+        high=f"{parameters.temperature_limits.maximum:g}",
         colors=[f"rgb({_css(color)})" for color in WIRE_COLORS],
         places=_ground_in_words(robot) if robot else _places_in_words(parameters),
         duty_rgb=_css(DUTY_COLOR),
@@ -146,22 +178,12 @@ def replay_page(
     return page.replace("</body>", f"{caption}</body>")
 
 
-@dataclasses.dataclass(frozen=True)
-class _Frames:
-    """What F frames show.
-
-    - ``joint_angles``: θ (n, F), rad.
-    - ``temperature``: shown by the wires' colour (W, F), °C.
-    - ``duty``: D (W, F).
-    - ``ghost_angles``: θ (n, F) of each ghost, rad.
-    - ``body_pose``: pose of a robot's body, as in `Recording`; None if it is not known.
-    """
-
-    joint_angles: np.ndarray
-    temperature: np.ndarray
-    duty: np.ndarray
-    ghost_angles: list[np.ndarray]
-    body_pose: np.ndarray | None
+def _interpolated(
+    motion: Recording | Trajectory | Gait, signal: np.ndarray, times: np.ndarray
+) -> np.ndarray:
+    """A signal (rows, K) of a motion at other times (F,), without samples that are missing."""
+    there = ~np.isnan(signal).any(axis=0)
+    return np.array([np.interp(times, motion.time[there], row[there]) for row in signal])
 
 
 def _ghosts_beside(motion: Recording | Trajectory | Gait, plan: Trajectory | None) -> list[Ghost]:
@@ -208,13 +230,6 @@ def _places_in_words(parameters: LimbParameters) -> str:
     return f"wires from top to bottom: {'; '.join(downwards)}"
 
 
-def _body_in_words(robot: RobotParameters) -> list[tuple[str, str]]:
-    """What is said of a body's pose, with units."""
-    if robot.body.mount == "planar":
-        return [("x", "mm"), ("z", "mm"), ("pitch", "°")]
-    return [(axis, "mm") for axis in "xyz"] + [(turn, "°") for turn in ("roll", "pitch", "yaw")]
-
-
 def _ground_in_words(robot: RobotParameters) -> str:
     """What a robot stands on."""
     if robot.ground is None:
@@ -224,60 +239,8 @@ def _ground_in_words(robot: RobotParameters) -> str:
     return f"ground: a mark each {1e3 * MARK:g} mm, μ = {robot.ground.friction:g}{rises}"
 
 
-def _values(parameters: LimbParameters, frames: _Frames) -> list[list[float]]:
-    """What each output of the caption says in each frame: φ in degrees, body, °C, duty."""
-    angles = [bend_angle(parameters, a) for a in (frames.joint_angles, *frames.ghost_angles)]
-    rows = [np.round(np.rad2deg(row), 1) for row in np.vstack(angles)]
-    if frames.body_pose is not None:
-        turns = len(frames.body_pose) // 2  # one in the plane, three in space
-        rows += [np.round(1e3 * row, 1) for row in frames.body_pose[:-turns]]
-        rows += [np.round(np.rad2deg(row), 1) for row in frames.body_pose[-turns:]]
-    for temperature, duty in zip(frames.temperature, frames.duty, strict=True):
-        rows += [np.round(temperature, 1), np.round(duty, 2)]
-    return [row.tolist() for row in rows]
-
-
 def _css(color: Sequence[float]) -> str:
     return " ".join(f"{255 * value:.0f}" for value in color)
-
-
-def _animate(
-    limb: LimbParameters | RobotParameters,
-    frames: _Frames,
-    ghosts: list[Ghost],
-    frames_per_second: float,
-    in_space: bool,
-) -> tuple[str, float]:
-    """Meshcat's page.
-
-    Returns:
-        HTML, and what `LimbView.set_scene` returns.
-    """
-    with _drake_silenced():
-        meshcat = Meshcat(MeshcatParams(host="localhost", port=0, show_stats_plot=False))
-    view = LimbView(limb, ghosts)
-    view.add_to(meshcat)
-    aspect = view.set_scene(
-        meshcat, np.hstack([frames.joint_angles, *frames.ghost_angles]), frames.body_pose
-    )
-    if in_space:
-        view.add_tip_path(meshcat, frames.joint_angles)
-    meshcat.StartRecording(frames_per_second)
-    animation = meshcat.get_mutable_recording()
-    animation.set_repetitions(1_000_000)
-    colors = view.colors(frames.temperature)
-    times = (np.arange(frames.duty.shape[1]) + 1e-6) / frames_per_second  # Drake rounds down
-    for frame, time in enumerate(times):
-        pose = None if frames.body_pose is None else frames.body_pose[:, frame]
-        view.show(meshcat, frames.joint_angles[:, frame], frames.duty[:, frame], time, pose)
-        for paths, color in zip(view.wire_paths, colors[:, frame], strict=True):
-            for path in paths:
-                # Meshcat sets "color" on a path; an animation binds to its mesh.
-                animation.SetProperty(frame, f"{path}/<object>", "material.color", color)
-    meshcat.PublishRecording()
-    page = meshcat.StaticHtml()
-    gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
-    return page, aspect
 
 
 @contextlib.contextmanager

@@ -20,7 +20,7 @@ from hardware.robot.text_link import open_link
 from limb_systems import LimbError, LimbParameters, Recording
 from limb_systems.output import OutputError, check_folder, check_outputs
 from limb_systems.summary import Summary
-from soft_limb.commands.chain import fit_line
+from soft_limb.commands.logs import fit_line
 from soft_limb.commands.options import (
     Command,
     Option,

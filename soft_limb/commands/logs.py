@@ -1,11 +1,12 @@
 """The command that reads logs of other programs."""
 
 import argparse
+import shlex
 import sys
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
-from calibration.recordings.files import leaving_out
+from calibration.recordings.files import Usable, leaving_out, usable
 from calibration.recordings.kinds import kind_of
 from calibration.remarks import Remark
 from limb_systems import LimbError, LimbParameters, Recording
@@ -14,10 +15,27 @@ from limb_systems.logs.importing import ImportedLog, import_logs
 from limb_systems.logs.mapping import LogMapping
 from limb_systems.output import check_folder, check_outputs, free_path
 from limb_systems.summary import Entry, Summary
-from soft_limb.commands.chain import fit_line, shell_line, usable_of
 from soft_limb.commands.options import Command, Option, print_summary, shared
 
 ASKED = 2  # exit status: a log leaves something open, which the mapping has to say
+
+
+def shell_line(*words: str | Path) -> str:
+    """A command of ``soft-limb`` as a shell takes it."""
+    return shlex.join(["soft-limb", *map(str, words)])
+
+
+def usable_of(recordings: Iterable[Recording]) -> Usable:
+    """What a limb can be fitted to of recordings with their kinds in their headers."""
+    by_kind: dict[str, list[Recording]] = {}
+    for recording in recordings:
+        by_kind.setdefault(recording.kind, []).append(recording)
+    return usable(by_kind)
+
+
+def fit_line(folder: Path, name: str = "limb") -> str:
+    """The command that fits a limb to a folder of recordings, and writes a new file."""
+    return shell_line("fit", folder, "-o", free_path(Path(f"{name}.yaml")))
 
 
 def _import(options: argparse.Namespace) -> int:
