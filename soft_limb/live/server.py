@@ -98,9 +98,8 @@ class LiveSite(Site):
         if not self.watchers:
             return
         cooling = run.reading is not None and run.reading.cooling
-        news: dict[str, Any] = {"state": state(run), "cooling": cooling, "ended": bool(run.ended)}
-        if run.phase is not None:
-            news["facts"] = facts(run, run.phase, run.reading)
+        news: dict[str, Any] = {"state": state(run), "facts": facts(run)}
+        news |= {"cooling": cooling, "ended": bool(run.ended)}
         if run.reading is not None and run.reading is not self._drawn:
             self._drawn = run.reading
             news["view"] = self.view.commands(run.reading)

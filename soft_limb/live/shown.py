@@ -2,7 +2,7 @@
 
 import itertools
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from bokeh.embed import json_item
 from bokeh.layouts import column
 from bokeh.models import ColumnDataSource, DataRange1d, Range1d
 
-from hardware.live.feed import BoardReading, Reading, RunHeader
+from hardware.live.feed import Reading, RunHeader
 from hardware.robot.serial_limb import DEADLINE
 from limb_systems.model.layout import Layout
 from limb_systems.views.colors import REFERENCE_COLOR
@@ -176,73 +176,58 @@ def alarms(run: Run) -> list[tuple[str, str]]:
     return said
 
 
-def facts(run: Run, phase: RunHeader, reading: Reading | None) -> str:
-    """The numbers, HTML."""
-    names = [name.replace("_", " ") for name in phase.parameters.wire_names]
-    rows, lines = [], []
+def facts(run: Run) -> str:
+    """The numbers, HTML: readings and duty of each wire, bends, time and board."""
+    phase, reading = run.phase, run.reading
+    if phase is None:
+        return ""
+    rows: list[tuple[str, list[str]]] = []
+    lines: list[str] = []
+
+    def add(name: str, values: Iterable[float] | None, digits: int) -> None:
+        if values is not None:
+            rows.append((name, [f"{value:.{digits}f}" for value in values]))
+
     if reading is not None:
-        rows = [
-            (name, [f"{value:.{digits}f}" for value in values])
-            for name, values, digits in _wires(run, phase, reading)
-        ]
-        lines = [*_bend(phase, reading), *_clock(run, phase, reading)]
-        if reading.board is not None:
-            lines += _cable(reading.board)
+        board = reading.board
+        add("reading V, °C", reading.measured_temperature, 1)
+        add("highest so far, °C", run.highest, 1)
+        add("highest, predicted, °C", phase.band.highest_readings if phase.band else None, 0)
+        add("at most, by its duty, °C", board.warmest if board else None, 0)
+        if run.is_running:  # the last duty is not in force any more
+            add("duty", reading.duty, 2)
+            add("duty applied", reading.applied_duty, 2)
+        lines += [*_bends(phase, reading), _clock(run, phase, reading)]
+        if board is not None:
+            lines.append(f"{board.lost_samples} samples lost")
+            if board.late is not None:
+                lines.append(
+                    f"last command late by {1000 * board.late:.1f} ms; {board.missed} of "
+                    f"{board.commands} by more than {1000 * DEADLINE:g} ms"
+                )
     if phase.band is not None:
         lines.append("Shaded: 95% band of the bend reading, 99.5% upper bound of wire temperature.")
-    lines.append(phase.source)
-    return part("facts", names, rows, lines)
+    names = [name.replace("_", " ") for name in phase.parameters.wire_names]
+    return part("facts", names, rows, [*lines, phase.source])
 
 
-def _wires(run: Run, phase: RunHeader, reading: Reading) -> list[tuple[str, Sequence[float], int]]:
-    """Names, values of each wire and digits."""
-    rows: list[tuple[str, Sequence[float], int]] = [
-        ("reading V, °C", reading.measured_temperature, 1),
-        ("highest so far, °C", run.highest.tolist(), 1),
+def _bends(phase: RunHeader, reading: Reading) -> list[str]:
+    """A line for each bend: as it is read, as it is planned, and what is asked for."""
+    shown = [("", reading.bend_angle)]
+    if phase.plan is not None and not reading.cooling:
+        for name, rows in (("plan ", phase.plan.bend_angle), ("reference ", phase.plan.reference)):
+            shown.append((name, [np.interp(reading.time, phase.plan.time, row) for row in rows]))
+    if reading.reference is not None:
+        shown.append(("asked for ", reading.reference))
+    return [
+        f"φ{in_words(suffix)} "
+        + ", ".join(f"{name}{np.rad2deg(angles[i]):+.1f}°" for name, angles in shown)
+        for i, suffix in enumerate(Layout(phase.parameters).bend_suffixes)
     ]
-    if phase.band is not None:
-        rows.append(("highest, predicted, °C", phase.band.highest_readings.tolist(), 0))
-    if reading.board is not None:
-        rows.append(("at most, by its duty, °C", reading.board.warmest, 0))
-    if not run.is_running:  # the last duty is not in force any more
-        return rows
-    rows.append(("duty", reading.duty, 2))
-    if reading.applied_duty is not None:
-        rows.append(("duty applied", reading.applied_duty, 2))
-    return rows
 
 
-def _bend(phase: RunHeader, reading: Reading) -> list[str]:
-    lines, suffixes = [], Layout(phase.parameters).bend_suffixes
-    for i, (angle, suffix) in enumerate(zip(np.rad2deg(reading.bend_angle), suffixes, strict=True)):
-        said = [f"φ{in_words(suffix)} {angle:+.1f}°"]
-        if phase.plan is not None and not reading.cooling:
-            plan = phase.plan
-            rows = (("plan", plan.bend_angle), ("reference", plan.reference))
-            for name, row in rows:
-                said.append(
-                    f"{name} {np.rad2deg(np.interp(reading.time, plan.time, row[i])):+.1f}°"
-                )
-        if reading.reference is not None:
-            said.append(f"asked for {np.rad2deg(reading.reference[i]):+.1f}°")
-        lines.append(", ".join(said))
-    return lines
-
-
-def _clock(run: Run, phase: RunHeader, reading: Reading) -> list[str]:
+def _clock(run: Run, phase: RunHeader, reading: Reading) -> str:
     if phase.duration is None or reading.cooling:
-        return [f"{reading.time:.1f} s"]
-    if not run.is_running:
-        return [f"{reading.time:.1f} s of {phase.duration:g} s"]
-    left = max(0.0, phase.duration - reading.time)
-    return [f"{reading.time:.1f} s of {phase.duration:g} s, {left:.1f} s left"]
-
-
-def _cable(board: BoardReading) -> list[str]:
-    lines = [f"{board.lost_samples} samples lost"]
-    if board.late is not None:
-        lines.append(
-            f"last command late by {1000 * board.late:.1f} ms; {board.missed} of {board.commands} "
-            f"by more than {1000 * DEADLINE:g} ms"
-        )
-    return lines
+        return f"{reading.time:.1f} s"
+    left = f", {max(0.0, phase.duration - reading.time):.1f} s left" * run.is_running
+    return f"{reading.time:.1f} s of {phase.duration:g} s{left}"

@@ -145,29 +145,29 @@ class Overview:
         """
         named, limbs = defaultdict(list), {f.digest: f for f in self.of_kind(LIMB, ROBOT)}
         for file in self.of_kind(RECORDING, TRAJECTORY, GAIT, LIMB, ROBOT):
-            names = [PurePosixPath(file.key).name, f"{file.folder.name}/"]
-            if file.made:
-                names.append(f"{file.folder} {file.made.command}")
-            for name in names:
+            for name in (PurePosixPath(file.key).name, f"{file.folder.name}/"):
                 named[name].append(file)
-
-        def older(file: ListedFile, name: str) -> list[ListedFile]:
-            kinds = _MADE_FROM[file.kind]
-            return [
-                other
-                for other in named.get(name, [])
-                if other is not file and other.kind in kinds and other.time <= file.time
-            ]
-
         found = {}
         for file in self.of_kind(*_MADE_FROM):
             origins: list[ListedFile] = []
             for word in map(PurePosixPath, _inputs(file.made)):
-                origins += _nearest(file, word, older(file, word.name))
-                origins += _nearest(file, word, older(file, f"{word.name}/"))
+                for name in (word.name, f"{word.name}/"):  # a file, or all in a folder
+                    older = [
+                        other
+                        for other in named[name]
+                        if other is not file
+                        and other.kind in _MADE_FROM[file.kind]
+                        and other.time <= file.time
+                    ]
+                    origins += _nearest(file, word, older)
             if file.kind == RECORDING and file.made:
-                together = older(file, f"{file.folder} {file.made.command}")
-                origins += [other for other in together if other.kind == TRAJECTORY]
+                origins += [
+                    other
+                    for other in named[f"{file.folder.name}/"]
+                    if other.kind == TRAJECTORY
+                    and other.made
+                    and (other.folder, other.made.command) == (file.folder, file.made.command)
+                ]
             if file.kind in (RECORDING, TRAJECTORY, GAIT) and file.digest in limbs:
                 origins.append(limbs[file.digest])
             found[file.key] = list(dict.fromkeys(origins))
