@@ -3,11 +3,14 @@
 import base64
 import re
 import struct
+from collections.abc import Callable
 
 import numpy as np
-import pytest
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform
 
 from limb_systems import Layout, LimbParameters, PlanCheck, Recording, Trajectory
+from limb_systems.model.kinematics import link_positions
 
 LIMB = "/drake/visualizer/limb"
 
@@ -103,51 +106,41 @@ def srgb(linear: np.ndarray) -> np.ndarray:
     return np.where(linear > 0.0031308, 1.055 * linear ** (1 / 2.4) - 0.055, 12.92 * linear)
 
 
-def link_poses(parameters: LimbParameters, joint_angles) -> list[tuple[np.ndarray, float]]:
-    """Origin (3,) and direction of each link: along each link before, turned by each joint."""
-    origin, direction, poses = np.zeros(3), 0.0, []
-    lengths = [s.length / s.links for s in parameters.segments for _ in range(s.links)]
-    for angle, length in zip(joint_angles, lengths, strict=True):
-        direction += angle
-        poses.append((origin, direction))
-        origin = origin + length * np.array([np.cos(direction), np.sin(direction), 0.0])
-    return [*poses, (origin, direction)]
+def poses_at(tracks: dict, frame: int) -> Callable[[str], RigidTransform]:
+    """A function that returns the pose which an animation gives a path."""
 
-
-def check_link_poses(tracks: dict, frame: int, parameters: LimbParameters, joint_angles):
-    for number, (origin, direction) in enumerate(link_poses(parameters, joint_angles)[:-1], 1):
-        path = f"{LIMB}/link_{number}"
-        np.testing.assert_allclose(tracks[path, "position"][frame], origin, atol=1e-12)
+    def pose_of(path: str) -> RigidTransform:
         x, y, z, w = tracks[path, "quaternion"][frame]
-        assert (x, y) == pytest.approx((0, 0), abs=1e-12)
-        turned = np.exp(1j * direction)
-        assert complex(w, z) ** 2 == pytest.approx(turned, abs=1e-9)
+        turn = Quaternion(np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z]))
+        return RigidTransform(turn, tracks[path, "position"][frame])
+
+    return pose_of
 
 
-def pose(tracks: dict, frame: int, path: str) -> np.ndarray:
-    """A planar pose (3, 3) in (E1, E2) that an animation gives a path."""
-    x, y, z, w = tracks[path, "quaternion"][frame]
-    assert (x, y) == pytest.approx((0, 0), abs=1e-12)
-    turn = complex(w, z) ** 2
-    matrix = np.array([[turn.real, -turn.imag, 0], [turn.imag, turn.real, 0], [0, 0, 1.0]])
-    matrix[:, 2] += [*tracks[path, "position"][frame][:2], 0]
-    return matrix
+def live_poses(page: str) -> Callable[[str], RigidTransform]:
+    """A function that returns the pose which a page sets a path to."""
+    found = transforms(page)
+    return lambda path: RigidTransform(found[path])
 
 
-def check_ghost(name: str, tracks: dict, frame: int, parameters: LimbParameters, joint_angles):
-    """Each link hangs on the one before, so that poses multiply along the chain."""
-    path, matrix = f"/drake/ghosts/{name}", np.eye(3)
-    for number, (origin, direction) in enumerate(link_poses(parameters, joint_angles)[:-1], 1):
-        path += f"/link_{number}"
-        matrix = matrix @ pose(tracks, frame, path)
-        np.testing.assert_allclose(matrix[:2, 2], origin[:2], atol=1e-7)
-        np.testing.assert_allclose(matrix[:2, 0], [np.cos(direction), np.sin(direction)], atol=1e-6)
+def check_bodies(pose_of: Callable, parameters: LimbParameters, joint_angles, ghost: str = ""):
+    """Each body begins where kinematics says, and points to where the next one begins.
 
-
-def by_equation_11(parameters: LimbParameters, bend_angle) -> np.ndarray:
-    """θ_i = 2 φ / (n + 1) of each joint."""
-    segments = zip(parameters.segments, bend_angle, strict=True)
-    return np.concatenate([np.full(s.links, 2 * angle / (s.links + 1)) for s, angle in segments])
+    Bodies of a ghost hang on each other, so that poses multiply along the chain.
+    """
+    ends = link_positions(parameters, joint_angles)
+    links = sum(segment.links for segment in parameters.segments)
+    bodies = ["root_1"] * (len(ends) - 1 - links) + [f"link_{n}" for n in range(1, links + 1)]
+    path, pose = f"/drake/ghosts/{ghost}" if ghost else LIMB, RigidTransform()
+    for body, place, end in zip(bodies, ends, ends[1:], strict=False):
+        if ghost:
+            path += f"/{body}"
+            pose = pose @ pose_of(path)
+        else:
+            pose = pose_of(f"{path}/{body}")
+        np.testing.assert_allclose(pose.translation(), place, atol=1e-7)
+        along = (end - place) / np.linalg.norm(end - place)
+        np.testing.assert_allclose(pose.rotation().matrix()[:, 0], along, atol=1e-6)
 
 
 def make_plan(parameters: LimbParameters) -> Trajectory:

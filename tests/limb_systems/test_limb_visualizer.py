@@ -11,19 +11,17 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from limb_systems import Limb, LimbParameters, LimbVisualizer, wire_color
+from limb_systems import (
+    Limb,
+    LimbParameters,
+    LimbVisualizer,
+    joint_angles_from_bend_angle,
+    wire_color,
+)
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from meshcat_page import (
-    LIMB,
-    by_equation_11,
-    link_poses,
-    make_plan,
-    properties,
-    srgb,
-    transforms,
-)
+from meshcat_page import LIMB, check_bodies, live_poses, make_plan, properties, srgb
 
 
 def test_wire_color_runs_from_greyish_blue_at_ambient_to_orange_at_the_maximum():
@@ -76,25 +74,10 @@ def test_live_view_follows_the_limb_in_a_simulation(two_segments):
             assert opacity == 1.0
             expected = wire_color(two_segments, temperature)
             np.testing.assert_allclose(srgb(np.array(color)), expected, atol=1e-9)
-        poses = transforms(page)
-        for number, (origin, direction) in enumerate(link_poses(two_segments, joint_angles)[:-1]):
-            matrix = poses[f"{LIMB}/link_{number + 1}"]
-            np.testing.assert_allclose(matrix[:3, 3], origin, atol=1e-9)
-            axis = [np.cos(direction), np.sin(direction), 0.0]
-            np.testing.assert_allclose(matrix[:3, 0], axis, atol=1e-9)
+        check_bodies(live_poses(page), two_segments, joint_angles)
         assert not scene["/drake/duty", "visible"]  # it is not connected
         shown.append(heat)
     assert (shown[1] - shown[0])[[1, 2]].min() > 5.0
-
-
-def chain(poses: dict, name: str, parameters: LimbParameters) -> list[np.ndarray]:
-    """Poses (4, 4) of a live ghost's links."""
-    path, matrix, found = f"/drake/ghosts/{name}", np.eye(4), []
-    for number in range(1, parameters.num_joints + 1):
-        path += f"/link_{number}"
-        matrix = matrix @ poses[path]
-        found.append(matrix)
-    return found
 
 
 def test_live_view_shows_duty_and_ghosts_at_the_context_s_time(two_segments):
@@ -110,16 +93,10 @@ def test_live_view_shows_duty_and_ghosts_at_the_context_s_time(two_segments):
         context.SetTime(time)
         visualizer.ForcedPublish(context)
         page = meshcat.StaticHtml()
-        for name, angles in (
-            ("plan", plan.joint_angles[:, knot]),
-            ("reference", by_equation_11(two_segments, plan.reference[:, knot])),
-        ):
-            expected = link_poses(two_segments, angles)[:-1]
-            found = chain(transforms(page), name, two_segments)
-            for matrix, (origin, direction) in zip(found, expected, strict=True):
-                np.testing.assert_allclose(matrix[:3, 3], origin, atol=1e-9)
-                axis = [np.cos(direction), np.sin(direction), 0.0]
-                np.testing.assert_allclose(matrix[:3, 0], axis, atol=1e-9)
+        pose_of, wanted = live_poses(page), plan.reference[:, knot]
+        check_bodies(pose_of, two_segments, plan.joint_angles[:, knot], "plan")
+        wanted = joint_angles_from_bend_angle(two_segments, wanted)
+        check_bodies(pose_of, two_segments, wanted, "reference")
         scene = properties(page)
         assert scene["/drake/duty", "visible"]
         for wire, name in enumerate(["left_1", "right_1", "left_2", "right_2"]):

@@ -10,8 +10,6 @@ from pathlib import Path
 import matplotlib.colors
 import numpy as np
 import pytest
-from pydrake.common.eigen_geometry import Quaternion
-from pydrake.math import RigidTransform, RotationMatrix
 
 from limb_systems import (
     LimbParameters,
@@ -22,7 +20,6 @@ from limb_systems import (
     wire_color,
     write_meshcat_replay,
 )
-from limb_systems.model.kinematics import link_positions
 from limb_systems.views import colors
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -31,12 +28,11 @@ from meshcat_page import (
     LIMB,
     animation,
     boxes,
-    by_equation_11,
-    check_ghost,
-    check_link_poses,
+    check_bodies,
     commands,
     make_plan,
     make_recording,
+    poses_at,
     srgb,
     transforms,
 )
@@ -70,7 +66,7 @@ def test_links_and_wires_are_as_the_model_s_recording_says(tmp_path, modelled):
     assert rate == pytest.approx(20.0)
     assert len(tracks[f"{LIMB}/link_1", "quaternion"]) == 41
     for frame in (0, 1, 23, 40):
-        check_link_poses(tracks, frame, parameters, modelled.joint_state[:5, frame])
+        check_bodies(poses_at(tracks, frame), parameters, modelled.joint_state[:5, frame])
     assert options["play"] is True
     assert options["repetitions"] > 10_000
 
@@ -108,21 +104,22 @@ def test_beside_a_recording_ghosts_keep_to_the_time_of_the_plan(tmp_path, two_se
         np.testing.assert_allclose(duty, recording.duty[wire], atol=0.00501)
     # The recording begins 3 s after the plan, which ends 1 s later; both go on for another 1 s.
     for frame, knot in ((0, 6), (10, 7), (20, 8), (33, 8), (40, 8)):
-        check_ghost("plan", tracks, frame, two_segments, plan.joint_angles[:, knot])
-        wanted = by_equation_11(two_segments, plan.reference[:, knot])
-        check_ghost("reference", tracks, frame, two_segments, wanted)
+        pose_of, angles = poses_at(tracks, frame), plan.joint_angles[:, knot]
+        check_bodies(pose_of, two_segments, angles, "plan")
+        wanted = joint_angles_from_bend_angle(two_segments, plan.reference[:, knot])
+        check_bodies(pose_of, two_segments, wanted, "reference")
         for shown, expected in ((reference, plan.reference), (planned, plan.bend_angle)):
             degrees = np.rad2deg(expected[:, knot])
             np.testing.assert_allclose(shown[:, frame], degrees, atol=0.0501)
-    halfway = plan.reference[:, 6:8].mean(axis=1)
-    check_ghost("reference", tracks, 5, two_segments, by_equation_11(two_segments, halfway))
+    halfway = joint_angles_from_bend_angle(two_segments, plan.reference[:, 6:8].mean(axis=1))
+    check_bodies(poses_at(tracks, 5), two_segments, halfway, "reference")
     # Cubic between the knots: the mean, and h/8 times the difference of the rates.
     angles, rates = plan.joint_angles[:, 6:8], plan.joint_rates[:, 6:8]
     halfway = angles.mean(axis=1) + 0.5 / 8 * (rates[:, 0] - rates[:, 1])
-    check_ghost("plan", tracks, 5, two_segments, halfway)
+    check_bodies(poses_at(tracks, 5), two_segments, halfway, "plan")
     # What was measured stays where it was measured.
-    measured = by_equation_11(two_segments, recording.bend_angle[:, 10])
-    check_link_poses(tracks, 10, two_segments, measured)
+    measured = joint_angles_from_bend_angle(two_segments, recording.bend_angle[:, 10])
+    check_bodies(poses_at(tracks, 10), two_segments, measured)
 
     # Faces of ghosts and limb in one plane would flicker.
     shapes, poses, heights = boxes(page), transforms(page), []
@@ -165,18 +162,10 @@ def test_in_space_links_ghosts_and_paths_of_tips_are_where_kinematics_says(tmp_p
     frame, knot = 20, 8
     bent = joint_angles_from_bend_angle(limb, recording.bend_angle)
     wanted = joint_angles_from_bend_angle(limb, plan.reference[:, knot])
-    bodies = ("root_1", "link_1", "link_2", "link_3")
-    for body, place in zip(bodies, link_positions(limb, bent[:, frame]), strict=False):
-        shown = tracks[f"{LIMB}/{body}", "position"][frame]
-        np.testing.assert_allclose(shown, place, atol=1e-12)
-    for name, angles in (("plan", plan.joint_angles[:, knot]), ("reference", wanted)):
-        path, pose = f"/drake/ghosts/{name}", RigidTransform()
-        for body, place in zip(bodies, link_positions(limb, angles), strict=False):
-            path += f"/{body}"
-            x, y, z, w = tracks[path, "quaternion"][frame]
-            turn = RotationMatrix(Quaternion(np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z])))
-            pose = pose @ RigidTransform(turn, tracks[path, "position"][frame])
-            np.testing.assert_allclose(pose.translation(), place, atol=1e-7)
+    pose_of = poses_at(tracks, frame)
+    check_bodies(pose_of, limb, bent[:, frame])
+    check_bodies(pose_of, limb, plan.joint_angles[:, knot], "plan")
+    check_bodies(pose_of, limb, wanted, "reference")
     dots = {
         command["path"]: np.frombuffer(
             command["object"]["geometries"][0]["data"]["attributes"]["position"]["array"], "<f4"

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from limb_systems import (
@@ -25,7 +24,7 @@ from limb_systems.views.walk import FRAMES, draw_walk
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from meshcat_page import animation, boxes, srgb, transforms
+from meshcat_page import animation, boxes, poses_at, srgb, transforms
 
 ROBOT = "/drake/visualizer/robot"
 
@@ -94,11 +93,6 @@ def drake_poses(recording: Recording, sample: int) -> dict[str, RigidTransform]:
     return {body.name(): plant.EvalBodyPoseInWorld(context, body) for body in bodies}
 
 
-def shown(tracks: dict, path: str, frame: int) -> RigidTransform:
-    x, y, z, w = tracks[path, "quaternion"][frame]
-    return RigidTransform(Quaternion([w, x, y, z]), tracks[path, "position"][frame])
-
-
 @pytest.mark.parametrize("robot", [RobotParameters(ground=GroundParameters(0.4, 0.1)), in_space()])
 def test_a_page_shows_bodies_and_wires_of_a_robot_where_drake_has_them(tmp_path, robot):
     recording = random_recording(robot, travel=0.1)
@@ -106,12 +100,12 @@ def test_a_page_shows_bodies_and_wires_of_a_robot_where_drake_has_them(tmp_path,
     page = (tmp_path / "walk.html").read_text(encoding="utf-8")
     tracks, _, _ = animation(page)
     for sample in (0, 3, 5):
-        expected = drake_poses(recording, sample)
+        expected, pose_of = drake_poses(recording, sample), poses_at(tracks, sample)
         for name in ("body", *(f"{limb.name}_link_5" for limb in robot.limbs)):
-            found = shown(tracks, f"{ROBOT}/{name}", sample)
+            found = pose_of(f"{ROBOT}/{name}")
             assert found.IsNearlyEqualTo(expected[name], 1e-9), name
         # The scene does not move, and is tilted as the ground is: +x rises.
-        scene = shown(tracks, "/drake/visualizer", sample).GetAsMatrix4()
+        scene = pose_of("/drake/visualizer").GetAsMatrix4()
         slope = robot.ground.slope
         np.testing.assert_allclose(scene[:3, 0], [np.cos(slope), 0, np.sin(slope)], atol=1e-9)
         np.testing.assert_allclose(scene[:3, 3], 0.0, atol=1e-12)
@@ -138,11 +132,10 @@ def test_the_view_goes_with_a_robot_that_goes_far_over_marks_that_repeat(tmp_pat
     write_meshcat_replay(tmp_path / "walk.html", recording, frames_per_second=10.0)
     tracks, _, _ = animation((tmp_path / "walk.html").read_text(encoding="utf-8"))
     for sample in range(6):
-        x = recording.body_pose[0, sample]
-        scene = shown(tracks, "/drake/visualizer", sample)
-        body = scene @ shown(tracks, f"{ROBOT}/body", sample)
+        x, pose_of = recording.body_pose[0, sample], poses_at(tracks, sample)
+        body = pose_of("/drake/visualizer") @ pose_of(f"{ROBOT}/body")
         assert body.translation()[0] == pytest.approx(0.0, abs=1e-9)
-        moved = shown(tracks, "/drake/ground", sample).translation()[0]
+        moved = pose_of("/drake/ground").translation()[0]
         assert abs(moved) < 0.05
         assert (moved + x) / 0.05 == pytest.approx(round((moved + x) / 0.05), abs=1e-6)
 
