@@ -10,8 +10,6 @@ import signal
 import subprocess
 import sys
 import threading
-import urllib.error
-import urllib.request
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -272,51 +270,43 @@ def token(live):
     return live.url.partition("?token=")[2]
 
 
-def status(port, path, **headers):
-    """Of an answer, without going where it redirects to; and its headers."""
-
-    class Stay(urllib.request.HTTPRedirectHandler):
-        def redirect_request(self, *_):
-            return None
-
+def ask(port, path, **headers):
+    """The status of an answer, its headers, and its text unless a websocket has begun."""
     headers = {name.replace("_", "-"): value for name, value in headers.items()}
-    request = urllib.request.Request(f"http://127.0.0.1:{port}{path}", headers=headers)
-    try:
-        with urllib.request.build_opener(Stay).open(request) as answer:
-            return answer.status, answer.headers
-    except urllib.error.HTTPError as error:
-        return error.code, error.headers
+    connection = http.client.HTTPConnection("127.0.0.1", port)
+    with contextlib.closing(connection):
+        connection.request("GET", path, headers=headers)
+        answer = connection.getresponse()
+        return answer.status, answer.headers, answer.read() if answer.status != 101 else b""
 
 
 def test_from_beyond_this_computer_the_token_is_needed(port, token):
     assert len(token) > 40
     known = f"{COOKIE}_{port}={token}"
     for path in ("/", "/?token=wrong", "/view/", "/live", "/nothing"):
-        assert status(port, path)[0] == 403, path
-        assert status(port, path, Cookie=f"{known[:-1]}-")[0] == 403, path
-    code, headers = status(port, f"/?token={token}")
+        assert ask(port, path)[0] == 403, path
+        assert ask(port, path, Cookie=f"{known[:-1]}-")[0] == 403, path
+    code, headers, _ = ask(port, f"/?token={token}")
     assert (code, headers["Location"]) == (302, "/")
     assert headers["Set-Cookie"] == f"{known}; HttpOnly; Path=/; SameSite=Strict"
     for path in ("/", "/view/"):
-        code, headers = status(port, path, Cookie=known)
+        code, headers, _ = ask(port, path, Cookie=known)
         assert (code, headers["X-Frame-Options"]) == (200, "SAMEORIGIN"), path
         assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
-    assert status(port, "/", Cookie=known, Origin="http://example.org")[0] == 403
+    # Browsers say from which page a websocket is opened.
+    websocket = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec_WebSocket_Version": "13"}
+    websocket |= {"Sec_WebSocket_Key": "x", "Cookie": known}
+    assert ask(port, "/live", Origin=f"http://127.0.0.1:{port}", **websocket)[0] == 101
+    for origin in ("http://example.org", f"https://127.0.0.1:{port}", "null"):
+        assert ask(port, "/live", Origin=origin, **websocket)[0] == 403
+        assert ask(port, "/", Origin=origin, Cookie=known)[0] == 403
 
 
-def test_nothing_else_listens(live, port, motion):
+def test_nothing_else_listens(live, port, token, motion):
     """Meshcat's own server asks nobody who they are: it is gone when it has made its page."""
     live.begin(RunHeader("a limb", motion.parameters, 110.0, plan=motion))
-    pid, token = live._process.pid, live.url.partition("?token=")[2]
-    cookie = f"{COOKIE}_{port}={token}"
-
-    def view():
-        request = urllib.request.Request(f"http://127.0.0.1:{port}/view/")
-        request.add_header("Cookie", cookie)
-        with urllib.request.urlopen(request) as answer:
-            return answer.read()
-
-    assert wait_for(lambda: b"ghosts" in view() or len(view()) > 1e6)
+    pid, cookie = live._process.pid, f"{COOKIE}_{port}={token}"
+    assert wait_for(lambda: len(ask(port, "/view/", Cookie=cookie)[2]) > 1e6)
     mine = {os.readlink(f"/proc/{pid}/fd/{fd}") for fd in os.listdir(f"/proc/{pid}/fd")}
     tables = (Path(f"/proc/{pid}/net/{name}").read_text() for name in ("tcp", "tcp6"))
     rows = [line.split() for table in tables for line in table.splitlines()]
@@ -348,23 +338,6 @@ def test_the_view_is_what_meshcat_shows(motion):
             meshcat._GetPackedProperty(path, name) if name else meshcat._GetPackedTransform(path)
         )
         np.testing.assert_allclose(said, last_numbers(message, len(said)), atol=1e-9)
-
-
-def test_pages_of_other_sites_are_refused(port, token):
-    """Browsers say from which page a websocket is opened."""
-
-    def answer(origin):
-        connection = http.client.HTTPConnection("127.0.0.1", port)
-        headers = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
-        headers |= {"Sec-WebSocket-Key": "x"}
-        headers |= {"Origin": origin, "Cookie": f"{COOKIE}_{port}={token}"}
-        connection.request("GET", "/live", headers=headers)
-        with contextlib.closing(connection):
-            return connection.getresponse().status
-
-    assert answer(f"http://127.0.0.1:{port}") == 101
-    for origin in ("http://example.org", f"https://127.0.0.1:{port}", "null"):
-        assert answer(origin) == 403
 
 
 def test_at_home_a_page_has_a_name_of_this_computer():
