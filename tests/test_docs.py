@@ -235,11 +235,14 @@ def test_commands_parse(monkeypatch):
 
 
 def test_table_of_options_is_that_of_the_parsers():
-    (rows,) = tables(TEXTS[ROOT / "docs" / "soft_limb.md"], "command")
+    text, names = TEXTS[ROOT / "docs" / "soft_limb.md"], re.compile(r"`([^`]+)`")
+    (rows,), (shared,) = tables(text, "command"), tables(text, "shared option")
     listed, command = set(), ""
+    for options, commands, _ in shared:
+        listed |= set(itertools.product(names.findall(commands), names.findall(options)))
     for command_cell, options, _ in rows:
         command = command_cell.strip("`") or command
-        listed |= {(command, name) for name in re.findall(r"`([^`]+)`", options)}
+        listed |= {(command, name) for name in names.findall(options)}
     modules = {name: f"soft_limb.commands.{home}" for name, (home, _) in COMMANDS.items()}
     assert listed == {
         (name, option)
