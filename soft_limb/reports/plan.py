@@ -11,7 +11,6 @@ from limb_systems.summary import Summary
 from limb_systems.views.panels import repetition_panels, tracking_panels
 from planners.checks import far_from_reference
 from soft_limb.reports import page
-from soft_limb.results.summaries import active_times, spans
 from soft_limb.runs.rollout import Rollout
 
 
@@ -46,27 +45,15 @@ def write_plan_report(
         data: files that the page links to, by what they are.
     """
     trajectory = trajectory.since_start()
-    rows = [
-        [bound, spans(times), f"{sum(end - start for start, end in times):.1f}"]
-        for bound, times in active_times(trajectory).items()
-    ]
     limits = trajectory.parameters.temperature_limits
     bounds = (
         f"Duty is from 0 to 1 (18). No wire is planned above T_max = {limits.maximum:g} °C (19), "
         f"and none below T_warm = {limits.warm:g} °C from {limits.warm_up_time:g} s on (20)."
     )
-    found = Summary([entry for entry in summary.entries if entry.name != "limits"])
     parts: list[page.Part] = [
         page.verdict(plan_verdict(trajectory, summary)),
         page.chart(tracking_panels(trajectory), "Bend angle, temperatures and duty of the plan"),
-        page.section(
-            "Limits",
-            page.paragraph(bounds),
-            page.table(["the plan runs along", "at (s)", "in all (s)"], rows)
-            if rows
-            else page.paragraph("None is active."),
-        ),
-        page.section("How it was found", page.facts(found)),
+        page.section("How it was found", page.facts(summary), page.paragraph(bounds)),
         page.section("Limb", page.limb(trajectory.parameters)),
     ]
     page.write_page(path, "Plan of a limb's motion", parts, trajectory.provenance, data)

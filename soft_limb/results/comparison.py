@@ -80,28 +80,20 @@ class Difference:
     median: float
     percentile_90: float
 
-    @classmethod
-    def of(cls, run: int, signal: str, values: np.ndarray) -> "Difference":
-        """The statistics of differences in the unit of a signal."""
-        size = np.abs(values)
-        numbers = (size.mean(), np.median(size), np.percentile(size, 90))
-        return cls(run, signal, SIGNALS[signal].unit, *map(float, numbers))
-
 
 @dataclasses.dataclass(frozen=True)
 class Curves:
-    """A signal of a run over time, in degrees or °C.
+    """The signals of a run over time, by their names, in degrees and °C.
 
-    - ``time``: times since the start of the plan (K,), s.
-    - ``values``: values at these times (size, K).
-    - ``difference_time``, ``differences``: times (M,), s, and differences from the first run
-      (size, M); empty for the first.
+    - ``time``, ``signals``: times since the start of the plan (K,), s, and values (rows, K).
+    - ``common``, ``differences``: times (M,), s, and differences from the first run (rows, M);
+      empty for the first.
     """
 
     time: np.ndarray
-    values: np.ndarray
-    difference_time: np.ndarray
-    differences: np.ndarray
+    signals: dict[str, np.ndarray]
+    common: np.ndarray
+    differences: dict[str, np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -114,7 +106,7 @@ class Comparison:
     - ``distances``: mean distances from the reference by the number of the run, of each
       recording, if there is one plan.
     - ``tracking``: |φ* - φ| of each recording, if there is one plan.
-    - ``curves``: signals of each run by their names.
+    - ``curves``: signals of each run.
     """
 
     results: Sequence[ResultFile]
@@ -122,7 +114,7 @@ class Comparison:
     differences: list[Difference]
     distances: dict[int, ReferenceDistances]
     tracking: list[Difference]
-    curves: list[dict[str, Curves]]
+    curves: list[Curves]
 
     def to_json(self) -> dict[str, Any]:
         """All but the curves, for JSON."""
@@ -226,11 +218,12 @@ def compare(results: Sequence[ResultFile]) -> Comparison:
         return Comparison(results, changes, [], {}, [], [])
     _check_shapes(results)
     curves = _curves([result.value for result in results])
-    differences = [
-        Difference.of(run, signal, curves[run][signal].differences)
-        for run in range(1, len(results))
-        for signal in SIGNALS
-    ]
+    differences = []
+    for run, of_run in enumerate(curves[1:], 1):
+        for name, values in of_run.differences.items():
+            size = np.abs(values)
+            numbers = [size.mean(), np.median(size), np.percentile(size, 90)]
+            differences.append(Difference(run, name, SIGNALS[name].unit, *map(float, numbers)))
     return Comparison(results, changes, differences, *_tracking(results), curves)
 
 
@@ -310,10 +303,10 @@ def _check_shapes(results: Sequence[ResultFile]) -> None:
             raise ComparisonError(f"{result.path} has fewer than two samples to compare.")
 
 
-def _curves(runs: Sequence[Recording | Trajectory]) -> list[dict[str, Curves]]:
+def _curves(runs: Sequence[Recording | Trajectory]) -> list[Curves]:
     """Signals of all runs, and at the samples of each their differences from the first."""
     runs = [run.since_start() if isinstance(run, Trajectory) else run for run in runs]
-    curves: list[dict[str, Curves]] = []
+    curves: list[Curves] = []
     for number, run in enumerate(runs):
         time, signals = _signals(run)
         common = (time >= runs[0].time[0]) & (time <= runs[0].time[-1]) & (number > 0)
@@ -323,15 +316,12 @@ def _curves(runs: Sequence[Recording | Trajectory]) -> list[dict[str, Curves]]:
                 f"{runs[0].time[0]:g} s to {runs[0].time[-1]:g} s: they have no time in common."
             )
         first = _at(runs[0], time[common])
-        curves.append(
-            {
-                # Without what is but rounding, which would look like a difference in a chart.
-                name: Curves(
-                    time, values, time[common], np.round(values[:, common] - first[name], 9)
-                )
-                for name, values in signals.items()
-            }
-        )
+        differences = {
+            # Without what is but rounding, which would look like a difference in a chart.
+            name: np.round(values[:, common] - first[name], 9)
+            for name, values in signals.items()
+        }
+        curves.append(Curves(time, signals, time[common], differences))
     return curves
 
 
@@ -443,13 +433,13 @@ def _panels(comparison: Comparison) -> list[Panel]:
         bends_alone = signal == "bend_angle"
         values, differences = _references(results, rows[0]) if bends_alone else [], []
         for number, curves in enumerate(comparison.curves):
-            color, run = _COLORS[number % len(_COLORS)], curves[signal]
+            color = _COLORS[number % len(_COLORS)]
             for row, style in zip(rows, itertools.cycle(_STYLES), strict=False):
                 wire = "" if bends_alone else parameters.wire_names[row]
                 name = ", ".join(filter(None, [names[number], wire]))
-                values.append(Curve(name, run.time, run.values[row], color, *style))
+                values.append(Curve(name, curves.time, curves.signals[signal][row], color, *style))
                 if number:
-                    apart = run.difference_time, run.differences[row]
+                    apart = curves.common, curves.differences[signal][row]
                     differences.append(Curve(name, *apart, color, *style))
         kind = SIGNALS[signal]
         panels.append(kind.panel(values, suffix, y_range=None))

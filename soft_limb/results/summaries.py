@@ -46,9 +46,11 @@ def plan_summary(trajectory: Trajectory, *, quick: bool = False) -> Summary:
             f"of limbs alike: φ is read within ±{check.bend_band_deg:.2f}° of the plan (95%), V up "
             f"to {max(check.highest_readings):.0f} °C (99.5%)"
         )
-    stretches = active_times(trajectory)
+    stretches: dict[str, list[str]] = {}
+    for active in check.active_constraints:
+        stretches.setdefault(active.bound, []).append(f"{active.start:.1f}-{active.end:.1f}")
     width = max((len(bound) for bound in stretches), default=0)
-    lines = [f"{bound:<{width}}  at {spans(times)} s" for bound, times in stretches.items()]
+    lines = [f"{bound:<{width}}  at {', '.join(times)} s" for bound, times in stretches.items()]
     texts["limits"] = "\n".join(["the plan runs along", *lines]) if lines else "none is active"
     values = {
         "duration_s": trajectory.duration,
@@ -163,19 +165,6 @@ def _beside(done: str, distances: ReferenceDistances) -> list[Entry]:
 
 def _degrees(distance: float | None) -> float | None:
     return None if distance is None else float(np.rad2deg(distance))
-
-
-def active_times(trajectory: Trajectory) -> dict[str, list[tuple[float, float]]]:
-    """From when to when a plan runs along each bound, s."""
-    times: dict[str, list[tuple[float, float]]] = {}
-    for active in trajectory.check.active_constraints:
-        times.setdefault(active.bound, []).append((active.start, active.end))
-    return times
-
-
-def spans(times: list[tuple[float, float]]) -> str:
-    """Stretches of time in words, without their unit."""
-    return ", ".join(f"{start:.1f}-{end:.1f}" for start, end in times)
 
 
 def repetitions_summary(learner: Learner, *, quick: bool = False) -> Summary:
