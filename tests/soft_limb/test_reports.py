@@ -1,4 +1,4 @@
-"""Reports on limbs that follow plans: what went wrong is said first, and names are text."""
+"""Reports: what is in them is text, and what went wrong is said first."""
 
 import dataclasses
 import html
@@ -15,6 +15,7 @@ from limb_systems import (
     WireParameters,
     simulate,
 )
+from soft_limb.reports import page
 from soft_limb.reports.plan import write_rollout_report
 from soft_limb.runs.rollout import Rollout
 
@@ -73,3 +74,26 @@ def test_a_report_begins_with_what_went_wrong(rollout, tmp_path, look_at):
     assert "<b>7" not in text
     assert '<a href="../plan.csv">' in text
     look_at(report)
+
+
+def test_a_page_holds_its_parts_as_text():
+    made = page.make_page(
+        "a < b & c",
+        [
+            page.section("Q = <Q>", page.paragraph("φ & <b>"), page.items(["<i>", "2"])),
+            page.preformatted("k:  1\n  <l>"),
+            page.table(["name", "°"], [["<k>", "-1.5"], ["b", "± 2"]], "measured & counted"),
+        ],
+    )
+    for text in (
+        "<title>a &lt; b &amp; c</title>",
+        "<h1>a &lt; b &amp; c</h1>",
+        '<h2 id="section-1">Q = &lt;Q&gt;</h2>',
+        "<p>φ &amp; &lt;b&gt;</p>",
+        "<ul><li>&lt;i&gt;</li><li>2</li></ul>",
+        "<pre>k:  1\n  &lt;l&gt;</pre>",
+        "<tr><th>name</th><th>°</th></tr>",
+        "<tr><td>b</td><td>±\u00a02</td></tr>",  # no line break within
+        "<caption>measured &amp; counted</caption>",
+    ):
+        assert text in made, text
