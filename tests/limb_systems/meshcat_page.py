@@ -1,6 +1,8 @@
 """What a page or a Meshcat shows, read back as the browser reads it, and what is shown in tests."""
 
 import base64
+import html.parser
+import json
 import re
 import struct
 from collections.abc import Callable
@@ -141,6 +143,29 @@ def check_bodies(pose_of: Callable, parameters: LimbParameters, joint_angles, gh
         np.testing.assert_allclose(pose.translation(), place, atol=1e-7)
         along = (end - place) / np.linalg.norm(end - place)
         np.testing.assert_allclose(pose.rotation().matrix()[:, 0], along, atol=1e-6)
+
+
+class Tags(html.parser.HTMLParser):
+    """Collects the tags of a page with their attributes."""
+
+    def __init__(self):
+        super().__init__()
+        self.found = []
+
+    def handle_starttag(self, tag, attributes):
+        self.found.append((tag, dict(attributes)))
+
+
+def readouts(page: str) -> np.ndarray:
+    """What each output of the caption says in each frame (R, F)."""
+    parser = Tags()
+    parser.feed(page)
+    values = json.loads(re.search(r"const values = (.*);$", page, re.MULTILINE)[1])
+    assert len([tag for tag, _ in parser.found if tag == "output"]) == 1 + len(values)  # a clock
+    (slider,) = (attributes for tag, attributes in parser.found if tag == "input")
+    assert (slider["type"], slider["min"]) == ("range", "0")
+    assert all(len(row) == int(slider["max"]) + 1 for row in values)
+    return np.array(values)
 
 
 def make_plan(parameters: LimbParameters) -> Trajectory:

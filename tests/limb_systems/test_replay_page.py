@@ -1,8 +1,6 @@
 """What a replay's page holds."""
 
-import html.parser
 import itertools
-import json
 import re
 import sys
 from pathlib import Path
@@ -26,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from meshcat_page import (
     LIMB,
+    Tags,
     animation,
     boxes,
     check_bodies,
@@ -33,6 +32,7 @@ from meshcat_page import (
     make_plan,
     make_recording,
     poses_at,
+    readouts,
     srgb,
     transforms,
 )
@@ -181,29 +181,6 @@ def test_in_space_links_ghosts_and_paths_of_tips_are_where_kinematics_says(tmp_p
     caption = page.split('id="caption"')[1]
     assert "wire_1 0°, wire_2 90°, wire_3 180°, wire_4 -90°" in caption
     assert "φ<sub>e3</sub>" in caption
-
-
-def readouts(page: str) -> np.ndarray:
-    """What each output of the caption says in each frame (R, F)."""
-    parser = Tags()
-    parser.feed(page)
-    values = json.loads(re.search(r"const values = (.*);$", page, re.MULTILINE)[1])
-    assert len([tag for tag, _ in parser.found if tag == "output"]) == 1 + len(values)  # a clock
-    (slider,) = (attributes for tag, attributes in parser.found if tag == "input")
-    assert (slider["type"], slider["min"]) == ("range", "0")
-    assert all(len(row) == int(slider["max"]) + 1 for row in values)
-    return np.array(values)
-
-
-class Tags(html.parser.HTMLParser):
-    """Collects the tags of a page with their attributes."""
-
-    def __init__(self):
-        super().__init__()
-        self.found = []
-
-    def handle_starttag(self, tag, attributes):
-        self.found.append((tag, dict(attributes)))
 
 
 def test_the_page_needs_nothing_but_itself_and_its_title_is_text(tmp_path):

@@ -1,5 +1,6 @@
 """Robots are shown where Drake's plant has them, and their feet do what is said of them."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from limb_systems.views.walk import FRAMES, draw_walk
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from meshcat_page import animation, boxes, poses_at, srgb, transforms
+from meshcat_page import animation, boxes, poses_at, readouts, srgb, transforms
 
 ROBOT = "/drake/visualizer/robot"
 
@@ -109,6 +110,10 @@ def test_a_page_shows_bodies_and_wires_of_a_robot_where_drake_has_them(tmp_path,
         slope = robot.ground.slope
         np.testing.assert_allclose(scene[:3, 0], [np.cos(slope), 0, np.sin(slope)], atol=1e-9)
         np.testing.assert_allclose(scene[:3, 3], 0.0, atol=1e-12)
+    turns = robot.pose_size // 2  # one in the plane, three in space
+    pose = np.split(recording.body_pose, [robot.pose_size - turns])
+    said = readouts(page)[len(robot.limbs) :][: robot.pose_size]
+    np.testing.assert_allclose(said, [*(1e3 * pose[0]), *np.rad2deg(pose[1])], atol=0.0501)
     first = robot.limbs[0].name
     colors = srgb(tracks[f"{ROBOT}/{first}_link_2/robot/wire_right/<object>", "material.color"])
     wanted = wire_color(robot.together, recording.wire_temperature[1])
@@ -123,7 +128,8 @@ def test_a_page_shows_bodies_and_wires_of_a_robot_where_drake_has_them(tmp_path,
     assert ground[0] + length / 2 > 0.15
     caption = page.split('id="caption"')[1]
     assert f"μ = {robot.ground.friction:g}" in caption
-    assert "body x <output>" in caption
+    for name in ("x", "z", "pitch") if turns == 1 else ("x", "y", "z", "roll", "pitch", "yaw"):
+        assert re.search(rf"(body )?\b{name} <output>", caption)
     assert ("rises by 5.7" in caption) == (slope > 0)
 
 

@@ -170,7 +170,7 @@ def test_compare_tells_a_shift_of_one_degree(folder, capsys):
     changes = {change["name"]: change["values"] for change in facts["changes"]}
     assert set(changes) == {"duration", "samples", "motion", "heat", "seed"}
     assert changes["seed"] == [3, 4]
-    make_recording(1.0).save("same_times.csv")
+    make_recording(-1.0).save("same_times.csv")
     facts = compared(["recording.csv", "same_times.csv"], capsys)
     assert facts["differences"][0]["percentile_90"] == pytest.approx(1.0, abs=1e-9)
 
