@@ -46,7 +46,7 @@ class StopSwitch:
 class LiveSite(Site):
     """The page of one run, its 3D view, and the websocket that keeps the page up to date.
 
-    - ``watchers``: browsers that look at the page; without one nothing is drawn.
+    - ``watchers``: browsers that look at the page; without one nothing is drawn in 3D.
     """
 
     def __init__(self, host: str, port: int, messages: socket.socket, program: int):
@@ -64,6 +64,7 @@ class LiveSite(Site):
         self.run, self.view, self.switch = Run(), View(), StopSwitch(program)
         self.watchers: set[_Watcher] = set()
         self._number, self._drawn = 0, Reading(0.0, [], [], [])
+        self._commands: list[dict[str, Any]] = []
         self._loop, self._messages = IOLoop.current(), messages
         messages.setblocking(False)
 
@@ -72,7 +73,8 @@ class LiveSite(Site):
         self.open()
         self._loop.add_handler(self._messages, lambda *_: self._take(), IOLoop.READ)
         self._loop.add_handler(sys.stdin.fileno(), lambda *_: self._end(), IOLoop.READ)
-        PeriodicCallback(self._tell, 1000 * PERIOD).start()
+        for callback in (self._draw, self._tell):
+            PeriodicCallback(callback, 1000 * PERIOD).start()
         self._loop.start()
 
     def _take(self) -> None:
@@ -89,21 +91,24 @@ class LiveSite(Site):
         self.run.end(sys.stdin.read())
         self._loop.call_later(FAREWELL, self._loop.stop)
 
-    def _tell(self) -> None:
-        """Tell all browsers what is new."""
+    def _draw(self) -> None:
+        """Draw what is new in 3D. If this fails, everything else goes on."""
         run = self.run
         if run.phase is not None and self._number != run.number:
             self._number = run.number
             self.view.begin(run.phase)
-        if not self.watchers:
-            return
-        cooling = run.reading is not None and run.reading.cooling
-        news: dict[str, Any] = {"state": state(run), "facts": facts(run)}
-        news |= {"cooling": cooling, "ended": bool(run.ended)}
-        if run.reading is not None and run.reading is not self._drawn:
+        if self.watchers and run.reading is not None and run.reading is not self._drawn:
             self._drawn = run.reading
-            news["view"] = self.view.commands(run.reading)
-        for watcher in self.watchers:
+            self._commands = self.view.commands(run.reading)
+
+    def _tell(self) -> None:
+        """Tell all browsers what is new."""
+        run, commands = self.run, self._commands
+        self._commands = []
+        news: dict[str, Any] = {"view": self._number, "commands": commands}
+        news |= {"state": state(run), "facts": facts(run), "ended": bool(run.ended)}
+        news["cooling"] = run.reading is not None and run.reading.cooling
+        for watcher in list(self.watchers):
             watcher.tell(news)
 
 

@@ -28,34 +28,36 @@ class View:
 
     def __init__(self):
         self.page = ""
+        self._limb: LimbView | None = None
 
     def begin(self, phase: RunHeader) -> None:
         """Make the page of another limb, or of another plan."""
+        self.page, self._limb = "", None  # if this fails
         self._parameters = parameters = phase.parameters
         shown, ghosts = phase.robot or parameters, []
         if phase.plan and shown is parameters:
             ghosts = ghosts_of_plan(parameters, phase.plan)
-        self._limb = LimbView(shown, ghosts)
+        limb = LimbView(shown, ghosts)
         meshcat = Meshcat(MeshcatParams(host="127.0.0.1", port=0, show_stats_plot=False))
-        self._limb.add_to(meshcat)
-        self._limb.set_scene(meshcat)
+        limb.add_to(meshcat)
+        limb.set_scene(meshcat)
         wires = np.zeros(len(parameters.wires))
-        self._limb.show(meshcat, np.zeros(parameters.num_joints), wires, 0.0)
-        self._limb.show_heat(meshcat, wires)
+        limb.show(meshcat, np.zeros(parameters.num_joints), wires, 0.0)
+        limb.show_heat(meshcat, wires)
         self.page = meshcat.StaticHtml().replace("</head>", f"{STYLE}</head>")
+        self._limb = limb
         del meshcat
         gc.collect()  # a diagram is a cycle of references, and its Meshcat keeps a port open
 
     def commands(self, reading: Reading) -> list[dict[str, Any]]:
-        """The commands by which Meshcat's page shows a reading; none if a value is missing."""
-        if not np.isfinite(
-            [*reading.bend_angle, *reading.measured_temperature, *reading.duty]
-        ).all():
+        """The commands by which Meshcat's page shows a reading; none without a view or a value."""
+        limb, values = self._limb, [*reading.bend_angle, *reading.measured_temperature]
+        if limb is None or not np.isfinite([*values, *reading.duty]).all():
             return []
         told: Any = _Told()
         angles = joint_angles_from_bend_angle(self._parameters, reading.bend_angle)
-        self._limb.show(told, angles, np.array(reading.duty), reading.time)
-        self._limb.show_heat(told, np.array(reading.measured_temperature))
+        limb.show(told, angles, np.array(reading.duty), reading.time)
+        limb.show_heat(told, np.array(reading.measured_temperature))
         return told.commands
 
 

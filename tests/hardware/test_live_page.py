@@ -431,6 +431,11 @@ def test_a_value_that_is_missing_is_a_gap(motion):
     assert (told["bend_angle_0"], told["reference_0"]) == ([None], [None])
     assert told["measured_temperature_1"] == [20.0]
     assert view.commands(reading) == []
+    other = RunHeader("a chain", LimbParameters.in_space(), 110.0, plan=motion)
+    with pytest.raises(LimbError, match="cannot be shown together"):
+        view.begin(other)  # the page goes on without the view
+    assert view.page == ""
+    assert view.commands(dataclasses.replace(reading, bend_angle=[0.1])) == []
 
 
 def test_a_limb_is_shown_while_it_cools(virtual_time, motion):
