@@ -16,11 +16,13 @@ from limb_systems import (
     PlanCheck,
     Provenance,
     Recording,
+    RobotParameters,
     Trajectory,
     joint_angles_from_bend_angle,
 )
 from soft_limb.command import main
 from soft_limb.reports import page
+from soft_limb.results import folder as folder_of_results
 from soft_limb.results.comparison import Change, compare
 from soft_limb.results.reading import read_result
 
@@ -124,6 +126,14 @@ def test_show_says_what_each_file_is_and_what_made_it(folder, capsys):
     assert check in said
     assert len(re.findall(r"^made at +2030-01-31T12:00:00Z$", said, re.MULTILINE)) == 5
     assert re.search(r"^limb seed   7$", said, re.MULTILINE)
+
+
+def test_kinds_are_told_by_the_fields_that_there_are():
+    limb, robot = (
+        {f.name for f in dataclasses.fields(c)} for c in (LimbParameters, RobotParameters)
+    )
+    assert limb == folder_of_results._LIMB
+    assert robot - limb == folder_of_results._ROBOT
 
 
 def damaged(text: str) -> str:
