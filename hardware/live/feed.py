@@ -1,4 +1,4 @@
-"""Tells whoever shows a limb, such as a live page, what it does."""
+"""What the process that runs a limb tells whoever shows it, such as the live page's process."""
 
 import contextlib
 import dataclasses
@@ -100,16 +100,16 @@ class LiveView(Protocol):
     """Shows a limb while it runs, and never waits; `soft_limb.live.page.LivePage` is one."""
 
     def begin(self, header: RunHeader) -> None:
-        """Shows a new recording, before its wires are heated."""
+        """Show a new recording, before its wires are heated."""
 
     def say(self, what: str) -> None:
-        """Says what runs, in words, until something else is said."""
+        """Say what runs, in words, until something else is said."""
 
     def show(self, reading: Reading) -> None:
-        """Shows what is known of the limb."""
+        """Show what is known of the limb."""
 
     def rest(self) -> None:
-        """Says that no limb runs any more."""
+        """Say that no limb runs any more."""
 
 
 class Feed(LeafSystem):

@@ -231,7 +231,7 @@ class LimbView:
         self._bar_foot = robot.body.height / 2 + 1.5 * self._unit if robot else -1.5 * self._unit
 
     def add_to(self, meshcat: Meshcat, base_pose: RigidTransform | None = None) -> None:
-        """Puts the limb into a scene, in place of one with the same root.
+        """Put the limb into a scene, in place of one with the same root.
 
         Args:
             base_pose: pose of the limb's frame (E1, E2, E3) in the world, or of the world of a
@@ -253,7 +253,7 @@ class LimbView:
     def add_tip_path(
         self, meshcat: Meshcat, joint_angles: np.ndarray, ghost: Ghost | None = None
     ) -> None:
-        """Puts a dot where the tip of a limb in space is, or its ghost's, for each θ (n, K)."""
+        """Put a dot where the tip of a limb in space is, or its ghost's, for each θ (n, K)."""
         dots = PointCloud(joint_angles.shape[1])
         dots.mutable_xyzs()[:] = tip_position(self._parameters, joint_angles)
         path = f"{self._root}ghosts/{f'{ghost.name}/' if ghost else ''}tip"
@@ -268,7 +268,7 @@ class LimbView:
         time: float,
         body_pose: np.ndarray | None = None,
     ) -> None:
-        """Moves limb, ghosts and bars; a recording by Meshcat shows them at this time, too.
+        """Move limb, ghosts and bars; a recording by Meshcat shows them at this time, too.
 
         Args:
             joint_angles: θ (n), rad.
@@ -313,7 +313,7 @@ class LimbView:
         return np.where(color > 0.04045, ((color + 0.055) / 1.055) ** 2.4, color / 12.92)
 
     def show_heat(self, meshcat: Meshcat, temperature: np.ndarray) -> None:
-        """Colours the wires by their temperatures (W), °C."""
+        """Colour the wires by their temperatures (W), °C."""
         for paths, color in zip(self.wire_paths, self.colors(temperature), strict=True):
             for path in paths:
                 meshcat.SetProperty(path, "color", [*color.tolist(), 1.0])
@@ -324,7 +324,7 @@ class LimbView:
         joint_angles: np.ndarray | None = None,
         body_pose: np.ndarray | None = None,
     ) -> float:
-        """Sets the background, the lights, and a camera that shows a whole motion and the bars.
+        """Set the background, the lights, and a camera that shows a whole motion and the bars.
 
         The camera still shows what it was set to show of limbs with other roots. Call it after
         `add_to`, and before `show`.
@@ -378,7 +378,7 @@ class LimbView:
         return (np.abs(right) / (distance - near)).max() / slope
 
     def _add_limb(self, meshcat: Meshcat) -> None:
-        """Puts the bodies of the limb's URDF into a scene; once, as only their poses change."""
+        """Put the bodies of the limb's URDF into a scene; once, as only their poses change."""
         builder = DiagramBuilder()
         _, scene_graph = self._add_plant(builder)
         params = MeshcatVisualizerParams(
@@ -396,7 +396,7 @@ class LimbView:
                 meshcat.SetProperty(path, "material.side", 0.0)  # front only
 
     def _add_plant(self, builder: DiagramBuilder) -> tuple[MultibodyPlant, SceneGraph]:
-        """Adds the limb or the robot to a diagram."""
+        """Add the limb or the robot to a diagram."""
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
         if self._robot:
             add_robot(plant, self._robot)
@@ -406,7 +406,7 @@ class LimbView:
         return plant, scene_graph
 
     def _add_ground(self, meshcat: Meshcat, low: np.ndarray, high: np.ndarray) -> None:
-        """Puts the ground below a box from low to high (3,), m, with a mark each 10 mm along x."""
+        """Put the ground below a box from low to high (3,), m, with a mark each 10 mm along x."""
         step, path = _FIFTH * MARK, f"{self._root}ground"
         first, last = np.floor(low[0] / step) - 1, np.ceil(high[0] / step) + 1
         middle, depth = (low[1] + high[1]) / 2, 1.5 * (high[1] - low[1])
@@ -437,7 +437,7 @@ class LimbView:
         return [self._plant.EvalBodyPoseInWorld(self._context, body) for body in self._bodies]
 
     def _add_ghost(self, meshcat: Meshcat, ghost: Ghost, level: int) -> None:
-        """Puts a ghost into the scene.
+        """Put a ghost into the scene.
 
         In space it is a tube along the axis, seen through the silicone, and the path of its tip.
         Else it is a flat strip just below the limb's top and narrower than the limb.
@@ -475,7 +475,7 @@ class LimbView:
             meshcat.SetProperty(f"{path}/strip/<object>", "material.side", 0.0)  # front only
 
     def _add_bars(self, meshcat: Meshcat) -> None:
-        """Puts a bar for each wire beside the base, or above the body; its track is duty 1."""
+        """Put a bar for each wire beside the base, or above the body; its track is duty 1."""
         unit, thin = self._unit, 0.02 * self._unit
         for name, x in zip(self._parameters.wire_names, self._bar_positions(), strict=True):
             path = f"{self._root}duty/{name}"

@@ -81,7 +81,7 @@ def draw(panels: Sequence[Panel], title: str = "") -> Figure:
 
 
 def dress(axis: Axes, most_columns: int = 3) -> None:
-    """Applies the common style to a panel: a light grid, and the legend above it."""
+    """Apply the common style to a panel: a light grid, and the legend above it."""
     axis.grid(alpha=0.25)
     axis.spines[["top", "right"]].set_visible(False)
     num_entries = len(axis.get_legend_handles_labels()[1])
@@ -101,7 +101,7 @@ def dress(axis: Axes, most_columns: int = 3) -> None:
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Writes a figure to a file, in the format that its name ends with.
+    """Write a figure to a file, in the format that its name ends with.
 
     One that ends with .pdf or .eps is for a paper: as wide as a column of two, 3.5 inches,
     with text of 8 pt, thin lines, and its fonts inside.
@@ -134,7 +134,7 @@ def _in_a_column(figure: Figure) -> Figure:
 
 
 def draw_panel(axis: Axes, panel: Panel) -> None:
-    """Draws a panel's curves and limits; `dress` adds the legend."""
+    """Draw a panel's curves and limits; `dress` adds the legend."""
     named: set[str] = set()
     for curve in [*panel.curves, *panel.limits]:
         x, y, band = np.asarray(curve.x), np.asarray(curve.y), curve.band

@@ -46,7 +46,7 @@ def write_meshcat_replay(
     title: str = "",
     frames_per_second: float = 20.0,
 ) -> None:
-    """Writes a page that replays a motion in 3D, over and over, in any browser; see `replay_page`.
+    """Write a page that replays a motion in 3D, over and over, in any browser; see `replay_page`.
 
     Args:
         path: the HTML file, which is written whole or not at all.
@@ -245,7 +245,7 @@ def _css(color: Sequence[float]) -> str:
 
 @contextlib.contextmanager
 def _drake_silenced() -> Iterator[None]:
-    """Keeps Drake from announcing a server that is not there to be visited."""
+    """Keep Drake from announcing a server that is not there to be visited."""
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.WARNING)

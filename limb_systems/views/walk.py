@@ -137,7 +137,7 @@ class _Scene:
         return np.vstack([self.body, *(axis for axis, _ in self._limbs)])
 
     def draw(self, axis: Axes, left: float, right: float) -> None:
-        """Draws the robot on its ground from left to right."""
+        """Draw the robot on its ground from left to right."""
         marks = np.arange(np.ceil(left / _MARK), np.floor(right / _MARK) + 1) * _MARK
         below = self._tilt[:, 1]
         axis.plot(*(self._tilt[:, :1] * [left, right]), color="#555555", linewidth=1.0)

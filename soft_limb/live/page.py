@@ -91,27 +91,27 @@ class LivePage:
             self.end(STOPPED if isinstance(error, KeyboardInterrupt) else str(error))
 
     def begin(self, phase: RunHeader) -> None:
-        """Shows a new recording, before its wires are heated."""
+        """Show a new recording, before its wires are heated."""
         self._phase = tempfile.TemporaryFile()  # noqa: SIM115, it is closed when it is sent
         pickle.dump(phase, self._phase)
         self._phase.flush()
         self._send(None)
 
     def say(self, what: str) -> None:
-        """Says what runs, in words, until something else is said."""
+        """Say what runs, in words, until something else is said."""
         self._said = what
         self._send(None)
 
     def show(self, reading: Reading) -> None:
-        """Shows what is known of the limb."""
+        """Show what is known of the limb."""
         self._send(reading)
 
     def rest(self) -> None:
-        """Says that no limb runs any more. The curves stay."""
+        """Say that no limb runs any more. The curves stay."""
         self._send(None)
 
     def end(self, reason: str) -> None:
-        """Says that all has ended, and why; the page's process ends soon. Again, it does nothing.
+        """Say that all has ended, and why; its process ends soon. A second call does nothing.
 
         It warns if that process had ended before.
         """
@@ -132,7 +132,7 @@ class LivePage:
             )
 
     def _send(self, reading: Reading | None) -> None:
-        """Sends it, or loses it if the page's process does not listen; never waits."""
+        """Send a reading, or lose it if the page's process does not listen; never wait."""
         files = [self._phase.fileno()] if self._phase else []
         try:
             socket.send_fds(self._socket, [pickle.dumps(Message(self._said, reading))], files)
@@ -155,7 +155,7 @@ class LivePage:
 
 
 def open_in_browser(url: str) -> None:
-    """Opens a page in the browser of this computer, where there is a display; waits for nothing."""
+    """Open a page in the browser of this computer, where there is a display, and do not wait."""
     if {"DISPLAY", "WAYLAND_DISPLAY"} & os.environ.keys() or sys.platform == "darwin":
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
 

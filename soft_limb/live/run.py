@@ -19,10 +19,10 @@ ENDED_WITHOUT_A_WORD = (
 
 
 class Run:
-    """What was heard, and how it ended.
+    """What the program that runs a limb has told, and how the run ended.
 
     - ``said``: name of what runs.
-    - ``phase``: the last that began; None before one. ``number`` counts them.
+    - ``phase``: header of the newest recording; None before the first. ``number`` counts them.
     - ``reading``: newest reading of the phase, if there is one.
     - ``is_running``: whether a limb runs.
     - ``readings``: readings of the phase, for its curves: evenly thinned, all of one with an end,
@@ -44,7 +44,7 @@ class Run:
         self._stride, self._received = 1, 0
 
     def take(self, data: bytes, files: list[int]) -> None:
-        """Takes in a message, and the file that came with it if a phase begins."""
+        """Take in a message, and the file that came with it if a phase begins."""
         for handle in files:
             with os.fdopen(handle, "rb") as file:
                 file.seek(0)
@@ -64,7 +64,7 @@ class Run:
         self._received += 1
 
     def end(self, reason: str) -> None:
-        """Notes the end; without a reason the program was killed."""
+        """Note the end; without a reason the program was killed."""
         self.ended, self.is_running = reason or ENDED_WITHOUT_A_WORD, False
 
     def _may_thin(self) -> bool:
@@ -72,7 +72,7 @@ class Run:
         return self.phase.duration is not None or self._stride < ENDLESS_STRIDE
 
     def _thin(self) -> None:
-        """Leaves every other reading out, from now on, too."""
+        """Leave out every other reading, also of those to come."""
         self.readings = collections.deque(list(self.readings)[::2], MOST_POINTS)
         self._stride *= 2
         self.thinned, self.count = self.thinned + 1, len(self.readings)

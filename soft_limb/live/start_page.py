@@ -1,7 +1,7 @@
 """Serves the results in a folder: `soft-limb runs`.
 
-It passes the gate of the live page. Of the folder it serves what is a result, and pictures beside
-reports; it writes nothing but recordings of emulated limbs, and knows no robot.
+The page stands behind the gate of the live page. It serves the results in the folder, and pictures
+beside reports. It writes nothing but recordings of emulated limbs, and knows no robot.
 """
 
 import asyncio
@@ -95,7 +95,7 @@ class StartPage(Site):
         return resolved.is_relative_to(self.overview.folder.resolve()) and resolved.is_file()
 
     async def start(self, plan: ListedFile) -> str:
-        """Replays a plan on an emulated limb; the address of its live page.
+        """Replay a plan on an emulated limb, and return the address of its live page.
 
         Raises:
             LimbError: if it does not start, or another has not ended.
@@ -118,7 +118,7 @@ class StartPage(Site):
     async def _run(
         self, words: list[str], plan: ListedFile, output: Path, address: asyncio.Future
     ) -> None:
-        """Runs a replay to its end, and says what becomes of it."""
+        """Run a replay to its end, and say what becomes of it."""
         self._replay = await asyncio.create_subprocess_exec(
             *[sys.executable, "-P", "-m", "soft_limb", *words],
             stdin=asyncio.subprocess.DEVNULL,

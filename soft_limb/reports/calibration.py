@@ -70,7 +70,7 @@ def plot_validation(validation: Validation) -> "Figure":
 def write_report(
     calibration: Calibration, path: str | Path, data: Mapping[str, str | Path] | None = None
 ) -> None:
-    """Writes one HTML page: verdict, what to do next, result, and every fit over its data.
+    """Write one HTML page: verdict, what to do next, result, and every fit over its data.
 
     Args:
         path: path of the page.
@@ -135,7 +135,7 @@ def write_report(
 def write_validation_report(
     validation: Validation, path: str | Path, data: Mapping[str, str | Path]
 ) -> None:
-    """Writes one HTML page on how a calibrated limb predicts a recording; see `write_report`."""
+    """Write one HTML page on how a calibrated limb predicts a recording; see `write_report`."""
     parts: list[page.Part] = [
         page.verdict(validation.verdict),
         page.paragraph(f"{validation_summary(validation).line()}."),

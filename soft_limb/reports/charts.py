@@ -173,7 +173,7 @@ def _increasing(x: np.ndarray) -> bool:
 
 
 def _hover_at_x(plot: figure, curves: Sequence[Curve], panel: Panel) -> HoverTool:
-    """Shows the values of all curves at the pointer's x."""
+    """Show the values of all curves at the pointer's x."""
     longest = max((curve.x for curve in curves), key=len)
     x = np.asarray(longest)[_kept(np.asarray(longest))]
     columns = {"x": x, "y": np.interp(x, curves[0].x, curves[0].y)}

@@ -29,7 +29,7 @@ def gait_verdict(gait: Gait) -> str:
 
 
 def gait_report(gait: Gait, path: str | Path, data: Mapping[str, str | Path] | None = None) -> None:
-    """Writes one HTML page: verdict, picture, replay, the cycle's signals, check, and the robot.
+    """Write one HTML page: verdict, picture, replay, the cycle's signals, check, and the robot.
 
     Args:
         path: path of the page.

@@ -36,7 +36,7 @@ def write_plan_report(
     path: str | Path,
     data: Mapping[str, str | Path],
 ) -> None:
-    """Writes one HTML page: verdict, chart, limits, how the plan was found, and the limb.
+    """Write one HTML page: verdict, chart, how the plan was found, its limits, and the limb.
 
     Args:
         trajectory: the plan; times are since its start.
@@ -80,7 +80,7 @@ def rollout_verdict(rollout: Rollout) -> str:
 def write_rollout_report(
     rollout: Rollout, summary: Summary, path: str | Path, data: Mapping[str, str | Path]
 ) -> None:
-    """Writes one HTML page: verdict, chart of plan and recording, facts and links to the data.
+    """Write one HTML page: verdict, chart of plan and recording, facts and links to the data.
 
     Args:
         summary: statements that the command prints, such as `Rollout.summary`.

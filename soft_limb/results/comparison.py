@@ -184,7 +184,7 @@ class Comparison:
 
 
 def compare(results: Sequence[ResultFile]) -> Comparison:
-    """Compares plans and recordings, or calibrated limbs.
+    """Compare plans and recordings, or calibrated limbs.
 
     Args:
         results: two or more of one kind; plans and recordings may be compared with each

@@ -108,7 +108,7 @@ class Overview:
         self._known: dict[FoundFile, ListedFile] = {}
 
     def look(self, patience: float = float("inf")) -> None:
-        """Looks at what is there now, and reads for so long, s; at least one file.
+        """List the files that are there now, and read some for so long, s; at least one file.
 
         Raises:
             LimbError: if the folder cannot be read.
@@ -186,7 +186,7 @@ class Overview:
 
 
 def list_file(file: FoundFile) -> ListedFile:
-    """Reads a file, whatever it is; text of others has no kind and no trouble."""
+    """Read a file, whatever it is; a text file of another program has no kind and no trouble."""
     listed = ListedFile(file.key, file.path, file.changed)
     if not glance(file.path) and file.path.suffix in (".txt", ".html"):
         unstamped = f"{file.path} is a page that does not say what made it."

@@ -75,7 +75,7 @@ class ResultFile:
 
 
 def read_result(path: str | Path, *, quick: bool = False) -> ResultFile:
-    """Reads a file, whatever it is.
+    """Read a file, whatever it is.
 
     Args:
         quick: whether its summary is to be without what takes a second, as of `plan_summary`.
