@@ -153,7 +153,7 @@ def _solved(program: GaitProgram, longest: float = LONGEST_SOLVE) -> Gait:
         limits["max_cpu_time"] = longest
         for name, value in (barrier | limits).items():
             options.SetOption(IpoptSolver.id(), name, value)
-        solver = ExactHessianIpoptSolver(exact=True, blocks=program.blocks)
+        solver = ExactHessianIpoptSolver(blocks=program.blocks)
         result = solver.Solve(program.prog, start, options)
         details = result.get_solver_details()
         iterations, solve_time = iterations + details.iterations, solve_time + details.solve_time

@@ -1,9 +1,7 @@
 """IPOPT with exact Hessians, for Drake programs.
 
-Drake's `IpoptSolver` gives IPOPT a limited-memory Hessian and ignores the
-program's variable scaling. Where the cost is quadratic its Hessian is known,
-and where constraints bend little the cost's Hessian alone (Gauss-Newton) is
-nearly that of the Lagrangian; where they do not, the Lagrangian's is used.
+Drake's `IpoptSolver` gives IPOPT a limited-memory Hessian and ignores the program's variable
+scaling. `ExactHessianIpoptSolver` gives it the Hessian of the Lagrangian and scaled variables.
 """
 
 import contextlib
@@ -29,8 +27,8 @@ from limb_systems.signals import SIGNALS
 
 OPTIONS = {
     "mu_strategy": "adaptive",
-    # For an objective that is scaled to at most 100: costs are right to 1e-6. A
-    # ten times larger value saves an iteration and leaves small costs 2e-5 too high.
+    # For an objective that is scaled to at most 100. Costs in a plane are right to 5e-6, in space
+    # to 5e-5; a tenth of this value makes them ten times better and takes up to 4 iterations more.
     "tol": 1e-5,
     # Links in a row amplify what is left of the dynamics: with 1e-10, some plans with nonlinear
     # torque missed them by more than their check allows.
@@ -148,23 +146,18 @@ class ExactHessianIpoptSolver:
     iteration, whatever its point.
 
     Args:
-        exact: whether the Hessian of the constraints is added to that of the
-            cost. Without it (Gauss-Newton) no second derivatives of
-            constraints are calculated; programs whose cost is linear need it.
-        blocks: constraints in addition to those of the program but for what they
-            ``replace``, up to a scaling of the rows. If there are some, the Hessian of
-            the program's own is added in any case.
+        blocks: constraints beside those of the program. A block stands for the constraints of
+            the program that it ``replaces``, up to a scaling of the rows.
         on_iteration: function that is called with iteration, cost and constraint violation.
     """
 
     def __init__(
         self,
         *,
-        exact: bool = False,
         blocks: Sequence[ConstraintBlock] = (),
         on_iteration: Callable[[int, float, float], None] | None = None,
     ):
-        self._exact, self._blocks, self._on_iteration = exact, blocks, on_iteration
+        self._blocks, self._on_iteration = blocks, on_iteration
 
     def Solve(
         self,
@@ -189,7 +182,7 @@ class ExactHessianIpoptSolver:
         """
         guess = prog.initial_guess() if initial_guess is None else np.asarray(initial_guess)
         guess = np.nan_to_num(guess)
-        problem = _ScaledProblem(prog, guess, self._exact, self._blocks, self._on_iteration)
+        problem = _ScaledProblem(prog, guess, self._blocks, self._on_iteration)
         options, arguments = dict(OPTIONS), {}
         if solver_options is not None:
             options |= solver_options.options.get(IpoptSolver.id().name(), {})
@@ -268,10 +261,21 @@ class _Constraints(_Evaluators):
         self.upper = _concatenate([evaluator.upper_bound() for evaluator, _ in self._parts])
 
 
+class _LinearConstraints(_Constraints):
+    """Linear constraints of a program, evaluated as one sparse product."""
+
+    def __init__(self, prog: MathematicalProgram, bindings: Sequence[Binding]):
+        super().__init__(prog, bindings)
+        self.values = self.jacobian(np.zeros(prog.num_vars()))
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        return np.bincount(self.rows, self.values * x[self.columns], self.size)
+
+
 class _ScaledProblem:
     """A program in IPOPT's form: y = x / scale, the objective of size 100."""
 
-    def __init__(self, prog, guess, exact, blocks, on_iteration):
+    def __init__(self, prog, guess, blocks, on_iteration):
         linear = [*prog.linear_constraints(), *prog.linear_equality_constraints()]
         curved = [
             *prog.generic_constraints(),
@@ -286,14 +290,11 @@ class _ScaledProblem:
                 "cones; the program has others."
             )
         self.cost = _Cost(prog)
-        self._linear = _Constraints(prog, linear)
+        self._linear = _LinearConstraints(prog, linear)
         replaced = {binding for block in blocks for binding in block.replaces}
         others = _Constraints(prog, [b for b in curved if b not in replaced])
         self._curved: list[ConstraintBlock] = [others, *blocks]
         self._blocks: list[ConstraintBlock] = [*self._curved, self._linear]
-        # Those at the front, whose second derivatives are used.
-        self._bent = self._curved if exact else self._curved[: 1 if blocks else 0]
-        self._linear_jacobian = self._linear.jacobian(guess)
         self.lower, self.upper = _bounds(prog)
         self.scale = np.ones(prog.num_vars())
         for index, value in prog.GetVariableScaling().items():
@@ -313,7 +314,7 @@ class _ScaledProblem:
         self.raised: BaseException | None = None  # by the handler of a signal
 
         rows, columns = [self.cost.rows], [self.cost.columns]
-        for block in self._bent:
+        for block in self._curved:
             rows.append(np.maximum(block.hessian_rows, block.hessian_columns))
             columns.append(np.minimum(block.hessian_rows, block.hessian_columns))
         self._hessian_rows, self._hessian_columns = np.concatenate(rows), np.concatenate(columns)
@@ -359,13 +360,13 @@ class _ScaledProblem:
 
     def _evaluate_jacobian(self, y, out):
         x = self.scale * y
-        nonzeros = [*(block.jacobian(x) for block in self._curved), self._linear_jacobian]
+        nonzeros = [*(block.jacobian(x) for block in self._curved), self._linear.values]
         out[:] = np.concatenate(nonzeros) * self.scale[self._columns]
 
     def _evaluate_hessian(self, y, multipliers, cost_factor, out):
         x = self.scale * y
         parts = [cost_factor * self._cost_scale * self.cost.hessian(x)]
-        for block, start in zip(self._bent, self._starts, strict=False):
+        for block, start in zip(self._curved, self._starts, strict=False):
             parts.append(block.hessian(x, multipliers[start : start + len(block.lower)]))
         out[:] = np.concatenate(parts) * self._hessian_scale
 
