@@ -53,13 +53,13 @@ class Solution:
     solve_time: float
     solver: str
     status: str
-    multipliers: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+    multipliers: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def solve_program(
     program: PlanProgram,
     guess: np.ndarray,
-    multipliers: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    multipliers: tuple[np.ndarray, np.ndarray] | None = None,
     solver: SolverInterface | None = None,
 ) -> Solution:
     """Solves a program by the first of these that succeeds.
