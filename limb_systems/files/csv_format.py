@@ -113,14 +113,6 @@ def format_rows(columns: Mapping[str, np.ndarray]) -> str:
     return "".join(",".join(row) + "\n" for row in zip(*cells, strict=True))
 
 
-def values_in_files(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The numbers in a table's rows as other programs read them: angles in degrees."""
-    return {
-        name: np.array([float(cell or "nan") for cell in _format_cells(name, values)])
-        for name, values in columns.items()
-    }
-
-
 def end_of_table(digest: Any, num_rows: int, interrupted: str) -> list[str]:
     """The lines after the rows of a table.
 

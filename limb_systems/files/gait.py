@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from pydrake.trajectories import PiecewisePolynomial
@@ -286,6 +286,3 @@ class Gait(Samples):
 
     def _header(self) -> GaitHeader:
         return GaitHeader(self.robot, self.phases, self.check, self.provenance)
-
-    def _about(self) -> dict[str, Any]:
-        return {"check": dataclasses.asdict(self.check)}

@@ -3,7 +3,7 @@
 import dataclasses
 import warnings
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -268,6 +268,3 @@ class Recording(Samples):
             self.robot,
             self.kind,
         )
-
-    def _about(self) -> dict[str, Any]:
-        return {"source": self.source, "interrupted": self.interrupted}

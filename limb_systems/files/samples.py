@@ -5,10 +5,9 @@ them; times are (K,). Recordings and trajectories are made of these.
 """
 
 import dataclasses
-import importlib
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -20,7 +19,6 @@ from limb_systems.files.csv_format import (
     format_table,
     parse_table,
     read_table,
-    values_in_files,
 )
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
@@ -32,23 +30,7 @@ from limb_systems.provenance import Provenance
 from limb_systems.schema import dump_typed
 from limb_systems.summary import Entry, Summarized
 
-if TYPE_CHECKING:  # not all who record have it
-    import pandas
-
 TIMES = ("time", "board_time", "sample_age")  # signals with one number for each sample
-_UNITS = {  # in files
-    "time": "s",
-    "duty": "1",
-    "applied_duty": "1",
-    "board_time": "s",
-    "sample_age": "s",
-    "measured_temperature": "°C",
-    "bend_angle": "°",
-    "reference": "°",
-    "wire_temperature": "°C",
-    "joint_state": "°",
-    "contact_force": "N",
-}
 RANGES = {  # a value outside these is a mistake, of units or of a sensor
     "duty": (0.0, 1.0, ""),
     "applied_duty": (0.0, 1.0, ""),
@@ -210,40 +192,12 @@ class Samples(Summarized):
         header = dump_typed(self._header())
         yield from format_table(self.KIND, header, self.columns(), self.interrupted)
 
-    def to_pandas(self) -> "pandas.DataFrame":
-        """A table as in the file: a row per sample, indexed by time in s, angles in degrees.
-
-        Its ``attrs`` have the kind, the unit of each column, the provenance, and the
-        source of a recording or the check of a trajectory.
-
-        Raises:
-            LimbError: if pandas is not installed.
-        """
-        columns = values_in_files(self.columns())
-        frame = import_extra("pandas").DataFrame(columns).set_index("time_s")
-        frame.attrs = {
-            "kind": self.KIND,
-            "units": {
-                name: "°/s" if name.startswith("joint_rate") else _UNITS.get(signal, "")
-                for signal, names in self.columns_of(self.parameters, self.robot).items()
-                for name in names
-                if name in columns
-            },
-            "provenance": self.provenance and dataclasses.asdict(self.provenance),
-            **self._about(),
-        }
-        return frame
-
     def _header(self) -> Any:
         """The dataclass that is the header of the file."""
         raise NotImplementedError
 
     @classmethod
     def _from_table(cls, table: Table) -> Self:
-        raise NotImplementedError
-
-    def _about(self) -> dict[str, Any]:
-        """Further ``attrs`` of the table of pandas."""
         raise NotImplementedError
 
     def _check(self) -> None:
@@ -322,18 +276,3 @@ def without_rounding(duty: np.ndarray) -> np.ndarray:
     """Duty within rounding of [0, 1] brought into it; more is a mistake, and left to be named."""
     clipped = np.clip(duty, 0.0, 1.0)
     return clipped if np.abs(clipped - duty).max() < 1e-9 else duty
-
-
-def import_extra(module: str) -> Any:
-    """A module of the extra ``data``.
-
-    Raises:
-        LimbError: if its package is not installed.
-    """
-    try:
-        return importlib.import_module(module)
-    except ImportError as error:
-        package = module.partition(".")[0]
-        raise LimbError(
-            f"{package} is not installed; pip install 'soft-limb[data]' installs it."
-        ) from error

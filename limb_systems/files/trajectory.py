@@ -3,7 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Iterator
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -269,6 +269,3 @@ class Trajectory(Samples):
             parameters=self.parameters,
             provenance=self.provenance,
         )
-
-    def _about(self) -> dict[str, Any]:
-        return {"check": dataclasses.asdict(self.check)}
