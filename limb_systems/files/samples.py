@@ -4,6 +4,7 @@ A signal is an array (size, K), a column for each of K samples, as Drake logs
 them; times are (K,). Recordings and trajectories are made of these.
 """
 
+import copy
 import dataclasses
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
@@ -13,13 +14,13 @@ import numpy as np
 
 from limb_systems.errors import LimbError
 from limb_systems.files.csv_format import (
-    ROWS_AT_ONCE,
     FileFormatError,
     Table,
-    format_table,
+    TableText,
     parse_table,
     read_table,
 )
+from limb_systems.model.kinematics import bend_angle
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.robot_parameters import RobotParameters
@@ -27,9 +28,10 @@ from limb_systems.model.wires import Wires
 from limb_systems.output import write_atomically
 from limb_systems.progress import Progress
 from limb_systems.provenance import Provenance
-from limb_systems.schema import dump_typed
+from limb_systems.schema import dump_typed, load_fields
 from limb_systems.summary import Entry, Summarized
 
+ROWS_AT_ONCE = 20_000  # rows that are texts at a time
 TIMES = ("time", "board_time", "sample_age")  # signals with one number for each sample
 RANGES = {  # a value outside these is a mistake, of units or of a sensor
     "duty": (0.0, 1.0, ""),
@@ -85,12 +87,31 @@ def _columns_of_body(robot: RobotParameters) -> dict[str, list[str]]:
     return {name: group for name, group in columns.items() if there[name]}
 
 
+def signal(default: Any = dataclasses.MISSING) -> Any:
+    """A field of `Samples` that is a signal, which has columns in files; None if it may be None."""
+    return dataclasses.field(default=default, metadata={"in_files": False, "signal": True})
+
+
+def apart(default: Any) -> Any:
+    """A field of `Samples` that is neither a signal nor in the header of files."""
+    return dataclasses.field(default=default, metadata={"in_files": False})
+
+
+def sample_rate(default: Any) -> Any:
+    """The field of the samples' nominal rate, Hz."""
+    metadata = {"in_files": "sample_rate_hz", "unit": "Hz", "range": (1e-6, 1e6)}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
 class Samples(Summarized):
-    """The base of `Recording` and `Trajectory`: a dataclass of signals with a file of their own."""
+    """The base of `Recording`, `Trajectory` and `Gait`: a dataclass of signals and of a header.
+
+    The signals are the columns of a file, all other fields but those `apart` are its header.
+    """
 
     KIND: ClassVar[str]  # in the first line of the file
-    OPTIONAL: ClassVar[tuple[str, ...]] = ()  # signals that may be None
     MEASURED: ClassVar[tuple[str, ...]] = ()  # signals that may leave their range, or be missing
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field]]
 
     time: np.ndarray
     bend_angle: np.ndarray
@@ -100,11 +121,17 @@ class Samples(Summarized):
     interrupted = ""
 
     @classmethod
+    def optional(cls) -> list[str]:
+        """Names of the signals that may be None."""
+        fields = dataclasses.fields(cls)
+        return [f.name for f in fields if f.metadata.get("signal") and f.default is None]
+
+    @classmethod
     def columns_of(
         cls, parameters: LimbParameters, robot: RobotParameters | None = None
     ) -> dict[str, list[str]]:
         """`column_names` of the signals that these samples have."""
-        signals = {field.name for field in dataclasses.fields(cls)} | {"bend_angle"}  # type: ignore[arg-type]
+        signals = {field.name for field in dataclasses.fields(cls)} | {"bend_angle"}
         names = column_names(parameters, robot)
         return {name: group for name, group in names.items() if name in signals}
 
@@ -140,7 +167,7 @@ class Samples(Summarized):
             if not missing:
                 signal = np.array([columns[column] for column in group])
                 signals[name] = signal[0] if name in TIMES else signal
-            elif name not in cls.OPTIONAL or len(missing) < len(group):
+            elif name not in cls.optional() or len(missing) < len(group):
                 raise FileFormatError(f"the column {missing[0]} is missing.")
         return signals
 
@@ -155,7 +182,7 @@ class Samples(Summarized):
         Raises:
             FileFormatError: one sentence that says what is wrong and where.
         """
-        table = read_table(path, cls.KIND, unfinished=unfinished)
+        table = read_table(path, cls.KIND, unfinished=unfinished, readings=cls.MEASURED)
         try:
             return cls._from_table(table)
         except LimbError as error:
@@ -164,7 +191,7 @@ class Samples(Summarized):
     @classmethod
     def from_text(cls, text: str) -> Self:
         """Reads the text of a file; errors as of `load`."""
-        return cls._from_table(parse_table(text.encode(), cls.KIND))
+        return cls._from_table(parse_table(text.encode(), cls.KIND, readings=cls.MEASURED))
 
     def to_text(self) -> str:
         """The text of the file; errors as for `save`."""
@@ -189,16 +216,36 @@ class Samples(Summarized):
 
     def _text(self) -> Iterator[str]:
         """The text of the file, in parts."""
-        header = dump_typed(self._header())
-        yield from format_table(self.KIND, header, self.columns(), self.interrupted)
+        self._check()  # whatever was changed since the signals were given
+        columns = self.columns()
+        text = TableText(self.KIND, self.header(), columns)
+        yield text.head
+        for start in range(0, len(self.time), ROWS_AT_ONCE):
+            part = slice(start, start + ROWS_AT_ONCE)
+            yield text.rows({name: values[part] for name, values in columns.items()})
+        yield text.end(self.interrupted)
 
-    def _header(self) -> Any:
-        """The dataclass that is the header of the file."""
-        raise NotImplementedError
+    def header(self) -> str:
+        """The YAML text of all that is neither a signal nor `apart`."""
+        about = copy.copy(self)
+        if self.robot:
+            about.parameters = None  # type: ignore[assignment]  # they are those of the robot
+        return dump_typed(about)
 
     @classmethod
     def _from_table(cls, table: Table) -> Self:
-        raise NotImplementedError
+        header = load_fields(cls, table.header)
+        robot = header.get("robot")
+        described = robot or header.get("parameters")
+        if described is None:
+            raise FileFormatError("parameters is missing.")
+        described.validate()
+        parameters = robot.together if robot else described
+        found = cls.signals_of(table.columns, parameters, robot) | {
+            "interrupted": table.interrupted
+        }
+        names = {field.name for field in dataclasses.fields(cls)}  # bends may follow from joints
+        return cls(**header, **{name: value for name, value in found.items() if name in names})
 
     def _check(self) -> None:
         """Turns the signals into arrays and checks them.
@@ -208,27 +255,32 @@ class Samples(Summarized):
                 not increase, duty leaves [0, 1] or an angle leaves [-π, π].
         """
         self.parameters.validate()
-        self.time = np.asarray(self.time, float)
+        self.time = time = np.asarray(self.time, float)
+        if time.ndim != 1 or not np.isfinite(time).all():
+            raise LimbError("time must be a list of finite numbers.")
+        if (steps := np.diff(time) <= 0).any():
+            before, after = time[(index := int(np.argmax(steps))) : index + 2]
+            raise LimbError(f"time goes from {before:g} s to {after:g} s; it must increase.")
         names = column_names(self.parameters, self.robot)
-        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+        for field in dataclasses.fields(self):
             name, value = field.name, getattr(self, field.name)
-            if name == "time" or name not in names or (value is None and name in self.OPTIONAL):
+            if name == "time" or name not in names or (value is None and name in self.optional()):
                 continue
-            columns, value = names[name], np.asarray(value, float)
+            value = np.asarray(value, float)
             setattr(self, name, value)
-            shape = (len(columns), len(self.time))[name in TIMES :]
+            shape = (len(names[name]), len(time))[name in TIMES :]
             if value.shape != shape:
                 raise LimbError(
                     f"{name} has the shape {value.shape}, but this limb and the "
-                    f"{len(self.time)} samples of time need {shape}."
+                    f"{len(time)} samples of time need {shape}."
                 )
             measured = name in self.MEASURED
-            if (np.isinf(value) if measured else ~np.isfinite(value)).any():
-                raise LimbError(f"{name} holds values that are not finite.")
+            bad = np.isinf(value) if measured else ~np.isfinite(value)
+            if bad.any():
+                at = time[np.argmax(np.atleast_2d(bad).any(axis=0))]
+                raise LimbError(f"{name} holds a value that is not finite at {at:g} s.")
             if not measured and (sentence := self._first_outside([name])):
                 raise LimbError(sentence)
-        if not np.isfinite(self.time).all() or (np.diff(self.time) <= 0).any():
-            raise LimbError("time must be finite and increasing.")
 
     def _outside(self, names: Collection[str]) -> np.ndarray:
         """Whether some signals leave their ranges, at each sample (K,)."""
@@ -257,19 +309,33 @@ class Samples(Summarized):
         return Entry("motion", [low, high], "°", f"bend {low:.0f}° to {high:.0f}°")
 
 
-def described(parameters: LimbParameters | None, robot: RobotParameters | None) -> LimbParameters:
-    """The parameters that a header has, valid: those of a limb, or of a robot's limbs together.
+class Planned(Samples):
+    """The base of what is planned, whose joints are known and whose bends follow from them."""
 
-    Raises:
-        LimbError: if it has neither, or they are out of their range.
-    """
-    if robot:
-        robot.validate()
-        return robot.together
-    if not parameters:
-        raise FileFormatError("parameters is missing.")
-    parameters.validate()
-    return parameters
+    joint_state: np.ndarray
+    wire_temperature: np.ndarray
+    other_wire_state: np.ndarray | None
+
+    @property
+    def joint_angles(self) -> np.ndarray:
+        """θ at the knots (n, K), rad."""
+        return self.joint_state[: self.parameters.num_joints]
+
+    @property
+    def joint_rates(self) -> np.ndarray:
+        """θ̇ at the knots (n, K), rad/s."""
+        return self.joint_state[self.parameters.num_joints :]
+
+    @property
+    def bend_angle(self) -> np.ndarray:  # type: ignore[override]
+        """φ* at the knots (F, K), rad, by forward kinematics."""
+        return bend_angle(self.parameters, self.joint_angles)
+
+    @property
+    def wire_states(self) -> np.ndarray:
+        """x at the knots (N, K): T, then the other states of the wires' laws."""
+        others = [] if self.other_wire_state is None else [self.other_wire_state]
+        return np.vstack([self.wire_temperature, *others])
 
 
 def without_rounding(duty: np.ndarray) -> np.ndarray:
