@@ -3,10 +3,11 @@
 import dataclasses
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 from limb_systems.errors import LimbError
 from limb_systems.input import read_text
-from limb_systems.logs.table import DELIMITERS, LogError
+from limb_systems.logs.table import DELIMITERS, LogError, LogTable
 from limb_systems.output import write_atomically
 from limb_systems.schema import Strict, dump_typed, load_typed, quantity
 
@@ -144,6 +145,20 @@ class LogMapping(Strict):
                     f"the column {column!r} is given for {other} and for {signal}; give "
                     "each its own."
                 )
+
+    @classmethod
+    def of(
+        cls,
+        table: LogTable,
+        time: TimeColumn,
+        wires: list[WireColumns],
+        bend: BendColumns,
+        **more: Any,
+    ) -> "LogMapping":
+        """A mapping of these columns, in the table's form."""
+        form = ("delimiter", "decimal", "names_line")
+        more |= {name: getattr(table, name) for name in form}
+        return cls(time, wires, bend, **more)
 
     @property
     def columns(self) -> set[str]:
