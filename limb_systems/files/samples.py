@@ -88,7 +88,11 @@ def _columns_of_body(robot: RobotParameters) -> dict[str, list[str]]:
 
 
 def signal(default: Any = dataclasses.MISSING) -> Any:
-    """A field of `Samples` that is a signal, which has columns in files; None if it may be None."""
+    """A field of `Samples` that is a signal, which has columns in files.
+
+    Args:
+        default: None if the signal may be None.
+    """
     return dataclasses.field(default=default, metadata={"in_files": False, "signal": True})
 
 
@@ -106,7 +110,7 @@ def sample_rate(default: Any) -> Any:
 class Samples(Summarized):
     """The base of `Recording`, `Trajectory` and `Gait`: a dataclass of signals and of a header.
 
-    The signals are the columns of a file, all other fields but those `apart` are its header.
+    The signals are the columns of a file. All other fields but those `apart` are its header.
     """
 
     KIND: ClassVar[str]  # in the first line of the file
