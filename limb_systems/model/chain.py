@@ -10,14 +10,14 @@ import casadi as ca
 import numpy as np
 
 from limb_systems.model.layout import Layout
+from limb_systems.model.segment_chain import angles_of, chord, placed
 from limb_systems.model.smooth_function import SmoothFunction
-
-_NEAR = 0.01  # (across / ahead)² of a chord, below which a series is more accurate
-_SERIES = [(-1.0) ** k / (2 * k + 1) for k in range(10)]  # of atan(√z)/√z in z
 
 
 class Chain:
     """The joints of a limb at angles θ, as expressions of θ.
+
+    - ``origins``, ``frames``: origin (3,), m, and frame (3, 3) of each joint (n).
 
     Args:
         layout: axes and offsets of the joints, bodies, and ends and bends of the segments; each
@@ -27,11 +27,11 @@ class Chain:
 
     def __init__(self, layout: Layout, angles: ca.SX):
         self._layout, self._angles = layout, angles
-        self._axes, self._origins, self._frames = self._placed(slice(None), np.zeros(3))
+        self._axes, self.origins, self.frames = placed(layout.axes, layout.offsets, angles)
 
     def position(self, joint: int, point: np.ndarray) -> ca.SX:
         """The place of a point (3,), m, that is fixed to the frame of a joint there."""
-        return self._origins[joint] + self._frames[joint] @ ca.DM(point)
+        return self.origins[joint] + self.frames[joint] @ ca.DM(point)
 
     def bends(self) -> ca.SX:
         """Bends of the segments (F,), rad: the log map of the chord's direction.
@@ -40,16 +40,13 @@ class Chain:
         its log map is the chord's angle, atan2(t·E2, t·E1).
         """
         layout, base, bends = self._layout, np.zeros(3), []
-        for joints, end, axes in zip(
+        for joints, end, of_segment in zip(
             layout.joints_of, layout.end_offset, layout.bends_of, strict=True
         ):
-            _, origins, frames = self._placed(joints, base)
-            chord = origins[-1] + frames[-1] @ ca.DM(end)
+            axes, offsets = layout.axes[joints], layout.offsets[joints]
+            direction = chord(axes, offsets, self._angles[joints], end, base)
+            bends.append(angles_of(direction, planar=of_segment.stop - of_segment.start == 1))
             base = end  # in the frame of the last joint, from which the next segment starts
-            if axes.stop - axes.start == 1:
-                bends.append(ca.atan2(chord[1], chord[0]))
-            else:
-                bends.append(_angle_over_sine(chord) * chord[1:])
         return ca.vertcat(*bends)
 
     def inverse_dynamics(self, rates: ca.SX, accelerations: ca.SX, gravity: ca.SX | ca.DM) -> ca.SX:
@@ -67,7 +64,7 @@ class Chain:
         moved = -gravity
         forces, moments = [], []  # of the bodies on each joint, about its origin
         for joint, (axis, origin, frame) in enumerate(
-            zip(self._axes, self._origins, self._frames, strict=True)
+            zip(self._axes, self.origins, self.frames, strict=True)
         ):
             moved += _acceleration(turning, spin, origin - before)
             turning += axis * accelerations[joint] + ca.cross(spin, axis * rates[joint])
@@ -85,36 +82,11 @@ class Chain:
         torques, outboard, moment = [], ca.SX(3, 1), ca.SX(3, 1)
         for joint in reversed(range(layout.num_joints)):
             if joint + 1 < layout.num_joints:
-                moment += ca.cross(self._origins[joint + 1] - self._origins[joint], outboard)
+                moment += ca.cross(self.origins[joint + 1] - self.origins[joint], outboard)
             outboard += forces[joint]
             moment += moments[joint]
             torques.append(ca.dot(self._axes[joint], moment))
         return ca.vertcat(*reversed(torques))
-
-    def _placed(
-        self, joints: slice, base: np.ndarray
-    ) -> tuple[list[ca.SX], list[ca.SX], list[ca.SX]]:
-        """Axes (3,), origins (3,) from `base`, and frames (3, 3) of joints.
-
-        They are in the frame before the first joint. Joints in a row about one axis add their
-        angles, so that in a plane only absolute angles are under sines.
-        """
-        layout = self._layout
-        frame = straight = ca.SX.eye(3)
-        origin, run, angle = -ca.SX(ca.DM(base)), None, ca.SX(0.0)
-        axes, origins, frames = [], [], []
-        for joint in range(*joints.indices(layout.num_joints)):
-            direction = layout.axes[joint]
-            about, sense = int(np.abs(direction).argmax()), float(direction.sum())
-            origin = origin + frame @ ca.DM(layout.offsets[joint])
-            axes.append(sense * frame[:, about])
-            if run != about:
-                run, straight, angle = about, frame, ca.SX(0.0)
-            angle = angle + sense * self._angles[joint]
-            frame = straight @ _rotation(about, angle)
-            origins.append(origin)
-            frames.append(frame)
-        return axes, origins, frames
 
 
 def weight_of_angles(layout: Layout, gravity: Sequence[float]) -> SmoothFunction:
@@ -131,28 +103,6 @@ def tip_of_angles(layout: Layout) -> SmoothFunction:
     return SmoothFunction(tip, angles)
 
 
-def _rotation(about: int, angle: ca.SX) -> ca.SX:
-    """The rotation about E1, E2 or E3, number 0, 1 or 2 (3, 3)."""
-    one, other = (about + 1) % 3, (about + 2) % 3
-    rotation = ca.SX(3, 3)
-    rotation[about, about] = 1.0
-    rotation[one, one] = rotation[other, other] = ca.cos(angle)
-    rotation[other, one], rotation[one, other] = ca.sin(angle), -ca.sin(angle)
-    return rotation
-
-
 def _acceleration(turning: ca.SX, spin: ca.SX, arm: ca.SX) -> ca.SX:
     """Acceleration (3,) of the end of an arm (3,) that turns with ω̇ and ω."""
     return ca.cross(turning, arm) + ca.cross(spin, ca.cross(spin, arm))
-
-
-def _angle_over_sine(chord: ca.SX) -> ca.SX:
-    """atan2(√s, d1)/√s of a chord d (3,), with s the square of its part across E1.
-
-    It is smooth at s = 0, where a series is used.
-    """
-    ahead, squared = chord[0], ca.sumsqr(chord[1:])
-    near = ca.logic_and(squared < _NEAR * ahead**2, ahead > 0)
-    ratio = ca.polyval(ca.DM(_SERIES[::-1]), squared / ahead**2) / ahead
-    length = ca.sqrt(ca.if_else(near, 1.0, squared))
-    return ca.if_else(near, ratio, ca.atan2(length, ahead) / length)

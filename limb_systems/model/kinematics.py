@@ -6,11 +6,14 @@ frame of its base: φ = atan2(t·E2, t·E1) in a plane, and in space the two
 angles of `limb_systems.model.segment_chain.angles_of`.
 """
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
+from limb_systems.model.chain import Chain
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
+from limb_systems.model.smooth_function import Compiled, stated_once
 
 
 def link_positions(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarray:
@@ -23,21 +26,25 @@ def link_positions(parameters: LimbParameters, joint_angles: ArrayLike) -> np.nd
         Positions of the base, of the links' ends in their order, and so of the tip, (P, 3) or
         (P, 3, K). A segment with centred joints has an end more: that of its fixed part.
     """
-    angles, layout = np.asarray(joint_angles, float), Layout(parameters)
-    ends = [np.zeros((3, *angles.shape[1:]))]
-    frame = np.multiply.outer(np.eye(3), np.ones(angles.shape[1:]))
-    for segment, chain, joints in zip(
-        parameters.segments, layout.chains, layout.joints_of, strict=True
+    shape = [(s.joints, s.centred_joints, s.length) for s in parameters.segments]
+    places = stated_once(("places", repr(shape)), lambda: _places(parameters))
+    angles = np.asarray(joint_angles, float)
+    (flat,) = places(angles)
+    return flat.reshape(-1, 3, *angles.shape[1:])
+
+
+def _places(parameters: LimbParameters) -> Compiled:
+    """`link_positions` (3P,) of θ (n,)."""
+    layout, angles = Layout(parameters), ca.SX.sym("q", parameters.num_joints)
+    chain, places = Chain(layout, angles), [ca.SX(3, 1)]
+    for segment, joints, end in zip(
+        layout.chains, layout.joints_of, layout.end_offset, strict=True
     ):
-        piece = segment.length / segment.links
-        if chain.first_length:
-            ends.append(ends[-1] + chain.first_length * piece * frame[:, 0])
-        frames = chain.frames(angles[joints])
-        for length, of_link in zip(chain.lengths, frames, strict=True):
-            link = np.einsum("ij...,jk...->ik...", frame, of_link)
-            ends.append(ends[-1] + length * piece * link[:, 0])
-        frame = link
-    return np.array(ends)
+        # Where the joints are at the bases of their pieces, the first is where the segment begins.
+        first = segment.first_joints[0 if segment.first_length else 1 :]
+        places += [chain.origins[joint] for joint in joints.start + first]
+        places.append(chain.position(joints.stop - 1, end))
+    return Compiled([angles], [ca.densify(ca.vertcat(*places))])
 
 
 def tip_position(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarray:
