@@ -24,7 +24,7 @@ from scipy.optimize import fsolve
 from hardware import LimbTwin
 from hardware.emulation.twin import specimens_of
 from limb_systems import ChordSensor, LimbParameters, SegmentParameters, simulate
-from limb_systems.model.manipulator import make_manipulator
+from limb_systems.model.limb import make_manipulator
 from soft_limb.command import main
 from soft_limb.runs.jobs import local_executor, run_each
 

@@ -17,7 +17,7 @@ from limb_systems import (
     simulate,
     wires_around,
 )
-from limb_systems.model.manipulator import make_manipulator
+from limb_systems.model.limb import make_manipulator
 from limb_systems.model.statics import HeldAngles, static_equilibrium
 
 SIDEWAYS = [0.0, -9.81, 0.0]
