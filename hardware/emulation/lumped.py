@@ -27,12 +27,12 @@ from hardware.emulation.sensors import (
     SampledSensors,
     camera,
     limb_sensors,
-    rolled,
 )
 from hardware.emulation.specimen import SegmentPhysics, Specimen
 from hardware.emulation.wires import ShapeMemoryWires
 from hardware.firmware import guard
 from limb_systems import Layout, ThermocoupleLag
+from limb_systems.model.bend_sensor import rolled
 from limb_systems.model.ownership import weak_method
 
 SMOOTHING_TIME = 0.05  # s, over which the steps of the wires' torque are smoothed

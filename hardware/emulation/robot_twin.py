@@ -15,7 +15,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from hardware.emulation.lumped import add_physics
 from hardware.emulation.specimen import Specimen
-from hardware.emulation.twin import SPACE_ACCURACY, SWING_TIME, LimbTwin
+from hardware.emulation.twin import SPACE_ACCURACY, SWING_TIME, LimbTwin, rest
 from limb_systems import Layout, LimbParameters, NoBoard, RobotParameters, SerialBoard
 from limb_systems.model.robot import (
     TIME_STEP,
@@ -25,7 +25,7 @@ from limb_systems.model.robot import (
     export_limbs,
     limb_joints,
 )
-from limb_systems.simulation import PERIOD, make_simulator
+from limb_systems.simulation import PERIOD
 
 RESTING_STEP = 5e-3  # s, at most, of a robot that has cooled and slides no more
 
@@ -239,17 +239,9 @@ class RobotTwin(Diagram):
         longest = min(RESTING_STEP, max(TIME_STEP, stable))
         for duration, step in ((cooling, TIME_STEP), (pause - cooling, longest)):
             if duration > 0:
-                self._rest(duration, step)
+                robot = RobotTwin(specimen=self.specimen, bend_rate=1.0, time_step=step)
+                rest(robot, duration, step if robot.accuracy is None else None)
         return RobotTwin(specimen=self.specimen, bend_rate=bend_rate, truth=truth)
-
-    def _rest(self, duration: float, step: float) -> None:
-        robot = RobotTwin(specimen=self.specimen, bend_rate=1.0, time_step=step)
-        simulator = make_simulator(robot, robot.accuracy)
-        if robot.accuracy is None:
-            simulator.get_mutable_integrator().set_maximum_step_size(step)
-        duty = robot.GetInputPort("duty")
-        duty.FixValue(simulator.get_mutable_context(), np.zeros(duty.size()))
-        simulator.AdvanceTo(duration)
 
 
 def _set_friction(scene_graph: SceneGraph, plant: MultibodyPlant, specimen: RobotSpecimen) -> None:

@@ -191,14 +191,6 @@ class ExactBend(LeafSystem):
         output.SetFromVector(np.concatenate(bends))
 
 
-def rolled(bends: np.ndarray, roll: float) -> np.ndarray:
-    """Bends (axes,) of a segment along the axes of a sensor that is rolled about E1 by rad."""
-    if len(bends) == 1:
-        return bends
-    cosine, sine = np.cos(roll), np.sin(roll)
-    return np.array([[cosine, sine], [-sine, cosine]]) @ bends
-
-
 def limb_sensors(
     parameters: LimbParameters,
     bend_rate: float,

@@ -57,9 +57,9 @@ class Layout:
             for number, segment in enumerate(segments, 1)
         ]
         self.chains = [segment.chain for segment in segments]
-        self.joints_of = _slices([len(chain.kinds) for chain in self.chains])
-        self.wires_of = _slices([len(segment.wires) for segment in segments])
-        self.bends_of = _slices([segment.axes for segment in segments])
+        self.joints_of = slices([len(chain.kinds) for chain in self.chains])
+        self.wires_of = slices([len(segment.wires) for segment in segments])
+        self.bends_of = slices([segment.axes for segment in segments])
         self.num_joints, self.num_wires, self.num_bends = (
             places[-1].stop for places in (self.joints_of, self.wires_of, self.bends_of)
         )
@@ -141,6 +141,7 @@ class Layout:
         return np.array([np.hypot.reduce(angles[of_segment]) for of_segment in self.bends_of])
 
 
-def _slices(sizes: list[int]) -> list[slice]:
+def slices(sizes: list[int]) -> list[slice]:
+    """The places of parts of given sizes, one after the other."""
     ends = np.cumsum(sizes).tolist()
     return [slice(end - size, end) for end, size in zip(ends, sizes, strict=True)]

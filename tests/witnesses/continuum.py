@@ -43,11 +43,11 @@ from hardware.emulation.sensors import (
     THERMOCOUPLE_NOISE,
     THERMOCOUPLE_PERIOD,
     THERMOCOUPLE_STEP,
-    rolled,
 )
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import SPECIMENS
 from limb_systems import Layout, LimbError
+from limb_systems.model.bend_sensor import rolled
 from limb_systems.model.chain import weight_of_angles
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import SegmentParameters
