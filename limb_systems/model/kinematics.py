@@ -73,18 +73,6 @@ def bend_angle(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarra
     return Layout(parameters).bend_angle(joint_angles)
 
 
-def recorded_bend_angle(parameters: LimbParameters, joint_angles: ArrayLike) -> np.ndarray:
-    """What bend sensors without gain, offset, noise and drift would record, as `bend_angle`."""
-    angles, layout = np.asarray(joint_angles), Layout(parameters)
-    seen = [
-        segment.bend_sensor.exact_bends(chain, angles[joints])
-        for segment, chain, joints in zip(
-            parameters.segments, layout.chains, layout.joints_of, strict=True
-        )
-    ]
-    return np.concatenate(seen)
-
-
 def joint_angles_from_bend_angle(parameters: LimbParameters, bend_angle: ArrayLike) -> np.ndarray:
     """θ_i = 2 φ / (n + 1) for every joint that makes a bend, eqn (11); 2 φ / n if they are centred.
 

@@ -30,7 +30,7 @@ class Layout:
 
     Mechanics, in the frames of the straight limb, which are parallel to its base's:
 
-    - ``chains``: kinematics of each segment, `SegmentChain` (S).
+    - ``chains``, ``bend_sensors``: kinematics, `SegmentChain`, and sensor of each segment (S).
     - ``axes``: unit axis of each joint (n, 3), as of `SegmentChain`.
     - ``offsets``: origin of each joint from that of the joint before, or the base (n, 3), m.
     - ``end_offset``: tip of each segment from the origin of its last joint (S, 3), m.
@@ -57,6 +57,7 @@ class Layout:
             for number, segment in enumerate(segments, 1)
         ]
         self.chains = [segment.chain for segment in segments]
+        self.bend_sensors = [segment.bend_sensor for segment in segments]
         self.joints_of = slices([len(chain.kinds) for chain in self.chains])
         self.wires_of = slices([len(segment.wires) for segment in segments])
         self.bends_of = slices([segment.axes for segment in segments])
@@ -132,6 +133,17 @@ class Layout:
         bends = [
             chain.bend_angle(angles[joints])
             for chain, joints in zip(self.chains, self.joints_of, strict=True)
+        ]
+        return np.concatenate(bends)
+
+    def recorded_bend_angle(self, joint_angles: ArrayLike) -> np.ndarray:
+        """What bend sensors without gain, offset, noise and drift record, as `bend_angle`."""
+        angles = np.asarray(joint_angles)
+        bends = [
+            sensor.exact_bends(chain, angles[joints])
+            for sensor, chain, joints in zip(
+                self.bend_sensors, self.chains, self.joints_of, strict=True
+            )
         ]
         return np.concatenate(bends)
 
