@@ -39,8 +39,7 @@ from limb_systems import (
     tip_position,
     wire_color,
 )
-from limb_systems.model.chain import Chain
-from limb_systems.model.kinematics import link_positions
+from limb_systems.model.kinematics import Chain, link_positions
 from limb_systems.tracking import reference_distances
 from limb_systems.views.colors import (
     LEFT_RIGHT_COLORS,

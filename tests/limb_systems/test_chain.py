@@ -14,7 +14,7 @@ from pydrake.multibody.tree import (
     SpatialInertia,
 )
 
-from limb_systems.model.chain import Chain
+from limb_systems.model.kinematics import Chain
 from limb_systems.model.smooth_function import SmoothFunction
 
 GRAVITY = np.array([-3.0, -7.0, 5.0])

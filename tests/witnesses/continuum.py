@@ -48,7 +48,7 @@ from hardware.emulation.specimen import Specimen
 from hardware.emulation.twin import SPECIMENS
 from limb_systems import Layout, LimbError
 from limb_systems.model.bend_sensor import rolled
-from limb_systems.model.chain import weight_of_angles
+from limb_systems.model.kinematics import weight_of_angles
 from limb_systems.model.ownership import weak_method
 from limb_systems.model.parameters import SegmentParameters
 from limb_systems.model.ports import declare_part
