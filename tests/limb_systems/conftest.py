@@ -61,13 +61,6 @@ class PlanarChain:
         centers = self.arms @ np.column_stack([np.cos(q), np.sin(q)])
         return self.stiffness @ angles**2 / 2 - self.mass @ centers @ self.gravity
 
-    def energy(self, angles, rates) -> float:
-        """Kinetic energy from the velocity of each centre, and potential energy."""
-        q, q_dot = np.cumsum(angles), np.cumsum(rates)
-        velocity = self.arms @ (np.column_stack([-np.sin(q), np.cos(q)]) * q_dot[:, None])
-        kinetic = (self.mass @ (velocity**2).sum(axis=1) + self.inertia @ q_dot**2) / 2
-        return kinetic + self.potential_energy(angles)
-
 
 @pytest.fixture(scope="session")
 def planar_chain():
