@@ -87,6 +87,7 @@ def test_a_field_that_is_left_out_has_its_default():
         (("segments", 0, "mass"), True, ("segments[0].mass is ", "number")),
         (("segments", 0, "mass"), "text", ("segments[0].mass is ", "number")),
         (("segments", 0, "mass"), -0.025, ("-0.025", "from 1e-06 to 100 kg")),
+        (("segments", 0, "mass"), 25.0, ("segments[0].mass is 25 kg", "in grams")),
         (("segments", 0, "links"), 2.5, ("segments[0].links", "whole number")),
         (("segments", 0, "damping"), -1.0, ("from 0 to 100 N·m·s/rad",)),
         (("segments", 0, "twists"), True, ("segments[0].twists", "axes to 2")),
