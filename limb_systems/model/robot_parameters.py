@@ -8,17 +8,9 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RollPitchYaw, RotationMatrix
 
+from limb_systems.model.described import Described, ParameterError, check_density, check_name
 from limb_systems.model.layout import slices
-from limb_systems.model.parameters import (
-    Described,
-    LimbParameters,
-    NoBoard,
-    ParameterError,
-    SegmentParameters,
-    SerialBoard,
-    check_density,
-    check_name,
-)
+from limb_systems.model.parameters import LimbParameters, NoBoard, SegmentParameters, SerialBoard
 from limb_systems.schema import SchemaError, Strict, quantity, validate
 
 FORMAT = 1  # of the YAML file
