@@ -100,19 +100,6 @@ def test_heating_and_cooling_follow_their_logistic_curves():
     assert martensite[0, down].max() > 0.95
 
 
-def test_hysteresis_closes_no_loop_where_a_motion_turns_back():
-    """Inside the band one temperature goes with several fractions."""
-    specimen = specimen_with()
-    duty = steps([0, 200, 260, 320, 380], [[0.08, 0], [0.03, 0], [0.08, 0], [0.03, 0], [0.08, 0]])
-    time, (wire, _, martensite), _ = run_wires(specimen, duty, 440)
-    window = time > 260
-    at = np.abs(wire[0, window] - np.median(wire[0, window])) < 0.3
-    values = martensite[0, window][at]
-    assert np.ptp(values) > 0.05  # not one value for one temperature
-    assert (values > 0).all()
-    assert (values < 1).all()
-
-
 def test_torque_of_a_hot_wire_held_straight_is_its_full_torque():
     specimen = specimen_with(torque=0.03, expansion=-5e-4)
     _, (wire, _, martensite), force = run_wires(specimen, steps([0], [[0.0, 0.3]]), 1000)

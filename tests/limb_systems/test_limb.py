@@ -193,21 +193,14 @@ def test_the_two_conversions_of_eqn_14_invert_each_other(uneven_limb):
 
 
 def test_two_limbs_share_a_diagram_and_are_simulated_as_each_alone(uneven_limb):
-    builder = DiagramBuilder()
+    builder, duty = DiagramBuilder(), [0.1, 0.2, 0.3, 0.4]
     limbs = [builder.AddSystem(Limb(name="one")), builder.AddSystem(Limb(uneven_limb, name="two"))]
     for limb in limbs:
-        num_wires = limb.GetInputPort("duty").size()
-        source = builder.AddSystem(ConstantVectorSource(np.linspace(0.1, 0.4, num_wires)))
+        source = builder.AddSystem(ConstantVectorSource(duty[: limb.GetInputPort("duty").size()]))
         builder.Connect(source.get_output_port(), limb.GetInputPort("duty"))
     simulator = make_simulator(builder.Build(), 1e-5)
     simulator.AdvanceTo(3.0)
-    for limb in limbs:
-        context = limb.GetMyContextFromRoot(simulator.get_context())
-        alone = simulate(
-            Limb(limb.parameters),
-            np.linspace(0.1, 0.4, limb.GetInputPort("duty").size()),
-            3.0,
-            accuracy=1e-5,
-        )
-        bend = limb.GetOutputPort("bend_angle").Eval(context)
-        np.testing.assert_allclose(bend, alone.bend_angle[:, -1], atol=1e-5)
+    alone = simulate(Limb(uneven_limb), duty, 3.0, accuracy=1e-5)
+    bend = limbs[1].GetOutputPort("bend_angle")
+    found = bend.Eval(limbs[1].GetMyContextFromRoot(simulator.get_context()))
+    np.testing.assert_allclose(found, alone.bend_angle[:, -1], atol=1e-5)
