@@ -12,7 +12,7 @@ from calibration.collecting.collect import (
     collect_warm_up,
 )
 from calibration.collecting.excitation import Excitation, LimitedDuty, excitations
-from calibration.collecting.knowledge import Knowledge
+from calibration.collecting.protocol import Knowledge
 from calibration.collecting.protocol import collect_from_robot, collect_from_twin
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate

@@ -204,7 +204,7 @@ def test_robot_is_excited_and_goes_on_where_it_was_interrupted(
     monkeypatch.setattr(
         "calibration.collecting.protocol._wait", lambda pause, _: waited.append(pause)
     )
-    monkeypatch.setattr("calibration.collecting.knowledge.Knowledge.LAW", TwoMassLaw)
+    monkeypatch.setattr("calibration.collecting.protocol.Knowledge.LAW", TwoMassLaw)
 
     class Robot(Limb):
         __slots__ = ()
