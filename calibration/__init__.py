@@ -12,13 +12,12 @@ from calibration.collecting.collect import (
     collect_warm_up,
 )
 from calibration.collecting.excitation import Excitation, LimitedDuty, excitations
-from calibration.collecting.protocol import Knowledge
-from calibration.collecting.protocol import collect_from_robot, collect_from_twin
+from calibration.collecting.protocol import Knowledge, collect_from_robot, collect_from_twin
 from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
 from calibration.heat_bounds import fit_heat_bounds
 from calibration.prediction.law_fit import LawFit, Predicted, fit_law
-from calibration.prediction.plan_miss import PlanMiss
+from calibration.prediction.outlook import PlanMiss
 from calibration.prediction.selection import Candidate, Prediction
 from calibration.recordings.checks import check_recording
 from calibration.recordings.files import load_recordings, save_recordings

@@ -52,7 +52,12 @@ SAG_TRIALS, RING_DOWNS = 10, 3
 SPEED = 70.0  # heated time of an emulated limb over the computing time of the whole collection
 GRAVITY = 9.81  # m/s²
 PROTOCOLS = ("all", "excitation", "paper")
-UP = {0: "+E2", 90: "-E3", 180: "-E2", 270: "+E3"}  # side of a limb turned about E1, by degrees
+UP: dict[float, str] = {
+    0: "+E2",
+    90: "-E3",
+    180: "-E2",
+    270: "+E3",
+}  # side up, by turn
 CONTACT_MARGIN = 0.5  # share by which bounds of first contact are widened: the wires stay cool
 WARM_UP_MARGIN = 0.25  # share by which bounds of the warm-up are widened: it is short and not hot
 

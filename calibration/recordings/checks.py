@@ -13,8 +13,14 @@ from calibration.recordings.kinds import (
     shown_kind,
     shows,
 )
-from calibration.recordings.pieces import FEWEST, SHORTEST, first_read, gaps_of
-from calibration.recordings.repair import despiked, interpolated
+from calibration.recordings.repair import (
+    FEWEST,
+    SHORTEST,
+    despiked,
+    first_read,
+    gaps_of,
+    interpolated,
+)
 from limb_systems import Recording
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed
@@ -67,18 +73,6 @@ def check_recording(recording: Recording, expected: str | None = None) -> str:
     if recording.duty.any():
         _check_readings(recording)
     return kind
-
-
-def check_whole(recording: Recording) -> None:
-    """Refuses recordings that were interrupted: their last equilibrium is none.
-
-    Raises:
-        CalibrationError: one sentence that says why it was interrupted.
-    """
-    if recording.interrupted:
-        raise CalibrationError(
-            f"this was interrupted ({recording.interrupted.rstrip('.')}), so record it again."
-        )
 
 
 def _check_time(recording: Recording) -> None:

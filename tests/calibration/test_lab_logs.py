@@ -9,8 +9,7 @@ import pytest
 
 from calibration import CalibrationError, calibrate
 from calibration.prediction.heated_run import HeatedRun
-from calibration.recordings.pieces import in_pieces
-from calibration.recordings.repair import part
+from calibration.recordings.repair import in_pieces, part
 from limb_systems import LimbParameters, Recording, SaturatingLaw
 from soft_limb.reports.calibration import write_report
 from soft_limb.results.summaries import calibration_summary
@@ -80,9 +79,9 @@ def test_a_long_log_is_cut_where_it_rests(log):
 
 
 def test_what_is_long_is_cut_where_it_rests(log, monkeypatch):
-    monkeypatch.setattr("calibration.recordings.pieces.PAUSE", 1000.0)
+    monkeypatch.setattr("calibration.recordings.repair.PAUSE", 1000.0)
     assert len(in_pieces(log)[0]) == 1
-    monkeypatch.setattr("calibration.recordings.pieces.LONGEST", 270.0)
+    monkeypatch.setattr("calibration.recordings.repair.LONGEST", 270.0)
     pieces = in_pieces(log)[0]
     assert [piece.time[0] for piece in pieces] == pytest.approx([0.0, 283.0, 556.0], abs=15.0)
     for piece in pieces:

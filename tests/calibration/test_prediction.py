@@ -11,7 +11,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from calibration.collecting.excitation import excitations
 from calibration.prediction.heated_run import HeatedRun
 from calibration.prediction.law_fit import LawFit, Predicted, fit_law
-from calibration.prediction.plan_miss import PlanMiss, plan_miss, remarks_on_coverage
+from calibration.prediction.outlook import PlanMiss, plan_miss, remarks_on_coverage
 from calibration.prediction.selection import (
     Prediction,
     beaten,
@@ -86,7 +86,7 @@ def later(run: PiecewisePolynomial) -> PiecewisePolynomial:
 def test_a_law_is_found_again_in_its_own_data(name):
     """By another integrator than Drake's, from other values; within their errors."""
     true, fit = limb_with(LAWS[name]), fit_of(name, "conditioning", "ramps")
-    found = SegmentParameters(links=2)
+    found = LimbParameters(segments=[SegmentParameters(links=2)])
     fit.apply(found)
     for wire, fitted in zip(true.wires, found.wires, strict=True):
         for field in dataclasses.fields(fitted.law):
