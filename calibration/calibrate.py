@@ -11,7 +11,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from calibration.errors import CalibrationError
 from calibration.estimate import Estimate, record_of
 from calibration.heat_bounds import fit_heat_bounds
 from calibration.prediction.outlook import (
@@ -25,11 +24,15 @@ from calibration.recordings.at_rest import ambient_temperature, rest_angle
 from calibration.recordings.files import leaving_out, read_folder, usable
 from calibration.recordings.kinds import FREE_KINDS, all_kinds, heated_kinds, only_segment, title_of
 from calibration.recordings.repair import FEWEST, before_missing, with_lost_rows
-from calibration.remarks import Remark, verdict
-from calibration.section_v.damping import DampingFit, fit_damping
-from calibration.section_v.force import ForceFit, fit_force
-from calibration.section_v.heat import RATES, HeatFit, fit_heat_transfer
-from calibration.section_v.stiffness import StiffnessFit, fit_stiffness, remarks_on_sensor
+from calibration.remarks import CalibrationError, Remark, verdict
+from calibration.section_v.mechanics import (
+    DampingFit,
+    StiffnessFit,
+    fit_damping,
+    fit_stiffness,
+    remarks_on_sensor,
+)
+from calibration.section_v.wires import RATES, ForceFit, HeatFit, fit_force, fit_heat_transfer
 from calibration.validation import Validation, validate, validation_of
 from limb_systems import (
     LimbParameters,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration.errors import CalibrationError
+from calibration.remarks import CalibrationError
 from hardware.firmware import heat
 from hardware.robot.heat_rates import HeatRates, acceptable, fit_heat_rates
 from limb_systems import LimbError, LimbParameters, LinearLaw, Recording

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from calibration.errors import CalibrationError
 from calibration.estimate import Estimate
 from calibration.recordings.kinds import bend_sensor_of, gravity_bends
+from calibration.remarks import CalibrationError
 from limb_systems import Recording
 
 START = 1.0  # s, over which the first readings are averaged

@@ -4,7 +4,6 @@ import itertools
 
 import numpy as np
 
-from calibration.errors import CalibrationError
 from calibration.recordings.kinds import (
     FREE_KINDS,
     GRAVITY_HINT,
@@ -21,6 +20,7 @@ from calibration.recordings.repair import (
     gaps_of,
     interpolated,
 )
+from calibration.remarks import CalibrationError
 from limb_systems import Recording
 
 HEATED = 2.0  # s of full duty, after which a wire must have warmed

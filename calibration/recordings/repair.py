@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from calibration.errors import CalibrationError
 from calibration.recordings.kinds import title_of
-from calibration.remarks import Remark
+from calibration.remarks import CalibrationError, Remark
 from limb_systems import Recording
 
 SPIKE = 6.0  # robust standard deviations from the median of five samples, beyond which one counts

@@ -16,7 +16,7 @@ from calibration import (
     fit_heat_transfer,
 )
 from calibration.recordings.at_rest import ambient_temperature
-from calibration.section_v.heat import simulate_heat
+from calibration.section_v.wires import simulate_heat
 from limb_systems import JouleHeating, ThermocoupleLag
 
 SIDES = [(0, "left"), (1, "right")]

@@ -13,7 +13,7 @@ from calibration import (
     fit_damping,
     fit_stiffness,
 )
-from calibration.section_v.stiffness import shape_factors
+from calibration.section_v.mechanics import shape_factors
 from limb_systems import ChordSensor, LimbParameters, Recording, TipTangentSensor
 from limb_systems.model.statics import static_equilibrium
 

@@ -7,7 +7,7 @@ import pytest
 
 from calibration import fit_damping, validate
 from calibration.recordings.at_rest import rest_angle
-from calibration.section_v.stiffness import fit_stiffness
+from calibration.section_v.mechanics import fit_stiffness
 from limb_systems import (
     BendSensor,
     Limb,

@@ -11,7 +11,7 @@ import pytest
 
 from calibration import fit_damped_sinusoid, fit_damping, fit_stiffness
 from calibration.remarks import Severity
-from calibration.section_v.stiffness import remarks_on_sensor
+from calibration.section_v.mechanics import remarks_on_sensor
 from limb_systems import ChordSensor, LimbParameters, Recording, TipTangentSensor
 
 ROD = Path(__file__).parents[1] / "data" / "rod"
