@@ -3,7 +3,6 @@
 import copy
 import dataclasses
 import html
-import io
 import json
 import re
 from unittest import mock
@@ -18,7 +17,6 @@ from calibration import (
     Validation,
     calibrate,
     collect_equilibria,
-    kind_of,
     kinds_of,
     validate,
 )
@@ -282,67 +280,3 @@ def test_remarks_are_ranked(emulated_folder, capsys, tmp_path):
     places = [page.index(line) for line in ranked]
     assert places == sorted(places)
     assert page.count('<figure class="chart"') == 5  # validation, stiffness, damping, each wire
-
-
-def test_collect_looks_for_the_board_first_and_needs_a_terminal(tmp_path, monkeypatch, capsys):
-    arguments = ["collect", "-o", str(tmp_path / "new"), "-p", str(tmp_path / "no_port")]
-    assert main(arguments) == 1
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert "no_port: No such file or directory; soft-limb ports" in said.err
-    monkeypatch.setattr("soft_limb.commands.calibration.open_link", mock.MagicMock())
-    monkeypatch.setattr("sys.stdin", io.StringIO())
-    assert main(arguments) == 1
-    assert "error: There is no terminal to press Enter in" in capsys.readouterr().err
-
-
-def test_command_collects_three_wires_from_a_robot_as_four_kinds(tmp_path, monkeypatch):
-    """With the model in place of the robot. Two of the wires are on one side."""
-    monkeypatch.setattr("calibration.collecting.protocol.SAG_TRIALS", 1)
-    monkeypatch.setattr("calibration.collecting.protocol.RING_DOWNS", 1)
-    ports, asked = [], []
-
-    class Robot(Limb):
-        __slots__ = ()
-
-        def __init__(self, port, parameters, board=None):
-            super().__init__(parameters)
-            ports.append(port)
-
-        def __enter__(self):
-            return self
-
-        def __exit__(self, *_):
-            pass
-
-    monkeypatch.setattr("soft_limb.commands.calibration.SerialLimb", Robot)
-    monkeypatch.setattr("soft_limb.commands.calibration.open_link", mock.MagicMock())
-    monkeypatch.setattr("builtins.input", asked.append)
-    limb = LimbParameters(ambient_temperature=21.5)
-    limb.segments[0].links = 2  # which are simulated fast
-    limb.segments[0].wires = [
-        WireParameters("low", -0.0034),
-        WireParameters("near", 0.0034, 0.003),
-        WireParameters("far", 0.0034, -0.003),
-    ]
-    limb.save(tmp_path / "limb.yaml")
-    arguments = ["collect", "-p", "/dev/robot", "-o", str(tmp_path / "new"), "--seed", "3"]
-    arguments += ["--protocol", "paper", "--angles", "1", "-l", str(tmp_path / "limb.yaml")]
-    assert main(arguments) == 0
-    assert ports == ["/dev/robot"] * 8
-    names = ["sag_1", "ring_down_1", "first_contact", "warm_up", "near", "far", "low", "both"]
-    assert [what.split(":")[0] for what in asked] == names
-    assert "towards its low wire" in asked[0]
-    assert all(what.endswith(".\nPress Enter when this is done. ") for what in asked)
-    found = {path.stem: Recording.load(path) for path in (tmp_path / "new").iterdir()}
-    assert sorted(found) == sorted(names)
-    assert {recording.parameters.ambient_temperature for recording in found.values()} == {21.5}
-    for name, heated in (("near", [1]), ("low", [0]), ("both", [0, 1, 2]), ("sag_1", [])):
-        assert np.flatnonzero(found[name].duty.max(axis=1)).tolist() == heated
-        assert kind_of(found[name]) == name.removesuffix("_1")
-    # Each kind has random angles of its own, from the seed on.
-    for name, seed, low in (("near", 3, 0), ("low", 5, -1)):
-        angles = np.deg2rad(45.0) * np.random.default_rng(seed).uniform(low, low + 1, 1)
-        assert np.unique(found[name].reference) == pytest.approx(np.sort(angles))
-    found["both"].duty[0] = 0.0
-    assert kind_of(dataclasses.replace(found["both"], kind="")) == "heated"
