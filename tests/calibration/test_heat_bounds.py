@@ -15,7 +15,7 @@ from calibration.collecting.collect import (
     for_first_contact,
 )
 from calibration.collecting.protocol import CONTACT_MARGIN, WARM_UP_MARGIN
-from calibration.heat_bounds import check_first_contact, fit_heat_bounds
+from calibration.heat_bounds import check_first_contact, fit_heat_bounds, heat_remarks
 from hardware import LimbTwin
 from hardware.firmware import guard, heat
 from limb_systems import Limb, LimbParameters, TwoMassLaw, simulate
@@ -149,3 +149,18 @@ def test_a_thermocouple_without_its_wire_is_found_at_first_contact():
     recording = showing(collect_first_contact(Limb()), 0.05)
     with pytest.raises(CalibrationError, match="left wire was heated, but its thermocouple shows"):
         check_first_contact(recording, LimbParameters(), Path("first_contact.csv"))
+
+
+def test_what_is_unlike_the_other_wire_or_the_description_is_told():
+    nominal, duty = LimbParameters(), [0.2, 0.2]
+    assert heat_remarks([simulate(Limb(nominal), duty, 60.0)], nominal) == []
+    late = simulate(Limb(described_by(a3=-0.2)), duty, 60.0)
+    for side, remark in zip(("left", "right"), heat_remarks([late], nominal), strict=True):
+        assert remark.startswith(f"the {side} thermocouple lags by 5 s")
+    half = showing(simulate(Limb(nominal), duty, 60.0), 0.5)
+    (remark,) = heat_remarks([half], nominal)
+    assert remark.startswith("the left wire shows 50% of the heat of the one that shows most")
+    weak = simulate(Limb(described_by(a2=10.0)), duty, 60.0)
+    (remark,) = heat_remarks([weak], nominal)
+    assert remark.startswith("the wires show 50% of the heat that their description says")
+    assert remark.endswith("describe the wires by a2 10 and 10 °C/s.")
