@@ -79,13 +79,16 @@ def test_an_emulated_limb_is_calibrated_by_prediction(by_prediction, emulated_fo
 
 
 def test_description_keeps_what_is_not_calibrated(model_recordings):
+    """Also from recordings of which a logger lost a tenth of the rows."""
     description = LimbParameters()
     description.temperature_limits.maximum = 90.0
     (left,), (right,) = model_recordings["left"], model_recordings["right"]
     of_a_board = copy.deepcopy(right)
     of_a_board.parameters.board = SerialBoard("twin0007")
+    of_a_board = part(of_a_board, np.arange(len(right.time)) % 10 != 5)
     recordings = {"left": [left], "right": [of_a_board, right]}
     calibration = calibrate(recordings, description, method="paper")
+    assert calibration.parameters.wires[1].law.a1 == pytest.approx(-0.07, rel=0.03)
     assert calibration.parameters.board == SerialBoard("twin0007")
     assert calibration.parameters.temperature_limits.maximum == 90.0
     assert calibration.parameters.segments[0].stiffness == description.segments[0].stiffness
@@ -147,6 +150,12 @@ def test_missing_and_unknown_recordings_are_named(model_recordings, tmp_path):
     ):
         with pytest.raises(CalibrationError, match=message):
             calibrate(given, method=method)
+    other = LimbParameters()
+    other.wires[0].name = "dorsal"
+    with pytest.raises(CalibrationError, match="no recording with heat") as caught:
+        calibrate({"right": right}, other)
+    (note,) = caught.value.__notes__
+    assert "left out: it is of the wires left, right, but the limb is described with dor" in note
 
 
 def test_a_limb_with_one_wire_is_calibrated():
