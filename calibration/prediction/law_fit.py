@@ -301,15 +301,12 @@ class _Problem:
         warmth[np.isnan(run.first)] = warmth.max()  # as warm as another is, or not at all
         slope = np.where(np.isnan(run.slope), COOLING_RATE * warmth, np.abs(run.slope))
         change = COOLING_TIME * slope
-        for index, (cold, (name, scale)) in enumerate(
-            zip(self._law().cold_states(0.0), self._law.states.items(), strict=True)
-        ):
-            if index == 0:
+        cold_states = self._law().cold_states(0.0)
+        for cold, (name, scale) in zip(cold_states, self._law.states.items(), strict=True):
+            if self._law.is_temperature(name):
+                unread = 0.3 * warmth if len(centers) > 1 else 0.0  # all but the wire itself
                 centers.append(first)
-                spreads.append(READING_SPREAD + change)
-            elif self._law.is_temperature(name):
-                centers.append(first)
-                spreads.append(READING_SPREAD + change + 0.3 * warmth)
+                spreads.append(READING_SPREAD + change + unread)
             else:
                 centers.append(np.full(self._num_wires, cold))
                 spreads.append(scale * (MEMORY_SPREAD + warmth / 100.0))
