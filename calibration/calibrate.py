@@ -301,7 +301,7 @@ def calibrate(
         else:
             prediction = prediction or predicted(heated)
             validation = validation_of(prediction.best.judged, limb)
-    limb.validate()
+        limb.validate()
     sources = {
         kind: [recording.source for recording in told[kind]]
         for kind in all_kinds(limb)
