@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import LeafSystem
 from scipy.optimize import lsq_linear, nnls
 
-from controllers.estimator import Estimator, StateEstimate
+from controllers.estimator import Estimator, StateEstimate, packed
 from controllers.reduced_model import ReducedModel
 from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import LimbParameters, Trajectory, split_state
@@ -58,7 +58,9 @@ class PlanController(LeafSystem):
         duty = self._duty(time, estimate, caps, state)
         duty = within_total(duty, self._parameters.total_duty)
         state.set_value(0, duty)
-        state.set_value(1, self._estimator.pack(self._estimator.predicted(estimate, duty)))
+        ahead = self._estimator.predicted(estimate, duty)
+        state.set_value(1, packed(ahead))
+        self._end_update(context, ahead, state)
 
     def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
         """D (W,) from a time on, s since the start of the plan, each within 0 and its cap.
@@ -68,6 +70,9 @@ class PlanController(LeafSystem):
             state: the discrete values, for subclasses with more of them.
         """
         raise NotImplementedError
+
+    def _end_update(self, context, ahead: StateEstimate, state) -> None:
+        """Update the states of a subclass; ``ahead`` is the estimate of the next tick."""
 
     def _time_in_plan(self, context) -> float:
         """Time since the start of the plan, s."""

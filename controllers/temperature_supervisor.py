@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
 
-from controllers.estimator import Estimator, StateEstimate
+from controllers.estimator import Estimator, StateEstimate, packed
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters
 from limb_systems.model.ownership import weak_method
@@ -117,7 +117,7 @@ class TemperatureSupervisor(LeafSystem):
         estimate = self._estimator.read(state.value(1), readings, no_bend)
         estimate = self._estimator.predicted(estimate, self._allowed(context, state.value(0)))
         state.set_value(0, self._limiter.caps(estimate))
-        state.set_value(1, self._estimator.pack(estimate))
+        state.set_value(1, packed(estimate))
 
     def _calc_duty(self, context, output) -> None:
         output.SetFromVector(self._allowed(context, context.get_discrete_state(0).value()))

@@ -66,7 +66,7 @@ def test_a_linear_limb_is_planned_by_least_squares():
     impulses = np.eye(2 * K).reshape(2 * K, K, 2)
     changes = np.array([under(impulse) - still for impulse in impulses]).T
     free, responses, warming = still[:-1], changes[:-1], 0.002 * changes[-1]
-    target = wave(12.0).vector_values(3.0 + 0.2 * np.arange(1, K + 1))[0] - 0.02
+    first, *target = wave(12.0).vector_values(3.0 + 0.2 * np.arange(K + 1))[0] - 0.02
     angle = np.sqrt(100.0 * 2 * (2 / 3) ** 2)  # two joints, each at 2/3 of the bend, by (11)
     A = np.vstack([angle * responses, np.sqrt(0.5) * np.eye(2 * K)])
     b = np.r_[angle * (target - free), np.zeros(2 * K)]
@@ -77,7 +77,9 @@ def test_a_linear_limb_is_planned_by_least_squares():
         3.0, heat, np.array([0.02])
     )
     assert found.success
+    given = 0.5 * (angle * first) ** 2 + 0.002 * 35.0  # cost of the first knot, at 60 °C and 0°
     cost = 0.5 * ((A @ best.x - b) ** 2).sum() + warming @ best.x + 0.002 * (still[-1] - 25.0 * K)
+    cost += given
     assert found.cost == pytest.approx(cost, rel=1e-6)
     np.testing.assert_allclose(found.duty.ravel(), best.x, atol=2e-3)
     np.testing.assert_allclose(found.bend_angle[1:, 0] - 0.02, free + responses @ best.x, atol=1e-4)
