@@ -8,7 +8,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from scipy.stats import chi2
 
 from controllers import estimator as module
-from controllers.estimator import Estimator
+from controllers.estimator import Estimator, packed
 from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import (
     Limb,
@@ -164,7 +164,7 @@ def estimates(limb, recording, spoil=lambda k, V, phi: (V, phi), begun=None):
             k, recording.measured_temperature[:, k].copy(), recording.bend_angle[:, k].copy()
         )
         found.append(filtered.read(vector, V, phi))
-        vector = filtered.pack(filtered.predicted(found[-1], recording.duty[:, k]))
+        vector = packed(filtered.predicted(found[-1], recording.duty[:, k]))
     return found
 
 
@@ -295,7 +295,7 @@ def test_a_wrong_start_is_over_after_three_seconds(limb, recording):
         joint_state=None,
     )
     filtered = Estimator(limb)
-    begun = filtered.pack(filtered.begin(np.full(2, 25.0), late.bend_angle[:, 0]))
+    begun = packed(filtered.begin(np.full(2, 25.0), late.bend_angle[:, 0]))
     missed = np.array(missed_heat(late, estimates(limb, late, begun=begun)))
     assert missed[0].min() < -30.0
     assert np.abs(missed[62:]).max() < 6.0
