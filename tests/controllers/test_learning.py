@@ -1,7 +1,6 @@
 """Learning over repetitions, on plants that are the reduced model with known errors."""
 
 import copy
-import hashlib
 
 import numpy as np
 import pytest
@@ -251,37 +250,15 @@ def test_it_goes_on_from_a_file_as_if_it_had_never_ended(tmp_path):
     assert (tmp_path / "one.txt").read_bytes() == (tmp_path / "other.txt").read_bytes()
 
 
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory):
-    path = tmp_path_factory.mktemp("saved") / "learning.txt"
-    parameters = limb()
-    learner = Learner(plan_of(parameters))
-    learner.update(Plant(parameters).repeat(learner))
-    learner.save(path)
-    return path.read_text()
-
-
-def test_files_that_are_damaged_are_refused_in_a_sentence(saved, tmp_path):
-    path = tmp_path / "damaged.txt"
+def test_files_that_are_damaged_are_refused_in_a_sentence(tmp_path):
+    path = tmp_path / "learning.txt"
+    Learner(plan_of(limb())).save(path)
+    saved = path.read_text()
     for text, sentence in (
         ("", "its first line is not"),
         (saved[:-100], "truncated or was changed"),
         (saved.replace("0.3", "0.4", 1), "truncated or was changed"),
-        (resealed(saved, '"correction"', '"corection"'), "not what a learner saved"),
-        (resealed(saved, '"start": [', '"start": [1.0, '), "start has the shape"),
-        (resealed(saved, '"mean_error": ', '"mean_error": "a'), "not what a learner saved"),
-        (resealed(saved, "# limb trajectory", "# limb recording"), "limb trajectory"),
     ):
         path.write_text(text)
-        with pytest.raises(FileFormatError, match=sentence) as error:
+        with pytest.raises(FileFormatError, match=f"^{path}: .*{sentence}"):
             Learner.load(path)
-        assert str(error.value).startswith(str(path))
-        assert "\n" not in str(error.value)
-
-
-def resealed(text, old, new):
-    """Changed, with the digest of the change."""
-    first, body = text.split("\n", 1)
-    assert old in body
-    body = body.replace(old, new, 1)
-    return first[:-64] + hashlib.sha256(body[:-1].encode()).hexdigest() + "\n" + body
