@@ -12,6 +12,7 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.signal import lfilter
 
+from controllers.plan_controller import within_total
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, Trajectory
 from limb_systems.band import MEAN_TO_DEVIATION
@@ -109,11 +110,8 @@ class DutyCorrection:
         times = times[np.append(True, np.diff(times) > ROUNDING)]
         duty = self.plan.duty_trajectory().vector_values(times)
         duty = duty + [np.interp(times, self.nodes, column) for column in correction.T]
-        duty = np.clip(duty, 0.0, 1.0)
-        total = np.maximum(duty.sum(axis=0), 1e-9)
-        return PiecewisePolynomial.FirstOrderHold(
-            times, duty * np.minimum(1.0, self.plan.parameters.total_duty / total)
-        )
+        duty = within_total(np.clip(duty, 0.0, 1.0), self.plan.parameters.total_duty)
+        return PiecewisePolynomial.FirstOrderHold(times, duty)
 
     def start(self, readings: np.ndarray | None = None) -> np.ndarray:
         """Heat of the model (H,) at the start of the plan, or with other readings (W,), °C."""

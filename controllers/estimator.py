@@ -285,6 +285,10 @@ class Estimator:
             unshown=unshown,
         )
 
+    def bend_angle(self, estimate: StateEstimate) -> np.ndarray:
+        """φ(x) + p (F,), rad, without the sensors' noise and drift."""
+        return self.model.bend_angle(estimate.heat) + estimate.offset
+
     def _split(self, means: np.ndarray) -> list[np.ndarray]:
         """Parts of a vector (M,) that belong to [x, V] (H), q (W), d (F) and p (F)."""
         return np.split(
@@ -355,7 +359,7 @@ class LimbObserver(LeafSystem):
             ("wire_temperature", W, lambda e: e.heat[:W]),
             ("temperature_deviation", W, lambda e: np.sqrt(np.diag(e.covariance)[:W])),
             ("heat", H, lambda e: e.heat),
-            ("bend_angle", F, lambda e: model.bend_angle(e.heat) + e.offset),
+            ("bend_angle", F, self._estimator.bend_angle),
             ("sensor_drift", F, lambda e: e.drift),
             ("torque_disturbance", F, lambda e: e.offset / model.bend_by_torque),
             ("believed", W + F, lambda e: (e.unbelieved == 0).astype(float)),

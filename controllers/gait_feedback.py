@@ -73,9 +73,9 @@ class GaitFeedback(PlanFeedback):
     def _time_in_plan(self, context) -> float:
         return context.get_discrete_state(2).value()[TIME]
 
-    def _wanted(self, k: int, state) -> tuple[np.ndarray, np.ndarray]:
+    def _planned(self, k: int, state) -> tuple[np.ndarray, np.ndarray]:
         _, amplitude, duration, *_ = state.value(2)
-        bend, duty = super()._wanted(k, state)
+        bend, duty = super()._planned(k, state)
         bend = self._mean_bend + amplitude * (bend - self._mean_bend)
         holding = self._holding[k]
         return bend, np.clip(holding + (duty - holding) / duration, 0.0, 1.0)

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake import trajectories
 
-from controllers.plan_controller import bend_by_temperature, temperature_to_hold
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbParameters, Trajectory
 from limb_systems.model.smooth_function import SmoothFunction
@@ -117,7 +116,6 @@ class HorizonPlanner:
         self._times = times = np.arange(max(1, round(duration * knot_rate)) + 1) / knot_rate
         self._model = model = ReducedModel(parameters, 1.0 / knot_rate)
         self._program = HorizonProgram(model, times, task or horizon_task())
-        self._bend_by_temperature = bend_by_temperature(model)
 
     @classmethod
     def of(cls, trajectory: Trajectory, task: Task | None = None) -> "HorizonPlanner":
@@ -201,7 +199,7 @@ class HorizonPlanner:
         if self._planned is None:
             return np.full((len(times), self._model.num_wires), np.inf)
         at, T = self._planned
-        held = temperature_to_hold(self._bend_by_temperature, bend_offset)
+        held = self._model.temperature_to_hold(bend_offset)
         return WARMER + held + np.column_stack([np.interp(times, at, row) for row in T])
 
 

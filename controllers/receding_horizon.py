@@ -19,7 +19,7 @@ import numpy as np
 
 from controllers.estimator import StateEstimate, packed, unpacked
 from controllers.horizon import HorizonPlan, HorizonPlanner
-from controllers.plan_controller import PlanController, allocate, mean_gains
+from controllers.plan_controller import PlanController
 from limb_systems import LimbError, Trajectory
 from limb_systems.simulation import PERIOD
 from planners import Task
@@ -65,24 +65,20 @@ class RecedingHorizon(PlanController):
         self._process = PlannerProcess(plan, task) if real_time else None
         first = self._planner.beginning_of(plan)
         super().__init__(trajectory.parameters, first.duty[0])
-        self._gains = mean_gains(self._estimator.model)
         self._like = first
         replans = self.DeclareDiscreteState(3)
         self.DeclareDiscreteState(packed(first))
         self.DeclareStateOutputPort("replans", replans)
         self.set_name("receding_horizon")
 
-    def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
-        counts, model = state.value(2).copy(), self._estimator.model
-        plan = unpacked(state.value(3), self._like)
+    def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
+        counts, plan = state.value(2).copy(), unpacked(state.value(3), self._like)
         if self._process and (made := self._process.plan_if_made()):
             plan = _if_good(made, plan, counts)
             state.set_value(2, counts)
             state.set_value(3, packed(plan))
-        bend = model.bend_angle(estimate.heat) + estimate.offset
-        missed = plan.bend_angle_at(time) - bend
-        base = np.clip(plan.duty_at(time), 0.0, caps)
-        return allocate(PROPORTIONAL * missed, base, self._gains, caps)
+        missed = plan.bend_angle_at(time) - self._estimator.bend_angle(estimate)
+        return plan.duty_at(time), PROPORTIONAL * missed
 
     def _end_update(self, context, ahead: StateEstimate, state) -> None:
         time = self._time_in_plan(context)

@@ -12,7 +12,6 @@ from controllers import PlanFeedback, PlanRegulator, ReducedModel
 from controllers.plan_controller import (
     SampledPlan,
     allocate,
-    mean_gains,
     within_total,
 )
 from controllers.plan_feedback import BEND, DUTY, TEMPERATURE, regulator_gains
@@ -90,7 +89,7 @@ def test_duty_within_the_supply_keeps_its_proportions():
 
 def test_gains_are_those_of_the_springs(two_segments):
     """a2 β (n + 1) / (2 k) of the segment's own wires, also where gravity couples segments."""
-    gains = mean_gains(ReducedModel(two_segments))
+    gains = ReducedModel(two_segments).mean_gains
     for index, (segment, wires) in enumerate(
         zip(two_segments.segments, Layout(two_segments).wires_of, strict=True)
     ):
@@ -102,7 +101,7 @@ def test_gains_are_those_of_the_springs(two_segments):
             gains[index, wires], np.array(own) / segment.stiffness, rtol=0.01
         )
     two_segments.gravity = [0.0, -9.81, 0.0]
-    coupled = mean_gains(ReducedModel(two_segments))
+    coupled = ReducedModel(two_segments).mean_gains
     np.testing.assert_array_equal(coupled == 0.0, gains == 0.0)
     hot = np.full(4, 0.5)
     found = allocate(np.array([9.0, 0.0]), hot, coupled, np.ones(4))
