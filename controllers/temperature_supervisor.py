@@ -2,11 +2,12 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Diagram, LeafSystem, System
 
 from controllers.estimator import Estimator, StateEstimate, packed
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters
+from limb_systems.model.limb_system import behind
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 
@@ -154,19 +155,5 @@ def supervised(
             f"{type(controller).__name__} has a duty for {asked.size()} wires, but the limb has "
             f"{wires}."
         )
-    builder = DiagramBuilder()
-    builder.AddSystem(controller)
-    supervisor = builder.AddSystem(TemperatureSupervisor(parameters, limit=limit))
-    builder.Connect(asked, supervisor.GetInputPort("duty"))
-    reading = supervisor.GetInputPort("measured_temperature")
-    builder.ExportInput(reading, "measured_temperature")
-    for index in range(controller.num_input_ports()):
-        port = controller.get_input_port(index)
-        if port.get_name() == "measured_temperature":
-            builder.ConnectInput("measured_temperature", port)
-        else:
-            builder.ExportInput(port, port.get_name())
-    builder.ExportOutput(supervisor.GetOutputPort("duty"), "duty")
-    diagram = builder.Build()
-    diagram.set_name(f"supervised_{controller.get_name()}")
-    return diagram
+    supervisor = TemperatureSupervisor(parameters, limit=limit)
+    return behind(supervisor, controller, f"supervised_{controller.get_name()}")
