@@ -66,6 +66,21 @@ def test_a_copy_of_the_context_goes_on_alike(fed, short_plan):
         assert not np.array_equal(beginning, at_once.context.get_discrete_state(0).value())
 
 
+def test_controllers_go_on_without_readings(fed, short_plan):
+    """NaN from all sensors, from the beginning and after a while; duty stays in [0, 1]."""
+    for name, make in CONTROLLERS.items():
+        for first in (0, 15):
+            controller = make(short_plan)
+            inputs = course(controller, 30)
+            for port in inputs.keys() - {"duty"}:
+                inputs[port][first:] = np.nan
+            shown = fed(controller, inputs)
+            outputs = vars(shown).keys() & {"duty", "wire_temperature"}
+            assert all(np.isfinite(getattr(shown, output)).all() for output in outputs), name
+            if "duty" in outputs:
+                assert ((shown.duty >= 0.0) & (shown.duty <= 1.0)).all()
+
+
 def behind_its_ports(limb):
     """A limb of which nothing is to be seen but duty, readings, and what a lab knows of it."""
     builder = DiagramBuilder()

@@ -15,13 +15,7 @@ from controllers.duty_correction import (
 )
 from controllers.learner import COOLER, SHARES, RepeatingError, wandering
 from controllers.reduced_model import ReducedModel
-from limb_systems import (
-    HystereticLaw,
-    Layout,
-    LimbParameters,
-    Recording,
-    Trajectory,
-)
+from limb_systems import HystereticLaw, Layout, LimbParameters, Recording, Trajectory
 from limb_systems.files.csv_format import FileFormatError
 from limb_systems.files.trajectory import PlanCheck
 
@@ -169,7 +163,7 @@ def hysteretic() -> LimbParameters:
 
 
 def test_error_falls_on_limbs_that_differ_from_their_model(two_segments):
-    for known in (limb(), hysteretic(), two_segments, LimbParameters.in_space(links=2)):
+    for known in (hysteretic(), two_segments, LimbParameters.in_space(links=2)):
         learner, plant = Learner(plan_of(known)), Plant(wrong(known))
         errors = []
         for _ in range(4):
