@@ -178,26 +178,28 @@ def bends(limb, found):
 FROM = 100  # the sample from which a sensor fails
 
 
-def absent(k, V, phi):
-    return V, np.where(k >= FROM, np.nan, phi)
+def from_then_on(bend):
+    """A fault of the bend sensor, by what it shows of the bend at samples from `FROM` on."""
+    return lambda k, V, phi: (V, bend(k, phi) if k >= FROM else phi)
 
 
-def lying(k, V, phi):
-    return V, phi + np.deg2rad(40.0) * (k >= FROM)
-
-
-def jumping(k, V, phi):
-    return V, phi + np.deg2rad(12.0) * (k >= FROM) * (-1) ** k
-
-
-def stuck(shown):
-    return lambda k, V, phi: (V, shown if k >= FROM else phi)
+ABSENT, LYING, JUMPING, STUCK = map(
+    from_then_on,
+    (
+        lambda k, phi: np.full(1, np.nan),
+        lambda k, phi: phi + np.deg2rad(40.0),
+        lambda k, phi: phi + np.deg2rad(12.0) * (-1) ** k,
+        lambda k, phi: np.zeros(1),
+    ),
+)
+# 8° more each second, which no gate for single readings notices
+CREEPING = from_then_on(lambda k, phi: phi + np.deg2rad(8.0) * PERIOD * (k - FROM))
 
 
 def test_a_bend_sensor_that_fails_does_not_move_the_estimate(limb, recording):
     good = estimates(limb, recording)
     assert all(estimate.unbelieved[2] == 0.0 for estimate in good)
-    for spoil in (absent, lying, jumping, stuck(np.zeros(1))):
+    for spoil in (ABSENT, LYING, JUMPING, STUCK):
         spoilt = estimates(limb, recording, spoil)
         late = slice(FROM + 11, None)  # it must be stuck for half a second
         assert all(estimate.unbelieved[2] > 0.0 for estimate in spoilt[late])
@@ -208,12 +210,7 @@ def test_a_bend_sensor_that_fails_does_not_move_the_estimate(limb, recording):
 
 
 def test_a_bend_sensor_that_creeps_is_believed_up_to_20_degrees(limb, recording):
-    """8° more each second, which no gate for single readings notices."""
-
-    def creeping(k, V, phi):
-        return V, phi + np.deg2rad(8.0) * PERIOD * max(0, k - FROM)
-
-    found = estimates(limb, recording, creeping)
+    found = estimates(limb, recording, CREEPING)
     assert found[FROM + 30].unbelieved[2] == 0.0
     assert found[-1].unbelieved[2] > 1.0
     offsets = np.rad2deg([estimate.offset + estimate.drift for estimate in found])
@@ -250,25 +247,19 @@ def missed_heat(recording, found):
     return [e.heat[:2] - T for e, T in zip(found, recording.wire_temperature.T, strict=True)]
 
 
-def jumps(t):
-    return 60.0 * (0.0 <= t < 2.0)
-
-
-def stays(t):
-    return 60.0 * (0.0 <= t < 4.5)
-
-
-def climbs(t):
-    return min(60.0, 60.0 * t) * (0.0 <= t < 2.0)
-
-
 def test_a_thermocouple_that_reads_too_hot_does_not_wind_up(limb, recording):
     """It raises T to what it reads at most, after a jump only if it stays, and not for longer."""
     limiter = TemperatureLimiter(limb)
-    for fault, most, meanwhile in ((jumps, 3.0, 3.0), (stays, 65.0, 3.0), (climbs, 70.0, 70.0)):
+    for seconds, rise, most, meanwhile in (
+        (2.0, 0.0, 3.0, 3.0),
+        (4.5, 0.0, 65.0, 3.0),
+        (2.0, 1.0, 70.0, 70.0),  # which climbs within a second, as a wire may
+    ):
 
-        def hot(k, V, phi, fault=fault):
-            return V + np.array([0.0, fault(PERIOD * (k - FROM))]), phi
+        def hot(k, V, phi, seconds=seconds, rise=rise):
+            t = PERIOD * (k - FROM)
+            share = min(1.0, t / rise) if rise else 1.0
+            return V + np.array([0.0, 60.0 * share * (0.0 <= t < seconds)]), phi
 
         found = estimates(limb, recording, hot)
         missed = np.array(missed_heat(recording, found))
