@@ -232,6 +232,7 @@ def test_a_thermocouple_that_freezes_does_not_move_the_estimate(limb, recording)
     assert found[-1].unbelieved[0] > 2.0
     assert found[-1].unbelieved[1] == 0.0
     assert all(estimate.unbelieved[2] == 0.0 for estimate in found)
+    assert found[-1].heating_rate[0] == 0.0  # what it said of this is forgotten
     rested = Estimator(limb)
     estimate = rested.begin(np.full(2, 25.0), np.zeros(1))
     for k in range(45):

@@ -123,6 +123,12 @@ def test_there_is_a_plan_where_limits_are_passed_already():
     assert found.heat[-1, 0] < highest + 0.1
     assert found.duty[:3, 1].min() > 0.9  # the other is below T_warm, and bends it straight
     assert found.heat[-1, 1] > 45.0
+    T = found.heat[:, :2]
+    beyond = np.maximum(T[1:] - highest, 0.0).sum() + np.maximum(45.0 - T, 0.0).sum()
+    missed = 50.0 * 2 * (2 / 3) ** 2 * (found.bend_angle**2).sum()
+    heat = 2e-3 * (T.mean(axis=1) - 25.0).sum()
+    duty = 0.025 * (found.duty**2).sum()
+    assert found.cost == pytest.approx(beyond + missed + heat + duty, rel=1e-6)
 
 
 def test_wires_stay_within_their_limits():

@@ -119,13 +119,14 @@ def test_gains_and_the_share_that_is_wrong_are_found_from_changes():
 
 
 def test_correction_is_that_of_least_squares_where_no_bound_is_active():
-    """With slopes by differences, in one dense system."""
+    """With slopes by differences, in one dense system; half of each wire's change is doubted."""
     plan = plan_of(limb())
     program, start = DutyCorrection(plan), DutyCorrection(plan).start()
     nodes, W = program.nodes, 2
     missing = 1e-3 * np.sin(0.5 * nodes)[:, None]  # rad; so little that all is linear
     none = np.zeros((len(nodes), W))
-    errors = Errors(-missing, none, none, none, np.ones((1, W)), np.zeros(1))
+    doubt = np.full(1, 0.5)
+    errors = Errors(-missing, none, none, none, np.ones((1, W)), doubt)
     found = program.improve(program.none, start, errors)
 
     moved, step = np.eye(none.size).reshape(-1, *none.shape), 1e-4
@@ -139,6 +140,8 @@ def test_correction_is_that_of_least_squares_where_no_bound_is_active():
     differences = np.kron(np.diff(np.eye(len(nodes)), axis=0), np.eye(W))
     weights = LEVEL_COST * np.eye(none.size) + CHANGE_COST * differences.T @ differences
     missed = np.rad2deg(missing + program.target - base)[:, 0]
+    for of_wire in np.tile(np.eye(W), len(nodes)):
+        weights += doubt**2 * (G * of_wire).T @ (G * of_wire)
     exact = np.linalg.solve(G.T @ G + weights, G.T @ missed)
     assert np.abs(exact).max() > 1e-3
     np.testing.assert_allclose(found.ravel(), exact, atol=1e-7)
@@ -171,6 +174,7 @@ def test_error_falls_on_limbs_that_differ_from_their_model(two_segments):
             errors.append(plant.error(learner))
         assert errors[0] > 1.0
         assert errors[-1] < 0.5 * errors[0]
+        assert max(np.diff(errors)) < 0.0
 
 
 def test_bounds_hold_also_where_the_model_is_too_cold():
@@ -196,6 +200,22 @@ def test_bounds_hold_also_where_the_model_is_too_cold():
     assert learner.expected_error > np.deg2rad(0.3)  # what the bounds leave
     planned, expected = plan.bend_angle_at(learner.nodes).T, learner.expected_bend_angle()
     np.testing.assert_allclose(np.abs(planned - expected).mean(), learner.expected_error)
+
+
+def test_wires_stay_warm_also_where_the_model_is_too_warm():
+    parameters, times = limb(0.0, 0.0), np.arange(0.0, DURATION + 0.01, 0.05)
+    plan, cool = plan_of(parameters), copy.deepcopy(parameters)
+    limits, late = plan.parameters.temperature_limits, times > 5.0
+    limits.warm_up_time = 5.0
+    limits.warm = float(plan.wire_temperature[:, plan.time > 5.0].min())
+    for wire in cool.segments[0].wires:
+        wire.law.a2 *= 0.85
+    learner, plant, coolest = Learner(plan), Plant(cool), []
+    for _ in range(3):
+        learner.update(plant.repeat(learner))
+        coolest.append(plant.model.temperatures(plant.heat)[late].min())
+    assert coolest[0] < limits.warm - 4.0
+    assert coolest[-1] > limits.warm - 1.5
 
 
 def test_worse_repetitions_are_undone_and_steps_get_shorter():

@@ -12,7 +12,7 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.linalg import expm
 
-from controllers import TemperatureSupervisor
+from controllers import PlanFeedback, TemperatureSupervisor, supervised
 from hardware import LimbTwin
 from limb_systems import HystereticLaw, Limb, LimbError, LimbParameters, TwoMassLaw
 from limb_systems.simulation import record
@@ -173,3 +173,18 @@ def test_the_limit_stays_below_that_of_the_board():
     assert 94.0 < temperature.max() <= 98.0
     with pytest.raises(LimbError, match="must be below measured_maximum, 103 °C"):
         TemperatureSupervisor(parameters, limit=103.0)
+
+
+def test_a_supervised_controller_gives_the_limb_what_the_supervisor_allows(fed, short_plan):
+    """It is asked to bend the other way by wires that are warmer than the limit."""
+    readings = {
+        "measured_temperature": np.full((20, 2), 40.0),
+        "bend_angle": np.deg2rad(np.full((20, 1), -15.0)),
+    }
+    asked = fed(PlanFeedback(short_plan), readings).duty
+    parameters = short_plan.parameters
+    got = fed(supervised(PlanFeedback(short_plan), parameters, limit=38.0), readings).duty
+    assert asked[1:].max() > 0.5
+    assert (got == 0.0).all()
+    with pytest.raises(LimbError, match="PlanFeedback has a duty for 2 wires, but the limb has 3"):
+        supervised(PlanFeedback(short_plan), LimbParameters.in_space(wires=3))
