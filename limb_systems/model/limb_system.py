@@ -97,7 +97,7 @@ def behind(part: System, controller: System, name: str) -> Diagram:
     Args:
         part: such as a supervisor of duty, or sensors with a fault; it becomes part of the diagram.
         controller: with the output ``duty``; it becomes part of the diagram.
-        name: of the diagram.
+        name: name of the diagram.
     """
     builder, connected = DiagramBuilder(), set()
     for system in (part, controller):
