@@ -1,8 +1,8 @@
 """The correction of a plan's duty for a limb whose errors are known.
 
 The duty is the plan's plus a correction, linear between nodes. A `ReducedModel`
-says what the limb would do, known errors are added, and a convex program along its
-linearization finds the correction that brings the limb nearest to the plan.
+predicts the limb's motion, and the known residuals of the model are added. A convex program
+along the linearized prediction finds the correction that brings the limb nearest to the plan.
 """
 
 import dataclasses
@@ -33,11 +33,11 @@ LITTLE = 0.01  # relative; a tangent that reduces the cost by less is the last
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Errors:
-    """What a limb has more than the model, at the M + 1 nodes, about a correction.
+    """The residuals of the model at the M + 1 nodes: what a limb does beyond it.
 
-    - ``bend_angle``: (M + 1, F), rad.
-    - ``wire_temperature``, ``measured_temperature``: (M + 1, W), °C.
-    - ``about``: the correction where this is known (M + 1, W).
+    - ``bend_angle``: residual of φ (M + 1, F), rad.
+    - ``wire_temperature``, ``measured_temperature``: residuals of T and V (M + 1, W), °C.
+    - ``about``: the correction under which the residuals are known (M + 1, W).
     - ``gains``: changes of each bend over those of the model, as the duty of each wire changes from
       there (F, W).
     - ``doubt``: share of `DutyCorrection.changes` that is wrong at random (F,).
@@ -105,7 +105,7 @@ class DutyCorrection:
         return float(np.nanmean(self.layout.distances((self.target - bend).T)))
 
     def duty_trajectory(self, correction: np.ndarray) -> PiecewisePolynomial:
-        """The corrected duty since the start of the plan, in [0, 1] and within the total duty."""
+        """Return the corrected duty since the plan's start, in [0, 1] and within the total duty."""
         times = np.union1d(self.plan.time, self.nodes)
         times = times[np.append(True, np.diff(times) > ROUNDING)]
         duty = self.plan.duty_trajectory().vector_values(times)
@@ -114,7 +114,7 @@ class DutyCorrection:
         return PiecewisePolynomial.FirstOrderHold(times, duty)
 
     def start(self, readings: np.ndarray | None = None) -> np.ndarray:
-        """Heat of the model (H,) at the start of the plan, or with other readings (W,), °C."""
+        """Return the heat (H,) at the start of the plan, or with other readings (W,), °C."""
         plan, model = self.plan, self.model
         states = plan.state[2 * plan.parameters.num_joints :, 0].copy()
         if readings is not None:
@@ -133,18 +133,18 @@ class DutyCorrection:
         return self.duty_trajectory(correction).vector_values(self.middles).T
 
     def correction_of(self, duty: np.ndarray, correction: np.ndarray) -> np.ndarray:
-        """The correction (M + 1, W) whose duty is that of the model's steps (L, W).
+        """Return the correction (M + 1, W) that was applied, from the duty of the steps (L, W).
 
         Args:
-            correction: the one that was asked for; where feedback or a board changed its duty,
-                it is not the one that was applied.
+            duty: duty that the wires got; feedback or a board may have changed it.
+            correction: the correction that was asked for (M + 1, W).
         """
         shares = self._shares.T
         changed = shares @ (duty - self.steps(correction)) / shares.sum(axis=1, keepdims=True)
         return correction + np.where(np.abs(changed) > ANOTHER_DUTY, changed, 0.0)
 
     def corrected(self, correction: np.ndarray, start: np.ndarray, errors: Errors) -> Trajectory:
-        """The plan with corrected duty, and what the limb is expected to do under it."""
+        """Return the plan with corrected duty, and the motion that is expected of the limb."""
         plan, predicted = self.plan, self._predict(correction, start, errors)
         heat = predicted.heat[::STEPS]
         angles = self.model.joint_angles(heat).T
@@ -187,11 +187,11 @@ class DutyCorrection:
     def improve(
         self, correction: np.ndarray, start: np.ndarray, errors: Errors, cooler: float = 0.0
     ) -> np.ndarray:
-        """A correction (M + 1, W) of less cost, or the same one if none is found.
+        """Return a correction (M + 1, W) of less cost, or the given one if none is found.
 
         Args:
             start: heat at the start (H,).
-            errors: what the limb has more than the model.
+            errors: residuals of the model.
             cooler: margin of temperature below the bounds, °C.
         """
 
@@ -268,7 +268,7 @@ class DutyCorrection:
     def _solve(
         self, correction, predicted: "_Prediction", errors: Errors, cooler: float
     ) -> np.ndarray | None:
-        """The best correction where the model is linear along the rollout of this one."""
+        """Return the best correction for the model linearized along the rollout of this one."""
         model, missed, unsure = self.model, predicted.missed, predicted.unsure
         L, M, H, W = len(self.middles), len(missed) - 1, model.size, model.num_wires
         _, by_heat, by_duty = model.linearized_step(predicted.heat[:-1], predicted.duty)

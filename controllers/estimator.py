@@ -143,7 +143,7 @@ class Estimator:
         self.nothing = np.full_like(packed(self._like), np.nan)
 
     def begin(self, readings: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
-        """The estimate for a limb at rest whose wires have had their temperature for long.
+        """Return the estimate for a limb at rest whose wires have had their temperature for long.
 
         What the bend is off then is taken for the sensor's drift and the rest angle's error, as
         far as both are known to be so large; no reading tells them from a payload. If it is off
@@ -180,19 +180,19 @@ class Estimator:
     def read(
         self, vector: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray
     ) -> StateEstimate:
-        """The `corrected` estimate of a packed one; that of `begin` if the vector is NaN."""
+        """Return the estimate `corrected` by readings, from a packed one; `begin` if it is NaN."""
         if np.isnan(vector).any():
             return self.begin(readings, bend_angle)
         return self.corrected(self.unpacked(vector), readings, bend_angle)
 
     def unpacked(self, vector: np.ndarray) -> StateEstimate:
-        """The estimate in a `packed` vector."""
+        """Return the estimate in a `packed` vector."""
         return unpacked(vector, self._like)
 
     def corrected(
         self, estimate: StateEstimate, readings: np.ndarray, bend_angle: np.ndarray
     ) -> StateEstimate:
-        """The estimate with readings as of `begin`, as far as they are believed.
+        """Return the estimate after readings, as for `begin`, as far as they are believed.
 
         A thermocouple that is hotter than expected is believed beyond the gate, too, as no wire
         must suffer from a wrong estimate: its wire is so much hotter altogether. If it jumped
@@ -256,7 +256,7 @@ class Estimator:
         return together @ together.T
 
     def _forgetting(self, estimate: StateEstimate, bends: np.ndarray) -> StateEstimate:
-        """An estimate that knows nothing of p and d of some bends (F,)."""
+        """Return the estimate with p and d of some bends (F,) forgotten."""
         kept = np.concatenate([np.full(len(self._decay) - 2 * len(bends), True), ~bends, ~bends])
         covariance = np.where(np.outer(kept, kept), estimate.covariance, 0.0)
         covariance[np.diag_indices_from(covariance)] += np.where(kept, 0.0, self._initial**2)
@@ -264,7 +264,7 @@ class Estimator:
         return dataclasses.replace(estimate, drift=drift, offset=offset, covariance=covariance)
 
     def predicted(self, estimate: StateEstimate, duty: np.ndarray) -> StateEstimate:
-        """The estimate a period later under duty (W,), without new readings."""
+        """Return the estimate a period later under duty (W,), without new readings."""
         H, W, period = self.model.size, self.model.num_wires, self.model.period
         heat, by_heat, _ = self.model.linearized_step(estimate.heat, duty)
         heat[:W] += period * estimate.heating_rate

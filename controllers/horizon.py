@@ -1,14 +1,15 @@
 """Plans of the coming seconds, from the heat that a limb has towards its reference.
 
-The chain swings at some hertz; knots at 5 Hz cannot tell it from one that is
-always where its wires hold it. So a horizon is planned by the quasi-static program with
-`ReducedModel`, which has a fifth of the states of (17), and by sequential convex programs:
-the heat is linearized along the best duty known, the program with linear dynamics is solved,
-and the best of some steps towards its solution is taken, by the cost of the curved
-model. What has to be feasible once, T_max and T_warm, costs here instead, so
-that there is always a plan. So does heat beyond that of a plan of the whole motion,
-which knows what comes after the horizon: a wire that was too hot holds the limb for
-longer than that.
+The chain swings at some hertz, and knots at 5 Hz cannot show that. So a horizon is planned by the
+quasi-static program with `ReducedModel`, which has a fifth of the states of (17). Each plan takes
+one or more convex programs:
+
+- The model is linearized along its rollout under the best duty known.
+- The program with the linear model is solved.
+- Of some steps towards the solution, the step that costs least with the nonlinear model is taken.
+
+T_max and T_warm may be passed at a cost, so that there is always a plan. Heat beyond a plan of the
+whole motion costs, too: a wire that was too hot holds the limb for longer than a horizon.
 """
 
 import dataclasses
@@ -44,7 +45,7 @@ LIMIT_WEIGHT = 1.0  # 1/°C, of each knot beyond T_max or T_warm; as much as 11�
 
 
 def horizon_task() -> Task:
-    """What a horizon weighs: less duty than (15), as the next plan follows soon."""
+    """Return the weights of a horizon: less duty than (15), as the next plan follows soon."""
     return Task(
         duty_weight=0.05,
         terminal_factor=1.0,
@@ -75,7 +76,7 @@ class HorizonPlan:
     success: bool
 
     def duty_at(self, times: ArrayLike) -> np.ndarray:
-        """D (..., W) at times (...), s; the last after the end."""
+        """Return D (..., W) at times (...), s; the last duty after the end."""
         index = np.searchsorted(self.time, np.asarray(times) + 1e-9, side="right") - 1
         return self.duty[np.clip(index, 0, len(self.duty) - 1)]
 
@@ -87,8 +88,8 @@ class HorizonPlan:
 class HorizonPlanner:
     """Plans a horizon towards a reference, again and again, from any heat.
 
-    The cost is (15), with limits that cost, too. It keeps nothing from plan to plan, so that
-    one may be made in another thread; two at a time need two planners.
+    The cost is (15), with limits that cost, too. A planner keeps nothing from plan to plan, and
+    makes one plan at a time.
 
     Args:
         parameters: description of the limb.
@@ -119,9 +120,9 @@ class HorizonPlanner:
 
     @classmethod
     def of(cls, trajectory: Trajectory, task: Task | None = None) -> "HorizonPlanner":
-        """A planner towards the reference of a `Planner`'s plan that starts at time 0.
+        """Return a planner towards the reference of a `Planner`'s plan that starts at time 0.
 
-        Its wires are to be hardly warmer than those of the plan that is nearest to the reference.
+        Heat beyond the wires' heat in the plan nearest to the reference costs.
         """
         reference = references.from_samples(trajectory.time, trajectory.reference)
         nearest = nearest_plan(trajectory)
@@ -135,7 +136,7 @@ class HorizonPlanner:
         bend_offset: np.ndarray,
         previous: HorizonPlan | None = None,
     ) -> HorizonPlan:
-        """A plan from a time on.
+        """Return a plan from a time on.
 
         Args:
             time: time since the start of the reference, s.
@@ -181,7 +182,7 @@ class HorizonPlanner:
         )
 
     def beginning_of(self, trajectory: Trajectory) -> HorizonPlan:
-        """The first horizon of a `Planner`'s plan that starts at time 0."""
+        """Return the first horizon of a `Planner`'s plan that starts at time 0."""
         middles = np.minimum(self._times[:-1] + 0.5 * self._model.period, trajectory.duration)
         knots = np.minimum(self._times, trajectory.duration)
         heat = trajectory.state[2 * trajectory.parameters.num_joints :]
@@ -195,7 +196,7 @@ class HorizonPlanner:
         )
 
     def _warmest(self, times: np.ndarray, bend_offset: np.ndarray) -> np.ndarray:
-        """How warm wires may be without a cost (K, W), °C, at times since the reference began."""
+        """The temperatures (K, W), °C, beyond which heat costs, at times of the reference, s."""
         if self._planned is None:
             return np.full((len(times), self._model.num_wires), np.inf)
         at, T = self._planned
@@ -235,7 +236,7 @@ class HorizonProgram(QuasiStaticProgram):
     def aim(
         self, target: np.ndarray, heat: np.ndarray, warm_up_time: float, warmest: np.ndarray
     ) -> None:
-        """Sets what changes from plan to plan.
+        """Set the values that change from plan to plan.
 
         Args:
             target: bend of the model that is wanted at the knots (K + 1, F), rad.
@@ -247,7 +248,7 @@ class HorizonProgram(QuasiStaticProgram):
         self._warmest.evaluator().UpdateUpperBound(warmest.ravel())
 
     def tangent_duty(self, heats: np.ndarray, duty: np.ndarray) -> np.ndarray | None:
-        """The best duty (K, W) where the model is linear about heats (K + 1, H) and a duty."""
+        """The best duty (K, W) for the model linearized along heats (K + 1, H) and duty (K, W)."""
         found = self.tangent_solution(self._points(heats[:, None], duty[None])[:, 0])
         if found is None:
             return None

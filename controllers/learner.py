@@ -69,10 +69,10 @@ def wandering(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.nd
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Estimate:
-    """What repetitions have shown about an error, as changes of duty leave it.
+    """The estimate of a repeating error from repetitions.
 
     - ``error``: d (M,), zero before the first repetition.
-    - ``gains``: changes of the limb over those of the model, for each wire (W,).
+    - ``gains``: how many times as strongly as the model the limb responds to each wire (W,).
     - ``covariance``: covariance of both (M + W, M + W).
     """
 
@@ -84,9 +84,9 @@ class Estimate:
 class RepeatingError:
     """Bayesian regression for an error d (M,) over time that nearly repeats.
 
-    Repetition j shows H (d + Σ (g_w - 1) ψ_w + δ) + noise. ψ_w (M,) is the change of the
-    model as the duty of wire w is that of j, and not the one about which d is asked for. By
-    g_w times as much changes the limb, but for δ, which is a share of the ψ_w.
+    Repetition j shows H (d + Σ (g_w - 1) ψ_w + δ) + noise. ψ_w (M,) is the change of the model's
+    bend when wire w has its duty of repetition j instead of the duty about which d is estimated.
+    The limb responds g_w times as strongly as the model. δ is random, a share of the ψ_w.
 
     Args:
         times: (M,), s.
@@ -308,12 +308,12 @@ class Learner:
 
     @property
     def best(self) -> int | None:
-        """Index of the repetition that is taken to be the best one; None before there is one."""
+        """The index of the best repetition; None before there is one."""
         kept = [n for n, repetition in enumerate(self.repetitions) if not repetition.failed]
         return kept[-1] if kept else None
 
     def update(self, recording: Recording) -> Repetition:
-        """Learns from a repetition that was driven by ``source()``, or from its beginning.
+        """Learn from a repetition that was driven by ``source()``, or from its beginning.
 
         A repetition that was interrupted, or that was not better than the best one as far as
         all repetitions together can tell, is undone: the next one begins with the best one's
@@ -373,7 +373,7 @@ class Learner:
         return 0 if self.best is None else len(list(failed))
 
     def _seen(self, recording: Recording) -> Repetition:
-        """What a recording says about a repetition."""
+        """Return what a recording says about a repetition."""
         limbs = self.trajectory.parameters, recording.parameters
         planned, recorded = ((Layout(limb).num_bends, len(limb.wires)) for limb in limbs)
         if planned != recorded:
@@ -409,7 +409,7 @@ class Learner:
         )
 
     def _estimate_afresh(self) -> None:
-        """Estimates before the first repetition."""
+        """Set the estimates before the first repetition."""
         parameters, nodes, program = self.trajectory.parameters, self.nodes, self._program
         record, limits = parameters.calibration, parameters.temperature_limits
         of_bend, of_heat = UNKNOWN_BEND, UNKNOWN_TEMPERATURE
@@ -471,7 +471,7 @@ class Learner:
         return np.sqrt(weights @ SHARES**2 / weights.sum(axis=1))
 
     def _learn(self, repetition: Repetition) -> None:
-        """Takes what a repetition has shown."""
+        """Append a repetition, and its residuals of the model."""
         program = self._program
         self._start = program.start(repetition.start)
         heat = program.rollout(self._start, repetition.duty)
@@ -482,7 +482,7 @@ class Learner:
         self._shown.append((repetition.bend_angle - bend, readings, temperatures, bend))
 
     def _about(self, index: int) -> "_Belief":
-        """What all repetitions have shown about the duty of one of them."""
+        """Return what all repetitions have shown about the duty of one of them."""
         program, about = self._program, self.repetitions[index]
         duty = np.stack([other.duty for other in self.repetitions], axis=1)
         changes = np.moveaxis(program.changes(self._start, about.duty, duty), 1, 0)

@@ -1,4 +1,4 @@
-"""What controllers about a plan have in common: ports, estimate, gains, and bounds of duty."""
+"""The base of controllers about a plan: ports, estimate, gains, and bounds of duty."""
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -19,8 +19,8 @@ ROUNDING = 1e-9  # of duty
 class PlanController(LeafSystem):
     """Base of controllers for a limb of W wires and F bends; they say what is wanted.
 
-    Each period the `Estimator` takes the readings, `_duty` makes a duty of the
-    estimate within the most that each wire may have, and the estimate goes on.
+    At each tick the `Estimator` takes the readings. A subclass says which duty and which bend rates
+    it wants. The duty within the caps of `TemperatureLimiter` that makes these is the output.
 
     - input 0 ``measured_temperature``: V (W), °C; NaN where there is no reading
     - input 1 ``bend_angle``: φ (F), rad, as read; NaN where there is no reading
@@ -126,14 +126,14 @@ class SampledPlan:
 
 
 def within_total(duty: np.ndarray, total: float) -> np.ndarray:
-    """Duty (W, ...) of the same proportions that adds up to no more than a total."""
+    """Return duty (W, ...) in the same proportions that adds up to no more than a total."""
     return duty * np.minimum(1.0, total / np.maximum(duty.sum(axis=0), 1e-9))
 
 
 def allocate(
     bend_rate: np.ndarray, duty: np.ndarray, gains: np.ndarray, caps: np.ndarray
 ) -> np.ndarray:
-    """Duty (W,) that makes a limb bend faster than another duty does, with the least change of it.
+    """Return the duty (W,) nearest to a given duty that bends a limb faster by a given rate.
 
     The wires of a bend change it in proportion to their gains, δ = λ g; what one cannot do,
     because its duty is at zero or at its cap, the others do as far as they can. Wires that have a
@@ -142,7 +142,7 @@ def allocate(
 
     Args:
         bend_rate: additional bend rates (F,), rad/s.
-        duty: the other duty (W,), within the caps.
+        duty: the given duty (W,), within the caps.
         gains: g, rate of each bend by duty of each wire (F, W), rad/s.
         caps: the most duty of each wire (W,).
     """

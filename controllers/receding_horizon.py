@@ -96,7 +96,7 @@ class RecedingHorizon(PlanController):
 
 
 def _if_good(made: HorizonPlan, plan: HorizonPlan, counts: np.ndarray) -> HorizonPlan:
-    """A new plan, or the one before if it failed, which is counted."""
+    """Return a new plan, or the plan before if the new one failed; count failures."""
     counts[2] += not made.success
     return made if made.success else plan
 
@@ -133,7 +133,7 @@ class PlannerProcess:
         self.plan_if_made()
 
     def begin(self, *question: Any) -> None:
-        """Asks for a plan by the arguments of `HorizonPlanner.plan`, once the last is made.
+        """Ask for a plan by the arguments of `HorizonPlanner.plan`, once the last is made.
 
         Raises:
             LimbError: if the process has ended.
@@ -145,7 +145,7 @@ class PlannerProcess:
             raise LimbError(ENDED) from error
 
     def plan_if_made(self) -> HorizonPlan | None:
-        """The plan that was asked for; None if it is not made yet. Does not wait.
+        """Return the plan that was asked for; None if it is not made yet. Does not wait.
 
         Raises:
             LimbError: if the process has ended.
@@ -166,14 +166,14 @@ ENDED = (
 
 
 def _end(process: subprocess.Popen, connection: Connection) -> None:
-    """Ends the process, whatever it is at; it may be stopped."""
+    """End the process, which may be busy or stopped."""
     connection.close()
     process.kill()
     process.wait()
 
 
 def answer_questions() -> None:
-    """What the process does: answers until there are no more questions."""
+    """Answer questions in the process until there are no more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches both, and the other decides
     os.nice(PRIORITY)
     connection = Connection(int(sys.argv[1]))

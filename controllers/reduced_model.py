@@ -82,7 +82,7 @@ class ReducedModel:
         return self.bend_by_temperature * self.heating_rates
 
     def temperature_to_hold(self, offset: np.ndarray) -> np.ndarray:
-        """How much warmer wires are (W,), °C, that hold a bend from outside (F,), rad."""
+        """Return how much warmer wires (W,), °C, must be to hold a bend from outside (F,), rad."""
         return nnls(self.bend_by_temperature, -offset)[0]
 
     def temperatures(self, heat: np.ndarray) -> np.ndarray:

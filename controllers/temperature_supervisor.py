@@ -54,7 +54,7 @@ class TemperatureLimiter:
         self._model = ReducedModel(parameters, HOLD)
 
     def caps(self, estimate: StateEstimate, limit: ArrayLike | None = None) -> np.ndarray:
-        """The most duty of each wire (W,), in [0, 1].
+        """Return the most duty of each wire (W,), in [0, 1].
 
         Args:
             estimate: estimate of the limb.
@@ -131,7 +131,7 @@ class TemperatureSupervisor(LeafSystem):
 def supervised(
     controller: System, parameters: LimbParameters, *, limit: float | None = None
 ) -> Diagram:
-    """A controller behind a `TemperatureSupervisor`, with the controller's ports.
+    """Return a controller behind a `TemperatureSupervisor`, with the controller's ports.
 
     Args:
         controller: with the output ``duty`` and any inputs that a limb has outputs for;
