@@ -33,7 +33,7 @@ from controllers import (
 from hardware import LimbTwin, RobotTwin, SensedLimb, SerialLimb
 from hardware.emulation.lumped import CutOut
 from hardware.emulation.rubber import EmulatedRubber, Hand, RestShift
-from hardware.emulation.sensors import ExactBend, SampledSensors, limb_sensors
+from hardware.emulation.sensors import SampledSensors, limb_sensors
 from hardware.emulation.specimen import Specimen
 from hardware.emulation.wires import ShapeMemoryWires
 from hardware.live.feed import Feed
@@ -294,7 +294,6 @@ def make_system(monkeypatch, fig5_plan):
         RobotTwin: RobotTwin,
         SensedLimb: lambda: SensedLimb(Limb()),
         CutOut: lambda: CutOut(2, 0.05),
-        ExactBend: lambda: ExactBend(parameters),
         RestShift: lambda: RestShift(specimen, 0.05),
         SerialLimb: lambda: SerialLimb("port"),
         ShapeMemoryWires: lambda: ShapeMemoryWires(specimen),

@@ -32,7 +32,7 @@ class PlanProgram:
     """Eqns (15)-(20) for one limb, with the task's further costs and limits.
 
     `TrajectoryProgram` plans the motion of the chain and the heat, `QuasiStaticProgram` the heat
-    alone. The reference, the initial state and the warm-up are those of the last `update`.
+    alone. `update` sets the reference, the initial state and the warm-up.
 
     - ``prog``: the `MathematicalProgram`.
     - ``wires``: `Wires` of the limb.
@@ -171,7 +171,7 @@ class PlanProgram:
         return float(self.prog.EvalBindings(self.prog.GetAllCosts(), x).sum())
 
     def broken_constraint(self, x: np.ndarray) -> str:
-        """The constraint of those ``added`` that is exceeded most, in words, or ""."""
+        """Return the ``added`` constraint that is missed most, in words; "" if all hold."""
         worst, most = "", ADDED_TOLERANCE
         for number, binding in enumerate(self.added, 1):
             evaluator, values = binding.evaluator(), self.prog.EvalBinding(binding, x)
@@ -192,7 +192,7 @@ class PlanProgram:
         return worst
 
     def _when(self, binding: Binding) -> str:
-        """The times of the knots whose variables a constraint is on, in words."""
+        """Return the times of the knots that a constraint is about, in words."""
         indices = self.prog.FindDecisionVariableIndices(binding.variables())
         of_knots = np.hstack([self.indices(self._of_knots), self.duty])
         concerned = np.isin(of_knots, indices).any(axis=1)
@@ -411,9 +411,9 @@ class TrajectoryProgram(PlanProgram):
     def defects_of(self, x: np.ndarray) -> np.ndarray:
         """Violation of (17), with the dynamics of the limb's diagram, (2n + M, N - 1).
 
-        Defects of θ̇ are scaled by K⁻¹ M(0) to the static deflections they
-        stand for, in rad; those of θ by the time step, in rad; those of the heat
-        by the time step and the changes that matter, such as 50 °C.
+        The defects of θ̇ are scaled by K⁻¹ M(0) to the static deflections that they stand for,
+        rad. The defects of θ are scaled by the time step, rad. The defects of the heat are scaled
+        by the time step and by typical changes, such as 50 °C.
         """
         h, states, duty = x[self.time_steps], x[self.states].T, x[self.duty].T
         rates = self._time_derivatives(states, duty)

@@ -1,10 +1,10 @@
-"""The quasi-static program: plans of heat and duty, whose limb is where its wires hold it.
+"""The quasi-static program: plans of heat and duty for a limb that is where its wires hold it.
 
-The mechanics is fast (5 Hz) and the heat is slow (0.1 Hz), so the joint angles
-nearly are where the wires' torques hold them: K θ + ∇V(θ) = f(x, θ). With this, the variables are
-heat, duty and the bends φ alone, however many joints there are. (17) of the heat is
-that of the trajectory program, φ = φ(θ(x)) has exact first and second derivatives by
-adjoints, and (15) weighs the bends as their joints are weighed at equal angles (11).
+The mechanics is fast (5 Hz) and the heat is slow (0.1 Hz), so the joint angles nearly are where the
+wires' torques hold them: K θ + ∇V(θ) = f(x, θ). The variables are then heat, duty and the bends φ
+alone, however many joints there are. The collocation (17) of the heat is the same as in the
+trajectory program. φ = φ(θ(x)) has exact first and second derivatives by adjoints. (15) weighs a
+bend as it weighs the joints of this bend at equal angles (11).
 
 The trajectory program of a planar limb starts from it. Where torque or rates are not affine,
 a few of the knots are enough for that.
@@ -62,7 +62,7 @@ def check_temperature_limits(
         initial_heat: x and V at the start (N + W,).
         warm_up_time: k_warm, s from the first knot.
         task: task whose margins count.
-        measured_margin: margin of the readings, as of `TrajectoryProgram`.
+        measured_margin: margin of the readings, as for `PlanProgram`.
 
     Raises:
         InfeasibleError: names the wire, the constraint and the time from which
@@ -148,7 +148,7 @@ def solve_quasi_static(
         held: angles that the wires hold.
 
     Returns:
-        [x, V] (N + W, K), of which the first W are T in °C, and D (W, K).
+        [x, V] (N + W, K), which begins with T (W) in °C, and D (W, K).
 
     Raises:
         InfeasibleError: if it has no solution.
@@ -349,7 +349,7 @@ class QuasiStaticProgram(PlanProgram):
 def linear_limb(parameters: LimbParameters) -> LimbParameters:
     """The limb with wires of the paper's law that are about its own, and with springs alone.
 
-    Torque is that of wires heated from cold, along its chord from T_warm to T_max.
+    The torque is the chord, from T_warm to T_max, of the torque of wires heated from cold.
 
     Raises:
         LimbError: if a law does not say how fast its wire heats and cools.

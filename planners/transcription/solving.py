@@ -21,8 +21,8 @@ NEAR = {
     "bound_frac": 1e-5,
     "max_iter": 40,
 }
-# Hysteresis and references far out of reach may need hundreds, of which each is cheap. With a
-# barrier that begins this small they are half as many as with IPOPT's own, 0.1.
+# Hysteresis and references far out of reach may need hundreds of iterations; each is cheap. With a
+# barrier that begins this small there are half as many as with IPOPT's own, 0.1.
 PATIENT = {"mu_strategy": "monotone", "mu_init": 0.01, "max_iter": 600}
 # s of processor time, after which no attempt begins and IPOPT ends; plans take seconds.
 LONGEST_SOLVE = 300.0
@@ -53,13 +53,13 @@ class Solution:
     solve_time: float
     solver: str
     status: str
-    multipliers: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+    multipliers: tuple[np.ndarray, np.ndarray] | None = None
 
 
 def solve_program(
     program: PlanProgram,
     guess: np.ndarray,
-    multipliers: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+    multipliers: tuple[np.ndarray, np.ndarray] | None = None,
     solver: SolverInterface | None = None,
 ) -> Solution:
     """Solves a program by the first of these that succeeds.
