@@ -58,7 +58,7 @@ from limb_systems import (
     bend_angle_from_tip_tangent,
     simulate,
 )
-from limb_systems.model.ports import declare_part
+from limb_systems.model.ownership import declare_part
 from planners import Task, plan, references
 from soft_limb.runs.jobs import local_executor, run_each
 from soft_limb.runs.rollout import CONTROLLERS, OPEN, controller_of

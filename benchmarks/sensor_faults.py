@@ -4,8 +4,9 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Diagram, LeafSystem, System
 
+from limb_systems.model.limb_system import behind
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 
@@ -88,15 +89,7 @@ def with_faulty_sensors(controller: System, fault: SensorFault) -> Diagram:
         controller: with the inputs ``measured_temperature`` and ``bend_angle`` and the
             output ``duty``; it becomes part of the diagram.
     """
-    builder = DiagramBuilder()
-    builder.AddSystem(controller)
     names = ("measured_temperature", "bend_angle")
     num_wires, num_segments = (controller.GetInputPort(name).size() for name in names)
-    sensors = builder.AddSystem(FaultySensors(num_wires, num_segments, fault))
-    for name in names:
-        builder.ExportInput(sensors.GetInputPort(name), name)
-        builder.Connect(sensors.GetOutputPort(name), controller.GetInputPort(name))
-    builder.ExportOutput(controller.GetOutputPort("duty"), "duty")
-    diagram = builder.Build()
-    diagram.set_name("controller_with_faulty_sensors")
-    return diagram
+    sensors = FaultySensors(num_wires, num_segments, fault)
+    return behind(sensors, controller, "controller_with_faulty_sensors")

@@ -1,8 +1,8 @@
 """The correction of a plan's duty for a limb whose errors are known.
 
 The duty is the plan's plus a correction, linear between nodes. A `ReducedModel`
-says what the limb would do, known errors are added, and a convex program along its
-linearization finds the correction that brings the limb nearest to the plan.
+predicts the limb's motion, and the known residuals of the model are added. A convex program
+along the linearized prediction finds the correction that brings the limb nearest to the plan.
 """
 
 import dataclasses
@@ -10,7 +10,9 @@ import dataclasses
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.trajectories import PiecewisePolynomial
+from scipy.signal import lfilter
 
+from controllers.plan_controller import within_total
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, Trajectory
 from limb_systems.band import MEAN_TO_DEVIATION
@@ -31,11 +33,11 @@ LITTLE = 0.01  # relative; a tangent that reduces the cost by less is the last
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Errors:
-    """What a limb has more than the model, at the M + 1 nodes, about a correction.
+    """The residuals of the model at the M + 1 nodes: what a limb does beyond it.
 
-    - ``bend_angle``: (M + 1, F), rad.
-    - ``wire_temperature``, ``measured_temperature``: (M + 1, W), °C.
-    - ``about``: the correction where this is known (M + 1, W).
+    - ``bend_angle``: residual of φ (M + 1, F), rad.
+    - ``wire_temperature``, ``measured_temperature``: residuals of T and V (M + 1, W), °C.
+    - ``about``: the correction under which the residuals are known (M + 1, W).
     - ``gains``: changes of each bend over those of the model, as the duty of each wire changes from
       there (F, W).
     - ``doubt``: share of `DutyCorrection.changes` that is wrong at random (F,).
@@ -82,6 +84,10 @@ class DutyCorrection:
         period = plan.duration / (STEPS * (num_nodes - 1))
         self.model, self.layout = ReducedModel(plan.parameters, period), Layout(plan.parameters)
         self.middles = (np.arange(STEPS * (num_nodes - 1)) + 0.5) * period
+        # Share of each node in the correction of each step (L, M + 1).
+        self._shares = np.array(
+            [np.interp(self.middles, self.nodes, o) for o in np.eye(num_nodes)]
+        ).T
         self.target = plan.bend_angle_at(self.nodes).T
         if target == "reference":
             self.target = np.array([np.interp(self.nodes, plan.time, r) for r in plan.reference]).T
@@ -99,19 +105,16 @@ class DutyCorrection:
         return float(np.nanmean(self.layout.distances((self.target - bend).T)))
 
     def duty_trajectory(self, correction: np.ndarray) -> PiecewisePolynomial:
-        """The corrected duty since the start of the plan, in [0, 1] and within the total duty."""
+        """Return the corrected duty since the plan's start, in [0, 1] and within the total duty."""
         times = np.union1d(self.plan.time, self.nodes)
         times = times[np.append(True, np.diff(times) > ROUNDING)]
         duty = self.plan.duty_trajectory().vector_values(times)
         duty = duty + [np.interp(times, self.nodes, column) for column in correction.T]
-        duty = np.clip(duty, 0.0, 1.0)
-        total = np.maximum(duty.sum(axis=0), 1e-9)
-        return PiecewisePolynomial.FirstOrderHold(
-            times, duty * np.minimum(1.0, self.plan.parameters.total_duty / total)
-        )
+        duty = within_total(np.clip(duty, 0.0, 1.0), self.plan.parameters.total_duty)
+        return PiecewisePolynomial.FirstOrderHold(times, duty)
 
     def start(self, readings: np.ndarray | None = None) -> np.ndarray:
-        """Heat of the model (H,) at the start of the plan, or with other readings (W,), °C."""
+        """Return the heat (H,) at the start of the plan, or with other readings (W,), °C."""
         plan, model = self.plan, self.model
         states = plan.state[2 * plan.parameters.num_joints :, 0].copy()
         if readings is not None:
@@ -130,20 +133,18 @@ class DutyCorrection:
         return self.duty_trajectory(correction).vector_values(self.middles).T
 
     def correction_of(self, duty: np.ndarray, correction: np.ndarray) -> np.ndarray:
-        """The correction (M + 1, W) whose duty is that of the model's steps (L, W).
+        """Return the correction (M + 1, W) that was applied, from the duty of the steps (L, W).
 
         Args:
-            correction: the one that was asked for; where feedback or a board changed its duty,
-                it is not the one that was applied.
+            duty: duty that the wires got; feedback or a board may have changed it.
+            correction: the correction that was asked for (M + 1, W).
         """
-        shares = np.array(
-            [np.interp(self.middles, self.nodes, one) for one in np.eye(len(self.nodes))]
-        )
+        shares = self._shares.T
         changed = shares @ (duty - self.steps(correction)) / shares.sum(axis=1, keepdims=True)
         return correction + np.where(np.abs(changed) > ANOTHER_DUTY, changed, 0.0)
 
     def corrected(self, correction: np.ndarray, start: np.ndarray, errors: Errors) -> Trajectory:
-        """The plan with corrected duty, and what the limb is expected to do under it."""
+        """Return the plan with corrected duty, and the motion that is expected of the limb."""
         plan, predicted = self.plan, self._predict(correction, start, errors)
         heat = predicted.heat[::STEPS]
         angles = self.model.joint_angles(heat).T
@@ -175,45 +176,30 @@ class DutyCorrection:
 
     def lag(self) -> np.ndarray:
         """Matrix from errors of T at the nodes to errors of V there (W, M + 1, M + 1)."""
-        model, nodes = self.model, self.nodes
-        W = model.num_wires
-        _, by_heat, _ = model.linearized_step(model.cold, np.zeros(W))
-        count = STEPS * (len(nodes) - 1)
-        at_steps = np.array([np.interp(self.middles, nodes, one) for one in np.eye(len(nodes))]).T
+        W = self.model.num_wires
+        _, by_heat, _ = self.model.linearized_step(self.model.cold, np.zeros(W))
         lags = []
-        for wire in range(W):
-            row = by_heat[model.size - W + wire]
-            keeps, takes = row[model.size - W + wire], row[wire]
-            shown = np.zeros((count + 1, len(nodes)))
-            for step in range(count):
-                shown[step + 1] = keeps * shown[step] + takes * at_steps[step]
-            lags.append(shown[::STEPS])
+        for row, wire in zip(by_heat[-W:], range(W), strict=True):
+            shown = lfilter([row[wire]], [1.0, -row[wire - W]], self._shares, axis=0)
+            lags.append(np.pad(shown, ((1, 0), (0, 0)))[::STEPS])
         return np.array(lags)
 
     def improve(
         self, correction: np.ndarray, start: np.ndarray, errors: Errors, cooler: float = 0.0
     ) -> np.ndarray:
-        """A correction (M + 1, W) of less cost, or the same one if none is found.
+        """Return a correction (M + 1, W) of less cost, or the given one if none is found.
 
         Args:
             start: heat at the start (H,).
-            errors: what the limb has more than the model.
+            errors: residuals of the model.
             cooler: margin of temperature below the bounds, °C.
         """
 
-        predictions: dict[bytes, _Prediction] = {}
-
-        def predicted(tried: np.ndarray) -> _Prediction:
-            key = tried.tobytes()
-            if key not in predictions:
-                predictions[key] = self._predict(tried, start, errors)
-            return predictions[key]
-
         def cost_of(tried: np.ndarray) -> float:
-            return self._cost(tried, predicted(tried), errors, cooler)
+            return self._cost(tried, self._predict(tried, start, errors), errors, cooler)
 
         def solve(tried: np.ndarray) -> np.ndarray | None:
-            return self._solve(tried, predicted(tried), errors, cooler)
+            return self._solve(tried, self._predict(tried, start, errors), errors, cooler)
 
         step = first_that_reduces((1.0, 0.5, 0.25, 0.1), cost_of)
         return descend(correction, cost_of(correction), solve, step, TANGENTS, LITTLE)[0]
@@ -282,78 +268,59 @@ class DutyCorrection:
     def _solve(
         self, correction, predicted: "_Prediction", errors: Errors, cooler: float
     ) -> np.ndarray | None:
-        """The best correction where the model is linear along the rollout of this one."""
+        """Return the best correction for the model linearized along the rollout of this one."""
         model, missed, unsure = self.model, predicted.missed, predicted.unsure
-        by_heat, by_first, by_second = self._slopes(predicted.heat[:-1], predicted.duty)
-        heat = predicted.heat[::STEPS]
-        bend_by_heat = model.bend_slopes(heat)[1]
-        # Shares of wires in the changes of a state: of one wire, or of all whose duty changes it.
-        heated_by = (np.abs(by_second).max(axis=0) > 0).astype(float)  # (H, W)
-        heated_by /= np.maximum(heated_by.sum(axis=1, keepdims=True), 1.0)
-        coolest, hottest, highest = self._bounds(errors, cooler)
-        M, H, W = len(heat) - 1, model.size, model.num_wires
-        scales = model.scales
+        L, M, H, W = len(self.middles), len(missed) - 1, model.size, model.num_wires
+        _, by_heat, by_duty = model.linearized_step(predicted.heat[:-1], predicted.duty)
         prog = MathematicalProgram()
-        x = prog.NewContinuousVariables(M, H, "x")  # change of heat at nodes 1 to M, scaled
+        x = prog.NewContinuousVariables(L + 1, H, "x")  # change of heat by scale, at the steps
         c = prog.NewContinuousVariables(M + 1, W, "c")
         excess = prog.NewContinuousVariables(M, W, "s")
         lowest = np.minimum(-self._planned, correction)
         largest = np.maximum(1.0 - self._planned, correction)
         prog.AddBoundingBoxConstraint(lowest, largest, c)
-        prog.AddBoundingBoxConstraint(0.0, np.inf, excess)
         room = self.plan.parameters.total_duty - self._planned.sum(axis=1)
+        one = np.eye(W)
         for k in range(M + 1):
             prog.AddLinearConstraint(np.ones((1, W)), [-np.inf], room[k : k + 1], c[k])
-            prog.AddQuadraticCost(2 * LEVEL_COST * np.eye(W), np.zeros(W), c[k], is_convex=True)
-        one = np.eye(W)
+            prog.AddQuadraticCost(2 * LEVEL_COST * one, np.zeros(W), c[k], is_convex=True)
         change = 2 * CHANGE_COST * np.block([[one, -one], [-one, one]])
-        select_T, select_V = np.diag(scales)[:W], np.diag(scales)[-W:]
-        for k in range(M):
-            first, second = by_first[k] / scales[:, None], by_second[k] / scales[:, None]
-            ends = [first, second, -np.eye(H)]
-            variables = [c[k], c[k + 1], x[k]]
-            if k:
-                ends.append(by_heat[k] * scales / scales[:, None])
-                variables.append(x[k - 1])
-            offset = first @ correction[k] + second @ correction[k + 1]
-            prog.AddLinearEqualityConstraint(np.hstack(ends), offset, np.concatenate(variables))
-            prog.AddQuadraticCost(
-                change, np.zeros(2 * W), np.concatenate(variables[:2]), is_convex=True
+        for pair in np.hstack([c[:-1], c[1:]]):
+            prog.AddQuadraticCost(change, np.zeros(2 * W), pair, is_convex=True)
+
+        scales, nothing = model.scales, np.zeros(H)
+        prog.AddBoundingBoxConstraint(nothing, nothing, x[0])
+        A, B = by_heat * scales / scales[:, None], by_duty / scales[:, None]
+        for step in range(L):
+            k = step // STEPS
+            ends = slice(k, k + 2)  # nodes between which the correction is linear
+            by_ends = np.hstack([share * B[step] for share in self._shares[step, ends]])
+            prog.AddLinearEqualityConstraint(
+                np.hstack([A[step], by_ends, -np.eye(H)]),
+                by_ends @ correction[ends].ravel(),
+                np.concatenate([x[step], c[ends].ravel(), x[step + 1]]),
             )
-            slopes = np.rad2deg(bend_by_heat[k + 1]) * scales  # (F, H)
-            of_wires = slopes[:, np.newaxis] * errors.gains[..., np.newaxis] * heated_by.T
-            doubted = errors.doubt[:, np.newaxis, np.newaxis] * of_wires  # (F, W, H)
-            rows = np.vstack([of_wires.sum(axis=1), *doubted])
-            wanted = np.concatenate([missed[k + 1], -unsure[k + 1].ravel()])
-            prog.AddQuadraticCost(2 * rows.T @ rows, -2 * rows.T @ wanted, x[k], is_convex=True)
-            T, V = model.temperatures(heat[k + 1]), model.readings(heat[k + 1])
-            bounded = np.concatenate([x[k], excess[k]])
-            for rows, bound in (
-                (np.hstack([select_T, -one]), hottest[k + 1] - T),
-                (np.hstack([select_V, -one]), highest[k + 1] - V),
-                (np.hstack([-select_T, -one]), T - coolest[k + 1]),
-            ):
-                if np.isfinite(bound).all():
-                    prog.AddLinearConstraint(rows, np.full(W, -np.inf), bound, bounded)
-            prog.AddLinearCost(np.full(W, EXCESS_COST), 0.0, excess[k])
+
+        heat, x = predicted.heat[::STEPS][1:], x[::STEPS][1:]
+        # Shares of wires in the changes of a state: of one wire, or of all whose duty changes it.
+        heated_by = (np.abs(by_heat[1:] @ by_duty[:-1]).max(axis=0) > 0).astype(float)  # (H, W)
+        heated_by /= np.maximum(heated_by.sum(axis=1, keepdims=True), 1.0)
+        slopes = np.rad2deg(model.bend_slopes(heat)[1]) * scales
+        of_wires = slopes[:, :, np.newaxis] * errors.gains[..., np.newaxis] * heated_by.T
+        doubted = errors.doubt[:, np.newaxis, np.newaxis] * of_wires  # (M, F, W, H)
+        rows = np.concatenate([of_wires.sum(axis=2), doubted.reshape(M, -1, H)], axis=1)
+        wanted = np.hstack([missed[1:], -unsure[1:].reshape(M, -1)])
+        of_T, of_V = np.diag(scales)[:W], np.diag(scales)[-W:]
+        bounded = np.hstack([np.vstack([of_T, of_V, -of_T]), -np.tile(one, (3, 1))])
+        coolest, hottest, highest = (bound[1:] for bound in self._bounds(errors, cooler))
+        T, V = model.temperatures(heat), model.readings(heat)
+        most = np.hstack([hottest - T, highest - V, T - coolest])
+        prog.AddBoundingBoxConstraint(0.0, np.inf, excess)
+        prog.AddLinearCost(np.full(excess.size, EXCESS_COST), 0.0, excess.ravel())
+        for k in range(M):
+            quadratic, linear = 2 * rows[k].T @ rows[k], -2 * rows[k].T @ wanted[k]
+            prog.AddQuadraticCost(quadratic, linear, x[k], is_convex=True)
+            variables = np.append(x[k], excess[k])
+            prog.AddLinearConstraint(bounded, np.full(len(bounded), -np.inf), most[k], variables)
         result = ClarabelSolver().Solve(prog)
         return result.GetSolution(c) if result.is_success() else None
-
-    def _slopes(self, heats: np.ndarray, duty: np.ndarray):
-        """Derivatives of the heat at the next node.
-
-        Returns:
-            By the heat at a node (M, H, H), and by the corrections at both nodes (M, H, W).
-        """
-        _, by_heat, by_duty = self.model.linearized_step(heats, duty)
-        H, W = by_duty.shape[1:]
-        by_heat = by_heat.reshape(-1, STEPS, H, H)
-        by_duty = by_duty.reshape(-1, STEPS, H, W)
-        total = np.broadcast_to(np.eye(H), by_heat[:, 0].shape)
-        first = second = np.zeros_like(by_duty[:, 0])
-        for step in range(STEPS):
-            share = (step + 0.5) / STEPS
-            A, B = by_heat[:, step], by_duty[:, step]
-            total = A @ total
-            first, second = A @ first + (1 - share) * B, A @ second + share * B
-        return total, first, second

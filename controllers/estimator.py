@@ -10,6 +10,8 @@ bend sensors; and a bend p (F) that a torque from outside holds, such as a paylo
 """
 
 import dataclasses
+import math
+from typing import Any, TypeVar
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -50,6 +52,8 @@ INITIAL_TEMPERATURE = 1.0  # °C
 # °C, by which the silicone around a warm wire may be off, and what other states are known to.
 SILICONE = 5.0
 
+Record = TypeVar("Record")
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StateEstimate:
@@ -81,12 +85,23 @@ class StateEstimate:
     last: np.ndarray
 
 
+def packed(record: Any) -> np.ndarray:
+    """Return a dataclass of arrays and numbers as one vector, for a system's discrete state."""
+    return np.concatenate([np.ravel(value) for value in vars(record).values()])
+
+
+def unpacked(vector: np.ndarray, like: Record) -> Record:
+    """Return the dataclass in a `packed` vector, whose fields have the shapes of ``like``."""
+    shapes = [np.shape(value) for value in vars(like).values()]
+    parts = np.split(vector, np.cumsum([math.prod(shape) for shape in shapes])[:-1])
+    return type(like)(*map(np.reshape, parts, shapes))
+
+
 class Estimator:
     """The filter's steps; its state is a `StateEstimate`, or the same numbers in one vector.
 
     - ``model``: the limb's `ReducedModel`.
-    - ``size``: length of the vector.
-    - ``nothing``: vector (size) of a limb that was not read yet, all NaN.
+    - ``nothing``: vector of a limb that was not read yet, all NaN.
 
     Args:
         parameters: description of the limb.
@@ -95,52 +110,40 @@ class Estimator:
     def __init__(self, parameters: LimbParameters):
         self.parameters = parameters
         model = self.model = ReducedModel(parameters)
-        H, W, F = model.size, model.num_wires, model.num_bends
-        self._means = H + W + 2 * F
-        self._ends = np.cumsum([H, W, F])
-        self.size = self._means + self._means**2 + 6 * W + 3 * F
-        self.nothing = np.full(self.size, np.nan)
-        layout = Layout(parameters)
+        H, W, F, h = model.size, model.num_wires, model.num_bends, model.period
+        layout, record = Layout(parameters), parameters.calibration
         sensors = [parameters.segments[s].bend_sensor for s in layout.bend_segment]
         self._bends_of = layout.bends_of
         noise = np.maximum([sensor.noise for sensor in sensors], np.deg2rad(0.1))
+        drift = np.array([sensor.drift for sensor in sensors])
         self._reading_variances = np.concatenate([np.full(W, READING_NOISE), noise]) ** 2
         temperatures = model.scales >= 10.0
         walks = np.where(temperatures, TEMPERATURE_WALK, OTHER_WALK * model.scales)
         walks[-W:] = READING_WALK
-        drift = np.array([sensor.drift for sensor in sensors])
-        h = model.period
-        self._walk = h * np.concatenate(
-            [
-                walks**2,
-                np.full(W, 2 * HEATING_RATE**2 / HEATING_TIME),
-                2 * drift**2 / DRIFT_TIME,
-                np.full(F, BEND_WALK**2),
-            ]
-        )
-        self._decay = np.concatenate(
-            [
-                np.full(W, np.exp(-h / HEATING_TIME)),
-                np.full(F, np.exp(-h / DRIFT_TIME)),
-                np.ones(F),
-            ]
-        )
+
+        def means(heat, rate, drift, bend):
+            return np.concatenate([heat, np.full(W, rate), drift, np.full(F, bend)])
+
+        rate_walk, drift_walk = 2 * HEATING_RATE**2 / HEATING_TIME, 2 * drift**2 / DRIFT_TIME
+        self._walk = h * means(walks**2, rate_walk, drift_walk, BEND_WALK**2)
+        decays = np.exp(-h / HEATING_TIME), np.full(F, np.exp(-h / DRIFT_TIME))
+        self._decay = means(np.zeros(H), *decays, 1.0)
         initial = np.where(temperatures, SILICONE, 0.0)
         initial[:W] = initial[-W:] = INITIAL_TEMPERATURE
-        self._initial = np.concatenate(
-            [initial, np.full(W, HEATING_RATE / 2), drift, np.full(F, INITIAL_BEND)]
-        )
+        self._initial = means(initial, HEATING_RATE / 2, drift, INITIAL_BEND)
         self._others = np.flatnonzero(~temperatures)
         # How far limbs may rest, without a load, from where their parameters say.
-        self._rest_error, record = np.full(F, INITIAL_BEND), parameters.calibration
+        self._rest_error = np.full(F, INITIAL_BEND)
         for direction, name in enumerate(["rest_angle", "rest_angle_e3"]):
             if record is not None and name in record.names:
                 error = record.standard_errors[record.names.index(name)]
                 self._rest_error[layout.bend_direction == direction] = error
         self._heating = model.period * model.heating_rates  # °C per step, by full duty
+        self._like = self.begin(np.full(W, np.nan), np.full(F, np.nan))
+        self.nothing = np.full_like(packed(self._like), np.nan)
 
     def begin(self, readings: np.ndarray, bend_angle: np.ndarray) -> StateEstimate:
-        """The estimate for a limb at rest whose wires have had their temperature for long.
+        """Return the estimate for a limb at rest whose wires have had their temperature for long.
 
         What the bend is off then is taken for the sensor's drift and the rest angle's error, as
         far as both are known to be so large; no reading tells them from a payload. If it is off
@@ -153,7 +156,7 @@ class Estimator:
         W, F = self.model.num_wires, self.model.num_bends
         known = np.where(np.isfinite(readings), readings, self.model.cold[-W:])
         heat = self.model.heated(known)
-        initial, none = self._initial.copy(), np.zeros(F)
+        initial = self._initial.copy()
         initial[self._others] = (self.model.heated(known + SILICONE) - heat)[self._others]
         initial[-F:] = self._rest_error
         held, C = self._sensing(heat)
@@ -163,42 +166,33 @@ class Estimator:
         return StateEstimate(
             heat,
             np.zeros(W),
-            none,
-            none,
+            np.zeros(F),
+            np.zeros(F),
             np.diag(initial**2),
-            np.zeros(W + F),
-            np.zeros(W + F),
-            np.zeros(W),
-            np.maximum(known - self.model.cold[-W:], 0.0),
-            np.zeros(W),
-            np.concatenate([known, np.nan_to_num(bend_angle)]),
+            unbelieved=np.zeros(W + F),
+            alike=np.zeros(W + F),
+            unshown=np.zeros(W),
+            raised=np.maximum(known - self.model.cold[-W:], 0.0),
+            hotter=np.zeros(W),
+            last=np.concatenate([known, np.nan_to_num(bend_angle)]),
         )
 
     def read(
         self, vector: np.ndarray, readings: np.ndarray, bend_angle: np.ndarray
     ) -> StateEstimate:
-        """The `corrected` estimate of a packed one; that of `begin` if the vector is NaN."""
+        """Return the estimate `corrected` by readings, from a packed one; `begin` if it is NaN."""
         if np.isnan(vector).any():
             return self.begin(readings, bend_angle)
-        return self.corrected(self.unpack(vector), readings, bend_angle)
+        return self.corrected(self.unpacked(vector), readings, bend_angle)
 
-    def pack(self, estimate: StateEstimate) -> np.ndarray:
-        """An estimate as one vector (size)."""
-        fields = dataclasses.fields(estimate)
-        return np.concatenate([getattr(estimate, field.name).ravel() for field in fields])
-
-    def unpack(self, vector: np.ndarray) -> StateEstimate:
-        """The inverse of `pack`."""
-        M, W, F = self._means, self.model.num_wires, self.model.num_bends
-        sizes = [self.model.size, W, F, F, M * M, W + F, W + F, W, W, W]
-        parts = np.split(vector, np.cumsum(sizes))
-        parts[4] = parts[4].reshape(M, M)
-        return StateEstimate(*parts)
+    def unpacked(self, vector: np.ndarray) -> StateEstimate:
+        """Return the estimate in a `packed` vector."""
+        return unpacked(vector, self._like)
 
     def corrected(
         self, estimate: StateEstimate, readings: np.ndarray, bend_angle: np.ndarray
     ) -> StateEstimate:
-        """The estimate with readings as of `begin`, as far as they are believed.
+        """Return the estimate after readings, as for `begin`, as far as they are believed.
 
         A thermocouple that is hotter than expected is believed beyond the gate, too, as no wire
         must suffer from a wrong estimate: its wire is so much hotter altogether. If it jumped
@@ -235,20 +229,20 @@ class Estimator:
         C, innovations = C[used], innovations[used]
         gain = np.linalg.solve(spread[np.ix_(used, used)], C @ P).T
         P = P - gain @ C @ P
-        heat, heating_rate, drift, offset = np.split(gain @ innovations, self._ends)
+        heat, heating_rate, drift, offset = self._split(gain @ innovations)
         corrected = StateEstimate(
             estimate.heat + heat,
             # What a frozen thermocouple said of it is forgotten.
             np.where(frozen, 0.0, estimate.heating_rate + heating_rate),
             estimate.drift + drift,
             estimate.offset + offset,
-            (P + P.T) / 2,
-            unbelieved,
-            alike,
-            unshown,
-            np.exp(-model.period / RAISED_TIME) * raised,
-            np.where(waits, warmer, 0.0),
-            np.where(np.isfinite(read), read, estimate.last),
+            covariance=(P + P.T) / 2,
+            unbelieved=unbelieved,
+            alike=alike,
+            unshown=unshown,
+            raised=np.exp(-model.period / RAISED_TIME) * raised,
+            hotter=np.where(waits, warmer, 0.0),
+            last=np.where(np.isfinite(read), read, estimate.last),
         )
         forget = works[W:] & (unbelieved[W:] > FORGET_TIME)
         forget &= np.abs(bend_angle - estimate.last[W:]) < JUMP
@@ -257,42 +251,48 @@ class Estimator:
     def _altogether(self, warmer: np.ndarray) -> np.ndarray:
         """Covariance (M, M) of wires that may be so much warmer (W,), °C, and read so."""
         H, W = self.model.size, self.model.num_wires
-        together = np.zeros((self._means, W))
+        together = np.zeros((len(self._decay), W))
         together[:W] = together[H - W : H] = np.diag(warmer)
         return together @ together.T
 
     def _forgetting(self, estimate: StateEstimate, bends: np.ndarray) -> StateEstimate:
-        """An estimate that knows nothing of p and d of some bends (F,)."""
-        kept = np.concatenate([np.full(self._means - 2 * len(bends), True), ~bends, ~bends])
+        """Return the estimate with p and d of some bends (F,) forgotten."""
+        kept = np.concatenate([np.full(len(self._decay) - 2 * len(bends), True), ~bends, ~bends])
         covariance = np.where(np.outer(kept, kept), estimate.covariance, 0.0)
         covariance[np.diag_indices_from(covariance)] += np.where(kept, 0.0, self._initial**2)
-        return dataclasses.replace(
-            estimate,
-            drift=np.where(bends, 0.0, estimate.drift),
-            offset=np.where(bends, 0.0, estimate.offset),
-            covariance=covariance,
-        )
+        drift, offset = (np.where(bends, 0.0, one) for one in (estimate.drift, estimate.offset))
+        return dataclasses.replace(estimate, drift=drift, offset=offset, covariance=covariance)
 
     def predicted(self, estimate: StateEstimate, duty: np.ndarray) -> StateEstimate:
-        """The estimate a period later under duty (W,), without new readings."""
+        """Return the estimate a period later under duty (W,), without new readings."""
         H, W, period = self.model.size, self.model.num_wires, self.model.period
         heat, by_heat, _ = self.model.linearized_step(estimate.heat, duty)
         heat[:W] += period * estimate.heating_rate
-        F = np.diag(np.concatenate([np.zeros(H), self._decay]))
+        F = np.diag(self._decay)
         F[:H, :H] = by_heat
         F[:W, H : H + W] = period * np.eye(W)
         walk = self._walk.copy()
         walk[:W] += (HEATING_ERROR * self._heating * duty) ** 2 / period
-        P = F @ estimate.covariance @ F.T
-        P[np.diag_indices_from(P)] += walk
-        decay = np.split(self._decay, [W, W + self.model.num_bends])
+        P = F @ estimate.covariance @ F.T + np.diag(walk)
+        unshown = estimate.unshown + heat[:W] - estimate.heat[:W]
+        _, rate_left, drift_left, _ = self._split(self._decay)
         return dataclasses.replace(
             estimate,
             heat=heat,
-            heating_rate=decay[0] * estimate.heating_rate,
-            drift=decay[1] * estimate.drift,
+            heating_rate=rate_left * estimate.heating_rate,
+            drift=drift_left * estimate.drift,
             covariance=P,
-            unshown=estimate.unshown + heat[:W] - estimate.heat[:W],
+            unshown=unshown,
+        )
+
+    def bend_angle(self, estimate: StateEstimate) -> np.ndarray:
+        """φ(x) + p (F,), rad, without the sensors' noise and drift."""
+        return self.model.bend_angle(estimate.heat) + estimate.offset
+
+    def _split(self, means: np.ndarray) -> list[np.ndarray]:
+        """Parts of a vector (M,) that belong to [x, V] (H), q (W), d (F) and p (F)."""
+        return np.split(
+            means, np.cumsum([self.model.size, self.model.num_wires, self.model.num_bends])
         )
 
     def _corrected(self, bend_angle: np.ndarray) -> np.ndarray:
@@ -307,7 +307,7 @@ class Estimator:
         """φ(x) (F,), rad, and derivatives (W + F, M) of readings by all that is estimated."""
         H, W, F = self.model.size, self.model.num_wires, self.model.num_bends
         held, slopes = self.model.bend_slopes(heat)
-        C = np.zeros((W + F, self._means))
+        C = np.zeros((W + F, len(self._decay)))
         C[:W, H - W : H] = np.eye(W)
         C[W:, :H] = slopes
         C[W:, H + W : H + W + F] = C[W:, H + W + F :] = np.eye(F)
@@ -359,7 +359,7 @@ class LimbObserver(LeafSystem):
             ("wire_temperature", W, lambda e: e.heat[:W]),
             ("temperature_deviation", W, lambda e: np.sqrt(np.diag(e.covariance)[:W])),
             ("heat", H, lambda e: e.heat),
-            ("bend_angle", F, lambda e: model.bend_angle(e.heat) + e.offset),
+            ("bend_angle", F, self._estimator.bend_angle),
             ("sensor_drift", F, lambda e: e.drift),
             ("torque_disturbance", F, lambda e: e.offset / model.bend_by_torque),
             ("believed", W + F, lambda e: (e.unbelieved == 0).astype(float)),
@@ -382,12 +382,12 @@ class LimbObserver(LeafSystem):
         if np.isnan(vector).any():
             readings, bend = (self.get_input_port(index).Eval(context) for index in (1, 2))
             return self._estimator.begin(readings, bend)
-        return self._estimator.unpack(vector)
+        return self._estimator.unpacked(vector)
 
     def _update(self, context, state) -> None:
         duty, readings, bend = (self.get_input_port(index).Eval(context) for index in range(3))
         estimate = self._estimator.read(state.value(0), readings, bend)
-        state.set_value(self._estimator.pack(self._estimator.predicted(estimate, duty)))
+        state.set_value(packed(self._estimator.predicted(estimate, duty)))
 
     def _calc_highest_temperature(self, context, output) -> None:
         estimate, duty = self._estimate(context), self.get_input_port(0).Eval(context)

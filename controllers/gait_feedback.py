@@ -7,6 +7,7 @@ what holding leaves since wires run out of heat or of time to cool, repeats in e
 
 import numpy as np
 
+from controllers.estimator import StateEstimate
 from controllers.plan_feedback import PlanFeedback
 from limb_systems import Gait, LimbParameters
 from limb_systems.simulation import PERIOD
@@ -72,15 +73,14 @@ class GaitFeedback(PlanFeedback):
     def _time_in_plan(self, context) -> float:
         return context.get_discrete_state(2).value()[TIME]
 
-    def _wanted(self, k: int, state) -> tuple[np.ndarray, np.ndarray]:
+    def _planned(self, k: int, state) -> tuple[np.ndarray, np.ndarray]:
         _, amplitude, duration, *_ = state.value(2)
-        bend, duty = super()._wanted(k, state)
+        bend, duty = super()._planned(k, state)
         bend = self._mean_bend + amplitude * (bend - self._mean_bend)
         holding = self._holding[k]
         return bend, np.clip(holding + (duty - holding) / duration, 0.0, 1.0)
 
-    def _update(self, context, state) -> None:
-        super()._update(context, state)
+    def _end_update(self, context, ahead: StateEstimate, state) -> None:
         now = context.get_discrete_state(2).value().copy()
         bend, x = self.get_input_port(1).Eval(context), self.get_input_port(2).Eval(context)[0]
         least, largest = np.split(now[START + 1 :], 2)

@@ -1,14 +1,15 @@
 """Plans of the coming seconds, from the heat that a limb has towards its reference.
 
-The chain swings at some hertz; knots at 5 Hz cannot tell it from one that is
-always where its wires hold it. So a horizon is planned by the quasi-static program with
-`ReducedModel`, which has a fifth of the states of (17), and by sequential convex programs:
-the heat is linearized along the best duty known, the program with linear dynamics is solved,
-and the best of some steps towards its solution is taken, by the cost of the curved
-model. What has to be feasible once, T_max and T_warm, costs here instead, so
-that there is always a plan. So does heat beyond that of a plan of the whole motion,
-which knows what comes after the horizon: a wire that was too hot holds the limb for
-longer than that.
+The chain swings at some hertz, and knots at 5 Hz cannot show that. So a horizon is planned by the
+quasi-static program with `ReducedModel`, which has a fifth of the states of (17). Each plan takes
+one or more convex programs:
+
+- The model is linearized along its rollout under the best duty known.
+- The program with the linear model is solved.
+- Of some steps towards the solution, the step that costs least with the nonlinear model is taken.
+
+T_max and T_warm may be passed at a cost, so that there is always a plan. Heat beyond a plan of the
+whole motion costs, too: a wire that was too hot holds the limb for longer than a horizon.
 """
 
 import dataclasses
@@ -18,16 +19,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake import trajectories
 
-from controllers.plan_controller import bend_by_temperature, temperature_to_hold
 from controllers.reduced_model import ReducedModel
-from limb_systems import Layout, LimbParameters, Trajectory
+from limb_systems import LimbParameters, Trajectory
 from limb_systems.model.smooth_function import SmoothFunction
 from planners import Task, references
 from planners.nearest import nearest_plan
 from planners.transcription.descent import descend
 from planners.transcription.function_block import FunctionBlock
 from planners.transcription.ipopt import ConstraintBlock
-from planners.transcription.program import add_soft_bounds, temperature_weights
+from planners.transcription.program import add_soft_bounds
 from planners.transcription.quasi_static import QuasiStaticProgram
 
 DURATION, KNOT_RATE = 10.0, 5.0  # s, Hz
@@ -45,7 +45,7 @@ LIMIT_WEIGHT = 1.0  # 1/째C, of each knot beyond T_max or T_warm; as much as 11�
 
 
 def horizon_task() -> Task:
-    """What a horizon weighs: less duty than (15), as the next plan follows soon."""
+    """Return the weights of a horizon: less duty than (15), as the next plan follows soon."""
     return Task(
         duty_weight=0.05,
         terminal_factor=1.0,
@@ -76,7 +76,7 @@ class HorizonPlan:
     success: bool
 
     def duty_at(self, times: ArrayLike) -> np.ndarray:
-        """D (..., W) at times (...), s; the last after the end."""
+        """Return D (..., W) at times (...), s; the last duty after the end."""
         index = np.searchsorted(self.time, np.asarray(times) + 1e-9, side="right") - 1
         return self.duty[np.clip(index, 0, len(self.duty) - 1)]
 
@@ -88,8 +88,8 @@ class HorizonPlan:
 class HorizonPlanner:
     """Plans a horizon towards a reference, again and again, from any heat.
 
-    The cost is (15), with limits that cost, too. It keeps nothing from plan to plan, so that
-    one may be made in another thread; two at a time need two planners.
+    The cost is (15), with limits that cost, too. A planner keeps nothing from plan to plan, and
+    makes one plan at a time.
 
     Args:
         parameters: description of the limb.
@@ -112,25 +112,17 @@ class HorizonPlanner:
         knot_rate: float = KNOT_RATE,
         planned: tuple[np.ndarray, np.ndarray] | None = None,
     ):
-        task, limits = task or horizon_task(), parameters.temperature_limits
-        self._reference, self._limits, self._planned = reference, limits, planned
+        self._reference, self._planned = reference, planned
+        self._limits = parameters.temperature_limits
         self._times = times = np.arange(max(1, round(duration * knot_rate)) + 1) / knot_rate
         self._model = model = ReducedModel(parameters, 1.0 / knot_rate)
-        self._program = HorizonProgram(model, times, task)
-        self._bend_by_temperature = bend_by_temperature(model)
-        self._ambient = parameters.ambient_temperature
-        self._hottest = limits.maximum - task.temperature_margin
-        self._duty_weight = task.duty_weight
-        # (15) weighs the joints' distances from (11).
-        shares = (Layout(parameters).shape ** 2).sum(axis=0)
-        self._angle_weights = np.outer(task.weights(times[1:])[0], shares)
-        self._heat_weights = temperature_weights(parameters, times[1:], task)
+        self._program = HorizonProgram(model, times, task or horizon_task())
 
     @classmethod
     def of(cls, trajectory: Trajectory, task: Task | None = None) -> "HorizonPlanner":
-        """A planner towards the reference of a `Planner`'s plan that starts at time 0.
+        """Return a planner towards the reference of a `Planner`'s plan that starts at time 0.
 
-        Its wires are to be hardly warmer than those of the plan that is nearest to the reference.
+        Heat beyond the wires' heat in the plan nearest to the reference costs.
         """
         reference = references.from_samples(trajectory.time, trajectory.reference)
         nearest = nearest_plan(trajectory)
@@ -144,7 +136,7 @@ class HorizonPlanner:
         bend_offset: np.ndarray,
         previous: HorizonPlan | None = None,
     ) -> HorizonPlan:
-        """A plan from a time on.
+        """Return a plan from a time on.
 
         Args:
             time: time since the start of the reference, s.
@@ -154,11 +146,9 @@ class HorizonPlanner:
         """
         times = time + self._times
         reference = self._reference.vector_values(np.minimum(times, self._reference.end_time()))
-        warm = np.where(times > self._limits.warm_up_time, self._limits.warm, -np.inf)
         warmest = self._warmest(times[1:], bend_offset)
-        target = reference.T - bend_offset
-        aims = target[1:], warm[1:], warmest
-        self._program.aim(target, heat, self._limits.warm_up_time - time, warmest)
+        warm_up_time = self._limits.warm_up_time - time
+        self._program.aim(reference.T - bend_offset, heat, warm_up_time, warmest)
         if previous is None:
             duty = np.zeros((len(times) - 1, self._model.num_wires))
         else:
@@ -175,11 +165,11 @@ class HorizonPlanner:
             tried = point[0] + SHARES[:, None, None] * (best[0] - point[0])
             start = np.broadcast_to(heat, (len(tried), len(heat)))
             rollouts = self._model.rollout(start, tried.swapaxes(0, 1))
-            costs = self._costs(rollouts, tried, *aims)
+            costs = self._program.costs(rollouts, tried)
             chosen = costs.argmin()
             return (tried[chosen], rollouts[:, chosen]), costs[chosen]
 
-        cost = self._costs(heats[:, None], duty[None], *aims)[0]
+        cost = self._program.costs(heats[:, None], duty[None])[0]
         rounds = FIRST_ROUNDS if previous is None else ROUNDS
         (duty, heats), cost, success = descend((duty, heats), cost, solve, step, rounds, LITTLE)
         return HorizonPlan(
@@ -192,7 +182,7 @@ class HorizonPlanner:
         )
 
     def beginning_of(self, trajectory: Trajectory) -> HorizonPlan:
-        """The first horizon of a `Planner`'s plan that starts at time 0."""
+        """Return the first horizon of a `Planner`'s plan that starts at time 0."""
         middles = np.minimum(self._times[:-1] + 0.5 * self._model.period, trajectory.duration)
         knots = np.minimum(self._times, trajectory.duration)
         heat = trajectory.state[2 * trajectory.parameters.num_joints :]
@@ -206,38 +196,12 @@ class HorizonPlanner:
         )
 
     def _warmest(self, times: np.ndarray, bend_offset: np.ndarray) -> np.ndarray:
-        """How warm wires may be without a cost (K, W), 째C, at times since the reference began."""
+        """The temperatures (K, W), 째C, beyond which heat costs, at times of the reference, s."""
         if self._planned is None:
             return np.full((len(times), self._model.num_wires), np.inf)
         at, T = self._planned
-        held = temperature_to_hold(self._bend_by_temperature, bend_offset)
+        held = self._model.temperature_to_hold(bend_offset)
         return WARMER + held + np.column_stack([np.interp(times, at, row) for row in T])
-
-    def _costs(
-        self,
-        rollouts: np.ndarray,
-        duty: np.ndarray,
-        target: np.ndarray,
-        warm: np.ndarray,
-        warmest: np.ndarray,
-    ) -> np.ndarray:
-        """The cost (B,) of heats (K + 1, B, H) under duty (B, K, W).
-
-        Args:
-            target: bend of the model that is wanted at the knots but the first (K, F), rad.
-            warm: T_warm at these knots, or -inf (K,), 째C.
-            warmest: temperatures of the plan, with what wires may be warmer (K, W), 째C.
-        """
-        missed = self._model.bend_angle(rollouts[1:]) - target[:, None]
-        T = self._model.temperatures(rollouts[1:])
-        beyond = np.maximum(T - self._hottest, 0.0) + np.maximum(warm[:, None, None] - T, 0.0)
-        return (
-            0.5 * (self._angle_weights[:, None] * missed**2).sum(axis=(0, 2))
-            + 0.5 * self._duty_weight * (duty**2).sum(axis=(1, 2))
-            + (self._heat_weights[:, None] * (T - self._ambient)).sum(axis=(0, 2))
-            + LIMIT_WEIGHT * beyond.sum(axis=(0, 2))
-            + WARMER_WEIGHT * np.maximum(T - warmest[:, None], 0.0).sum(axis=(0, 2))
-        )
 
 
 class HorizonProgram(QuasiStaticProgram):
@@ -265,11 +229,14 @@ class HorizonProgram(QuasiStaticProgram):
         T = self.prog.decision_variables()[self.heat[1:, : model.num_wires]].ravel()
         free = np.full(len(T), np.inf)
         self._warmest = add_soft_bounds(self.prog, T, None, free, WARMER_WEIGHT)
+        self._soft_bounds = [
+            (b, self.indices(b.variables())) for b in (self._warm_up, self._warmest)
+        ]
 
     def aim(
         self, target: np.ndarray, heat: np.ndarray, warm_up_time: float, warmest: np.ndarray
     ) -> None:
-        """Sets what changes from plan to plan.
+        """Set the values that change from plan to plan.
 
         Args:
             target: bend of the model that is wanted at the knots (K + 1, F), rad.
@@ -281,14 +248,30 @@ class HorizonProgram(QuasiStaticProgram):
         self._warmest.evaluator().UpdateUpperBound(warmest.ravel())
 
     def tangent_duty(self, heats: np.ndarray, duty: np.ndarray) -> np.ndarray | None:
-        """The best duty (K, W) where the model is linear about heats (K + 1, H) and a duty."""
-        x = np.zeros(self.prog.num_vars())
-        x[self.heat], x[self.duty[:-1]] = heats[:, : self.heat.shape[1]], duty
-        x[self.bends] = self._model.bend_angle(heats)
-        found = self.tangent_solution(x)
+        """The best duty (K, W) for the model linearized along heats (K + 1, H) and duty (K, W)."""
+        found = self.tangent_solution(self._points(heats[:, None], duty[None])[:, 0])
         if found is None:
             return None
         return np.clip(found[self.duty[:-1]], 0.0, 1.0 - self.task.duty_margin)
+
+    def costs(self, rollouts: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """The costs (B,) of B rollouts (K + 1, B, H) of the model under duty (B, K, W)."""
+        x = self._points(rollouts, duty)
+        for bounds, indices in self._soft_bounds:
+            lower, upper = bounds.evaluator().lower_bound(), bounds.evaluator().upper_bound()
+            T, excess = x[indices[: len(lower)]].T, indices[len(lower) :]
+            beyond = np.hstack([T - upper, lower - T])[:, : len(excess)]
+            x[excess] = np.maximum(beyond, 0.0).T
+        costs = self.prog.GetAllCosts()
+        return np.sum([self.prog.EvalBindingVectorized(cost, x)[0] for cost in costs], axis=0)
+
+    def _points(self, rollouts: np.ndarray, duty: np.ndarray) -> np.ndarray:
+        """The decision variables (num_vars, B) of rollouts; arguments as of `costs`."""
+        x = np.zeros((self.prog.num_vars(), len(duty)))
+        x[self.heat] = np.moveaxis(rollouts[..., : self.heat.shape[1]], 1, -1)
+        x[self.duty[:-1]] = np.moveaxis(duty, 0, -1)
+        x[self.bends] = np.moveaxis(self._model.bend_angle(rollouts), 1, -1)
+        return x
 
     def _heat_block(self) -> ConstraintBlock:
         """Steps of the model without readings, of which nothing here depends."""

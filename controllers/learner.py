@@ -11,7 +11,6 @@ import hashlib
 import itertools
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -53,7 +52,7 @@ COOLER = 3.0  # °C, by which bounds are lowered after a wire was read too hot
 WORTH = 0.05  # of the sensor's error; by what another repetition must change the bend at least
 MOST_INTERRUPTED, MOST_FAILURES = 3, 5  # in a row; the latter with those that were not better
 SHORTEST = 0.25  # of a step, after repetitions that were not better
-_FIRST_LINE = "# limb learning, format 4, sha256 "
+_FIRST_LINE = "# limb learning, format 5, sha256 "
 
 
 def wandering(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.ndarray:
@@ -70,10 +69,10 @@ def wandering(times: np.ndarray, deviation: ArrayLike, duration: float) -> np.nd
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Estimate:
-    """What repetitions have shown about an error, as changes of duty leave it.
+    """The estimate of a repeating error from repetitions.
 
     - ``error``: d (M,), zero before the first repetition.
-    - ``gains``: changes of the limb over those of the model, for each wire (W,).
+    - ``gains``: how many times as strongly as the model the limb responds to each wire (W,).
     - ``covariance``: covariance of both (M + W, M + W).
     """
 
@@ -85,9 +84,9 @@ class Estimate:
 class RepeatingError:
     """Bayesian regression for an error d (M,) over time that nearly repeats.
 
-    Repetition j shows H (d + Σ (g_w - 1) ψ_w + δ) + noise. ψ_w (M,) is the change of the
-    model as the duty of wire w is that of j, and not the one about which d is asked for. By
-    g_w times as much changes the limb, but for δ, which is a share of the ψ_w.
+    Repetition j shows H (d + Σ (g_w - 1) ψ_w + δ) + noise. ψ_w (M,) is the change of the model's
+    bend when wire w has its duty of repetition j instead of the duty about which d is estimated.
+    The limb responds g_w times as strongly as the model. δ is random, a share of the ψ_w.
 
     Args:
         times: (M,), s.
@@ -309,12 +308,12 @@ class Learner:
 
     @property
     def best(self) -> int | None:
-        """Index of the repetition that is taken to be the best one; None before there is one."""
+        """The index of the best repetition; None before there is one."""
         kept = [n for n, repetition in enumerate(self.repetitions) if not repetition.failed]
         return kept[-1] if kept else None
 
     def update(self, recording: Recording) -> Repetition:
-        """Learns from a repetition that was driven by ``source()``, or from its beginning.
+        """Learn from a repetition that was driven by ``source()``, or from its beginning.
 
         A repetition that was interrupted, or that was not better than the best one as far as
         all repetitions together can tell, is undone: the next one begins with the best one's
@@ -374,7 +373,7 @@ class Learner:
         return 0 if self.best is None else len(list(failed))
 
     def _seen(self, recording: Recording) -> Repetition:
-        """What a recording says about a repetition."""
+        """Return what a recording says about a repetition."""
         limbs = self.trajectory.parameters, recording.parameters
         planned, recorded = ((Layout(limb).num_bends, len(limb.wires)) for limb in limbs)
         if planned != recorded:
@@ -410,7 +409,7 @@ class Learner:
         )
 
     def _estimate_afresh(self) -> None:
-        """Estimates before the first repetition."""
+        """Set the estimates before the first repetition."""
         parameters, nodes, program = self.trajectory.parameters, self.nodes, self._program
         record, limits = parameters.calibration, parameters.temperature_limits
         of_bend, of_heat = UNKNOWN_BEND, UNKNOWN_TEMPERATURE
@@ -472,7 +471,7 @@ class Learner:
         return np.sqrt(weights @ SHARES**2 / weights.sum(axis=1))
 
     def _learn(self, repetition: Repetition) -> None:
-        """Takes what a repetition has shown."""
+        """Append a repetition, and its residuals of the model."""
         program = self._program
         self._start = program.start(repetition.start)
         heat = program.rollout(self._start, repetition.duty)
@@ -483,7 +482,7 @@ class Learner:
         self._shown.append((repetition.bend_angle - bend, readings, temperatures, bend))
 
     def _about(self, index: int) -> "_Belief":
-        """What all repetitions have shown about the duty of one of them."""
+        """Return what all repetitions have shown about the duty of one of them."""
         program, about = self._program, self.repetitions[index]
         duty = np.stack([other.duty for other in self.repetitions], axis=1)
         changes = np.moveaxis(program.changes(self._start, about.duty, duty), 1, 0)
@@ -527,66 +526,51 @@ class Learner:
         return COOLER * sum(hot)
 
     def save(self, path: str | Path) -> None:
-        """Writes plan and repetitions whole or not at all; `load` goes on from there."""
+        """Save plan and repetitions, whole or not at all; `load` goes on from there."""
         state = {
             "plan": self.trajectory.to_text(),
-            "repetitions": [
-                {
-                    name: _listed(value) if isinstance(value, np.ndarray) else value
-                    for name, value in vars(repetition).items()
-                }
-                for repetition in self.repetitions
-            ],
-            "correction": self.correction.tolist(),
             "target": self.target,
-            "evidence": self._evidence.tolist(),
+            "repetitions": [vars(repetition) for repetition in self.repetitions],
+            "correction": self.correction,
+            "evidence": self._evidence,
             "provenance": self.provenance and dataclasses.asdict(self.provenance),
         }
-        body = json.dumps(state, allow_nan=False)
-        write_atomically(path, f"{_FIRST_LINE}{_digest(body)}\n{body}\n")
+        body = json.dumps(state, default=np.ndarray.tolist) + "\n"
+        write_atomically(path, _FIRST_LINE + _digest(body) + "\n" + body)
 
     @classmethod
     def load(cls, path: str | Path) -> "Learner":
-        """Reads what `save` wrote.
+        """Return the learner that `save` wrote.
 
         Raises:
             FileFormatError: one sentence that says what is wrong.
         """
         data = read_bytes(path, "learning", LARGEST_TABLE, FileFormatError)
-        try:
-            state = _parse(data)
-            learner = cls(Trajectory.from_text(state["plan"]), state["target"])
-            for item in state["repetitions"]:
-                learner._learn(Repetition(**learner._with_arrays(item)))
-            learner.provenance = Provenance.from_json(state["provenance"])
-            arrays = learner._with_arrays(state)
-            learner.correction, learner._evidence = arrays["correction"], arrays["evidence"]
-            if learner.repetitions:
-                learner._belief = learner._about(-1 if learner.best is None else learner.best)
-        except (KeyError, TypeError, ValueError) as error:
+        first, _, body = data.decode("utf-8", errors="replace").partition("\n")
+        if not first.startswith(_FIRST_LINE):
             raise FileFormatError(
-                f"{path}: this is not what a learner saved, though its checksum is right: {error}"
-            ) from error
-        except LimbError as error:
+                f"{path}: this is not what a learner saved: its first line is not "
+                f"'{_FIRST_LINE}...'."
+            )
+        if first != _FIRST_LINE + _digest(body):
+            raise FileFormatError(
+                f"{path}: the content does not match the checksum in the first line; the file is "
+                "truncated or was changed after it was written."
+            )
+        state = json.loads(body)
+        try:
+            learner = cls(Trajectory.from_text(state["plan"]), state["target"])
+        except LimbError as error:  # such as a law whose module was not imported
             raise FileFormatError(f"{path}: {error}") from error
+        for saved in state["repetitions"]:
+            arrays = {name: np.array(v) for name, v in saved.items() if isinstance(v, list)}
+            learner._learn(Repetition(**(saved | arrays)))
+        learner.provenance = Provenance.from_json(state["provenance"])
+        learner.correction = np.array(state["correction"])
+        learner._evidence = np.array(state["evidence"])
+        if learner.repetitions:
+            learner._belief = learner._about(-1 if learner.best is None else learner.best)
         return learner
-
-    def _with_arrays(self, item: dict[str, Any]) -> dict[str, Any]:
-        """Fields in a file, lists as arrays, whose shapes are checked."""
-        nodes, wires = self.correction.shape
-        shapes = {
-            "correction": (nodes, wires),
-            "duty": (len(self._program.middles), wires),
-            "start": (wires,),
-            "bend_angle": self._program.target.shape,
-            "measured_temperature": (nodes, wires),
-            "evidence": self._evidence.shape,
-        }
-        arrays = {name: np.array(item[name], float) for name in shapes if name in item}
-        for name, array in arrays.items():
-            if array.shape != shapes[name]:
-                raise ValueError(f"{name} has the shape {array.shape}, not {shapes[name]}.")
-        return item | arrays
 
 
 def _around(
@@ -605,29 +589,3 @@ def _around(
 
 def _digest(body: str) -> str:
     return hashlib.sha256(body.encode()).hexdigest()
-
-
-def _listed(values: np.ndarray) -> list:
-    """As lists, None for NaN."""
-    listed = values.astype(object)
-    listed[np.isnan(values)] = None
-    return listed.tolist()
-
-
-def _parse(data: bytes) -> dict[str, Any]:
-    """The state in a file."""
-    first, _, body = data.decode("utf-8", errors="replace").partition("\n")
-    if first.startswith(_FIRST_LINE.split("format")[0]) and not first.startswith(_FIRST_LINE):
-        raise FileFormatError(
-            "an earlier version saved this, which learned otherwise; start anew in another folder."
-        )
-    if not first.startswith(_FIRST_LINE):
-        raise FileFormatError(
-            f"this is not what a learner saved: its first line is not '{_FIRST_LINE}...'."
-        )
-    if not body.endswith("\n") or first != _FIRST_LINE + _digest(body[:-1]):
-        raise FileFormatError(
-            "the content does not match the checksum in the first line; the file is truncated or "
-            "was changed after it was written."
-        )
-    return json.loads(body)

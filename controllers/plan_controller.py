@@ -1,15 +1,14 @@
-"""What controllers about a plan have in common: ports, estimate, gains, and bounds of duty."""
+"""The base of controllers about a plan: ports, estimate, gains, and bounds of duty."""
 
 import numpy as np
 from pydrake.systems.framework import LeafSystem
-from scipy.optimize import lsq_linear, nnls
+from scipy.optimize import lsq_linear
 
-from controllers.estimator import Estimator, StateEstimate
+from controllers.estimator import Estimator, StateEstimate, packed
 from controllers.reduced_model import ReducedModel
 from controllers.temperature_supervisor import TemperatureLimiter
 from limb_systems import LimbParameters, Trajectory, split_state
 from limb_systems.model.ownership import weak_method
-from limb_systems.model.statics import mean_bend_by_temperature
 from limb_systems.simulation import PERIOD
 
 LEAST_GAIN = 0.25  # of the mean gain, that a cold wire is taken to have at least
@@ -20,8 +19,8 @@ ROUNDING = 1e-9  # of duty
 class PlanController(LeafSystem):
     """Base of controllers for a limb of W wires and F bends; they say what is wanted.
 
-    Each period the `Estimator` takes the readings, `_duty` makes a duty of the
-    estimate within the most that each wire may have, and the estimate goes on.
+    At each tick the `Estimator` takes the readings. A subclass says which duty and which bend rates
+    it wants. The duty within the caps of `TemperatureLimiter` that makes these is the output.
 
     - input 0 ``measured_temperature``: V (W), °C; NaN where there is no reading
     - input 1 ``bend_angle``: φ (F), rad, as read; NaN where there is no reading
@@ -43,6 +42,7 @@ class PlanController(LeafSystem):
         self._estimator = Estimator(parameters)
         self._limiter = TemperatureLimiter(parameters)
         model = self._estimator.model
+        self._gains = model.mean_gains
         self.DeclareVectorInputPort("measured_temperature", model.num_wires)
         self.DeclareVectorInputPort("bend_angle", model.num_bends)
         state = self.DeclareDiscreteState(duty)
@@ -55,19 +55,34 @@ class PlanController(LeafSystem):
         estimate = self._estimator.read(state.value(1), readings, bend)
         time = self._time_in_plan(context)
         caps = self._limiter.caps(estimate, self._temperature_limit(time, estimate))
-        duty = self._duty(time, estimate, caps, state)
+        base, bend_rate = self._wanted(time, estimate, caps, state)
+        base = np.clip(base, 0.0, caps)
+        duty = allocate(bend_rate, base, self._gains_at(time), caps)
         duty = within_total(duty, self._parameters.total_duty)
         state.set_value(0, duty)
-        state.set_value(1, self._estimator.pack(self._estimator.predicted(estimate, duty)))
+        ahead = self._estimator.predicted(estimate, duty)
+        state.set_value(1, packed(ahead))
+        self._end_update(context, ahead, state)
 
-    def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
-        """D (W,) from a time on, s since the start of the plan, each within 0 and its cap.
+    def _wanted(
+        self, time: float, estimate: StateEstimate, caps: np.ndarray, state
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """A duty (W,) and the bend rates (F,), rad/s, that are wanted beyond it.
 
         Args:
+            time: time since the start of the plan, s.
+            estimate: estimate of the limb.
             caps: the most duty that each wire may have (W,).
             state: the discrete values, for subclasses with more of them.
         """
         raise NotImplementedError
+
+    def _gains_at(self, time: float) -> np.ndarray:
+        """Bend rates by full duty of each wire (F, W), rad/s, as for `allocate`."""
+        return self._gains
+
+    def _end_update(self, context, ahead: StateEstimate, state) -> None:
+        """Update the states of a subclass; ``ahead`` is the estimate of the next tick."""
 
     def _time_in_plan(self, context) -> float:
         """Time since the start of the plan, s."""
@@ -111,14 +126,14 @@ class SampledPlan:
 
 
 def within_total(duty: np.ndarray, total: float) -> np.ndarray:
-    """Duty (W,) of the same proportions that adds up to no more than a total."""
-    return duty * min(1.0, total / max(duty.sum(), 1e-9))
+    """Return duty (W, ...) in the same proportions that adds up to no more than a total."""
+    return duty * np.minimum(1.0, total / np.maximum(duty.sum(axis=0), 1e-9))
 
 
 def allocate(
     bend_rate: np.ndarray, duty: np.ndarray, gains: np.ndarray, caps: np.ndarray
 ) -> np.ndarray:
-    """Duty (W,) that makes a limb bend faster than another duty does, with the least change of it.
+    """Return the duty (W,) nearest to a given duty that bends a limb faster by a given rate.
 
     The wires of a bend change it in proportion to their gains, δ = λ g; what one cannot do,
     because its duty is at zero or at its cap, the others do as far as they can. Wires that have a
@@ -127,7 +142,7 @@ def allocate(
 
     Args:
         bend_rate: additional bend rates (F,), rad/s.
-        duty: the other duty (W,), within the caps.
+        duty: the given duty (W,), within the caps.
         gains: g, rate of each bend by duty of each wire (F, W), rad/s.
         caps: the most duty of each wire (W,).
     """
@@ -149,31 +164,12 @@ def allocate(
     return result
 
 
-def mean_gains(model: ReducedModel) -> np.ndarray:
-    """g (F, W), rad/s: the bend rate by full duty, on average from T_warm to T_max."""
-    return bend_by_temperature(model) * model.heating_rates
-
-
-def bend_by_temperature(model: ReducedModel) -> np.ndarray:
-    """`mean_bend_by_temperature` (F, W), rad/°C, of a model."""
-    return mean_bend_by_temperature(model.parameters, lambda T: model.bend_angle(model.heated(T)))
-
-
-def temperature_to_hold(by_temperature: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """How much warmer wires are (W,), °C, that hold a limb against a bend from outside (F,), rad.
-
-    Args:
-        by_temperature: as of `bend_by_temperature` (F, W).
-    """
-    return nnls(by_temperature, -offset)[0]
-
-
 def planned_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:
     """g (K, F, W), rad/s: the bend rate by full duty along a plan, from a quarter of the mean up.
 
     It is not more than the mean, as a wire that transforms now may not do so later.
     """
-    mean = mean_gains(model)
+    mean = model.mean_gains
     by_duty = model.bend_slopes(plan.heat)[1] @ model.linearized_step(plan.heat, plan.duty)[2]
     towards = by_duty / PERIOD * np.sign(mean)
     return np.sign(mean) * np.clip(towards, LEAST_GAIN * np.abs(mean), np.abs(mean))

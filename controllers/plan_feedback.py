@@ -7,11 +7,7 @@ from controllers.estimator import StateEstimate
 from controllers.plan_controller import (
     PlanController,
     SampledPlan,
-    allocate,
-    bend_by_temperature,
-    mean_gains,
     planned_gains,
-    temperature_to_hold,
 )
 from controllers.reduced_model import ReducedModel
 from limb_systems import Layout, LimbParameters, Trajectory
@@ -71,8 +67,7 @@ class PlanFeedback(PlanController):
         self._plan, self._proportional = SampledPlan(trajectory, parameters), proportional
         super().__init__(parameters, self._plan.duty[0])
         model = self._estimator.model
-        self._bend_by_temperature, self._heating = bend_by_temperature(model), model.heating_rates
-        self._gains = planned_gains(model, self._plan)
+        self._planned_gains = planned_gains(model, self._plan)
         self._to_mean = np.zeros((model.num_wires, model.num_wires))
         for wires in Layout(parameters).wires_of:
             self._to_mean[wires, wires] = 1.0 / (wires.stop - wires.start)
@@ -84,22 +79,23 @@ class PlanFeedback(PlanController):
         self._highest += WARMER if parameters.calibration else WARMER_UNCALIBRATED
         self.set_name("plan_feedback")
 
-    def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
+    def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k, model = self._plan.index(time), self._estimator.model
-        bend = model.bend_angle(estimate.heat) + estimate.offset
-        planned_bend, planned_duty = self._wanted(k, state)
-        missed = planned_bend - bend
+        planned_bend, planned_duty = self._planned(k, state)
+        missed = planned_bend - self._estimator.bend_angle(estimate)
         warmer = self._mean(model.temperatures(estimate.heat)) - self._planned_mean[k]
-        base = planned_duty - COMMON_MODE * np.maximum(warmer, 0.0) / self._heating
-        base = np.clip(base, 0.0, caps)
-        return allocate(self._proportional * missed, base, self._gains[k], caps)
+        base = planned_duty - COMMON_MODE * np.maximum(warmer, 0.0) / model.heating_rates
+        return base, self._proportional * missed
 
-    def _wanted(self, k: int, state) -> tuple[np.ndarray, np.ndarray]:
-        """φ* (F,) and D* (W,) of a period; arguments as of `_duty`."""
+    def _gains_at(self, time: float) -> np.ndarray:
+        return self._planned_gains[self._plan.index(time)]
+
+    def _planned(self, k: int, state) -> tuple[np.ndarray, np.ndarray]:
+        """φ* (F,) and D* (W,) of a period; ``state`` as of `_wanted`."""
         return self._plan.bend_angle[k], self._plan.duty[k]
 
     def _temperature_limit(self, time: float, estimate: StateEstimate) -> np.ndarray:
-        held = temperature_to_hold(self._bend_by_temperature, estimate.offset)
+        held = self._estimator.model.temperature_to_hold(estimate.offset)
         lukewarm = self._parameters.temperature_limits.warm + LUKEWARM
         return np.maximum(self._highest[self._plan.index(time)] + held, lukewarm)
 
@@ -134,7 +130,6 @@ class PlanRegulator(PlanController):
         parameters = LimbParameters.of(parameters or trajectory.parameters)
         self._plan = SampledPlan(trajectory, parameters)
         super().__init__(parameters, self._plan.duty[0])
-        self._gains = mean_gains(self._estimator.model)
         self._regulator = regulator_gains(self._estimator.model, self._plan)
         # How other parameters than the plan's bend otherwise under the plan's duty.
         first = trajectory.bend_angle[:, :1].T
@@ -142,13 +137,12 @@ class PlanRegulator(PlanController):
         self._unlike_plan = self._estimator.model.bend_angle(self._plan.heat) - planned
         self.set_name("plan_regulator")
 
-    def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
+    def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
         k, N = self._plan.index(time), estimate.heat.size - len(caps)
         offset = estimate.offset + self._unlike_plan[k]
         deviation = np.append((estimate.heat - self._plan.heat[k])[:N], offset)
         wanted = self._plan.duty[k] - self._regulator[k] @ deviation
-        possible = np.clip(wanted, 0.0, caps)
-        return allocate(self._gains @ (wanted - possible), possible, self._gains, caps)
+        return wanted, self._gains @ (wanted - np.clip(wanted, 0.0, caps))
 
 
 def regulator_gains(model: ReducedModel, plan: SampledPlan) -> np.ndarray:

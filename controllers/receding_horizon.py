@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from controllers.estimator import StateEstimate
+from controllers.estimator import StateEstimate, packed, unpacked
 from controllers.horizon import HorizonPlan, HorizonPlanner
-from controllers.plan_controller import PlanController, allocate, mean_gains, within_total
+from controllers.plan_controller import PlanController
 from limb_systems import LimbError, Trajectory
 from limb_systems.simulation import PERIOD
 from planners import Task
@@ -65,58 +65,38 @@ class RecedingHorizon(PlanController):
         self._process = PlannerProcess(plan, task) if real_time else None
         first = self._planner.beginning_of(plan)
         super().__init__(trajectory.parameters, first.duty[0])
-        self._gains = mean_gains(self._estimator.model)
-        arrays = _arrays(first)
-        self._shapes = [array.shape for array in arrays]
-        self._splits = np.cumsum([array.size for array in arrays])[:-1]
+        self._like = first
         replans = self.DeclareDiscreteState(3)
-        self.DeclareDiscreteState(_packed(first))
+        self.DeclareDiscreteState(packed(first))
         self.DeclareStateOutputPort("replans", replans)
         self.set_name("receding_horizon")
 
-    def _duty(self, time: float, estimate: StateEstimate, caps: np.ndarray, state) -> np.ndarray:
-        counts, model = state.value(2).copy(), self._estimator.model
-        plan = self._unpacked(state.value(3))
+    def _wanted(self, time: float, estimate: StateEstimate, caps: np.ndarray, state):
+        counts, plan = state.value(2).copy(), unpacked(state.value(3), self._like)
         if self._process and (made := self._process.plan_if_made()):
             plan = _if_good(made, plan, counts)
-        bend = model.bend_angle(estimate.heat) + estimate.offset
-        missed = plan.bend_angle_at(time) - bend
-        base = np.clip(plan.duty_at(time), 0.0, caps)
-        duty = within_total(
-            allocate(PROPORTIONAL * missed, base, self._gains, caps), self._parameters.total_duty
-        )
-        if round(time / PERIOD) % TICKS == 0:
-            ahead = self._estimator.predicted(estimate, duty)
-            question = time + PERIOD, ahead.heat, ahead.offset, plan
-            is_late = self._process is not None and self._process.is_planning
-            counts[1 if is_late else 0] += 1
-            if self._process is None:
-                plan = _if_good(self._planner.plan(*question), plan, counts)
-            elif not is_late:
-                self._process.begin(*question)
+            state.set_value(2, counts)
+            state.set_value(3, packed(plan))
+        missed = plan.bend_angle_at(time) - self._estimator.bend_angle(estimate)
+        return plan.duty_at(time), PROPORTIONAL * missed
+
+    def _end_update(self, context, ahead: StateEstimate, state) -> None:
+        time = self._time_in_plan(context)
+        if round(time / PERIOD) % TICKS:
+            return
+        counts, plan = state.value(2).copy(), unpacked(state.value(3), self._like)
+        question = time + PERIOD, ahead.heat, ahead.offset, plan
+        is_late = self._process is not None and self._process.is_planning
+        counts[1 if is_late else 0] += 1
+        if self._process is None:
+            state.set_value(3, packed(_if_good(self._planner.plan(*question), plan, counts)))
+        elif not is_late:
+            self._process.begin(*question)
         state.set_value(2, counts)
-        state.set_value(3, _packed(plan))
-        return duty
-
-    def _unpacked(self, vector: np.ndarray) -> HorizonPlan:
-        """The inverse of `_packed`; the cost is not kept."""
-        parts = np.split(vector, self._splits)
-        time, duty, heat, bend_angle = (
-            part.reshape(shape) for part, shape in zip(parts, self._shapes, strict=True)
-        )
-        return HorizonPlan(time, duty, heat, bend_angle, np.nan, True)
-
-
-def _packed(plan: HorizonPlan) -> np.ndarray:
-    return np.concatenate([array.ravel() for array in _arrays(plan)])
-
-
-def _arrays(plan: HorizonPlan) -> list[np.ndarray]:
-    return [plan.time, plan.duty, plan.heat, plan.bend_angle]
 
 
 def _if_good(made: HorizonPlan, plan: HorizonPlan, counts: np.ndarray) -> HorizonPlan:
-    """A new plan, or the one before if it failed, which is counted."""
+    """Return a new plan, or the plan before if the new one failed; count failures."""
     counts[2] += not made.success
     return made if made.success else plan
 
@@ -153,7 +133,7 @@ class PlannerProcess:
         self.plan_if_made()
 
     def begin(self, *question: Any) -> None:
-        """Asks for a plan by the arguments of `HorizonPlanner.plan`, once the last is made.
+        """Ask for a plan by the arguments of `HorizonPlanner.plan`, once the last is made.
 
         Raises:
             LimbError: if the process has ended.
@@ -165,7 +145,7 @@ class PlannerProcess:
             raise LimbError(ENDED) from error
 
     def plan_if_made(self) -> HorizonPlan | None:
-        """The plan that was asked for; None if it is not made yet. Does not wait.
+        """Return the plan that was asked for; None if it is not made yet. Does not wait.
 
         Raises:
             LimbError: if the process has ended.
@@ -186,14 +166,14 @@ ENDED = (
 
 
 def _end(process: subprocess.Popen, connection: Connection) -> None:
-    """Ends the process, whatever it is at; it may be stopped."""
+    """End the process, which may be busy or stopped."""
     connection.close()
     process.kill()
     process.wait()
 
 
 def answer_questions() -> None:
-    """What the process does: answers until there are no more questions."""
+    """Answer questions in the process until there are no more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches both, and the other decides
     os.nice(PRIORITY)
     connection = Connection(int(sys.argv[1]))

@@ -5,12 +5,15 @@ cool within ten. Controllers at 20 Hz therefore see a limb that is always where
 its wires' torque and its rubber hold it, θ = K⁻¹ f(x) by (2) and (4).
 """
 
+import functools
+
 import casadi as ca
 import numpy as np
+from scipy.optimize import nnls
 
 from limb_systems import Layout, LimbParameters
 from limb_systems.model.smooth_function import SmoothFunction
-from limb_systems.model.statics import HeldAngles
+from limb_systems.model.statics import HeldAngles, mean_bend_by_temperature
 from limb_systems.simulation import PERIOD
 
 
@@ -67,6 +70,20 @@ class ReducedModel:
         W = self.num_wires
         full, none = (self.step(self.cold, np.full(W, duty))[:W] for duty in (1.0, 0.0))
         return (full - none) / self.period
+
+    @functools.cached_property
+    def bend_by_temperature(self) -> np.ndarray:
+        """`mean_bend_by_temperature` of the limb (F, W), rad/°C."""
+        return mean_bend_by_temperature(self.parameters, lambda T: self.bend_angle(self.heated(T)))
+
+    @property
+    def mean_gains(self) -> np.ndarray:
+        """g (F, W), rad/s: the bend rate by full duty, on average from T_warm to T_max."""
+        return self.bend_by_temperature * self.heating_rates
+
+    def temperature_to_hold(self, offset: np.ndarray) -> np.ndarray:
+        """Return how much warmer wires (W,), °C, must be to hold a bend from outside (F,), rad."""
+        return nnls(self.bend_by_temperature, -offset)[0]
 
     def temperatures(self, heat: np.ndarray) -> np.ndarray:
         """T (..., W), °C."""

@@ -2,11 +2,12 @@
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Diagram, LeafSystem, System
 
-from controllers.estimator import Estimator, StateEstimate
+from controllers.estimator import Estimator, StateEstimate, packed
 from controllers.reduced_model import ReducedModel
 from limb_systems import LimbError, LimbParameters
+from limb_systems.model.limb_system import behind
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 
@@ -53,7 +54,7 @@ class TemperatureLimiter:
         self._model = ReducedModel(parameters, HOLD)
 
     def caps(self, estimate: StateEstimate, limit: ArrayLike | None = None) -> np.ndarray:
-        """The most duty of each wire (W,), in [0, 1].
+        """Return the most duty of each wire (W,), in [0, 1].
 
         Args:
             estimate: estimate of the limb.
@@ -117,7 +118,7 @@ class TemperatureSupervisor(LeafSystem):
         estimate = self._estimator.read(state.value(1), readings, no_bend)
         estimate = self._estimator.predicted(estimate, self._allowed(context, state.value(0)))
         state.set_value(0, self._limiter.caps(estimate))
-        state.set_value(1, self._estimator.pack(estimate))
+        state.set_value(1, packed(estimate))
 
     def _calc_duty(self, context, output) -> None:
         output.SetFromVector(self._allowed(context, context.get_discrete_state(0).value()))
@@ -130,7 +131,7 @@ class TemperatureSupervisor(LeafSystem):
 def supervised(
     controller: System, parameters: LimbParameters, *, limit: float | None = None
 ) -> Diagram:
-    """A controller behind a `TemperatureSupervisor`, with the controller's ports.
+    """Return a controller behind a `TemperatureSupervisor`, with the controller's ports.
 
     Args:
         controller: with the output ``duty`` and any inputs that a limb has outputs for;
@@ -154,19 +155,5 @@ def supervised(
             f"{type(controller).__name__} has a duty for {asked.size()} wires, but the limb has "
             f"{wires}."
         )
-    builder = DiagramBuilder()
-    builder.AddSystem(controller)
-    supervisor = builder.AddSystem(TemperatureSupervisor(parameters, limit=limit))
-    builder.Connect(asked, supervisor.GetInputPort("duty"))
-    reading = supervisor.GetInputPort("measured_temperature")
-    builder.ExportInput(reading, "measured_temperature")
-    for index in range(controller.num_input_ports()):
-        port = controller.get_input_port(index)
-        if port.get_name() == "measured_temperature":
-            builder.ConnectInput("measured_temperature", port)
-        else:
-            builder.ExportInput(port, port.get_name())
-    builder.ExportOutput(supervisor.GetOutputPort("duty"), "duty")
-    diagram = builder.Build()
-    diagram.set_name(f"supervised_{controller.get_name()}")
-    return diagram
+    supervisor = TemperatureSupervisor(parameters, limit=limit)
+    return behind(supervisor, controller, f"supervised_{controller.get_name()}")

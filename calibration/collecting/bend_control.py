@@ -7,8 +7,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from calibration.recordings.kinds import heated_wires, only_segment
 from limb_systems import LimbParameters, Wires
-from limb_systems.model.ownership import weak_method
-from limb_systems.model.ports import declare_part
+from limb_systems.model.ownership import declare_part, weak_method
 from limb_systems.simulation import PERIOD
 
 TAPER = 15.0  # °C

@@ -18,8 +18,7 @@ from calibration.collecting.bend_control import TAPER
 from calibration.recordings.kinds import MOUNTINGS, TURNS
 from limb_systems import LimbParameters
 from limb_systems.model.ensemble import draw_ensemble, stacked
-from limb_systems.model.ownership import weak_method
-from limb_systems.model.ports import declare_part
+from limb_systems.model.ownership import declare_part, weak_method
 from limb_systems.simulation import PERIOD
 
 MEMBERS = 16  # limbs that the recordings so far cannot tell apart, all of which stay below T_max

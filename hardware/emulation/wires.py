@@ -8,8 +8,7 @@ from pydrake.systems.framework import InputPortIndex, LeafSystem
 
 from hardware.emulation.specimen import Specimen, WirePhysics
 from limb_systems.model.layout import Layout
-from limb_systems.model.ownership import weak_method
-from limb_systems.model.ports import declare_part
+from limb_systems.model.ownership import declare_part, weak_method
 
 # The wires' fastest rates are those of heating, some °C in a tenth of a second,
 # and far below the limb's 4.6 Hz mode, which hardly feels smoothed steps at 20 Hz.

@@ -13,8 +13,7 @@ from hardware.robot.text_board import TextBoard
 from hardware.robot.text_link import Ports, TextLink, open_link
 from limb_systems import Layout, LimbParameters, NoBoard, SerialBoard
 from limb_systems.model.limb_system import ACCURACY
-from limb_systems.model.ownership import weak_method
-from limb_systems.model.ports import declare_part
+from limb_systems.model.ownership import declare_part, weak_method
 from limb_systems.simulation import PERIOD
 
 LATEST = 0.1  # s, that a command may be late

@@ -1,8 +1,15 @@
-"""What can stand in for a limb: the model, the emulated limb, the robot, or your own system."""
+"""Systems by the names of their ports: what stands in for a limb, and controllers behind a part."""
 
 from typing import Protocol, runtime_checkable
 
-from pydrake.systems.framework import Context, InputPort, OutputPort, System
+from pydrake.systems.framework import (
+    Context,
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    OutputPort,
+    System,
+)
 
 from limb_systems.errors import LimbError
 from limb_systems.model.parameters import LimbParameters
@@ -78,3 +85,42 @@ def check_limb(system: System) -> LimbSystem:
         if not hasattr(system, name):
             setattr(system, name, value)
     return system
+
+
+def behind(part: System, controller: System, name: str) -> Diagram:
+    """Return a controller with another system between it and a limb, with a controller's ports.
+
+    Output ports of each system are connected to the input ports of the other that have the same
+    name. All other inputs are inputs of the diagram. Its output ``duty`` is that of the part, or
+    the controller's if the part has none.
+
+    Args:
+        part: such as a supervisor of duty, or sensors with a fault; it becomes part of the diagram.
+        controller: with the output ``duty``; it becomes part of the diagram.
+        name: name of the diagram.
+    """
+    builder, connected = DiagramBuilder(), set()
+    for system in (part, controller):
+        builder.AddSystem(system)
+    for source, sink in ((part, controller), (controller, part)):
+        for index in range(source.num_output_ports()):
+            port = source.get_output_port(index)
+            if sink.HasInputPort(port.get_name()):
+                builder.Connect(port, sink.GetInputPort(port.get_name()))
+                connected.add((sink, port.get_name()))
+    exported = set()
+    for system in (part, controller):
+        for index in range(system.num_input_ports()):
+            port = system.get_input_port(index)
+            if (system, port.get_name()) in connected:
+                continue
+            if port.get_name() in exported:
+                builder.ConnectInput(port.get_name(), port)
+            else:
+                builder.ExportInput(port, port.get_name())
+            exported.add(port.get_name())
+    last = part if part.HasOutputPort("duty") else controller
+    builder.ExportOutput(last.GetOutputPort("duty"), "duty")
+    diagram = builder.Build()
+    diagram.set_name(name)
+    return diagram

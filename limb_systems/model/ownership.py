@@ -1,4 +1,4 @@
-"""Memory: what a Python subclass of a Drake system needs so that it is freed.
+"""What a Drake system that is written in Python needs: to be freed, and ports of its state.
 
 If a system that is subclassed in Python is never freed, each plan leaks
 megabytes. Two things keep such a system alive:
@@ -14,9 +14,23 @@ megabytes. Two things keep such a system alive:
 import weakref
 from collections.abc import Callable
 
+from pydrake.systems.framework import DiscreteStateIndex, LeafSystem
+
 
 def weak_method(method: Callable) -> Callable:
     """A bound method as a callback that does not keep its object alive."""
     owner, function = weakref.ref(method.__self__), method.__func__  # type: ignore[attr-defined]
     # Drake calls back only while the system is alive.
     return lambda *arguments: function(owner(), *arguments)
+
+
+def declare_part(system: LeafSystem, name: str, state: DiscreteStateIndex, part: slice) -> None:
+    """Declares an output port that shows a part of a discrete state."""
+    system.DeclareVectorOutputPort(
+        name,
+        part.stop - part.start,
+        lambda context, output: output.SetFromVector(
+            context.get_discrete_state(state).value()[part]
+        ),
+        {system.discrete_state_ticket(state)},
+    )

@@ -3,8 +3,9 @@
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Diagram, LeafSystem, System
 
+from limb_systems.model.limb_system import behind
 from limb_systems.model.ownership import weak_method
 from limb_systems.simulation import PERIOD
 
@@ -103,16 +104,5 @@ def behind_bend_path(controller: System, **changes: Any) -> Diagram:
         controller: with the input ``bend_angle`` and the output ``duty``.
         changes: as for `BendPath`.
     """
-    builder = DiagramBuilder()
-    builder.AddSystem(controller)
-    bend_angle = controller.GetInputPort("bend_angle")
-    path = builder.AddSystem(BendPath(bend_angle.size(), **changes))
-    builder.Connect(path.get_output_port(), bend_angle)
-    for index in range(controller.num_input_ports()):
-        port = controller.get_input_port(index)
-        port = path.get_input_port() if port.get_name() == "bend_angle" else port
-        builder.ExportInput(port, port.get_name())
-    builder.ExportOutput(controller.GetOutputPort("duty"), "duty")
-    diagram = builder.Build()
-    diagram.set_name("behind_bend_path")
-    return diagram
+    path = BendPath(controller.GetInputPort("bend_angle").size(), **changes)
+    return behind(path, controller, "behind_bend_path")

@@ -1,7 +1,6 @@
 """Learning over repetitions, on plants that are the reduced model with known errors."""
 
 import copy
-import hashlib
 
 import numpy as np
 import pytest
@@ -16,13 +15,7 @@ from controllers.duty_correction import (
 )
 from controllers.learner import COOLER, SHARES, RepeatingError, wandering
 from controllers.reduced_model import ReducedModel
-from limb_systems import (
-    HystereticLaw,
-    Layout,
-    LimbParameters,
-    Recording,
-    Trajectory,
-)
+from limb_systems import HystereticLaw, Layout, LimbParameters, Recording, Trajectory
 from limb_systems.files.csv_format import FileFormatError
 from limb_systems.files.trajectory import PlanCheck
 
@@ -126,13 +119,14 @@ def test_gains_and_the_share_that_is_wrong_are_found_from_changes():
 
 
 def test_correction_is_that_of_least_squares_where_no_bound_is_active():
-    """With slopes by differences, in one dense system."""
+    """With slopes by differences, in one dense system; half of each wire's change is doubted."""
     plan = plan_of(limb())
     program, start = DutyCorrection(plan), DutyCorrection(plan).start()
     nodes, W = program.nodes, 2
     missing = 1e-3 * np.sin(0.5 * nodes)[:, None]  # rad; so little that all is linear
     none = np.zeros((len(nodes), W))
-    errors = Errors(-missing, none, none, none, np.ones((1, W)), np.zeros(1))
+    doubt = np.full(1, 0.5)
+    errors = Errors(-missing, none, none, none, np.ones((1, W)), doubt)
     found = program.improve(program.none, start, errors)
 
     moved, step = np.eye(none.size).reshape(-1, *none.shape), 1e-4
@@ -146,6 +140,8 @@ def test_correction_is_that_of_least_squares_where_no_bound_is_active():
     differences = np.kron(np.diff(np.eye(len(nodes)), axis=0), np.eye(W))
     weights = LEVEL_COST * np.eye(none.size) + CHANGE_COST * differences.T @ differences
     missed = np.rad2deg(missing + program.target - base)[:, 0]
+    for of_wire in np.tile(np.eye(W), len(nodes)):
+        weights += doubt**2 * (G * of_wire).T @ (G * of_wire)
     exact = np.linalg.solve(G.T @ G + weights, G.T @ missed)
     assert np.abs(exact).max() > 1e-3
     np.testing.assert_allclose(found.ravel(), exact, atol=1e-7)
@@ -170,7 +166,7 @@ def hysteretic() -> LimbParameters:
 
 
 def test_error_falls_on_limbs_that_differ_from_their_model(two_segments):
-    for known in (limb(), hysteretic(), two_segments, LimbParameters.in_space(links=2)):
+    for known in (hysteretic(), two_segments, LimbParameters.in_space(links=2)):
         learner, plant = Learner(plan_of(known)), Plant(wrong(known))
         errors = []
         for _ in range(4):
@@ -178,6 +174,7 @@ def test_error_falls_on_limbs_that_differ_from_their_model(two_segments):
             errors.append(plant.error(learner))
         assert errors[0] > 1.0
         assert errors[-1] < 0.5 * errors[0]
+        assert max(np.diff(errors)) < 0.0
 
 
 def test_bounds_hold_also_where_the_model_is_too_cold():
@@ -203,6 +200,22 @@ def test_bounds_hold_also_where_the_model_is_too_cold():
     assert learner.expected_error > np.deg2rad(0.3)  # what the bounds leave
     planned, expected = plan.bend_angle_at(learner.nodes).T, learner.expected_bend_angle()
     np.testing.assert_allclose(np.abs(planned - expected).mean(), learner.expected_error)
+
+
+def test_wires_stay_warm_also_where_the_model_is_too_warm():
+    parameters, times = limb(0.0, 0.0), np.arange(0.0, DURATION + 0.01, 0.05)
+    plan, cool = plan_of(parameters), copy.deepcopy(parameters)
+    limits, late = plan.parameters.temperature_limits, times > 5.0
+    limits.warm_up_time = 5.0
+    limits.warm = float(plan.wire_temperature[:, plan.time > 5.0].min())
+    for wire in cool.segments[0].wires:
+        wire.law.a2 *= 0.85
+    learner, plant, coolest = Learner(plan), Plant(cool), []
+    for _ in range(3):
+        learner.update(plant.repeat(learner))
+        coolest.append(plant.model.temperatures(plant.heat)[late].min())
+    assert coolest[0] < limits.warm - 4.0
+    assert coolest[-1] > limits.warm - 1.5
 
 
 def test_worse_repetitions_are_undone_and_steps_get_shorter():
@@ -251,37 +264,15 @@ def test_it_goes_on_from_a_file_as_if_it_had_never_ended(tmp_path):
     assert (tmp_path / "one.txt").read_bytes() == (tmp_path / "other.txt").read_bytes()
 
 
-@pytest.fixture(scope="module")
-def saved(tmp_path_factory):
-    path = tmp_path_factory.mktemp("saved") / "learning.txt"
-    parameters = limb()
-    learner = Learner(plan_of(parameters))
-    learner.update(Plant(parameters).repeat(learner))
-    learner.save(path)
-    return path.read_text()
-
-
-def test_files_that_are_damaged_are_refused_in_a_sentence(saved, tmp_path):
-    path = tmp_path / "damaged.txt"
+def test_files_that_are_damaged_are_refused_in_a_sentence(tmp_path):
+    path = tmp_path / "learning.txt"
+    Learner(plan_of(limb())).save(path)
+    saved = path.read_text()
     for text, sentence in (
         ("", "its first line is not"),
         (saved[:-100], "truncated or was changed"),
         (saved.replace("0.3", "0.4", 1), "truncated or was changed"),
-        (resealed(saved, '"correction"', '"corection"'), "not what a learner saved"),
-        (resealed(saved, '"start": [', '"start": [1.0, '), "start has the shape"),
-        (resealed(saved, '"mean_error": ', '"mean_error": "a'), "not what a learner saved"),
-        (resealed(saved, "# limb trajectory", "# limb recording"), "limb trajectory"),
     ):
         path.write_text(text)
-        with pytest.raises(FileFormatError, match=sentence) as error:
+        with pytest.raises(FileFormatError, match=f"^{path}: .*{sentence}"):
             Learner.load(path)
-        assert str(error.value).startswith(str(path))
-        assert "\n" not in str(error.value)
-
-
-def resealed(text, old, new):
-    """Changed, with the digest of the change."""
-    first, body = text.split("\n", 1)
-    assert old in body
-    body = body.replace(old, new, 1)
-    return first[:-64] + hashlib.sha256(body[:-1].encode()).hexdigest() + "\n" + body

@@ -6,48 +6,17 @@ import dataclasses
 import numpy as np
 import pytest
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
-from scipy.optimize import lsq_linear
 
 from controllers import PlanFeedback, PlanRegulator, ReducedModel
-from controllers.plan_controller import (
-    SampledPlan,
-    allocate,
-    mean_gains,
-    within_total,
-)
+from controllers.plan_controller import SampledPlan, allocate, within_total
 from controllers.plan_feedback import BEND, DUTY, TEMPERATURE, regulator_gains
-from hardware import LimbTwin, replay
+from hardware import replay
 from limb_systems import Layout, Limb, LimbParameters, simulate
 from limb_systems.model.parameters import CalibrationRecord
 from limb_systems.model.statics import HeldAngles
-from limb_systems.tracking import tracking_errors
 from planners import plan, references
 
 LEFT, RIGHT = -0.12, 0.11  # rad/s, bend rates by full duty
-
-
-def test_a_bend_rate_is_allocated_by_least_squares():
-    """The bend rate counts above all; of what makes it, the least change of duty is best."""
-    duty, caps, gains = np.array([0.3, 0.2]), np.array([0.9, 0.5]), np.array([[LEFT, RIGHT]])
-    for wanted in (0.0, 0.03, -0.05, 0.09, -0.2, 0.2, 5.0):
-        best = lsq_linear(
-            np.vstack([1e4 * gains, np.eye(2)]),
-            np.r_[1e4 * (wanted + gains @ duty), duty],
-            (np.zeros(2), caps),
-            tol=1e-14,
-        )
-        found = allocate(np.array([wanted]), duty, gains, caps)
-        np.testing.assert_allclose(found, best.x, atol=1e-4)
-
-
-def test_a_wire_that_can_do_no_more_is_helped():
-    gains = np.array([[LEFT, RIGHT, 0.0, 0.0], [0.0, 0.0, LEFT, RIGHT]])
-    duty, caps = np.array([0.1, 0.5, 0.1, 0.2]), np.array([1.0, 0.5, 1.0, 0.2])
-    found = allocate(np.array([0.006, -0.06]), duty, gains, caps)
-    np.testing.assert_allclose(found[:2], [0.1 + 0.006 / LEFT, 0.5])
-    np.testing.assert_allclose((gains @ (found - duty))[1], -0.06)
-    assert found[2] > 0.1
-    assert found[3] < 0.2
 
 
 def least_change(bend_rate, duty, gains, caps):
@@ -63,23 +32,36 @@ def least_change(bend_rate, duty, gains, caps):
     return duty + ClarabelSolver().Solve(prog).GetSolution(change)
 
 
-@pytest.mark.parametrize("wires", [3, 4, 7])
-def test_wires_around_an_axis_share_both_bends(wires):
-    """Wires at 17° and on, also where they are off or at their caps, and cannot do all of it."""
-    rng, angles = np.random.default_rng(wires), 0.3 + 2 * np.pi * np.arange(wires) / wires
-    gains = RIGHT * np.array([np.cos(angles), np.sin(angles)])
-    made = []
-    for _ in range(15):
+def around_an_axis(wires):
+    """Gains of wires at 17° and on, rad/s by full duty."""
+    angles = 0.3 + 2 * np.pi * np.arange(wires) / wires
+    return RIGHT * np.array([np.cos(angles), np.sin(angles)])
+
+
+@pytest.mark.parametrize(
+    "gains",
+    [
+        np.array([[LEFT, RIGHT]]),
+        np.array([[LEFT, RIGHT, 0.0, 0.0], [0.0, 0.0, 1.2 * LEFT, RIGHT]]),
+        around_an_axis(3),
+        around_an_axis(7),
+    ],
+)
+def test_bend_rates_are_made_by_the_least_change_of_duty(gains):
+    """Also where wires are off or at their caps, and cannot do all of it."""
+    (num_bends, wires), made = gains.shape, []
+    rng = np.random.default_rng(wires)
+    for _ in range(20):
         caps = rng.uniform(0.0, 1.0, wires) * (rng.random(wires) < 0.8)
         duty = caps * np.clip(rng.uniform(-0.5, 1.5, wires), 0.0, 1.0)
-        wanted = rng.uniform(-0.08, 0.08, 2)
+        wanted = rng.uniform(-0.08, 0.08, num_bends)
         found = allocate(wanted, duty, gains, caps)
         assert ((found >= 0.0) & (found <= caps)).all()
         np.testing.assert_allclose(
             found, least_change(wanted, duty, gains, caps), atol=3e-4, err_msg=f"{wanted}"
         )
         made.append(np.allclose(gains @ (found - duty), wanted, atol=1e-5))
-    assert 3 < sum(made) < 15
+    assert 3 < sum(made) < 20
 
 
 def test_duty_within_the_supply_keeps_its_proportions():
@@ -89,8 +71,8 @@ def test_duty_within_the_supply_keeps_its_proportions():
 
 
 def test_gains_are_those_of_the_springs(two_segments):
-    """a2 β (n + 1) / (2 k) of the segment's own wires, also where gravity couples segments."""
-    gains = mean_gains(ReducedModel(two_segments))
+    """a2 β (n + 1) / (2 k) of the segment's own wires, and zero for the other segment's."""
+    gains = ReducedModel(two_segments).mean_gains
     for index, (segment, wires) in enumerate(
         zip(two_segments.segments, Layout(two_segments).wires_of, strict=True)
     ):
@@ -98,15 +80,9 @@ def test_gains_are_those_of_the_springs(two_segments):
             wire.lever[0] * wire.law.a2 * wire.law.beta * (segment.links + 1) / 2
             for wire in segment.wires
         ]
-        np.testing.assert_allclose(
-            gains[index, wires], np.array(own) / segment.stiffness, rtol=0.01
-        )
-    two_segments.gravity = [0.0, -9.81, 0.0]
-    coupled = mean_gains(ReducedModel(two_segments))
-    np.testing.assert_array_equal(coupled == 0.0, gains == 0.0)
-    hot = np.full(4, 0.5)
-    found = allocate(np.array([9.0, 0.0]), hot, coupled, np.ones(4))
-    np.testing.assert_allclose(found, [0.0, 1.0, 0.5, 0.5], atol=1e-12)
+        expected = np.zeros(4)
+        expected[wires] = np.array(own) / segment.stiffness
+        np.testing.assert_allclose(gains[index], expected, rtol=0.01)
 
 
 def heavier(parameters):
@@ -132,22 +108,6 @@ def test_what_a_payload_bends_is_made_up_for(short_plan):
         assert missed(held) < 0.25 * missed(alone)
         assert held.duty.max() <= 1.0
         assert held.duty.min() >= 0.0
-
-
-def test_an_emulated_limb_follows_better_than_open_loop():
-    """One that is not calibrated: the plan is for the nominal limb."""
-    parameters = LimbParameters()
-    parameters.temperature_limits.warm_up_time = 1000.0
-    degrees = np.deg2rad([0.0, 0.0, 12.0, 12.0, -5.0, -5.0])
-    reference = references.from_samples([0.0, 4.0, 6.0, 9.0, 11.0, 14.0], degrees)
-    course = plan(parameters, reference, knot_rate=4.0, tolerance_deg=0.5)
-    missed = [
-        np.rad2deg(
-            tracking_errors(course, [replay(course, LimbTwin(seed=14), controller=controller)]).mean
-        )
-        for controller in (None, PlanFeedback(course))
-    ]
-    assert missed[1] < 0.6 * missed[0]
 
 
 def under(fed, controller, limb, ticks=200, readings=None, bend=None):
@@ -190,11 +150,11 @@ def test_wires_that_are_hotter_than_planned_are_let_cool(fed, short_plan):
     assert duty[1:].sum() < 0.5 * cold[1:].sum()
 
 
-@pytest.mark.parametrize("gravity", [[0.0, 0.0, 0.0], [0.0, -6.0, 7.0]])
-def test_both_bends_of_a_limb_in_space_are_held(gravity):
+def test_both_bends_of_a_limb_in_space_are_held():
     """Whose torque is 10% weaker than known, and which rests bent in another direction."""
     parameters = LimbParameters.in_space(wires=3, links=2)
-    parameters.gravity, parameters.temperature_limits.warm_up_time = gravity, 1000.0
+    parameters.gravity = [0.0, -6.0, 7.0]
+    parameters.temperature_limits.warm_up_time = 1000.0
     turned = np.deg2rad([[0.0, 0.0, 9.0, 9.0], [0.0, 0.0, -6.0, -6.0]])
     start = Layout(parameters).bend_angle(HeldAngles(parameters).rest_angles)[:, None]
     course = plan(
@@ -212,9 +172,6 @@ def test_both_bends_of_a_limb_in_space_are_held(gravity):
         missed.append(np.rad2deg(errors[0, late]).max())
     assert missed[0] > 3.0
     assert max(missed[1:]) < 0.25 * missed[0]
-    beside = course.bend_angle_at(held.time) + np.deg2rad([[3.0], [-4.0]])
-    errors = tracking_errors(course, [dataclasses.replace(held, bend_angle=beside)])
-    assert np.rad2deg(errors.percentile_90) == pytest.approx(5.0)
 
 
 def test_no_wire_is_heated_far_beyond_the_plan(short_plan):

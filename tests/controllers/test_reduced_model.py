@@ -86,33 +86,25 @@ CURVED = [
 ]
 
 
+def slopes_by_differences(function, x, scales):
+    """Derivatives (M, N) of a function of x (N,), from changes of a small share of the scales."""
+    moves = 1e-5 * np.diag(scales)
+    return np.transpose([function(x + m) - function(x - m) for m in moves]) / (2e-5 * scales)
+
+
 def test_derivatives_are_those_of_differences():
     for limb in CURVED:
-        model = ReducedModel(limb())
-        rng = np.random.default_rng(3)
-        W = model.num_wires
-        heat = model.heated(np.linspace(60.0, 71.0, W)) + 0.02 * model.scales * rng.normal(
+        model, rng = ReducedModel(limb()), np.random.default_rng(3)
+        W, scales = model.num_wires, model.scales
+        heat = model.heated(np.linspace(60.0, 71.0, W)) + 0.02 * scales * rng.normal(
             size=model.size
         )
         duty = np.linspace(0.3, 0.7, W)
-        after, by_heat, by_duty = model.linearized_step(heat, duty)
-        bend, slopes = model.bend_slopes(heat)
-        np.testing.assert_allclose(after, model.step(heat, duty), rtol=1e-12)
-        np.testing.assert_allclose(bend, model.bend_angle(heat), rtol=1e-12)
-        for index, scale in enumerate(model.scales):
-            move = 1e-5 * scale * np.eye(model.size)[index]
-            difference = model.step(heat + move, duty) - model.step(heat - move, duty)
-            np.testing.assert_allclose(
-                by_heat[:, index] / model.scales,
-                difference / (2e-5 * scale) / model.scales,
-                rtol=1e-5,
-                atol=1e-9,
-            )
-            difference = model.bend_angle(heat + move) - model.bend_angle(heat - move)
-            np.testing.assert_allclose(
-                slopes[:, index], difference / (2e-5 * scale), rtol=1e-4, atol=1e-8
-            )
-        for wire in range(W):
-            move = 1e-5 * np.eye(W)[wire]
-            difference = model.step(heat, duty + move) - model.step(heat, duty - move)
-            np.testing.assert_allclose(by_duty[:, wire], difference / 2e-5, rtol=1e-6, atol=1e-9)
+        _, by_heat, by_duty = model.linearized_step(heat, duty)
+        expected = slopes_by_differences(lambda x, m=model, D=duty: m.step(x, D), heat, scales)
+        weights = scales / scales[:, None]
+        np.testing.assert_allclose(by_heat * weights, expected * weights, rtol=1e-5, atol=1e-9)
+        expected = slopes_by_differences(lambda D, m=model, x=heat: m.step(x, D), duty, np.ones(W))
+        np.testing.assert_allclose(by_duty, expected, rtol=1e-6, atol=1e-9)
+        expected = slopes_by_differences(model.bend_angle, heat, scales)
+        np.testing.assert_allclose(model.bend_slopes(heat)[1], expected, rtol=1e-4, atol=1e-8)

@@ -49,9 +49,8 @@ from hardware.emulation.twin import SPECIMENS
 from limb_systems import Layout, LimbError
 from limb_systems.model.bend_sensor import rolled
 from limb_systems.model.kinematics import weight_of_angles
-from limb_systems.model.ownership import weak_method
+from limb_systems.model.ownership import declare_part, weak_method
 from limb_systems.model.parameters import SegmentParameters
-from limb_systems.model.ports import declare_part
 from limb_systems.simulation import PERIOD as SIMULATION_PERIOD
 
 JOINTS = 8  # of the chain for each axis, whatever the links of the description
