@@ -21,7 +21,7 @@ from pathlib import Path
 
 from hardware.emulation.specimen import EXTRA_EFFECTS
 from soft_limb.command import run_command
-from soft_limb.evaluation.experiment import NUM_ANGLES, NUM_REPETITIONS, NUM_ROLLOUTS, Settings
+from soft_limb.evaluation.experiment import Settings
 from soft_limb.evaluation.reproduce import quick, reproduce_in
 
 WITNESSES = Path(__file__).parents[1] / "tests" / "witnesses"
@@ -51,27 +51,6 @@ def main() -> int:
         help="no plans with the paper's calibration and with other laws; half of the time",
     )
     parser.add_argument(
-        "--rollouts", type=int, default=NUM_ROLLOUTS, help="of each plan (default %(default)s)"
-    )
-    parser.add_argument(
-        "--repetitions",
-        type=int,
-        default=NUM_REPETITIONS,
-        help="of each plan that is learned (default %(default)s)",
-    )
-    parser.add_argument(
-        "--protocol",
-        choices=("all", "paper"),
-        default="all",
-        help="recordings to calibrate to: all, or the paper's alone (default %(default)s)",
-    )
-    parser.add_argument(
-        "--angles",
-        type=int,
-        default=NUM_ANGLES,
-        help="equilibria of each recording of the paper's (default %(default)s)",
-    )
-    parser.add_argument(
         "--extra",
         action="append",
         default=[],
@@ -85,10 +64,8 @@ def main() -> int:
         "processes on this machine if left out",
     )
     options = parser.parse_args()
-    if options.others < 0:
-        parser.error("--others must be zero or more")
-    if min(options.limbs, options.rollouts, options.repetitions, options.angles) < 1:
-        parser.error("--limbs, --rollouts, --repetitions and --angles must be one or more")
+    if options.limbs < 1 or options.others < 0:
+        parser.error("--limbs must be one or more, and --others zero or more")
     stopped = f"stopped; limbs that were finished are in {options.folder}"
     return run_command(
         lambda: reproduce_in(options.folder, _jobs(options), options.cluster), stopped
@@ -97,18 +74,11 @@ def main() -> int:
 
 def _jobs(options) -> list[Settings]:
     """What is done with each limb."""
-    seeds, extra = range(1 if options.quick else options.limbs), tuple(options.extra)
-    whole = Settings(
-        0,
-        extra,
-        rollouts=options.rollouts,
-        repetitions=options.repetitions,
-        compare=not (options.quick or options.no_compare),
-        protocol=options.protocol,
-        num_angles=options.angles,
-    )
+    compare = not (options.quick or options.no_compare)
+    whole = Settings(0, tuple(options.extra), compare=compare)
     if options.quick:
         whole = quick(whole)
+    seeds = range(1 if options.quick else options.limbs)
     jobs = [dataclasses.replace(whole, seed=seed) for seed in seeds]
     if options.others:
         sys.path.append(str(WITNESSES))
@@ -116,8 +86,7 @@ def _jobs(options) -> list[Settings]:
     other = dataclasses.replace(
         whole, physics="continuum", extra=(), compare=False, disturbances=()
     )
-    jobs += [dataclasses.replace(other, seed=seed) for seed in range(options.others)]
-    return jobs
+    return jobs + [dataclasses.replace(other, seed=seed) for seed in range(options.others)]
 
 
 if __name__ == "__main__":
