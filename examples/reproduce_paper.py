@@ -15,7 +15,6 @@ any executor; with --cluster it is that of a Dask cluster.
 
 import argparse
 import dataclasses
-import importlib
 import sys
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from hardware.emulation.specimen import EXTRA_EFFECTS
 from soft_limb.command import run_command
 from soft_limb.evaluation.experiment import Settings
 from soft_limb.evaluation.reproduce import quick, reproduce_in
+from soft_limb.runs.jobs import load_module
 
 WITNESSES = Path(__file__).parents[1] / "tests" / "witnesses"
 
@@ -81,8 +81,7 @@ def _jobs(options) -> list[Settings]:
     seeds = range(1 if options.quick else options.limbs)
     jobs = [dataclasses.replace(whole, seed=seed) for seed in seeds]
     if options.others:
-        sys.path.append(str(WITNESSES))
-        importlib.import_module("continuum")  # which adds its physics
+        load_module("continuum", WITNESSES)  # which adds its physics
     other = dataclasses.replace(
         whole, physics="continuum", extra=(), compare=False, disturbances=()
     )

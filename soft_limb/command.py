@@ -85,8 +85,10 @@ def main(arguments: Sequence[str] | None = None, package: str = "") -> int:
     options = parser.parse_args(words)
     options.modules = [*modules, *options.modules]
     for module in options.modules:
+        from soft_limb.runs.jobs import load_module  # takes long to import
+
         try:
-            _import(module)
+            load_module(module, os.getcwd())
         except Exception as error:  # whatever the module does
             parser.error(f"{module} could not be imported: {type(error).__name__}: {error}")
     return run_command(lambda: command.run(options), command.stopped)
@@ -147,13 +149,6 @@ def _add_import_option(parser: argparse.ArgumentParser) -> None:
         help="import a Python module first, of this folder or an installed one, that defines a "
         "wire law, a bend sensor or an emulated limb of your own; once for each module",
     )
-
-
-def _import(module: str) -> None:
-    """Imports a module; those of this folder come last, so that they take no other's place."""
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
-    importlib.import_module(module)
 
 
 def run_command(command: Callable[[], int], stopped: str) -> int:
