@@ -7,22 +7,24 @@ from pathlib import Path
 from pydrake.systems.framework import LeafSystem
 
 from controllers import GaitFeedback, PlanFeedback
-from hardware import RobotTwin, SerialLimb, replay
+from hardware import RobotTwin, SerialLimb
 from limb_systems import Gait, LimbError, LimbSystem, Robot, RobotParameters
-from limb_systems.output import check_outputs
+from limb_systems.views.panels import motion_panels
 from planners.gait.schedules import schedule_of, schedule_text, sensible_schedules
 from planners.gait.walking import walk
 from soft_limb.commands.options import (
     Command,
     Option,
+    checked_outputs,
     print_summary,
     print_table,
+    save_panels,
     say_duration,
     shared,
 )
 from soft_limb.results.summaries import gait_summary, walk_summary
 from soft_limb.runs.gaits import find_gait
-from soft_limb.runs.rollout import OPEN
+from soft_limb.runs.rollout import OPEN, record_replay
 
 STRIDES, BENDS = "gait-feedback", "plan-feedback"
 
@@ -34,14 +36,7 @@ def _at_least_one(text: str) -> int:
 
 
 def _gait(options: argparse.Namespace) -> int:
-    outputs = [options.output, options.plot, options.report]
-    check_outputs(
-        outputs,
-        inputs=[options.robot],
-        pictures=[options.plot],
-        tables=[options.output],
-        force=options.force,
-    )
+    outputs = checked_outputs(options, options.robot)
     robot = RobotParameters.of(options.robot)
     num_feet = len(robot.limbs)
     schedules = [schedule_of(text, num_feet) for text in options.schedule]
@@ -83,14 +78,7 @@ def _gait(options: argparse.Namespace) -> int:
 
 
 def _walk(options: argparse.Namespace) -> int:
-    outputs = [options.output, options.plot]
-    check_outputs(
-        outputs,
-        inputs=[options.gait],
-        pictures=[options.plot],
-        tables=[options.output],
-        force=options.force,
-    )
+    outputs = checked_outputs(options, options.gait)
     gait = Gait.load(options.gait)
     if gait.check.is_missing:
         raise LimbError(
@@ -111,13 +99,8 @@ def _walk(options: argparse.Namespace) -> int:
         robot = Robot(gait.robot)
     else:
         robot = RobotTwin(options.robot or gait.robot, seed=options.emulated or 0, truth=True)
-    recording = replay(trajectory, robot, controller=controller, journal=options.output)
-    recording.save(options.output)
-    if options.plot:
-        # Matplotlib takes as long to import as all the rest.
-        from limb_systems.views.plots import plot_motion, save_figure
-
-        save_figure(plot_motion(recording), options.plot)
+    recording = record_replay(trajectory, robot, options.output, controller=controller)
+    save_panels(motion_panels(recording), options.plot)
     start = trajectory.duration - options.cycles * gait.period
     print_summary(options, walk_summary(gait, recording, options.cycles, start), outputs)
     return 1 if recording.interrupted else 0

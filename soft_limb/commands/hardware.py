@@ -47,13 +47,16 @@ from limb_systems import (
 from limb_systems.output import check_outputs
 from limb_systems.simulation import PERIOD
 from limb_systems.summary import Summary
+from limb_systems.views.panels import tracking_panels
 from planners.checks import far_from_reference
 from soft_limb.commands.options import (
     TASK_HELP,
     Command,
     Option,
+    checked_outputs,
     live_page,
     print_summary,
+    save_panels,
     say_duration,
     shared,
     text_board,
@@ -231,14 +234,7 @@ def _board_check(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    outputs = [options.output, options.plot, options.report]
-    check_outputs(
-        outputs,
-        inputs=[options.trajectory],
-        pictures=[options.plot],
-        tables=[options.output],
-        force=options.force,
-    )
+    outputs = checked_outputs(options, options.trajectory)
     trajectory, board = Trajectory.load(options.trajectory), text_board(options)
     with live_page(options) as live:
         if live:
@@ -252,11 +248,7 @@ def _replay(options: argparse.Namespace) -> int:
             live=live,
         )
         summary = rollout.summary()
-        if options.plot:
-            # Matplotlib takes as long to import as all the rest.
-            from limb_systems.views.plots import plot_tracking, save_figure
-
-            save_figure(plot_tracking(trajectory, [rollout.recording]), options.plot)
+        save_panels(tracking_panels(trajectory, [rollout.recording]), options.plot)
         if options.report:
             data = {"plan": options.trajectory, "recording": options.output}
             write_rollout_report(rollout, summary, options.report, data)
@@ -397,8 +389,7 @@ def _taught_limb(options: argparse.Namespace) -> tuple[LimbSystem, float]:
 
 
 def _teach(options: argparse.Namespace) -> int:
-    output = [options.output]
-    check_outputs(output, inputs=[options.limb], tables=output, force=options.force)
+    output = checked_outputs(options, options.limb)
     if (options.port is None) == (options.emulated is None):
         raise LimbError("Give the PORT of a board, or --emulated SEED for an emulated limb.")
     if board := text_board(options):
@@ -427,8 +418,7 @@ def _teach(options: argparse.Namespace) -> int:
 
 
 def _recover(options: argparse.Namespace) -> int:
-    output = [options.output]
-    check_outputs(output, inputs=[options.recording], tables=output, force=options.force)
+    output = checked_outputs(options, options.recording)
     recording = Recording.load(options.recording, unfinished=True)
     if not len(recording.time):
         raise LimbError(f"{options.recording} has no samples; there is nothing to recover.")

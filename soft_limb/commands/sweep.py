@@ -3,17 +3,16 @@
 import argparse
 import os
 import re
-from pathlib import Path
 
 import numpy as np
 
 from limb_systems import LimbParameters
-from limb_systems.output import check_outputs
 from limb_systems.progress import Progress
 from limb_systems.summary import Summary
 from soft_limb.commands.options import (
     Command,
     Option,
+    checked_outputs,
     print_summary,
     print_table,
     say_duration,
@@ -27,10 +26,7 @@ from soft_limb.runs.sweep import cases, means, sweep
 
 def _sweep(options: argparse.Namespace) -> int:
     tasks = options.task or []
-    files = [path for path in map(Path, [*options.references, *tasks]) if path.is_file()]
-    check_outputs(
-        [options.output], inputs=[options.limb, *files], tables=[options.output], force=True
-    )
+    checked_outputs(options, options.limb, *options.references, *tasks, goes_on=True)
     wanted = cases(
         LimbParameters.of(options.limb),
         options.references,
