@@ -60,7 +60,8 @@ def violation(gait: Gait) -> float:
     excess = np.abs(forces[..., 0]) - mu * forces[..., 1]
     limit = gait.parameters.temperature_limits.maximum
     violations = [np.abs(balance).max() / load, excess.max() / load]
-    violations += [np.abs(heights - planar.radius).max() / planar.size]
+    off_ground = np.abs(heights[:-1] - planar.radius)[contacts != "swing"]
+    violations += [off_ground.max() / planar.size]
     violations += [np.abs(moved).max() / planar.size, gait.wire_temperature.max() / limit - 1]
     if all(isinstance(wire.law, LinearLaw) for wire in gait.parameters.wires):
         states, after = gait.wire_temperature[:, :-1].T, gait.wire_temperature[:, 1:].T
