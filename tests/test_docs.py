@@ -50,6 +50,7 @@ from limb_systems import (
 from limb_systems.files.csv_format import FORMAT_VERSION
 from limb_systems.files.samples import column_names
 from soft_limb.command import COMMANDS, main
+from soft_limb.commands.options import SHARED
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("limb_systems", "urdf", "planners", "controllers", "calibration", "hardware")
@@ -224,23 +225,17 @@ def test_commands_parse(monkeypatch):
             pytest.fail(f"not accepted: {line}")
 
 
-def test_table_of_options_is_that_of_the_parsers():
-    (rows,) = tables(TEXTS[ROOT / "docs" / "soft_limb.md"], "command")
-    listed, command = set(), ""
-    for command_cell, options, _ in rows:
-        command = command_cell.strip("`") or command
-        listed |= {(command, name) for name in re.findall(r"`([^`]+)`", options)}
-    assert listed == {
-        (name, option)
-        for name, (home, _) in COMMANDS.items()
-        for action in command_of(home, name).parser(name)._actions
-        if action.dest != "help"
-        for option in action.option_strings or [action.dest]
-    }
-
-
-def command_of(home, name):
-    return importlib.import_module(f"soft_limb.commands.{home}").COMMANDS[name]
+def test_page_has_the_shared_options_and_all_commands():
+    text = TEXTS[ROOT / "docs" / "soft_limb.md"]
+    (options,), (commands,) = (tables(text, first) for first in ("option", "command"))
+    listed, named = (
+        {code for row in rows for code in re.findall(r"`([^`]+)`", row[0])}
+        for rows in (options, commands)
+    )
+    assert named == set(COMMANDS)
+    groups = (entry if isinstance(entry, list) else [entry] for entry in SHARED.values())
+    shared = {name for group in groups for option in group for name in option.names}
+    assert listed - {"--import"} == {name for name in shared if name.startswith("-")}
 
 
 class Board:

@@ -64,9 +64,9 @@ from soft_limb.commands.options import (
 from soft_limb.live.page import DONE, LivePage
 from soft_limb.reports.rollout import write_rollout_report
 from soft_limb.results.summaries import repetitions_summary
-from soft_limb.runs import repetitions, teach_and_go
+from soft_limb.runs import repetitions
 from soft_limb.runs.cooling import cool_down
-from soft_limb.runs.planning import NAMED, reference_from_file, task_named
+from soft_limb.runs.planning import FOLLOWED, NAMED, reference_from_file, task_named, teach_and_go
 from soft_limb.runs.rollout import NEAREST, Rollout, roll_out, troubles
 
 SIMULATED = 20.0  # times real time, about, of an emulated limb on an idle computer
@@ -294,8 +294,7 @@ def _twin(planned: LimbParameters, options: argparse.Namespace) -> LimbTwin:
 
 
 def _follow(options: argparse.Namespace) -> int:
-    names = (teach_and_go.PLAN, teach_and_go.RECORDING, teach_and_go.PICTURE, teach_and_go.REPORT)
-    outputs = [options.output / name for name in names]
+    outputs = [options.output / name for name in FOLLOWED]
     inputs = [Path(options.reference), options.limb, options.task and Path(options.task)]
     check_outputs(outputs, inputs=inputs, force=options.force)
     limb = LimbParameters.of(options.limb)
@@ -305,7 +304,7 @@ def _follow(options: argparse.Namespace) -> int:
         with open_link(options.port, limb, board) as link:  # before the plan is made in vain
             link.sample()
     with live_page(options) as live:
-        rollout, summary = teach_and_go.teach_and_go(
+        rollout, summary = teach_and_go(
             options.reference,
             lambda planned: _limb(planned, options, board),
             options.output,

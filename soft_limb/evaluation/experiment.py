@@ -16,10 +16,10 @@ from hardware import LimbTwin, watch
 from hardware.emulation.specimen import Specimen
 from limb_systems import LimbParameters, Recording, Trajectory
 from planners import Task, plan, references
-from soft_limb.evaluation.disturbances import DISTURBANCES
 from soft_limb.evaluation.error_split import Split, error_split
 from soft_limb.evaluation.ways import (
     CLOSED_LOOP,
+    DISTURBANCES,
     FEEDBACK,
     FOLLOW,
     LEARNING,

@@ -35,9 +35,9 @@ from limb_systems import (
     simulate,
 )
 from planners import plan, references
-from soft_limb.evaluation import disturbances, error_split, tables
+from soft_limb.evaluation import error_split, tables
 from soft_limb.evaluation import experiment as experiments
-from soft_limb.evaluation.ways import LEARNING, Way
+from soft_limb.evaluation.ways import LEARNING, BendPath, Way
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LAWS = (LinearLaw,)  # plans for the others take several times as long
@@ -185,7 +185,7 @@ def test_bend_is_read_late_absent_or_held():
         builder = DiagramBuilder()
         ramp = PiecewisePolynomial.FirstOrderHold([0.0, 9.0], [[1.0, 10.0]])
         source = builder.AddSystem(TrajectorySource(ramp))
-        path = builder.AddSystem(disturbances.BendPath(1, **changes))
+        path = builder.AddSystem(BendPath(1, **changes))
         builder.Connect(source.get_output_port(), path.get_input_port())
         log = LogVectorOutput(path.get_output_port(), builder, 0.05)
         simulator = Simulator(builder.Build())

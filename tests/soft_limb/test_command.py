@@ -182,23 +182,14 @@ def test_soft_limb_says_its_version_and_refuses_what_it_does_not_know(
     assert "nowhere.csv" in capsys.readouterr().err
 
 
-MY_LAW = """
-import dataclasses
-
-from limb_systems import LinearLaw
-
-
-@dataclasses.dataclass
-class MyOwnLaw(LinearLaw):
-    pass
-"""
-
-
 def test_a_law_of_ones_own_is_imported_for_a_command(tmp_path, monkeypatch, capsys):
     """From a module in the folder of the command, as a lab has it; no file of YAML imports one."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    (tmp_path / "my_law_of_a_test.py").write_text(MY_LAW)
+    monkeypatch.setattr("soft_limb.runs.jobs._folders", {})
+    law = "import dataclasses, limb_systems\n@dataclasses.dataclass\n"
+    law += "class MyOwnLaw(limb_systems.LinearLaw): pass\n"
+    (tmp_path / "my_law_of_a_test.py").write_text(law)
     text = LimbParameters().to_yaml().replace("!LinearLaw", "!MyOwnLaw")
     (tmp_path / "limb.yaml").write_text(text)
     (tmp_path / "broken_law.py").write_text("1 +")
@@ -225,19 +216,9 @@ def test_a_law_of_ones_own_is_imported_for_a_command(tmp_path, monkeypatch, caps
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        (
-            "walk empty.csv -o out.csv",
-            "this is not a limb gait: .* soft-limb gait writes",
-        ),
+        ("walk empty.csv -o out.csv", "this is not a limb gait: .* soft-limb gait writes"),
         ("plan empty.csv --tip -o out.csv", "A reference needs two samples or more"),
-        (
-            "plan taught.csv --smooth nan -o out.csv",
-            "smoothing_time is nan s; it must be from 0 to",
-        ),
-        (
-            "plan taught.csv --smooth inf -o out.csv",
-            "smoothing_time is inf s; it must be from 0",
-        ),
+        ("plan taught.csv --smooth nan -o out.csv", "smoothing_time is nan s; it must be from 0"),
         ("plan mine.csv --knot-rate 1e308 -o out.csv", "ask for fewer knots per second"),
         ("teach --emulated 1 -t nan -o out.csv", "--time is nan s; it must be above 0 and at most"),
         ("plan circle -o out.csv", "2 angles at each time; .* write axes: 2 into its segments"),
