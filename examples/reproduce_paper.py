@@ -21,7 +21,7 @@ from pathlib import Path
 from hardware.emulation.specimen import EXTRA_EFFECTS
 from soft_limb.command import run_command
 from soft_limb.evaluation.experiment import Settings
-from soft_limb.evaluation.reproduce import quick, reproduce_in
+from soft_limb.evaluation.reproduce import reproduce_in
 from soft_limb.runs.jobs import load_module
 
 WITNESSES = Path(__file__).parents[1] / "tests" / "witnesses"
@@ -43,7 +43,8 @@ def main() -> int:
     parser.add_argument(
         "--quick",
         action="store_true",
-        help="one limb, --no-compare, and of closed loop feedback and learning of Fig. 5 alone",
+        help="one limb, --no-compare, no disturbances, and of closed loop soft-limb follow, and "
+        "learning of the ramps",
     )
     parser.add_argument(
         "--no-compare",
@@ -74,17 +75,18 @@ def main() -> int:
 
 def _jobs(options) -> list[Settings]:
     """What is done with each limb."""
-    compare = not (options.quick or options.no_compare)
-    whole = Settings(0, tuple(options.extra), compare=compare)
-    if options.quick:
-        whole = quick(whole)
+    whole = Settings(
+        0,
+        tuple(options.extra),
+        compare=not (options.quick or options.no_compare),
+        disturb=not options.quick,
+        quick=options.quick,
+    )
     seeds = range(1 if options.quick else options.limbs)
     jobs = [dataclasses.replace(whole, seed=seed) for seed in seeds]
     if options.others:
         load_module("continuum", WITNESSES)  # which adds its physics
-    other = dataclasses.replace(
-        whole, physics="continuum", extra=(), compare=False, disturbances=()
-    )
+    other = dataclasses.replace(whole, physics="continuum", extra=(), compare=False, disturb=False)
     return jobs + [dataclasses.replace(other, seed=seed) for seed in range(options.others)]
 
 

@@ -22,9 +22,10 @@ def _demo(options: argparse.Namespace) -> int:
     print_summary(options, plan_summary(trajectory), outputs[:1])
     # Takes as long to import as all the rest.
     from soft_limb.evaluation.experiment import Settings
-    from soft_limb.evaluation.reproduce import quick, reproduce_in
+    from soft_limb.evaluation.reproduce import reproduce_in
 
-    return reproduce_in(options.folder, [quick(Settings(0))])
+    demo = Settings(0, compare=False, disturb=False, quick=True)
+    return reproduce_in(options.folder, [demo])
 
 
 COMMANDS = {

@@ -56,20 +56,25 @@ class Settings:
     """What the evaluation does with one limb.
 
     - ``seed``, ``extra``, ``physics``: arguments of the emulated limb, see `LimbTwin`.
-    - ``closed_loop``: ways of `CLOSED_LOOP` that also drive each motion.
-    - ``disturbances``: names in `DISTURBANCES`; feedback drives the motion of Fig. 5 under each.
     - ``compare``: whether the paper's calibration and other laws make plans, too; each of these
       plans has one rollout. The limb as described always does.
+    - ``disturb``: whether feedback drives the motion of Fig. 5 under `DISTURBANCES`.
+    - ``quick``: whether a receding horizon alone drives each motion in closed loop, and only the
+      ramps are learned, as in the demo; all of `CLOSED_LOOP` otherwise.
     """
 
     seed: int
     extra: tuple[str, ...] = ()
-    closed_loop: dict[str, tuple[str, ...]] = dataclasses.field(
-        default_factory=lambda: dict.fromkeys(MOTIONS, CLOSED_LOOP)
-    )
-    disturbances: tuple[str, ...] = DISTURBANCES
-    compare: bool = True
     physics: str = "lumped"
+    compare: bool = True
+    disturb: bool = True
+    quick: bool = False
+
+    def closed_loop(self, motion: str) -> tuple[str, ...]:
+        """The ways of `CLOSED_LOOP` that drive a motion."""
+        if not self.quick:
+            return CLOSED_LOOP
+        return (FOLLOW, LEARNING) if motion == RAMPS else (FOLLOW,)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -126,10 +131,9 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
         functools.partial(fit, recordings, settings.compare),
         functools.partial(teach, specimen),
     ]
-    closed = settings.closed_loop
     # Motion, loop that the plan is made for, and name of the model, empty for the calibrated one.
     wanted = [(motion, OPEN_LOOP, model) for motion in MOTIONS for model in models]
-    wanted += [(motion, FEEDBACK, "") for motion in MOTIONS if closed.get(motion)]
+    wanted += [(motion, FEEDBACK, "") for motion in MOTIONS]
     tell(f"planning motions: {len(wanted)}")
     found = yield [
         functools.partial(plan_motion, models[model], motion, taught, loop)
@@ -141,7 +145,7 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
         (motion, way, "")
         for way in reversed(CLOSED_LOOP)
         for motion in MOTIONS
-        if way in closed.get(motion, ())
+        if way in settings.closed_loop(motion)
     ]
     runs += [key for key in wanted if key[2]]
     num_runs = len(MOTIONS) + len(runs)
@@ -160,10 +164,8 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
         for (motion, loop, model), trajectory in plans.items()
         if motion == VALIDATION and not model
     }
-    calls += [
-        functools.partial(roll_out_disturbed, rested, fig5, disturbance)
-        for disturbance in settings.disturbances
-    ]
+    disturbances = DISTURBANCES if settings.disturb else ()
+    calls += [functools.partial(roll_out_disturbed, rested, fig5, each) for each in disturbances]
     (firsts, split), *driven = yield calls
     ways = {(motion, OPEN_LOOP, ""): way for motion, way in firsts.items()}
     ways |= zip(runs, driven, strict=False)
@@ -180,7 +182,7 @@ def evaluate(settings: Settings, tell: Callable[[str], object] = lambda step: No
             }
             for motion in MOTIONS
         },
-        disturbed=dict(zip(settings.disturbances, driven[len(runs) :], strict=True)),
+        disturbed=dict(zip(disturbances, driven[len(runs) :], strict=True)),
         split=split,
         compared={
             model: {motion: ways[motion, OPEN_LOOP, model] for motion in MOTIONS}

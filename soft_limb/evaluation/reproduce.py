@@ -15,14 +15,7 @@ from limb_systems.output import write_atomically
 from limb_systems.views.panels import Panel
 from limb_systems.views.plots import Figure, draw, save_figure
 from soft_limb.commands.options import print_table
-from soft_limb.evaluation.experiment import (
-    MOTIONS,
-    NUM_STEPS,
-    RAMPS,
-    Experiment,
-    Settings,
-    evaluate,
-)
+from soft_limb.evaluation.experiment import NUM_STEPS, RAMPS, Experiment, Settings, evaluate
 from soft_limb.evaluation.figures import figures
 from soft_limb.evaluation.report import EMULATED, write_report
 from soft_limb.evaluation.tables import LUMPED, Summary, distance_table, summarize
@@ -30,13 +23,6 @@ from soft_limb.evaluation.ways import FOLLOW, LEARNING, OPEN_LOOP
 from soft_limb.reports.calibration import write_report as write_calibration_report
 from soft_limb.results.summaries import calibration_summary
 from soft_limb.runs.jobs import executor_of, run_all
-
-
-def quick(settings: Settings) -> Settings:
-    """Return what the demo does: no comparisons, each motion followed, and the ramps learned."""
-    closed_loop: dict[str, tuple[str, ...]] = dict.fromkeys(MOTIONS, (FOLLOW,))
-    closed_loop[RAMPS] = (FOLLOW, LEARNING)
-    return dataclasses.replace(settings, closed_loop=closed_loop, disturbances=(), compare=False)
 
 
 def reproduce_in(folder: Path, jobs: Sequence[Settings], cluster: str | None = None) -> int:
