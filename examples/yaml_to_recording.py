@@ -1,11 +1,11 @@
 """From a limb's description to its recording, in one file that reads from top to bottom.
 
     python examples/yaml_to_recording.py                            # an emulated board and limb
-    python examples/yaml_to_recording.py [PLAN.csv] [-l LIMB.yaml] [-p PORT] [-o FOLDER]
+    python examples/yaml_to_recording.py [REFERENCE.csv] [-l LIMB.yaml] [-p PORT] [-o FOLDER]
 
 Numbers in brackets are the paper's equations. With a port (`soft-limb ports` lists them) the plan
-goes to your robot, whose wires get hot; with a PLAN it is replayed and nothing else is done. Ctrl-C
-switches the wires off, and every sample up to there is in `replay.unfinished.csv`.
+goes to your robot, whose wires get hot. Ctrl-C switches the wires off, and every sample up to there
+is in `replay.unfinished.csv`. A reference is a CSV of time in s and bend angle in degrees.
 """
 
 import argparse
@@ -49,7 +49,8 @@ def heat(parameters: LimbParameters) -> None:
     """2. The limb as a Drake system: its state is (14), its dynamics (1) to (7)."""
     builder = DiagramBuilder()
     limb = builder.AddSystem(Limb(parameters))
-    duty = builder.AddSystem(ConstantVectorSource([0.0, 0.2]))  # left, right
+    hot = [0.0] * (len(parameters.wires) - 1) + [0.2]  # left, right
+    duty = builder.AddSystem(ConstantVectorSource(hot))
     builder.Connect(duty.get_output_port(), limb.GetInputPort("duty"))
     log = LogVectorOutput(limb.GetOutputPort("bend_angle"), builder, publish_period=0.05)
     simulator = Simulator(builder.Build())
@@ -60,15 +61,16 @@ def heat(parameters: LimbParameters) -> None:
     print(f"heated      bend angle after 60 s: {np.rad2deg(angle[-1]):.1f}°")  # (12)
 
 
-def make_plan(parameters: LimbParameters, path: Path) -> Path:
+def make_plan(parameters: LimbParameters, drawn: Path | None, path: Path) -> None:
     """3. The feasible motion nearest to a reference, which need not be feasible: (15) to (20)."""
     reference = references.from_samples([0.0, 10.0, 14.0], np.deg2rad([0.0, 35.0, 35.0]))
+    if drawn:
+        reference = references.load(drawn)
     task = Task(angle_weight=100.0, duty_weight=2.0)  # Q and R of (15)
     # `plan` starts at rest and cold (16), and refuses a plan that is not what the dynamics (17) do.
     trajectory = plan(parameters, reference, task=task, knot_rate=10.0)
     print(f"planned     within {trajectory.check.largest_difference_deg:.2f}° of its simulation")
-    trajectory.save(path)
-    return path
+    trajectory.save(path)  # all that a program at the robot needs
 
 
 def drive(trajectory: Trajectory, port: str | None, folder: Path) -> None:
@@ -88,18 +90,16 @@ def drive(trajectory: Trajectory, port: str | None, folder: Path) -> None:
 
 
 def main(options: argparse.Namespace) -> None:
-    path = options.plan
-    if not path:
-        limb = options.limb
-        parameters = LimbParameters.load(limb) if limb else LimbParameters.from_yaml(LIMB)
-        heat(parameters)
-        path = make_plan(parameters, options.out / "plan.csv")
-    drive(Trajectory.load(path), options.port, options.out)  # all that a program at the robot needs
+    limb, path = options.limb, options.out / "plan.csv"
+    parameters = LimbParameters.load(limb) if limb else LimbParameters.from_yaml(LIMB)
+    heat(parameters)
+    make_plan(parameters, options.reference, path)
+    drive(Trajectory.load(path), options.port, options.out)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Describes, plans for and drives a limb.")
-    parser.add_argument("plan", nargs="?", type=Path, help="trajectory (.csv); planned if left out")
+    parser.add_argument("reference", nargs="?", type=Path, help="CSV of time (s), angle (degrees)")
     parser.add_argument("-l", "--limb", type=Path, help="parameters (.yaml) in place of those here")
     parser.add_argument("-p", "--port", help="of the robot; an emulated limb if left out")
     parser.add_argument("-o", "--out", type=Path, default="out", help="folder for the results")

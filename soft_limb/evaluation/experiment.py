@@ -85,12 +85,12 @@ class Experiment:
     - ``recordings``: recordings for calibration, by kind.
     - ``calibration``: the model, fitted by prediction error.
     - ``taught``: recordings of the hand, with the wires off, by motion.
-    - ``ways``: for each motion, plan and rollouts of each way to drive the limb. A rollout ends
-      when a wire is measured at the limit of the board.
-    - ``disturbed``: for each disturbance, the ways that drove the motion of Fig. 5.
+    - ``ways``: plan and rollouts of each way to drive the limb, by motion. A rollout ends when a
+      wire is measured at the limit of the board.
+    - ``disturbed``: ways that drove the motion of Fig. 5, by disturbance.
     - ``split``: parts of the first rollouts' error, see `error_split`.
-    - ``compared``: for each other model, such as `AS_DESCRIBED` or `PAPER`, open loop along its
-      plan of each motion.
+    - ``compared``: open loop along the plans of other models, such as `AS_DESCRIBED` or `PAPER`, by
+      model and motion.
     """
 
     specimen: Specimen

@@ -280,7 +280,7 @@ def disturbance_table(summaries: Sequence[Summary]) -> Rows:
 
 
 def approach_table(summaries: Sequence[Summary]) -> Rows:
-    """For each approach to calibration mean distances of each motion, V, and aborted rollouts."""
+    """Mean distances of each motion, error of V and aborted rollouts, by approach to calibration."""
     limbs = of_family(summaries)
     rows = [["model", *MOTIONS, "V, °C", "aborted"]]
     for name in dict.fromkeys(name for limb in limbs for name in limb.approaches):
@@ -300,7 +300,7 @@ def approach_table(summaries: Sequence[Summary]) -> Rows:
 
 
 def law_table(summaries: Sequence[Summary]) -> Rows:
-    """For each limb its law, and in open loop the mean true distances, from reference and plan."""
+    """The law of each limb, and in open loop mean true distances from reference and plan."""
     rows = [["limb", "law", *MOTIONS]]
     for limb in summaries:
         kind = "" if limb.physics == LUMPED else f"{limb.physics}, "

@@ -86,20 +86,6 @@ def test_own_limb(tmp_path):
     assert (tmp_path / "own_limb.png").read_bytes().startswith(PNG)
 
 
-def test_own_reference(tmp_path):
-    """The plan keeps (6) and is near the equilibria of (12), as it is slow."""
-    said = run([EXAMPLES / "own_reference.py"], tmp_path)
-    assert "written" in said
-    trajectory = Trajectory.load(tmp_path / "out/own_plan.csv")
-    heated = wire_temperature(trajectory)
-    np.testing.assert_allclose(trajectory.wire_temperature, heated, atol=0.05)
-    bend = equilibrium_angle(trajectory.parameters.segments[0], heated)
-    np.testing.assert_allclose(np.rad2deg(trajectory.bend_angle[0]), bend, atol=0.5)
-    drawn = np.loadtxt(tmp_path / "out/own_reference.csv", delimiter=",")
-    assert np.abs(drawn[:, 1]).max() == pytest.approx(20.0, abs=0.1)
-    assert (tmp_path / "out/own_plan.png").read_bytes().startswith(PNG)
-
-
 HEATED_DEG = 3 * 4.7e-4 / 0.1246 * 57.14 * 57.296  # (12) at T0 - a2/a1 D = 82 °C
 
 
@@ -120,12 +106,16 @@ def test_yaml_to_recording(tmp_path, monkeypatch):
     assert re.search(r"recorded +limb twin0000 on .*, emulated: 281 samples", said)
     trajectory = Trajectory.load(tmp_path / "plan.csv")
     assert trajectory.parameters == LimbParameters()  # as the file describes it
+    heated = wire_temperature(trajectory)
+    np.testing.assert_allclose(trajectory.wire_temperature, heated, atol=0.05)
+    bend = equilibrium_angle(trajectory.parameters.segments[0], heated)  # as it is slow
+    np.testing.assert_allclose(np.rad2deg(trajectory.bend_angle[0]), bend, atol=0.5)
     recording = Recording.load(tmp_path / "replay.csv")
     asked = [np.interp(recording.time, trajectory.time, duty) for duty in trajectory.duty]
     np.testing.assert_allclose(recording.duty, asked, atol=0.01)
     left, right = recording.measured_temperature
     assert np.ptp(left) < 3.0
-    expected = np.ptp(wire_temperature(trajectory)[1])
+    expected = np.ptp(heated[1])
     assert 0.4 * expected < np.ptp(right) < expected  # it lags
     assert np.rad2deg(recording.bend_angle[0, -20:].mean()) > 6.0
     assert (tmp_path / "replay.png").read_bytes().startswith(PNG)
