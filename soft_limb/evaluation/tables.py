@@ -280,7 +280,7 @@ def disturbance_table(summaries: Sequence[Summary]) -> Rows:
 
 
 def approach_table(summaries: Sequence[Summary]) -> Rows:
-    """Mean distances of each motion, error of V and aborted rollouts, by approach to calibration."""
+    """Mean distances of each motion, error of V and aborted rollouts, by calibration."""
     limbs = of_family(summaries)
     rows = [["model", *MOTIONS, "V, °C", "aborted"]]
     for name in dict.fromkeys(name for limb in limbs for name in limb.approaches):
