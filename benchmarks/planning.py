@@ -10,8 +10,7 @@ judge, with the dynamics of Drake's diagram, looks at all solutions.
 
     python benchmarks/planning.py [--quick]
 
-Writes the tables ``results.md``. CasADi is
-needed for its part only.
+Writes the tables ``results.md``. Only CasADi's part needs CasADi.
 """
 
 import argparse
