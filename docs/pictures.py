@@ -240,7 +240,7 @@ reference [label="reference φ_ref\\nneed not be feasible", fillcolor=white];
 feasible [label="check_temperature_limits\\nfull and zero duty:\\ncan (19), (20) be met?"];
 guess [label="solve_quasi_static\\nheat and duty alone,\\nK θ = f(x)"];
 program [label="TrajectoryProgram\\n(15)-(20) by\\nDirectCollocation"];
-solve [label="solve_program\\nIPOPT, Gauss-Newton;\\nthen its fallbacks"];
+solve [label="solve_program\\nIPOPT, curvature of\\nthe wires; then its fallbacks"];
 check [label="simulated_differences\\nthe duty again, radau3"];
 trajectory [label="Trajectory\\nwith its PlanCheck", fillcolor=white];
 refused [label="InfeasibleError:\\nwire, bound, from when", fillcolor="#fdecea"];

@@ -1,6 +1,6 @@
 """All wires of a limb as Drake systems: heat (6), measurement (7) and torque (4).
 
-Laws that are affine, as the paper's is, make affine blocks, whose dynamics run in
+Laws that are affine, as the paper's is, make affine blocks. Their dynamics run in
 Drake's C++ for every scalar type. `LawDynamics` and `VectorFunction` take their place
 for other laws. Drake's SymbolicVectorSystem would run these in C++, but it must
 have a state to be part of a continuous diagram, and that state can only start at
@@ -27,7 +27,7 @@ class JouleHeating(AffineSystem):
         Ṫ = a1 (T - T0) + a2 D
 
     - state: x (N): T (W), °C, then what other states the wires' laws have, as
-      in `Wires`; that of wires that were never heated by default
+      in `Wires`; by default the state of wires that were never heated
     - input 0: duty D (W), in [0, 1]
     - output 0: x (N)
     """
