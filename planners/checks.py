@@ -24,7 +24,7 @@ from limb_systems import (
     simulate,
     split_state,
 )
-from limb_systems.model.manipulator import make_manipulator
+from limb_systems.model.limb import make_manipulator
 from limb_systems.model.statics import HeldAngles, static_equilibrium
 from limb_systems.model.wire_law import TEMPERATURE_SCALE
 from limb_systems.simulation import SimulationError, failure_told, make_simulator

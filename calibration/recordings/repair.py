@@ -107,7 +107,7 @@ def part(recording: Recording, which: np.ndarray) -> Recording:
 
 def _each(recording: Recording, changed: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
     """All signals that a recording has, changed alike."""
-    names = ("time", "duty", *Recording.MEASURED, *Recording.OPTIONAL)
+    names = ("time", "duty", *Recording.MEASURED, *Recording.optional())
     signals = {name: getattr(recording, name) for name in names}
     return {name: changed(signal) for name, signal in signals.items() if signal is not None}
 

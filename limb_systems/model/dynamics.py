@@ -5,8 +5,7 @@ import functools
 import casadi as ca
 import numpy as np
 
-from limb_systems.model.chain import Chain
-from limb_systems.model.kinematics import rest_joint_angles
+from limb_systems.model.kinematics import Chain, rest_joint_angles
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.smooth_function import SmoothFunction

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from limb_systems.errors import LimbError
-from limb_systems.model.chain import Chain
 from limb_systems.model.dynamics import equation_of_motion
+from limb_systems.model.kinematics import Chain
 from limb_systems.model.layout import Layout
 from limb_systems.model.parameters import LimbParameters
 from limb_systems.model.smooth_function import SmoothFunction

@@ -13,7 +13,7 @@ from std_msgs.msg import (
     String,
 )
 
-from soft_limb.bridge.messages import Message, Topics, Written
+from ros_bridge.messages import Message, Topics, Written
 
 
 class RosNode:

@@ -7,16 +7,17 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
+from ros_bridge import node
+from ros_bridge.drive import ARMED, RUNNING, Driver
+from ros_bridge.messages import Heard, Listener, Topics, Written
 
 from limb_systems import LimbParameters
 from planners import plan, references
-from soft_limb.bridge import node
-from soft_limb.bridge.drive import ARMED, RUNNING, Driver
-from soft_limb.bridge.messages import Heard, Listener, Topics, Written
 
 pytest.importorskip("cyclonedds")
 from cyclonedds.builtin import (
@@ -27,6 +28,8 @@ from cyclonedds.builtin import (
 from cyclonedds.qos import Policy
 
 from . import ros_peer
+
+BRIDGE = Path(__file__).parents[2] / "examples" / "ros" / "bridge.py"
 
 
 def runs(state):
@@ -40,13 +43,13 @@ def domain():
 
 @pytest.fixture(scope="module")
 def bridge(domain, tmp_path_factory):
-    """``soft-limb bridge`` with an emulated limb, and a plan of ten seconds."""
+    """``bridge.py`` with an emulated limb, and a plan of ten seconds."""
     path = tmp_path_factory.mktemp("bridge") / "plan.csv"
     parameters = LimbParameters()
     parameters.temperature_limits.warm_up_time = 100.0
     reference = references.from_samples([0.0, 10.0], [0.0, 0.1])
     plan(parameters, reference, knot_rate=2.0).save(path)
-    command = [sys.executable, "-m", "soft_limb", "bridge", "--emulated", "0", "--plan", str(path)]
+    command = [sys.executable, str(BRIDGE), "--emulated", "0", "--plan", str(path)]
     process = subprocess.Popen(
         command,
         env=os.environ | {"ROS_DOMAIN_ID": str(domain)},
@@ -280,10 +283,10 @@ def test_rclpy_is_used_where_it_is(monkeypatch):
         "std_msgs.msg": messages,
     }.items():
         monkeypatch.setitem(sys.modules, name, module)
-    monkeypatch.setitem(sys.modules, "soft_limb.bridge.ros", None)
-    del sys.modules["soft_limb.bridge.ros"]  # it is imported anew, and forgotten in the end
+    monkeypatch.setitem(sys.modules, "ros_bridge.rclpy_node", None)
+    del sys.modules["ros_bridge.rclpy_node"]  # it is imported anew, and forgotten in the end
     ours = node.make_node(Topics())
-    assert type(ours).__module__ == "soft_limb.bridge.ros"
+    assert type(ours).__module__ == "ros_bridge.rclpy_node"
     ours.publish("/limb/state", "{}")
     ours.publish("/ezloophw_sensors", {"a": 1.0, "b": 2.0})
     (_, text), (name, numbers) = published

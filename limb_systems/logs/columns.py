@@ -1,9 +1,34 @@
-"""The physical quantity of a log's column, by the words and the unit in its name."""
+"""What a column of a log may be: its physical quantity by name and unit, and its numbers."""
 
+import dataclasses
+import functools
 import re
+
+import numpy as np
 
 TIME, TEMPERATURE, ANGLE, SHARE, COUNTS = "time", "temperature", "angle", "duty", "counts"
 POWER = "power"
+DUTY, BEND = "duty", "bend"  # signals of no quantity of that name
+ADMITTED = {  # quantities of each signal, that which says the signal first
+    TIME: (TIME,),
+    DUTY: (SHARE, COUNTS),
+    TEMPERATURE: (TEMPERATURE,),
+    BEND: (ANGLE,),
+}
+SIGNAL_WORDS = {  # in names, whole or as their parts: of a signal, whatever its quantity
+    TIME: "time timestamp zeit uhrzeit datetime date ms millis msec sec seconds s elapsed us "
+    "micros",
+    DUTY: "pwm duty heat heater heating power pow u cmd command out output ctrl gate mosfet sma "
+    "input duties heiz",
+    TEMPERATURE: "temp temperature tc thermo thermocouple max31855 mcp celsius kelvin fahrenheit "
+    "degc degf temperatur t tmp",
+    BEND: "bend bending angle flex phi theta winkel biegung curvature alpha tip tangent tilt chord "
+    "deflection deg degrees rad biege pose courbure",
+}
+NOT_MEASURED = (
+    "setpoint target ref reference desired limit max min goal error unconstrained soll cjc "
+    "std stddev variance ambient room umgebung status state"
+)
 SUBSTRING = 5  # characters from which on a word is found within another: "heizstrom"
 UNITS = {  # of each quantity, in small letters
     TIME: "s ms us µs ns min h sec secs msec usec seconds sekunden millis micros",
@@ -26,7 +51,7 @@ UNITS = {  # of each quantity, in small letters
     "acceleration": "m/s² m/s^2 m/s2",
     "humidity": "%rh rh",
 }  # fmt: skip
-WORDS = {  # in names, whole or as their parts
+WORDS = {  # of each quantity, in names, whole or as their parts
     TIME: "time timestamp zeit uhrzeit datetime date elapsed ms us msec usec millis micros",
     TEMPERATURE: "temp temps tmp temperature temperatur celsius kelvin fahrenheit degc degf 温度",
     ANGLE: "angle winkel phi theta alpha tilt yaw pitch roll deg degrees rad radians mrad mdeg "
@@ -105,3 +130,93 @@ def quantities_of(name: str, unit: str = "") -> tuple[set[str], str]:
         found = {"voltage" if symbol == "V" else "current"}
     found = {"rate"} if "rate" in found else found
     return found, "its name" if found else ""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Column:
+    """A column of a log.
+
+    - ``name``, ``words``: its name, and the words in its name and unit.
+    - ``quantities``: physical quantities that its name or unit says; none if they say nothing.
+    - ``said_by``: what says them.
+    - ``values``: its numbers (K,).
+    """
+
+    name: str
+    words: list[str]
+    quantities: set[str]
+    said_by: str
+    values: np.ndarray
+
+    @classmethod
+    def of(cls, name: str, unit: str, values: np.ndarray) -> "Column":
+        """A column by its name and the unit under it, which may be empty."""
+        return cls(name, words_of(f"{name} {unit}"), *quantities_of(name, unit), values)
+
+    def said(self, role: str) -> bool:
+        """Whether the name has a word of a role; a "t" with a number is no time."""
+        if role == TIME and self.name.lower() == "t":
+            return True
+        return has(self.words, SIGNAL_WORDS[role], substring=4)
+
+    def named(self, role: str) -> bool:
+        """Whether the name has a word of a role, or its quantity is that which says the role."""
+        return self.said(role) or ADMITTED[role][0] in self.quantities
+
+    def contradicts(self, role: str) -> bool:
+        """Whether its name or unit is of a quantity that a signal is not."""
+        return bool(self.quantities) and not self.quantities.intersection(ADMITTED[role])
+
+    @functools.cached_property
+    def is_measured(self) -> bool:
+        """Whether its name does not say that it is asked for, or of something else."""
+        return not has(self.words, NOT_MEASURED, substring=4)
+
+    @property
+    def other_quantity(self) -> str:
+        """What it is by its name or unit, in words; empty if these say nothing."""
+        named = [q if q == COUNTS else f"a{'n' * (q[0] in 'aei')} {q}" for q in self.quantities]
+        return f"{' or '.join(sorted(named))}, by {self.said_by}" if named else ""
+
+    @functools.cached_property
+    def shown(self) -> np.ndarray:
+        """Its numbers without those that are missing."""
+        return self.values[~np.isnan(self.values)]
+
+    @functools.cached_property
+    def span(self) -> float:
+        """The distance from its lowest number to its highest."""
+        return float(np.ptp(self.shown))
+
+    @functools.cached_property
+    def still(self) -> float:
+        """The share of its numbers that are as the number before."""
+        return float(np.mean(np.diff(self.shown) == 0))
+
+    @functools.cached_property
+    def off(self) -> float:
+        """The share of its numbers that are 0."""
+        return float(np.mean(self.shown == 0))
+
+    @functools.cached_property
+    def low_and_high(self) -> tuple[float, float]:
+        """The number that 2% of its numbers are below, and the highest."""
+        low, high = np.quantile(self.shown, [0.02, 1.0]).tolist()
+        return low, high
+
+    @property
+    def is_warm(self) -> bool:
+        """Whether its numbers can be of a thermocouple, in °C, °F or K."""
+        low, high = self.low_and_high
+        return -10.0 < low < 320.0 and high < 620.0
+
+    @property
+    def side(self) -> str:
+        """The wire that its name says, "left" or "right"; empty if it says none."""
+        name = self.name.lower()
+        words = {*self.words, *re.findall(r"[lr](?=$|\d|_)", name.replace("ctrl", ""))}
+        if words & {"l", "left", "links", "lt", "li", "rev"} or "left" in name:
+            return "left"
+        if words & {"r", "right", "rechts", "rt", "re", "fwd"} or "right" in name:
+            return "right"
+        return ""

@@ -19,7 +19,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-from soft_limb.bridge.messages import LARGEST, Message, Topics, Written
+from ros_bridge.messages import LARGEST, Message, Topics, Written
 
 # Messages of all writers that wait to be read, so that no other writer's displace those of who
 # commands; of each writer only the newest is looked into.

@@ -1,4 +1,4 @@
-"""The process that speaks to ROS 2: ``python -m soft_limb.bridge.node``, by `NodeProcess` alone.
+"""The process that speaks to ROS 2: ``python -m ros_bridge.node``, by `NodeProcess` alone.
 
 It keeps the threads of DDS, and what a flood of messages costs, away from the loop that commands
 the board.
@@ -9,7 +9,7 @@ import sys
 import time
 from multiprocessing.connection import Connection
 
-from soft_limb.bridge.messages import Listener, Node, Topics
+from ros_bridge.messages import Listener, Node, Topics
 
 TURN = 0.005  # s, after which it reads again
 
@@ -21,11 +21,11 @@ def make_node(topics: Topics) -> Node:
         ImportError: if there is neither.
     """
     try:
-        from soft_limb.bridge.ros import RosNode
+        from ros_bridge.rclpy_node import RosNode
 
         return RosNode(topics)
     except ImportError:
-        from soft_limb.bridge.dds import DdsNode
+        from ros_bridge.dds import DdsNode
 
         return DdsNode(topics)
 

@@ -22,7 +22,7 @@ from hardware.robot.journal import journaled
 from limb_systems import LimbError, LimbParameters, LimbSystem, Provenance, Trajectory
 from limb_systems.model.limb_system import check_limb
 from limb_systems.simulation import PERIOD, failure_told, make_simulator
-from soft_limb.bridge.messages import LATEST, SILENCE, Heard, Message, Topics
+from ros_bridge.messages import LATEST, SILENCE, Heard, Message, Topics
 
 READY_TIME = 60.0  # s, in which the other process starts, on a computer that is busy
 DEAF = 20  # ticks without an answer of the other process
@@ -46,11 +46,15 @@ class NodeProcess:
         """
         self._pipe, theirs = Pipe()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "soft_limb.bridge.node", str(theirs.fileno())],
+            [sys.executable, "-m", "ros_bridge.node", str(theirs.fileno())],
             stdin=subprocess.DEVNULL,
             pass_fds=[theirs.fileno()],
             start_new_session=True,  # the terminal's Ctrl-C is not for it
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
+            env={
+                **os.environ,
+                "PYTHONPATH": os.pathsep.join(sys.path),  # where this package is
+                "OPENBLAS_NUM_THREADS": "1",
+            },
         )
         theirs.close()
         self._heard, self._unanswered = Heard(), 0
@@ -60,8 +64,8 @@ class NodeProcess:
                 trouble = self._pipe.recv() if self._pipe.poll(READY_TIME) else "it does not start"
             if trouble:
                 raise LimbError(
-                    f"There is no way to ROS 2: {trouble}. Without ROS 2 on this computer, "
-                    "pip install 'soft-limb[ros]' is what is needed."
+                    f"There is no way to ROS 2: {trouble}. Without ROS 2 on this computer, the "
+                    "bridge needs CycloneDDS: pip install cyclonedds."
                 )
         except BaseException:
             self.close()
