@@ -211,7 +211,7 @@ def fit(
         for candidate in calibration.prediction.candidates:
             models[candidate.name] = copy.deepcopy(calibration.parameters)
             models[candidate.name].calibration = None  # it is of the best law
-            candidate.fit.apply(models[candidate.name].segments[0])
+            candidate.fit.apply(models[candidate.name])
     return calibration, models
 
 

@@ -1,4 +1,4 @@
-"""How far plans will miss: what a calibration expects of motions that nobody has recorded.
+"""What to expect of a calibration: how far plans will miss, and the recording to make next.
 
 A plan begins with what is read at its start, and has temperatures and reversals of its own. Its
 distance from the limb has two parts:
@@ -11,12 +11,13 @@ distance from the limb has two parts:
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
 from calibration.prediction.heated_run import STEP
-from calibration.prediction.law_fit import AMBIENT_SPREAD, Predicted
+from calibration.prediction.law_fit import AMBIENT_SPREAD, LawFit, Predicted
+from calibration.prediction.unknowns import LAG, Unknown
 from calibration.remarks import Remark
 from limb_systems import LimbParameters
 from limb_systems.model.ensemble import OpenLoop, draw_ensemble, stacked
@@ -42,6 +43,31 @@ GOOD, WORST = 0.15, 0.4  # expected miss over the range of the bend: good up to,
 HOT = 0.8  # share of the rise to T_max that recordings must reach
 SWING = 0.3  # share of a wire's rise that is a swing
 FEWEST_SWINGS = 2  # that show hysteresis
+
+KNOWN = 0.5  # share of what was unknown beforehand, below which more of it tells little
+
+HEATED = "heat the {} wire alone from cold for 60 s and let it cool for 120 s"
+TELL = {  # recordings, and the parameters that they tell best
+    HEATED: ("a1", "a2", LAG, "silicone_warming", "silicone_cooling"),
+    "raise the duty of the {} wire alone slowly until it is as hot as it may be, and lower it as "
+    "slowly": (
+        *("beta", "full_torque", "knee", "width", "middle", "heating_middle", "cooling_middle"),
+    ),
+    "mount the limb horizontally, turned about its axis by 0°, 90°, 180° and 270°, and in each "
+    "mounting hold each wire at four levels, then neighbouring pairs": (
+        *("stiffness", "stiffness_ratio", "roll", "angle", "rest_angle_e3"),
+    ),
+    "record the cold limb for 10 s, then heat it": ("rest_angle",),
+    "bend the limb as far as it may be to one side, then to the other": ("stiffening",),
+    "heat the wires in turn, each until it bends the limb to its side, three times": (
+        *("shift", "rate"),
+    ),
+}
+FURTHER = {
+    "motion": "record a motion like those that you plan, named motion_1.csv, which judges the laws",
+    "sag": "record the sag under gravity, named sag_1.csv, which tells k",
+    "ring_down": "record a ring-down, named ring_down_1.csv, which tells σ",
+}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -198,3 +224,35 @@ def _simulated(
     open_loop = OpenLoop(courses, STEP, limbs[0].segments[0])
     temperature, _, bend = open_loop.simulate(law, rooms, [*start, room], rubber)
     return temperature, bend
+
+
+def next_recording(fit: LawFit | None, kinds: Collection[str]) -> str:
+    """The recording to make next and what it tells, in words; empty if none is needed.
+
+    Args:
+        fit: fit of the wires; None if not by prediction.
+        kinds: kinds of the recordings that there are.
+    """
+    if fit is None:
+        kinds = {*kinds, "motion"}
+    elif fit.untold:
+        of_wire = [u for u in fit.untold if u.wire == fit.untold[0].wire]
+        bond = "with a thermocouple on it, " if len(of_wire) == 1 else ""  # else it was not heated
+        return _said(fit, bond + HEATED, [u for u in of_wire if u.field in TELL[HEATED]])
+    else:
+        errors = np.sqrt(np.diag(fit.covariance))
+        before = [np.hypot(u.spread, u.alike) for u in fit.unknowns]
+        shares = dict(zip([u.name for u in fit.unknowns], errors / before, strict=True))
+        unknown = [u for u in fit.unknowns if shares[u.name] > KNOWN]
+        for least in sorted(unknown, key=lambda u: -shares[u.name]):
+            for recording, fields in TELL.items():
+                if least.field in fields:
+                    alike = [u for u in unknown if u.field in fields and u.wire == least.wire]
+                    return _said(fit, recording, alike)
+    return next((recording for kind, recording in FURTHER.items() if kind not in kinds), "")
+
+
+def _said(fit: LawFit, recording: str, told: list[Unknown]) -> str:
+    names = [wire.name for wire in fit.segment.wires]
+    said = recording if told[0].wire is None else recording.format(names[told[0].wire])
+    return f"{said}, which tells {', '.join(unknown.name for unknown in told)}"
